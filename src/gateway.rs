@@ -1,8 +1,8 @@
-//! The gateway: lines, axes and outputs of one profile, wired and run.
+//! The gateway: connects the bus lines, axes and outputs of one profile, and runs them.
 //!
-//! Each line has one task that owns it. The task reads, steps the axes whose inputs it has just read, and writes the
-//! decisions. The state that the lines share is behind one lock, which is held for microseconds. Events, web page, log
-//! and state file get copies. The lines never wait for them.
+//! Each bus line has one task that owns it. The task reads signals, calculates the axes whose inputs it has just read,
+//! and writes the results to the outputs. One lock protects the state that the tasks share; a task holds it for
+//! microseconds. Events, web page, log and state file work with copies, so the tasks never wait for them.
 
 use std::collections::HashMap;
 use std::future::Future;
@@ -62,23 +62,24 @@ pub(crate) use state::causes::why_by_decision;
 pub use store::disk::{Disk, Files, make_directory};
 pub use store::{backup, log, templates};
 
-/// Reason why an axis stays off after the saved state was rejected or restored: the operator must arm it first.
+/// Reason shown for an axis that stays off because the saved state was rejected, or was restored from a backup.
 const NOT_BELIEVED: &str = "the saved state was rejected (see the events) or was restored from a backup, and \
                             the operator has not armed since";
-/// Longest wait at the end of a run until the state is on disk.
+/// Maximum time that the end of a run waits until the state is on disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
 
-/// Interval of reports to a service manager during a stop.
+/// Interval at which a stop reports its remaining time to the service manager (systemd).
 const TOLD_EVERY: Duration = Duration::from_secs(1);
-/// Interval of the check whether fault actions have ended.
+/// Interval at which a stop checks whether all fault actions have ended.
 const ENDED_EVERY: Duration = Duration::from_millis(100);
-/// Interval of the check whether all exchanges have ended. Nothing is decided meanwhile.
+/// Interval at which a stop without movement checks whether all exchanges have ended. The axes make no decisions during
+/// this time, so the interval is short.
 const SETTLED_EVERY: Duration = Duration::from_millis(5);
 
-/// Number of events from before the start that are shown.
+/// Number of events from before the start that the gateway shows.
 const RECALLED: usize = 100;
 
-/// Gateway before its run.
+/// Gateway of one profile, before it runs.
 pub struct Gateway {
     shared: Arc<Shared>,
     options: Options,
@@ -86,22 +87,23 @@ pub struct Gateway {
     wire_log: WireLog,
 }
 
-/// Result of a run.
+/// Result of a run of the gateway.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
-    /// A task failed. The events contain the cause.
+    /// Whether a task failed. The events contain the cause.
     pub failed: bool,
-    /// The fault actions ended within their time.
+    /// Whether the fault actions ended within their time.
     pub rested: bool,
-    /// Values that stay in the registers, as a sentence.
+    /// Sentence about the values that stay in the registers after the run.
     pub left: String,
-    /// State for the program that takes over. It is `None` unless the gateway ended for a replacement, without moving
-    /// an axis.
+    /// State for the program that replaces this gateway. It is `None` unless the run ended for a replacement, which
+    /// moves no axis.
     pub handover: Option<Handover>,
 }
 
 impl Gateway {
-    /// Creates the gateway of a profile. Joins the clock with one sleeper for each line, in the order of the profile.
+    /// Creates the gateway of a profile. It registers one sleeper with the clock for each bus, in the order of the
+    /// profile.
     pub fn new(mut profile: Profile, clock: &Clock, options: Options) -> Gateway {
         if let Some(Pace { polls, axes }) = options.pace {
             profile.devices.iter_mut().for_each(|device| device.every = polls);
@@ -172,24 +174,24 @@ impl Gateway {
         Gateway { shared, options, sleepers, wire_log }
     }
 
-    /// Returns the log of frames on its CAN lines, for any thread.
+    /// Returns the log of the exchanges with the devices, for use in any thread.
     pub fn wire_log(&self) -> WireLog {
         self.wire_log.clone()
     }
 
-    /// Returns the source of the state, which also takes commands, for any thread.
+    /// Returns the interface that reads the state and accepts commands, for use in any thread.
     pub fn source(&self) -> Arc<dyn GatewayApi> {
         let directory = self.options.directory.clone().filter(|_| self.options.has_threads);
         Arc::new(ApiBackend::new(self.shared.clone(), directory))
     }
 
-    /// Returns the handle with which another program can take over. `socket`: path of the command socket.
+    /// Returns the handle that lets another program replace this gateway. `socket` is the path of the command socket.
     pub fn successor(&self, program: Program, socket: PathBuf) -> Successor {
         Successor::new(self.shared.clone(), program, socket)
     }
 
-    /// Runs until `shutdown` is ready, a task fails, or another program takes over. Then the fault actions run, or the
-    /// registers keep their values. Returns when that has ended or its time is over. `hurry` ends it early.
+    /// Runs until `shutdown` is ready, a task fails, or another program takes over. For a shutdown, the axes then run
+    /// their fault actions, or the registers keep their values, as the profile requires. `hurry` ends this phase early.
     pub async fn run(
         mut self,
         shutdown: impl Future<Output = ()>,
@@ -253,8 +255,8 @@ impl Gateway {
         Outcome { failed, rested, left, handover }
     }
 
-    /// Stores state, ledger, logs and events on disk. Returns the values that stay in the registers, and whether a task
-    /// failed.
+    /// Stores state, ledger, logs and events on disk. Returns a sentence about the values that stay in the registers,
+    /// and whether a task failed.
     async fn keep(&self) -> (String, bool) {
         let left = shutdown::what_is_left(&self.shared);
         self.shared.report(&Event::Stopped { left: left.clone() });
@@ -264,15 +266,16 @@ impl Gateway {
         (left, failed)
     }
 
-    /// Ends the exchanges of the outputs of all lines, and waits until none is running. Returns `false` if that takes
-    /// too long.
+    /// Prevents new exchanges of outputs, and waits until all `lines` have finished the running ones. Returns `false`
+    /// if that takes too long.
     async fn outputs_idle(&self, lines: usize) -> bool {
         self.shared.limit_lines(LineWork::WithoutOutputs);
         let within = stop::hold(&self.shared.profile);
         self.wait_until((within, SETTLED_EVERY), |shared| shared.resting_lines() >= lines).await
     }
 
-    /// Reports the changes of a newer program in its templates once, at its first start.
+    /// Reports changes that a newer program made in the templates of the profile. Each change is reported once, at the
+    /// first start.
     fn report_templates(&self) {
         let Some(directory) = self.options.directory.as_deref().filter(|_| self.options.has_threads) else {
             return;
@@ -285,14 +288,14 @@ impl Gateway {
         }
     }
 
-    /// Returns how to stop after a failed task. The fault actions run, whatever the profile says about an ordinary
-    /// stop.
+    /// Records that a task failed, and returns how to stop: with the fault actions, even if the profile keeps the
+    /// register values at an ordinary stop.
     fn failed(&self) -> Option<OnStop> {
         self.shared.core().failed = true;
         Some(OnStop::FaultAction)
     }
 
-    /// Stops in the requested way. Returns whether the fault actions ended in time.
+    /// Stops the axes, with or without fault actions. Returns whether the fault actions ended in time.
     async fn stop(&self, how: OnStop) -> bool {
         let within = shutdown::begin_stop(&self.shared, how);
         let holds = how == OnStop::Hold;
@@ -311,7 +314,7 @@ impl Gateway {
         }
     }
 
-    /// Ends all decisions, and waits for running exchanges, because another program takes over.
+    /// Stops the decisions of all axes, and waits for running exchanges, because another program takes over.
     async fn settle(&self) {
         let within = shutdown::begin_stop(&self.shared, OnStop::Hold);
         self.shared.report(&Event::Stopping { holds: true, within });
@@ -319,8 +322,8 @@ impl Gateway {
         self.settled(within).await;
     }
 
-    /// Waits until the registers have settled. If one has not, a stop without movement does not fail: the next start
-    /// waits for it.
+    /// Waits, at most for `within`, until no exchange is running for any register. A timeout is no failure: the next
+    /// start continues to wait.
     async fn settled(&self, within: Duration) {
         let _ = self.wait_until((within, SETTLED_EVERY), shutdown::has_settled).await;
     }
@@ -330,7 +333,7 @@ impl Gateway {
         Handover::of(&core, core.replaced_by.clone())
     }
 
-    /// Stores the state on disk. Returns whether a task failed.
+    /// Stores the final state on disk. Returns whether a task of the run failed.
     async fn save_last(&self) -> bool {
         let mut core = self.shared.core();
         let mut storage = std::mem::take(&mut core.storage);
@@ -362,7 +365,8 @@ impl Gateway {
         requests
     }
 
-    /// Returns the task of a line, with its listener if it is CAN. `None` if the bus kind has no connection.
+    /// Creates the task of a bus line. A CAN line also has a listener. Returns `None` if no connection exists for this
+    /// kind of bus.
     fn line_task(
         &self,
         bus: BusId,
@@ -397,7 +401,7 @@ impl Gateway {
         Watchdog::start(self.shared.clone(), self.options.watch, move || stop.notify_one(), move || give_up())
     }
 
-    /// Restarts the task of a line after a panic, so that it runs the fault actions.
+    /// Reports the failed task of a bus line, and starts it again, so that the axes can run their fault actions.
     fn line_failed(
         &self,
         ended: Result<Id, JoinError>,
@@ -421,7 +425,7 @@ impl Gateway {
         lines.insert(tasks.spawn(again.run(listener)).id(), bus);
     }
 
-    /// Waits until the lines have dropped every strobe that is still set.
+    /// Waits until no strobe output is set any more.
     async fn release_strobes(&self) {
         if !shutdown::leave(&self.shared) {
             return;
@@ -434,8 +438,8 @@ impl Gateway {
         }
     }
 
-    /// Logs off from the servers. A server for few clients then has a free place at once. A server that does not answer
-    /// is not waited for.
+    /// Closes the sessions of OPC UA servers, so that a server with few sessions is free for another client. A server
+    /// that does not answer delays the end only by its timeout.
     async fn take_leave(&self, tasks: &mut JoinSet<()>, lines: &HashMap<Id, BusId>) {
         let kept = |bus: BusId| {
             let bus = self.shared.profile.bus(bus);
@@ -460,7 +464,8 @@ impl Gateway {
         }
     }
 
-    /// Waits until a condition is true, and checks it at this interval. Returns `false` if that takes too long.
+    /// Waits until `is_over` returns `true`, and checks it at the interval `every`. Returns `false` if it does not
+    /// within `within`.
     async fn wait_until(
         &self,
         (within, every): (Duration, Duration),

@@ -1,4 +1,4 @@
-//! Access of the page, the command socket and programs to the gateway: its status and its commands.
+//! Access of the web page, the command socket and programs to the gateway: its status and its commands.
 
 pub(super) mod api_backend;
 mod command_handle;

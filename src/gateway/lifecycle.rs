@@ -1,4 +1,4 @@
-//! Start, stop, watchdog, recovery of the saved state, and the handover to another program.
+//! Start and stop of the gateway, watchdog, recovery of the saved state, and the handover to another program.
 
 pub(super) mod handover;
 pub(super) mod options;

@@ -1,4 +1,4 @@
-//! Tasks of the lines: reads, steps of the axes, outputs, checks of devices, and the receiving side of CAN.
+//! Tasks of the bus lines: reads, steps of the axes, outputs, checks of devices, and the reception of CAN frames.
 
 pub(super) mod can;
 #[cfg(feature = "opcua")]

@@ -1,4 +1,4 @@
-//! Canonical names of bus addresses: each spelling of an address has the same name.
+//! Canonical names of bus addresses: all spellings of one address have a common name.
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
 use std::sync::mpsc::channel;
@@ -9,20 +9,20 @@ use crate::fieldbus::kinds;
 use crate::fieldbus::kinds::kind::LinePlace;
 use isotherm_profile::{Bus, BusId, Profile};
 
-/// Longest time for all host names together. A name that is not resolved by then is compared as it is written.
+/// Maximum time to resolve all host names. A name that is not resolved in this time is compared as text.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// Address of the computer's own name in Debian's /etc/hosts.
+/// Address that Debian's /etc/hosts assigns to the computer's own name.
 const OWN_NAME: Ipv4Addr = Ipv4Addr::new(127, 0, 1, 1);
 
-/// Returns the buses of a profile that are the same line as one of them, under any of its names.
+/// Returns all buses of a profile that have the same address as `bus`, in any spelling, including `bus`.
 pub(super) fn same_lines(profile: &Profile, bus: BusId) -> Vec<BusId> {
     let names = of_each(&profile.buses.iter().collect::<Vec<_>>());
     let is_same = |other: &usize| names[*other].iter().any(|name| names[bus.0].contains(name));
     (0..profile.buses.len()).filter(is_same).map(BusId).collect()
 }
 
-/// Returns the canonical names of each of these buses. Two buses with a common name are the same line.
+/// Returns the canonical names of each bus. Two buses with a common name are the same line.
 pub(super) fn of_each(buses: &[&Bus]) -> Vec<Vec<String>> {
     let places: Vec<LinePlace> = buses.iter().map(|bus| (kinds::of(bus.transport).place)(bus)).collect();
     let hosts: Vec<Option<String>> = places.iter().map(host_and_port).collect();
@@ -41,17 +41,18 @@ pub(super) fn of_each(buses: &[&Bus]) -> Vec<Vec<String>> {
     places.into_iter().zip(found).map(name).collect()
 }
 
-/// Returns host and port of a line over TCP.
+/// Returns host and port of a line; `None` if the line does not use TCP.
 fn host_and_port(place: &LinePlace) -> Option<String> {
     if let LinePlace::Host(host) = place { Some(host.clone()) } else { None }
 }
 
-/// Parses a numeric address, which needs no look-up.
+/// Parses a numeric address with its port. Returns an empty list for a host name, which must be resolved.
 fn numeric(host: Option<&str>) -> Vec<SocketAddr> {
     host.and_then(|host| host.parse().ok()).into_iter().collect()
 }
 
-/// Resolves the host names. A name server that does not answer must not delay the start, so a thread does it.
+/// Resolves the host names in a thread, so that a name server that does not answer delays the start only for a limited
+/// time.
 fn resolve(hosts: &[Option<String>], found: &mut [Vec<SocketAddr>]) {
     let wanted: Vec<(usize, String)> = hosts
         .iter()
@@ -84,8 +85,8 @@ fn tcp(address: SocketAddr) -> String {
     if is_this_computer(ip) { format!("tcp this computer:{port}") } else { format!("tcp {ip}:{port}") }
 }
 
-/// Returns whether the address is one of the usual ones of this computer. Other addresses of the loopback network may
-/// be separate devices of a simulation.
+/// Returns whether the address is a usual address of this computer. Other loopback addresses may be separate devices of
+/// a simulation.
 fn is_this_computer(ip: IpAddr) -> bool {
     match ip {
         IpAddr::V4(ip) if ip.is_loopback() => ip == Ipv4Addr::LOCALHOST || ip == OWN_NAME,
@@ -95,8 +96,7 @@ fn is_this_computer(ip: IpAddr) -> bool {
     }
 }
 
-/// Returns the address from which this computer would connect to another one. Connecting a datagram socket sends
-/// nothing.
+/// Returns the address from which this computer would connect to `ip`. Connecting a datagram socket sends nothing.
 fn source_address(ip: IpAddr) -> std::io::Result<IpAddr> {
     let any: IpAddr = if ip.is_ipv4() { Ipv4Addr::UNSPECIFIED.into() } else { Ipv6Addr::UNSPECIFIED.into() };
     let socket = UdpSocket::bind((any, 0))?;

@@ -1,4 +1,5 @@
-//! State that the tasks of the gateway share, with its lock, the access of a line to it, and the steps under the lock.
+//! State that the tasks of the gateway share: its lock, the access of a line to it, and the calculations that run under
+//! the lock.
 
 pub(super) mod carry_out;
 pub(super) mod line_handle;

@@ -1,4 +1,4 @@
-//! States of signals, devices, outputs and axes, each as a type of its own. They need no lock and no disk.
+//! States of signals, devices, outputs and axes, each in its own type. The types use no lock and no disk.
 
 pub(super) mod arming;
 pub(super) mod causes;

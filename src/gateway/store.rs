@@ -1,4 +1,4 @@
-//! Data on disk: state and ledger in one document, logs, and the places of outputs and signals by name.
+//! Data on disk: the document with state and ledger, the logs, and the registers and addresses of outputs and signals.
 
 pub mod backup;
 pub(super) mod disk;

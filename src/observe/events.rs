@@ -1,8 +1,8 @@
-//! Events as one enum. The log line, the counter and the list of the web page come from the same variant, and from its
-//! entry in the catalogue [`isotherm_core::events`].
+//! Events as one enum. From a variant and its entry in the catalogue [`isotherm_core::events`] come the log line, the
+//! counter and the line on the web page.
 //!
-//! An event is reported once, when a state begins or ends. It contains the number of occurrences that were not reported
-//! in between.
+//! An event is reported once, when a state begins or ends. The event at the end contains the number of occurrences that
+//! were not reported.
 
 use std::borrow::Cow;
 
@@ -41,7 +41,7 @@ pub use stand_in::StandIn;
 pub(crate) use stand_in::others;
 
 impl Event {
-    /// Returns the log entry of the event at this time.
+    /// Returns the journal entry of the event at the time `at`.
     pub fn entry(&self, at: Moment) -> Entry {
         let described = self.described();
         // Numbers and texts always have a JSON form.
@@ -53,7 +53,7 @@ impl Event {
         Entry { at: at.to_string(), kind, level: described.level, text, data }
     }
 
-    /// Returns the kind.
+    /// Returns the kind of the event in the catalogue.
     pub(crate) fn kind(&self) -> EventKind {
         self.described().kind
     }

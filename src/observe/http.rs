@@ -1,13 +1,13 @@
 //! HTTP server of the gateway: web page, status, live stream, metrics, health and commands.
 //!
 //! ```text
-//! door (how many) ──► request (for one host) ──► access (who may) ──► request (whole) ──► route
-//!                                                                                           │
-//!                                              Source::status / Source::command  ◄──────────┤
-//!                      live: one status a second, shared by every open page  ◄──────────────┘
+//! listener (limits) ──► request (one host) ──► access (permission) ──► request (complete) ──► route
+//!                                                                                             │
+//!                                                status and commands (GatewayApi)  ◄──────────┤
+//!                        live: one status a second, shared by every open page  ◄──────────────┘
 //! ```
 //!
-//! The line tasks never wait for this server. A slow client delays only itself.
+//! The tasks of the bus lines never wait for this server. A slow client delays only itself.
 
 mod access;
 mod admission;
@@ -57,11 +57,11 @@ use super::status::{Answer, Command, GatewayApi, Status};
 use super::{page, prometheus};
 use isotherm_profile::one_line;
 
-/// Time for open requests to end when the gateway stops.
+/// Time in which open requests may end when the gateway stops.
 const GRACE: Duration = Duration::from_millis(500);
 
-/// Headers of every answer. The page loads nothing from other sites, runs only its own scripts, and cannot be framed.
-/// Therefore no other site can place something over its buttons.
+/// Headers of every answer. The web page loads nothing from other sites and runs only its own scripts. It cannot be
+/// shown in a frame of another site, which could lay something over its buttons.
 const HEADERS: [(HeaderName, &str); 5] = [
     (
         header::CONTENT_SECURITY_POLICY,
@@ -80,11 +80,11 @@ struct HttpState {
     access: Arc<Access>,
     live: live::Live,
     attendance: ServiceTimes,
-    /// Permits to read the history.
+    /// Permits for requests that read the history.
     readers: Arc<Semaphore>,
-    /// Permit to read the events.
+    /// Permit for a request that reads the events.
     events: Arc<Semaphore>,
-    /// Language of the profile, read for the first answer to a client without access to the status.
+    /// Language of the profile. It is read for the first answer to a client that may not read the status.
     language: Arc<OnceLock<Option<Language>>>,
 }
 
@@ -94,19 +94,20 @@ impl HttpState {
     }
 }
 
-/// Answer to a command. `done` is false if the command still waits.
+/// Answer to a command. `done` is `false` while the command waits for a condition.
 #[derive(Serialize)]
 struct CommandReply {
     done: bool,
     answer: String,
 }
 
-/// Serves at `door` until `shutdown` completes. It then ends the live streams, and returns within a second.
+/// Serves the web page at `door` until `shutdown` completes. The function then ends the live streams, and returns
+/// within a second.
 ///
-/// The table at the top of `http/access.rs` lists who may view and who may command.
+/// The table at the top of `http/access.rs` shows who may view and who may command.
 ///
 /// # Errors
-/// The listener has no address.
+/// The address of the listener cannot be determined.
 pub async fn serve(
     door: impl Into<HttpListener>,
     source: Arc<dyn GatewayApi>,
@@ -171,7 +172,9 @@ fn router(room: HttpState, body_within: Duration) -> Router {
         .route("/metrics", get(scrape))
         .route("/healthz", get(|| async { "ok" }))
         .route("/readyz", get(ready))
-        .fallback(|| async { (StatusCode::NOT_FOUND, "There is nothing here. The page is at /.\n") })
+        .fallback(|| async {
+            (StatusCode::NOT_FOUND, "This address does not exist. The web page is at /.\n")
+        })
         .method_not_allowed_fallback(|| async {
             (
                 StatusCode::METHOD_NOT_ALLOWED,
@@ -207,7 +210,7 @@ async fn front(
     Html(shell.into_string()).into_response()
 }
 
-/// Actions that the page offers to this browser.
+/// Returns the actions that the web page offers to this client.
 fn may(room: &HttpState, pass: &Grant) -> PageAction {
     match pass.role {
         Role::Operator => PageAction::Command,
@@ -224,7 +227,7 @@ fn words(named: Option<Language>, headers: &HeaderMap) -> &'static Words {
 async fn file(Path(name): Path<String>) -> Response {
     match page::file(&name) {
         Some((kind, text)) => ([(header::CONTENT_TYPE, kind)], text).into_response(),
-        None => (StatusCode::NOT_FOUND, "The page has no such file.\n").into_response(),
+        None => (StatusCode::NOT_FOUND, "The web page has no such file.\n").into_response(),
     }
 }
 
@@ -237,7 +240,7 @@ async fn stream(State(room): State<HttpState>, Extension(pass): Extension<Grant>
     match room.live.stream(move || access.is_still(&pass)) {
         Some(stream) => stream.into_response(),
         None => {
-            let text = "Too many clients watch this machine. Close a page, or ask for /api/status.\n";
+            let text = "Too many clients watch this machine. Close a web page, or request /api/status.\n";
             (StatusCode::SERVICE_UNAVAILABLE, [(header::RETRY_AFTER, "10")], text).into_response()
         }
     }
@@ -248,7 +251,7 @@ fn take(room: &HttpState, command: Command, query: Option<&str>, requester: &Arc
     answered(room, room.source.command(command, axis.as_deref(), requester))
 }
 
-/// Value of a parameter in the query.
+/// Returns the value of a parameter in the query; `None` if the query does not contain it.
 fn parameter(query: &str, name: &str) -> Option<String> {
     let mut pairs = query.split('&').filter_map(|pair| pair.split_once('='));
     let (_, given) = pairs.find(|(known, _)| *known == name)?;

@@ -36,7 +36,7 @@ pub use scale::Scale;
 
 use data_type::integer_of;
 
-/// Order of the registers of a value with several registers. There is no default, because devices differ.
+/// Order of the registers of a value that occupies several registers. There is no default, because devices differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum WordOrder {
     /// The most significant word at the lowest address.
@@ -48,17 +48,17 @@ pub enum WordOrder {
 /// Conversion between registers and an engineering value: `value = raw · scale + offset`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Encoding {
-    /// Type of the bits.
+    /// Type of the raw value.
     pub data_type: DataType,
-    /// Order of the registers. Irrelevant for one register.
+    /// Order of the registers. It has no effect on a value of one register.
     pub word_order: WordOrder,
     /// Whether the two bytes of each register are exchanged.
     pub byte_swap: bool,
     /// Engineering units per count.
     pub scale: Scale,
-    /// Engineering value of raw zero.
+    /// Engineering value of a raw count of zero.
     pub offset: f64,
-    /// Number added to the raw count on the wire. Only outputs use it; LinuxCNC requires 32768.
+    /// Number that is added to a raw count before it is sent. Only outputs use a bias; LinuxCNC requires 32768.
     pub bias: i64,
     /// Raw values that mean "no measurement".
     pub bad: Vec<Sentinel>,
@@ -73,7 +73,7 @@ pub struct Sentinel {
     pub means: Reason,
 }
 
-/// Registers to be written.
+/// One value as registers that were read or will be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Encoded {
     registers: [u16; 4],
@@ -83,7 +83,7 @@ pub struct Encoded {
 }
 
 impl Encoded {
-    /// Takes registers as they were read, lowest address first. Registers after the fourth are ignored.
+    /// Creates a value from registers that were read, lowest address first. Registers after the fourth are ignored.
     pub fn of(registers: &[u16]) -> Encoded {
         let mut kept = [0; 4];
         let len = registers.len().min(kept.len());
@@ -91,12 +91,13 @@ impl Encoded {
         Encoded { registers: kept, len, saturated: false }
     }
 
-    /// The registers, lowest address first.
+    /// Returns the registers, lowest address first.
     pub fn registers(&self) -> &[u16] {
         &self.registers[..self.len]
     }
 
-    /// Joins the registers into one integer, most significant register first. Inverse of [`DataType::encode`].
+    /// Returns the bits of the registers as one integer, most significant register first. Inverse of
+    /// [`DataType::encode`].
     pub fn bits(&self) -> u64 {
         self.registers().iter().fold(0, |bits, word| bits << 16 | u64::from(*word))
     }
@@ -112,11 +113,11 @@ impl Encoding {
         if value.is_finite() { Ok(value) } else { Err(Reason::NotANumber) }
     }
 
-    /// Returns the engineering value of the registers, lowest address first. Their number must be
+    /// Returns the engineering value of the registers, lowest address first. The number of registers must be
     /// `data_type.registers()`.
     ///
     /// # Errors
-    /// The reason why there is no value: a sentinel, NaN or infinity, or a wrong number of registers.
+    /// Returns why the registers have no value: a sentinel, NaN or infinity, or a wrong number of registers.
     pub fn decode(&self, registers: &[u16]) -> Result<f64, Reason> {
         let bits = self.gather(registers)?;
         let raw = match self.data_type {
@@ -162,7 +163,7 @@ impl Encoding {
         i64::try_from(raw - i128::from(self.bias)).ok().map(Counts)
     }
 
-    /// Encodes counts of an integer type, limited to its range.
+    /// Encodes counts as registers. The counts are limited to the range of the integer type.
     pub fn encode_counts(&self, counts: Counts) -> Encoded {
         let Some((low, high)) = self.data_type.integer_range() else {
             return self.encode(self.value_of(counts));
@@ -172,15 +173,15 @@ impl Encoding {
         self.scatter(self.data_type.bits_of(fits), fits != wanted)
     }
 
-    /// Returns the smallest and the largest counts that fit, without the bias. `None` for floating point, and if they
-    /// exceed 64 bits.
+    /// Returns the smallest and the largest counts that fit the type, without the bias. `None` for floating point, and
+    /// if the counts exceed 64 bits.
     pub fn range_of_counts(&self) -> Option<(Counts, Counts)> {
         let (low, high) = self.data_type.integer_range()?;
         let bias = i128::from(self.bias);
         Some((Counts(i64::try_from(low - bias).ok()?), Counts(i64::try_from(high - bias).ok()?)))
     }
 
-    /// Returns the engineering value of the counts.
+    /// Returns the engineering value of a number of counts.
     pub fn value_of(&self, counts: Counts) -> f64 {
         // Adding zero turns −0 into 0.
         self.scale.scaled(as_float(i128::from(counts.0))) + self.offset + 0.0
@@ -225,13 +226,13 @@ impl Encoding {
     }
 }
 
-/// Compares exactly: a module with floats sends exactly 9999.0 as its sentinel.
+/// Returns whether two numbers are exactly equal. A module with floats sends its sentinel exactly, for example 9999.0.
 #[allow(clippy::float_cmp)]
 fn same(a: f64, b: f64) -> bool {
     a == b
 }
 
-/// Converts to a float. Counts beyond 2^53 lose their last digits, but no real scale has so many counts.
+/// Converts a raw count to a float. Counts beyond 2^53 lose their last digits, but no real scale has so many counts.
 #[allow(clippy::cast_precision_loss)]
 fn as_float(raw: i128) -> f64 {
     match i64::try_from(raw) {
@@ -248,7 +249,7 @@ fn wide_as_float(raw: i128) -> f64 {
     raw as f64
 }
 
-/// Converts to an integer. `as` saturates at both ends, as the range check after it requires.
+/// Converts a rounded number to an integer. A number that does not fit becomes the smallest or largest integer.
 #[allow(clippy::cast_possible_truncation)]
 fn as_integer(rounded: f64) -> i128 {
     const FITS: f64 = 9.0e18;
@@ -275,7 +276,7 @@ fn float_bits(data_type: DataType, value: f64) -> (u64, bool) {
 }
 
 impl From<i64> for Sentinel {
-    /// Creates a sentinel with unknown meaning.
+    /// Creates a sentinel from a raw count whose meaning is unknown.
     fn from(raw: i64) -> Sentinel {
         Sentinel { raw, means: Reason::Sentinel }
     }

@@ -1,5 +1,5 @@
-//! Interface of web page, API and commands to the gateway: its state, and commands such as arm, disarm, zero and
-//! measured errors.
+//! Implementation of [`GatewayApi`](crate::observe::status::GatewayApi) for the web page, the API and the command
+//! socket. It returns the state of the gateway, and executes commands such as arm, disarm, zero and measured errors.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -17,16 +17,16 @@ use crate::observe::status::{Answer, Command, GatewayApi, ReleaseRequest, Status
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::quantity::{Moment, time};
 
-/// State and commands for web page, API and command socket. Each has its own handle.
+/// Access to the state and to the commands, each by its own handle.
 pub(in crate::gateway) struct ApiBackend {
     page: PageHandle,
     commands: CommandHandle,
 }
 
-/// Handle that only reads the state.
+/// Handle of the web page, which only reads the state.
 struct PageHandle {
     shared: Arc<Shared>,
-    /// Directory of the events; `None` if they are not stored.
+    /// Directory in which the events are stored; `None` if they are not stored.
     directory: Option<PathBuf>,
 }
 
@@ -109,7 +109,7 @@ impl GatewayApi for ApiBackend {
 }
 
 impl PageHandle {
-    /// Passes on the events on disk, and those that are not on disk yet.
+    /// Passes the events since `since` to `found`: those on disk, then those that are not on disk yet.
     fn events(&self, since: Moment, found: &mut dyn FnMut(FileItem) -> bool) -> std::io::Result<()> {
         let journal = &self.shared.journal;
         let is_since = |entry: &Entry| time::parse(&entry.at).is_ok_and(|at| at >= since);

@@ -1,4 +1,5 @@
-//! Commands of operators and programs: their axes, their rate, and what they change in the state.
+//! Commands of operators and programs: the axes to which a command applies, its rate limit, and its effect on the
+//! state.
 
 use std::sync::Arc;
 
@@ -22,20 +23,20 @@ use isotherm_core::quantity::Micron;
 use isotherm_profile::safe_file::quoted;
 use isotherm_profile::{AxisId, DeviceId};
 
-/// Answer to a zero command without any reference to capture.
-const NO_ZERO: &str = "nothing is captured: the profile has no reference \"zero\" here; write reference = \"zero\" in a model, or \
-                       datum = \"zero\" in its axis, and restart";
+/// Answer to a zero command when no axis or model has the reference "zero".
+const NO_ZERO: &str = "nothing is captured: no model and no datum of the chosen axes uses the reference \
+                       \"zero\". Write reference = \"zero\" in a model, or datum = \"zero\" in its axis, and restart";
 
-/// Handle that carries out commands.
+/// Handle that carries out commands on the shared state.
 pub(super) struct CommandHandle(pub(super) Arc<Shared>);
 
-/// Returns the subjects of a command for these axes. A command for an unknown axis has none.
+/// Returns the axes of a command, for the rate limit. A command for an unknown axis has [`RateSubject::Nothing`].
 fn about<E>(axes: Result<&[usize], E>) -> Vec<RateSubject> {
     let each = |axes: &[usize]| axes.iter().map(|axis| RateSubject::Axis(*axis)).collect();
     axes.map_or_else(|_| vec![RateSubject::Nothing], each)
 }
 
-/// Returns the only chosen axis; a message if there are several.
+/// Returns the index of the only chosen axis. The error is a message that asks for the name of an axis.
 pub(super) fn one(chosen: &[usize]) -> Result<usize, String> {
     match chosen {
         [one] => Ok(*one),
@@ -128,7 +129,8 @@ impl CommandHandle {
         })
     }
 
-    /// Returns true if the command withdraws something that one of these axes does or will do.
+    /// Returns whether the command withdraws an action of one of these axes: an armed state, a request to arm, or a
+    /// sign check.
     fn withdraws(&self, command: Command, axes: &[usize]) -> bool {
         let core = self.0.core();
         let does = |axis: &usize| {
@@ -146,7 +148,8 @@ impl CommandHandle {
         PresentTime { machine: self.0.clock.now(), passed: BootClock::default().passed() }
     }
 
-    /// Checks that a command does not follow the same one too soon. Returns the answer if it does.
+    /// Checks the rate limit of a command. Returns the answer for the sender if the same command was requested too
+    /// recently.
     fn takes(&self, verb: &'static str, about: &[RateSubject]) -> Result<(), Answer> {
         if self.0.rates().take(verb, about, self.now()) {
             return Ok(());
@@ -162,8 +165,8 @@ impl CommandHandle {
         )))
     }
 
-    /// Returns the indices of the chosen axes, without those that release a register. Only `isotherm release` moves
-    /// them.
+    /// Returns the indices of the chosen axes. Axes that return a released register to its base value are left out,
+    /// because only `isotherm release` moves them.
     pub(super) fn chosen(&self, axis: Option<&str>) -> Result<Vec<usize>, String> {
         let mut places = self.named(axis)?;
         places.retain(|place| !self.0.profile.is_release(AxisId(*place)));
@@ -175,7 +178,7 @@ impl CommandHandle {
         }
     }
 
-    /// Returns the indices of the named axis, or of all axes.
+    /// Returns the index of the named axis, or all indices if `axis` is `None`.
     fn named(&self, axis: Option<&str>) -> Result<Vec<usize>, String> {
         let axes = &self.0.profile.axes;
         let Some(axis) = axis else { return Ok((0..axes.len()).collect()) };
@@ -186,7 +189,8 @@ impl CommandHandle {
         })
     }
 
-    /// Arms the axes at once if possible, so that the answer contains a refusal.
+    /// Requests to arm the chosen axes, and arms them at once if possible. The answer then contains the reason of a
+    /// refusal.
     fn arm(
         &self,
         core: &mut GatewayState,
@@ -219,8 +223,8 @@ impl CommandHandle {
         self.progress(&core, axis)
     }
 
-    /// Returns the chosen axes that have a model, and the names of those without one. Only axes with a model can be
-    /// armed.
+    /// Returns the indices of the chosen axes that can be armed because they have a model, and the names of those
+    /// without a model. The error explains why none can be armed.
     fn armable(&self, axis: Option<&str>) -> Result<(Vec<usize>, Vec<&str>), Explained> {
         let profile = &self.0.profile;
         let (armable, unmodelled): (Vec<usize>, Vec<usize>) =
@@ -260,7 +264,8 @@ impl CommandHandle {
         Ok(Answer::Waits(waiting.join("; ")))
     }
 
-    /// Adds a reminder to an answer for each axis whose sign was never checked. It is given once for each axis.
+    /// Adds a reminder to an answer for each axis whose sign was never checked with a gauge. The gateway reminds once
+    /// for each axis.
     pub(super) fn reminding(&self, answer: Answer, axis: Option<&str>) -> Answer {
         let Answer::Done(mut said) = answer else { return answer };
         let profile = &self.0.profile;
@@ -277,7 +282,8 @@ impl CommandHandle {
         Answer::Done(said)
     }
 
-    /// Acknowledges an alarm, or all. Only the journal changes. The state of the machine is not locked for it.
+    /// Acknowledges one alarm, or all alarms if `alarm` is `None`. Only the journal changes, so the shared state is not
+    /// locked.
     pub(in crate::gateway) fn acknowledge(
         &self,
         alarm: Option<&str>,
@@ -315,7 +321,7 @@ impl CommandHandle {
         answer.map(Answer::Done).map_err(|why| why.to_string())
     }
 
-    /// Accepts the next value of each signal of a device. Its checks must still pass.
+    /// Accepts the next value of each signal of a device that has jumped. The checks of the device must still pass.
     pub(in crate::gateway) fn confirm(&self, device: &str, requester: &Requester) -> Result<Answer, String> {
         let profile = &*self.0.profile;
         let place = profile.devices.iter().position(|known| known.name == device);
@@ -346,8 +352,8 @@ impl CommandHandle {
         })
     }
 
-    /// Requests the release of an output's former registers, or withdraws the request. The registers return to their
-    /// base values from the next start on.
+    /// Requests the release of an output's former registers, or withdraws this request. At the next start, the gateway
+    /// begins to return the registers to their base values.
     pub(super) fn release(
         &self,
         output: &str,
@@ -367,8 +373,8 @@ impl CommandHandle {
         .map(Answer::Done)
     }
 
-    /// Takes a measured error, or discards what was learned. If the axis acts on a diameter, the error is that of the
-    /// diameter.
+    /// Uses a measured error for the correction of an axis. Without a `report`, removes the correction that earlier
+    /// errors have made. For an axis that acts on a diameter, the error is that of the diameter.
     pub(super) fn measured(
         &self,
         axis: &str,
@@ -389,7 +395,7 @@ impl CommandHandle {
                     format!(
                         "axis {axis} does not accept measured errors: the profile has no [axis.{axis}.probe]"
                     ),
-                    "add that table, and restart",
+                    "add this table to the profile, and restart",
                 ));
             }
             let Some(report) = report else {
@@ -435,7 +441,7 @@ impl CommandHandle {
             };
             core.compensation.take_report(place, report, now);
             core.probing[place].measured = Some(measured);
-            Ok(format!("{axis}: {error_of_radius} with a Cz of {acting} acting; {taken}"))
+            Ok(format!("{axis}: error {error_of_radius}, measured while a Cz of {acting} acted; {taken}"))
         })
         .map(Answer::Done)
     }

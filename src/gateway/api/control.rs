@@ -1,33 +1,33 @@
 //! Commands to a running gateway over its own Unix socket in the state directory: `isotherm arm`, `disarm`, `zero`,
 //! `cancel`, `measured`, `confirm`, `release`.
 //!
-//! One line in, one line out: `disarm` → `ok z: off …` or `error …`; `measured z 3.2`, in µm, and `measured z clear`. A
-//! program that may open the socket file may send commands: one per second for each axis and verb. `confirm module`
-//! accepts a device. A line may end with
+//! The client sends one line and receives one line: `disarm` → `ok z: off …` or `error …`. `measured z 3.2` sends a
+//! measured error in µm; `measured z clear` removes the correction from such errors. `confirm module` accepts a device.
+//! A program that may open the socket file may send one command per second for each axis and verb. A line may end with
 //!
 //! | word | meaning |
 //! |---|---|
 //! | `axis=z` | Only this axis |
 //! | `until=8123.25` | Execute the command before this many seconds after the start of the computer (CLOCK_BOOTTIME), or never |
 //! | `time=2026-01-31T12:00:00Z`, `id=part-17/2` | With `measured`: time and name of the measurement, which counts once |
-//! | `stay` | With `arm` and `sign`: send answers until the request is done. It is cancelled if the client disconnects |
+//! | `stay` | With `arm` and `sign`: send answers until the request is done. It is cancelled when the client disconnects |
 //!
-//! `arm` → `ok z: armed`, `error …`, or after a while `waits z: waiting to arm: …`. With `stay` more lines follow:
-//! `waits` for each new reason, `still` once a second, and finally `ok` or `error`.
+//! `arm` → `ok z: armed`, `error …`, or after 3 s `waits z: waiting to arm: …`. With `stay` more lines follow: `waits`
+//! for each new reason, `still` once a second, and finally `ok` or `error`.
 //!
-//! `sign axis=z stay` moves Cz a little in the plus direction. The answers are `waits …`, and `ok` when Cz is there,
-//! with the direction in which a gauge must have moved. The connection stays open until the check is over. The check
-//! ends when the client closes it. `sign-plus`, `sign-minus` and `sign-none`, on another connection, report in which
-//! direction the gauge moved. Cz then returns.
+//! `sign axis=z stay` moves Cz a little in the plus direction. The answers are `waits …`, and `ok` when the output has
+//! this Cz, with the direction in which a gauge must have moved. The connection stays open until the check is over; if
+//! the client closes it, the check ends. `sign-plus`, `sign-minus` and `sign-none`, on another connection, report in
+//! which direction the gauge moved. Cz then returns to the value of the model.
 //!
 //! `status` → `ok` and the state as one line of JSON. `restart` and `release`: see [`restart`].
 //!
 //! One command has an answer of many lines: the exchanges of a device as they happen (`isotherm trace`).
 //! `trace cnc 60 text` → `ok listening to cnc`, two lines for each exchange (or one with `json`), and finally `end`
-//! with their number. It ends after that many seconds, or as soon as the client disconnects.
+//! with the number of exchanges. The trace ends after 60 seconds, or as soon as the client disconnects.
 //!
 //! The number of connections is limited. At the limit, a new connection replaces the one that has been silent longest,
-//! so a command does not wait for connections that send nothing. Half of the connections may be clients that stay.
+//! so a command does not wait for connections that send nothing. At most half of the connections may wait or trace.
 
 use std::io::{Error, ErrorKind};
 use std::os::fd::AsFd;
@@ -67,32 +67,32 @@ pub use client::{
 pub use sockets::{listening, path};
 pub use user::forbidden;
 
-/// Longest wait of a client that arms without `stay` for the result.
+/// Maximum time that a client waits for the result of arming, if it has not sent `stay`.
 const ARMING: Duration = Duration::from_secs(3);
-/// Delay after which a waiting client is informed that its request is still not carried out.
+/// Delay after which a waiting client receives `waits …`, because its request is not carried out yet.
 const SHORTLY: Duration = Duration::from_millis(500);
 const LOOK_AGAIN: Duration = Duration::from_millis(50);
-/// Interval of the `still` lines to a client that stays.
+/// Interval of the `still` lines to a client that waits with `stay`.
 const STILL: Duration = Duration::from_secs(1);
 const LONGEST: u64 = 256;
 /// Interval of the checks whether the socket file was deleted.
 const DELETED: Duration = Duration::from_secs(1);
 
-/// Answer to a request to stay when the limit of such clients is reached.
+/// Answer to a request that waits or traces when the limit of such clients is reached.
 const TOO_MANY: &str = "error too many clients wait or listen here: end one of them, then try again\n";
 
-/// Beginning of the answer to an unknown line. It is the same in all earlier versions.
+/// First words of the answer to an unknown line. All versions of isotherm use them, so that clients recognise them.
 const UNKNOWN: &str = "this socket understands";
 
 /// Command that only reads the state.
 const STATUS: &str = "status";
 
-/// Longest duration of a trace.
+/// Maximum duration of a trace.
 pub const LONGEST_TRACE: Duration = Duration::from_secs(24 * 3600);
-/// Additional time for the last line of a trace.
+/// Additional time after the end of a trace, in which its last line is sent.
 const SLACK: Duration = Duration::from_secs(5);
 
-/// Returns what to do if the path is too long for a socket.
+/// Returns advice for the operator if the path is too long for a socket, otherwise `None`.
 pub fn too_long(path: &Path) -> Option<String> {
     /// Longest path that fits into `sockaddr_un`, in bytes.
     const LONGEST_PATH: usize = 107;
@@ -105,7 +105,7 @@ pub fn too_long(path: &Path) -> Option<String> {
     })
 }
 
-/// Opens the socket, for the owner and its group only. Replaces a socket that an ended gateway has left behind.
+/// Opens the command socket, for its owner and group only. A socket that an ended gateway has left behind is replaced.
 ///
 /// # Errors
 /// Another gateway answers on the socket, or the directory cannot be written.
@@ -145,21 +145,21 @@ pub fn open(path: &Path) -> std::io::Result<std::os::unix::net::UnixListener> {
     Ok(listener)
 }
 
-/// State that all connections share.
+/// Handles and limits that all connections of the command socket share.
 #[derive(Clone)]
 struct ControlContext {
     source: Arc<dyn GatewayApi>,
     wire_log: WireLog,
     successor: Option<Successor>,
     attendance: ServiceTimes,
-    /// Permits for clients that stay.
+    /// Permits for clients that wait with `stay`, trace a device, or restart the gateway.
     stays: Arc<Semaphore>,
 }
 
-/// Answers commands until the task is dropped, on at most `most` connections at once.
+/// Answers commands on at most `most` connections at once, until the task is dropped.
 ///
 /// # Errors
-/// The listener cannot be used by this runtime.
+/// The asynchronous runtime cannot use the listener.
 pub async fn serve(
     listener: std::os::unix::net::UnixListener,
     source: Arc<dyn GatewayApi>,
@@ -202,7 +202,7 @@ pub async fn serve(
     }
 }
 
-/// Returns the listener. If its socket file was deleted, opens another one, if possible.
+/// Returns the listener. If its socket file was deleted, opens a new socket instead, if possible.
 fn made_again(listener: UnixListener) -> UnixListener {
     let address = listener.local_addr().ok();
     let gone = address.as_ref().and_then(|address| address.as_pathname()).filter(|path| !path.exists());
@@ -254,18 +254,19 @@ impl ControlContext {
     }
 }
 
-/// Sends text to a client. A client that does not read it within the timeout loses its connection.
+/// Sends text to a client. Returns an error if the client does not read the text in time; its connection is then
+/// closed.
 async fn say(writer: &mut OwnedWriteHalf, text: &str) -> std::io::Result<()> {
     tokio::time::timeout(ANSWER_TIMEOUT, writer.write_all(text.as_bytes())).await?
 }
 
-/// Formats an answer as one line, whatever characters the text contains.
+/// Formats an answer as one line. Line breaks and control characters of the text are replaced.
 fn said_in_a_line(word: &str, text: &str) -> String {
     format!("{word} {}\n", one_line(text))
 }
 
-/// Reports the result of arming or of a sign check. If the client stays, it also receives the conditions for which its
-/// request waits.
+/// Sends the result of arming or of a sign check to the client. With `stay`, the client also receives the conditions
+/// for which its request waits.
 async fn follow(
     source: &dyn GatewayApi,
     line: &Line<'_>,
@@ -304,8 +305,8 @@ async fn follow(
     }
 }
 
-/// Keeps the connection of a client that stays while the operator reads the gauge. The gateway ends a sign check if its
-/// connection is closed. Returns when the check is over, and at once for any other request.
+/// Keeps the connection of a client open while the operator reads the gauge, because its end would end the sign check.
+/// Returns when the check is over, and at once for any other request.
 async fn wait_for_answer(source: &dyn GatewayApi, line: &Line<'_>) {
     let is_sign_check = line.stays && line.what == ParsedCommand::Command(Command::Sign);
     while is_sign_check && source.signing(line.axis).is_ok() {
@@ -313,15 +314,15 @@ async fn wait_for_answer(source: &dyn GatewayApi, line: &Line<'_>) {
     }
 }
 
-/// Parsed line of a client.
+/// Parsed line that a client has sent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Line<'a> {
     what: ParsedCommand<'a>,
     axis: Option<&'a str>,
-    /// Time and id of a measurement.
+    /// Time and identification of a measurement, as text.
     time: Option<&'a str>,
     id: Option<&'a str>,
-    /// Deadline of the command, as time since the start of the computer.
+    /// Deadline of the command, as time since the start of the computer. After it, the command is not carried out.
     until: Option<Duration>,
     stays: bool,
 }
@@ -329,9 +330,9 @@ struct Line<'a> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum ParsedCommand<'a> {
     Command(Command),
-    /// Measured error of an axis, µm. `None` discards what the axis has learned from such errors.
+    /// Axis and its measured error, µm. With `None`, the correction from earlier measured errors is removed.
     Measured(&'a str, Option<f64>),
-    /// Device that the operator has checked.
+    /// Name of a device that the operator has checked.
     Confirm(&'a str),
 }
 
@@ -365,7 +366,7 @@ impl<'a> Line<'a> {
         Some(line)
     }
 
-    /// Returns whether a client of this command may stay.
+    /// Returns whether the command may be sent with `stay`.
     fn may_stay(&self) -> bool {
         matches!(self.what, ParsedCommand::Command(Command::Arm | Command::Sign))
     }
@@ -393,7 +394,7 @@ impl<'a> Line<'a> {
     }
 }
 
-/// State as one line of JSON, with the displayed state of each axis, and the reasons why the machine is not
+/// Formats the state as JSON, with the displayed state of each axis, and with the reasons why the machine is not
 /// compensated.
 fn document(status: &Status) -> serde_json::Value {
     // Numbers and texts always have a JSON form.
@@ -411,7 +412,7 @@ async fn receive(reader: &mut OwnedReadHalf) -> Option<String> {
     Some(line)
 }
 
-/// Request to trace a device.
+/// Request to trace the exchanges of a device.
 struct TraceRequest {
     device: String,
     span: Duration,
@@ -419,7 +420,7 @@ struct TraceRequest {
 }
 
 impl TraceRequest {
-    /// Parses a request. Returns `None` if the line is another command.
+    /// Parses a request to trace a device. Returns `None` if the line is another command.
     fn parse(line: &str) -> Option<TraceRequest> {
         let mut parts = line.strip_prefix("trace ")?.split(' ');
         let (device, seconds, form) = (parts.next()?, parts.next()?, parts.next()?);
@@ -433,7 +434,7 @@ impl TraceRequest {
     }
 }
 
-/// Sends the exchanges of a device to the client.
+/// Sends each exchange with the device to the client, until the duration is over or the client disconnects.
 async fn serve_trace(
     request: TraceRequest,
     wire_log: &WireLog,

@@ -1,5 +1,5 @@
-//! The state of the gateway for people and programs. The state is derived from a copy, so that the lock is held only
-//! while the copy is made.
+//! State of the gateway for people and programs. It is derived from a copy of the shared state, so that the lock is
+//! held only while the copy is made.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -33,7 +33,7 @@ use isotherm_profile::{Axis, DeviceId, Purpose};
 
 struct StatusSnapshot {
     now: Moment,
-    /// Time for which the machine has been running; `None` before it was seen running.
+    /// Time for which the machine has been running; `None` until a signal has shown that it runs.
     machine_on: Option<Duration>,
     stopping: bool,
     runs_fault_actions: bool,
@@ -44,7 +44,7 @@ struct StatusSnapshot {
     probes: Vec<Option<Probe>>,
     outputs: Outputs,
     latest: Latest,
-    /// Readings at the time of this snapshot: aged, and checked by their conditions.
+    /// Readings at the time `now`: with their age, and rejected if their conditions are not fulfilled.
     seen: Vec<Reading>,
     device_health: DeviceHealth,
     devices: Devices,
@@ -146,7 +146,7 @@ pub(super) fn status(shared: &Shared) -> Status {
     status
 }
 
-/// Returns the active alarms that have ended without an event, because the status shows that their cause is over.
+/// Returns the names of the active alarms that have ended without an event: the status shows that their cause is over.
 fn ended(status: &Status) -> Vec<String> {
     let calm = status.axes.iter().filter(|axis| !axis.warned);
     let good = status.signals.iter().filter(|signal| signal.quality == "good");
@@ -159,8 +159,8 @@ fn ended(status: &Status) -> Vec<String> {
         .collect()
 }
 
-/// Returns the last verified Cz of an axis, and the time of the request that read it. The Cz is that of the first
-/// output of the axis with a known Cz.
+/// Returns the last verified Cz of an axis, and the time of the request that read it. If the axis has several outputs,
+/// the first one with a known Cz is used.
 fn verified(picture: &StatusSnapshot, axis: usize) -> Option<(Micron, Moment)> {
     let mut outputs = picture.outputs.of_axis(axis).filter(|(output, _)| output.writes.is_cz());
     outputs.find_map(|(_, state)| state.cz.zip(state.verified_at))
@@ -234,8 +234,8 @@ fn axes(shared: &Shared, picture: &StatusSnapshot) -> Vec<AxisStatus> {
     .collect()
 }
 
-/// Returns whether the axis only returns a register to its base value. Such an axis does not compensate, so it is not
-/// reported as missing if it is off.
+/// Returns whether the axis only returns a released register to its base value. Such an axis does not compensate, so
+/// the status does not report it as missing when it is off.
 fn is_release(axis: &Axis) -> bool {
     axis.purpose == Purpose::Release
 }

@@ -1,5 +1,5 @@
-//! Handover from a gateway to the program that replaces it in the same process. The handover contains the armed axes,
-//! so that they resume, and the checked profile. [`memfd`] describes how the handover is passed.
+//! Handover from a gateway to the program that replaces it in the same process. It contains the armed axes, so that
+//! they continue to compensate, and the checked profile. [`memfd`] describes its transport.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -19,15 +19,15 @@ mod profile;
 pub use memfd::{Arrival, Prepared, digest_path};
 pub use profile::{KeptProfile, answer_of_check, memory_for_profile};
 
-/// State that one program passes to the next.
+/// State that a gateway passes to the program that replaces it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Handover {
-    /// Requester of the restart, as named in a sentence.
+    /// Requester of the restart, in the form in which a sentence names it.
     pub by: String,
-    /// Armed axes with their Cz.
+    /// Names of the armed axes, with their Cz.
     pub armed: BTreeMap<String, Micron>,
-    /// Axes that were switched off, with the reason. Only an operator arms them.
+    /// Names of the axes that were switched off, with the reason. Only an operator may arm them again.
     pub off: BTreeMap<String, String>,
 }
 
@@ -52,8 +52,8 @@ impl Handover {
         handover
     }
 
-    /// Lets the axes continue as they were. An armed axis gets a request to arm. Like the request of an operator, it
-    /// waits for missing conditions.
+    /// Applies the handover to a new gateway. Each armed axis gets a request to arm, which waits for missing conditions
+    /// as that of an operator. Each axis that was off remains off.
     pub(in crate::gateway) fn go_on(&self, core: &mut GatewayState, now: Moment) {
         let profile = core.given.profile.clone();
         for (place, axis) in profile.axes.iter().enumerate() {

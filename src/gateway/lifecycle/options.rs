@@ -12,45 +12,46 @@ use crate::observe::events::EventListener;
 use crate::observe::status::BrokerFigures;
 use isotherm_profile::Bus;
 
-/// Function that creates the connection of a bus.
+/// Function that creates the connection of a bus. It returns `None` for a bus that needs no connection.
 pub type Dialer = Arc<dyn Fn(&Bus) -> Option<Box<dyn Dial>> + Send + Sync>;
 
 /// Options of a gateway.
 pub struct Options {
-    /// Reads, computes and shows, but writes nothing.
+    /// Reads, calculates and shows values, but writes nothing to a device.
     pub dry_run: bool,
-    /// Directory of state and log; `None` keeps neither. Without it, the caller must ensure that no write of an earlier
-    /// run can still arrive at a register.
+    /// Directory of state and logs; with `None`, nothing is stored. The caller must then ensure that no write of an
+    /// earlier run can still arrive at a register.
     pub directory: Option<PathBuf>,
-    /// State directory of a gateway that runs elsewhere. Its stored namespaces of servers are used. Nothing is written
+    /// State directory of another, running gateway. The stored OPC UA namespaces in it are used; nothing is written
     /// there.
     pub remembered_in: Option<PathBuf>,
-    /// Access to the state in the directory.
+    /// File system in which the state is stored.
     pub disk: Arc<dyn Disk>,
-    /// Disk and watch have threads of their own. Without threads there is no watch and no log. Everything then runs in
-    /// one runtime, and a simulation repeats bit for bit.
+    /// Whether threads write the logs and watch the lines. Without threads there is neither log nor watchdog, and a
+    /// simulation gives the same result in each run.
     pub has_threads: bool,
-    /// Function that creates connections. Tests use another one than the default.
+    /// Function that creates the connections. Tests replace it.
     pub dialer: Dialer,
-    /// Maximum time without an action of a line task, before the watchdog stops the gateway. `None`: derived from the
-    /// timeouts of the line. Tests set a short time.
+    /// Maximum time without an action of a line task, before the watchdog stops the gateway. With `None`, the time
+    /// results from the timeouts of the line.
     pub watch: Option<Duration>,
-    /// Period of all polls and axes, independent of the profile. A bench is often faster than a profile may be.
+    /// Period of all polls and of all axes, instead of the periods of the profile. A test bench is often faster than a
+    /// profile permits.
     pub pace: Option<Pace>,
-    /// Readings get the time of their answers, instead of that of their requests. Tests use it to show why the rule
-    /// exists.
+    /// Gives readings the time of their answers instead of that of their requests. Tests use this wrong time to show
+    /// why the time of the request is correct.
     #[doc(hidden)]
     pub is_unchecked: bool,
-    /// State of publishing to a broker; `None` without one.
+    /// Figures about publishing to an MQTT broker; `None` without a broker.
     pub broker: Option<Arc<BrokerFigures>>,
-    /// Receiver of every event from the first on; `None` without one.
+    /// Receiver of every event since the start; `None` if no other part requires them.
     pub listener: Option<EventListener>,
-    /// Handover of the program before this one in the same process, or why it is rejected. `None` after an ordinary
-    /// start.
+    /// Handover from the previous program in the same process, or the reason why it is rejected. `Ok(None)` after an
+    /// ordinary start.
     pub handover: Result<Option<Handover>, String>,
-    /// Whether released registers may be moved, or why not.
+    /// Permission to move released registers. The error is the reason why not.
     pub may_release: Result<(), String>,
-    /// Callback if a stuck gateway cannot even stop.
+    /// Function that ends the process. The watchdog calls it if a blocked gateway cannot even stop.
     pub give_up: Arc<dyn Fn() + Send + Sync>,
 }
 
@@ -75,11 +76,11 @@ impl Default for Options {
     }
 }
 
-/// Periods of a gateway that replace those of the profile.
+/// Periods that replace those of the profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pace {
-    /// Period of every device's polls.
+    /// Period in which each device is polled.
     pub polls: Duration,
-    /// Period of every axis.
+    /// Period in which each axis is calculated.
     pub axes: Duration,
 }

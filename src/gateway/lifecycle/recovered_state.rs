@@ -1,4 +1,4 @@
-//! State that the previous run has left, and whether this state is accepted.
+//! State that the previous run has saved, and the decision whether it is accepted.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -24,13 +24,13 @@ use isotherm_profile::{Axis, AxisId, Profile};
 #[derive(Default)]
 pub(in crate::gateway) struct RecoveredState {
     pub(in crate::gateway) restored: RestoredMemory,
-    /// Correction of the computer's clock, if its time does not continue from the end of the last run.
+    /// Correction of the computer's clock; `None` if its time continues after the end of the previous run.
     pub(in crate::gateway) correction: Option<Correction>,
-    /// The store, if there is a directory for it.
+    /// Opened state document; `None` without a state directory.
     pub(in crate::gateway) opened: Option<Opened>,
-    /// Places of this profile, with their changes.
+    /// Registers and addresses of this profile, with their changes since the previous run.
     pub(in crate::gateway) places: Places,
-    /// A state exists, but it is not accepted.
+    /// Whether a saved state exists, but was rejected.
     pub(in crate::gateway) is_lost: bool,
 }
 
@@ -92,9 +92,9 @@ impl RecoveredState {
         left
     }
 
-    /// Adds the registers that an operator has released to the profile, with their entries in the ledger. A release
-    /// that began in an earlier run is over: its register is reported again. Nothing is added in a dry run, or while
-    /// the state is in question. A register that another gateway writes to is not added.
+    /// Adds the registers that an operator has released to the profile, with their entries in the ledger. A register is
+    /// not added in a dry run, while the saved state is in question, or while another gateway writes to the register. A
+    /// release that an earlier run began is not repeated: the former register is reported again.
     pub(in crate::gateway) fn extend(&mut self, profile: &mut Profile, options: &Options) -> Releases {
         let RecoveredState { places, opened, is_lost, .. } = self;
         let releases = std::mem::take(&mut places.releases);
@@ -137,8 +137,8 @@ impl RecoveredState {
 }
 
 impl RestoredMemory {
-    /// Adjusts the state for the time of the stop, by the computer's clock if it can be used. Returns the correction of
-    /// the clock, if there is one.
+    /// Adds the time of the stop to the ages in the saved state, if the computer's clock can be used. Returns the
+    /// correction of the clock, if its time does not continue after the previous run.
     fn resume(
         &mut self,
         (directory, machine): (&Path, &str),
@@ -168,8 +168,8 @@ impl RestoredMemory {
     }
 }
 
-/// Begins a run with the places of its profile and the state of the previous run. `is_lost`: a state exists and is not
-/// accepted.
+/// Begins a run with the registers and addresses of its profile, and with the state of the previous run. `is_lost`
+/// states that a saved state exists, but was rejected.
 pub(in crate::gateway) fn begin(
     core: &mut GatewayState,
     (places, is_lost): (Places, bool),
@@ -201,7 +201,7 @@ pub(in crate::gateway) fn begin(
     core.events.extend(core.places.events(&core.releases, &profile));
 }
 
-/// Names the nodes of entries as this profile names them.
+/// Replaces the node names in the ledger entries by the names that this profile uses for the same nodes.
 fn name_as(profile: &Profile, places: &Places, entries: &mut Entries) {
     let now = Places::of(profile);
     for (name, entry) in entries {
@@ -209,7 +209,7 @@ fn name_as(profile: &Profile, places: &Places, entries: &mut Entries) {
     }
 }
 
-/// Outputs as the previous run left them.
+/// Returns the outputs as the previous run left them, by their present names.
 fn outputs(restored: &RestoredMemory, entries: &Entries) -> BTreeMap<String, KnownOutput> {
     let own = entries.iter().filter(|(name, entry)| !restored.places.is_of_a_release(name, entry));
     let entries: BTreeMap<&String, &Entry> =
@@ -229,7 +229,8 @@ fn outputs(restored: &RestoredMemory, entries: &Entries) -> BTreeMap<String, Kno
     known.collect()
 }
 
-/// Gateway share in a shared register, from its entry in the ledger, µm. `None` if it is not known.
+/// Returns the gateway share in a shared register, from its ledger entry, in µm. `None` if the share is not known, or
+/// the entry is of another register.
 fn share_um(entry: &Entry, place: &OutputPlace) -> Option<f64> {
     let is_of_it = entry.place.as_ref().is_some_and(|known| known.is_same_register(place));
     let Account { share, .. } = entry.kept.account.filter(|account| is_of_it && account.doubt.is_none())?;
@@ -238,14 +239,15 @@ fn share_um(entry: &Entry, place: &OutputPlace) -> Option<f64> {
     Some(share * place.scale / if place.diameter { 2.0 } else { 1.0 })
 }
 
-/// Places that a gateway has saved in its state directory. Empty if its state cannot be read.
+/// Reads the registers and addresses that a gateway has saved in its state directory. Returns an empty list if the
+/// state cannot be read.
 fn remembered_places(directory: &Path, profile: &Profile) -> Places {
     let state = documents::content(directory, &profile.name).and_then(|content| content.state);
     Memory::recall(state, profile).unwrap_or_default().places
 }
 
-/// Changes of the profile since the last run of a machine that are not confirmed, one sentence for each. Empty if the
-/// state cannot be read.
+/// Returns one sentence for each change of registers and addresses since the last run that no operator has confirmed.
+/// The list is empty if the state cannot be read.
 pub fn moved_since(directory: &Path, profile: &Profile) -> Vec<String> {
     let Some((places, restored)) = places_in(directory, profile) else { return Vec::new() };
     let signals = restored.moved.iter().map(|(signal, moved)| why_forgotten(signal, moved));
@@ -253,7 +255,7 @@ pub fn moved_since(directory: &Path, profile: &Profile) -> Vec<String> {
 }
 
 /// Returns the profile with the registers that an operator has released, as the next gateway with this state directory
-/// runs it.
+/// will run it.
 pub fn with_releases(directory: &Path, mut profile: Profile) -> Profile {
     if let Some((places, _)) = places_in(directory, &profile) {
         let asked = places.releases.iter().filter(|release| release.stage == Stage::Asked);
@@ -262,7 +264,8 @@ pub fn with_releases(directory: &Path, mut profile: Profile) -> Profile {
     profile
 }
 
-/// Places of a profile, and the state of a stopped machine. `None` if it cannot be read.
+/// Reads the saved state of a stopped machine, and compares it with the registers and addresses of a profile. Returns
+/// `None` if the state cannot be read.
 fn places_in(directory: &Path, profile: &Profile) -> Option<(Places, RestoredMemory)> {
     let mut content = documents::content(directory, &profile.name)?;
     let mut restored = Memory::recall(content.state.take(), profile).ok()?;
@@ -272,11 +275,11 @@ fn places_in(directory: &Path, profile: &Profile) -> Option<(Places, RestoredMem
     Some((places, restored))
 }
 
-/// Checks that a gateway may start with the content of its directory.
+/// Checks that a gateway may start with the content of its state directory.
 ///
 /// # Errors
-/// A later version of the program has written the content, or every user may write to it. The error is a sentence with
-/// the remedy.
+/// A later version of isotherm has written the content, or every user may write to it. The error is a sentence with the
+/// remedy.
 pub fn may_start(options: &Options, profile: &Profile) -> Result<(), String> {
     let Some(directory) = options.directory.as_deref() else { return Ok(()) };
     documents::may_start(&*options.disk, directory, &profile.name)

@@ -1,5 +1,5 @@
-//! End of a run: the fault actions, or registers that keep their values. This module also determines how long the end
-//! takes, and which values it leaves in the registers.
+//! End of a run: the axes run their fault actions, or the registers keep their values. The module also calculates how
+//! long the end takes, and describes the values that remain in the registers.
 
 use std::time::Duration;
 
@@ -12,8 +12,7 @@ use isotherm_core::compensation::AxisState;
 use isotherm_core::compensation::settings::OnFault;
 use isotherm_profile::{OnStop, Share, stop};
 
-/// Begins a stop: the axes run their fault actions, or nothing more is decided. Returns the longest time that this can
-/// take.
+/// Begins a stop: the axes run their fault actions, or make no more decisions. Returns the maximum time of the stop.
 pub(in crate::gateway) fn begin_stop(shared: &Shared, how: OnStop) -> Duration {
     let mut core = shared.core();
     core.phase = RunPhase::Stopping(how);
@@ -34,14 +33,16 @@ pub(in crate::gateway) fn begin_stop(shared: &Shared, how: OnStop) -> Duration {
     longest.saturating_add(waits.unwrap_or_default())
 }
 
-/// Returns whether no exchange is under way for any register. A stop at this moment ends the run in order.
+/// Returns whether no exchange is running for any register. If the run ends at this moment, the next run need not wait
+/// for late writes.
 pub(in crate::gateway) fn has_settled(shared: &Shared) -> bool {
     let core = shared.core();
     let waits = core.outputs.states().iter().any(|output| output.handshake.waits.is_some());
     !waits && core.registers.iter().flatten().copied().all(|mut one| one.state_mut().end().in_order)
 }
 
-/// Ends the registers with the process: saves the values that may still arrive, and whether the run ended in order.
+/// Saves the state of each register at the end of the process: the values that may still arrive, and whether the run
+/// ended without a running exchange.
 pub(in crate::gateway) fn end_registers(shared: &Shared) {
     if shared.dry_run {
         return;
@@ -58,8 +59,8 @@ pub(in crate::gateway) fn end_registers(shared: &Shared) {
     }
 }
 
-/// Makes the lines drop each strobe that is up, and each control word that may report an armed axis. Returns true if a
-/// line has a strobe or control word to drop.
+/// Requests the lines to reset each strobe that is set, and each control word that may report an armed axis. Returns
+/// whether there is such an output.
 pub(in crate::gateway) fn leave(shared: &Shared) -> bool {
     let mut core = shared.core();
     // If the registers keep their values, the control continues with them.
@@ -93,7 +94,8 @@ pub(in crate::gateway) fn is_idle(shared: &Shared) -> bool {
         })
 }
 
-/// Describes the values that stay in the registers: as verified, with their age, and those that may still arrive.
+/// Describes the values that remain in the registers: the last verified value of each, its age, and the values that may
+/// still arrive.
 pub(in crate::gateway) fn what_is_left(shared: &Shared) -> String {
     let core = shared.core();
     let now = shared.clock.now();

@@ -1,7 +1,7 @@
-//! Replacement of this program by another program. The other program has the same path and perhaps another version, the
-//! same arguments and perhaps another profile. It runs in the same process, so that a service manager notices nothing.
-//! The other program checks the profile first. If the check fails, this program continues. If it passes, the profile is
-//! handed over, so that the new program runs exactly the profile that it has checked.
+//! Replacement of the running program by another program. The other program has the same path and arguments, but
+//! perhaps another version or another profile. It runs in the same process, so that the service manager notices
+//! nothing. First it checks the profile. If the check fails, the running program continues. If it passes, the other
+//! program runs exactly the profile that it has checked.
 
 use std::ffi::OsString;
 use std::fs::File;
@@ -26,24 +26,25 @@ use crate::gateway::shared::carry_out::carry_out;
 use crate::gateway::shared::shared_state::Shared;
 use crate::observe::requester::Requester;
 
-/// Option with which a program only checks its profile and arguments. It is followed by the command socket of the
+/// Option by which a program only checks its profile and arguments. The next argument is the command socket of the
 /// running gateway.
 pub const CHECK_ONLY: &str = "check-only";
 
-/// Longest time of a check, if the client does not set it.
+/// Maximum time of a check, if the client does not set one.
 pub(in crate::gateway) const CHECKED_WITHIN: Duration = Duration::from_secs(60);
-/// The running program, even if there is another one at its path now.
+/// File of the running program, even if another program is at its path now.
 const OWN_IMAGE: &str = "/proc/self/exe";
 const LOOK_EVERY: Duration = Duration::from_millis(20);
-/// Maximum length of a check's output that is kept, in bytes. `LINES`: number of its lines that are passed on.
+/// Maximum size of a check's output that is stored, in bytes. `LINES` is the maximum number of its lines in the answer
+/// to the client.
 const MOST_SAID: usize = 64_000;
 const LINES: usize = 5;
-/// Number of characters of these lines that are passed on.
+/// Maximum number of characters of these lines in the answer to the client.
 const LONGEST_SAID: usize = 800;
-/// Longest wait for the last output of a check that has ended. A process that it has left behind may keep the pipe
-/// open.
+/// Maximum wait for the rest of the output after a check has ended. A process that the check started may still hold the
+/// pipe open.
 const LAST_WORDS: Duration = Duration::from_secs(1);
-/// Exit code for a wrong profile.
+/// Exit code by which a check reports a wrong profile.
 const WRONG_PROFILE: i32 = 64;
 
 /// Path and arguments with which this program was started.
@@ -53,16 +54,16 @@ pub struct Program {
     arguments: Vec<OsString>,
 }
 
-/// Reason why no program can take the place of this one.
+/// Reason why no program can replace the running one.
 #[derive(Debug)]
 pub(in crate::gateway) enum SuccessorRejection {
-    /// The profile is wrong.
+    /// The profile is wrong; contains the messages of the check.
     Profile(String),
-    /// Another reason, in words.
+    /// Another reason, as a sentence.
     Other(String),
 }
 
-/// Identity of a program file. The file is the same as long as none of these values changes.
+/// Identity of a program file. If one of these values has changed, the file was replaced or changed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Image {
     place: (u64, u64),
@@ -81,11 +82,11 @@ impl Image {
     }
 }
 
-/// Result of a check: data for the handover to the program that has made it.
+/// Result of a passed check, for the handover to the program that made the check.
 #[derive(Debug)]
 pub struct Checked {
     image: Option<Image>,
-    /// Memory of the handover, with the profile that was checked if the program can take it from there.
+    /// Memory for the handover. It contains the checked profile if the new program can load the profile from it.
     pub prepared: Prepared,
 }
 
@@ -95,8 +96,8 @@ impl Program {
         Program { path, arguments }
     }
 
-    /// Returns the program of this process. Call it before the program's file is replaced. The path is the first
-    /// argument if that is absolute, otherwise the present path of the file.
+    /// Returns the program of this process. Call this function before the program's file is replaced. The path is the
+    /// first argument if that is absolute, otherwise the present path of the file.
     ///
     /// # Errors
     /// The system does not report the path.
@@ -107,7 +108,7 @@ impl Program {
         Ok(Program::new(path, arguments.collect()))
     }
 
-    /// Returns true if the program was started with this file as an argument. The file need not exist any more.
+    /// Returns whether the program was started with this file as an argument. The file need not exist any more.
     fn was_given(&self, file: &Path) -> bool {
         let place = |path: &Path| path.canonicalize().or_else(|_| std::path::absolute(path)).ok();
         place(file).is_some_and(|file| {
@@ -115,7 +116,8 @@ impl Program {
         })
     }
 
-    /// Lets the program at the path check its profile and arguments, within this time.
+    /// Starts the program at the path with the option [`CHECK_ONLY`], so that it checks its profile and arguments.
+    /// `within` limits the time.
     fn check(&self, socket: &Path, within: Duration) -> Result<Checked, SuccessorRejection> {
         let shown = self.path.display();
         let image = Image::at(&self.path);
@@ -158,14 +160,15 @@ impl Program {
         Ok(Checked { image, prepared: Prepared::with(profile.as_ref()).map_err(no_memory)? })
     }
 
-    /// Replaces the running program by the one at the path, with a sealed handover as its standard input. Returns a
-    /// sentence only if that program cannot be started.
+    /// Replaces the running program by the one at the path, with a sealed handover as its standard input. Returns only
+    /// if that program cannot be started; the text is a sentence.
     pub fn start(&self, handover: Option<&File>) -> String {
         let error = self.exec(&self.path, handover);
         format!("{} cannot be started: {}", self.path.display(), system(&error))
     }
 
-    /// Starts the running program again, with a sealed handover as its standard input. Returns only if that fails.
+    /// Starts the running program again, even if another one is at its path, with a sealed handover as its standard
+    /// input. Returns only if that fails.
     pub fn start_own_image(&self, handover: Option<&File>) -> std::io::Error {
         self.exec(Path::new(OWN_IMAGE), handover)
     }
@@ -179,7 +182,7 @@ impl Program {
     }
 }
 
-/// Ends a check and every process that it has started.
+/// Kills a check, and every process that it has started.
 fn end(child: &mut Child) {
     if let Some(group) = i32::try_from(child.id()).ok().and_then(Pid::from_raw) {
         let _ = kill_process_group(group, Signal::KILL);
@@ -187,7 +190,7 @@ fn end(child: &mut Child) {
     let _ = child.kill().and_then(|()| child.wait());
 }
 
-/// Reads the output of a check in a separate thread. Output beyond the limit is discarded.
+/// Reads the output of a check in a separate thread. Output above the limit is discarded.
 fn read_aside(mut stderr: ChildStderr) -> Receiver<Vec<u8>> {
     let (sender, parts) = channel();
     std::thread::spawn(move || {
@@ -204,7 +207,7 @@ fn read_aside(mut stderr: ChildStderr) -> Receiver<Vec<u8>> {
     parts
 }
 
-/// Output of a check that has ended.
+/// Returns the output of a check that has ended.
 fn collected(parts: Receiver<Vec<u8>>) -> String {
     let until = BootClock::default().passed() + LAST_WORDS;
     let mut said = Vec::new();
@@ -231,13 +234,13 @@ fn assess(status: ExitStatus, said: impl FnOnce() -> String) -> Result<(), Succe
     })
 }
 
-/// Program that can take the place of a running gateway.
+/// Handle by which another program can replace a running gateway.
 #[derive(Clone)]
 pub struct Successor {
     shared: Arc<Shared>,
     program: Program,
     socket: PathBuf,
-    /// Result of the check of the program that takes over.
+    /// Result of the check by the program that takes over.
     checked: Arc<Mutex<Option<Checked>>>,
 }
 
@@ -246,18 +249,19 @@ impl Successor {
         Successor { shared, program, socket, checked: Arc::default() }
     }
 
-    /// Returns whether this gateway was started with this profile.
+    /// Returns whether this gateway was started with the profile at `path`.
     pub(in crate::gateway) fn runs_profile(&self, path: &Path) -> bool {
         self.program.was_given(path)
     }
 
-    /// Result of the check of the program that takes over. It is available when the gateway has ended for it.
+    /// Returns the result of the check by the program that takes over, once. It is `None` until the gateway has
+    /// accepted the replacement.
     pub fn take_checked(&self) -> Option<Checked> {
         self.checked.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
-    /// Checks that another program can run in the place of this gateway, and that this gateway can hand over to it.
-    /// Blocks for `within` at most, and for the time that the disk needs for one small file.
+    /// Checks that another program can replace this gateway, and that this gateway can hand over to it. The call blocks
+    /// for `within` at most, and for the time in which the disk stores one small file.
     pub(in crate::gateway) fn check(&self, within: Duration) -> Result<Checked, SuccessorRejection> {
         let checked = self.program.check(&self.socket, within)?;
         let directory = self.socket.parent().unwrap_or(Path::new("."));
@@ -272,7 +276,7 @@ impl Successor {
         Ok(checked)
     }
 
-    /// Requests the gateway to move nothing more, and to make room for a program that was checked. Returns a sentence.
+    /// Requests the gateway to stop its outputs and to end for a checked program. Returns a sentence.
     pub(in crate::gateway) fn take_over(
         &self,
         requester: &Requester,

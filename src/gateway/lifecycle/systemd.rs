@@ -1,5 +1,5 @@
-//! Notifications to the service manager (systemd): that the gateway runs, what it does as text, and how long it may
-//! still take. Without a service manager they are dropped.
+//! Notifications to the service manager (systemd): that the gateway is ready, what it does, and how long it may still
+//! take. Without a service manager, nothing is sent.
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -15,17 +15,17 @@ use crate::gateway::shared::shared_state::Shared;
 use isotherm_core::compensation::AxisState;
 use isotherm_profile::BusId;
 
-/// Longest wait for the first attempt of each line to open.
+/// Maximum time that readiness waits until each line has tried to open its connection.
 const OPENING: Duration = Duration::from_secs(10);
-/// Additional time of a stop beyond its deadline: the last save may wait for the disk.
+/// Additional time that is reported for a stop, because the last save may wait for the disk.
 const LAST_WORDS: Duration = Duration::from_secs(10);
-/// Largest number of axes or devices that are named.
+/// Maximum number of axes or devices that the systemd status text lists by name.
 const NAMED: usize = 5;
 
-/// Readiness, and the status that was last reported.
+/// State of the notifications: readiness, and the status text that was sent last.
 #[derive(Debug)]
 pub(in crate::gateway) struct Report {
-    /// Whether a service manager listens.
+    /// Whether a service manager has asked for notifications.
     is_received: bool,
     is_ready: bool,
     waited: Duration,
@@ -38,7 +38,8 @@ impl Report {
         Report { is_received, is_ready: false, waited: Duration::ZERO, status: String::new() }
     }
 
-    /// Reports that the tasks of all lines work. Must be called repeatedly. `after`: time since the last call.
+    /// Reports that the tasks of all lines work. The watchdog calls this function regularly. `after` is the time since
+    /// the last call.
     pub(in crate::gateway) fn lives(&mut self, shared: &Shared, after: Duration) {
         if !self.is_received {
             return;
@@ -57,27 +58,28 @@ impl Report {
     }
 }
 
-/// Reports that the gateway stops, and how.
+/// Reports that the gateway stops. `does` describes how, and `within` limits the time.
 pub(in crate::gateway) fn stopping(does: &str, within: Duration) {
     tell(&[NotifyState::Stopping, NotifyState::Status(does)]);
     takes(within);
 }
 
-/// Reports the longest remaining time of the present operation. The process must not be killed before.
+/// Reports the maximum remaining time of the current operation, so that the service manager does not kill the process
+/// before.
 pub(in crate::gateway) fn takes(within: Duration) {
     let micros = within.saturating_add(LAST_WORDS).as_micros();
     tell(&[NotifyState::Custom(&format!("EXTEND_TIMEOUT_USEC={micros}"))]);
 }
 
-/// Reports that another program takes the place of this one in the process. That program reports when it is ready.
+/// Reports that another program replaces this one in the process. The new program then reports when it is ready.
 pub(in crate::gateway) fn reloading(does: &str) {
     let mut states = vec![NotifyState::Reloading, NotifyState::Status(does)];
     states.extend(NotifyState::monotonic_usec_now());
     tell(&states);
 }
 
-/// Sends notifications. Returns whether they were delivered. (`sd_notify::notify` waits for a manager that does not
-/// listen at the moment. A gateway must not wait.)
+/// Sends notifications. Returns whether they were delivered. (`sd_notify::notify` would block while the service manager
+/// does not read; the gateway must not block.)
 fn tell(states: &[NotifyState<'_>]) -> bool {
     let said: String = states.iter().map(|state| format!("{state}\n")).collect();
     std::env::var_os("NOTIFY_SOCKET").is_some_and(|to| send(&to, &said).is_ok())
@@ -93,8 +95,8 @@ fn send(to: &OsStr, said: &str) -> io::Result<()> {
     socket.send_to_addr(said.as_bytes(), &address).map(|_| ())
 }
 
-/// Returns whether each line was opened, or an attempt was made. A missing device does not prevent the start of a
-/// gateway.
+/// Returns whether each line has opened its connection or has tried to. A missing device does not delay the start of
+/// the gateway.
 fn are_tried(shared: &Shared) -> bool {
     let profile = &shared.profile;
     let core = shared.core();
@@ -105,7 +107,8 @@ fn are_tried(shared: &Shared) -> bool {
     })
 }
 
-/// Status text: what the axes do, and which devices are lost. `None` during a stop, which is reported otherwise.
+/// Returns the status text: what the axes do, and which devices do not answer. `None` during a stop, which has its own
+/// text.
 fn in_words(shared: &Shared) -> Option<String> {
     let profile = &shared.profile;
     let core = shared.core();

@@ -1,6 +1,6 @@
-//! Watchdog of the lines, in a separate thread. If the task of a line takes no turns (actions) any more, the gateway is
-//! stopped. If the stop has no effect either, the process ends. The watchdog of the service manager (systemd) is served
-//! only while everything works.
+//! Watchdog of the lines, in a separate thread. If the task of a line does nothing any more, the watchdog stops the
+//! gateway. If the stop has no effect either, it ends the process. The watchdog of the service manager (systemd) is
+//! served only while all lines work.
 
 use std::sync::Arc;
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
@@ -21,7 +21,8 @@ pub(in crate::gateway) struct Watchdog {
 }
 
 impl Watchdog {
-    /// Watches every line. `stop` requests the gateway to stop. `give_up` is called if it has not stopped in time.
+    /// Starts to watch every line. `stop` requests the gateway to stop. `give_up` is called if the gateway has not
+    /// stopped in time.
     pub(in crate::gateway) fn start(
         shared: Arc<Shared>,
         patience: Option<Duration>,
@@ -78,16 +79,18 @@ impl Watchdog {
     }
 }
 
-/// Observations of a line. Checks are counted instead of seconds: a pause of the computer is not the fault of the line.
+/// Observations of one line. The limit is a number of checks, not a time, because a pause of the computer is no fault
+/// of the line.
 struct LineObservation {
     turns: u64,
-    /// Number of consecutive checks that found the same number of turns (actions of the line task).
+    /// Number of consecutive checks in which the line task has done nothing.
     looks: u32,
-    /// Number of such checks after which the line counts as blocked.
+    /// Maximum of `looks`; above it, the line is treated as blocked.
     most: u32,
 }
 
-/// Name of a line whose task has not acted for too long. A state that stays locked counts as well.
+/// Returns the name of a line whose task has not acted for too long. A shared state that stays locked is reported in
+/// the same way.
 fn late_line(shared: &Shared, lines: &mut [LineObservation], stuck: &mut Duration) -> Option<String> {
     if !shared.is_free() {
         *stuck += LOOK_EVERY;
@@ -105,7 +108,8 @@ fn late_line(shared: &Shared, lines: &mut [LineObservation], stuck: &mut Duratio
     None
 }
 
-/// Longest time that a line may need for one cycle: each of its requests connects and then times out, with all pauses.
+/// Returns the maximum time that a line may need for one cycle, if each of its requests connects and times out, with
+/// all pauses.
 fn limit(profile: &Profile, bus: BusId) -> Duration {
     let devices = profile.devices_on(bus).map(|(_, device)| device);
     let pauses = devices

@@ -23,7 +23,7 @@ mod routes;
 
 pub(in crate::gateway) use listener::CanListener;
 
-/// State that the line and its listener share.
+/// State that a CAN line and its listener share.
 pub(in crate::gateway) struct Can {
     pub(super) link: Arc<Link>,
     wakeup: Wakeup,
@@ -34,7 +34,7 @@ pub(in crate::gateway) struct Can {
 struct PendingNodeReports {
     /// Devices whose setup list has been written.
     set_up: Vec<DeviceId>,
-    /// Devices whose back-off ends early. `None` is the whole line.
+    /// Devices whose back-off ends early. `None` stands for the whole line.
     revived: Vec<Option<DeviceId>>,
 }
 
@@ -48,7 +48,7 @@ impl Can {
         self.wakeup.wake();
     }
 
-    /// Takes the devices whose back-off ends early. `None` is the whole line.
+    /// Takes the devices whose back-off ends early. `None` stands for the whole line.
     pub(super) fn revived(&self) -> Vec<Option<DeviceId>> {
         std::mem::take(&mut self.handed().revived)
     }
@@ -62,7 +62,7 @@ impl Can {
     }
 }
 
-/// Frames that are written on a line.
+/// Returns the frames that the gateway writes on a line, with the positions of the outputs in them.
 fn images(profile: &Profile, bus: BusId) -> Images {
     let mut images = Images::default();
     for (id, device) in profile.devices_on(bus) {
@@ -75,7 +75,8 @@ fn images(profile: &Profile, bus: BusId) -> Images {
     images
 }
 
-/// Value of an output in the frame with this identifier. `None` if the frame does not contain the output.
+/// Returns the bits of an output in the frame with this identifier, and the object from which the output is read back.
+/// `None` if the frame does not contain the output.
 fn value(device: &Device, output: &Output, id: CanId) -> Option<Value> {
     let Address::Frame(field) = &output.address else { return None };
     let node = device.can.as_ref().and_then(|can| can.node);

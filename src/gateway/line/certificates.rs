@@ -26,7 +26,7 @@ pub(in crate::gateway) fn has_some(profile: &Profile) -> bool {
     profile.buses.iter().any(|bus| !of_line(bus).is_empty())
 }
 
-/// Reports each certificate once before its expiry and once after it, by the time of day.
+/// Reports each certificate once before its expiry and once after it, according to the clock of the computer.
 pub(in crate::gateway) async fn watch(shared: Arc<Shared>, mut sleeper: Sleeper) {
     let mut reported: Vec<Expiry> = Vec::new();
     loop {

@@ -1,9 +1,10 @@
 //! Reads the checks of the devices on one line. CANopen nodes are set up first, before each of their starts.
 //!
-//! The checks of a device are read before anything that depends on it is armed, and after each break of its continuity.
-//! While one of them does not pass, they are read every few seconds. While the device is confirmed, each check is read
-//! once in its period. This detects settings that are changed at the device: a module that sends whole degrees instead
-//! of tenths sends plausible temperatures.
+//! The checks of a device are read before any axis that needs the device is armed. They are read again after each event
+//! after which another device or other settings are possible (a break of the continuity). While one of them does not
+//! pass, they are read every few seconds. While the device is confirmed, each check is read once in its period. This
+//! detects settings that are changed at the device: a module that sends whole degrees instead of tenths sends plausible
+//! temperatures.
 
 use std::time::Duration;
 
@@ -24,16 +25,17 @@ use isotherm_core::reading::Reason;
 use isotherm_profile::preview::checks;
 use isotherm_profile::{BusId, Device, DeviceId, Expected, Profile, Setup};
 
-/// Delay before a device that did not answer is asked again. The back-off of the line comes on top.
+/// Delay before a device that did not answer is asked again, in addition to the back-off of the line.
 const ASK_AGAIN: Duration = Duration::from_secs(1);
 
 /// Delay before a device with wrong settings is checked again.
 const LOOK_AGAIN: Duration = Duration::from_secs(5);
 
-/// Unanswered attempts after which the register is assumed not to exist, if the device answered its polls in between.
+/// Unanswered attempts after which the register of a check is assumed not to exist, if the device answered its polls in
+/// between.
 const ASSUMED_SILENT: u32 = 3;
 
-/// Exceptions of a device that will answer later.
+/// Exception codes of a device that will answer later.
 const ACKNOWLEDGE: u8 = 5;
 const BUSY: u8 = 6;
 
@@ -53,14 +55,14 @@ struct Inspection {
     due: Moment,
     /// Consecutive attempts without a value, and the time of the last one.
     missed: (u32, Moment),
-    /// Whether a device shows by polls, or by frames that it sends, that it is present.
+    /// Whether polls of the device, or frames that it sends, show that it is present.
     is_received: bool,
     /// Whether other values than the checks are read from the device.
     is_polled: bool,
     identified: Identified,
     /// Number of resets of the device at its last setup. `None` if it was not set up.
     set_up: Option<u64>,
-    /// Number of breaks of the device's continuity when all checks were last read.
+    /// Number of breaks of the continuity of the device when all checks were last read.
     read_after: u64,
     /// Repetitions of the checks, in the order of the profile.
     again: Vec<Repetition>,
@@ -82,7 +84,7 @@ enum Identified {
 struct Repetition {
     period: Duration,
     due: Moment,
-    /// The check has passed in this round. A round is over when each check has passed in it.
+    /// Whether the check has passed in this round. A round is over when each check has passed in it.
     has_passed: bool,
     /// Consecutive attempts without a value, and the time of the last one.
     unread: (u32, Moment),
@@ -90,11 +92,12 @@ struct Repetition {
 
 /// Result of reading the checks of a device.
 enum CheckRound {
-    /// The checks were read after this many breaks, with these differences.
+    /// The checks were read. The number counts the breaks of continuity before the reads. The list contains the
+    /// differences from the expected values.
     Known(u64, Vec<Difference>),
-    /// The device does not answer, which is reported elsewhere.
+    /// The device does not answer. Its loss is reported elsewhere.
     NoAnswer,
-    /// Continuity was broken between two answers.
+    /// The continuity of the device was broken between two answers: they may come from different devices.
     Broken,
 }
 
@@ -184,8 +187,9 @@ impl Inspector {
         }
     }
 
-    /// Compares the namespaces of a server. If one cannot be identified, the devices are reported as changed. If all
-    /// can, the checks of the devices are read. A device without checks is then as expected.
+    /// Compares the namespaces of an OPC UA server with the profile. If one cannot be identified, the devices are
+    /// reported as changed. If all can, the checks of the devices are read. A device without checks is then as
+    /// expected.
     fn check_namespaces(&mut self, shared: &LineHandle) {
         let Some(table) = shared.core().devices.namespaces(self.bus) else { return };
         if !self.namespaces.check(shared.profile.bus(self.bus), &table, &mut shared.core()) {
@@ -211,7 +215,7 @@ impl Inspection {
         self.identified == Identified::ByChecks
     }
 
-    /// Returns true if the device did not answer its checks. A poll must then show first that the device is present.
+    /// Returns true if the device did not answer its checks. A poll must then first show that the device is present.
     fn waits_for_polls(&self, shared: &LineHandle) -> bool {
         let core = shared.core();
         let lost = core.device_health.devices[self.device.0].lost.as_ref();
@@ -219,8 +223,8 @@ impl Inspection {
     }
 
     /// Reads the check of a confirmed device that is due first. Returns true if a check was due. All checks are read
-    /// again if its value is different. They are also read again after several attempts without a value, if the device
-    /// delivered other values in between.
+    /// again if the value is not the expected one. They are also read again after several attempts without a value, if
+    /// the device delivered other values in between.
     async fn read_again(
         &mut self,
         line: &mut DeviceLine,
@@ -305,7 +309,8 @@ impl Inspection {
         }
     }
 
-    /// Sets the device up and reads every check. `differences`: those that are already known.
+    /// Sets the device up and reads every check. `breaks`: number of breaks of continuity so far. `differences`: those
+    /// that are already known.
     async fn read_all(
         &mut self,
         line: &mut DeviceLine,
@@ -375,7 +380,7 @@ impl Inspection {
         is_known && attempts >= ASSUMED_SILENT
     }
 
-    /// Returns whether the continuity has not been broken again since this number of breaks.
+    /// Returns whether the continuity of the device has not been broken again since it had been broken `breaks` times.
     fn is_after(&self, breaks: u64, shared: &LineHandle) -> bool {
         shared.core().devices.of(self.device).breaks_so_far() == breaks
     }
@@ -402,8 +407,8 @@ async fn read(
     }
 }
 
-/// Writes the setup list of a CANopen node, in its order. A dry run writes nothing and only compares it. Returns the
-/// differences that remain, none if the node is set up.
+/// Writes the setup list of a CANopen node, in its order. A dry run writes nothing and only compares the values.
+/// Returns the differences that remain; none if the node is set up.
 ///
 /// # Errors
 /// The node does not answer.
@@ -470,8 +475,8 @@ fn round_begins(shared: &LineHandle, id: DeviceId) {
 }
 
 /// Takes the result of all checks of a device and reports what has changed. An axis that reads from a changed device
-/// runs its fault action. If a check proves that the settings were changed, the axis returns to the Cz before the last
-/// round. An axis that writes to the device is disarmed.
+/// runs its fault action. If a check proves that the settings were changed, the axis returns to the Cz that it had
+/// before the last round of checks. An axis that writes to the device is disarmed.
 fn verified(shared: &LineHandle, id: DeviceId, breaks: u64, differences: Vec<Difference>) {
     let name = &shared.profile.device(id).name;
     let mut core = shared.core();

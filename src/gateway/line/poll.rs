@@ -50,7 +50,7 @@ const SLOW: Duration = Duration::from_millis(20);
 /// Maximum number of consecutive urgent reads before another turn that was due earlier.
 const PRESSED: u32 = 8;
 
-/// Owns one line and everything that is read and written on it.
+/// Task of one line. It owns the connection, and everything that is read and written on the line.
 pub(in crate::gateway) struct LineTask {
     shared: LineHandle,
     bus: BusId,
@@ -61,10 +61,10 @@ pub(in crate::gateway) struct LineTask {
     polls: Vec<Poll>,
     jobs: Vec<OutputTask>,
     heartbeat_task: Option<HeartbeatTask>,
-    /// The inputs of an axis are read on this line. Therefore this task makes the steps of the axis, directly after the
-    /// reads.
+    /// Whether the inputs of an axis are read on this line. This task then steps the axis directly after the reads.
     steps_axes: bool,
-    /// Values that are read on this line are used on another line: for a corrected position, or as a result of probing.
+    /// Whether values that are read on this line are used on another line: for a corrected position, or as a result of
+    /// probing.
     feeds_others: bool,
     step_due: Option<Moment>,
     pending: Pending,
@@ -80,11 +80,11 @@ pub(in crate::gateway) struct LineTask {
 /// Work that earlier turns left for the next ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Pending {
-    /// A device was read, or another task has woken the line, since the last step of the axes.
+    /// Whether a device was read, or another task has woken the line, since the last step of the axes.
     has_news: bool,
-    /// A value was read that is used on another line.
+    /// Whether a value was read that is used on another line.
     wakes_others: bool,
-    /// The checks of devices may be due.
+    /// Whether checks of devices may be due.
     inspects: bool,
 }
 
@@ -101,11 +101,11 @@ enum Turn {
     Output(usize),
 }
 
-/// Late polls since they were last counted.
+/// Rounds of reads that began late by a whole period or more, since the last report.
 #[derive(Debug, Default)]
 struct Overruns {
     count: u64,
-    /// Largest delay, and its device.
+    /// Largest delay, and the device that was read so late.
     worst: Option<(Duration, DeviceId)>,
 }
 
@@ -164,9 +164,9 @@ impl LineTask {
         self.polls.iter().map(Poll::requests).sum()
     }
 
-    /// Takes turns until the gateway has stopped. Then closes the connection in order, if the other end keeps a
-    /// state for it. With a listener, it also receives frames. A gateway may have 500 of these tasks. State that is
-    /// needed only during a turn, or only on CAN, is therefore allocated separately.
+    /// Takes turns until the gateway has stopped. Then closes the session with an OPC UA server, which keeps a state
+    /// for it. With a `listener`, the task also receives CAN frames. A gateway may have 500 of these tasks. State that
+    /// is needed only during a turn, or only on CAN, is therefore allocated separately.
     pub(in crate::gateway) async fn run(mut self: Box<Self>, listener: Option<Box<CanListener>>) {
         match listener {
             None => self.turns().await,
@@ -264,7 +264,7 @@ impl LineTask {
         self.wake_outputs(now);
     }
 
-    /// Steps the axes that are due, and makes the outputs due: each of them may have something to do.
+    /// Steps the axes that are due. Makes all outputs due, because each may have a new value to write.
     fn step(&mut self, now: Moment) {
         self.pending.has_news = false;
         // Signals in CAN frames are in no device's reads.
@@ -284,8 +284,8 @@ impl LineTask {
         self.jobs.iter_mut().for_each(|job| job.wake(now));
     }
 
-    /// Executes one request of a device's reads. At the end of a round, its position is corrected next, here or on
-    /// another line.
+    /// Executes one request of the reads of a device. After the last request of a round, an output that corrects the
+    /// position of the device is due, on this line or on another one.
     async fn read(&mut self, place: usize, now: Moment) {
         let poll = &mut self.polls[place];
         let presses = poll.reads_position || poll.grows_stale(now);
@@ -343,13 +343,15 @@ impl LineTask {
         }
     }
 
-    /// Outputs that may do something, with their indices.
+    /// Returns the outputs that still work, with their indices: all outputs, or during a stop only the corrected
+    /// positions.
     fn working_jobs(&self) -> impl Iterator<Item = (usize, &OutputTask)> {
         let works = |job: &OutputTask| self.work == LineWork::All || job.corrects.is_some();
         self.jobs.iter().enumerate().filter(move |(_, job)| works(job))
     }
 
-    /// Read that follows a corrected position, if it is due by then.
+    /// Returns the next read if it is due at `by`. The line can then send it directly after the write of a corrected
+    /// position.
     fn reads_next(&self, by: Moment) -> Option<(DeviceId, Request<'static>)> {
         self.polls.iter().min_by_key(|poll| poll.due())?.asks_next(by)
     }
@@ -377,7 +379,7 @@ impl LineTask {
         pressing.map(|(place, poll)| (!poll.reads_position, poll.due(), place)).min().map(|(.., place)| place)
     }
 
-    /// Time at which the next turn is due.
+    /// Returns the time at which the next turn is due.
     fn idle_until(&self) -> Moment {
         let polls = self.polls.iter().map(|poll| poll.due());
         let jobs = self.working_jobs().map(|(_, job)| job.due);
@@ -407,7 +409,7 @@ impl LineTask {
     }
 }
 
-/// Lines on which axes are stepped: for each axis the line of its first input, else the line of its output.
+/// Returns the lines on which axes are stepped: for each axis the line of its first input, else the line of its output.
 fn home_lines(profile: &Profile) -> Vec<BusId> {
     let homes = profile.axes.iter().enumerate().map(|(axis, settings)| {
         let input = settings.settings.models.iter().flat_map(Model::signals).next();

@@ -1,4 +1,4 @@
-//! Wire log of a running gateway: one tap for each line, found by the names of the devices.
+//! Wire log of a running gateway: one tap (recorder of messages) for each line, found by the names of the devices.
 
 use std::sync::Arc;
 
@@ -26,7 +26,7 @@ impl WireLog {
         &self.0.taps[bus.0]
     }
 
-    /// Traces the device of this name until the returned value is dropped.
+    /// Traces the frames of the device with this name until the returned value is dropped.
     ///
     /// # Errors
     /// There is no such device, or too many clients trace its line. The error is a sentence.

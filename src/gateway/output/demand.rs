@@ -11,11 +11,11 @@ use isotherm_profile::{OutputId, Writes};
 
 /// Demand on an output in µm.
 pub(super) struct OutputDemand {
-    /// Cz, or the effect of the slope at the reach of the axis.
+    /// Cz, or for an output that writes a slope the effect of the slope at the reach of the axis.
     pub(super) cz: Micron,
     /// Target that `cz` approaches.
     pub(super) target: Micron,
-    /// Time of the axis's decision.
+    /// Time at which the axis decided.
     pub(super) decided: Moment,
     /// Who armed the axis. `None` if it is off.
     pub(super) armed: Option<Who>,
@@ -26,18 +26,18 @@ pub(super) struct OutputDemand {
     pub(super) not_after: Moment,
     /// Condition of the interlock.
     pub(super) interlock: Condition,
-    /// Restarts of the control so far.
+    /// Number of restarts of the control so far.
     pub(super) restarts: u64,
-    /// Pauses of the computer so far.
+    /// Number of pauses of the computer so far.
     pub(super) pauses: u64,
 }
 
-/// Part of an axis's decision that concerns its outputs.
+/// Whether the decision of an axis is written to an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Decision {
-    /// Nothing: the axis is off, or has not decided since it was armed.
+    /// Nothing is written: the axis is off, or has not decided since it was armed.
     Off,
-    /// Nothing: the axis has yet to resume from the register value.
+    /// Nothing is written yet: the axis must first resume from the register value.
     Outdated,
     /// The value must be written, in this mode.
     Current(Mode),

@@ -7,7 +7,7 @@ use isotherm_profile::counted;
 
 /// Consecutive unanswered writes after which they are reported, if the device answers reads.
 const DEAF: u64 = 3;
-/// Consecutive failures for another reason before that reason is reported.
+/// Number of consecutive failures with a new cause, after which that cause is reported.
 const CHANGED_AFTER: u32 = 20;
 
 /// Kind of request that a device was sent.
@@ -19,7 +19,7 @@ pub(super) enum RequestKind {
     Write,
 }
 
-/// Alarm of an output.
+/// Whether an alarm of the output was reported and has not ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Alarm {
     #[default]

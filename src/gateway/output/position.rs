@@ -1,4 +1,4 @@
-//! Corrected positions: D' = D + Cz, written as soon as D has been read. [`PositionController`] decides.
+//! Corrected positions: D' = D + Cz, written as soon as the position D has been read. [`PositionController`] decides.
 
 use std::fmt::Display;
 
@@ -35,7 +35,7 @@ pub(in crate::gateway) struct Position {
     controller: PositionController,
     failures: Failures,
     is_saturated: bool,
-    /// Interpretation of the written registers by the control.
+    /// Conversion of the written registers by the control, to check each value before it is sent.
     control: Option<ControlView>,
 }
 
@@ -109,7 +109,7 @@ impl Position {
         shared.core().storage.outputs.turned(CountedWrite::Position(self.id), ended, snapshot, now);
     }
 
-    /// Writes a position with this Cz. Returns `None` if the value is not admitted.
+    /// Writes a position with this Cz. Returns `None` if the control would read another value, or one beyond the limit.
     async fn correct(
         &mut self,
         turn: &mut LineTurn<'_>,
@@ -249,7 +249,8 @@ impl Position {
     }
 }
 
-/// Corrected position that was sent, and its answer. The answer has the value read back if `verify` reads.
+/// Corrected position that was sent, and the answer. The answer contains the value read back, if the output is read
+/// back.
 #[derive(Debug)]
 struct PositionWrite {
     target: Encoded,
@@ -274,7 +275,8 @@ impl PositionWrite {
     }
 }
 
-/// Writes the value, together with further registers of a display. Returns the value read back, if `verify` reads.
+/// Writes the value, together with further registers of a display. Returns the value read back, or `None` if the output
+/// is not read back.
 async fn write(
     turn: &mut LineTurn<'_>,
     output: &Output,

@@ -1,4 +1,4 @@
-//! Register of one output: its encoding, its failures, and its promises on disk. Single registers and members of a set
+//! Register of one output: its encoding, its failures, and its state on disk. Single registers and registers of a set
 //! use the same code.
 
 use std::time::Duration;
@@ -36,15 +36,15 @@ pub(super) struct OutputRegister {
     failures: Failures,
     /// Failures of the register in which the control reports the applied value.
     failures_applied: Failures,
-    /// Values that may still appear in the register, as last given to the disk.
+    /// Writes that may still arrive, as they were last saved on disk. `None` if there were none.
     on_disk: Option<InFlightWrites>,
-    /// Version of the ledger that is being saved, and the time since when.
+    /// Version of the ledger that is being saved, and the time at which saving began.
     keeping: Option<(u64, Moment)>,
 }
 
 impl OutputRegister {
-    /// Creates the register of an output, and its controller at a start. A set refreshes its outputs as a whole:
-    /// `is_in_a_set`.
+    /// Creates the register of an output, and its controller at a start. `is_in_a_set`: the output belongs to a set,
+    /// which is refreshed as a whole.
     pub(super) fn new(
         shared: &LineHandle,
         id: OutputId,
@@ -72,7 +72,7 @@ impl OutputRegister {
         (OutputRegister { id, units, settings, failures, failures_applied, on_disk, keeping }, controller)
     }
 
-    /// Demand on the output in counts.
+    /// Converts the demand on the output from µm to counts.
     pub(super) fn demand(&self, shared: &LineHandle, demand: &OutputDemand) -> Demand {
         let output = shared.profile.output(self.id);
         let decision = match demand.decision {
@@ -144,8 +144,8 @@ impl OutputRegister {
         resumes
     }
 
-    /// Registers that hold this value. Returns `None` if the control would read another value, or one beyond the limit.
-    /// The axis is then off until an operator arms it.
+    /// Returns the registers that hold this value. Returns `None` if the control would read another value, or one
+    /// beyond the limit. The axis is then off until an operator arms it.
     pub(super) fn admitted(
         &self,
         shared: &LineHandle,
@@ -157,13 +157,13 @@ impl OutputRegister {
         encoded.map_err(|why| report::not_sent(shared, self.id, why)).ok()
     }
 
-    /// Records the result of an exchange.
+    /// Records the result of an exchange, because a failure is reported only once until a success.
     pub(super) fn note(&mut self, input: Input) {
         self.failures.result(input);
     }
 
-    /// Handles a failed request of the register. A write that failed while the axis is off was only sent along with
-    /// others, and is ignored.
+    /// Handles a failed request of the register. A write that fails while the axis is off is ignored, because the
+    /// register value was only sent along with other outputs.
     pub(super) fn fail(
         &mut self,
         shared: &LineHandle,
@@ -193,7 +193,7 @@ impl OutputRegister {
         ));
     }
 
-    /// Handles a failed write. A write that lapsed before it was sent is no failure.
+    /// Handles a failed write. A write that was not sent because its last moment had passed is no failure.
     pub(super) fn write_failed(
         &mut self,
         shared: &LineHandle,
@@ -205,7 +205,7 @@ impl OutputRegister {
         }
     }
 
-    /// Reads the applied value from the control, if a read is due.
+    /// Reads the applied value from the control, if a read is due. Returns `None` if none is due.
     pub(super) async fn read_applied(
         &mut self,
         turn: &mut LineTurn<'_>,
@@ -317,7 +317,7 @@ impl OutputRegister {
     }
 }
 
-/// Result of a write that was not confirmed.
+/// Converts the fault of a write that was not confirmed to a result for the controller.
 pub(super) fn not_done((fault, outcome): (Fault, Outcome)) -> WriteResult {
     match (fault, outcome) {
         (Fault::Caller(CallerFault::TooLate), Outcome::NotDone) => WriteResult::TooLate,

@@ -74,7 +74,7 @@ pub(super) fn event(
     })
 }
 
-/// Cause and hint for an axis that is off because another client wrote this value.
+/// Returns cause and hint for an axis that is switched off because another client wrote the value `found`.
 pub(super) fn why_foreign(
     register: &OutputRegister,
     output: &Output,
@@ -104,7 +104,8 @@ pub(super) fn why_foreign(
     }
 }
 
-/// Disarms the axis of this output, because the value to be sent is not admissible.
+/// Disarms the axis of this output, because the control would read another value than the one to be sent, or one beyond
+/// the limit.
 pub(super) fn not_sent(shared: &LineHandle, id: OutputId, why: Inadmissible) {
     let output = shared.profile.output(id);
     let axis = &shared.profile.axis(output.axis).settings.name;
@@ -119,7 +120,7 @@ pub(super) fn not_sent(shared: &LineHandle, id: OutputId, why: Inadmissible) {
     shared.core().disarm(output.axis, why);
 }
 
-/// Reports that the control does not apply the register value within its time.
+/// Reports that the control does not apply the register value within the time `settle`.
 pub(super) fn not_applied(
     (register, controller): (&OutputRegister, &Controller),
     shared: &LineHandle,
@@ -137,7 +138,7 @@ pub(super) fn not_applied(
     });
 }
 
-/// Question to the operator: how the register value divides into operator offset and gateway share.
+/// Returns the question to the operator: how the register value divides into operator offset and gateway share.
 pub(super) fn question((register, controller): (&OutputRegister, &Controller), output: &str) -> Event {
     let holds = controller.held(&register.settings);
     let (output, holds) = (output.to_owned(), register.units.in_text(holds));
@@ -154,7 +155,9 @@ pub(super) fn question((register, controller): (&OutputRegister, &Controller), o
     };
     let share = share_in_text(register, share);
     let why = Explained::new(
-        format!("{doubt}; it holds {holds}, and the gateway share in it is taken to be {share}{perhaps}"),
+        format!(
+            "{doubt}; the register holds {holds}, and the gateway share in it is taken to be {share}{perhaps}"
+        ),
         format!("set the register to your own offset plus {share}, then arm the axis"),
     );
     Event::LedgerDoubt { output, why }
@@ -164,7 +167,8 @@ fn share_in_text(register: &OutputRegister, share: Counts) -> String {
     register.units.in_text(share + register.settings.bias)
 }
 
-/// Reports what the register holds, if the place of its output is in doubt and this was the first read.
+/// Reports the value of the register at its first read, if it is in doubt whether the output wrote to this register
+/// before.
 pub(super) fn note_place(
     (register, controller): (&OutputRegister, &Controller),
     output: &Output,

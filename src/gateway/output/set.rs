@@ -33,7 +33,7 @@ pub(in crate::gateway) struct Set {
     controller: SetController,
     /// Values of the last read, as the registers hold them.
     found: Vec<Encoded>,
-    /// For each member: the cause if its axis must resume from the register value.
+    /// For each output: the cause if its axis must resume from the register value.
     resumes: Vec<Option<Cause>>,
     /// Cause of the last failure of the handshake, as text.
     cause: String,
@@ -60,7 +60,7 @@ impl Set {
         Set { id, registers, settings, controller, found, resumes, cause, due: now }
     }
 
-    /// Time of the next read of the acknowledge.
+    /// Returns the time of the next read of the acknowledge. `None` if the set does not wait for the acknowledge.
     pub(in crate::gateway) fn next_read(&self) -> Option<Moment> {
         self.controller.strobe().next_read()
     }
@@ -70,7 +70,8 @@ impl Set {
         self.controller.is_late()
     }
 
-    /// Executes the actions of the controller. Never waits for the control.
+    /// Executes one turn of the set: carries out the actions of its controller. A turn never waits for the control. A
+    /// later turn reads the acknowledge again.
     pub(in crate::gateway) async fn turn(&mut self, turn: &mut LineTurn<'_>) {
         let shared = turn.shared;
         let (demands, demand) = self.demand(shared, turn.now);
@@ -141,8 +142,8 @@ impl Set {
         self.step(shared, input, now)
     }
 
-    /// Gives the controller an input, and reports its events. The new state outlives this task. The log gets input and
-    /// action.
+    /// Gives the controller an input, reports its events, and writes input and action to the log. The new state is
+    /// stored outside this task, so that it outlives the task.
     fn step(&mut self, shared: &LineHandle, input: &SetInput, now: Moment) -> SetAction {
         let is_logged = shared.core().storage.outputs.is_kept();
         let before = is_logged.then(|| self.controller.clone());
@@ -181,7 +182,7 @@ impl Set {
         shared.report(&Event::Handshake { set: set.label(), fault, register, cause: self.cause.clone() });
     }
 
-    /// Publishes the status of the handshake.
+    /// Publishes the status of the handshake in the states of the outputs of the set.
     fn publish(&self, shared: &LineHandle, core: &mut GatewayState) {
         let strobe = self.controller.strobe();
         let status = HandshakeStatus {
@@ -342,7 +343,7 @@ fn settings(profile: &Profile, set: &OutputSet, registers: &[OutputRegister]) ->
     }
 }
 
-/// Way in which the control takes a set.
+/// Returns the event at which the control takes the values of the set.
 fn taken_by(profile: &Profile, set: &OutputSet) -> CommitTrigger {
     let is_in_one = set.sequence.is_none() || set_modbus::stretches(profile, set).len() == 1;
     match () {

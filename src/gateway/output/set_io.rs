@@ -12,7 +12,7 @@ use isotherm_profile::OutputSet;
 /// Values of a set, as they were read.
 #[derive(Clone, Debug)]
 pub(super) struct SetReadings {
-    /// Value of each member.
+    /// Value of each output.
     pub(super) values: Vec<Encoded>,
     pub(super) sequence: Option<u16>,
     pub(super) heartbeat: Option<u16>,
@@ -45,7 +45,7 @@ pub(super) async fn write(
     }
 }
 
-/// Writes heartbeat and control word alone.
+/// Writes only the heartbeat and the control word.
 pub(super) async fn write_own(turn: &mut LineTurn<'_>, set: &OutputSet, own: OwnWords) -> Written {
     match set.is_in_nodes(&turn.shared.profile) {
         true => set_opcua::write_own(turn, set, own).await,

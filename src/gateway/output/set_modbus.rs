@@ -1,4 +1,4 @@
-//! Registers of a set on a Modbus line, and the fewest requests that carry them.
+//! Registers of a set on a Modbus line, read and written with as few requests as possible.
 
 use std::collections::BTreeMap;
 
@@ -12,10 +12,11 @@ use isotherm_core::output::OwnWords;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{DeviceId, Output, OutputSet, Profile, Stretch};
 
-/// Register values by offset.
+/// Register values, by the address offset of each register.
 pub(super) type Cells = BTreeMap<u16, u16>;
 
-/// Values of all registers of the set. `values` contains one value for each member.
+/// Returns the values of all registers of the set. `values` contains the value of each output, and `own` the number,
+/// the heartbeat and the control word of the set.
 fn cells(profile: &Profile, set: &OutputSet, values: &[Encoded], own: OwnWords) -> Cells {
     let mut cells = Cells::new();
     if set.zeros {
@@ -45,12 +46,12 @@ fn register(at: Option<&Address>) -> Option<Register> {
     at.and_then(Address::register)
 }
 
-/// Requests that write or read the set, in their order.
+/// Returns the ranges of consecutive registers of the set: one for each request, in the order of the requests.
 pub(super) fn stretches(profile: &Profile, set: &OutputSet) -> Vec<Stretch> {
     set.stretches(set.members(profile), profile.device(set.device).longest_request())
 }
 
-/// Registers of one member, from the registers that were read.
+/// Returns the registers of one output, out of the registers of the set that were read.
 fn held(output: &Output, cells: &Cells) -> Encoded {
     let count = output.encoding.data_type.registers();
     let first = output.address.register();
@@ -59,7 +60,7 @@ fn held(output: &Output, cells: &Cells) -> Encoded {
     })
 }
 
-/// Returns the values of consecutive registers, 0 for a register without a cell.
+/// Returns the values of consecutive registers, 0 for a register that is not in `cells`.
 fn registers(cells: &Cells, stretch: &Stretch) -> Vec<u16> {
     let registers = (0..stretch.count).map(|place| stretch.from.saturating_add(place));
     registers.map(|register| cells.get(&register).copied().unwrap_or_default()).collect()
@@ -98,7 +99,7 @@ pub(super) async fn write_all(
     write(turn, set.device, &stretches, &cells, leave).await
 }
 
-/// Writes heartbeat and control word alone.
+/// Writes only the heartbeat and the control word.
 pub(super) async fn write_own(turn: &mut LineTurn<'_>, set: &OutputSet, own: OwnWords) -> Written {
     let words = [(&set.heartbeat, own.beat), (&set.control, own.control)];
     let words = words.into_iter().filter_map(|(at, word)| Some((register(at.as_ref())?.offset, word)));
@@ -108,9 +109,9 @@ pub(super) async fn write_own(turn: &mut LineTurn<'_>, set: &OutputSet, own: Own
     write(turn, set.device, &stretches, &cells, SendDeadline::None).await
 }
 
-/// Writes these cells, with one request for consecutive registers. The first request is sent as `leave` allows. The
-/// others belong to it and are sent at any time. An error contains the outcome for all cells: after the first request,
-/// some have arrived.
+/// Writes these register values, with one request for each range of consecutive registers. Only the first request must
+/// be sent within the deadline `leave`, because the others complete it. An error contains the outcome for all values:
+/// after the first request, some have arrived.
 pub(super) async fn write(
     turn: &mut LineTurn<'_>,
     device: DeviceId,

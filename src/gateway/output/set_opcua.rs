@@ -52,7 +52,7 @@ pub(super) async fn write(
     sent.map(|_| ()).map_err(|fault| (fault, fault.outcome()))
 }
 
-/// Writes heartbeat and control word alone.
+/// Writes only the heartbeat and the control word.
 pub(super) async fn write_own(turn: &mut LineTurn<'_>, set: &OutputSet, own: OwnWords) -> Written {
     let words = set.own_nodes().filter_map(|(word, node)| match word {
         OwnWord::Heartbeat => Some((node.clone(), node.word(own.beat))),
@@ -66,7 +66,7 @@ pub(super) async fn write_own(turn: &mut LineTurn<'_>, set: &OutputSet, own: Own
     sent.map(|_| ()).map_err(|fault| (fault, fault.outcome()))
 }
 
-/// Lowest 16 bits of an integer.
+/// Returns the lowest 16 bits of an integer.
 fn low(found: Encoded) -> u16 {
     found.registers().last().copied().unwrap_or_default()
 }

@@ -32,7 +32,7 @@ impl Single {
         self.controller.follow() == Follow::Late
     }
 
-    /// Executes the actions of the controller.
+    /// Executes one turn of the output: carries out the actions of its controller until there is nothing to do.
     pub(in crate::gateway) async fn turn(&mut self, turn: &mut LineTurn<'_>) {
         let (shared, now) = (turn.shared, turn.now);
         let demand = OutputDemand::of(shared, &shared.core(), self.register.id, now);
@@ -73,8 +73,9 @@ impl Single {
         self.step(shared, input, now);
     }
 
-    /// Gives the controller an input, and reports its events. The new state outlives this task. The log gets input and
-    /// action. Returns the cause if the axis must resume from the register value.
+    /// Gives the controller an input, reports its events, and writes input and action to the log. The new state is
+    /// stored outside this task, so that it outlives the task. Returns the cause if the axis must resume from the
+    /// register value.
     fn step(&mut self, shared: &LineHandle, input: Input, now: Moment) -> Option<Cause> {
         let (id, before) = (self.register.id, self.controller);
         let action = self.controller.step(&self.register.settings, input, now);

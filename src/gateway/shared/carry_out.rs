@@ -1,4 +1,4 @@
-//! Execution of one command under the lock, and its event.
+//! Execution of one command while the shared state is locked, and the event of the command.
 
 use super::shared_state::Shared;
 use super::state::GatewayState;
@@ -20,8 +20,8 @@ pub(in crate::gateway) fn reported(
     }
 }
 
-/// Carries out a command if its sender still waits for it. The event of the command comes before the events that it
-/// causes.
+/// Carries out a command, unless its deadline is over or its sender has disconnected. The event of the command comes
+/// before the events that it causes.
 pub(in crate::gateway) fn carry_out<T>(
     shared: &Shared,
     (command, axes): (String, Vec<String>),

@@ -17,7 +17,7 @@ use isotherm_core::output::Beat;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Arm, BusId, DeviceId, OnStop, OutputId, Signal};
 
-/// Shortest time between two checks whether the computer's clock was set. A step of an axis makes them.
+/// Minimum time between two checks whether the computer's clock was set. The checks follow the steps of the axes.
 const DAY_EVERY: Duration = Duration::from_millis(100);
 
 /// Access of one line to the shared state.
@@ -27,7 +27,7 @@ pub(in crate::gateway) struct LineHandle {
     bus: BusId,
 }
 
-/// A line reads the profile and the clock, and locks the state to store what it has read and written.
+/// Access to the profile, the clock and the lock of the shared state.
 impl Deref for LineHandle {
     type Target = Shared;
 
@@ -41,8 +41,8 @@ impl LineHandle {
         LineHandle { shared, bus }
     }
 
-    /// Steps each axis that is due. Then wakes the other lines, because their outputs may have to be written. A line
-    /// calls this after it has read inputs. Returns the time at which the next axis is due.
+    /// Steps each axis that is due, and wakes the other lines, because their outputs may have to be written. A line
+    /// calls this function after it has read inputs. Returns the time at which the next axis is due.
     pub(in crate::gateway) fn advance(&self, now: Moment) -> Option<Moment> {
         let mut core = self.core();
         let stepped = core.advance(now);
@@ -65,7 +65,7 @@ impl LineHandle {
         due
     }
 
-    /// Checks for new results of the probing cycles that are read on this line.
+    /// Processes new results of the probing cycles that are read on this line.
     pub(in crate::gateway) fn take_probings(&self, now: Moment) {
         let axes = &self.dependents.probed_on[self.bus.0];
         if axes.is_empty() {
@@ -79,8 +79,8 @@ impl LineHandle {
         }
     }
 
-    /// Checks the latest readings of this line for restarts, before anything is written. Wakes every line if a control
-    /// was restarted.
+    /// Checks the latest readings of this line for a restart of the control, before outputs are written. After a
+    /// restart, wakes every line.
     pub(in crate::gateway) fn check_for_restarts(&self, now: Moment) {
         if !self.dependents.shows_restarts[self.bus.0] {
             return;
@@ -94,8 +94,8 @@ impl LineHandle {
         }
     }
 
-    /// Reports a lapsed decision: the line reached the output after `not_after`, when the readings of the decision were
-    /// too old.
+    /// Reports that a decided change was not sent, because the line reached the output after `not_after`. The readings
+    /// of the decision were then too old.
     pub(in crate::gateway) fn order_lapsed(&self, id: OutputId, not_after: Moment) {
         // The default moment means that no earlier decision may be used, so nothing is late.
         if not_after == Moment::default() {
@@ -107,8 +107,8 @@ impl LineHandle {
         self.overrun(bus, 1, late, || format!("a change of output {}", output.name));
     }
 
-    /// Counts `count` late cycles, of which the latest was `late` behind. Reports them with the text of `what`, unless
-    /// others were reported recently.
+    /// Counts `count` late cycles, of which the last was late by `late`. Reports them with the text of `what`, unless
+    /// late cycles were reported recently.
     pub(in crate::gateway) fn overrun(
         &self,
         bus: BusId,
@@ -124,8 +124,8 @@ impl LineHandle {
         }
     }
 
-    /// Returns the heartbeat of the next request. Heartbeats begin with the first arming or, with `arm = "auto"`, with
-    /// the first valid reading. They end with the process.
+    /// Returns the state of the heartbeat for the next request. Heartbeats begin with the first arming or, with `arm =
+    /// "auto"`, with the first valid reading. They end with the process.
     pub(in crate::gateway) fn beat(&self, now: Moment) -> Beat {
         let (core, arm) = (self.core(), self.profile.arm);
         if self.dry_run || !(core.was_armed || (arm == Arm::Auto && core.has_read)) {
@@ -135,8 +135,8 @@ impl LineHandle {
         if self.head_lives(now) { Beat::Counts } else { Beat::Stands }
     }
 
-    /// Returns whether the axes were stepped in time. If they were not, the heartbeat does not count, even if the lines
-    /// work. While the registers keep their values for another program, no axis has to be stepped.
+    /// Returns whether the axes were stepped in time. If not, the heartbeat stops counting, although the lines work.
+    /// While another program takes over, the axes need no steps.
     fn head_lives(&self, now: Moment) -> bool {
         let (every, core) = (self.dependents.shortest_period, self.core());
         core.phase.stop() == Some(OnStop::Hold)
@@ -194,7 +194,7 @@ impl RequestObserver for LineHandle {
         }
     }
 
-    /// Returns whether the device has passed its checks. In a dry run always true: nothing is written, so the outputs
+    /// Returns whether the device has passed its checks. Always `true` in a dry run: nothing is written, so the outputs
     /// are read even if the checks do not pass.
     fn is_verified(&self, device: DeviceId) -> bool {
         let (now, mut core) = (self.clock.now(), self.core());
@@ -207,7 +207,7 @@ impl RequestObserver for LineHandle {
         self.core().events.push(Event::PipelineGivenUp { bus, fault: fault.to_string() });
     }
 
-    /// Reports another master, and again for each new form of its answers.
+    /// Reports that another master uses the line. The report is repeated when messages of a new form arrive.
     fn shares_line(&self, attribute: &dyn Fn(u8, Request<'_>) -> Attribution) {
         let mut ids = Vec::new();
         for (id, device) in self.profile.devices_on(self.bus) {
@@ -233,7 +233,7 @@ impl RequestObserver for LineHandle {
         self.core().events.push(Event::BusWell { bus, address, count: frames, what, within });
     }
 
-    /// Reports the state of a subscription once, until it changes. A server is asked again on each connection.
+    /// Reports the state of a subscription when it has changed. Each new connection asks the server again.
     fn subscribes(&self, device: DeviceId, what: String) {
         let mut core = self.core();
         let GatewayState { device_health, events, .. } = &mut *core;
@@ -246,10 +246,11 @@ impl RequestObserver for LineHandle {
     }
 }
 
-/// Largest number of signals that a message names. The others are counted.
+/// Maximum number of signals that a message names. The message gives the number of the others.
 const NAMED: usize = 8;
 
-/// Explains that another master is on a line. The answers to its requests could be those of these signals.
+/// Explains that another master uses the line. `signals` are those for which messages of the other master look like
+/// answers.
 fn another_master(signals: &[&Signal]) -> Explained {
     let list = |signals: &[&Signal]| {
         let named: Vec<&str> = signals.iter().take(NAMED).map(|signal| signal.name.as_str()).collect();

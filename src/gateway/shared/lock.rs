@@ -1,5 +1,5 @@
-//! Guard of the lock of the state. The guard measures how long the lock is held, and then reports the events of that
-//! time.
+//! Guard of the lock of the shared state. It measures how long the lock is held, and reports the events that were added
+//! under the lock.
 
 use std::ops::{Deref, DerefMut};
 use std::sync::MutexGuard;
@@ -9,14 +9,14 @@ use super::state::GatewayState;
 use crate::observe::events::Event;
 use isotherm_core::quantity::Moment;
 
-/// Upper bounds of the buckets, µs.
+/// Upper bounds of the histogram's buckets, in µs.
 const BOUNDS_US: [u64; 8] = [2, 5, 10, 20, 50, 100, 500, 5000];
 
-/// Number of locks of which one is measured, because two clock samples cost more than most locks. The number is prime,
-/// so that a repeated sequence of locks is not always measured at the same lock.
+/// Number of locks for each measurement: two clock samples cost more time than most locks. The number is prime, so that
+/// in a repeated sequence of locks not always the same one is measured.
 const SAMPLED: u64 = 17;
 
-/// Histogram of the duration of measured locks. A task that waits for a lock may be delayed by that duration.
+/// Histogram of the times for which the lock was held. Another task may wait for the lock as long.
 #[derive(Clone, Copy, Debug, Default)]
 pub(in crate::gateway) struct LockTimes {
     taken: u64,
@@ -24,14 +24,15 @@ pub(in crate::gateway) struct LockTimes {
 }
 
 impl LockTimes {
-    /// Upper bound of each bucket in seconds, and the number of measured locks in it. The last bound is infinite.
+    /// Returns the upper bound of each bucket in seconds, and the number of measured locks in it. The last bound is
+    /// infinite.
     pub(in crate::gateway) fn read(&self) -> Vec<(f64, u64)> {
         #[allow(clippy::cast_precision_loss, reason = "a few thousand at most")]
         let bounds = BOUNDS_US.iter().map(|bound| *bound as f64 * 1e-6).chain([f64::INFINITY]);
         bounds.zip(self.counts).collect()
     }
 
-    /// Counts a lock. Returns true if this lock must be measured.
+    /// Counts a lock. Returns whether this lock must be measured.
     fn take(&mut self) -> bool {
         self.taken += 1;
         self.taken.is_multiple_of(SAMPLED)
@@ -47,9 +48,10 @@ impl LockTimes {
 /// Guard of the lock. Events in [`GatewayState::events`] are reported as soon as the lock is free again.
 pub(in crate::gateway) struct StateGuard<'a> {
     core: MutexGuard<'a, GatewayState>,
-    /// Start of the measurement, if this lock is measured.
+    /// Start of the measurement; `None` if this lock is not measured.
     since: Option<Moment>,
-    /// Reports the events when it is dropped. The field follows the lock, so that it is dropped after the lock.
+    /// Events to report. This field is declared after the lock, so that it is dropped, and reports, when the lock is
+    /// free.
     after: Unreported<'a>,
 }
 

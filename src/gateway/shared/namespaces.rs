@@ -1,5 +1,5 @@
-//! Namespaces that the profile names by index: what is saved of them, and what is reported or refused if the server has
-//! moved them. [`isotherm_core::namespaces`] decides.
+//! OPC UA namespaces that the profile names by index. The module saves their URIs, and reports or refuses indices to
+//! which the server has assigned another namespace. [`isotherm_core::namespaces`] decides which.
 
 use std::path::Path;
 
@@ -12,19 +12,19 @@ use isotherm_core::explained::Explained;
 use isotherm_core::namespaces::{KnownNamespaces, Located};
 use isotherm_profile::{Bus, BusId, Output, Profile, Share};
 
-/// Namespaces of one server, as they were last reported.
+/// Namespaces of one OPC UA server, as they were last reported.
 #[derive(Debug, Default)]
 pub(in crate::gateway) struct NamespaceWatch {
-    /// Changes of the table that were processed.
+    /// Number of changes of the namespace table that were processed.
     seen: u64,
     found: Vec<(u16, Located)>,
     known: KnownNamespaces,
-    /// URIs of the server, by index.
+    /// Namespace URIs of the server, by index.
     array: Vec<String>,
 }
 
 impl NamespaceWatch {
-    /// Saves and reports the changes since the last call. Returns true if there were changes.
+    /// Saves and reports the namespaces that have changed since the last call. Returns whether there were changes.
     pub(in crate::gateway) fn check(
         &mut self,
         bus: &Bus,
@@ -62,12 +62,12 @@ impl NamespaceWatch {
         }
     }
 
-    /// Returns whether the namespace of an index cannot be identified, so that no device of the server may be used.
+    /// Returns whether the namespace of an index cannot be identified. No device of the server may then be used.
     pub(in crate::gateway) fn is_lost(&self) -> bool {
         self.found.iter().any(|(_, located)| located.is_lost())
     }
 
-    /// Returns why a device of the server may not be used: a difference for each index whose namespace cannot be
+    /// Returns why a device of the server may not be used: one difference for each index whose namespace cannot be
     /// identified.
     pub(in crate::gateway) fn differences(&self, profile: &Path, device: &str) -> Vec<Difference> {
         let lost = self.found.iter().filter(|(_, located)| located.is_lost());
@@ -101,12 +101,12 @@ impl NamespaceWatch {
     }
 }
 
-/// Accepts the present namespaces of the server, for the indices that cannot be identified, because the operator has
-/// confirmed a device of this server. Returns a message, or `None` if all of them can be identified.
+/// Accepts the present namespaces of the server for the indices that cannot be identified, after the operator has
+/// confirmed a device of this server. Returns a message, or `None` if all indices can be identified.
 ///
 /// # Errors
-/// The server has no namespace at an index. Or an operator also writes to a register there, and its entry in the ledger
-/// belongs to another namespace.
+/// The server has no namespace at such an index. Or an operator also writes to a register in the namespace, and its
+/// ledger entry belongs to the former namespace.
 pub(in crate::gateway) fn confirm_namespaces(
     profile: &Profile,
     bus: BusId,

@@ -1,7 +1,7 @@
-//! Rate limit of commands: one per second for each axis and verb, over all channels. A faulty program moves nothing
-//! faster than an operator.
+//! Rate limit of commands: one per second for each axis and verb, over all channels. A faulty program can then move
+//! nothing faster than an operator.
 //!
-//! The time is an argument.
+//! The present time is an argument.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -9,24 +9,24 @@ use std::time::Duration;
 use isotherm_core::quantity::Moment;
 
 const SPAN: Duration = Duration::from_secs(1);
-/// Number of entries above which expired ones are removed.
+/// Number of entries above which expired entries are removed.
 const MANY: usize = 256;
 
-/// Subject of a command.
+/// Subject of a command, for which its rate is limited.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(in crate::gateway) enum RateSubject {
-    /// An axis, by its index.
+    /// Axis, by its index.
     Axis(usize),
-    /// A device, by its index.
+    /// Device, by its index.
     Device(usize),
-    /// An active alarm, by its name.
+    /// Active alarm, by its name.
     Alarm(String),
-    /// A subject that does not exist.
+    /// Subject that does not exist. All such commands share one limit.
     Nothing,
 }
 
-/// Present time, by the clock of the machine and by the wall clock. In a demo they differ. One second of either is
-/// enough.
+/// Present time, by the clock of the machine and by the time that really passes. In a demo the two differ. A command is
+/// allowed after one second by either clock.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::gateway) struct PresentTime {
     pub(in crate::gateway) machine: Moment,
@@ -39,12 +39,12 @@ impl PresentTime {
     }
 }
 
-/// Time of the last command of each subject and verb.
+/// Time of the last command for each subject and verb.
 #[derive(Debug, Default)]
 pub(in crate::gateway) struct Rates(HashMap<(RateSubject, &'static str), PresentTime>);
 
 impl Rates {
-    /// Returns whether a command may begin. If it may, it is recorded for all its subjects, otherwise for none.
+    /// Returns whether a command is allowed. If so, the time is recorded for all its subjects, otherwise for none.
     pub(in crate::gateway) fn take(
         &mut self,
         verb: &'static str,
@@ -62,7 +62,7 @@ impl Rates {
         true
     }
 
-    /// Records a command, whatever the time of the previous one.
+    /// Records the time of a command, even if the previous one was less than a second ago.
     pub(in crate::gateway) fn note(&mut self, verb: &'static str, about: &[RateSubject], now: PresentTime) {
         if self.0.len() > MANY {
             self.0.retain(|_, last| !now.is_later_by(SPAN, *last));

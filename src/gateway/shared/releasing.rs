@@ -1,13 +1,14 @@
-//! Course of a release. An operator requests it, and the next start arms its axis. The release is over when the
-//! register was read back at its base value (the value without the gateway's offset). A stop or a kill ends the release
-//! earlier. The next start then reports the register again.
+//! Course of a release: a former register returns to its base value, which is its value without the gateway's offset.
+//! An operator requests the release, and the next start arms an additional axis for the register. The release is over
+//! when the register was read back at its base value. If the gateway ends before, the next start reports the register
+//! again.
 //!
 //! ```text
 //! ask ─► state ─► restart --keep ─► begin ─► armed, step by step ─► follow: read back at the base ─► over
 //!                                     └────► another value, or the axis is off ─► register-left again
 //! ```
 //!
-//! Nothing else arms such an axis.
+//! No command and no `arm = "auto"` arms such an axis.
 
 use std::sync::Arc;
 
@@ -24,17 +25,17 @@ use isotherm_core::place::{FormerPlace, Owner, Release, Stage};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::safe_file::quoted;
 
-/// Largest difference between the Cz that the operator was shown and the present Cz, µm. Cz is shown in tenths of a
-/// micrometre.
+/// Maximum difference between the Cz that was shown to the operator and the present Cz, µm. The display rounds Cz to a
+/// tenth of a micrometre.
 const AS_SHOWN_UM: f64 = 0.05;
 
-/// Cause and hint for the axis of a release that is over.
+/// Cause and hint that the axis of a finished release shows.
 const OVER: (&str, &str) = (
     "the register is back at its base value: the release is over",
     "nothing is left to do: the next start does not have this axis",
 );
 
-/// Creates the requests to arm the axis of each release of this start.
+/// Creates a request to arm the axis of each release that begins with this start.
 pub(in crate::gateway) fn begin(core: &mut GatewayState, now: Moment) {
     for ReturningRegister { axis, release, .. } in core.releases.returning.clone() {
         let by = Requester::new(Channel::Restart, format!("released {}", release.by));
@@ -45,7 +46,7 @@ pub(in crate::gateway) fn begin(core: &mut GatewayState, now: Moment) {
     }
 }
 
-/// Records the progress of each release, and ends the releases that are over.
+/// Records the progress of each release, and ends the releases whose registers are back at their base values.
 pub(super) fn follow(core: &mut GatewayState) {
     for one in core.releases.given_up.clone() {
         settle(core, &one);
@@ -96,7 +97,8 @@ fn note(core: &mut GatewayState, one: &ReturningRegister) {
     saved.filter(|saved| saved.is_of(output, place)).for_each(|saved| saved.clone_from(&one.release));
 }
 
-/// Removes a release from the state. Returns its former place, unless the operator has confirmed it in the meantime.
+/// Removes a release from the state. Returns the former register, or `None` if the operator has confirmed it in the
+/// meantime.
 fn remove(core: &mut GatewayState, one: &ReturningRegister) -> Option<FormerPlace> {
     let Release { output, place, .. } = &one.release;
     core.releases.returning.retain(|known| known.axis != one.axis);
@@ -120,7 +122,8 @@ fn ended(core: &mut GatewayState, one: &ReturningRegister) {
     core.events.push(Event::RegisterReleased { output: output.clone(), register: place.to_string() });
 }
 
-/// Gives up a release whose axis is off before the register has reached its base value. The register is reported again.
+/// Gives up a release because its axis was switched off before the register reached its base value. The register is
+/// reported again.
 fn given_up(core: &mut GatewayState, one: &ReturningRegister, found: Option<Micron>) {
     let Release { held_um, stage, .. } = one.release;
     let found_um = found.map(Micron::get).filter(|found| (found - held_um).abs() > one.grain_um);
@@ -139,7 +142,8 @@ fn given_up(core: &mut GatewayState, one: &ReturningRegister, found: Option<Micr
     }
 }
 
-/// Records the last write of a release that was given up, as soon as no write of the gateway can arrive any more.
+/// Records the last verified value of a release that was given up, as soon as no write of the gateway can arrive any
+/// more.
 fn settle(core: &mut GatewayState, one: &ReturningRegister) {
     let ReturningRegister { release, grain_um, .. } = one;
     let register = core.registers[one.output.0].as_ref();
@@ -163,12 +167,11 @@ fn settle(core: &mut GatewayState, one: &ReturningRegister) {
     core.storage.remember_soon();
 }
 
-/// Requests the return of the former registers of an output to their base values, from the next start on. `seen`: the
-/// Cz in each of them as the operator has seen it, µm. Returns a sentence.
+/// Requests the return of an output's former registers to their base values, which begins at the next start. `seen`
+/// contains the Cz in each register as it was shown to the operator, µm. Returns a sentence.
 ///
 /// # Errors
-/// The output has no such register, the register cannot be released, or it does not hold the value that the operator
-/// has seen.
+/// The output has no such register, the register cannot be released, or it no longer holds the value that was shown.
 pub(in crate::gateway) fn ask(
     core: &mut GatewayState,
     (output, seen): (&str, &[f64]),
@@ -185,7 +188,7 @@ pub(in crate::gateway) fn ask(
     }
     if core.storage.is_in_question() {
         let cause =
-            "the saved state was not accepted, so the values that are left in registers are not known";
+            "the saved state was rejected, so the values of the gateway in former registers are not known";
         return Err(Explained::new(
             cause,
             "arm an axis first: the operator must confirm the register values",
@@ -199,12 +202,12 @@ pub(in crate::gateway) fn ask(
              gateway. A former register exists only after the output was moved or removed in the profile",
             quoted(output)
         );
-        return Err(Explained::new(cause, "`isotherm status` shows what is left"));
+        return Err(Explained::new(cause, "`isotherm status` lists the former registers"));
     }
     if let Some(left) = of_output.iter().find(|left| left.state == ReleaseProgress::Returning) {
         return Err(Explained::new(
             format!(
-                "output {output}: {} is already returning, {:.1} µm are left",
+                "output {output}: {} is already returning to its base value; {:.1} µm remain",
                 left.register, left.held_um
             ),
             "`isotherm status` shows its progress",
@@ -221,7 +224,9 @@ pub(in crate::gateway) fn ask(
     }
     let as_shown = |(release, seen): (&Release, &f64)| (release.from_um - seen).abs() <= AS_SHOWN_UM;
     if released.len() != seen.len() || !released.iter().zip(seen).all(as_shown) {
-        let cause = format!("the value that is left of output {output} has changed since it was shown");
+        let cause = format!(
+            "the value of the gateway in a former register of output {output} has changed since it was shown"
+        );
         return Err(Explained::new(cause, "check the value again, then release it"));
     }
     let each = released.iter().map(|one| format!("{:.1} µm in {}", one.from_um, one.place));
@@ -238,12 +243,13 @@ pub(in crate::gateway) fn ask(
     Ok(said)
 }
 
-/// Withdraws a request that has not begun. Returns a sentence.
+/// Withdraws the request to release the former registers of an output, if the release has not begun. Returns a
+/// sentence.
 pub(in crate::gateway) fn take_back(core: &mut GatewayState, output: &str) -> String {
     let saved = &mut Arc::make_mut(&mut core.places.places).releases;
     saved.retain(|release| release.output != output || release.stage == Stage::Begun);
     core.storage.remember_soon();
-    format!("output {output}: nothing is released")
+    format!("output {output}: no release of its registers is requested any more")
 }
 
 fn release(core: &GatewayState, former: &FormerPlace, by: String) -> Option<Release> {
@@ -253,7 +259,8 @@ fn release(core: &GatewayState, former: &FormerPlace, by: String) -> Option<Rele
     Some(Release { output, place, bounds, from_um, operator, held_um, stage, by })
 }
 
-/// Last known operator offset of a former register, in the unit of the register. `None` if the register is not shared.
+/// Returns the last known operator offset of a former register, in the unit of the register. `None` if the register is
+/// not shared, or if the offset is not known.
 fn operators(core: &GatewayState, FormerPlace { place, bounds, .. }: &FormerPlace) -> Option<f64> {
     let mut parts = core.releases.parts.iter().rev();
     let found = parts.find(|(known, _)| known == place).map(|(_, part)| *part);
@@ -261,7 +268,7 @@ fn operators(core: &GatewayState, FormerPlace { place, bounds, .. }: &FormerPlac
     found.or_else(saved)
 }
 
-/// Returns the registers that belong to no output any more, and still contain a value of the gateway.
+/// Returns the registers that belong to no output any more, but still contain a value of the gateway.
 pub(in crate::gateway) fn left(core: &GatewayState) -> Vec<FormerRegisterStatus> {
     let places = &core.places.places;
     let former = places.former.iter().filter(|former| former.is_left_behind(&places.outputs));

@@ -1,5 +1,5 @@
-//! State that the lines, the web page and the commands share. Its lock is held for microseconds, and never across a
-//! wait.
+//! State that the bus lines, the web page and the commands share. Its lock is held for microseconds, and never while a
+//! task waits.
 //!
 //! A line accesses the state through its [`LineHandle`](super::line_handle::LineHandle), web page and commands through
 //! the [`ApiBackend`](crate::gateway::api::api_backend::ApiBackend).
@@ -22,7 +22,7 @@ use isotherm_core::continuity::Break;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, Profile};
 
-/// Work that the lines may do.
+/// Work that the bus lines may do.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(in crate::gateway) enum LineWork {
     /// All work: reads, steps and outputs.
@@ -30,8 +30,8 @@ pub(in crate::gateway) enum LineWork {
     All,
     /// Reads, heartbeats and corrected positions. No output changes its state or its ledger entry.
     WithoutOutputs,
-    /// Reads, heartbeats and corrected positions. In addition, a line closes its connection in order if an OPC UA
-    /// server keeps a state for it.
+    /// Reads, heartbeats and corrected positions. In addition, each line closes its OPC UA session, because the server
+    /// would keep the session open.
     Leave,
 }
 
@@ -45,18 +45,18 @@ pub(crate) struct Shared {
     pub(in crate::gateway) ledger: Ledger,
     pub(in crate::gateway) dependents: Arc<Dependents>,
     wakeups: Mutex<Vec<Wakeup>>,
-    /// For each bus: the number of wakeups of its line, and the number of turns (single actions) of its line task.
+    /// For each bus: the number of wakeups of its line. `turns`: the number of actions of its line task.
     news: Vec<AtomicU64>,
     turns: Vec<AtomicU64>,
     core: Mutex<GatewayState>,
-    /// Notified when another program is to take the place of this one.
+    /// Notification that another program shall replace this one.
     pub(in crate::gateway) replaced: Notify,
     line_work: Mutex<LineWork>,
-    /// Number of lines that have stopped their outputs.
+    /// Number of lines on which no exchange of an output is running, and none begins any more.
     resting: AtomicUsize,
-    /// Time of the last command of each subject and verb.
+    /// Time of the last command for each subject and verb.
     rates: Mutex<Rates>,
-    /// Figures about publishing to a broker.
+    /// Figures about publishing to an MQTT broker; `None` without a broker.
     pub(in crate::gateway) broker: Option<Arc<BrokerFigures>>,
 }
 
@@ -93,13 +93,13 @@ impl Shared {
         }
     }
 
-    /// Adds the figures about publishing to a broker.
+    /// Adds the figures about publishing to an MQTT broker.
     pub(in crate::gateway) fn showing(self, broker: Option<Arc<BrokerFigures>>) -> Shared {
         Shared { broker, ..self }
     }
 
-    /// Locks the state until the guard is dropped. A task that panicked with the lock has already stopped the gateway.
-    /// Its state is still needed for the fault actions.
+    /// Locks the state until the guard is dropped. If a task has panicked with the lock, the gateway is stopping
+    /// already, but the fault actions still need the state.
     pub(in crate::gateway) fn core(&self) -> StateGuard<'_> {
         StateGuard::new(self.core.lock().unwrap_or_else(PoisonError::into_inner), self)
     }
@@ -120,7 +120,7 @@ impl Shared {
         self.wake_where(|_| true);
     }
 
-    /// Wakes every line except this one, which is awake.
+    /// Wakes the lines of all other buses. The line of `bus` is awake.
     pub(in crate::gateway) fn wake_others(&self, bus: BusId) {
         self.wake_where(|place| place != bus.0);
     }
@@ -151,7 +151,8 @@ impl Shared {
         self.turns[bus.0].load(Ordering::Relaxed)
     }
 
-    /// Number of wakeups of a line so far. A line that never sleeps learns of its wakeups by this count.
+    /// Returns the number of wakeups of a line so far. A line that never sleeps compares this number to notice a
+    /// wakeup.
     pub(in crate::gateway) fn news(&self, bus: BusId) -> u64 {
         self.news[bus.0].load(Ordering::Relaxed)
     }
@@ -174,12 +175,12 @@ impl Shared {
         *self.line_work.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Records that a line has stopped its outputs: none of them is under way.
+    /// Records that no exchange of an output is running on one more line.
     pub(in crate::gateway) fn outputs_idle(&self) {
         self.resting.fetch_add(1, Ordering::Release);
     }
 
-    /// Number of lines that have stopped their outputs.
+    /// Returns the number of lines on which no exchange of an output is running.
     pub(in crate::gateway) fn resting_lines(&self) -> usize {
         self.resting.load(Ordering::Acquire)
     }
@@ -188,14 +189,14 @@ impl Shared {
         self.core().pauses.count()
     }
 
-    /// Checks whether the computer's clock was set. Stamps follow this clock; nothing else uses it.
+    /// Checks whether the computer's clock was set, and reports it. Only time stamps depend on this clock.
     pub(super) fn check_time_of_day(&self) {
         let Some(correction) = self.clock.check_time_of_day() else { return };
         self.report(&Event::ClockSet(correction));
     }
 
-    /// Handles a pause since this moment, in which a task could not sample the clock. Each task detects the pause by
-    /// itself, and the first one reports it.
+    /// Handles a pause of the computer since the moment `since`. Each task detects the pause by itself; only the first
+    /// call reports it.
     pub(in crate::gateway) fn stalled_at(&self, since: Moment) {
         let now = self.clock.now();
         let mut core = self.core();

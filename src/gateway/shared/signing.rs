@@ -1,5 +1,5 @@
 //! Sign check of an axis with a dial gauge. Cz moves a little in the plus direction and back, and the operator reports
-//! in which direction the gauge moved. The guard limits this movement like every other.
+//! in which direction the gauge moved. The guard of the axis limits this movement as usual.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -15,7 +15,7 @@ use isotherm_core::explained::Explained;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::Profile;
 
-/// Begins a check of this axis.
+/// Begins the sign check of an axis.
 pub(in crate::gateway) fn begin(
     core: &mut GatewayState,
     axis: usize,
@@ -51,11 +51,10 @@ pub(in crate::gateway) fn begin(
     if !decision.state.is_following() || !core.has_arrived(axis) {
         let why = core.why(axis, now);
         let does = AxisState::display_of(decision.state.name());
-        let why =
-            if why.cause.is_empty() { "the offset of the axis has not arrived yet".into() } else { why };
+        let why = if why.cause.is_empty() { "its registers do not hold its offset yet".into() } else { why };
         return Err(Explained::new(
             format!("axis {name} is {does}: {why}"),
-            "check the sign when the axis compensates and its offset has arrived",
+            "check the sign when the axis compensates and its registers hold its offset",
         ));
     }
     let from = decision.cz;
@@ -71,7 +70,8 @@ pub(in crate::gateway) fn begin(
     progress(core, axis)
 }
 
-/// Progress of a check. It is done when the offset has arrived and the operator may read the gauge.
+/// Returns the progress of a sign check: [`Answer::Done`] when the register holds the offset, so that the operator may
+/// read the gauge.
 pub(in crate::gateway) fn progress(core: &GatewayState, axis: usize) -> Result<Answer, Explained> {
     let (profile, _) = given(core);
     let name = &profile.axes[axis].settings.name;
@@ -86,7 +86,7 @@ pub(in crate::gateway) fn progress(core: &GatewayState, axis: usize) -> Result<A
     })
 }
 
-/// Records the answer of the operator. The offset returns to the value that the model requests.
+/// Records the answer of the operator, and ends the check. The offset returns to the value of the model.
 pub(in crate::gateway) fn answer(
     core: &mut GatewayState,
     axis: usize,
@@ -104,8 +104,8 @@ pub(in crate::gateway) fn answer(
         }
         Some(check) if !check.is_there => {
             return Err(Explained::new(
-                format!("{name}: the offset has not arrived yet"),
-                "wait until it has arrived",
+                format!("{name}: the register does not hold the changed Cz yet"),
+                "wait until the register holds this Cz",
             ));
         }
         Some(_) => {}
@@ -119,8 +119,8 @@ pub(in crate::gateway) fn answer(
     Ok(Answer::Done(format!("{name}: {said}")))
 }
 
-/// Records that the offset of a check has arrived. Ends a check if its axis does not follow, its client has
-/// disconnected, or its time is over.
+/// Updates the sign checks: marks those whose offset the register holds. Ends a check if its axis stops compensating,
+/// its client has disconnected, or its time is over.
 pub(in crate::gateway) fn follow(core: &mut GatewayState, now: Moment) {
     for axis in 0..core.arming.len() {
         let (Some(check), Some(decision)) = (&core.arming[axis].sign, core.compensation.decision(axis))
@@ -135,7 +135,8 @@ pub(in crate::gateway) fn follow(core: &mut GatewayState, now: Moment) {
         } else if check.by.has_left() {
             Some("the client that requested the check has disconnected".into())
         } else {
-            (now >= check.until).then(|| "nobody has answered in time which way the gauge moved".into())
+            (now >= check.until)
+                .then(|| "the operator has not reported in time in which direction the gauge moved".into())
         };
         if let Some(why) = why {
             end(core, axis, why);
@@ -149,7 +150,7 @@ pub(in crate::gateway) fn follow(core: &mut GatewayState, now: Moment) {
     }
 }
 
-/// Ends the sign check of an axis. Returns true if a check was running.
+/// Ends the sign check of an axis, for the reason `why`. Returns whether a check was running.
 pub(in crate::gateway) fn end(core: &mut GatewayState, axis: usize, why: Explained) -> bool {
     let (profile, _) = given(core);
     let was = core.arming[axis].sign.is_some();

@@ -1,4 +1,4 @@
-//! State of the gateway behind its lock, and one step of the axes: from arming to the log.
+//! State of the gateway, which a lock protects, and the step of the axes: from arming to the row in the log.
 
 use std::time::Duration;
 
@@ -36,7 +36,7 @@ use isotherm_profile::{Arm, AxisId, OnStop, Output, OutputId, Profile, Writes};
 
 mod reports;
 
-/// Shortest time between two reports of the condition for which a request to arm waits.
+/// Minimum time between two reports of the condition for which a request to arm waits.
 const WAITING_REPORTED_EVERY: Duration = Duration::from_secs(10);
 
 pub(in crate::gateway) struct GatewayState {
@@ -54,35 +54,36 @@ pub(in crate::gateway) struct GatewayState {
     pub(in crate::gateway) releases: Releases,
     pub(in crate::gateway) storage: Storage,
     pub(in crate::gateway) restarts: Restarts,
-    /// For each axis: last moment for sending a change that it has decided.
+    /// For each axis: time until which a change of its last decision may be sent. Later, the readings of the decision
+    /// are too old.
     pub(in crate::gateway) not_after: Vec<Moment>,
     pub(in crate::gateway) pauses: Pauses,
     pub(in crate::gateway) phase: RunPhase,
-    /// An axis has been armed since the start.
+    /// Whether an axis has been armed since the start.
     pub(in crate::gateway) was_armed: bool,
-    /// For each axis: an earlier run left a verified offset in one of its outputs, and the axis has not been armed
-    /// since the start.
+    /// For each axis: whether an earlier run left a verified offset in one of its outputs, and the axis has not been
+    /// armed since the start.
     pub(in crate::gateway) was_driven: Vec<bool>,
-    /// The readings of a model of an axis have been usable since the start.
+    /// Whether an axis has had a model with usable readings since the start.
     pub(super) has_read: bool,
     pub(super) stepped_at: Moment,
-    /// Time of the next check of the time of day.
+    /// Time of the next check whether the computer's clock was set.
     pub(super) day_due: Moment,
-    /// Time at which the next axis is due.
+    /// Time at which the next axis is due; `None` if no axis has a period.
     pub(in crate::gateway) next_due: Option<Moment>,
-    /// Requester of the program that replaces this program, as a sentence names the requester.
+    /// Requester of the replacement by another program, in the form in which a sentence names it.
     pub(in crate::gateway) replaced_by: String,
-    /// An internal fault has occurred: the process ends with an error after the fault actions.
+    /// Whether an internal fault has occurred. The process then ends with an error after the fault actions.
     pub(in crate::gateway) failed: bool,
     controls: Vec<Control>,
-    /// Events since the state was locked. They are reported when the lock is free again.
+    /// Events that were added under the lock. They are reported when the lock is free again.
     pub(in crate::gateway) events: Vec<Event>,
     pub(in crate::gateway) lock_times: LockTimes,
     pub(in crate::gateway) reported: Vec<ReportedConditions>,
 }
 
 impl GatewayState {
-    /// Creates the state before the first reading, with the references of the previous run.
+    /// Creates the state before the first reading, with the saved state of the previous run.
     pub(in crate::gateway) fn new(
         given: RunConfig,
         remembered: Remembered,
@@ -124,7 +125,7 @@ impl GatewayState {
         }
     }
 
-    /// Steps each axis that is due or has new input. Returns `false` if there was none.
+    /// Steps each axis that is due or has a new input. Returns whether an axis was stepped.
     pub(in crate::gateway) fn advance(&mut self, now: Moment) -> bool {
         let given = &self.given.clone();
         let RunConfig { profile, dependents, .. } = given;
@@ -218,7 +219,7 @@ impl GatewayState {
         true
     }
 
-    /// Records the outputs that may be written from now on. Returns true if one of them was only read before.
+    /// Records the outputs that the gateway may write to from now on. Returns whether one of them was only read before.
     fn notes_driven(&mut self) -> bool {
         let GatewayState { places, arming, outputs, given, .. } = self;
         let is_driven = |id: OutputId| {
@@ -228,7 +229,7 @@ impl GatewayState {
         !given.dry_run && places.drive(&given.profile, is_driven)
     }
 
-    /// Returns whether a corrected position is about to be more than one step away from its value in the saved state.
+    /// Returns whether a corrected position will differ from its saved value by more than one step.
     fn moves_a_position(&self) -> bool {
         let profile = &self.given.profile;
         let is_about_to = |axis: usize| {
@@ -248,7 +249,8 @@ impl GatewayState {
         self.phase.stop() == Some(OnStop::FaultAction)
     }
 
-    /// Updates the control of each axis with news. Returns true if such an axis must be stepped at once.
+    /// Updates the control inputs of each axis whose output, arming or probing has changed. Returns whether such an
+    /// axis must be stepped at once.
     fn refresh_controls(&mut self, given: &RunConfig, now: Moment) -> bool {
         let RunConfig { profile, dry_run, .. } = given;
         let mut is_urgent = false;
@@ -267,7 +269,8 @@ impl GatewayState {
         }
     }
 
-    /// Returns whether a signal of the whole machine has news: the machine started to run, or a command to zero.
+    /// Returns whether an event of the whole machine needs a step: the machine has started to run, or a zero command
+    /// was given.
     fn would_notice(&self, now: Moment) -> bool {
         let value = |id| self.board.value(id, now);
         self.compensation.would_notice(value, || self.board.has_usable(now))
@@ -373,13 +376,15 @@ impl GatewayState {
         self.end_request(axis, why);
     }
 
-    /// Clears a request. The axis is then armed without another request only if the profile says so.
+    /// Removes a request to arm, for the reason `why`. Without a new request, the axis is then armed only if the
+    /// profile says `arm = "auto"`.
     fn end_request(&mut self, axis: usize, why: Explained) {
         let arms_itself = self.given.profile.arm == Arm::Auto && !self.arming[axis].is_latched();
         self.arming[axis].end_request(arms_itself, why);
     }
 
-    /// Reports the condition for which a request to arm waits, if it has changed and the last report is old enough.
+    /// Reports the condition for which a request to arm waits, if the condition has changed and the last report is long
+    /// enough ago.
     fn report_what_it_waits_for(&mut self, axis: usize, now: Moment) {
         let Some(asked) = &self.arming[axis].asked else { return };
         if now.since(asked.reported.1) < WAITING_REPORTED_EVERY {
@@ -396,12 +401,12 @@ impl GatewayState {
         }
     }
 
-    /// Cause and hint for the present state of an axis.
+    /// Returns cause and hint for the present state of an axis.
     pub(in crate::gateway) fn why(&self, axis: usize, now: Moment) -> Explained {
         self.reasons(axis, now).map_or_else(Explained::default, |reasons| reasons.explained())
     }
 
-    /// Returns whether the registers of an axis hold its last decision, or never will.
+    /// Returns whether the registers of an axis hold its last decision, or will never hold it.
     pub(in crate::gateway) fn has_arrived(&self, axis: usize) -> bool {
         let RunConfig { profile, dry_run, .. } = &self.given;
         let Some(decision) = self.compensation.decision(axis) else { return true };
@@ -425,9 +430,9 @@ impl GatewayState {
         })
     }
 
-    /// Returns the verified Cz of the register that is farthest from the last decision of the axis. Only registers
-    /// whose device answers count. `None` if no register is behind. A corrected position does not count: the next one
-    /// follows within milliseconds.
+    /// Returns the verified Cz of the register that differs most from the last decision of the axis. `None` if all
+    /// registers hold the decision. Registers whose device does not answer are ignored, and so are corrected positions,
+    /// which are written again within milliseconds.
     fn behind(&self, axis: usize) -> Option<Micron> {
         let RunConfig { profile, dry_run, .. } = &self.given;
         let decision = self.compensation.decision(axis).filter(|_| !dry_run)?;
@@ -441,8 +446,8 @@ impl GatewayState {
         farthest_behind(decision.cz, self.outputs.ids(axis).iter().filter_map(waits))
     }
 
-    /// Returns true if the verified Cz equals the decided one, to half a count of the register. A reference position is
-    /// always as decided.
+    /// Returns whether the verified Cz equals the decided one, to half a count of the register. Always `true` for a
+    /// reference position.
     fn is_there(&self, decision: &Decision, output: &Output, state: &OutputState, cz: Micron) -> bool {
         output.writes == Writes::Reference
             || state.is_near(&self.given.profile, output, cz, part(decision, output.writes))
@@ -458,7 +463,8 @@ impl GatewayState {
         }
     }
 
-    /// Handles the read of an unknown register, which holds `cz`. Returns true if its axis resumes from this Cz.
+    /// Handles the first read of a register whose value was unknown, and which contains the offset `cz`. Returns
+    /// whether its axis resumes from this offset.
     pub(in crate::gateway) fn found(&mut self, id: OutputId, cz: Micron) -> bool {
         let profile = &self.given.profile;
         let Output { axis: AxisId(axis), writes, .. } = *profile.output(id);
@@ -478,7 +484,8 @@ impl GatewayState {
         writes.is_cz()
     }
 
-    /// Checks for a new result of the probing cycle of this axis. Returns true if a result was learned or refused.
+    /// Checks for a new result of the probing cycle of an axis. Returns whether there was a result, even if it was
+    /// refused.
     pub(super) fn take_probing(&mut self, axis: AxisId, now: Moment) -> bool {
         let (profile, place) = (&*self.given.profile, axis.0);
         let axis = profile.axis(axis);
@@ -498,7 +505,7 @@ impl GatewayState {
         true
     }
 
-    /// Disarms an axis beyond its error level when its fault action has ended. It stays off until it is armed again.
+    /// Disarms each axis above its error level whose fault action has ended. Only an operator may arm it again.
     fn disarm_tripped(&mut self, profile: &Profile) {
         for (place, axis) in profile.axes.iter().enumerate() {
             let Some(decision) = self.compensation.decision(place) else { continue };

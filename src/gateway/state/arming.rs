@@ -51,17 +51,18 @@ pub(in crate::gateway) struct Arming {
     pub(in crate::gateway) why: Explained,
     /// Request to arm that waits for a condition.
     pub(in crate::gateway) asked: Option<ArmRequest>,
-    /// Sign check of the axis with a dial gauge.
+    /// Sign check with a dial gauge that is under way.
     pub(in crate::gateway) sign: Option<SignCheck>,
-    /// Reason for the last refused attempt, which is reported once.
+    /// Reason for the last refused attempt to arm, which is reported once.
     pub(in crate::gateway) refusal: Option<Explained>,
-    /// Cz from which the next step resumes.
+    /// Cz from which the next step of the axis resumes.
     pub(in crate::gateway) take_over: Option<Micron>,
-    /// Effect of a slope in the control at the reach of the axis, from which the next step resumes.
+    /// Effect of a slope in the control at the reach of the axis, from which the next step of the axis resumes.
     pub(in crate::gateway) take_over_slope: Option<Micron>,
-    /// Cz before the settings of a sensor of the axis were changed. The axis returns to it.
+    /// Cz before the settings of a sensor of the axis were changed. The axis returns to this Cz.
     pub(in crate::gateway) return_to: Option<ReturnTo>,
-    /// An operator has switched the axis off and checked its sensors. The next step accepts them.
+    /// Whether an operator has switched the axis off and checked its sensors. The next step then accepts the sensors
+    /// again.
     pub(in crate::gateway) trust: bool,
 }
 
@@ -136,7 +137,7 @@ impl Arming {
         !self.is_armed() && self.is_wanted(profile, axis)
     }
 
-    /// Intended operation of the axis, for its display.
+    /// Returns the intended operation of the axis, for its display.
     pub(in crate::gateway) fn intent(&self, profile: &Profile, axis: usize) -> Intent {
         match self.sign {
             _ if !profile.axes[axis].has_model() => Intent::Unmodelled,
@@ -160,7 +161,7 @@ impl Arming {
         if let Some(wanted) = beyond_error {
             let name = &profile.axes[axis].settings.name;
             return Attempt::Refused(Explained::new(
-                format!("its model requests {wanted}, more than axis.{name}.error"),
+                format!("the model requests {wanted}, more than axis.{name}.error"),
                 "find the cause first, for example a faulty sensor",
             ));
         }
@@ -226,7 +227,8 @@ impl Arming {
         Attempt::From(from.or(handed_over).unwrap_or(Micron::ZERO), from_slope)
     }
 
-    /// Permit of the axis for its next step. In a dry run no reference position is written, and none is waited for.
+    /// Returns the permit of the axis for its next step. In a dry run no reference position is written, and none is
+    /// waited for.
     pub(in crate::gateway) fn permit(
         &self,
         profile: &Profile,
@@ -256,8 +258,8 @@ impl Arming {
     }
 }
 
-/// Returns whether an output that writes the reference position holds it, to half a count. Any other output returns
-/// `true`.
+/// Returns whether an output that writes the reference position holds it, to half a count. Returns `true` for any other
+/// output.
 pub(super) fn has_its_reference(profile: &Profile, output: &Output, state: &OutputState) -> bool {
     let apart = profile.axis(output.axis).settings.intercept_slope;
     let (Writes::Reference, Some(apart)) = (output.writes, apart) else { return true };

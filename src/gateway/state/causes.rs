@@ -13,8 +13,8 @@ use super::device_health::DeviceHealth;
 use super::output::{Outputs, RegisterHealth};
 use super::{comparison, extrapolation, stand_in};
 
-/// Cause of an axis that exceeded its error level.
-pub(in crate::gateway) const BEYOND_ERROR: &str = "its model requested more than the error level";
+/// Cause, as text, for an axis whose model requested more than the error level.
+pub(in crate::gateway) const BEYOND_ERROR: &str = "the model requested more than the error level";
 /// Hint for a cause that only an operator can find.
 pub(in crate::gateway) const WHEN_FOUND: &str = "arm the axis again when the cause is found";
 /// Hint for a sensor that is lost or frozen.
@@ -30,9 +30,9 @@ pub(in crate::gateway) struct CauseInputs<'a> {
     pub(in crate::gateway) outputs: &'a Outputs,
     pub(in crate::gateway) device_health: &'a DeviceHealth,
     pub(in crate::gateway) devices: &'a Devices,
-    /// Readings of the last check.
+    /// Readings of the last step.
     pub(in crate::gateway) seen: &'a [Reading],
-    /// The machine has been seen running.
+    /// Whether the machine has been seen running.
     pub(in crate::gateway) has_run: bool,
     pub(in crate::gateway) stopping: bool,
     pub(in crate::gateway) dry_run: bool,
@@ -54,7 +54,7 @@ pub fn how_to_find_a_model(profile: &Profile, axis: usize) -> String {
 
 impl CauseInputs<'_> {
     /// Returns why an axis does not follow its preferred model; empty if it does. The cause contains no figure that
-    /// changes by itself, because another text is another cause.
+    /// changes by itself, because a changed text would be reported as a new cause.
     pub(in crate::gateway) fn explained(&self) -> Explained {
         let CauseInputs { profile, axis, arming, decision, .. } = *self;
         if !profile.axes[axis].has_model() {
@@ -142,7 +142,7 @@ impl CauseInputs<'_> {
     fn bad(&self, id: SignalId) -> Explained {
         let name = &self.profile.signal(id).name;
         let Some(Quality::Bad(reason)) = self.seen.get(id.0).map(|reading| reading.quality) else {
-            return format!("{name} was not good").into();
+            return format!("{name} had no good reading").into();
         };
         self.device_health.why(id, reason).within(|cause| match reason {
             Reason::OpenCircuit => format!("{name} has an open circuit"),
@@ -201,10 +201,11 @@ fn lacking(
             format!("{} is frozen, and this model has no substitute for it", name(id)),
             SEE_TO_THE_SENSOR,
         ),
-        Unusable::Unproven(id) => {
-            format!("{} is back, but is not used until it has agreed with the others for one hour", name(id))
-                .into()
-        }
+        Unusable::Unproven(id) => format!(
+            "{} is back, but is not used until it has agreed with the other sensors for one hour",
+            name(id)
+        )
+        .into(),
         Unusable::MachineOff => Explained::new("the machine has not been seen running yet", RUN_IT),
         Unusable::NotANumber => Explained::new(
             "the model's result is not a number",

@@ -1,5 +1,6 @@
-//! Continuity of the devices of the profile, and which devices an axis depends on. The decisions are in
-//! [`isotherm_core::continuity`]; the checks are read by the [`Inspector`](crate::gateway::line::inspector::Inspector).
+//! Continuity of the devices of the profile (whether each is still the verified device), and the devices that an axis
+//! needs. The decisions are in [`isotherm_core::continuity`]; the checks are read by the
+//! [`Inspector`](crate::gateway::line::inspector::Inspector).
 
 use std::sync::Arc;
 
@@ -18,10 +19,11 @@ use isotherm_profile::{AxisId, BusId, Device, DeviceId, Profile};
 pub(in crate::gateway) struct Devices {
     devices: Vec<DeviceContinuity>,
     of_axis: Vec<Vec<DeviceId>>,
-    /// For each device: the axes whose models read the device. Each axis has the value that it held before the last
-    /// round of passed checks.
+    /// For each device: the axes whose models read the device, each with the values that it held before the last round
+    /// of passed checks.
     held: Vec<Vec<(usize, ReturnTo)>>,
-    /// For each device: the same axes, with the values at the beginning of the round that is under way.
+    /// For each device: the axes whose models read the device, each with its values at the beginning of the present
+    /// round of checks.
     held_in_round: Vec<Vec<(usize, ReturnTo)>>,
     /// For each device: the axes whose models read the device.
     read_by: Vec<Vec<usize>>,
@@ -42,7 +44,7 @@ impl Devices {
         Devices { devices, of_axis, held_in_round: held.clone(), held, read_by, namespaces }
     }
 
-    /// Takes the table of namespaces that the line of a server fills.
+    /// Stores the table of namespaces, which the line of an OPC UA server fills.
     pub(in crate::gateway) fn set_namespaces(&mut self, bus: BusId, table: NamespaceTable) {
         self.namespaces[bus.0] = Some(table);
     }
@@ -60,7 +62,7 @@ impl Devices {
         self.of(device).is_confirmed()
     }
 
-    /// Returns whether the checks of the device have not been read since its last break.
+    /// Returns whether the checks of the device have not been read since the last break of its continuity.
     pub(in crate::gateway) fn is_unconfirmed(&self, device: DeviceId) -> bool {
         matches!(self.of(device).state(), Continuity::Unconfirmed { .. })
     }
@@ -73,7 +75,8 @@ impl Devices {
         }
     }
 
-    /// Returns the state of the axis's devices: of the first changed one, else of the first unconfirmed one.
+    /// Returns the state of the first changed device of an axis, or else of the first unconfirmed one. If there is
+    /// none, returns [`Continuity::Confirmed`].
     pub(in crate::gateway) fn of_axis(&self, axis: usize) -> &Continuity {
         let states = || self.of_axis[axis].iter().map(|device| self.of(*device).state());
         let changed = states().find(|state| matches!(state, Continuity::Changed(_)));
@@ -81,8 +84,8 @@ impl Devices {
         changed.or_else(unconfirmed).unwrap_or(&Continuity::Confirmed)
     }
 
-    /// Returns the first device of the axis whose checks have not been read since its last break, with the cause of the
-    /// break.
+    /// Returns the first device of the axis whose checks have not been read since the last break of its continuity. Also
+    /// returns the cause of that break.
     pub(super) fn unconfirmed(&self, axis: usize) -> Option<(DeviceId, Break)> {
         self.of_axis[axis].iter().find_map(|device| match self.of(*device).state() {
             Continuity::Unconfirmed { cause, .. } => Some((*device, *cause)),
@@ -90,7 +93,7 @@ impl Devices {
         })
     }
 
-    /// Begins a round of checks of a device: records the values that its axes hold.
+    /// Begins a round of checks of a device. Records the values of the axes that read the device.
     pub(in crate::gateway) fn round_begins(
         &mut self,
         device: DeviceId,
@@ -108,8 +111,8 @@ impl Devices {
         self.held_in_round[device.0] = self.read_by[device.0].iter().filter_map(holds).collect();
     }
 
-    /// Ends a round in which all checks of a device have passed. If its settings are changed later, its axes return to
-    /// the values that they held when the round began.
+    /// Ends a round in which all checks of a device have passed. If the settings of the device are changed later, the
+    /// axes that read it return to the values that they held when the round began.
     pub(in crate::gateway) fn round_passed(&mut self, device: DeviceId, arming: &mut DirtyVec<Arming>) {
         for axis in (0..self.of_axis.len()).filter(|axis| self.of_axis[*axis].contains(&device)) {
             if arming[axis].return_to.is_some() && *self.of_axis(axis) == Continuity::Confirmed {
@@ -140,8 +143,8 @@ impl Devices {
         }
     }
 
-    /// Handles changed settings of a device: its axes return to the values that they held before its checks passed
-    /// last.
+    /// Handles changed settings of a device. The axes that read the device return to the values that they held before
+    /// its checks passed last.
     pub(in crate::gateway) fn settings_changed(&self, device: DeviceId, arming: &mut DirtyVec<Arming>) {
         for (axis, held) in &self.held[device.0] {
             // If another device was changed before, the value held since then is wrong as well.
@@ -151,12 +154,12 @@ impl Devices {
         }
     }
 
-    /// Breaks the continuity of one device.
+    /// Records a break of the continuity of one device: from now on, another device or other settings are possible.
     pub(in crate::gateway) fn breaks(&mut self, device: DeviceId, cause: Break, now: Moment) {
         self.devices[device.0].breaks(cause, now);
     }
 
-    /// Breaks the continuity of all devices.
+    /// Records a break of the continuity of all devices: from now on, other devices or other settings are possible.
     pub(in crate::gateway) fn all_break(&mut self, cause: Break, now: Moment) {
         self.devices.iter_mut().for_each(|device| device.breaks(cause, now));
     }

@@ -24,9 +24,9 @@ const REPORTED_AFTER_RTU: u64 = 3;
 /// reported once.
 const BELIEVED_AFTER: Duration = Duration::from_secs(10);
 
-/// Late cycles are reported again if none was late for this long.
+/// Late cycles of a line are reported again if no cycle was late for this long.
 const REPORTED_AGAIN: Duration = Duration::from_secs(600);
-/// Shortest delay that is reported. An operator can do nothing about shorter ones, which are only counted.
+/// Shortest delay of a cycle that is reported. An operator can do nothing about shorter ones, which are only counted.
 const WORTH_A_WORD: Duration = Duration::from_millis(10);
 
 #[derive(Clone, Debug)]
@@ -49,19 +49,19 @@ pub(in crate::gateway) struct DeviceCount {
     pub(in crate::gateway) subscription: String,
 }
 
-/// A device that does not answer.
+/// Device that does not answer.
 #[derive(Clone, Debug, Default)]
 pub(in crate::gateway) struct LostDevice {
     pub(in crate::gateway) fault: Explained,
-    /// Number of requests that failed since the loss.
+    /// Number of requests that failed since the loss of the device.
     pub(in crate::gateway) missed: u64,
-    /// Reported cause; `None` until the loss is reported.
+    /// Reported cause of the loss. `None` until the loss is reported.
     reported: Option<Cause<String>>,
-    /// Time since which the device answers again.
+    /// Time since which the device answers again. `None` while it does not.
     pub(in crate::gateway) answers_since: Option<Moment>,
 }
 
-/// A line without a connection.
+/// Line without a connection.
 #[derive(Clone, Debug)]
 pub(in crate::gateway) struct DisconnectedLine {
     /// Attempts to connect since the loss of the connection.
@@ -69,7 +69,7 @@ pub(in crate::gateway) struct DisconnectedLine {
     cause: Cause<String>,
 }
 
-/// Cycles of one line.
+/// Connection and cycles of one line.
 #[derive(Clone, Debug, Default)]
 pub(in crate::gateway) struct BusCount {
     pub(in crate::gateway) connected: bool,
@@ -80,7 +80,8 @@ pub(in crate::gateway) struct BusCount {
     pub(in crate::gateway) jitter: [u64; JITTER_MS.len() + 1],
 }
 
-/// Consecutive failed attempts to connect, and failed requests, with a new cause before that cause is reported.
+/// Number of consecutive failed attempts to connect, or failed requests, with a new cause, after which that cause is
+/// reported.
 const CHANGED_AFTER_ATTEMPTS: u32 = 2;
 const CHANGED_AFTER_REQUESTS: u32 = 20;
 
@@ -110,8 +111,8 @@ impl DeviceHealth {
         }
     }
 
-    /// Cause and hint for a signal that may not be used. The cause is the raw value by which the device reports it, the
-    /// timestamp of the server, or the fault of device or line.
+    /// Returns cause and hint for a signal that may not be used. The cause is the raw value by which the device reports
+    /// the fault, the timestamp of the server, or the fault of device or line.
     pub(in crate::gateway) fn why(&self, id: SignalId, reason: Reason) -> Explained {
         self.cause_of(id, reason).or_hint(remedy_of_a_reading(reason))
     }
@@ -142,7 +143,8 @@ impl DeviceHealth {
         }
     }
 
-    /// Cause for a signal that is read, but is stale by its timestamp. `None` if the timestamp is not the cause.
+    /// Returns cause and hint for a signal that is read, but is stale according to its timestamp. `None` if the
+    /// timestamp is not the cause.
     fn why_stale(&self, id: SignalId) -> Option<Explained> {
         let signal = self.profile.signal(id);
         let age = self.stamped[id.0].filter(|age| *age >= signal.max_age / 2)?.as_secs_f64();
@@ -153,7 +155,7 @@ impl DeviceHealth {
         ))
     }
 
-    /// Cause and hint for a failed request of an output.
+    /// Returns cause and hint for a failed request of an output.
     pub(super) fn why_of_output(&self, output: OutputId, fault: Fault) -> Explained {
         let id = self.profile.output(output).device;
         match &self.devices[id.0].lost {
@@ -192,7 +194,8 @@ impl DeviceHealth {
         }));
     }
 
-    /// Counts a failed request. `attempts` attempts to connect failed before it, with the fault `refused`.
+    /// Counts a failed request. `attempts`: number of attempts to connect that failed before the request. `refused`:
+    /// their fault.
     pub(in crate::gateway) fn fails(
         &mut self,
         id: DeviceId,
@@ -243,8 +246,8 @@ impl DeviceHealth {
         }));
     }
 
-    /// Records that the line has no connection after so many attempts. Reports the beginning and each change of the
-    /// cause.
+    /// Records that the line has no connection after `attempts` attempts. Reports the loss of the connection, and each
+    /// change of the cause.
     pub(in crate::gateway) fn link_is_down(
         &mut self,
         id: BusId,

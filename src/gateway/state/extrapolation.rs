@@ -9,17 +9,20 @@ use isotherm_core::quantity::Micron;
 use isotherm_profile::{Profile, Unit};
 
 /// Hint for inputs outside the region of a model.
-const MEASURE: &str = "measure a part; if such days are usual, identify the model again with their data";
+const MEASURE: &str =
+    "measure a part; if such conditions are usual, identify the model again with data that include them";
 
-/// Text about an extrapolation: the input that is outside, by how much, and what the axis does.
+/// Returns a text about an extrapolation: the input that is outside, by how much, and what the axis does.
 fn message(profile: &Profile, found: &Extrapolation) -> String {
     let farthest = farthest(profile, found, |by, unit| format!("{by:.2} {unit} "));
     let Some((distance, reach)) = found.distance else {
-        return format!("extrapolating: {farthest} of the guideway; Cz is that of its end");
+        return format!(
+            "extrapolating: {farthest} of the guideway; Cz is the value at the end of the guideway"
+        );
     };
     let does = match found.outside {
         Outside::Warn => "Cz still follows the model".to_owned(),
-        Outside::Hold => "Cz is kept".to_owned(),
+        Outside::Hold => "Cz does not change".to_owned(),
         Outside::Shrink => format!("Cz is the value of the model times {:.2}", found.gain),
         Outside::Agree => {
             let (apart, share) = (found.apart.unwrap_or_default().abs().get(), found.gain * 100.0);
@@ -29,13 +32,13 @@ fn message(profile: &Profile, found: &Extrapolation) -> String {
     format!("extrapolating: {farthest}; distance {distance:.1}, the limit is {reach:.1}; {does}")
 }
 
-/// Text without the figures, which change all the time.
+/// Returns cause and hint without the figures, which change all the time.
 pub(super) fn cause(profile: &Profile, found: &Extrapolation) -> Explained {
     let farthest = farthest(profile, found, |_, _| String::new());
     Explained::new(format!("extrapolating: {farthest}"), MEASURE)
 }
 
-/// Text about the input that is farthest outside. `by` formats the distance and its unit.
+/// Returns a text about the input that is farthest outside. `by` formats the distance and its unit.
 fn farthest(profile: &Profile, found: &Extrapolation, by: impl Fn(f64, Unit) -> String) -> String {
     let Some(beyond) = found.farthest else {
         return "the model was not identified with this combination of inputs".to_owned();
@@ -45,9 +48,9 @@ fn farthest(profile: &Profile, found: &Extrapolation, by: impl Fn(f64, Unit) -> 
     format!("{} is {}{side} value", signal.name, by(beyond.by.abs(), signal.unit))
 }
 
-/// Event for a change: one when extrapolation begins, and one when it is over. Extrapolation is over when the inputs
-/// are clearly inside again, or if the model in use has no region. While no model can be used, it is not known whether
-/// the axis extrapolates.
+/// Returns the event for a change: one when extrapolation begins, and one when it is over. Extrapolation is over when
+/// the inputs are clearly inside again, or if the model in use has no region. While no model can be used, it is not
+/// known whether the axis extrapolates.
 pub(super) fn event(
     profile: &Profile,
     axis: &str,
@@ -72,7 +75,7 @@ pub(super) fn event(
     }
 }
 
-/// Status of an extrapolation, for programs.
+/// Returns the status of an extrapolation, for programs.
 pub(in crate::gateway) fn status(profile: &Profile, found: &Extrapolation) -> ExtrapolationStatus {
     ExtrapolationStatus {
         distance: found.distance.map(|(distance, _)| distance),
@@ -152,7 +155,7 @@ mod tests {
             (
                 found(beyond(2.3), Outside::Hold, 1.0),
                 "extrapolating: bed is 2.30 °C above its largest value; distance 4.2, the limit is 3.0; Cz \
-                 is kept",
+                 does not change",
             ),
             (
                 found(beyond(-0.5), Outside::Shrink, 0.43),
@@ -171,7 +174,8 @@ mod tests {
             ),
             (
                 Extrapolation { distance: None, ..found(beyond(35.0), Outside::Warn, 1.0) },
-                "extrapolating: bed is 35.00 °C above its largest value of the guideway; Cz is that of its end",
+                "extrapolating: bed is 35.00 °C above its largest value of the guideway; Cz is the value at \
+                 the end of the guideway",
             ),
         ] {
             assert_eq!(message(&profile, &found), expected);

@@ -17,15 +17,15 @@ use isotherm_profile::{Handshake, Output, OutputId, Profile, Writes};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub(in crate::gateway) enum RegisterHealth {
-    /// The register has not been read since the connection was made.
+    /// The register has not been read or written in this run.
     #[default]
     Unknown,
-    /// The register value is known, and is the value of the gateway.
+    /// The register value is known, and the gateway accepts it.
     Verified,
     /// The last write failed, or the value read back was different.
     Unverified,
     Interlocked,
-    /// Another client wrote to the register.
+    /// The operator must assess the register value, for example because another client wrote it.
     Foreign,
 }
 
@@ -39,16 +39,17 @@ pub(in crate::gateway) struct OutputState {
     pub(in crate::gateway) cz: Option<Micron>,
     /// Register value, in the unit of the output.
     pub(in crate::gateway) value: Option<f64>,
-    /// Operator offset and gateway share of that value, if the register is shared.
+    /// Operator offset and gateway share in the register value, in the unit of the output. `None` if the register is
+    /// not shared.
     pub(in crate::gateway) shares: Option<(f64, f64)>,
     pub(in crate::gateway) verified_at: Option<Moment>,
     /// Value that the control reports as applied, in the unit of the output, and the time of the request that read it.
     pub(in crate::gateway) applied: Option<(f64, Moment)>,
     /// Time after which no unanswered write can arrive any more.
     pub(in crate::gateway) waits_until: Option<Moment>,
-    /// Whether a change waits for that time, `waits_until`.
+    /// Whether a change of the register waits until `waits_until`.
     pub(in crate::gateway) is_waiting: bool,
-    /// The write was only acknowledged, and the register is not read.
+    /// Whether the last write was only acknowledged, because the register is not read.
     pub(in crate::gateway) is_only_acknowledged: bool,
     pub(in crate::gateway) writes: u64,
     /// Failures since the last verified write.
@@ -68,13 +69,13 @@ pub(in crate::gateway) struct Outputs {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(in crate::gateway) struct HandshakeStatus {
     pub(in crate::gateway) waits: Option<Awaited>,
-    /// Failure of the last handshake, until one succeeds.
+    /// Failure of the last handshake. `None` after a successful handshake.
     pub(in crate::gateway) failed: Option<HandshakeFault>,
-    /// The strobe is up, or may be.
+    /// Whether the strobe is up, or may be.
     pub(in crate::gateway) strobe_up: bool,
-    /// The control word next to the strobe may report that every axis is armed.
+    /// Whether the control word next to the strobe may report that every axis is armed.
     pub(in crate::gateway) says_enabled: bool,
-    /// The control has not taken the register value yet.
+    /// Whether the control has not taken the register value yet.
     pub(in crate::gateway) is_untaken: bool,
 }
 
@@ -91,7 +92,7 @@ impl Outputs {
         }
     }
 
-    /// Outputs of an axis.
+    /// Returns the outputs of an axis.
     pub(in crate::gateway) fn ids(&self, axis: usize) -> &[OutputId] {
         &self.of_axis[axis]
     }
@@ -100,7 +101,7 @@ impl Outputs {
         self.of_axis[axis].iter().map(|id| (self.profile.output(*id), &self.states[id.0]))
     }
 
-    /// Displayed state of an axis.
+    /// Returns the displayed state of an axis.
     pub(in crate::gateway) fn display(
         &self,
         axis: usize,
@@ -110,7 +111,7 @@ impl Outputs {
         Display::of(state, intent, self.held(axis, device_health, dry_run))
     }
 
-    /// Cz of an axis in the control, as far as the gateway knows it.
+    /// Returns the Cz of an axis in the control, as far as the gateway knows it.
     fn held(&self, axis: usize, device_health: &DeviceHealth, dry_run: bool) -> KnownCz {
         if dry_run {
             return KnownCz::Unknown;
@@ -152,7 +153,7 @@ impl IndexMut<usize> for Outputs {
 }
 
 impl HandshakeStatus {
-    /// Message for the web page. The message is empty if there is nothing to report.
+    /// Returns a message about the handshake for the web page; empty if there is nothing to report.
     pub(in crate::gateway) fn message(self, handshake: Option<&Handshake>) -> String {
         let Some(Handshake { strobe, acknowledge, .. }) = handshake else { return String::new() };
         match (self.failed, self.waits) {
@@ -173,7 +174,7 @@ impl OutputState {
         self.waits_until.filter(|_| self.is_waiting).map(|until| until.since(now))
     }
 
-    /// Note about the value, for the web page.
+    /// Returns a note about the register value for the web page; empty if there is none.
     pub(in crate::gateway) fn note(&self, now: Moment) -> String {
         match self.waits(now) {
             Some(span) => format!("waiting for a late write, {} s", span.as_secs()),
@@ -184,7 +185,7 @@ impl OutputState {
         }
     }
 
-    /// Returns whether this verified Cz is `wanted`, to half a count of the register.
+    /// Returns whether this verified Cz equals `wanted`, to half a count of the register.
     pub(in crate::gateway) fn is_near(
         &self,
         profile: &Profile,
@@ -215,7 +216,7 @@ impl OutputState {
 }
 
 impl RegisterHealth {
-    /// Name of the state on the web page and in the metrics.
+    /// Returns the name of the state on the web page and in the metrics.
     pub(in crate::gateway) const fn name(self) -> &'static str {
         match self {
             RegisterHealth::Unknown => "unknown",

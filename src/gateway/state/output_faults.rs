@@ -1,4 +1,4 @@
-//! Faults of outputs, in the names of the profile. For a set, they name the node that failed.
+//! Texts about faults of outputs, with the names of the profile. For a set, they name the node that failed.
 
 use crate::fieldbus::error::Fault;
 use isotherm_profile::{OutputId, Profile};

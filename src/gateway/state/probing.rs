@@ -1,9 +1,10 @@
 //! Detects a new result of a probing cycle, and the Cz that acted during its measurement.
 //!
-//! A cycle of the CNC writes its result to one register. It then signals it in another, with a flag that it raises or
-//! with a counter. A change of the trigger to anything but zero is a probing. Its result is the error that is read from
-//! then on. A result that was read just before its trigger is therefore not taken for the new one. Without a trigger
-//! each change of the error is a probing, and two equal results in a row count as one.
+//! A cycle of the CNC writes its result to one register. It then signals the new result in another register, the
+//! trigger: with a flag that it raises or with a counter. A change of the trigger to anything but zero is a probing.
+//! The result of the probing is the error that is read from then on. A result that was read just before the trigger is
+//! therefore not taken for the new one. Without a trigger each change of the error is a probing, and two equal results
+//! in a row count as one.
 //!
 //! The first value of a trigger, and the first after a failed read, only show its present state. The time of an earlier
 //! probing is not known, so it cannot be compared with the Cz that acted then.
@@ -23,9 +24,9 @@ pub(in crate::gateway) struct Probing {
     seen: Option<f64>,
     /// Probing whose result has not been read yet.
     begun: Option<StartedProbe>,
-    /// Result that the next step learns from.
+    /// Result with which the next step of the axis corrects its model.
     pub(in crate::gateway) measured: Option<Measured>,
-    /// The next step discards everything learned.
+    /// Whether the next step of the axis discards all corrections from earlier probings.
     pub(in crate::gateway) forget: bool,
 }
 
@@ -52,7 +53,7 @@ impl MissReason {
 }
 
 impl Probing {
-    /// Checks for a new result. `acting`: Cz that acts in the machine now.
+    /// Checks for a new result. Returns `None` if there is none. `acting`: Cz that acts in the machine now.
     pub(in crate::gateway) fn check(
         &mut self,
         profile: &Profile,
@@ -82,8 +83,8 @@ impl Probing {
     }
 }
 
-/// Cz that acts in the machine: the verified Cz of the first output, or zero if no output writes it. `None` if it is
-/// not known.
+/// Returns the Cz that acts in the machine: the verified Cz of the first output, or zero if no output writes Cz. `None`
+/// if the Cz is not known.
 pub(in crate::gateway) fn acting(axis: usize, outputs: &Outputs, arming: &Arming) -> Option<Micron> {
     let written =
         outputs.of_axis(axis).find(|(output, _)| output.writes.is_cz() || !output.writes.is_scheduled());
@@ -96,7 +97,7 @@ pub(in crate::gateway) fn acting(axis: usize, outputs: &Outputs, arming: &Arming
     }
 }
 
-/// Cause and hint for a result that was not learned.
+/// Returns cause and hint for the result of a probing that the axis has rejected.
 pub(in crate::gateway) fn why_refused(
     profile: &Profile,
     axis: usize,
@@ -109,12 +110,12 @@ pub(in crate::gateway) fn why_refused(
             "look at the alarms of the signals of the axis",
         ),
         Refused::Tripped => Explained::new(
-            "its model requested more than the error level and is not used",
+            "the model requested more than the error level and is not used",
             "arm the axis again when the cause is found",
         ),
         Refused::Outside => Explained::new(
             "the inputs are outside the range on which the model was identified",
-            "if such days are usual, identify the model again with their data",
+            "if such conditions are usual, identify the model again with data that include them",
         ),
         Refused::Implausible => {
             let settings = &profile.axes[axis].settings;

@@ -9,7 +9,7 @@ use isotherm_profile::Profile;
 
 use super::{comparison, extrapolation, stand_in};
 
-/// Number of consecutive steps with another cause of the same state until the change is reported.
+/// Number of consecutive steps with another cause of the same state, before the change is reported.
 const CHANGED_AFTER_STEPS: u32 = 2;
 
 #[derive(Clone, Debug, Default)]
@@ -19,7 +19,7 @@ pub(in crate::gateway) struct ReportedConditions {
     cause: Option<Cause<String>>,
     levels: Levels,
     extrapolating: bool,
-    /// The model is worse than no compensation.
+    /// Whether the model is worse than no compensation.
     worse: bool,
     rejected: Vec<stand_in::ReportedSensor>,
 }
@@ -32,7 +32,8 @@ struct Levels {
     tripped: bool,
 }
 
-/// Share of its level below which |Cz| ends a warning. A value that fluctuates at the level causes one warning.
+/// Fraction of the warning level below which |Cz| ends a warning. A value that fluctuates at the level causes one
+/// warning.
 const ENDS_AT: f64 = 0.95;
 
 impl Levels {

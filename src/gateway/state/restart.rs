@@ -18,7 +18,7 @@ use super::signal_table::SignalTable;
 #[derive(Clone, Debug)]
 pub(in crate::gateway) struct Restarts {
     profile: Arc<Profile>,
-    /// Number of restarts of each output.
+    /// Number of restarts that concern each output.
     counts: Vec<u64>,
     /// For each line: the boot counters that are read on the line, with their last good reading.
     counters: Vec<Vec<(SignalId, Option<f64>)>>,
@@ -39,7 +39,7 @@ impl Restarts {
         Restarts { profile: profile.clone(), counts, counters, was_on: None }
     }
 
-    /// Number of restarts that concern this output so far.
+    /// Returns the number of restarts that concern this output so far.
     pub(in crate::gateway) fn of(&self, id: OutputId) -> u64 {
         self.counts[id.0]
     }
@@ -55,8 +55,8 @@ impl Restarts {
         }
     }
 
-    /// Checks the latest readings of this line. Returns whether a control may have been restarted, which breaks its
-    /// continuity.
+    /// Checks the latest readings of this line for a restart of a control. A restart breaks the continuity of the
+    /// devices of the control. Returns true if a control may have been restarted.
     pub(in crate::gateway) fn check(
         &mut self,
         board: &SignalTable,

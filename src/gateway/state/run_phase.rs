@@ -10,12 +10,12 @@ pub(in crate::gateway) enum RunPhase {
     Running,
     /// A stop was requested, with this action.
     Stopping(OnStop),
-    /// The lines end now: no strobe may stay up.
+    /// The tasks of the lines end now. No strobe may stay up.
     Leaving(OnStop),
 }
 
 impl RunPhase {
-    /// Action of the requested stop. `None` if no stop was requested.
+    /// Returns the action of the requested stop. `None` if no stop was requested.
     pub(in crate::gateway) fn stop(self) -> Option<OnStop> {
         match self {
             RunPhase::Running => None,
@@ -28,12 +28,12 @@ impl RunPhase {
         self.stop().is_some()
     }
 
-    /// Returns whether the lines end now.
+    /// Returns whether the tasks of the lines end now.
     pub(in crate::gateway) fn is_leaving(self) -> bool {
         matches!(self, RunPhase::Leaving(_))
     }
 
-    /// Ends the lines after a requested stop.
+    /// Ends the tasks of the lines after a requested stop.
     pub(in crate::gateway) fn leave(&mut self) {
         if let RunPhase::Stopping(action) = *self {
             *self = RunPhase::Leaving(action);

@@ -13,7 +13,8 @@ use isotherm_profile::{Profile, Writes};
 
 /// Distance of a sign check, µm. A dial gauge shows this distance clearly, and the movement does not spoil a workpiece.
 pub(in crate::gateway) const WAY: f64 = 5.0;
-/// Time in which the operator must answer after the offset has arrived. The offset then returns.
+/// Time in which the operator must answer after Cz has reached the value at which the gauge is read. Without an answer,
+/// Cz returns to its earlier value.
 pub const PATIENCE: Duration = Duration::from_secs(180);
 
 /// Sign check that is under way.
@@ -47,7 +48,7 @@ impl SignMemory {
 }
 
 impl SignCheck {
-    /// Status of the check for the display.
+    /// Returns the status of the check for the display.
     pub(in crate::gateway) fn status(&self, profile: &Profile, axis: usize, now: Moment) -> SignStatus {
         SignStatus {
             asked: self.by.way.by(&self.by.who),
@@ -59,7 +60,7 @@ impl SignCheck {
     }
 }
 
-/// Direction in which a gauge, or the readout, must have moved, as text.
+/// Returns, as text, the direction in which a gauge or the readout must have moved.
 pub(in crate::gateway) fn must(profile: &Profile, axis: usize, way: Micron) -> String {
     let axis_name = &profile.axes[axis].settings.name;
     let of_axis = || profile.outputs.iter().filter(|output| output.axis.0 == axis);
@@ -77,7 +78,7 @@ pub(in crate::gateway) fn must(profile: &Profile, axis: usize, way: Micron) -> S
     texts.join("; ")
 }
 
-/// Reason why the movement is not possible, whatever the axis does now. `None` if it is possible.
+/// Returns the reason why the movement is never possible with these settings and this Cz. `None` if it is possible.
 pub(in crate::gateway) fn refused(guard: &GuardSettings, from: Micron, axis: &str) -> Option<String> {
     let beyond = (from.get() + WAY).abs() > guard.limit.get();
     if beyond {
@@ -93,7 +94,7 @@ pub(in crate::gateway) fn refused(guard: &GuardSettings, from: Micron, axis: &st
     })
 }
 
-/// Returns whether Cz is at this place, to the resolution of the guard.
+/// Returns whether `cz` equals `place`, within the resolution of the guard.
 pub(in crate::gateway) fn is_at(guard: &GuardSettings, cz: Micron, place: Micron) -> bool {
     let grain = guard.deadband.get().max(guard.count.map_or(0.0, Micron::get));
     (cz - place).abs().get() <= grain * 1.001 + 1e-6

@@ -1,4 +1,5 @@
-//! Table of signals: the latest reading of each signal, whether the reading may be used, and since when it is bad.
+//! Table of signals: the latest reading of each signal, whether the reading may be used, and since when the signal is
+//! bad.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -26,13 +27,14 @@ pub(in crate::gateway) struct SignalTable {
     tracked: Vec<Tracked>,
     /// Positions before and after a counter was set to another value, until the change is reported.
     rereferenced: Vec<Option<(f64, f64)>>,
-    /// Readings of the last step: aged and checked. Each step refills them without reallocation.
+    /// Readings of the last step, after the check of their age and of `fault_when`. Each step refills them without
+    /// reallocation.
     seen: Vec<Reading>,
     /// Since when and why each signal is bad.
     bad: Vec<Option<BadSignal>>,
 }
 
-/// Beginning and cause of a signal that is bad.
+/// Cause of a signal that is bad, and the time since when it is bad.
 #[derive(Debug)]
 struct BadSignal {
     cause: Cause<Reason>,
@@ -41,7 +43,7 @@ struct BadSignal {
     is_reported: bool,
 }
 
-/// Last good value of a signal, and the time without a good value until it was saved.
+/// Last good value of a signal, and the age of the value when it was saved.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(in crate::gateway) struct LastGood {
@@ -55,7 +57,7 @@ pub(in crate::gateway) struct Latest {
     profile: Arc<Profile>,
     /// Readings as the lines store them.
     readings: Vec<Reading>,
-    /// Reason for which the latest reads failed. The last value is used until it is stale.
+    /// Reason why the latest reads of each signal failed. The last value is used until it is stale.
     failing: Vec<Option<Reason>>,
 }
 
@@ -88,8 +90,8 @@ impl SignalTable {
         }
     }
 
-    /// Starts the rate filters with the last good values of the previous run, by signal name, each with its age.
-    /// Signals without `max_rate` and signals of devices with checks are left out.
+    /// Starts the rate filters with the last good values of the previous run, by signal name. Signals without
+    /// `max_rate` and signals of devices with checks are left out.
     pub(in crate::gateway) fn recall(&mut self, values: &BTreeMap<String, LastGood>, start: Moment) {
         let profile = &self.latest.profile;
         for (place, signal) in profile.signals.iter().enumerate() {
@@ -102,7 +104,7 @@ impl SignalTable {
         }
     }
 
-    /// The last good value of each signal that has a `max_rate`, by name.
+    /// Returns the last good value of each signal that has a `max_rate`, by name.
     pub(in crate::gateway) fn last_good(&self, now: Moment) -> BTreeMap<String, LastGood> {
         let signals = self.latest.profile.signals.iter().zip(&self.rates);
         let good = signals.filter_map(|(signal, filter)| {
@@ -112,9 +114,9 @@ impl SignalTable {
         good.collect()
     }
 
-    /// Stores a value from a line. The value is good if it is within the range of the signal. It must not differ from
-    /// the last good value by more than its rate allows. This is also compared over interruptions of the device's
-    /// continuity, which `breaks` counts.
+    /// Stores a value from a line. The value is good if it is within the range of the signal. It must also not differ
+    /// from the last good value by more than its rate allows. Values before and after a break of the device's
+    /// continuity are compared too. `breaks`: number of breaks so far.
     pub(in crate::gateway) fn store(
         &mut self,
         id: SignalId,
@@ -234,12 +236,13 @@ impl SignalTable {
         &self.latest
     }
 
-    /// Last moment at which the latest reading of the signal may be used.
+    /// Returns the last moment at which the latest reading of the signal may be used.
     pub(in crate::gateway) fn usable_until(&self, id: SignalId) -> Moment {
         self.taken(id).after(self.latest.profile.signal(id).max_age)
     }
 
-    /// Updates all readings for `now`: each is aged, and rejected if its `fault_when` is true or unknown.
+    /// Updates all readings for `now`. A reading that is too old becomes stale. A reading whose `fault_when` is true or
+    /// unknown is rejected.
     pub(in crate::gateway) fn check(&mut self, now: Moment) -> &[Reading] {
         for place in 0..self.seen.len() {
             self.seen[place] = self.latest.assess(SignalId(place), now);
@@ -247,7 +250,7 @@ impl SignalTable {
         &self.seen
     }
 
-    /// Readings of the last call of `check`.
+    /// Returns the readings of the last call of `check`.
     pub(in crate::gateway) fn seen(&self) -> &[Reading] {
         &self.seen
     }
@@ -257,12 +260,12 @@ impl SignalTable {
         (0..self.seen.len()).any(|place| self.value(SignalId(place), now).is_some())
     }
 
-    /// Value of a signal at `now`, if it may be used.
+    /// Returns the value of a signal at `now`, if it may be used.
     pub(in crate::gateway) fn value(&self, id: SignalId, now: Moment) -> Option<f64> {
         self.latest.assess(id, now).usable()
     }
 
-    /// Changes of quality since the last call.
+    /// Returns the changes of quality since the last call.
     pub(in crate::gateway) fn changes(&mut self, now: Moment) -> Vec<QualityChange> {
         let mut changes = Vec::new();
         for (place, reading) in self.seen.iter().enumerate() {
@@ -296,7 +299,7 @@ impl SignalTable {
     }
 }
 
-/// Returns whether a value has changed faster than `rate` allows since the one before.
+/// Returns whether a value has changed faster than `rate` allows since the value before.
 fn is_too_fast((value, at): (f64, Moment), (before, taken): (f64, Moment), rate: f64) -> bool {
     // At least one second: noise between two polls in quick succession must not look fast.
     let seconds = at.since(taken).as_secs_f64().max(1.0);
@@ -308,7 +311,8 @@ impl Latest {
         self.readings[id.0].at
     }
 
-    /// All readings at `now`: each is aged, and rejected if its `fault_when` is true or unknown.
+    /// Returns all readings at `now`. A reading that is too old is stale. A reading whose `fault_when` is true or
+    /// unknown is rejected.
     pub(in crate::gateway) fn at(&self, now: Moment) -> Vec<Reading> {
         (0..self.readings.len()).map(|place| self.assess(SignalId(place), now)).collect()
     }

@@ -23,7 +23,7 @@ pub(super) fn explained(profile: &Profile, found: &SubstitutedSensor) -> Explain
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ReportedSensor {
     signal: SignalId,
-    /// The sensor has a stand-in; else it is suspected of being frozen, and its reading is used.
+    /// Whether the sensor is replaced by a stand-in. If not, it is suspected of being frozen, and its reading is used.
     taken: bool,
 }
 
@@ -65,7 +65,7 @@ pub(super) fn report(
     }
 }
 
-/// Returns the stand-in for the status. `stamp` converts a counted time.
+/// Returns the stand-in for the status. `stamp` converts monotonic time to the time of day.
 pub(in crate::gateway) fn status(
     profile: &Profile,
     found: &SubstitutedSensor,

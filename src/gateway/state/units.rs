@@ -15,14 +15,14 @@ const NO_NUMBER: Counts = Counts(i64::MAX / 4);
 #[derive(Clone, Debug)]
 pub(in crate::gateway) struct Units {
     encoding: Encoding,
-    /// Unit of the register value.
+    /// Unit of the register value, as text.
     unit: &'static str,
     /// Register value for 1 µm.
     factor: f64,
     /// Register value for one count, if the type of the register has no counts itself.
     grain: Option<f64>,
     bias: Counts,
-    /// Interpretation of the register by the control. `None` for a reference position, which is no correction.
+    /// Conversion of the register by the control. `None` for a reference position, which is no correction.
     control: Option<ControlView>,
 }
 
@@ -40,7 +40,8 @@ impl Units {
         }
     }
 
-    /// Step, limit and bias of an output in counts. A reference position is no correction: it is written at once.
+    /// Returns step, limit and bias of an output in counts. A reference position is no correction, and is written at
+    /// once.
     pub(in crate::gateway) fn bounds(&self, profile: &Profile, output: &Output) -> (Counts, Counts, Counts) {
         if output.writes == Writes::Reference {
             return (NO_NUMBER, NO_NUMBER, self.bias);
@@ -68,8 +69,8 @@ impl Units {
         }
     }
 
-    /// Registers for these counts, if the control would read the intended value in them. `base`: operator offset of a
-    /// shared register. `held`: present register value.
+    /// Returns the registers for these counts, if the control would read the intended value in them. `base`: operator
+    /// offset of a shared register. `held`: present register value.
     pub(in crate::gateway) fn admitted(
         &self,
         counts: Counts,
@@ -85,7 +86,7 @@ impl Units {
         control.admit(encoded.registers(), self.cz(own), centre, held).map(|()| encoded)
     }
 
-    /// Register value for these counts, in its unit.
+    /// Returns the register value for these counts, in the unit of the register.
     pub(in crate::gateway) fn value(&self, counts: Counts) -> f64 {
         match self.grain {
             None => self.encoding.value_of(counts - self.bias),
@@ -97,33 +98,33 @@ impl Units {
         Micron::new(self.value(counts) / self.factor).unwrap_or_default()
     }
 
-    /// Counts from the bias that are nearest to this Cz.
+    /// Returns the counts from the bias that are nearest to this Cz.
     pub(in crate::gateway) fn offset(&self, cz: Micron) -> Counts {
         self.counts(cz.get() * self.factor)
     }
 
-    /// Counts from the bias that are nearest to this register value.
+    /// Returns the counts from the bias that are nearest to this register value.
     pub(in crate::gateway) fn counts(&self, value: f64) -> Counts {
         self.grain.map_or_else(|| self.encoding.nearest_counts(value), |grain| nearest(value / grain))
     }
 
-    /// Register value in thousandths of a count. `None` if no register can hold it.
+    /// Converts a register value to thousandths of a count. `None` if no register can hold it.
     pub(in crate::gateway) fn thousandths(&self, value: f64) -> Option<i64> {
         let thousandths = value / self.worth() * 1000.0 + as_float(self.bias) * 1000.0;
         (thousandths.abs() < as_float(NO_NUMBER)).then(|| nearest(thousandths).0)
     }
 
-    /// Difference of register values in thousandths of a count.
+    /// Converts a difference of register values to thousandths of a count.
     pub(in crate::gateway) fn thousandths_of(&self, difference: f64) -> i64 {
         nearest((difference / self.worth()).abs() * 1000.0).0
     }
 
-    /// Register value for one count.
+    /// Returns the register value for one count.
     fn worth(&self) -> f64 {
         self.grain.unwrap_or_else(|| self.encoding.scale.get())
     }
 
-    /// Lowest and highest count that the register can hold.
+    /// Returns the lowest and highest count that the register can hold.
     pub(in crate::gateway) fn range(&self) -> (Counts, Counts) {
         match self.encoding.range_of_counts().filter(|_| self.grain.is_none()) {
             Some((low, high)) => (low + self.bias, high + self.bias),
@@ -131,7 +132,7 @@ impl Units {
         }
     }
 
-    /// Returns the Cz of each write that may still arrive, and that the register does not show yet.
+    /// Returns, as text, the Cz of each write that may still arrive and that the register does not show yet.
     pub(in crate::gateway) fn may_arrive(&self, state: &State) -> Vec<String> {
         let operator = state.kept().account.map_or(Counts::ZERO, |account| account.base - self.bias);
         let mut values: Vec<Counts> = state.may_arrive().collect();
@@ -139,7 +140,7 @@ impl Units {
         values.into_iter().map(|value| self.cz(value - operator).to_string()).collect()
     }
 
-    /// Counts as text, in the unit of the register.
+    /// Formats counts as a register value with its unit.
     pub(in crate::gateway) fn in_text(&self, counts: Counts) -> String {
         let text = match self.grain {
             _ if counts == NO_NUMBER => return "no number".to_owned(),
@@ -150,8 +151,8 @@ impl Units {
     }
 }
 
-/// Largest change of one write, in the unit of the output. The change is a whole number of counts, so that rounding
-/// cannot increase it.
+/// Returns the largest change of one write, in the unit of the output. The change is a whole number of counts, so that
+/// rounding cannot increase it.
 fn one_step(profile: &Profile, output: &Output) -> f64 {
     let most = profile.axis(output.axis).settings.guard.step.get() * cz_factor(profile, output);
     match output.encoding.data_type.integer_range() {
@@ -164,25 +165,25 @@ fn one_step(profile: &Profile, output: &Output) -> f64 {
     }
 }
 
-/// Part of a decision that an output writes: Cz, or the effect of the slope at the reach of the axis.
+/// Returns the value of a decision that an output writes: Cz, or the effect of the slope at the reach of the axis.
 pub(in crate::gateway) fn part(decision: &Decision, writes: Writes) -> Micron {
     if writes == Writes::Slope { decision.slope } else { decision.cz }
 }
 
-/// Target of that part.
+/// Returns the target of the value that an output writes: the target of Cz, or of the effect of the slope.
 pub(in crate::gateway) fn target(decision: &Decision, writes: Writes) -> Micron {
     if writes == Writes::Slope { decision.slope_target } else { decision.target }
 }
 
-/// Returns whether the register value is the wanted one, to half a count of this size. The sum with the operator offset
-/// `base` is never made zero. If the sum would be zero, the adjacent count is near enough.
+/// Returns whether `cz` equals `wanted`, to half a count of the size `grain`. The gateway never makes the sum with the
+/// operator offset `base` zero. If the sum would be zero, the adjacent count is near enough.
 pub(super) fn is_near(cz: Micron, wanted: Micron, grain: f64, base: f64) -> bool {
     let would_be_zero = base != 0.0 && (base + wanted.get()).abs() < 0.6 * grain;
     (cz - wanted).abs().get() <= if would_be_zero { 1.1 } else { 0.6 } * grain
 }
 
-/// Register value for 1 µm. A diameter changes by twice the change of the radius. The value of a slope is its effect at
-/// the reach of the axis, divided by the reach.
+/// Returns the register value for 1 µm. A diameter changes by twice the change of the radius. The value of a slope is
+/// its effect at the reach of the axis, divided by the reach.
 pub(in crate::gateway) fn cz_factor(profile: &Profile, output: &Output) -> f64 {
     let axis = profile.axis(output.axis);
     match (output.writes, axis.settings.intercept_slope) {
@@ -192,8 +193,8 @@ pub(in crate::gateway) fn cz_factor(profile: &Profile, output: &Output) -> f64 {
     }
 }
 
-/// Returns whether a register holds more than its axis may. Rounding between counts and µm must not decide this: the
-/// limit plus half a count still counts as the limit. A reference position is no correction and has no limit.
+/// Returns whether the Cz in a register is beyond the limit of its axis. Rounding between counts and µm must not decide
+/// this: the limit plus half a count still counts as the limit. A reference position is no correction and has no limit.
 pub(super) fn is_beyond_limit(profile: &Profile, output: &Output, cz: Micron) -> bool {
     let limit = profile.axis(output.axis).settings.guard.limit.get();
     let slack = match output.encoding.data_type.integer_range() {
@@ -204,7 +205,7 @@ pub(super) fn is_beyond_limit(profile: &Profile, output: &Output, cz: Micron) ->
     output.writes != Writes::Reference && cz.abs().get() > limit + slack
 }
 
-/// Value of these registers of an output, as text.
+/// Formats the value of these registers of an output.
 pub(in crate::gateway) fn registers_in_text(output: &Output, registers: &[u16]) -> String {
     match output.encoding.decode(registers) {
         Ok(value) => format!("{} {}", tidy(value, &output.encoding), output.writes.unit()),

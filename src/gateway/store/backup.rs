@@ -1,8 +1,8 @@
-//! Backup of the state of a machine. The state is copied from its directory while a gateway writes to that directory,
-//! and restored into a directory.
+//! Backup of the state of a machine: the state document is copied while the gateway runs, and can be restored to a
+//! state directory.
 //!
-//! The writes after a backup are unknown. The restored state is therefore in question. Every axis is off until an
-//! operator arms it. Until then, no value in a register that an operator also writes to counts as the gateway share.
+//! The values that the gateway wrote after the backup are not known. The restored state is therefore in question: every
+//! axis is off until an operator arms it. Until then, no value of a shared register counts as the gateway share.
 
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
@@ -14,7 +14,7 @@ use super::documents::{Content, number, path};
 use isotherm_core::output::{Doubt, SavedOutput};
 use serde_json::Value;
 
-/// Returns name and bytes of the state document, or `None` if nothing has been saved yet.
+/// Returns name and content of the state document, or `None` if nothing has been saved yet.
 ///
 /// # Errors
 /// The document cannot be read. The error is a sentence.
@@ -27,7 +27,8 @@ pub fn take(directory: &Path, machine: &str) -> Result<Option<(String, Vec<u8>)>
     }
 }
 
-/// Converts the files of a backup to the files that are written to a directory. Their state is marked as in question.
+/// Converts the files of a backup to the files to be written to a state directory. The state in them is marked as in
+/// question.
 ///
 /// # Errors
 /// A file is no state document of this machine, or the directory has a newer one. The error is a sentence.
@@ -54,7 +55,8 @@ fn one_put_back(
     }
     let (seal, content) = read(bytes, machine).map_err(|unfit| wrong(unfit.to_string()))?;
     let path = path(directory, machine);
-    let remedy = "restore into another directory (--state DIR), or move state and number away together";
+    let remedy =
+        "restore into another directory (--state DIR), or first move the state file and the number file away";
     let there = match Files.read(&path) {
         Err(error) if error.kind() == ErrorKind::NotFound => None,
         Err(error) => return Err(format!("{} cannot be read: {error}", path.display())),
@@ -75,7 +77,7 @@ fn one_put_back(
             }
             _ => {
                 return Err(format!(
-                    "{} is from another history of the machine, or is damaged: {remedy}",
+                    "{} belongs to another series of saved states of this machine, or is damaged: {remedy}",
                     path.display()
                 ));
             }
@@ -87,8 +89,8 @@ fn one_put_back(
     Ok((name.to_owned(), document))
 }
 
-/// Document in which no value counts as the gateway share until the operator confirms it. A register without an
-/// operator offset waits as after a kill. Records of former registers are removed, because another program may use
+/// Makes a document in which no value counts as the gateway share until the operator confirms it. Registers that are
+/// not shared are treated as after a kill. The records of former registers are removed, because another program may use
 /// these registers now.
 fn doubted(seal: &Seal, content: Content) -> std::io::Result<Vec<u8>> {
     let Content { mut state, mut outputs } = content.not_in_order();

@@ -1,6 +1,8 @@
-//! Documents that outlive the process, and the creation of files. A simulation replaces the file system.
+//! File system for documents that must survive the process, and the creation of files. Simulations and tests replace
+//! the file system.
 //!
-//! Directories have the mode 0750 and files 0640, whatever the umask is, because their content moves a machine.
+//! Directories have the permissions 0750 and files 0640, independently of the umask, because their content can move a
+//! machine.
 
 use std::fmt;
 use std::fs::{DirBuilder, File, OpenOptions, Permissions};
@@ -11,14 +13,14 @@ use std::path::Path;
 use crate::fieldbus::explain::system;
 use isotherm_profile::safe_file;
 
-/// Largest document, in bytes.
+/// Maximum size of a document, in bytes.
 const LARGEST: u64 = 16 * 1024 * 1024;
 const DIRECTORY_MODE: u32 = 0o750;
 const FILE_MODE: u32 = 0o640;
-/// Write permission of users who are neither the owner nor in its group.
+/// Permission bit by which other users, neither the owner nor in the group, may write.
 const OTHERS_WRITE: u32 = 0o002;
 
-/// Storage of documents. Tests replace it by one with faults.
+/// File system for documents. Tests replace it by one that fails.
 pub trait Disk: Send + Sync {
     /// Returns the content of a document.
     ///
@@ -32,10 +34,10 @@ pub trait Disk: Send + Sync {
     /// The document is not on disk; the previous one still is.
     fn replace(&self, path: &Path, document: &[u8]) -> io::Result<()>;
 
-    /// Keeps a document under a second name, even if the first name is replaced.
+    /// Gives a document a second name. The document remains under this name when the first name is replaced.
     ///
     /// # Errors
-    /// The document does not exist, the second name is taken, or there is no space.
+    /// The document does not exist, the second name is in use, or there is no space.
     fn keep(&self, path: &Path, aside: &Path) -> io::Result<()>;
 
     /// Renames a document.
@@ -57,7 +59,7 @@ impl fmt::Debug for dyn Disk {
     }
 }
 
-/// Storage of documents in the file system.
+/// The real file system.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Files;
 
@@ -148,7 +150,7 @@ pub(super) fn append(path: &Path) -> io::Result<File> {
     }
 }
 
-/// Checks that not every user may write to a file or directory.
+/// Checks that other users may not write to a file or directory. A file that does not exist passes.
 ///
 /// # Errors
 /// Every user may write to it. The error is a sentence with the remedy.

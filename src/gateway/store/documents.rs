@@ -1,4 +1,4 @@
-//! Data that a gateway keeps over a restart: one document, one number, one writer.
+//! Data that a gateway saves for its next start: a document, and a number in a second file. One writer saves both.
 //!
 //! ```text
 //! NAME.state.json  { "version": 6, "seal": {…, "number": 17, "named": 16}, "state": {…}, "outputs": {…} }
@@ -6,19 +6,19 @@
 //! ```
 //!
 //! `state` contains the time since machine start, references and lags, by name of signal and axis. It also contains the
-//! places of signals and outputs, with the bounds of the outputs, and the releases of former places. `outputs` contains
-//! the values that may still appear in a register, and the division of a shared one. Layout 5 has no places. The seal
-//! of the document:
+//! addresses of signals and the registers of outputs (both are called places), the bounds of the outputs, and the
+//! releases of former registers. `outputs` contains the values that may still arrive at a register, and the shares in a
+//! shared register. Layout 5 has no places. The seal of the document has these fields:
 //!
 //! - `checksum`: CRC-32 of every byte of the file, with zeros in place of its own digits.
 //! - `since`: time at which the first document of this machine was made here. A copy from elsewhere has another time.
 //! - `number`: number of saves so far. `named`: the number in its own file when this document was saved, 0 if there was
 //!   none.
-//! - `in_question`: something did not fit, and no operator has armed since.
+//! - `in_question`: the files did not match, and no operator has armed an axis since.
 //!
 //! # Which file is older
-//! The writer saves the document first, then the number. The number is saved with each state (every 8 s, and at the
-//! end), but not with each promise. Therefore a promise costs one file.
+//! The writer saves the document first, then the number. It saves the number with each state (every 8 s, and at the
+//! end), but not before each write to a register. Such a write therefore waits for one file only.
 //!
 //! | event | number in its file | result of the next start |
 //! |---|---|---|
@@ -60,61 +60,63 @@ pub(super) use file::StoreFile;
 pub(super) use names::{by_name, by_place};
 pub(in crate::gateway) use writer::{SaveResult, Writer};
 
-/// Consecutive failures with another cause before that cause is reported.
+/// Number of consecutive failures with a new cause after which the new cause is reported.
 const CHANGED_AFTER: u32 = 2;
 
-/// Reported cause of a failed save. `None` while saving works.
+/// Cause of a failed save, as reported; `None` while saving works.
 pub(super) type DiskCause = Option<Cause<(ErrorKind, Option<i32>)>>;
 
-/// Records an error of the disk. Returns true if it must be reported: it is the first one, or its cause has changed.
+/// Records an error of the disk. Returns whether it must be reported: it is the first one, or its cause has changed.
 pub(super) fn is_news(known: &mut DiskCause, error: &io::Error) -> bool {
     Cause::is_news(known, (error.kind(), error.raw_os_error()), CHANGED_AFTER)
 }
 
-/// Name of the document in events.
+/// Name of the state document in events.
 pub(in crate::gateway) const WHAT: &str = "the state";
 
-/// Content of a document.
+/// Content of a state document.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(in crate::gateway) struct Content {
-    /// State as it was saved. `None` before the first save.
+    /// State in its saved form. `None` before the first save.
     pub(in crate::gateway) state: Option<Value>,
-    /// Entries of the outputs, by name.
+    /// Ledger entries of the outputs, by name.
     pub(in crate::gateway) outputs: Entries,
 }
 
-/// Saved data of a machine as a run finds it, and the file for the next saves.
+/// Saved data that a run finds at its start, and the file to which it saves.
 pub(in crate::gateway) struct Opened {
-    /// Content of the document, `None` if there is none. The error is a sentence: the document is not accepted.
+    /// Content of the document; `None` if there is no document. The error is a sentence about a document that is
+    /// rejected.
     pub(in crate::gateway) found: Result<Option<Content>, String>,
-    /// Layout of the files of an earlier version of the program, and a clause about them.
+    /// Layout of files that an earlier version of isotherm has written, and a clause about them. `None` without such
+    /// files.
     pub(in crate::gateway) earlier: Option<(u32, String)>,
-    /// Whether this is the first run: no earlier run has left anything in the directory.
+    /// Whether this is the first run in the directory: no earlier run has left a file.
     pub(in crate::gateway) is_first: bool,
     pub(in crate::gateway) file: StoreFile,
 }
 
-/// Documents in a directory, before they are compared with the number.
+/// Documents in a directory, before they are compared with the number file.
 struct FoundDocuments {
-    /// Each file, and the ending that it gets if a document of this version replaces it.
+    /// Path of each file, and the file extension that it gets when a document of this version replaces it.
     files: Vec<(PathBuf, &'static str)>,
     layout: u32,
     seal: Option<Seal>,
     content: Result<Option<Content>, DocumentRejection>,
 }
 
-/// Path of the document.
+/// Returns the path of the state document.
 pub(in crate::gateway) fn path(directory: &Path, machine: &str) -> PathBuf {
     directory.join(format!("{machine}.state.json"))
 }
 
-/// Content of the document on disk. `None` if there is none, or if it is damaged. It is not compared with its number.
+/// Returns the content of the state document. `None` if there is none, or if it is damaged. The number is not compared.
 pub(in crate::gateway) fn content(directory: &Path, machine: &str) -> Option<Content> {
     let read = read(&Files, &path(directory, machine), |bytes| document::read(bytes, machine));
     read.ok().flatten().map(|(_, content)| content)
 }
 
-/// Opens the saved data of a machine. `has_logs`: a run has left its logs here.
+/// Opens the saved data of a machine. `has_logs` states that an earlier run has left logs in the directory.
 pub(in crate::gateway) fn open(
     disk: &Arc<dyn Disk>,
     (directory, machine): (&Path, &str),
@@ -187,7 +189,7 @@ pub(in crate::gateway) fn open(
 }
 
 impl Content {
-    /// Marks the content as left by a run that did not end in order.
+    /// Marks the content as that of a run whose last writes may still arrive at a register.
     pub(super) fn not_in_order(mut self) -> Content {
         self.outputs.values_mut().for_each(|entry| entry.kept.in_order = false);
         self
@@ -220,7 +222,7 @@ fn read<T>(
     }
 }
 
-/// Returns this path if it is free, otherwise the path with the first number that is free.
+/// Returns `first` if no such file exists, otherwise this path with the first number that is not in use.
 fn free(disk: &dyn Disk, first: PathBuf) -> PathBuf {
     let numbered = |number: u32| match number {
         1 => first.clone(),
@@ -230,11 +232,11 @@ fn free(disk: &dyn Disk, first: PathBuf) -> PathBuf {
     (1..).map(numbered).find(|path| !disk.has(path)).unwrap_or(first.clone())
 }
 
-/// Checks that a gateway may start with the content of its directory.
+/// Checks that a gateway may start with the content of its state directory.
 ///
 /// # Errors
-/// A later version of the program has written the content, or every user may write to it. The error is a sentence with
-/// the remedy.
+/// A later version of isotherm has written the content, or every user may write to it. The error is a sentence with the
+/// remedy.
 pub(in crate::gateway) fn may_start(disk: &dyn Disk, directory: &Path, machine: &str) -> Result<(), String> {
     let document = path(directory, machine);
     let [ledger, begun] = earlier::ledgers(directory, machine);
@@ -252,7 +254,7 @@ pub(in crate::gateway) fn may_start(disk: &dyn Disk, directory: &Path, machine: 
     }
 }
 
-/// Whether something did not fit and no operator has armed since. The writer and the axes share it.
+/// Flag that the saved state is in question until an operator arms an axis. The writer and the axes share it.
 #[derive(Clone, Debug, Default)]
 pub(in crate::gateway) struct OpenQuestion(Arc<AtomicBool>);
 
@@ -265,7 +267,7 @@ impl OpenQuestion {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Closes the question, because an operator has armed.
+    /// Ends the question, because an operator has armed an axis.
     pub(in crate::gateway) fn close(&self) {
         self.0.store(false, Ordering::Relaxed);
     }

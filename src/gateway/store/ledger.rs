@@ -1,7 +1,8 @@
-//! State of the outputs that must outlive the process: how a shared register is divided, and which values may still
-//! appear in a register. It also shows whether the last run ended in order. [`isotherm_core::output`] uses it.
+//! State of the outputs that must survive the process: the shares in a shared register, and the values that may still
+//! arrive at a register. It also shows whether the last run ended without an exchange in progress.
+//! [`isotherm_core::output`] uses it.
 //!
-//! The [store](super::documents) saves it. A caller waits for the result if it needs the saved state.
+//! The [store](super::documents) saves the ledger. A caller that depends on a saved entry waits for the result.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,43 +17,43 @@ use isotherm_core::output::{self, Doubt};
 use isotherm_core::quantity::{Counts, Shifted};
 use isotherm_profile::{Output, Profile, Share};
 
-/// State of the outputs of a machine, as the last run left it and as this run saves it.
+/// Ledger of a machine: the entries that the last run left, and the access to save new entries.
 pub(in crate::gateway) struct Ledger {
     profile: Arc<Profile>,
-    /// Converts moments: those on disk are stamps.
+    /// Clock that converts the time stamps on disk to the time of this run.
     clock: Clock,
-    /// `None` if nothing is saved.
+    /// Writer of the state document; `None` if nothing is saved.
     writer: Option<Arc<Writer>>,
     found: Entries,
-    /// No run has written to a register before. Either none has left anything here, or the gateway saves nothing and
-    /// its caller guarantees this.
+    /// Whether no earlier run can have written to a register. Either no run has left a file, or the gateway saves
+    /// nothing and its caller guarantees this.
     is_first: bool,
-    /// Nothing on disk says any more that a run ended in order.
+    /// Whether no document on disk claims that all writes of the last run have arrived.
     is_unmarked: bool,
 }
 
-/// Kind of run for which a ledger is opened.
+/// Kind of a run, which determines what its ledger saves.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::gateway) struct LedgerRun {
-    /// The run writes nothing to a register.
+    /// Whether the run writes nothing to a register.
     pub(in crate::gateway) dry_run: bool,
-    /// The writer has a thread of its own.
+    /// Whether the writer uses its own thread.
     pub(in crate::gateway) has_threads: bool,
 }
 
-/// Condition for a write that depends on a saved entry.
+/// Condition that must be fulfilled before a value is written to a register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::gateway) enum SaveCondition {
-    /// The write need not wait.
+    /// The write need not wait for the disk.
     Needless,
     /// The write waits until this version of the document is on disk.
     Version(u64),
-    /// The write is not possible: it depends on an entry on disk, but nothing is saved.
+    /// The write is not allowed: it requires a saved ledger entry, but nothing is saved.
     Impossible,
 }
 
 impl Ledger {
-    /// Ledger of a gateway that saves nothing.
+    /// Creates the ledger of a gateway that saves nothing.
     pub(in crate::gateway) fn of_nothing(
         profile: &Arc<Profile>,
         (journal, clock): (&Journal, &Clock),
@@ -65,8 +66,8 @@ impl Ledger {
         Ledger { profile, clock, writer: None, found: Entries::new(), is_first: true, is_unmarked: true }
     }
 
-    /// Opens the ledger of a machine, and the writer of its store. A dry run changes nothing of the outputs.
-    /// `remembers` returns whether an offset was verified in this output before.
+    /// Opens the ledger of a machine, and the writer of its document. A dry run does not change the entries on disk.
+    /// `remembers` returns whether an earlier run verified an offset in an output.
     pub(in crate::gateway) fn open(
         profile: &Arc<Profile>,
         run: LedgerRun,
@@ -95,7 +96,7 @@ impl Ledger {
         (Ledger { profile, clock, writer: kept, found, is_first, is_unmarked }, writer)
     }
 
-    /// Entry of this output on disk at the start. `None` if nothing is known about its register.
+    /// Returns the entry of an output that was on disk at the start. `None` if nothing is known about its register.
     pub(in crate::gateway) fn at_start(&self, output: &Output) -> Option<output::SavedOutput> {
         if self.is_first && !is_shared(output) {
             return Some(output::SavedOutput { in_order: true, ..output::SavedOutput::default() });
@@ -104,8 +105,8 @@ impl Ledger {
         self.found.get(&output.name).map(|entry| entry.kept.shifted(counted))
     }
 
-    /// Saves the state of an output. `is_needed`: the next write depends on it. Otherwise the write waits only while a
-    /// document on disk still says that a run ended in order.
+    /// Saves the entry of an output. `is_needed` states that the next write depends on it. Otherwise a write waits only
+    /// while a document on disk still claims that all writes of the last run have arrived.
     pub(in crate::gateway) fn keep(
         &self,
         output: &Output,
@@ -130,7 +131,7 @@ impl Ledger {
         }
     }
 
-    /// Waits for the result: see [`Writer::kept`].
+    /// Waits until a version is on disk: see [`Writer::kept`].
     pub(in crate::gateway) async fn kept(&self, version: u64, span: Duration, clock: &Clock) -> SaveResult {
         match &self.writer {
             Some(writer) => writer.kept(version, span, clock).await,
@@ -145,8 +146,8 @@ impl Ledger {
     }
 }
 
-/// Entries of the document for the outputs of this profile. An entry in question is added if a shared register may
-/// contain a gateway share and the document does not say how much. The operator then decides.
+/// Returns the saved entries for the outputs of this profile. For a shared register whose gateway share is not known,
+/// the entry is in question, so that the operator must decide.
 fn found(
     profile: &Profile,
     mut before: Entries,
@@ -174,14 +175,15 @@ fn found(
     found
 }
 
-/// Returns whether the register had no ledger before and held an offset. Only the operator can then say which part of
-/// the value is the operator offset.
+/// Returns whether the register was not shared before, and held an offset. Only the operator can then say which part of
+/// its value is the operator offset.
 fn is_ours(output: &Output, entry: &Entry) -> bool {
     let is_zero = |counts: Counts| counts == Counts(0) || counts == Counts(output.encoding.bias);
     entry.kept.account.is_none() && entry.kept.stood.is_some_and(|stood| !is_zero(stood))
 }
 
-/// Takes the entry of an output by its name. A renamed output takes the entry of its register.
+/// Removes and returns the saved entry of an output. If there is none by its name, the entry of its register is used,
+/// because the output may have been renamed.
 fn take(
     entries: &mut Entries,
     profile: &Profile,
@@ -195,7 +197,7 @@ fn take(
     entries.remove(&key)
 }
 
-/// Register of an output as text. Documents of layout 5 identify a register by this text.
+/// Returns the text by which documents of layout 5 identify the register of an output.
 fn in_words(profile: &Profile, output: &Output) -> String {
     let encoding = &output.encoding;
     let device = &profile.device(output.device).name;

@@ -1,8 +1,8 @@
-//! State of a machine over a restart: time since machine start, references, lags, datums, results of probing, last
-//! verified Cz, and last good values. A datum is the zero point of a Cz.
+//! State of a machine that is saved for the next start: time since machine start, references, lags, datums (zero points
+//! of Cz), results of probing, last verified Cz, and last good values.
 //!
-//! The [store](super::documents) saves it. If a state is not accepted, the gateway starts without a state, and an
-//! operator must arm.
+//! The [store](super::documents) saves the state. If a saved state is rejected, the gateway starts without one, and an
+//! operator must arm the axes.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -25,36 +25,36 @@ use isotherm_profile::Profile;
 #[derive(Debug)]
 pub(in crate::gateway) struct Memory {
     at: Moment,
-    /// Names of the signals, in the order of their ids in `remembered`.
+    /// Names of the signals, in the order of their indices in `remembered`.
     signals: Vec<String>,
     remembered: Remembered,
     verified_um: BTreeMap<String, f64>,
     rest: UnchangedParts,
 }
 
-/// Parts of the state that are saved without a change.
+/// Parts of the state that are saved without a conversion.
 #[derive(Debug)]
 pub(super) struct UnchangedParts {
-    /// Saved results of the sign checks, by axis.
+    /// Results of the sign checks, by axis.
     pub(in crate::gateway) signs: BTreeMap<String, SignMemory>,
     pub(in crate::gateway) places: Arc<Places>,
     /// Last good values of signals with a `max_rate`.
     pub(in crate::gateway) values: BTreeMap<String, LastGood>,
 }
 
-/// State as it is saved in the document.
+/// State in the form in which the document contains it.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SavedState {
     at: Moment,
-    /// State of the compensation, with the names of signals.
+    /// State of the compensation, in which signals are identified by their names.
     machine: Value,
-    /// Cz as last verified in each offset output and as last written in each corrected position, µm.
+    /// Last verified Cz of each offset output, and last written Cz of each corrected position, µm.
     verified_um: BTreeMap<String, f64>,
-    /// Saved results of the sign checks, by axis.
+    /// Results of the sign checks, by axis.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     signs: BTreeMap<String, SignMemory>,
-    /// Places of signals and outputs. Empty in a document of layout 5.
+    /// Addresses of signals and registers of outputs. Empty in a document of layout 5.
     #[serde(default)]
     places: Places,
     /// Last good values of signals with a `max_rate`.
@@ -62,24 +62,26 @@ pub(super) struct SavedState {
     values: BTreeMap<String, LastGood>,
 }
 
-/// State that a run finds at its start.
+/// Saved state that a run reads at its start.
 #[derive(Debug, Default)]
 pub(in crate::gateway) struct RestoredMemory {
-    /// State of the compensation. Its moments are stamps of the previous run.
+    /// State of the compensation. Its moments are time stamps of the previous run.
     pub(in crate::gateway) remembered: Remembered,
     /// Time at which the state was saved.
     pub(in crate::gateway) at: Option<Moment>,
-    /// Cz as last verified in each offset output and as last written in each corrected position, µm.
+    /// Last verified Cz of each offset output, and last written Cz of each corrected position, µm.
     pub(in crate::gateway) verified_um: BTreeMap<String, f64>,
-    /// Saved results of the sign checks, by axis.
+    /// Results of the sign checks, by axis.
     pub(in crate::gateway) signs: BTreeMap<String, SignMemory>,
-    /// Places of signals and outputs in the previous run.
+    /// Addresses of signals and registers of outputs in the previous run.
     pub(in crate::gateway) places: Places,
-    /// Outputs that have another name at the same place: old name and new name. The other fields contain the new names.
+    /// Outputs that were renamed, with the same register: old name and new name. The other fields contain the new
+    /// names.
     pub(in crate::gateway) renamed: BTreeMap<String, String>,
-    /// Signals that have another place now, if a reference was captured from them. The reference is discarded.
+    /// Signals whose address has changed after a reference was captured from them. The reference is discarded.
     pub(in crate::gateway) moved: BTreeMap<String, MovedPlace>,
-    /// Last good values of signals with a `max_rate`, with their age at the start. Empty if the age is not known.
+    /// Last good values of signals with a `max_rate`, with their age at the start. Empty if the duration of the stop is
+    /// not known.
     pub(in crate::gateway) values: BTreeMap<String, LastGood>,
 }
 
@@ -95,13 +97,13 @@ impl Memory {
         Memory { at, signals, remembered, verified_um, rest }
     }
 
-    /// Converts all moments to stamps of the computer's clock.
+    /// Converts all moments to time stamps of the computer's clock.
     pub(in crate::gateway) fn stamped(self, shift: Shift) -> Memory {
         let remembered = self.remembered.counted_until(self.at).shifted(shift);
         Memory { at: self.at.shifted(shift), remembered, ..self }
     }
 
-    /// Converts the state to the form that is saved.
+    /// Converts the state to the form in which the document contains it.
     pub(super) fn saved(self) -> serde_json::Result<SavedState> {
         let mut machine = serde_json::to_value(&self.remembered)?;
         by_name(&mut machine, &self.signals);
@@ -110,7 +112,7 @@ impl Memory {
         Ok(SavedState { at: self.at, machine, verified_um: self.verified_um, signs, places, values })
     }
 
-    /// Reads a saved state, for the signals of this profile.
+    /// Parses a saved state, for the signals of this profile. Without a `state`, returns an empty one.
     ///
     /// # Errors
     /// The content is no state of a machine. The error is a clause.

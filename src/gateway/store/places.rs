@@ -1,5 +1,5 @@
-//! Places of the outputs and signals of a profile: what is saved and reported of them, and which axes therefore wait
-//! for the operator. [`isotherm_core::place`] decides.
+//! Places: the registers of the outputs and the addresses of the signals. The module saves them, reports their changes,
+//! and determines the axes that must wait for the operator after a change. [`isotherm_core::place`] compares them.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -20,47 +20,47 @@ use isotherm_core::place::{
 use isotherm_core::quantity::Micron;
 use isotherm_profile::{AxisId, DeviceId, Output, OutputId, Profile, Share, Signal, Writes};
 
-/// Hint for a register to which an operator writes, although the output does not share it.
+/// Hint about an output whose register was shared with an operator, but is not any more.
 const WHOLE: &str = "arming makes the whole register value the gateway share, also the operator offset; to \
                      keep the operator offset, write share = \"ledger\" again";
 
-/// Places as they are saved.
+/// Registers of outputs and addresses of signals, in the form in which they are saved.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(in crate::gateway) struct Places {
-    /// Places of the outputs, by name.
+    /// Registers of the outputs, by name.
     pub(in crate::gateway) outputs: BTreeMap<String, OutputPlace>,
-    /// Places of the signals, by name.
+    /// Addresses of the signals, by name.
     pub(in crate::gateway) signals: BTreeMap<String, SignalPlace>,
-    /// Former places of outputs that wait for the operator.
+    /// Former registers of outputs whose change the operator has not confirmed.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(in crate::gateway) former: Vec<FormerPlace>,
-    /// Outputs whose place was only read: the gateway has written nothing there.
+    /// Names of the outputs whose register the gateway has only read and never written.
     #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
     only_read: BTreeSet<String>,
     /// For each address of an OPC UA server: URIs of the namespaces that the profile names by index.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     namespaces: BTreeMap<String, KnownNamespaces>,
-    /// Bounds within which each output is moved, by name.
+    /// Limit, step and rate of each output, by name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     bounds: BTreeMap<String, Bounds>,
-    /// Ledger entries of former places.
+    /// Ledger entries of former registers.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(in crate::gateway) kept: Vec<Entry>,
-    /// Releases of registers that the operator has requested.
+    /// Releases of former registers that the operator has requested.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(in crate::gateway) releases: Vec<Release>,
 }
 
-/// Places of this run, and the reports about former ones.
+/// Registers and addresses of this run, and the state of the reports about former registers.
 #[derive(Debug, Default)]
 pub(in crate::gateway) struct Moves {
     pub(in crate::gateway) places: Arc<Places>,
-    /// Outputs with another place whose register was not read since the start.
+    /// Outputs whose register has changed in the profile and was not read since the start.
     unread: Vec<OutputId>,
 }
 
-/// Place of an output of the profile.
+/// Returns the register of an output of the profile.
 pub(in crate::gateway) fn of_output(profile: &Profile, output: &Output) -> OutputPlace {
     let ((bus, unit), axis) = (line(profile, output.device), profile.axis(output.axis));
     OutputPlace {
@@ -92,14 +92,15 @@ fn of_signal(profile: &Profile, signal: &Signal) -> SignalPlace {
     }
 }
 
-/// Address of the bus and unit of a device.
+/// Returns the address of a device's bus, and the unit of the device.
 fn line(profile: &Profile, device: DeviceId) -> (String, u8) {
     let device = profile.devices.get(device.0);
     let bus = device.and_then(|device| profile.buses.get(device.bus.0));
     (bus.map_or(String::new(), |bus| bus.address.clone()), device.map_or(0, |device| device.unit))
 }
 
-/// Node of an address, with the URI of its namespace if that is known. `None` for any other address.
+/// Parses the OPC UA node of an address. If the URI of its namespace is known, the URI replaces the index. `None` for
+/// any other address.
 fn by_uri(address: &str, known: &KnownNamespaces) -> Option<NodeId> {
     let mut node: NodeId = address.strip_prefix("node ")?.parse().ok()?;
     if let Namespace::Index(index) = node.namespace
@@ -110,7 +111,7 @@ fn by_uri(address: &str, known: &KnownNamespaces) -> Option<NodeId> {
     Some(node)
 }
 
-/// Index by which an address names its namespace. `None` if it does not use an index.
+/// Returns the namespace index in the address of an OPC UA node. `None` if the address contains a URI, or is no node.
 fn index_of(address: &str) -> Option<u16> {
     let node: NodeId = address.strip_prefix("node ")?.parse().ok()?;
     match node.namespace {
@@ -119,7 +120,7 @@ fn index_of(address: &str) -> Option<u16> {
     }
 }
 
-/// Items that have another name at the same place: old name and new name.
+/// Returns the items that were renamed without another change: old name and new name.
 fn new_names<P: Place>(before: &BTreeMap<String, P>, now: &BTreeMap<String, P>) -> BTreeMap<String, String> {
     let found = place::compare(before, now).into_iter();
     let renamed = found.filter_map(|(name, found)| match found {
@@ -133,7 +134,7 @@ fn new_names<P: Place>(before: &BTreeMap<String, P>, now: &BTreeMap<String, P>) 
 }
 
 impl Places {
-    /// Places of a profile, without former ones. Registers of releases are left out.
+    /// Returns the registers and addresses of a profile. Registers of releases are left out.
     pub(in crate::gateway) fn of(profile: &Profile) -> Places {
         let own = || profile.outputs.iter().filter(|output| !profile.is_release(output.axis));
         let outputs = own().map(|output| (output.name.clone(), of_output(profile, output)));
@@ -147,7 +148,7 @@ impl Places {
         }
     }
 
-    /// Names each node as in this profile, if both names mean the same node: `ns=2;s=offset` and
+    /// Replaces the node names by those of this profile, if both mean the same node, as `ns=2;s=offset` and
     /// `nsu=urn:mill;s=offset`.
     pub(super) fn named_as(mut self, now: &Places) -> Places {
         let known = Places { namespaces: self.namespaces.clone(), ..Places::default() };
@@ -175,19 +176,19 @@ impl Places {
         self
     }
 
-    /// Replaces the namespaces of servers by those of other places.
+    /// Replaces the saved namespaces of servers by those of `others`.
     pub(in crate::gateway) fn with_namespaces_of(self, others: Places) -> Places {
         Places { namespaces: others.namespaces, ..self }
     }
 
-    /// Names the node of an output as in this profile, if both names mean the same node.
+    /// Replaces the node name of an output by that of this profile, if both mean the same node.
     pub(in crate::gateway) fn name_output(&self, now: &Places, name: &str, place: &mut OutputPlace) {
         let same_name = now.outputs.get(name).map(|place| place.address.as_str());
         self.name_node(now, same_name, &place.bus, &mut place.address);
     }
 
-    /// Names the node of an address as in this profile. The item with the same name in the profile has priority,
-    /// because one node can be named in two ways.
+    /// Replaces a node name in an address by that of this profile, if both mean the same node. One node can have two
+    /// names; the name that the profile uses for the same item is preferred.
     fn name_node(&self, now: &Places, same_name: Option<&str>, bus: &str, address: &mut String) {
         let Some(known) = self.namespaces.get(bus) else { return };
         let Some(was) = by_uri(address, known) else { return };
@@ -198,14 +199,14 @@ impl Places {
         }
     }
 
-    /// Addresses of outputs and signals on a bus.
+    /// Returns the addresses of outputs and signals on a bus.
     fn addresses(&self, bus: &str) -> Vec<&str> {
         let outputs = self.outputs.values().map(|place| (&place.bus, &place.address));
         let signals = self.signals.values().map(|place| (&place.bus, &place.address));
         outputs.chain(signals).filter(|(of, _)| *of == bus).map(|(_, address)| address.as_str()).collect()
     }
 
-    /// Signals that have another place in this profile.
+    /// Returns the signals whose address has changed in this profile.
     pub(super) fn moved_signals(&self, now: &Places) -> BTreeMap<String, MovedPlace> {
         let found = place::compare(&self.signals, &now.signals).into_iter();
         let moved = found.filter_map(|(name, found)| match found {
@@ -218,17 +219,17 @@ impl Places {
         moved.collect()
     }
 
-    /// Outputs that have another name at the same place in this profile: old name and new name.
+    /// Returns the outputs that were renamed in this profile, with the same register: old name and new name.
     pub(super) fn new_names(&self, now: &Places) -> BTreeMap<String, String> {
         new_names(&self.outputs, &now.outputs)
     }
 
-    /// Signals that have another name at the same place in this profile: old name and new name.
+    /// Returns the signals that were renamed in this profile, with the same address: old name and new name.
     pub(super) fn new_names_of_signals(&self, now: &Places) -> BTreeMap<String, String> {
         new_names(&self.signals, &now.signals)
     }
 
-    /// Replaces the names of outputs by these new names.
+    /// Replaces the old names of outputs by the new names.
     pub(super) fn renamed(self, names: &BTreeMap<String, String>) -> Places {
         let (outputs, bounds) = (renamed(self.outputs, names), renamed(self.bounds, names));
         let former = self.former.into_iter().map(|former| former.renamed(names)).collect();
@@ -239,13 +240,13 @@ impl Places {
         Places { outputs, former, only_read, bounds, releases, ..self }
     }
 
-    /// Returns whether the gateway may have written to an output at its place.
+    /// Returns whether the gateway may have written to the register of an output.
     pub(in crate::gateway) fn was_driven(&self, output: &str) -> bool {
         !self.only_read.contains(output)
     }
 
-    /// Places of this profile after a previous run. `left`: outputs as that run left them. `is_first`: no run has left
-    /// anything.
+    /// Returns the registers and addresses for a run after this one. `left` contains the outputs as this run left them.
+    /// `is_first` states that no earlier run has left a file.
     pub(in crate::gateway) fn after(
         self,
         profile: &Profile,
@@ -279,7 +280,7 @@ impl Places {
         Places { former, only_read, kept: self.kept, releases, namespaces, ..now }
     }
 
-    /// Keeps the ledger entries of former places. They replace older entries of the same places.
+    /// Stores the ledger entries of former registers. They replace older entries of the same registers.
     pub(in crate::gateway) fn keep(&mut self, entries: &Entries) {
         let Places { kept, former, releases, .. } = self;
         let places = || former.iter().map(|one| &one.place).chain(releases.iter().map(|one| &one.place));
@@ -290,12 +291,12 @@ impl Places {
         kept.extend(entries.values().filter(|entry| is_former(entry)).cloned());
     }
 
-    /// Returns the ledger entry of a former place.
+    /// Returns the ledger entry of a former register.
     pub(in crate::gateway) fn kept_of(&self, place: &OutputPlace) -> Option<SavedOutput> {
         self.kept.iter().find(|entry| entry.lies_at(place)).map(|entry| entry.kept)
     }
 
-    /// Adds the register of a release that is over to the former places again, with its last verified value.
+    /// Ends a release: its register is a former register again, with its last verified value.
     pub(in crate::gateway) fn ends(&mut self, release: &Release) {
         match self.former.iter_mut().find(|former| release.is_of(&former.output, &former.place)) {
             // No movement was verified in the register.
@@ -305,7 +306,8 @@ impl Places {
         }
     }
 
-    /// Returns whether a ledger entry belongs to a register that a release has moved, and to no output of the last run.
+    /// Returns whether a ledger entry belongs to a register that a release has changed, and that no output of the last
+    /// run uses.
     pub(in crate::gateway) fn is_of_a_release(&self, name: &str, entry: &Entry) -> bool {
         let is_of_release = |place: &OutputPlace| {
             place.axis.starts_with(AXIS) && self.outputs.values().all(|output| output.axis != place.axis)
@@ -313,7 +315,7 @@ impl Places {
         !self.outputs.contains_key(name) && entry.place.as_ref().is_some_and(is_of_release)
     }
 
-    /// Last Cz of a corrected position, in µm of its present axis. `None` if its register has changed.
+    /// Returns the last Cz of a corrected position, in µm of its present axis. `None` if its register has changed.
     pub(in crate::gateway) fn left_in_position(
         &self,
         now: &OutputPlace,
@@ -325,13 +327,14 @@ impl Places {
         was.is_same_register(now).then_some(last_um * factor(was) / factor(now))
     }
 
-    /// Explains each place that was moved or removed and is not confirmed. This is for a check of the profile against
+    /// Explains each changed or removed register that the operator has not confirmed. `isotherm check` uses this for
     /// the state of a stopped machine.
     pub(in crate::gateway) fn explain(&self) -> Vec<Explained> {
         self.former.iter().map(|former| self.explained(former, None)).collect()
     }
 
-    /// Explains why a former place is in doubt. `holds`: value in the register of the output now.
+    /// Explains why the axis of a former register must wait. `holds` is the value in the present register of the
+    /// output, if it was read.
     fn explained(&self, former: &FormerPlace, holds: Option<&str>) -> Explained {
         let FormerPlace { output, place, held_um, .. } = former;
         let held = held_um.map(|um| format!("{um:.1} µm"));
@@ -364,8 +367,8 @@ impl Places {
         let hint = match (place.share, now.share) {
             (Owner::Ledger, Owner::Whole) => WHOLE,
             _ => {
-                "compare both places at the control, set an unneeded value to zero, then arm the axis; or \
-                 write the former place again"
+                "compare both registers at the control, set an unneeded value to zero, then arm the axis; or \
+                 write the former register into the profile again"
             }
         };
         Explained::new(format!("output {output} was {was}, {held}; it is {is}{holds}"), hint)
@@ -380,7 +383,7 @@ impl Moves {
         Moves { unread: unread.map(|(place, _)| OutputId(place)).collect(), places: Arc::new(places) }
     }
 
-    /// Axes that wait for the operator, each with the reason.
+    /// Returns the axes that must wait for the operator, with the reason.
     pub(in crate::gateway) fn barred(&self, profile: &Profile) -> Vec<(AxisId, Explained)> {
         let axes = profile.axes.iter().enumerate();
         let barred = axes.filter_map(|(place, axis)| {
@@ -391,8 +394,8 @@ impl Moves {
         barred.collect()
     }
 
-    /// Records that these outputs may be written at their places. Returns true if one of them was only read there
-    /// before.
+    /// Records the outputs to whose registers the gateway may write. Returns whether one of these registers was only
+    /// read before.
     pub(in crate::gateway) fn drive(
         &mut self,
         profile: &Profile,
@@ -412,7 +415,7 @@ impl Moves {
         is_new
     }
 
-    /// Returns whether a former place is the reason why this axis is off.
+    /// Returns whether a former register is the reason why this axis is off.
     pub(in crate::gateway) fn is_why(&self, axis: &str, why: &Explained) -> bool {
         let waits = |former: &&FormerPlace| former.axes.contains(axis);
         // The register value is appended to the cause as soon as it was read.
@@ -420,13 +423,13 @@ impl Moves {
         former.any(|former| why.cause.starts_with(&self.places.explained(former, None).cause))
     }
 
-    /// Saved namespaces of the server with this address.
+    /// Returns the saved namespaces of the server with this address.
     pub(in crate::gateway) fn namespaces(&self, bus: &str) -> KnownNamespaces {
         self.places.namespaces.get(bus).cloned().unwrap_or_default()
     }
 
-    /// Saves the namespaces of these indices. `bus`: address of the server. Returns true if the saved namespaces have
-    /// changed.
+    /// Saves the namespaces of these indices. `bus` is the address of the server. Returns whether the saved namespaces
+    /// have changed.
     pub(in crate::gateway) fn remember_namespaces(
         &mut self,
         bus: &str,
@@ -442,13 +445,14 @@ impl Moves {
         true
     }
 
-    /// Returns true if the output had another place, and the operator has not confirmed the new one.
+    /// Returns whether the register of the output has changed, and the operator has not confirmed this.
     pub(in crate::gateway) fn is_in_doubt(&self, output: &str) -> bool {
         self.places.former.iter().any(|former| former.output == output)
     }
 
-    /// Returns the events for the start of the gateway: outputs that were moved, and registers that were left behind. A
-    /// register that returns to its base value is reported later, when its axis is armed.
+    /// Returns the events for the start of the gateway: outputs with another register, and registers that still contain
+    /// a value of the gateway. A register that a release returns to its base value is left out, because its axis
+    /// reports the progress.
     pub(in crate::gateway) fn events(&self, releases: &Releases, profile: &Profile) -> Vec<Event> {
         let mut events = Vec::new();
         for former in &self.places.former {
@@ -471,8 +475,8 @@ impl Moves {
         Some(Event::OutputMoved { output, why: self.places.explained(former, holds) })
     }
 
-    /// Handles a read of the register of an output. If its place is in doubt and this is the first read, returns the
-    /// event, and the reason why the axis waits.
+    /// Handles a read of an output's register. At the first read of a changed register, returns an event, and the
+    /// reason why the axis waits. Otherwise returns `None`.
     pub(in crate::gateway) fn read(
         &mut self,
         id: OutputId,
@@ -485,7 +489,7 @@ impl Moves {
         Some((self.moved(former, Some(&holds))?, self.places.explained(former, Some(&holds))))
     }
 
-    /// Confirms the places of the outputs of an axis: the operator has armed it and has seen the reports about them.
+    /// Confirms the changed registers of an axis, because the operator has armed the axis after the reports about them.
     /// Returns the events.
     pub(in crate::gateway) fn confirm(&mut self, axis: &str, profile: &Profile) -> Vec<Event> {
         let may_arm = |name: &str| {
@@ -535,16 +539,17 @@ pub(in crate::gateway) fn register_left(
     Event::RegisterLeft { output, register: former.place.to_string(), held, hint }
 }
 
-/// Replaces names by the new names of the outputs.
+/// Replaces the old names of outputs by the new names.
 pub(super) fn renamed<T>(all: BTreeMap<String, T>, names: &BTreeMap<String, String>) -> BTreeMap<String, T> {
     all.into_iter().map(|(name, one)| (names.get(&name).cloned().unwrap_or(name), one)).collect()
 }
 
-/// Explains why a reference that was captured from a signal is not used.
+/// Explains why a captured reference of a signal is not used.
 pub(in crate::gateway) fn why_forgotten(signal: &str, MovedPlace { was, is, .. }: &MovedPlace) -> Explained {
     Explained::new(
         format!("signal {signal} was {was}, it is {is}; the captured reference of the signal is not used"),
-        "the reference is captured again from now on; measure a part, or write the former place again",
+        "the reference is captured again from now on; measure a part, or write the former address into the \
+         profile again",
     )
 }
 

@@ -1,16 +1,16 @@
-//! Releases: registers that no output uses any more return to their base value, each as the output of an additional
-//! axis. The base value of a register is its value without the gateway's offset.
+//! Releases: registers that no output uses any more return to their base value, which is the value without the
+//! gateway's offset. Each register is the output of an additional axis.
 //!
-//! The profile in memory gets an axis and an output. The Cz of the axis is always 0, with the bounds that the output
-//! had. The output is at its former place. Therefore the register is read, written and verified like every other. The
-//! file of the profile does not change.
+//! The profile in memory gets an axis and an output. The Cz of the axis is always 0, with the limit, step and rate of
+//! the former axis. The output has its former register. Therefore the register is read, written and verified like every
+//! other. The file of the profile does not change.
 //!
 //! A release belongs to one run. If the gateway ends before the release is over, the next run reports the register
 //! again.
 //!
 //! Each of these conditions prevents a release:
 //!
-//! - The saved state does not contain how the register was moved.
+//! - The saved state does not contain limit, step and rate of the former axis.
 //! - The profile writes to the register, or does not have its device any more.
 //! - The output was part of a set, was no offset, was not read back, or was not on Modbus.
 
@@ -32,43 +32,43 @@ use super::documents::Entry;
 use crate::gateway::line_names::same_lines;
 use crate::gateway::state::arming::Attempt;
 
-/// Remedy for a register that cannot be released.
+/// Hint about a register that the gateway cannot release.
 pub(super) const BY_HAND: &str =
     "set that register to zero at the control unless the operator needs the value, then arm the axis";
-/// Beginning of the name of an axis that releases a register.
+/// First part of the name of an axis that releases a register.
 pub(super) const AXIS: &str = "release_";
 /// Name of the only model of an axis that releases a register.
 const MODEL: &str = "base";
-/// Smallest count of a floating-point register, in steps.
+/// Resolution of a register for floating-point numbers, as a fraction of the axis's step.
 const GRAIN_OF_A_STEP: f64 = 1e-3;
 
-/// Releases of a run.
+/// Former registers that are released in this run, or that can be released.
 #[derive(Clone, Debug, Default)]
 pub(in crate::gateway) struct Releases {
-    /// Former places, each with the obstacle to its release.
+    /// Former registers, each with the reason why it cannot be released; `None` if it can.
     obstacles: Vec<(OutputPlace, Option<Explained>)>,
-    /// Registers that are returning to their base value.
+    /// Registers that are returning to their base values.
     pub(in crate::gateway) returning: Vec<ReturningRegister>,
     /// Registers whose release was given up while a write of the gateway could still arrive.
     pub(in crate::gateway) given_up: Vec<ReturningRegister>,
-    /// Operator offsets of shared registers when their release was given up, in the unit of the register.
+    /// Operator offsets of shared registers at the end of a release that was given up, in the unit of the register.
     pub(in crate::gateway) parts: Vec<(OutputPlace, f64)>,
 }
 
-/// Register that is returning to its base value.
+/// Former register that is returning to its base value.
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::gateway) struct ReturningRegister {
     pub(in crate::gateway) axis: AxisId,
     pub(in crate::gateway) output: OutputId,
     pub(in crate::gateway) release: Release,
-    /// Half a count of the register, µm.
+    /// Half a count of the register, as Cz in µm.
     pub(in crate::gateway) grain_um: f64,
-    /// Axes of the output at its new place. They wait, because both places may be one register of the control under two
-    /// names.
+    /// Axes that now use the output. They wait for the end of the release, because the control may have both registers
+    /// under two addresses.
     pub(in crate::gateway) waits: Vec<AxisId>,
 }
 
-/// Access to the register of a former place.
+/// Access to a former register: its device, its encoding and its interlock.
 #[derive(Debug)]
 struct FormerRegister {
     device: DeviceId,
@@ -78,26 +78,26 @@ struct FormerRegister {
 }
 
 impl Releases {
-    /// Determines which former places of a profile can be released.
+    /// Determines which former registers can be released with this profile.
     pub(in crate::gateway) fn of(profile: &Profile, former: &[FormerPlace], kept: &[Entry]) -> Releases {
         let obstacle = |former: &FormerPlace| (former.place.clone(), why_not(profile, former, kept).err());
         Releases { obstacles: former.iter().map(obstacle).collect(), ..Releases::default() }
     }
 
-    /// Returns the obstacle to the release of a former place. `None` if there is none.
+    /// Returns the reason why a former register cannot be released. `None` if it can.
     pub(in crate::gateway) fn obstacle(&self, place: &OutputPlace) -> Option<Explained> {
         let known = self.obstacles.iter().find(|(known, _)| known == place);
         known.map_or_else(|| Some(unknown()), |(_, why)| why.clone())
     }
 
-    /// Records that a place is not released in this run, for this reason.
+    /// Records that a former register is not released in this run, for the reason `why`.
     pub(in crate::gateway) fn refuse(&mut self, place: &OutputPlace, why: &Explained) {
         let known = self.obstacles.iter_mut().filter(|(known, _)| known == place);
         known.for_each(|(_, obstacle)| *obstacle = Some(why.clone()));
     }
 
-    /// Checks an attempt to arm an axis. An axis that releases a register is refused if no operator has seen the
-    /// register value. An axis whose output was moved waits until the former register is back.
+    /// Checks an attempt to arm an axis. The axis of a release is refused if its register does not hold the value that
+    /// an operator has seen. An axis whose output has another register now waits until the former register is released.
     pub(in crate::gateway) fn assess(
         &self,
         axis: AxisId,
@@ -122,11 +122,11 @@ impl Releases {
         }
     }
 
-    /// Checks whether an output may resume from a Cz that was read in its register. An output that releases no register
-    /// always may.
+    /// Checks whether an output may resume from a Cz that was read in its register. Only an output that releases a
+    /// register can be refused.
     ///
     /// # Errors
-    /// No operator has seen this value in the register.
+    /// The register does not hold the value that an operator has seen.
     pub(in crate::gateway) fn admit(
         &self,
         output: OutputId,
@@ -139,11 +139,11 @@ impl Releases {
 }
 
 impl ReturningRegister {
-    /// Checks whether the axis may resume from a Cz that was read in its register. `shares`: operator offset and
-    /// gateway share of a shared register.
+    /// Checks whether the axis may resume from a Cz that was read in its register. `shares` contains the operator
+    /// offset and the gateway share of a shared register.
     ///
     /// # Errors
-    /// No operator has seen this value in the register.
+    /// The register does not hold the value that an operator has seen.
     pub(in crate::gateway) fn admit(
         &self,
         found: Micron,
@@ -174,7 +174,7 @@ impl ReturningRegister {
     }
 }
 
-/// Bounds of an output, as they are saved.
+/// Returns limit, step, rate and interlock of an output, in the form in which they are saved.
 pub(super) fn bounds_of(profile: &Profile, output: &Output) -> Bounds {
     let axis = &profile.axis(output.axis).settings;
     let obstacle = if output.set.is_some() {
@@ -198,7 +198,7 @@ pub(super) fn bounds_of(profile: &Profile, output: &Output) -> Bounds {
     }
 }
 
-/// Type and byte order of an encoding, as text.
+/// Formats data type and byte order of an encoding.
 pub(super) fn layout(encoding: &Encoding) -> String {
     let name = encoding.data_type.name();
     let order = match encoding.data_type.registers() {
@@ -208,7 +208,7 @@ pub(super) fn layout(encoding: &Encoding) -> String {
     format!("{name}{order}{}", if encoding.byte_swap { " byte-swapped" } else { "" })
 }
 
-/// Obstacle of a shared register whose ledger entry is in doubt.
+/// Reason why a shared register whose ledger entry is in doubt cannot be released.
 pub(in crate::gateway) fn in_doubt() -> Explained {
     Explained::new("the operator offset in this register is in doubt", BY_HAND)
 }
@@ -219,10 +219,10 @@ fn unknown() -> Explained {
     Explained::new(cause, BY_HAND)
 }
 
-/// Checks that a former place can be released.
+/// Checks that a former register can be released.
 ///
 /// # Errors
-/// The reason why it cannot be released, and the remedy.
+/// The register cannot be released, for this reason, with a hint.
 fn why_not(profile: &Profile, former: &FormerPlace, kept: &[Entry]) -> Result<(), Explained> {
     let by_hand = |cause: String| Err(Explained::new(cause, BY_HAND));
     let Some(bounds) = &former.bounds else { return Err(unknown()) };
@@ -246,8 +246,8 @@ fn why_not(profile: &Profile, former: &FormerPlace, kept: &[Entry]) -> Result<()
     Ok(())
 }
 
-/// Saved operator offset of a shared register, in the unit of the register. `None` if the register is not shared, or if
-/// the offset is not known.
+/// Returns the saved operator offset of a shared register, in the unit of the register. `None` if the register is not
+/// shared, or if the offset is not known.
 pub(in crate::gateway) fn operators_part(
     place: &OutputPlace,
     bounds: &Bounds,
@@ -263,12 +263,12 @@ pub(in crate::gateway) fn operators_part(
     Some(counts * bounds.step_um * factor(place) * GRAIN_OF_A_STEP)
 }
 
-/// Factor from Cz to the written value.
+/// Returns the factor from Cz to the written value: 2 for a diameter.
 fn factor(place: &OutputPlace) -> f64 {
     if place.diameter { 2.0 } else { 1.0 }
 }
 
-/// Finds the access to the register of a former place.
+/// Finds device, encoding and interlock of a former register. The error is the reason why it cannot be released.
 fn way(profile: &Profile, place: &OutputPlace, bounds: &Bounds) -> Result<FormerRegister, Explained> {
     let by_hand = |cause: String| Explained::new(cause, BY_HAND);
     if !bounds.are_sound() {
@@ -321,13 +321,14 @@ fn way(profile: &Profile, place: &OutputPlace, bounds: &Bounds) -> Result<Former
     Ok(FormerRegister { device, register, encoding, when: when.transpose()? })
 }
 
-/// Finds the device of a former place. Its checks, line and timeouts are those of the profile.
+/// Finds the device of a former register in the profile, which defines checks, bus and timeouts.
 fn device_at(profile: &Profile, place: &OutputPlace) -> Option<DeviceId> {
     let is_at = |device: &Device| device.unit == place.unit && profile.bus(device.bus).address == place.bus;
     profile.devices.iter().position(is_at).map(DeviceId)
 }
 
-/// Register and encoding of a former place. `None` if it is no holding register, or has a type that no version writes.
+/// Parses address and encoding of a former register. Returns `None` if it is no holding register, or has a type that
+/// isotherm never writes.
 fn register(place: &OutputPlace) -> Option<(Register, Encoding)> {
     let (text, _) = place.address.split_once(' ')?;
     let register: Register =
@@ -351,7 +352,7 @@ fn register(place: &OutputPlace) -> Option<(Register, Encoding)> {
     Some((register, encoding))
 }
 
-/// Adds an axis and an output for each release. Returns the releases that the profile still allows.
+/// Adds an axis and an output to the profile for each release. Returns the releases that the profile still allows.
 pub(in crate::gateway) fn extend(profile: &mut Profile, releases: &[Release]) -> Vec<ReturningRegister> {
     let mut returning = Vec::new();
     for release in releases {
@@ -422,7 +423,7 @@ fn add(profile: &mut Profile, release: &Release, way: FormerRegister) -> Option<
     Some(ReturningRegister { axis, output: id, release: release.clone(), grain_um, waits })
 }
 
-/// Returns this name if it is free, otherwise the name with the first number that is free.
+/// Returns `name` if it is not in use, otherwise `name` with the first number that is not in use.
 fn free(name: String, taken: &[&str]) -> String {
     let numbered = |number: u32| if number == 1 { name.clone() } else { format!("{name}_{number}") };
     // An endless series contains a free name.

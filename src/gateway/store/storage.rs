@@ -1,5 +1,5 @@
-//! Saves the logs on a separate thread, and hands the state to its writer. A full or slow disk has no effect on the
-//! bus.
+//! Producer side of saving: passes log rows to a separate thread, and the state to its writer. A full or slow disk does
+//! not delay the bus lines.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -36,54 +36,55 @@ pub(in crate::gateway) use outputs::{CountedWrite, OutputTransition, TurnRecord}
 use stamps::{Stamped, Stamps};
 use thread::StorageThread;
 
-/// Shortest time between two regular saves of the state; there is one more at the end. The logs are synced with it. A
-/// power cut loses at most 10 s of the logs: this time, one step, and the delay of a slow disk.
+/// Minimum time between two regular saves of the state; a last save follows at the end. The logs are synchronised to
+/// disk at the same times. A power cut loses at most 10 s of the logs: this time, one step, and the delay of a slow
+/// disk.
 const REMEMBER_EVERY: Duration = Duration::from_secs(8);
-/// Longest wait for the disk at the end of a run.
+/// Maximum wait for the disk at the end of a run.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
-/// Rows of decisions that may wait for a slow disk. Further rows are dropped and counted.
+/// Maximum number of decision rows that wait for a slow disk. Further rows are dropped and counted.
 const QUEUE: usize = 4096;
-/// Rows of outputs that may wait for a slow disk. They take no space from the decisions.
+/// Maximum number of output rows that wait for a slow disk. They do not reduce the number of waiting decision rows.
 const OUTPUT_QUEUE: usize = 4096;
 
-/// Producer side of the queue. Without a directory it saves nothing.
+/// Access to the logs and to the saved state. Without a directory, nothing is saved.
 #[derive(Default)]
 pub(in crate::gateway) struct Storage {
     queue: Option<SyncSender<Job>>,
     recorder: Option<Recorder>,
     pub(in crate::gateway) outputs: OutputsLog,
-    /// Rows of decisions that were dropped because the queue was full.
+    /// Number of decision rows that were dropped because the queue was full.
     dropped: u64,
     remembered: Option<Moment>,
     /// Results of the sign checks, by axis.
     pub(in crate::gateway) signs: BTreeMap<String, SignMemory>,
-    /// Cz that the previous run left in the outputs, µm. The Cz of an output is saved again as long as the register of
-    /// the output has not been read.
+    /// Cz that the previous run left in the outputs, µm. Each is saved again until the register of the output has been
+    /// read.
     pub(in crate::gateway) left_um: BTreeMap<String, f64>,
-    /// Cz of each output as it was last given to the writer, in the order of the profile.
+    /// Cz of each output in the last saved state, in the order of the profile.
     handed_over: Vec<Option<Micron>>,
     stamps: Stamps,
-    /// Day and file of the present rows of decisions.
+    /// Day and file of the present decision rows.
     begun: Option<(Date, Stamped)>,
-    /// Rows of decisions are missing on disk. The rows after them can be replayed only from a row with the state of the
-    /// axes.
+    /// Whether decision rows are missing on disk. A replay can then continue only at a row with the state of the axes.
     torn: Arc<AtomicBool>,
-    /// Lets events wake the thread, until it is dropped.
+    /// Connection that lets new events wake the thread, until it is dropped.
     events: Option<EventsWake>,
-    /// Disconnected when the thread ends.
+    /// Channel that the thread disconnects when it ends.
     working: Option<Receiver<()>>,
     /// Writer of the state.
     writer: Option<Arc<Writer>>,
 }
 
-/// Correction of the clock, if the time of the clock does not continue from `last`, the newest stamp in state or log.
-/// The time does not continue if it is earlier than `last`, or too much later.
+/// Returns the correction of the clock if its time does not continue after `last`, the newest time stamp in state or
+/// log: the time is earlier than `last`, or too much later.
 pub(in crate::gateway) fn clock_correction(now: Moment, last: Option<Moment>) -> Option<Correction> {
     let last = last.filter(|last| Stop::between(*last, now).by_the_clock.is_none());
     last.map(|from| Correction { from, to: now })
 }
 
-/// Newest stamp in the logs of this machine, for the days of its present clock. `None` if there is none.
+/// Returns the newest time stamp in the logs of this machine. Logs from before a large correction of the clock are
+/// ignored. `None` if there is no log.
 pub(in crate::gateway) fn newest_stamp(directory: &Path, machine: &str, now: Moment) -> Option<Moment> {
     let logs = retention::logs(directory, machine);
     let set = retention::breaks(directory, &logs);
@@ -106,20 +107,20 @@ enum Job {
         at: Moment,
         stamped: Stamped,
         row: Vec<u8>,
-        /// Number of losses of output rows when this row was made. A higher number later shows that rows are missing in
-        /// between.
+        /// Number of losses of output rows before this row was made. If the present number is higher, rows between are
+        /// missing.
         tear: u64,
     },
-    /// The rows that were written must be synced to disk.
+    /// Synchronise the written rows to disk.
     Sync {
         at: Moment,
     },
-    /// Some events are not on disk yet.
+    /// Write the events that are not on disk yet.
     Events,
 }
 
 impl Storage {
-    /// Starts to save the logs of this machine in this directory, and its state.
+    /// Starts the thread for the logs of this machine, which are in this directory with its state.
     pub(in crate::gateway) fn start(
         profile: &Profile,
         (directory, writer): (&Path, Arc<Writer>),
@@ -149,13 +150,13 @@ impl Storage {
         Storage { queue, recorder, outputs, torn, events, working, stamps, writer, ..Storage::default() }
     }
 
-    /// Saves only the state.
+    /// Creates an access that saves only the state, and no logs.
     pub(in crate::gateway) fn without_log(writer: Arc<Writer>, clock: &Clock) -> Storage {
         Storage { writer: Some(writer), stamps: Stamps::by(clock, None), ..Storage::default() }
     }
 
-    /// Prepares the row of a step. If the row is the first of a file, or rows before it are lost, the row contains the
-    /// state of the axes. It can then be replayed without earlier rows.
+    /// Prepares the row of a step. If it is the first row of a file, or if earlier rows were lost, it also contains the
+    /// state of the axes. A replay can then begin at this row.
     pub(in crate::gateway) fn prepare(&mut self, now: Moment, compensation: &Compensation) {
         let Some(recorder) = &mut self.recorder else { return };
         let stamped = self.stamps.check(now);
@@ -183,14 +184,14 @@ impl Storage {
         }
     }
 
-    /// Records that the operator has armed, and thus accepts what did not fit at the start.
+    /// Records that the operator has armed an axis, and has thus accepted the state that was in question.
     pub(in crate::gateway) fn answered(&self) {
         if let Some(writer) = &self.writer {
             writer.question().close();
         }
     }
 
-    /// Returns whether the state is in question until the operator arms.
+    /// Returns whether the saved state is in question until the operator arms an axis.
     pub(in crate::gateway) fn is_in_question(&self) -> bool {
         self.writer.as_ref().is_some_and(|writer| writer.question().is_open())
     }
@@ -206,13 +207,13 @@ impl Storage {
         }
     }
 
-    /// Saves the state with the next step.
+    /// Requests that the next step saves the state.
     pub(in crate::gateway) fn remember_soon(&mut self) {
         self.remembered = None;
     }
 
-    /// Returns whether the last saved state contains this Cz of an output, or is within one step of it after the next
-    /// change. `written`: present Cz of the output. `decided`: its next Cz.
+    /// Returns whether the last saved state contains the Cz of an output, or a Cz that differs from the next one by at
+    /// most one step. `written` is the present Cz, `decided` the next one.
     pub(in crate::gateway) fn is_within_a_step(
         &self,
         id: OutputId,
@@ -224,7 +225,7 @@ impl Storage {
             || known.is_some_and(|known| known == written || (decided - known).abs() <= step)
     }
 
-    /// Gives the state to its writer, if saving is urgent or the last save was long enough ago.
+    /// Saves the state, if this is urgent or the last save was long enough ago.
     pub(in crate::gateway) fn remember(
         &mut self,
         (now, is_urgent): (Moment, bool),
@@ -252,7 +253,7 @@ impl Storage {
         let _ = self.hand_over(Job::Sync { at: now });
     }
 
-    /// Waits at the end of a run until everything queued is on disk, but not forever if the disk hangs.
+    /// Waits at the end of a run until all queued rows are on disk, for [`LAST_PATIENCE`] at most.
     pub(in crate::gateway) fn finish(&mut self) {
         (self.queue, self.outputs, self.events) = (None, OutputsLog::default(), None);
         if let Some(working) = self.working.take() {
@@ -260,12 +261,12 @@ impl Storage {
         }
     }
 
-    /// Rows of the logs that were dropped since the start because of a slow disk.
+    /// Returns the number of log rows that were dropped since the start because the disk was too slow.
     pub(in crate::gateway) fn dropped(&self) -> u64 {
         self.dropped + self.outputs.dropped
     }
 
-    /// Queues a job. Returns `false` if the queue has no space; the job is then lost.
+    /// Queues a job for the thread. Returns `false` if the queue is full; the job is then lost.
     fn hand_over(&mut self, job: Job) -> bool {
         // A full queue means that the disk has failed for a long time, which was reported.
         let Some(queue) = &self.queue else { return false };

@@ -1,5 +1,5 @@
-//! Templates of the last run. A template that has changed since then is reported, for example after an upgrade of the
-//! program.
+//! Templates of the last run. A template that has changed since then, for example after an upgrade of isotherm, is
+//! reported.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -7,13 +7,13 @@ use std::path::{Path, PathBuf};
 use super::disk::{Disk, Files};
 use isotherm_profile::{Profile, template};
 
-/// Largest number of changes of one template that are reported.
+/// Maximum number of reported changes of one template.
 const SHOWN: usize = 6;
 
 /// Text of each template, by its name.
 type Texts = BTreeMap<String, String>;
 
-/// Templates that have changed since the last run: name and changes in one line.
+/// Returns the templates that have changed since the last run: the name of each, and its changes in one line.
 pub fn changed(directory: &Path, profile: &Profile) -> Vec<(String, String)> {
     let before = kept(&path(directory, profile)).unwrap_or_default();
     let changed = texts(profile).into_iter().filter_map(|(name, now)| {
@@ -29,7 +29,7 @@ pub fn changed(directory: &Path, profile: &Profile) -> Vec<(String, String)> {
     changed.collect()
 }
 
-/// Saves the templates of this run. No task waits for the end of the saving, and a failure has no other effect.
+/// Saves the templates of this run in a separate thread. A failure has no effect except that changes are not reported.
 pub(in crate::gateway) fn keep(directory: &Path, profile: &Profile) {
     let (path, now) = (path(directory, profile), texts(profile));
     if kept(&path).unwrap_or_default() == now {
@@ -44,7 +44,7 @@ fn path(directory: &Path, profile: &Profile) -> PathBuf {
     directory.join(format!("{}.templates.json", profile.name))
 }
 
-/// A file that cannot be read counts as missing: only a report depends on it.
+/// Reads the saved templates. Returns `None` if the file is missing or cannot be read.
 fn kept(path: &Path) -> Option<Texts> {
     Files.read(path).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok())
 }

@@ -1,7 +1,7 @@
-//! Alarms: faults that have not ended. An event raises an alarm, another event ends it.
+//! Alarms: faults that have not ended. One event raises an alarm, another event ends it.
 //!
-//! An alarm is acknowledged when the operator has seen it. Nothing else changes by that. An alarm that is raised again
-//! is a new one.
+//! An operator acknowledges an alarm after seeing it. This only marks the alarm. If the same alarm is raised again, the
+//! new alarm is not acknowledged.
 
 use std::collections::BTreeMap;
 
@@ -11,26 +11,26 @@ use serde_json::Value;
 use super::journal::Entry;
 use isotherm_core::events::{EventKind, Level};
 
-/// Alarm that has begun and not ended.
+/// Alarm that was raised and has not ended.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Alarm {
-    /// Subject of the alarm. The alarm is acknowledged by it.
+    /// Subject of the alarm, by which it is acknowledged, for example `signal bed`.
     pub id: String,
-    /// Kind of the event that raised it.
+    /// Kind of the event that raised the alarm.
     pub kind: String,
     /// Severity of the alarm.
     pub level: Level,
-    /// Time since which it is active, RFC 3339.
+    /// Time since which the alarm is active, RFC 3339.
     pub since: String,
-    /// Text of the event.
+    /// Text of the event that raised the alarm.
     pub text: String,
-    /// Present cause of the alarm; `None` if it has none.
+    /// Present cause of the alarm; `None` if it is not known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cause: Option<String>,
-    /// Hint: what to do about the cause.
+    /// Hint: remedy for the cause.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hint: Option<String>,
-    /// Acknowledgement; `None` before it.
+    /// Acknowledgement; `None` if the alarm was not acknowledged.
     pub acknowledged: Option<Acknowledgement>,
 }
 
@@ -39,14 +39,14 @@ pub struct Alarm {
 pub struct Acknowledgement {
     /// Time of the acknowledgement, RFC 3339.
     pub at: String,
-    /// Person or program, and channel.
+    /// Requester of the acknowledgement, with its channel.
     pub by: String,
 }
 
-/// Change of the alarms by an event. Alarms are given by their subjects.
+/// Alarms that an event has raised or ended, by their subjects.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Change {
-    /// Alarm that was raised.
+    /// Alarm that was raised; `None` if the event raises none.
     pub raised: Option<String>,
     /// Alarms that were active and have ended.
     pub ended: Vec<String>,
@@ -57,7 +57,7 @@ pub struct Change {
 pub(super) struct Alarms(BTreeMap<String, Alarm>);
 
 impl Alarms {
-    /// Raises and ends the alarms of an event, as the catalogue says.
+    /// Raises and ends the alarms of an event, as its entry in the catalogue says.
     pub(super) fn note(&mut self, kind: EventKind, entry: &Entry) -> Change {
         let raised = kind.raises().filter(|_| entry.level != Level::Info);
         let ends: &[&str] = if raised.is_some() { &[] } else { kind.ends() };
@@ -91,8 +91,8 @@ impl Alarms {
         all
     }
 
-    /// Acknowledges one alarm, or all of them. Returns how many were not acknowledged before; `None` if there is no
-    /// such alarm.
+    /// Acknowledges one alarm, or all of them if `id` is `None`. Returns the number of alarms that were not
+    /// acknowledged before. `None` if there is no such alarm.
     pub(super) fn acknowledge(&mut self, id: Option<&str>, seen: &Acknowledgement) -> Option<usize> {
         let meant = self.0.values_mut().filter(|alarm| id.is_none_or(|id| id == alarm.id));
         let mut meant = meant.peekable();
@@ -102,7 +102,7 @@ impl Alarms {
     }
 }
 
-/// Subject of an alarm. `{axis}` in its pattern is replaced by the field `axis` of the event's data.
+/// Returns the subject of an alarm: in the pattern, `{axis}` is replaced by the field `axis` of the event's data.
 fn id_of(pattern: &str, data: &Value) -> String {
     let parts = pattern.split(['{', '}']).enumerate();
     parts

@@ -1,4 +1,4 @@
-//! Events about publishing to the broker of `[mqtt]`.
+//! Events about publishing to the MQTT broker of `[mqtt]`.
 
 use serde::Serialize;
 
@@ -6,11 +6,11 @@ use super::description::{EventDescription, caused, plain};
 use isotherm_core::events::EventKind;
 use isotherm_profile::counted;
 
-/// State of publishing to the broker.
+/// Change in publishing to the broker.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum Broker {
-    /// The connection is lost. It is reported once, until there is a connection again.
+    /// The connection is lost, or cannot be made. The event is not repeated until there is a connection again.
     Down {
         /// Address of the broker.
         broker: String,
@@ -31,7 +31,7 @@ pub enum Broker {
         /// Number of dropped messages.
         count: u64,
     },
-    /// Data that must be kept for the broker could not be written to disk.
+    /// Data that wait for the broker could not be written to disk.
     NotKept {
         /// Address of the broker.
         broker: String,
@@ -56,7 +56,7 @@ impl Broker {
                     .of(EventKind::BrokerDropped)
             }
             Broker::NotKept { broker, why } => {
-                caused(format!("messages that {broker} misses are not saved"), why)
+                caused(format!("messages for {broker} cannot be saved on disk"), why)
                     .of(EventKind::BrokerNotKept)
             }
         }

@@ -1,4 +1,4 @@
-//! Events about the certificates of an OPC UA line.
+//! Events about the certificates of an OPC UA bus.
 
 use isotherm_core::quantity::Moment;
 use serde::Serialize;
@@ -8,19 +8,19 @@ use super::description::{EventDescription, caused};
 use isotherm_core::events::EventKind;
 use isotherm_core::explained::Explained;
 
-/// A certificate that has expired or expires soon.
+/// Certificate that has expired or expires soon.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Expiry {
-    /// Bus of the certificate.
+    /// Bus that uses the certificate.
     pub bus: String,
-    /// File name in the profile.
+    /// File name of the certificate, as in the profile.
     pub file: String,
     /// Owner of the certificate.
     pub whose: CertificateOwner,
     /// End of its validity.
     #[serde(serialize_with = "in_text")]
     pub until: Moment,
-    /// `true` if the certificate has expired.
+    /// Whether the certificate has expired.
     pub is_over: bool,
 }
 
@@ -28,11 +28,11 @@ pub struct Expiry {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum CertificateOwner {
-    /// The gateway owns the certificate.
+    /// Certificate of the gateway.
     Gateway,
-    /// The user as which the gateway signs in to the server.
+    /// Certificate of the user as which the gateway signs in to the server.
     User,
-    /// The server owns the certificate.
+    /// Certificate of the server.
     Server,
 }
 

@@ -7,7 +7,7 @@ use isotherm_core::events::EventKind;
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Micron;
 
-/// Result of comparing the errors with and without compensation.
+/// Result of the comparison of the errors with and without compensation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Comparison {
@@ -15,7 +15,7 @@ pub enum Comparison {
     Worse {
         /// Axis of the model.
         axis: String,
-        /// Number of probings that show that the model is worse; 0 if they were taken before the last datum (zero point
+        /// Number of probings that show that the model is worse; 0 if all were taken before the last datum (zero point
         /// of Cz).
         touches: usize,
         /// Root mean square of the error without compensation.
@@ -24,7 +24,7 @@ pub enum Comparison {
         /// Root mean square of the error with the Cz of the model.
         #[serde(rename = "with_um")]
         with: Micron,
-        /// Cz goes to zero until the model is not worse any more.
+        /// Whether Cz goes to zero until the model is not worse any more.
         ramps: bool,
     },
     /// The model is not worse any more.
@@ -34,7 +34,8 @@ pub enum Comparison {
     },
 }
 
-/// Returns a sentence about a model that is worse than no compensation. `touches`: number of probings that show it.
+/// Formats a sentence about a model that is worse than no compensation. `touches` is the number of probings that show
+/// this.
 pub(crate) fn found_worse(touches: usize, with: Micron, without: Micron) -> String {
     let shown = match touches {
         0 => "as touches before the last datum (zero point of Cz) show".to_owned(),
@@ -46,7 +47,7 @@ pub(crate) fn found_worse(touches: usize, with: Micron, without: Micron) -> Stri
     format!("the model is worse than no compensation: {shown}")
 }
 
-/// Hint for an axis whose Cz goes to zero meanwhile.
+/// Hint for an axis whose Cz goes to zero because its model is worse.
 const RAMPS: &str = "Cz goes to zero until touches show that the model is better; identify the model again";
 
 impl Comparison {

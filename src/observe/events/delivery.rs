@@ -1,4 +1,4 @@
-//! Events about messages to the servers of `[[notify]]`.
+//! Events about the messages to the servers of `[[notify]]`.
 
 use serde::Serialize;
 
@@ -6,33 +6,33 @@ use super::description::{EventDescription, caused, plain};
 use isotherm_core::events::EventKind;
 use isotherm_profile::counted;
 
-/// State of the messages to one server.
+/// Change in the delivery of messages to one server.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum Delivery {
-    /// A message could not be delivered. Further failures are not reported until a message arrives.
+    /// A message could not be delivered. Further failures are not reported until a message is delivered.
     Failed {
-        /// Entry of the profile: `notify[0]`.
+        /// Name of the profile entry, for example `notify[0]`.
         notify: String,
-        /// Scheme, host and port.
+        /// Scheme, host and port of the server.
         to: String,
         /// Reason as a sentence.
         why: String,
     },
-    /// A message has arrived after failures.
+    /// A message was delivered after failures.
     Back {
-        /// Entry of the profile.
+        /// Name of the profile entry.
         notify: String,
-        /// Scheme, host and port.
+        /// Scheme, host and port of the server.
         to: String,
         /// Number of failed attempts.
         attempts: u64,
     },
-    /// Messages were given up, or the queue had no room for them.
+    /// Messages were given up after several attempts, or dropped because the queue was full.
     Dropped {
-        /// Entry of the profile.
+        /// Name of the profile entry.
         notify: String,
-        /// Scheme, host and port.
+        /// Scheme, host and port of the server.
         to: String,
         /// Number of dropped messages.
         count: u64,
@@ -58,7 +58,7 @@ impl Delivery {
         }
     }
 
-    /// Entry of the profile with the failed server. This event is not sent to that server.
+    /// Returns the profile entry of the server. This event is not sent to that server, because the delivery would fail.
     #[must_use]
     pub fn notify(&self) -> &str {
         match self {

@@ -1,5 +1,5 @@
 //! Events: the fields of each one, which are its data for programs, and its sentence. The catalogue
-//! [`isotherm_core::events`] has the rest.
+//! [`isotherm_core::events`] contains level, alarms and hint.
 
 use std::time::Duration;
 
@@ -24,7 +24,7 @@ use isotherm_core::output::HandshakeFault;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{counted, duration_text};
 
-/// Hint for a node that keeps its value.
+/// Hint about an OPC UA node that has not taken the written value.
 const NODE_KEEPS_VALUE: &str = "the server answered Good and kept the old value: does another client write \
                                 the node, is writing enabled?";
 
@@ -32,7 +32,7 @@ fn seconds(span: &Duration) -> String {
     duration_text(Duration::from_secs(span.as_secs()))
 }
 
-/// Joins the first five names, and adds the number of the others: `a, b, c, d, e and 3 more`.
+/// Joins the first five names, and adds the number of the others, for example `a, b, c, d, e and 3 more`.
 fn listed(names: &[String]) -> String {
     let named = names.iter().take(5).map(String::as_str).collect::<Vec<_>>().join(", ");
     match names.len().saturating_sub(5) {
@@ -41,7 +41,7 @@ fn listed(names: &[String]) -> String {
     }
 }
 
-/// Kind of a variant: the one with its name, unless another is given.
+/// Kind of a variant: the kind with the same name, unless the declaration gives another one.
 macro_rules! kind {
     ($name:ident) => {
         EventKind::$name
@@ -51,7 +51,8 @@ macro_rules! kind {
     };
 }
 
-/// Declares the events: each variant with its fields, and with its sentence. A variant in `parts` has a type of its own.
+/// Declaration of the events: each variant with its fields and its sentence. A variant below `parts` has a separate
+/// type for its fields.
 macro_rules! events {
     (
         $(#[$outer:meta])*
@@ -72,7 +73,7 @@ macro_rules! events {
         }
 
         impl $event {
-            /// Returns the kind, the level and the sentence.
+            /// Returns kind, level and sentence of the event.
             #[allow(unused_variables, reason = "a sentence does not contain every field")]
             pub(super) fn described(&self) -> EventDescription {
                 match self {
@@ -85,7 +86,7 @@ macro_rules! events {
 }
 
 events! {
-    /// Event, in the names of the profile. Its fields are its data for programs.
+    /// Event of the gateway. Its fields use the names of the profile, and are its data for programs.
     #[derive(Clone, Debug, PartialEq, Serialize)]
     #[serde(untagged)]
     #[allow(
@@ -135,7 +136,7 @@ events! {
             from: &'static str,
             to: &'static str,
             why: Explained,
-            /// The gateway was asked to stop. The change is no fault.
+            /// Whether the gateway was asked to stop. The new state is then no fault.
             #[serde(skip)]
             stopping: bool,
         } => {
@@ -217,7 +218,8 @@ events! {
             )
         );
         Extrapolating { axis: String, how: Explained } => caused(format!("axis {axis}"), how.clone());
-        Interpolating { axis: String } => plain(format!("axis {axis}: no longer extrapolates"));
+        Interpolating { axis: String } =>
+            plain(format!("axis {axis}: the inputs are inside the range of the model again"));
         Probed {
             axis: String,
             #[serde(rename = "error_um")]
@@ -254,7 +256,7 @@ events! {
             output: String,
             wrote: String,
             found: String,
-            /// The value is in a node of an OPC UA server.
+            /// Whether the value is in a node of an OPC UA server.
             #[serde(skip)]
             is_in_a_node: bool,
         } => {
@@ -331,10 +333,10 @@ events! {
         RegisterReleased { output: String, register: String } =>
             plain(format!("output {output}: the former register, {register}, is back at its base value"));
         PlaceConfirmed { output: String } =>
-            plain(format!("output {output}: the operator has confirmed its place"));
+            plain(format!("output {output}: the operator has confirmed its new register"));
         ReferenceForgotten { signal: String, why: Explained } => caused("", why.clone());
         NamespaceRecorded { bus: String, index: u16, uri: String } =>
-            plain(format!("bus {bus}: ns={index} is {uri}, which is remembered"));
+            plain(format!("bus {bus}: ns={index} is {uri}; the gateway saves this URI"));
         NamespaceMoved { bus: String, uri: String, from: u16, to: u16 } => {
             let cause = format!(
                 "namespace {uri} is ns={to} at the server, not ns={from}; the gateway uses the nodes at the new index"

@@ -1,11 +1,11 @@
-//! Events about the port of the web page, and about its tokens.
+//! Events about the port of the web page, and about its access tokens.
 
 use serde::Serialize;
 
 use super::description::{EventDescription, caused, plain};
 use isotherm_core::events::EventKind;
 
-/// State of the web page that the profile requires.
+/// Change in the port of the web page, if the profile requires the page.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum PagePort {
@@ -37,7 +37,7 @@ impl PagePort {
     }
 }
 
-/// A token file of the web page has changed while the gateway runs.
+/// Change of a token file of the web page while the gateway runs.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum PageToken {

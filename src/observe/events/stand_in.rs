@@ -1,4 +1,4 @@
-//! Events of a rejected sensor: its stand-in, and its end.
+//! Events about a rejected or suspected sensor: the beginning and the end of its stand-in.
 
 use std::time::Duration;
 
@@ -10,22 +10,23 @@ use isotherm_core::events::EventKind;
 use isotherm_core::explained::Explained;
 use isotherm_profile::{counted, duration_text};
 
-/// Change of the state of a sensor of an axis's model.
+/// Change in the state of a sensor that a model uses.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum StandIn {
-    /// The sensor is frozen or lost and has a stand-in; or it is suspected of being frozen, and its reading is used.
+    /// The sensor is frozen or lost, and a stand-in replaces its reading. Or the sensor is only suspected of being
+    /// frozen, and its reading is still used.
     Taken {
         /// Axis of the model.
         axis: String,
         /// Name of the signal.
         signal: String,
-        /// The reading does not change; else the sensor is lost.
+        /// Whether the reading does not change. If `false`, the sensor is lost.
         frozen: bool,
         /// Time since the fault began.
         #[serde(rename = "for_s", serialize_with = "in_seconds")]
         span: Duration,
-        /// Number of predictors of the stand-in; `None` without a stand-in.
+        /// Number of sensors from which the stand-in is calculated; `None` without a stand-in.
         others: Option<usize>,
     },
     /// The sensor has no stand-in any more.
@@ -34,20 +35,20 @@ pub enum StandIn {
         axis: String,
         /// Name of the signal.
         signal: String,
-        /// The sensor's own reading is accepted again; else it is still missing or rejected.
+        /// Whether the sensor's own reading is accepted again. If `false`, it is still missing or rejected.
         #[serde(rename = "believed")]
         accepted: bool,
     },
 }
 
-/// Returns the number of other sensors as text: `1 other sensor`, `5 other sensors`.
+/// Formats the number of other sensors, for example `1 other sensor` or `5 other sensors`.
 pub(crate) fn others(count: usize) -> String {
     counted(count, "other sensor")
 }
 
-/// Hint for a sensor that is suspected, and whose reading is used.
+/// Hint about a sensor that is suspected of being frozen, and whose reading is still used.
 const USED_MEANWHILE: &str =
-    "look at the sensor, its cable and its channel; the axis uses its reading meanwhile";
+    "look at the sensor, its cable and its channel; until then, the axis uses the reading";
 
 impl StandIn {
     pub(super) fn described(&self) -> EventDescription {

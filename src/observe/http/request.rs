@@ -1,4 +1,4 @@
-//! Checks of a request before authentication: it names one host, and its body is complete in time.
+//! Checks of a request: it names one host, and its body is received completely and in time.
 
 use std::time::Duration;
 
@@ -8,10 +8,10 @@ use axum::http::{StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-/// Largest body of a command, in bytes.
+/// Maximum size of a command's body, in bytes.
 const LARGEST_BODY: usize = 1024;
 
-/// Rejects a request that names two hosts. A proxy and this server could use different ones.
+/// Rejects a request that names two hosts, because a proxy and this server could use different ones.
 pub(super) async fn for_one_host(request: Request, next: Next) -> Response {
     match names_one_host(&request) {
         true => next.run(request).await,
@@ -32,7 +32,7 @@ fn names_one_host(request: &Request) -> bool {
     hosts.next().is_none() && request.uri().authority().is_none_or(is_so)
 }
 
-/// Passes a request on when its body is complete. The time limit is `longest`.
+/// Receives the body of a request for at most `longest`, then passes the request to `next`.
 pub(super) async fn whole(State(longest): State<Duration>, request: Request, next: Next) -> Response {
     if request.body().is_end_stream() {
         return next.run(request).await;
@@ -46,11 +46,13 @@ pub(super) async fn whole(State(longest): State<Duration>, request: Request, nex
     match read {
         Ok(Some(body)) => next.run(Request::from_parts(head, Body::from(body))).await,
         Ok(None) => {
-            let text = format!("The body may have at most {LARGEST_BODY} bytes, and must be complete.\n");
+            let text = format!(
+                "The body of the request may have at most {LARGEST_BODY} bytes, and must be complete.\n"
+            );
             (StatusCode::PAYLOAD_TOO_LARGE, text).into_response()
         }
         Err(_) => {
-            let text = format!("The body did not come within {} s.\n", longest.as_secs());
+            let text = format!("The body of the request did not arrive within {} s.\n", longest.as_secs());
             (StatusCode::REQUEST_TIMEOUT, [(header::CONNECTION, "close")], text).into_response()
         }
     }

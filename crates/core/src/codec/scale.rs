@@ -1,6 +1,7 @@
 //! Scales: engineering units per count.
 
-/// Scale of a value. It stores whether one unit is a whole number of counts, because finding out takes two divisions.
+/// Scale of a value. It also stores whether one unit is a whole number of counts, because calculating this takes two
+/// divisions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scale {
     per_count: f64,
@@ -18,13 +19,13 @@ impl Scale {
         Scale { per_count, counts_per_unit: is_whole.then_some(counts) }
     }
 
-    /// Units per count.
+    /// Returns the units per count.
     pub const fn get(self) -> f64 {
         self.per_count
     }
 
-    /// Returns `raw · scale`. If one unit is a whole number of counts, it divides instead. With scale 0.1, 229 counts
-    /// are then 22.9, not 22.900000000000002.
+    /// Returns `raw · scale`. If one unit is a whole number of counts, `raw` is divided by this number instead. With
+    /// scale 0.1, 229 counts are then 22.9, not 22.900000000000002.
     pub(super) fn scaled(self, raw: f64) -> f64 {
         match self.counts_per_unit {
             Some(counts) => raw / counts,

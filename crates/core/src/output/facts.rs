@@ -11,7 +11,8 @@ use super::turns::Turns;
 use super::{Fact, Who};
 use crate::quantity::{Counts, Moment};
 
-/// Processes a fact. If a read showed nothing new, returns the time of its request.
+/// Changes the state according to a fact. If the fact is a read that showed nothing new, returns the time of its
+/// request.
 pub(super) fn take(state: &mut State, settings: &Settings, fact: Fact, now: Moment) -> Option<Moment> {
     state.disk.is_unsaved |= state.copies.expire(now);
     match fact {
@@ -207,7 +208,7 @@ fn report_untaken(state: &mut State, how: WriteFailure, event: Event) {
     }
 }
 
-/// Calculates the gateway share: the register value `sum` minus the operator offset, which has not changed.
+/// Sets the gateway share to the register value `sum` minus the operator offset, which has not changed.
 fn share_is(state: &mut State, sum: Counts) {
     if let Some(account) = state.account {
         account_is(state, Account { share: sum - account.base, ..account });
@@ -260,7 +261,8 @@ fn arm(state: &mut State, settings: &Settings, by: Who) {
     }
 }
 
-/// Completes the confirmation by the operator. The share is the assumed one, and the rest is the operator offset.
+/// Completes the confirmation that the operator began by arming. The gateway share is the assumed one, and the rest of
+/// `found` is the operator offset.
 ///
 /// The operator may have corrected the register after it was last read. A value that the gateway or a restarted CNC may
 /// have caused is not accepted as a correction. The value from before the doubt is accepted, whoever restored it.
@@ -328,7 +330,7 @@ fn acknowledged(state: &mut State, settings: &Settings, value: Counts, begun: Mo
     state.reports.report_acknowledged();
 }
 
-/// Handles a write that did not take place. Returns its value.
+/// Handles a write that was refused or not sent. Returns the value of the write, or `None` if no write was pending.
 fn not_written(state: &mut State, settings: &Settings, now: Moment) -> Option<Counts> {
     let PendingAction::Writing { value, .. } = state.pending_action else { return None };
     state.pending_action = PendingAction::Nothing;
@@ -352,7 +354,7 @@ fn switch_off(state: &mut State, to: ArmState) {
     }
 }
 
-/// Ends the pending action if it is `what`. Returns true if it has ended.
+/// Ends the pending action if it equals `what`. Returns true if it has ended.
 fn ends(state: &mut State, what: PendingAction) -> bool {
     let is_it = state.pending_action == what;
     if is_it {

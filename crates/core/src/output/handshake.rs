@@ -8,22 +8,22 @@ use crate::events::EventKind;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum HandshakeFault {
-    /// The acknowledge was up before the strobe, and stayed up.
+    /// The acknowledge of the control was up before the strobe was raised, and stayed up.
     AcknowledgeEarly,
     /// The strobe could not be raised.
     StrobeNotWritten,
-    /// The acknowledge did not come.
+    /// The control did not raise its acknowledge in time.
     AcknowledgeMissing,
-    /// The acknowledge could not be read.
+    /// The acknowledge of the control could not be read.
     AcknowledgeNotRead,
     /// The strobe could not be dropped.
     StrobeNotDropped,
-    /// The acknowledge did not drop after the strobe.
+    /// The control did not drop its acknowledge after the strobe was dropped.
     AcknowledgeStuck,
 }
 
 impl HandshakeFault {
-    /// Kind of its event.
+    /// Returns the kind of the event that reports this failure.
     pub const fn kind(self) -> EventKind {
         match self {
             HandshakeFault::AcknowledgeEarly => EventKind::AcknowledgeEarly,
@@ -35,7 +35,7 @@ impl HandshakeFault {
         }
     }
 
-    /// Failure, as text for a status line.
+    /// Returns the failure as a text for the status of the output.
     pub const fn message(self) -> &'static str {
         match self {
             HandshakeFault::AcknowledgeEarly => "the acknowledge is up before the strobe",
@@ -47,7 +47,7 @@ impl HandshakeFault {
         }
     }
 
-    /// Hint for the operator.
+    /// Returns the hint for the operator; empty if there is none.
     pub fn hint(self) -> &'static str {
         self.kind().hint().unwrap_or_default()
     }

@@ -1,4 +1,4 @@
-//! Client of the command socket.
+//! Client of the command socket, for the commands of `isotherm`.
 
 use std::io::{BufRead, BufReader, ErrorKind, Lines, Write};
 use std::os::unix::net::UnixStream;
@@ -14,39 +14,39 @@ use crate::observe::requester::ANSWER_TIMEOUT;
 use crate::observe::status::{Answer, Command};
 use isotherm_core::compensation::MeasuredReport;
 
-/// Additional wait after the deadline of a command: an answer may be on its way.
+/// Additional wait after the deadline of a command, in which an answer that the gateway has sent can still arrive.
 const UNDER_WAY: Duration = Duration::from_millis(250);
-/// Interval of attempts to connect to a gateway whose queue of connections is full.
+/// Interval between attempts to connect to a gateway whose queue of connections is full.
 const ASK_AGAIN: Duration = Duration::from_millis(50);
-/// Longest time until the running gateway has saved its state and the other program begins.
+/// Maximum time in which the running gateway saves its state and starts the new program.
 const REPLACED_WITHIN: Duration = Duration::from_secs(120);
 
-/// Failure of a request.
+/// Reason why a request to the running gateway failed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Failure {
-    /// No gateway is running.
+    /// No gateway is running; contains the error of the connection.
     #[error("no gateway of this machine is running here ({0}); start it with `isotherm run`")]
     NoGateway(String),
-    /// The socket belongs to another user.
+    /// The socket belongs to another user; contains an explanation.
     #[error("{0}")]
     Forbidden(String),
-    /// The gateway refuses the request, for this reason.
+    /// The gateway refuses the request; contains the reason.
     #[error("{0}")]
     Refused(String),
-    /// The gateway refuses the request, because the profile is wrong.
+    /// The gateway refuses the request because the profile is wrong; contains the reason.
     #[error("{0}")]
     WrongProfile(String),
     /// A gateway is running, but does not answer.
     #[error("no answer within {} s; it is not known whether the command was carried out (see `isotherm \
              events` when the gateway answers again)", ANSWER_TIMEOUT.as_secs())]
     NoAnswer,
-    /// Another program took the place of the gateway and has ended.
+    /// Another program replaced the gateway and ended at once.
     #[error(
         "the new program took over and ended at once; no gateway runs now. Start it with `isotherm run` and \
          read its messages (as a service: systemctl status, journalctl)"
     )]
     NewProgramEnded,
-    /// Another program took the place of the gateway and does not answer.
+    /// Another program replaced the gateway and has not answered within this time.
     #[error("the new program took over and has not answered within {} s. Read its messages (as a service: \
              journalctl), and stop it if it hangs", .0.as_secs())]
     NewProgramSilent(Duration),
@@ -58,24 +58,26 @@ pub enum Failure {
     Ended,
 }
 
-/// Sends a command to the running gateway, for one axis or for all. The answer is a sentence.
+/// Sends a command to the running gateway, for one axis, or for all if `axis` is `None`. The answer contains a
+/// sentence.
 ///
 /// # Errors
-/// No gateway runs there, it refuses, or it does not answer.
+/// No gateway runs at this socket, it refuses the command, or it does not answer.
 pub fn send(path: &Path, command: Command, axis: Option<&str>) -> Result<Answer, Failure> {
     Ok(ask(path, &with_axis(command.name(), axis), ANSWER_TIMEOUT)?.0)
 }
 
-/// Requests the running gateway to arm, and stays connected until it has armed or refused. `show` receives the
-/// conditions for which the request waits.
+/// Requests the running gateway to arm, and waits until it has armed or refused. `show` receives the conditions for
+/// which the request waits.
 ///
 /// # Errors
-/// No gateway runs there, it refuses, or it does not answer any more.
+/// No gateway runs at this socket, it refuses to arm, or it does not answer any more.
 pub fn arm(path: &Path, axis: Option<&str>, show: impl FnMut(&str)) -> Result<String, Failure> {
     Ok(stay(ask(path, &(with_axis("arm", axis) + " stay"), ANSWER_TIMEOUT)?, show)?.0)
 }
 
-/// Waits for the final answer. Returns it with the connection.
+/// Waits for the final answer to a request. Returns the answer and the open connection. `show` receives the reasons of
+/// waiting.
 fn stay(
     (mut answer, mut lines): ReplyLines,
     mut show: impl FnMut(&str),
@@ -96,12 +98,12 @@ fn stay(
     }
 }
 
-/// Requests the running gateway to move the Cz of an axis a little in the plus direction, and waits until Cz is there.
-/// `show` receives the progress. The answer says what a gauge must show. When the second value of the result is
-/// dropped, Cz returns.
+/// Requests the running gateway to move the Cz of an axis a little in the plus direction, and waits until the output
+/// has this Cz. `show` receives the progress. The returned text says how a gauge must have moved. The second value
+/// holds the connection: when it is dropped, Cz returns.
 ///
 /// # Errors
-/// No gateway runs there, it refuses, or it does not answer any more.
+/// No gateway runs at this socket, it refuses the check, or it does not answer any more.
 pub fn sign(
     path: &Path,
     axis: Option<&str>,
@@ -110,12 +112,12 @@ pub fn sign(
     stay(ask(path, &(with_axis("sign", axis) + " stay"), ANSWER_TIMEOUT)?, show)
 }
 
-/// Requests the running gateway to let another program take its place, and waits until that program answers. `show`
-/// receives the progress. The other program has `within` for its check, and again for its start. Returns its state as
-/// JSON.
+/// Requests the running gateway to let another program replace it, and waits until that program answers. `show`
+/// receives the progress. `within` limits the check by the new program, and also its start. Returns the state of the
+/// new gateway as JSON.
 ///
 /// # Errors
-/// No gateway runs there, it refuses, or the other program ends or does not answer.
+/// No gateway runs at this socket, it refuses, or the new program ends or does not answer.
 pub fn restart(path: &Path, within: Duration, show: impl FnMut(&str)) -> Result<String, Failure> {
     let begun = match begin(path, &format!("restart within={}", within.as_secs_f64())) {
         // A gateway of an older version accepts only the bare word. It has its own time limit for the check.
@@ -126,11 +128,12 @@ pub fn restart(path: &Path, within: Duration, show: impl FnMut(&str)) -> Result<
 }
 
 /// Requests the running gateway to return the former registers of an output to their base values. `seen` contains the
-/// Cz in each of them, µm, as the operator has seen it. The gateway does so after it was replaced as by [`restart`].
-/// Returns its state then, as JSON.
+/// Cz in each of these registers, µm, as it was shown to the operator. The gateway is replaced as by [`restart`], and
+/// the new program then moves the registers. Returns its state as JSON.
 ///
 /// # Errors
-/// The restart fails, as by [`restart`]. There is no such register, or it cannot be returned to its base value.
+/// The restart fails, as by [`restart`]. The output has no such register, or the register cannot be returned to its
+/// base value.
 pub fn release(
     path: &Path,
     (output, seen): (&str, &[f64]),
@@ -143,7 +146,7 @@ pub fn release(
     replaced(path, begun, within, show)
 }
 
-/// Process of a gateway that is to be replaced, and the beginning of its answer.
+/// Process of a gateway that another program replaces, and the beginning of the gateway's answer.
 type ReplacementReply = (Option<Process>, ReplyLines);
 
 fn begin(path: &Path, line: &str) -> Result<ReplacementReply, Failure> {
@@ -153,7 +156,7 @@ fn begin(path: &Path, line: &str) -> Result<ReplacementReply, Failure> {
     Ok((process, answered(stream)?))
 }
 
-/// Waits until the other program answers. Returns its state as JSON.
+/// Waits until the new program answers. Returns its state as JSON.
 fn replaced(
     path: &Path,
     (process, asked): ReplacementReply,
@@ -181,20 +184,20 @@ fn replaced(
     }
 }
 
-/// Reports a wrong profile to the running gateway, which another program should have replaced. With a `profile`, only a
-/// gateway of that profile accepts the report.
+/// Reports to the running gateway that the profile for its replacement is wrong. If `profile` is given, only a gateway
+/// of that profile accepts the report.
 ///
 /// # Errors
-/// No gateway runs there, it runs another profile, or it does not answer.
+/// No gateway runs at this socket, it runs another profile, or it does not answer.
 pub fn restart_is_wrong(path: &Path, profile: Option<&Path>) -> Result<String, Failure> {
     let which = profile.map(|profile| format!(" {}", profile.display())).unwrap_or_default();
     Ok(ask(path, &format!("restart wrong{which}"), ANSWER_TIMEOUT)?.0.text().to_owned())
 }
 
-/// Sends the measured error of an axis. `None` discards what the axis has learned from such errors.
+/// Sends the measured error of an axis. With `None`, the correction from earlier measured errors is removed.
 ///
 /// # Errors
-/// No gateway runs there, it refuses, or it does not answer.
+/// No gateway runs at this socket, it refuses the error, or it does not answer.
 pub fn send_measured(path: &Path, axis: &str, report: Option<&MeasuredReport>) -> Result<Answer, Failure> {
     let Some(MeasuredReport { error_um, time, id, .. }) = report else {
         return Ok(ask(path, &format!("measured {axis} clear"), ANSWER_TIMEOUT)?.0);
@@ -208,32 +211,32 @@ pub fn send_measured(path: &Path, axis: &str, report: Option<&MeasuredReport>) -
 /// Accepts a device that the operator has checked.
 ///
 /// # Errors
-/// No gateway runs there, it does not answer, or it refuses.
+/// No gateway runs at this socket, it does not answer, or it refuses.
 pub fn send_confirm(path: &Path, device: &str) -> Result<Answer, Failure> {
     Ok(ask(path, &format!("confirm {device}"), ANSWER_TIMEOUT)?.0)
 }
 
-/// State of the running gateway, as JSON.
+/// Returns the state of the running gateway as JSON.
 ///
 /// # Errors
-/// No gateway runs there, or it does not answer.
+/// No gateway runs at this socket, or it does not answer.
 pub fn status(path: &Path) -> Result<String, Failure> {
     Ok(ask(path, STATUS, ANSWER_TIMEOUT)?.0.text().to_owned())
 }
 
-/// First line of an answer, and the lines after it.
+/// First line of an answer, and the reader for the lines after it.
 type ReplyLines = (Answer, Lines<BufReader<UnixStream>>);
 
 fn with_axis(command: &str, axis: Option<&str>) -> String {
     axis.map_or_else(|| command.to_owned(), |axis| format!("{command} axis={axis}"))
 }
 
-/// Presence of a gateway at a command socket.
+/// Whether a gateway is running behind a command socket.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Presence {
     /// A gateway accepts connections.
     Answers,
-    /// This user may not connect.
+    /// This user may not connect to the socket.
     Forbidden,
     /// No gateway accepts connections.
     Absent,
@@ -248,8 +251,8 @@ pub fn presence(path: &Path) -> Presence {
     }
 }
 
-/// Connects to a command socket. While its queue is full, tries again until `until` has passed since the start of the
-/// computer.
+/// Connects to a command socket. If its queue of connections is full, tries again. `until` is the end of the attempts,
+/// as time since the start of the computer.
 fn connect(path: &Path, until: Duration) -> Result<UnixStream, Failure> {
     let no_gateway = |error: std::io::Error| {
         if error.kind() == ErrorKind::PermissionDenied {
@@ -281,12 +284,13 @@ fn connect(path: &Path, until: Duration) -> Result<UnixStream, Failure> {
     }
 }
 
-/// Sends a line. Returns the first line of the answer, and the lines after it.
+/// Sends a line and waits for the answer, for `patience` at most. Returns the first line of the answer, and a reader
+/// for the lines after it.
 fn ask(path: &Path, line: &str, patience: Duration) -> Result<ReplyLines, Failure> {
     answered(tell(path, line, patience)?)
 }
 
-/// Sends a line. Each line of the answer may take `patience`.
+/// Connects and sends a line. Returns the connection; each line of the answer may take `patience`.
 fn tell(path: &Path, line: &str, patience: Duration) -> Result<UnixStream, Failure> {
     let until = BootClock::default().passed() + ANSWER_TIMEOUT;
     let has_deadline = line != STATUS && !line.starts_with("trace");
@@ -330,11 +334,11 @@ fn understand(line: &str) -> Result<Answer, Failure> {
     }
 }
 
-/// Traces a device of the running gateway for this long. `show` receives each line as it comes, and returns whether to
-/// continue. The answer is a sentence about all lines.
+/// Traces a device of the running gateway for the time `span`. `show` receives each line when it arrives, and returns
+/// whether to continue. Returns a sentence with the number of lines.
 ///
 /// # Errors
-/// No gateway runs there, it refuses, or it does not answer any more.
+/// No gateway runs at this socket, it refuses the trace, or it does not answer any more.
 pub fn trace(
     path: &Path,
     device: &str,

@@ -7,11 +7,12 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::net::sockopt::socket_peercred;
 use rustix::process::{PidfdFlags, pidfd_open};
 
-/// Process of a gateway. `exec` of another program keeps it.
+/// Handle of a gateway process. When `exec` starts another program in the process, the handle remains valid.
 pub(super) struct Process(OwnedFd);
 
 impl Process {
-    /// Process at the other end of this connection. `None` if it is not visible, as from outside a container.
+    /// Returns the process at the other end of the connection. `None` if the process is not visible, for example from
+    /// outside a container.
     pub(super) fn behind(stream: &UnixStream) -> Option<Process> {
         let peer = socket_peercred(stream).ok()?;
         pidfd_open(peer.pid, PidfdFlags::empty()).ok().map(Process)

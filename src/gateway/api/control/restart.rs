@@ -1,15 +1,15 @@
 //! `restart`: another program takes the place of the running gateway.
 //!
 //! `restart` → `waits …` while that program checks the profile, with `still` once a second. The check may take 60 s, or
-//! with `restart within=10` this many seconds. The answer is then `ok …`, and the connection stays open until this
-//! program has ended. If the profile is wrong, the answer is `wrong …`, else `error …`.
+//! 10 s after `restart within=10`. If the check passes, the answer is `ok …`, and the connection stays open until the
+//! running program has ended. If the profile is wrong, the answer is `wrong …`. For another failure, it is `error …`.
 //!
-//! `restart wrong` only records that the requester has found the profile wrong. `restart wrong PATH` does so if PATH is
-//! the profile of this gateway. It is for a profile in which no name can be read.
+//! `restart wrong` restarts nothing: it only records that the requester has found the profile wrong. `restart wrong
+//! PATH` does so only if PATH is the profile of this gateway, for a profile whose machine name cannot be read.
 //!
-//! `release cnc_z seen=20.0`, or `release cnc_z seen=20.0,4.5 within=10`, does the same. After the restart, the former
-//! registers of the output are returned to their base values. The condition is that the gateway shares in these
-//! registers are the given values in µm.
+//! `release cnc_z seen=20.0`, or `release cnc_z seen=20.0,4.5 within=10`, restarts in the same way. After the restart,
+//! the gateway returns the former registers of the output to their base values. The gateway refuses this if its shares
+//! in these registers differ from the values after `seen=`, in µm.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -25,29 +25,29 @@ use crate::observe::status::{Answer, ReleaseRequest};
 
 const RESTART: &str = "restart";
 const RELEASE: &str = "release ";
-/// Beginning of the word with the values that the operator has seen.
+/// Beginning of the word that contains the register values as they were shown to the operator.
 const SEEN: &str = " seen=";
-/// Beginning of the word with the longest time for the check.
+/// Beginning of the word that contains the maximum time for the check, in seconds.
 const WITHIN: &str = " within=";
-/// Longest time for a check, whatever a client requests.
+/// Maximum time for a check. A client cannot request a longer one.
 const LONGEST_CHECK: Duration = Duration::from_secs(600);
-/// Additional time for the end of a check: the disk must store one small file.
+/// Additional time for the end of a check, in which one small file is written to disk.
 const CHECK_ENDS_WITHIN: Duration = Duration::from_secs(3);
 
-/// Request to replace the program, or the report that its profile is wrong.
+/// Request to replace the running program, or the report that the profile of its replacement is wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Request<'a> {
     Restart {
         within: Duration,
     },
-    /// Return the former registers of this output to their base values after the restart. `seen`: numbers separated by
-    /// commas.
+    /// Restart, then return the former registers of this output to their base values. `seen` contains numbers in µm,
+    /// separated by commas.
     Release {
         output: &'a str,
         seen: &'a str,
         within: Duration,
     },
-    /// Record that the profile is wrong. The path may name the profile.
+    /// Record that the profile is wrong. The path of the profile is `None` if the client does not send it.
     Wrong(Option<&'a Path>),
 }
 
@@ -74,7 +74,7 @@ impl<'a> Request<'a> {
         }
     }
 
-    /// Returns true if the client of this request stays connected until another program has taken over.
+    /// Returns whether the client of this request stays connected until another program has taken over.
     pub(super) fn stays(self) -> bool {
         match self {
             Request::Restart { .. } | Request::Release { .. } => true,
@@ -83,7 +83,7 @@ impl<'a> Request<'a> {
     }
 }
 
-/// Parses the time for a check, in seconds.
+/// Parses the maximum time for a check, in seconds. Returns `None` if it is no valid number.
 fn span(seconds: &str) -> Option<Duration> {
     let span = Duration::try_from_secs_f64(seconds.parse().ok()?).ok()?;
     Some(span.min(LONGEST_CHECK))
@@ -105,7 +105,9 @@ pub(super) async fn serve(
         Request::Restart { within } => (within, None),
         Request::Release { output, seen, within } => {
             let seen: Result<Vec<f64>, _> = seen.split(',').map(str::parse).collect();
-            let Ok(seen) = seen else { return say(writer, "error seen=… needs numbers\n").await };
+            let Ok(seen) = seen else {
+                return say(writer, "error write numbers after seen=, in µm, separated by commas\n").await;
+            };
             (within, Some((output, seen)))
         }
         Request::Wrong(path) => {

@@ -1,5 +1,5 @@
-//! Connections that have not sent a line yet. If the limit of connections is reached, the one that has been silent
-//! longest is closed. Therefore no number of silent connections keeps a command waiting.
+//! List of the connections that have not sent a line yet. When the limit of connections is reached, the gateway closes
+//! the one that has been silent longest. Therefore no number of silent connections keeps a command waiting.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,14 +10,14 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use crate::clock::BootClock;
 
-/// Time that a connection may stay silent, per possible connection. A client sends its line as soon as it is connected.
-/// The client connects again if its connection was closed before it has sent the line. The more silent connections are
-/// closed per second, the shorter a command waits.
+/// Factor for the time that a connection may stay silent: this time for each permitted connection. A client sends its
+/// line directly after it has connected, and connects again if its connection was closed before. A short time closes
+/// more silent connections per second, so that a command waits less.
 const GRACE_OF_A_PLACE: Duration = Duration::from_micros(250);
-/// Time in which a closed connection returns its permit.
+/// Maximum time after which a closed connection has returned its permit.
 const RETURNED: Duration = Duration::from_millis(10);
 
-/// Silent connections, the oldest first.
+/// List of silent connections, oldest first.
 #[derive(Clone)]
 pub(super) struct SilentConnections {
     entries: Arc<Mutex<VecDeque<Entry>>>,
@@ -30,11 +30,12 @@ struct Entry {
     close: oneshot::Sender<()>,
 }
 
-/// Completes when the connection must be closed. The owner drops it when a line was received.
+/// Future that completes when the connection must be closed. The task of the connection drops it when it has received a
+/// line.
 pub(super) type Closed = oneshot::Receiver<()>;
 
 impl SilentConnections {
-    /// Creates the list for this number of possible connections.
+    /// Creates the list. `places` is the limit of connections.
     pub(super) fn of(places: usize) -> SilentConnections {
         let grace = GRACE_OF_A_PLACE.saturating_mul(u32::try_from(places).unwrap_or(u32::MAX));
         SilentConnections { entries: Arc::default(), grace, clock: BootClock::default() }
@@ -48,8 +49,8 @@ impl SilentConnections {
         closed
     }
 
-    /// Returns a permit. If none is free, closes the oldest silent connection. Waits while no connection is silent.
-    /// Returns `None` if the semaphore is closed, which does not happen while connections are served.
+    /// Returns a permit for a connection. If all are in use, closes the oldest silent connection, or waits until a
+    /// permit is free. Returns `None` if the semaphore is closed, which does not happen while connections are served.
     pub(super) async fn place(&self, places: &Arc<Semaphore>) -> Option<OwnedSemaphorePermit> {
         loop {
             if let Ok(place) = places.clone().try_acquire_owned() {
@@ -62,7 +63,8 @@ impl SilentConnections {
         }
     }
 
-    /// Closes the oldest connection that may be closed. Returns how long to wait for a permit before the next attempt.
+    /// Closes the oldest silent connection if its time is over. Returns how long to wait for a permit before the next
+    /// attempt.
     fn close_oldest(&self) -> Duration {
         let now = self.clock.passed();
         self.with(|entries| {
@@ -78,7 +80,7 @@ impl SilentConnections {
         })
     }
 
-    /// Removes connections that have sent their line, then calls `act`.
+    /// Removes connections that have sent their line, then calls `act` with the list.
     fn with<T>(&self, act: impl FnOnce(&mut VecDeque<Entry>) -> T) -> T {
         let mut entries = self.entries.lock().unwrap_or_else(PoisonError::into_inner);
         entries.retain(|entry| !entry.close.is_closed());

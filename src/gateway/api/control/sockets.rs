@@ -1,23 +1,23 @@
-//! Paths of command sockets, and which of them accept connections. The list of the kernel shows this to every user.
+//! Paths of command sockets, and which of them accept connections. The kernel lists its sockets for every user.
 
 use std::path::{Path, PathBuf};
 
-/// Flag of a socket that accepts connections, in the list of the kernel.
+/// Flag of a socket that accepts connections, in the kernel's list of sockets.
 const ACCEPTS: u32 = 0x1_0000;
 
-/// Path of the command socket of a machine.
+/// Returns the path of the command socket of a machine.
 pub fn path(directory: &Path, machine: &str) -> PathBuf {
     directory.join(format!("{machine}.sock"))
 }
 
-/// Paths of the command sockets on which gateways of this machine accept connections.
+/// Returns the paths of the command sockets on which gateways of this machine accept connections.
 pub fn listening(machine: &str) -> Vec<PathBuf> {
     let list = std::fs::read_to_string("/proc/net/unix").unwrap_or_default();
     found(&list, machine)
 }
 
-/// Finds the command sockets of a machine in the kernel's list of sockets, by their file name. Only sockets that accept
-/// connections count. A line of the list is `address: references protocol flags type state inode path`.
+/// Finds the command sockets of a machine in the kernel's list, by their file names. Only sockets that accept
+/// connections are returned. A line of the list is `address: references protocol flags type state inode path`.
 fn found(list: &str, machine: &str) -> Vec<PathBuf> {
     let name = path(Path::new(""), machine);
     let socket = |line: &str| {

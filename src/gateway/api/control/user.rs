@@ -11,7 +11,7 @@ use super::sockets::listening;
 const USERS: &str = "/etc/passwd";
 const GROUPS: &str = "/etc/group";
 
-/// Name and uid of the user at the other end of the connection.
+/// Returns name and uid of the user at the other end of the connection.
 pub(super) fn name(stream: &UnixStream) -> String {
     let Ok(peer) = stream.peer_cred() else { return "somebody".to_owned() };
     let uid = peer.uid();
@@ -21,8 +21,8 @@ pub(super) fn name(stream: &UnixStream) -> String {
     }
 }
 
-/// Explains why this user may not connect. The text names the owner and the group of the socket or its directory, as
-/// far as they are visible.
+/// Explains why this user may not connect to the socket. The text names the owner and the group of the socket or of its
+/// directory, if they are visible.
 pub fn forbidden(path: &Path) -> String {
     let seen = path.ancestors().find_map(|place| std::fs::metadata(place).ok());
     let who = seen.map_or_else(String::new, |seen| {
@@ -39,13 +39,14 @@ pub fn forbidden(path: &Path) -> String {
     }
 }
 
-/// Name of the user or group with this number.
+/// Finds the name of the user or group with this number in a list such as `/etc/passwd`. Returns `None` if it is not
+/// listed.
 fn named(list: &str, number: u32) -> Option<String> {
     let list = safe_file::read_text(Path::new(list)).ok()?;
     found(&list, number).map(|name| one_line(name).into_owned())
 }
 
-/// User or group with this number, in the lines `name:x:1000:…`.
+/// Finds the name with this number in lines of the form `name:x:1000:…`.
 fn found(list: &str, number: u32) -> Option<&str> {
     list.lines().find_map(|line| {
         let mut fields = line.split(':');

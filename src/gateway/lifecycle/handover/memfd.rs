@@ -1,9 +1,10 @@
-//! Transport of a handover from one program to the next in the same process. The handover is in a sealed memfd (kernel
-//! memory) as standard input. Its digest is in the state directory.
+//! Transport of a handover from one program to the next in the same process. The new program receives a sealed memfd
+//! (kernel memory) as standard input. The state directory contains the digest of the handover.
 //!
 //! ```text
-//! sources of the checked profile, document (JSON), its length (8 bytes)    program that takes its profile from it
-//! document                                                                 program of an older version
+//! content of the memfd                                                       receiving program
+//! sources of the checked profile, document (JSON), its length (8 bytes)    loads the profile from the sources
+//! document                                                                 older version, reads the profile from disk
 //! ```
 //!
 //! The process that starts the program chooses its standard input. The program therefore accepts a memfd only if all of
@@ -13,7 +14,7 @@
 //! - This process has written it (process id, start time, boot).
 //! - The state directory contains the digest of its document, which contains the digest of the sources.
 //!
-//! The program removes the digest before it arms anything, so that no handover is used twice.
+//! The program removes the digest before it arms an axis, so that no handover is used twice.
 
 use std::fs::File;
 use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
@@ -34,29 +35,29 @@ use isotherm_profile::{SOURCES_MARK, sha256, sha256_of};
 mod tests;
 
 const NAME: &str = "isotherm-handover";
-/// Largest document, in bytes.
+/// Maximum size of a document, in bytes.
 const LARGEST: u64 = 16 * 1024 * 1024;
-/// Size of the length of a document, in bytes.
+/// Size of the number at the end of the memfd, which contains the length of the document, in bytes.
 const TRAILER: u64 = 8;
 
-/// Identity of a process. All of it stays the same when one program replaces another.
+/// Identity of a process. It stays the same when one program replaces another in the process.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Process {
     id: u32,
     /// Clock ticks from the start of the computer to the start of the process.
     started: u64,
-    /// Boot id of the kernel.
+    /// Boot id of the kernel, which changes with each start of the computer.
     boot: String,
 }
 
-/// Document of a handover.
+/// Content of a handover that is stored as JSON.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Document<H> {
     process: Process,
     handover: H,
-    /// `None` for a program of an older version.
+    /// Length and digest of the profile's sources; `None` for a program of an older version.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     sources: Option<SourcesSeal>,
 }
@@ -77,13 +78,13 @@ impl Process {
     }
 }
 
-/// Path of the digest of the handover of a machine.
+/// Returns the path of the file with the digest of a machine's handover.
 pub fn digest_path(directory: &Path, machine: &str) -> PathBuf {
     directory.join(format!("{machine}.handover"))
 }
 
-/// Memory in which a handover will be sealed. It contains the sources of the profile already, because they may have
-/// many megabytes.
+/// Memory in which a handover will be sealed. It already contains the sources of the profile, because copying many
+/// megabytes takes time.
 #[derive(Debug)]
 pub struct Prepared {
     memory: File,
@@ -91,7 +92,7 @@ pub struct Prepared {
 }
 
 impl Prepared {
-    /// Prepares a handover, with a profile if the program takes one.
+    /// Creates the memory of a handover, and copies the profile to it if the receiving program accepts one.
     ///
     /// # Errors
     /// The system cannot create a memfd. The error is a sentence.
@@ -110,7 +111,7 @@ impl Prepared {
     }
 }
 
-/// Error of a system that cannot create a memfd.
+/// Converts the error of a failed memfd to a message for the operator.
 fn no_memory(error: io::Error) -> io::Error {
     let error = without_numbers(&error.to_string());
     io::Error::other(format!(
@@ -119,8 +120,8 @@ fn no_memory(error: io::Error) -> io::Error {
 }
 
 impl Handover {
-    /// Writes the handover to prepared memory, seals it, and writes the digest to `path`. Nothing waits for the disk,
-    /// because the digest need not outlive the process.
+    /// Writes the handover to prepared memory, seals it, and writes the digest to `path`. The function does not wait
+    /// for the disk, because the digest need not outlive the process.
     ///
     /// # Errors
     /// The system cannot seal the memory, or the digest cannot be written. The error is a sentence.
@@ -148,7 +149,7 @@ impl Handover {
         Ok(memory)
     }
 
-    /// Checks that this process can hand over to another program now.
+    /// Checks that this process can hand over to another program now, by a handover without axes.
     ///
     /// # Errors
     /// Those of [`Handover::seal`], or the disk does not store the digest.
@@ -163,15 +164,15 @@ impl Handover {
     }
 }
 
-/// Standard input of this program, if it is a handover. It has not been compared with the digest in the state directory
-/// yet.
+/// Handover that this program may have received as standard input. It is not yet compared with the digest in the state
+/// directory.
 #[derive(Debug)]
 pub struct Arrival {
-    /// `None` after an ordinary start.
+    /// Received handover, or the reason why it is rejected. `None` after an ordinary start.
     found: Option<Result<ReceivedHandover, String>>,
 }
 
-/// Handover that this process has made.
+/// Handover that an earlier program in this process has made.
 #[derive(Debug)]
 struct ReceivedHandover {
     /// SHA-256 of the document.
@@ -181,7 +182,7 @@ struct ReceivedHandover {
 }
 
 impl Arrival {
-    /// Takes the handover of the previous program in the same process. If standard input was a handover, it is empty
+    /// Takes the handover of the previous program in the same process from standard input. Standard input is empty
     /// afterwards.
     pub fn take() -> Arrival {
         if !memory::is_stream(0, NAME) {
@@ -196,26 +197,26 @@ impl Arrival {
         Arrival { found: Some(found) }
     }
 
-    /// Checked profile. The digest of the handover is at the [path](digest_path) of the machine that the profile
-    /// describes.
+    /// Returns the checked profile, if the handover contains one. It names the machine, and so the [path](digest_path)
+    /// of the digest.
     pub fn profile(&self) -> Option<&KeptProfile> {
         self.found.as_ref()?.as_ref().ok()?.profile.as_ref()
     }
 
-    /// Returns whether the file at `path` is the digest of the handover. The file is not removed.
+    /// Returns whether the file at `path` contains the digest of this handover. The file is not removed.
     pub fn is_announced(&self, path: &Path) -> bool {
         let digest = Files.read(path).unwrap_or_default();
         matches!(&self.found, Some(Ok(found)) if found.digest.as_bytes() == digest)
     }
 
-    /// Accepts the handover, and removes its digest. Returns `None` after an ordinary start.
+    /// Accepts the handover if its digest is at `path`, and removes the digest. Returns `None` after an ordinary start.
     ///
     /// # Errors
-    /// A handover was announced but is missing, or it is not accepted. The error is a clause.
+    /// The digest exists but no handover was received, or the handover is rejected. The error is a clause.
     pub fn accept(self, path: &Path) -> Result<Option<Handover>, String> {
         let digest = take_digest(path);
         let Some(found) = self.found else {
-            let announced = "the previous program announced a handover, but none has arrived";
+            let announced = "the previous program announced a handover, but this program has received none";
             return digest?.map_or(Ok(None), |_| Err(announced.to_owned()));
         };
         let (found, digest) = (found?, digest?);
@@ -232,7 +233,7 @@ impl Arrival {
 }
 
 impl ReceivedHandover {
-    /// Reads a sealed memfd.
+    /// Reads and checks a handover in a sealed memfd. The error is a clause.
     fn read(memory: &File, process: &Process) -> Result<ReceivedHandover, String> {
         let size = memory::size_of_sealed(memory).map_err(refused)?;
         let (bytes, place) = document(memory, size)?;
@@ -262,7 +263,7 @@ fn refused(why: &str) -> String {
     format!("the handover is not accepted: {why}")
 }
 
-/// Document in a memfd of this size, and its offset.
+/// Reads the document from a memfd of `size` bytes. Returns it with its offset.
 fn document(memory: &File, size: u64) -> Result<(Vec<u8>, u64), String> {
     let read = |place: u64, length: u64| {
         let mut bytes = vec![0; usize::try_from(length).unwrap_or_default()];
@@ -284,7 +285,7 @@ fn document(memory: &File, size: u64) -> Result<(Vec<u8>, u64), String> {
     Ok((read(place, length)?, place))
 }
 
-/// Reads the digest and removes it. Returns `None` if there is none.
+/// Reads the digest and removes its file. Returns `None` if the file does not exist.
 fn take_digest(path: &Path) -> Result<Option<String>, String> {
     let about =
         |what: &str, error: &io::Error| format!("{} cannot be {what}: {}", path.display(), system(error));

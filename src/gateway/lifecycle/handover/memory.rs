@@ -1,5 +1,5 @@
-//! Memory of the kernel (memfd) that passes data from one program to the next in the same process, or from a child to
-//! its parent. Nothing can change it after it was sealed.
+//! Kernel memory (memfd) that passes data from one program to the next in the same process, or from a child process to
+//! its parent. Sealed memory cannot be changed.
 
 use std::fs::{File, Permissions};
 use std::io;
@@ -10,11 +10,11 @@ use std::path::Path;
 use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, fcntl_get_seals, memfd_create};
 use rustix::io::Errno;
 
-/// Mode of a memfd: only the owner may open it, and only for reading.
+/// Permissions of a memfd: only the owner may open it, and only for reading.
 pub(super) const MODE: u32 = 0o400;
 
-/// Creates an empty memfd with this name. It belongs to this process alone: a program that replaces this one, or a
-/// child, gets it only as one of its standard streams.
+/// Creates an empty memfd with this name. It is closed when another program starts, unless that program receives it as
+/// a standard stream.
 pub(super) fn create(name: &str) -> io::Result<File> {
     let flags = MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING;
     let memory = match memfd_create(name, flags | MemfdFlags::NOEXEC_SEAL) {
@@ -27,7 +27,7 @@ pub(super) fn create(name: &str) -> io::Result<File> {
     Ok(file)
 }
 
-/// Seals a memfd, if it is not sealed yet: neither its content nor its size can change after that.
+/// Seals a memfd, if it is not sealed yet. Afterwards, neither its content nor its size can change.
 pub(super) fn seal(memory: &File) -> io::Result<()> {
     if is_sealed(memory) { Ok(()) } else { Ok(fcntl_add_seals(memory, seals())?) }
 }
@@ -40,16 +40,16 @@ pub(super) fn seals() -> SealFlags {
     SealFlags::SEAL | SealFlags::SHRINK | SealFlags::GROW | SealFlags::WRITE
 }
 
-/// Returns whether a standard stream of this process (0 or 1) is a memfd of this name.
+/// Returns whether a standard stream of this process (0 for input, 1 for output) is a memfd of this name.
 pub(super) fn is_stream(stream: u32, name: &str) -> bool {
     let link = std::fs::read_link(format!("/proc/self/fd/{stream}"));
     link.is_ok_and(|link| link == Path::new(&format!("/memfd:{name} (deleted)")))
 }
 
-/// Returns the size of a memfd of this user that is sealed, so that nothing can change it.
+/// Returns the size of a sealed memfd that belongs to this user.
 ///
 /// # Errors
-/// The reason why the memfd is not accepted.
+/// The memfd is not accepted, for this reason.
 pub(super) fn size_of_sealed(memory: &File) -> Result<u64, &'static str> {
     let Ok(found) = memory.metadata() else { return Err("the handover cannot be examined") };
     match () {

@@ -1,9 +1,9 @@
-//! Profile of a handover: its [sources](Sources), as the check of the new program has read them, in sealed memory.
+//! Profile of a handover: its [sources](Sources) in sealed memory, as the check of the new program has read them.
 //!
-//! The gateway gives the check an empty memfd as standard output. A program that can take its profile from a handover
-//! writes the sources there. It gets the same bytes when it takes over. The gateway does not interpret them, so they
-//! may have a form that only the new program knows. A program of an older version writes nothing, and reads its profile
-//! from disk when it takes over.
+//! The gateway passes an empty memfd to the check as standard output. The check writes the sources to it, if the new
+//! program can load its profile from a handover. The new program receives the same bytes when it takes over. The
+//! gateway does not interpret the sources, so only the new program must know their format. A program of an older
+//! version writes nothing, and reads its profile from disk when it takes over.
 
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
@@ -16,14 +16,14 @@ use serde::{Deserialize, Serialize};
 use super::memory;
 use isotherm_profile::{SOURCES_MARK, Sources, sha256_of};
 
-/// Name of the memfd that a check writes to.
+/// Name of the memfd to which a check writes the sources.
 const ANSWER: &str = "isotherm-checked";
 /// Name of the memfd with the sources of the running profile.
 const OWN: &str = "isotherm-profile";
-/// Largest size of the sources of one profile, in bytes.
+/// Maximum size of the sources of one profile, in bytes.
 pub(super) const LARGEST: u64 = 256 * 1024 * 1024;
 
-/// Length and SHA-256 of sources.
+/// Length and SHA-256 digest of the sources of a profile.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SourcesSeal {
@@ -31,7 +31,7 @@ pub(super) struct SourcesSeal {
     pub(super) sha256: String,
 }
 
-/// Sources of one profile (everything that its loader read) in sealed memory. Another program can load the same profile
+/// Sources of one profile (every file that its loader read) in sealed memory. Another program can load the same profile
 /// from them.
 #[derive(Clone, Debug)]
 pub struct KeptProfile {
@@ -39,13 +39,14 @@ pub struct KeptProfile {
     pub(super) seal: SourcesSeal,
 }
 
-/// Creates empty memory for the sources of the profile that this program runs. Returns `None` if the system cannot
-/// create it. `restart --keep` is not possible then.
+/// Creates empty memory for the sources of the profile that this program loads. Returns `None` if the system cannot
+/// create the memory. `restart --keep` is then not possible.
 pub fn memory_for_profile() -> Option<File> {
     memory::create(OWN).ok()
 }
 
-/// File for the sources that this program has checked. `None` if the program that runs the check does not accept them.
+/// Returns the file to which a check writes the sources of its profile. `None` if standard output is not the memfd of a
+/// gateway.
 pub fn answer_of_check() -> Option<File> {
     if !memory::is_stream(1, ANSWER) {
         return None;
@@ -57,10 +58,10 @@ pub fn answer_of_check() -> Option<File> {
 }
 
 impl KeptProfile {
-    /// Seals the memory that contains the sources of a profile. Nothing can change it afterwards.
+    /// Seals memory that contains the sources of a profile, so that nothing can change them.
     ///
     /// # Errors
-    /// The system cannot seal it.
+    /// The system cannot seal the memory.
     pub fn seal(memory: File) -> io::Result<KeptProfile> {
         memory::seal(&memory)?;
         let length = memory.metadata()?.size();
@@ -69,15 +70,16 @@ impl KeptProfile {
         Ok(KeptProfile { memory: Arc::new(memory), seal })
     }
 
-    /// Creates the memory that a check is given as standard output.
+    /// Creates the memory that a check receives as standard output.
     ///
     /// # Errors
-    /// The system cannot create it.
+    /// The system cannot create the memory.
     pub(in crate::gateway) fn offer() -> io::Result<File> {
         memory::create(ANSWER)
     }
 
-    /// Sources that a check has written. `None` if it has written none, because its program has an older version.
+    /// Seals the sources that a check has written to `memory`. Returns `None` if it has written none, because its
+    /// program has an older version.
     ///
     /// # Errors
     /// The sources are too large, or the system cannot seal them. The error is a clause.
@@ -97,7 +99,7 @@ impl KeptProfile {
         KeptProfile::seal(memory).map(Some).map_err(|error| error.to_string())
     }
 
-    /// Copies the first bytes of an accepted handover, the sources, to separate memory.
+    /// Copies the sources from the beginning of an accepted handover to separate sealed memory.
     pub(super) fn of_handover(handover: &File, seal: SourcesSeal) -> io::Result<KeptProfile> {
         let own = memory::create(OWN)?;
         copy(handover, &seal, &own)?;
@@ -105,10 +107,10 @@ impl KeptProfile {
         Ok(KeptProfile { memory: Arc::new(own), seal })
     }
 
-    /// Sources from which the profile is loaded.
+    /// Returns the sources, from which the profile can be loaded.
     ///
     /// # Errors
-    /// The sources have the form of another version.
+    /// The sources have the format of another version.
     pub fn sources(&self) -> io::Result<Sources> {
         Sources::open(self.memory.try_clone()?, self.seal.length)
     }

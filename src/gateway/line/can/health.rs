@@ -25,7 +25,7 @@ struct Episode {
     count: u64,
 }
 
-/// Counter that increases while something is wrong.
+/// Total of a counter of errors at its last read, and the present episode of errors.
 #[derive(Debug, Default)]
 struct Meter {
     read: u64,
@@ -41,7 +41,7 @@ pub(super) enum HealthChange {
 }
 
 impl Episode {
-    /// Counts more occurrences. Returns whether the episode begins with them.
+    /// Counts more occurrences in the episode. Returns whether the episode begins with them.
     fn add(episode: &mut Option<Episode>, count: u64, now: Moment) -> bool {
         let is_first = episode.is_none();
         let known = episode.get_or_insert(Episode { since: now, last: now, count: 0 });
@@ -82,13 +82,14 @@ impl Health {
         is_worse.then(worse).into_iter().collect()
     }
 
-    /// Advances the time. `full` and `lost` count full queues and lost frames since the start.
+    /// Processes the passing of time. `full` and `lost` count full queues and lost frames since the start. Returns the
+    /// changes to report.
     pub(super) fn tick(&mut self, full: u64, lost: u64, now: Moment) -> Vec<HealthChange> {
         let mut changes = Vec::new();
         if self.full.read(full, now) {
             let what = Explained::new(
                 "the interface's queue is full; frames wait",
-                "does another node on the bus acknowledge? Is the bus overloaded? If neither is the cause, \
+                "does another node on the bus acknowledge frames? Is the bus overloaded? If neither is the cause, \
                  `txqueuelen` of the interface is too small",
             );
             changes.push(HealthChange::Worse { what, is_off: false });
@@ -96,7 +97,7 @@ impl Health {
         if self.lost.read(lost, now) {
             let what = Explained::new(
                 "frames are lost: this computer does not read them fast enough",
-                "does another program use the computer? Let the nodes send less often",
+                "does another program load the computer? Configure the nodes to send less often",
             );
             changes.push(HealthChange::Worse { what, is_off: false });
         }

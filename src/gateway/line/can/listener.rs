@@ -25,7 +25,8 @@ use isotherm_core::reading::Reason;
 use isotherm_profile::duration_text;
 use isotherm_profile::{BusId, DeviceId};
 
-/// Interval of checks for an interface that is missing or down. It is wall-clock time, because the interface is real.
+/// Interval of checks for an interface that is missing or down. It is wall-clock time even in a simulation, because the
+/// interface is real.
 const LOOK_AGAIN: Duration = Duration::from_millis(200);
 /// Delay after which a frame is sent again, if the queue was full.
 const SEND_AGAIN: Duration = Duration::from_millis(5);
@@ -33,7 +34,7 @@ const SEND_AGAIN: Duration = Duration::from_millis(5);
 const MEASURE_EVERY: Duration = Duration::from_secs(1);
 /// Largest number of frames that wait for the queue: one for each possible node.
 const MOST_UNSENT: usize = 128;
-/// Delay if nothing is due: longer than any other delay.
+/// Delay if nothing is due. It is longer than any other delay.
 const LONG: Duration = Duration::from_secs(3600);
 
 const DOWN: Fault = Fault::Link(LinkFault::Can(CanFault::Down));
@@ -221,7 +222,7 @@ impl CanListener {
         }
     }
 
-    /// Opens the interface, or detects that it is up again. Resets everything that depends on it.
+    /// Opens the interface, or detects that it is up again. Resets everything that depends on the interface.
     fn try_interface(&mut self) {
         let socket = match self.can.link.open() {
             Ok(socket) => socket,
@@ -256,7 +257,8 @@ impl CanListener {
         self.is_without(fault);
     }
 
-    /// Handles a missing interface. It is reported once, and is the cause of the bad readings of its devices.
+    /// Handles a missing interface. The loss is reported once, and becomes the cause of the bad readings of the
+    /// devices.
     fn is_without(&mut self, fault: Fault) {
         if self.can.link.socket().is_none() {
             self.socket = None;
@@ -364,8 +366,8 @@ impl CanListener {
         devices.breaks(device, Break::Silence, self.shared.clock.now());
     }
 
-    /// Handles the start of a node: it is set up and checked as at the beginning. After a restart, its earlier readings
-    /// are rejected and its registers are read again.
+    /// Handles the start of a node. The node is set up and checked as at the first start. After a restart, its earlier
+    /// readings are rejected and its registers are read again.
     fn restart_node(&mut self, device: DeviceId, was_there: bool) {
         if was_there {
             self.condemn(device, Reason::NotAsExpected);

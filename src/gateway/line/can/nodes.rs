@@ -39,7 +39,7 @@ struct Silence {
     is_lost: bool,
 }
 
-/// Reaction to a frame or to the time.
+/// Reaction to a received frame or to the passing of time.
 #[derive(Debug)]
 pub(super) enum Reaction {
     Send(Frame),
@@ -48,7 +48,7 @@ pub(super) enum Reaction {
     Silent(DeviceId, Duration, bool),
     /// An emergency was received that has not been reported yet.
     Emergency(DeviceId, Emergency),
-    /// All reported emergencies of the device are over. The number is that of its emergency messages.
+    /// All reported emergencies of the device are over. The number counts its emergency messages.
     EmergencyOver(DeviceId, u64),
 }
 
@@ -89,12 +89,12 @@ impl Nodes {
         self.silences.iter_mut().for_each(|silence| silence.received = now);
     }
 
-    /// Filters for the frames that this module needs.
+    /// Returns the filters for the frames that the master and the SDO requests need.
     pub(super) fn wanted(&self) -> impl Iterator<Item = CanMatch> {
         self.master.identifiers().chain(self.sdo.iter().copied()).map(CanMatch::exactly)
     }
 
-    /// Returns whether a frame is an SDO request to a node of this line, or the answer.
+    /// Returns whether the frame with this identifier is an SDO request to a node of this line, or the answer.
     pub(super) fn is_sdo(&self, id: CanId) -> bool {
         self.sdo.contains(&id)
     }
@@ -111,7 +111,7 @@ impl Nodes {
         }
     }
 
-    /// Device that reports its own state in a frame: its heartbeat or an emergency.
+    /// Returns the device that has sent this frame about its own state: a heartbeat or an emergency message.
     pub(super) fn speaker(&self, frame: &Frame) -> Option<DeviceId> {
         let node = [HEARTBEAT, SERVICE].into_iter().find_map(|service| NodeId::sender(frame, service))?;
         self.device(node)
@@ -129,7 +129,7 @@ impl Nodes {
         self.follow()
     }
 
-    /// Advances the time. `set_up` contains the devices whose setup has been written.
+    /// Processes the passing of time. `set_up` contains the devices whose setup has been written.
     pub(super) fn tick(&mut self, set_up: Vec<DeviceId>, now: Moment) -> Vec<Reaction> {
         for device in set_up {
             if let Some((_, Some(node))) = self.devices.iter().find(|(id, _)| *id == device) {
@@ -169,7 +169,7 @@ impl Nodes {
         follows
     }
 
-    /// Counts an emergency. Each code is reported once, until the node reports that it is over.
+    /// Counts an emergency message. Each code is reported once, until the node reports that its error is over.
     fn complains(&mut self, node: NodeId, device: DeviceId, emergency: Emergency) -> Option<Reaction> {
         let known = self.emergencies.range((node, 0)..=(node, u16::MAX)).count();
         if emergency.is_over() {

@@ -6,7 +6,7 @@ use isotherm_core::codec::{Address, CanId, CanMatch, Field};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{BusId, DeviceId, Profile, Writes};
 
-/// Routes by identifier. Routes that match several identifiers are in a list.
+/// Routes by CAN identifier. Routes that match several identifiers are in the list `wide`.
 #[derive(Debug, Default)]
 pub(super) struct Routes {
     exact: HashMap<CanId, Vec<Route>>,
@@ -43,13 +43,13 @@ impl Routes {
         routes
     }
 
-    /// Routes of the signals in a frame with this identifier.
+    /// Returns the routes of the signals in a frame with this identifier.
     pub(super) fn of_frame(&self, id: CanId) -> impl Iterator<Item = &Route> {
         let wide = self.wide.iter().filter(move |route| route.field.frames.takes(id));
         self.exact.get(&id).into_iter().flatten().chain(wide)
     }
 
-    /// Filters for the frames of all routes, each once.
+    /// Returns the filters for the frames of all routes, each once.
     pub(super) fn wanted(&self) -> impl Iterator<Item = CanMatch> {
         let exact = self.exact.keys().copied().map(CanMatch::exactly);
         let mut wide: Vec<CanMatch> = self.wide.iter().map(|route| route.field.frames).collect();
@@ -71,7 +71,8 @@ impl Routes {
     }
 }
 
-/// Lines to wake for a signal: the line that corrects this position, and all lines if a probing cycle needs the signal.
+/// Returns the lines to wake for a signal: the line that corrects this position, and all lines if a probing cycle needs
+/// the signal.
 fn wakes(profile: &Profile, id: SignalId) -> Vec<BusId> {
     let is_corrected = |writes| matches!(writes, Writes::Corrected { position } if position == id);
     let outputs = profile.outputs.iter().filter(|output| is_corrected(output.writes));

@@ -16,7 +16,7 @@ use isotherm_core::output::HeartbeatController;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, Heartbeat, Profile};
 
-/// Consecutive failures for another reason before that reason is reported.
+/// Number of consecutive failures with a new cause, after which that cause is reported.
 const CHANGED_AFTER: u32 = 20;
 /// Consecutive unanswered beats after which they are reported, if the device answers everything else.
 const DEAF: u32 = 3;
@@ -27,12 +27,12 @@ pub(super) struct HeartbeatTask {
     controller: HeartbeatController,
     /// Consecutive beats that were not written.
     missed: u32,
-    /// Reported fault. `None` if none was reported, or if its end was.
+    /// Fault that was reported last. `None` if there was none, or if its end was reported too.
     reported: Option<Cause<Fault>>,
 }
 
 impl HeartbeatTask {
-    /// Heartbeat of a line, if it has one.
+    /// Creates the heartbeat task of a line. Returns `None` if the line has no heartbeat.
     pub(super) fn of(profile: &Profile, bus: BusId, start: Moment) -> Option<HeartbeatTask> {
         let heartbeat = profile.heartbeat.as_ref();
         let heartbeat = heartbeat.filter(|heartbeat| profile.device(heartbeat.device).bus == bus)?.clone();
@@ -69,8 +69,8 @@ impl HeartbeatTask {
         }
     }
 
-    /// Reports a beat that the device refuses, or alone does not answer. Every failure is counted for the device, and a
-    /// lost device is reported there.
+    /// Reports a heartbeat that the device refuses, or does not answer although it answers other requests. Every
+    /// failure is counted for the device. The loss of the device is reported elsewhere.
     fn report(&mut self, shared: &LineHandle, sent: Option<Fault>) {
         let Some(fault) = sent.filter(|fault| !fault.has_lapsed()) else {
             if sent.is_none() {

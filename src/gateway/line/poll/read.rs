@@ -15,23 +15,23 @@ use isotherm_profile::{BusId, Device, DeviceId, Profile};
 /// Largest number of repeated requests in a round. A single lost answer does not show that the device is lost.
 const REPEATS: u32 = 3;
 
-/// Reads of one device.
+/// Reads of one device: the requests, and the times at which they are due.
 pub(super) struct Poll {
     pub(super) device: DeviceId,
     every: Duration,
-    /// Time at which its next round begins.
+    /// Time at which the next round of requests begins.
     next: Moment,
-    /// Round under way: the time at which it was due, and the index of its next request.
+    /// Round that has begun: the time at which it was due, and the index of its next request. `None` between rounds.
     under_way: Option<(Moment, usize)>,
     /// Time at which an unanswered request is repeated; `None` if there is none. `repeats`: number of repetitions in
     /// this round.
     again: Option<Moment>,
     repeats: u32,
-    /// A position of the device is corrected.
+    /// Whether an output corrects a position that is read from this device.
     pub(super) reads_position: bool,
-    /// A round was completed, successfully or not.
+    /// Whether a round was completed, successfully or not.
     pub(super) has_been_read: bool,
-    /// An answer was discarded because the device had not passed its checks.
+    /// Whether an answer was discarded because the device had not passed its checks.
     is_discarded: bool,
     /// Start of the last round, and the shortest `max_age` of its readings.
     read_at: Moment,
@@ -40,7 +40,7 @@ pub(super) struct Poll {
     requests: Vec<ReadRequest>,
 }
 
-/// Reads of a line. Those of corrected positions come last, so that the correction follows directly.
+/// Creates the reads of a line. The reads of corrected positions come last, so that the correction follows directly.
 pub(super) fn polls(profile: &Profile, bus: BusId, corrected: &[DeviceId], start: Moment) -> Vec<Poll> {
     let poll = |(id, device): (DeviceId, &Device)| Poll {
         device: id,
@@ -68,8 +68,8 @@ impl Poll {
         self.requests.len()
     }
 
-    /// Time at which the device is due: an unanswered request is repeated, the present round was due, or the next round
-    /// begins.
+    /// Returns the time at which the device is due: an unanswered request is repeated, the present round was due, or
+    /// the next round begins.
     pub(super) fn due(&self) -> Moment {
         self.again.or(self.under_way.map(|(due, _)| due)).unwrap_or(self.next)
     }
@@ -89,7 +89,7 @@ impl Poll {
         now.since(self.read_at) >= self.max_age / 2
     }
 
-    /// Next request, if it is due at `by`, is no repetition, and no capture command precedes it.
+    /// Returns the next request if it is due at `by`, is no repetition, and no capture command precedes it.
     pub(super) fn asks_next(&self, by: Moment) -> Option<(DeviceId, Request<'static>)> {
         let place = self.under_way.map_or(0, |(_, place)| place);
         let is_plain = self.again.is_none() && (place > 0 || self.captures.is_empty());

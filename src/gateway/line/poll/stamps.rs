@@ -12,7 +12,8 @@ use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
 use isotherm_profile::{Device, SourceTime};
 
-/// Meaning of the timestamps of a device.
+/// Meaning of the source timestamps of a device: time of the sample, or of the last change. `None` if they are not
+/// used.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SourceStamps(Option<SourceTime>);
 
@@ -21,7 +22,8 @@ impl SourceStamps {
         SourceStamps(device.source_time)
     }
 
-    /// Time between the sample and the answer, by its timestamp. `None` if the timestamp is not used.
+    /// Returns the time between the sample and the answer, according to the timestamp. `None` if the timestamp is not
+    /// used.
     pub(super) fn age(self, stamped: Stamped) -> Option<Duration> {
         match (self.0, stamped) {
             (Some(SourceTime::Sampled), Stamped::Ago(age)) => Some(age),

@@ -1,4 +1,5 @@
-//! Reports of one step: results of probing, signals that were lost or are good again, and states of the axes.
+//! Events of one step of the axes: results of probing, signals that were lost or are valid again, and states of the
+//! axes.
 
 use super::GatewayState;
 use crate::gateway::state::probing::why_refused;
@@ -8,7 +9,7 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::Profile;
 
 impl GatewayState {
-    /// Reports the results of probing that the axes received in this step. Returns true if there was a result.
+    /// Reports the results of probing that the axes have processed in this step. Returns whether there was a result.
     pub(super) fn report_probings(&mut self, profile: &Profile, now: Moment) -> bool {
         let mut any = false;
         for (place, axis) in profile.axes.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Bytes of the document: version, seal, state and outputs, with each output on a separate line.
+//! Format of the state document: version, seal, state and outputs, with each output on a separate line.
 
 use std::fmt;
 use std::io::{ErrorKind, Write};
@@ -11,15 +11,15 @@ use super::Content;
 use super::entry::{Entries, misfit};
 use isotherm_core::quantity::Moment;
 
-/// Layout that this program writes.
+/// Layout of the documents that this program writes.
 pub(super) const VERSION: u32 = 6;
-/// Layout without places, which is read as well.
+/// Older layout without registers and addresses, which this program can read.
 const WITHOUT_PLACES: u32 = 5;
 /// CRC-32 as in Ethernet and gzip (ITU-T V.42).
 const CHECKSUM: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISO_HDLC);
-/// Digits of the checksum while it is computed.
+/// Digits in place of the checksum while it is calculated.
 const UNSEALED: &str = "00000000";
-/// Key of the checksum. No name in a document can contain it, because a quotation mark in a name is escaped.
+/// Key of the checksum in the document. No name can contain it, because a quotation mark in a name is escaped.
 const KEY: &[u8] = b"\"checksum\":";
 
 #[derive(Deserialize)]
@@ -31,13 +31,13 @@ struct Document {
     outputs: Entries,
 }
 
-/// Version field of a document of any layout.
+/// Version field, which documents of every layout have.
 #[derive(Deserialize)]
 struct Versioned {
     version: u32,
 }
 
-/// Seal of a document: see [`super`].
+/// Seal of a document, by which older copies and damage are detected: see [`super`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(in crate::gateway) struct Seal {
@@ -50,12 +50,12 @@ pub(in crate::gateway) struct Seal {
     pub(in crate::gateway) in_question: bool,
 }
 
-/// Reason why a document is not accepted.
+/// Reason why a document is rejected.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(in crate::gateway) enum DocumentRejection {
-    /// A later version of the program has written it.
+    /// A later version of isotherm has written the document; contains its layout.
     Later(u32),
-    /// An earlier version of the program has written it.
+    /// An earlier version of isotherm has written the document; contains its layout.
     Earlier(u32),
     /// Another reason, as a clause.
     Because(String),
@@ -69,15 +69,15 @@ impl fmt::Display for DocumentRejection {
             }
             DocumentRejection::Earlier(found) => write!(
                 f,
-                "the file has the old layout {found}, which this program cannot read: start a version in \
-                 between once, or let the operator arm"
+                "the file has the old layout {found}, which this program cannot read: start an \
+                 intermediate version once, or let the operator arm the axes"
             ),
             DocumentRejection::Because(why) => f.write_str(why),
         }
     }
 }
 
-/// Renders a document. `state` and the outputs are already JSON.
+/// Renders a document with its checksum. `state` and the outputs are already JSON.
 pub(in crate::gateway) fn render<'a>(
     seal: &Seal,
     state: &[u8],
@@ -102,7 +102,7 @@ pub(in crate::gateway) fn render<'a>(
     Ok(text)
 }
 
-/// Reads a document of this layout, or of the layout without places.
+/// Reads a document of the present layout or of [`WITHOUT_PLACES`], and checks its seal.
 pub(in crate::gateway) fn read(bytes: &[u8], machine: &str) -> Result<(Seal, Content), DocumentRejection> {
     let Document { version, seal, state, outputs } = parse(bytes, VERSION)?;
     check(bytes, &seal.checksum, (&seal.machine, machine))?;
@@ -117,7 +117,8 @@ pub(in crate::gateway) fn read(bytes: &[u8], machine: &str) -> Result<(Seal, Con
     }
 }
 
-/// Parses a document of this form. A document of another form may have another version.
+/// Parses a document. If that fails, the error depends on the document's version: later or earlier than `version`, or
+/// damaged.
 pub(super) fn parse<'a, T: Deserialize<'a>>(bytes: &'a [u8], version: u32) -> Result<T, DocumentRejection> {
     if bytes.is_empty() {
         return Err(DocumentRejection::Because("the file is empty".to_owned()));
@@ -129,7 +130,8 @@ pub(super) fn parse<'a, T: Deserialize<'a>>(bytes: &'a [u8], version: u32) -> Re
     })
 }
 
-/// Checks the checksum of a document, and that it belongs to this machine.
+/// Checks the checksum of a document, and that the document belongs to `machine`. `found` is the checksum in the
+/// document.
 pub(super) fn check(bytes: &[u8], found: &str, (of, machine): (&str, &str)) -> Result<(), DocumentRejection> {
     let mut unsealed = bytes.to_vec();
     let place = digits(bytes);
@@ -147,12 +149,12 @@ pub(super) fn check(bytes: &[u8], found: &str, (of, machine): (&str, &str)) -> R
     }
 }
 
-/// CRC-32 as eight hexadecimal digits.
+/// Returns the CRC-32 as eight hexadecimal digits.
 pub(super) fn checksum(bytes: &[u8]) -> String {
     format!("{:08x}", CHECKSUM.checksum(bytes))
 }
 
-/// Offset of the first digit of the checksum.
+/// Returns the offset of the first digit of the checksum. `None` if the document has no checksum.
 fn digits(text: &[u8]) -> Option<usize> {
     let after = text.windows(KEY.len()).position(|window| window == KEY)? + KEY.len();
     let quote = text[after..].iter().position(|byte| *byte == b'"')?;

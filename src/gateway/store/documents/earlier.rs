@@ -1,6 +1,6 @@
-//! Documents of the previous version of the program, which saved state and ledger separately: `NAME.state.json` of
-//! layout 4, and `NAME.ledger.json` of layout 3. Each contains the last known number of the other one. A document that
-//! is older than this number is not accepted.
+//! Documents of an earlier version of isotherm, which saved state and ledger separately: `NAME.state.json` of layout 4,
+//! and `NAME.ledger.json` of layout 3. Each contains the last known number of the other document. A document with a
+//! smaller number is rejected.
 
 use std::path::{Path, PathBuf};
 
@@ -13,7 +13,7 @@ use super::{Content, FoundDocuments, by_name, path, read};
 use crate::gateway::store::disk::Disk;
 use isotherm_core::quantity::Moment;
 
-/// Layouts of state and ledger.
+/// Layouts of the state and of the ledger.
 const LAYOUTS: [u32; 2] = [4, 3];
 const KINDS: [&str; 2] = ["state", "ledger"];
 
@@ -38,12 +38,12 @@ struct FormerSeal {
     in_question: bool,
 }
 
-/// Paths of the ledger: the usual one, and the one after the start of a run that could write nothing.
+/// Returns the paths of the ledger: the usual path, and the path after the start of a run that could write nothing.
 pub(super) fn ledgers(directory: &Path, machine: &str) -> [PathBuf; 2] {
     ["ledger.json", "ledger.begun.json"].map(|ending| directory.join(format!("{machine}.{ending}")))
 }
 
-/// Reads the two documents.
+/// Reads state and ledger, and compares their numbers.
 pub(super) fn find_documents(disk: &dyn Disk, directory: &Path, machine: &str) -> FoundDocuments {
     let [ledger, begun] = ledgers(directory, machine);
     let is_begun = !disk.has(&ledger) && disk.has(&begun);
@@ -71,11 +71,15 @@ fn document(bytes: &[u8], place: usize, machine: &str) -> Result<Document, Docum
     check(bytes, &document.seal.checksum, (&document.seal.machine, machine))?;
     match document.seal.kind == KINDS[place] && document.version == LAYOUTS[place] {
         true => Ok(document),
-        false => Err(DocumentRejection::Because(format!("a {} is in its place", document.seal.kind))),
+        false => Err(DocumentRejection::Because(format!(
+            "the file contains a {} instead of a {}",
+            document.seal.kind, KINDS[place]
+        ))),
     }
 }
 
-/// Returns a clause if a document is missing, is older than the other one says, or comes from elsewhere.
+/// Returns a clause if the documents do not match: one is missing, is an older copy, or comes from elsewhere. `None` if
+/// they match.
 fn assess(both: &[Option<Document>; 2]) -> Option<&'static str> {
     let seal = |place: usize| both[place].as_ref().map(|document| &document.seal);
     let number = |place: usize| seal(place).map_or(0, |seal| seal.number);

@@ -1,4 +1,4 @@
-//! Entry of one output in the document.
+//! Ledger entry of one output in the state document.
 
 use std::collections::BTreeMap;
 
@@ -8,37 +8,38 @@ use isotherm_core::output;
 use isotherm_core::place::OutputPlace;
 use isotherm_core::quantity::Counts;
 
-/// Largest count of an entry. No register can hold more, so an entry with more is invalid.
+/// Maximum count of a valid entry. No register can hold more.
 const MOST: u64 = 1 << 40;
 
-/// Entries by the names of the outputs.
+/// Ledger entries, by the names of the outputs.
 pub(in crate::gateway) type Entries = BTreeMap<String, Entry>;
 
 /// Saved data of one output.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(in crate::gateway) struct Entry {
-    /// Place of the output. `None` in a document of layout 5 or earlier.
+    /// Register of the output. `None` in a document of layout 5 or earlier.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(in crate::gateway) place: Option<OutputPlace>,
-    /// Register as text, by which layout 5 identifies it.
+    /// Text by which layout 5 identifies the register.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(in crate::gateway) register: Option<String>,
     pub(in crate::gateway) kept: output::SavedOutput,
 }
 
 impl Entry {
-    /// Creates the entry of an output at this place.
+    /// Creates the entry of an output with this register.
     pub(in crate::gateway) fn new(place: OutputPlace, kept: output::SavedOutput) -> Entry {
         Entry { place: Some(place), register: None, kept }
     }
 
-    /// Returns whether the counts belong to the register of this place, and a register can hold them.
+    /// Returns whether the entry belongs to the register of `place`, and its counts are valid.
     pub(in crate::gateway) fn lies_at(&self, place: &OutputPlace) -> bool {
         self.place.as_ref().is_some_and(|known| known.is_same_register(place)) && all_fit(&self.kept)
     }
 
-    /// Returns whether the counts belong to this register. `in_words`: the register as text, as in layout 5.
+    /// Returns whether the entry belongs to the register of `place`. `in_words` is the text by which layout 5
+    /// identifies this register.
     pub(in crate::gateway) fn is_of(&self, place: &OutputPlace, in_words: &str) -> bool {
         match (&self.place, &self.register) {
             (Some(known), _) => known.is_same_register(place),
@@ -47,7 +48,7 @@ impl Entry {
     }
 }
 
-/// Returns a clause about an entry that no register can have.
+/// Returns a clause about an entry whose counts no register can hold. `None` if all entries are valid.
 pub(super) fn misfit(entries: &Entries) -> Option<String> {
     let (name, _) = entries.iter().find(|(_, entry)| !all_fit(&entry.kept))?;
     Some(format!("the number of counts for {name} is larger than any register can contain"))

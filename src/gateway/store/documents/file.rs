@@ -1,4 +1,4 @@
-//! Document on disk. It is rendered in parts, and a save renders only the parts that have changed.
+//! State document on disk. Each save renders only the parts that have changed.
 
 use std::collections::BTreeMap;
 use std::io::{Error, ErrorKind, Result};
@@ -13,29 +13,29 @@ use super::entry::Entry;
 use super::number::{self, Number};
 use crate::gateway::store::disk::Disk;
 
-/// Document of a machine and the file of its number.
+/// Files of the state document and of its number.
 pub(in crate::gateway) struct StoreFile {
     pub(super) disk: Arc<dyn Disk>,
     pub(super) document: PathBuf,
     pub(super) number: PathBuf,
-    /// Seal of the document on disk.
+    /// Seal of the document that is on disk.
     pub(super) seal: Seal,
     pub(super) question: OpenQuestion,
-    /// Parts as JSON. The state is empty before the first one.
+    /// State and outputs as JSON. The state is empty until it is saved for the first time.
     pub(super) state: Vec<u8>,
     pub(super) outputs: BTreeMap<String, Vec<u8>>,
-    /// Files that get a second name before the document is replaced.
+    /// Files to be kept before the document is replaced: old path, and the path under which each is kept.
     pub(super) aside: Vec<(PathBuf, PathBuf)>,
-    /// Files of an earlier version that the document replaces.
+    /// Files of an earlier version of isotherm, which are removed after the first save.
     pub(super) former: Vec<PathBuf>,
-    /// The number is saved with the next document.
+    /// Whether the number is saved with the next document.
     pub(super) is_number_due: bool,
-    /// The document on disk is of a later version, and is never replaced.
+    /// Whether the document on disk is of a later version of isotherm. It is then never replaced.
     pub(super) is_of_a_later_version: bool,
 }
 
 impl StoreFile {
-    /// Renders the state for the next save, which includes the number.
+    /// Renders the state for the next save, which also saves the number.
     pub(in crate::gateway) fn set_state(&mut self, state: &impl Serialize) {
         // Numbers and texts always have a JSON form.
         if let Ok(state) = serde_json::to_vec(state) {
@@ -43,14 +43,14 @@ impl StoreFile {
         }
     }
 
-    /// Renders the entry of an output for the next save.
+    /// Renders the ledger entry of an output for the next save.
     pub(in crate::gateway) fn set_output(&mut self, name: &str, entry: &Entry) {
         if let Ok(entry) = serde_json::to_vec(entry) {
             self.outputs.insert(name.to_owned(), entry);
         }
     }
 
-    /// Saves the document. It is on disk when this returns.
+    /// Saves the document. When the function returns without an error, the document is on disk.
     pub(in crate::gateway) fn save(&mut self) -> Result<()> {
         if self.is_of_a_later_version {
             let text = format!("{} is of a later version of the program", self.document.display());
@@ -70,7 +70,7 @@ impl StoreFile {
         Ok(())
     }
 
-    /// Saves the number of the document, if it is due or its file was removed.
+    /// Saves the number of the document, if a state was saved or the number file was removed.
     pub(in crate::gateway) fn save_number(&mut self) -> Result<()> {
         if self.is_number_due || !self.disk.has(&self.number) {
             self.is_number_due = true;
@@ -82,8 +82,8 @@ impl StoreFile {
         Ok(())
     }
 
-    /// Marks that a run has begun, although nothing can be written. Returns whether nothing on disk says any more that
-    /// the previous run ended in order.
+    /// Renames the number file, as a mark that a run has begun although it can write nothing. Returns whether the files
+    /// on disk no longer claim that all writes of the previous run have arrived.
     pub(in crate::gateway) fn mark_begun(&self) -> bool {
         let begun = number::begun(&self.number);
         self.disk.rename(&self.number, &begun).is_ok()

@@ -1,12 +1,12 @@
-//! Names instead of indices. The compensation identifies a signal by its index in the profile, and lists its axes. The
-//! document contains the names of both, so that a profile may change between two runs.
+//! Conversion between indices and names. The compensation identifies signals and axes by their indices in the profile.
+//! The state document contains their names, so that a profile may change between two runs.
 
 use serde_json::{Map, Value};
 
-/// Lists with one item for each signal.
+/// Keys of the lists that have one item for each signal.
 const BY_SIGNAL: [&str; 2] = ["start", "zero"];
 
-/// Replaces indices by the names of the signals, and the list of axes by a map with their names.
+/// Replaces the indices of signals by their names, and the list of axes by a map with their names.
 pub(in crate::gateway) fn by_name(machine: &mut Value, signals: &[String]) {
     for key in BY_SIGNAL {
         let values = machine[key].as_array_mut().map(std::mem::take).unwrap_or_default();
@@ -23,7 +23,7 @@ pub(in crate::gateway) fn by_name(machine: &mut Value, signals: &[String]) {
     machine["axes"] = named.collect::<Map<_, _>>().into();
 }
 
-/// Replaces names by the present indices of the signals. Data that depends on a removed signal is dropped.
+/// Replaces names of signals by their present indices. Data of a signal that no longer exists are removed.
 pub(in crate::gateway) fn by_place(machine: &mut Value, signals: &[&str]) {
     // A new signal has captured nothing.
     let nothing = serde_json::json!({ "value": null, "gathering": null });
@@ -41,7 +41,7 @@ pub(in crate::gateway) fn by_place(machine: &mut Value, signals: &[&str]) {
     machine["axes"] = axes.into_iter().map(|(_, axis)| axis).collect();
 }
 
-/// Replaces each signal that an axis refers to: those of its lags, and those that a watched model reads.
+/// Applies `by` to each signal in the state of an axis: those of its lags, and those of models with stand-ins.
 fn replace_signals(axis: &mut Value, by: impl Fn(&Value) -> Option<Value>) {
     let replace = |signal: &mut Value| by(signal).map(|other| *signal = other).is_some();
     if let Some(lags) = axis["lags"].as_array_mut() {

@@ -1,7 +1,7 @@
-//! File of the number: one line with the number of the document, the time of the first document, and a checksum.
+//! Number file: one line with the number of the document, the time of the first document, and a checksum.
 //!
-//! If a run can write nothing at its start, it renames this file. The document then still says that the previous run
-//! ended in order, and the new name says that this is no longer true.
+//! If a run can write nothing at its start, it renames this file. The new name shows that the document is out of date:
+//! writes of this run may still arrive at a register.
 
 use std::path::{Path, PathBuf};
 
@@ -10,11 +10,11 @@ use super::read;
 use crate::gateway::store::disk::Disk;
 use isotherm_core::quantity::Moment;
 
-/// Number of a document, as in its own file.
+/// Content of the number file: the number of the document that was saved last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::gateway) struct Number {
     pub(in crate::gateway) number: u64,
-    /// Time at which the first document was made.
+    /// Time at which the first document of the machine was made.
     pub(in crate::gateway) since: Moment,
 }
 
@@ -32,18 +32,18 @@ impl Number {
     }
 }
 
-/// Path of the number.
+/// Returns the path of the number file.
 pub(in crate::gateway) fn path(directory: &Path, machine: &str) -> PathBuf {
     directory.join(format!("{machine}.number"))
 }
 
-/// Path of the number after the start of a run that could write nothing.
+/// Returns the path that the number file gets when a run can write nothing at its start.
 pub(super) fn begun(path: &Path) -> PathBuf {
     path.with_added_extension("begun")
 }
 
-/// Reads the number. Returns the path of its file, and `None` if there is no file. The error is a clause: the number is
-/// not accepted.
+/// Reads the number file. Returns its path, and the number; `None` if there is no file. The error is a clause about a
+/// number that is rejected.
 pub(in crate::gateway) fn read_number(
     disk: &dyn Disk,
     directory: &Path,
@@ -61,7 +61,8 @@ pub(in crate::gateway) fn read_number(
     (path, found)
 }
 
-/// Compares a document with the number. Returns a clause if they do not fit. `has_logs`: a run has left its logs here.
+/// Compares a document with the number file. Returns a clause if they do not match. `has_logs` states that an earlier
+/// run has left logs in the directory.
 pub(super) fn assess(document: Option<&Seal>, number: Option<Number>, has_logs: bool) -> Option<String> {
     match (document, number) {
         (None, None) => {

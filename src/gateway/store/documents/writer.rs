@@ -1,8 +1,8 @@
-//! Writer of the document, on a separate thread: a slow disk never delays a line.
+//! Writer of the state document, on a separate thread, so that a slow disk never delays a bus line.
 //!
 //! It always saves the newest version, and reports which version is on disk. A write to a register that depends on a
-//! version waits for that version, for a short time. Then the next turn of the output (work of the line task on it)
-//! checks again. A simulation allows no thread of its own: there the caller saves the document at once.
+//! version waits for it, for a short time. If the time is over, the next turn of the output (work of the line task on
+//! it) checks again. A simulation has no such thread: the caller saves the document at once.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,7 +17,7 @@ use crate::fieldbus::explain::explain_system;
 use crate::gateway::store::memory::Memory;
 use crate::observe::events::{Event, Journal};
 
-/// Consequence of a document that is not on disk.
+/// Second half of the message about a state that cannot be saved: what this means for the registers.
 const OTHERWISE: &str = "shared and unreadable registers are not written; after the next start, the gateway \
                          first waits until no earlier write can arrive";
 
@@ -26,25 +26,25 @@ const OTHERWISE: &str = "shared and unreadable registers are not written; after 
 pub(in crate::gateway) enum SaveResult {
     /// This version, or a newer one, is on disk.
     Yes,
-    /// The disk has not answered.
+    /// The version is not on disk yet.
     NotYet,
-    /// The version cannot be saved.
+    /// The version cannot be saved, because the disk reports an error.
     No,
 }
 
-/// Writer of a document.
+/// Writer of the state document.
 pub(in crate::gateway) struct Writer {
     shared: Arc<Shared>,
-    /// The file, if there is no thread.
+    /// File that the caller saves to; `None` if a thread saves it.
     here: Option<Mutex<Saving>>,
     done: watch::Receiver<SavedVersions>,
     question: OpenQuestion,
-    /// The disk did not answer in time at the last wait. Nothing waits again before it has answered.
+    /// Whether the disk did not answer in time at the last wait. Until it answers, callers do not wait for it.
     is_slow: AtomicBool,
 }
 
 /// Progress of saving. `kept`: newest version on disk. `failed`: newest version that could not be saved. `settled`:
-/// newest version whose number file was handled, too.
+/// newest version for which saving the number file was tried, too.
 #[derive(Clone, Copy, Debug, Default)]
 struct SavedVersions {
     kept: u64,
@@ -59,7 +59,7 @@ struct Shared {
     changed: Condvar,
 }
 
-/// Changes since the last save.
+/// Changes that are not saved yet.
 #[derive(Default)]
 struct PendingChanges {
     outputs: BTreeMap<String, Entry>,
@@ -68,13 +68,13 @@ struct PendingChanges {
     closed: bool,
 }
 
-/// Saves versions and reports the results.
+/// Part of the writer that saves versions and reports the results.
 struct Saving {
     file: StoreFile,
     done: watch::Sender<SavedVersions>,
     journal: Arc<Journal>,
     clock: Clock,
-    /// Reported cause, while saving fails.
+    /// Reported cause of the failure; `None` while saving works.
     failing: DiskCause,
 }
 
@@ -100,12 +100,12 @@ impl Writer {
         Writer { shared, here, done, question, is_slow: AtomicBool::new(false) }
     }
 
-    /// Saves the entry of an output. Returns the version by which a caller waits for the result.
+    /// Saves the ledger entry of an output. Returns the version that contains it, for [`kept`](Writer::kept).
     pub(in crate::gateway) fn keep(&self, output: String, entry: Entry) -> u64 {
         self.put(|newest| drop(newest.outputs.insert(output, entry)))
     }
 
-    /// Saves a state of the machine with the next document.
+    /// Saves a state of the machine. The call does not wait for the disk.
     pub(in crate::gateway) fn remember(&self, state: Memory) {
         self.put(|newest| newest.state = Some(Box::new(state)));
     }
@@ -124,9 +124,9 @@ impl Writer {
         newest.version
     }
 
-    /// Waits for a version, for at most `span` of wall-clock time. If the disk did not answer the last time, it does
-    /// not wait. In a run with a virtual clock it still waits for a part of `span`, because seconds pass there while
-    /// the disk is only busy.
+    /// Waits until a version is on disk, for at most `span` of wall-clock time. If the disk did not answer in time
+    /// before, the call does not wait again. With a virtual clock it still waits for a part of `span`, because
+    /// simulated seconds pass while the disk is only busy.
     pub(in crate::gateway) async fn kept(&self, version: u64, span: Duration, clock: &Clock) -> SaveResult {
         let mut done = self.done.clone();
         let is_done = |done: &SavedVersions| done.kept >= version || done.failed >= version;
@@ -146,7 +146,7 @@ impl Writer {
         }
     }
 
-    /// Waits for document and number at the end of a run.
+    /// Waits until document and number are saved at the end of a run, for at most `span`.
     pub(in crate::gateway) async fn finish(&self, span: Duration) {
         let version = self.shared.newest().version;
         let mut done = self.done.clone();

@@ -1,4 +1,4 @@
-//! Logs of decisions in a state directory, and the content of their columns, for programs that copy them.
+//! Logs of decisions in a state directory, and the type of their columns, for programs that copy logs.
 
 use std::path::{Path, PathBuf};
 
@@ -6,8 +6,8 @@ use super::columns::{CLOCK, DECIDED, MEMORY, PERMIT, STOOD_IN, ZERO};
 use super::outputs::ENDING;
 use crate::gateway::store::storage::retention::logs;
 
-/// Days for which there are logs of this machine, oldest first. The logs of a day are in the order in which they were
-/// begun.
+/// Returns the days for which there are logs of this machine, oldest first, with the paths of the logs. The logs of one
+/// day are in the order in which they were begun.
 pub fn days(directory: &Path, machine: &str) -> Vec<(String, Vec<PathBuf>)> {
     let mut days: Vec<(String, Vec<PathBuf>)> = Vec::new();
     let mut logs = logs(directory, machine);
@@ -23,13 +23,13 @@ pub fn days(directory: &Path, machine: &str) -> Vec<(String, Vec<PathBuf>)> {
     days
 }
 
-/// Number of a log within its day: `NAME-2026-01-31.2.csv` is the second one.
+/// Returns the number of a log within its day: 2 for `NAME-2026-01-31.2.csv`, 1 without a number.
 fn number(name: &str) -> u32 {
     name.trim_end_matches(".csv").rsplit_once('.').and_then(|(_, number)| number.parse().ok()).unwrap_or(1)
 }
 
-/// Returns whether the column contains text, in a log with these columns. All others contain numbers. A signal may have
-/// the same name as a column of an axis.
+/// Returns whether the column contains text; all other columns contain numbers. `columns` are all columns of the log,
+/// because a signal may have the same name as a column of an axis.
 pub fn is_text(column: &str, columns: &[&str]) -> bool {
     let [_, _, model, state, acted] = DECIDED;
     let is_of_an_axis = |word: &str| {
@@ -40,7 +40,7 @@ pub fn is_text(column: &str, columns: &[&str]) -> bool {
         || [PERMIT, model, state, acted, STOOD_IN].into_iter().any(is_of_an_axis)
 }
 
-/// Returns whether only a replay needs the column.
+/// Returns whether the column is used only by a replay.
 pub fn is_for_replay(column: &str) -> bool {
     column == MEMORY
 }

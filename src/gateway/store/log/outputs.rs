@@ -1,13 +1,14 @@
-//! Log of the outputs: CSV, one row for each input of a controller. [`OutputReplay`] computes the same actions from it.
+//! Log of the outputs: CSV with one row for each input of an output controller. [`OutputReplay`] calculates the same
+//! actions from it.
 //!
 //! ```text
 //! time, output, fact, value, moment, action, action_value, action_until, detail
 //! ```
 //!
-//! - `time`: when the controller took the input; RFC 3339 in UTC with every nanosecond, like every moment here.
+//! - `time`: when the controller received the input; RFC 3339 in UTC with every nanosecond, like all moments here.
 //! - `output`: name of the output in the profile.
 //! - `fact`: the input ([`Input`](isotherm_core::output::Input)), with `value` and `moment` if it has them. Values are
-//!   counts of the register. An empty moment never comes.
+//!   counts of the register. An empty moment stands for no limit of time.
 //! - `action`: the next action ([`Action`](isotherm_core::output::Action)): nothing, until `action_until`; read; keep;
 //!   write `action_value`; or repeat, which writes the present register value again. The first byte of a write may be
 //!   sent until `action_until`.

@@ -1,4 +1,4 @@
-//! Reader of the gateway's own logs and of logs from elsewhere.
+//! Reader of logs of the gateway, and of logs from other sources.
 
 use std::collections::HashMap;
 use std::fmt::Display;
@@ -17,7 +17,7 @@ use isotherm_core::reading::{Reading, Reason};
 use isotherm_profile::Profile;
 use isotherm_profile::safe_file::{self, Lines, quoted};
 
-/// Log that cannot be read, with the place of the error.
+/// Error in a log, with its position.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{file}, line {line}{}: {message}", .column.as_ref().map(|name| format!(", column {name}")).unwrap_or_default())]
 pub struct LogError {
@@ -31,51 +31,53 @@ pub struct LogError {
     pub message: String,
 }
 
-/// Row: the machine at one moment.
+/// Row of a log: the state of the machine at one moment.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LogRow {
-    /// Number of its line in the file.
+    /// Number of the row's line in the file.
     pub line: u64,
-    /// `time`, as in the log.
+    /// Time, as text in the log.
     pub time: String,
-    /// `time` as a moment.
+    /// Time, as a number.
     pub now: Moment,
     /// Reading of each signal of the profile.
     pub readings: Vec<Reading>,
-    /// Control of each axis of the profile.
+    /// Control inputs of each axis of the profile.
     pub controls: Vec<Control>,
     /// Measured error of each axis in µm.
     pub errors: Vec<Option<f64>>,
-    /// Decision of each axis in the log; `None` if the log has none.
+    /// Decision of each axis, as logged; `None` if the log has none.
     pub decided: Vec<Option<LoggedDecision>>,
-    /// State with which a run of the gateway, or a file of it, starts at this row.
+    /// Saved state with which a run of the gateway, or one of its files, begins at this row. `None` in all other rows.
     pub begins: Option<Remembered>,
-    /// Zero commands before this row: time, and axis. The axis is `None` for the whole machine.
+    /// Zero commands between the previous row and this one: the time, and the axis. The axis is `None` if all
+    /// references were captured.
     pub zeroed: Vec<(Moment, Option<usize>)>,
 }
 
-/// Decision in a log.
+/// Decision of an axis, as logged.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoggedDecision {
     /// Cz that the model requested, µm.
     pub raw: Option<f64>,
-    /// Cz after the guard, µm.
+    /// Cz after the guard has limited it, µm.
     pub cz: f64,
     /// Name of the model.
     pub model: String,
     /// State of the axis.
     pub state: String,
-    /// Guard stages that changed the value.
+    /// Names of the guard stages that changed the value.
     pub acted: String,
-    /// Expected residual error, µm; `None` if the log does not contain the column.
+    /// Expected residual error, µm. The outer `None` means that the log has no such column, the inner `None` that the
+    /// cell is empty.
     pub expected: Option<Option<f64>>,
-    /// Sensor that had a stand-in; `None` if the log does not contain the column.
+    /// Name of the sensor for which a stand-in was used. `None` if the log has no such column.
     pub stood_in: Option<String>,
-    /// "1" if the model was worse than no compensation; `None` if the log does not contain the column.
+    /// "1" if the axis was worse with its model than without compensation. `None` if the log has no such column.
     pub worse: Option<String>,
 }
 
-/// Reads the rows of a log, one after the other.
+/// Reader of the rows of a log.
 #[derive(Debug)]
 pub struct LogReader<R> {
     csv: csv::Reader<Lines<R>>,
@@ -90,7 +92,7 @@ pub struct LogReader<R> {
     warnings: Vec<String>,
 }
 
-/// Columns of a row, by index.
+/// Indices of the columns.
 #[derive(Clone, Debug)]
 struct Columns {
     time: usize,
@@ -120,15 +122,15 @@ struct AxisColumns {
     worse: Option<usize>,
 }
 
-/// Maximum number of warnings. A log with a wrong clock would give one for each row.
+/// Maximum number of warnings. Without it, a log with a wrong clock would give one warning for each row.
 const MOST_WARNINGS: usize = 20;
 
 impl<R: Read> LogReader<R> {
-    /// Reads the header. `file`: name of the log in messages. `zone`: time zone of times without an offset from UTC.
-    /// Without it, such times are rejected.
+    /// Reads the header. `file` is the name of the log in messages. `zone` is the time zone of times without an offset
+    /// from UTC; with `None`, such times are rejected.
     ///
     /// # Errors
-    /// Returns an invalid header: no `time`, no signal of the profile, or a name twice.
+    /// The header has no column `time`, no signal of the profile, or one name twice.
     pub fn open(
         profile: &Profile,
         input: R,
@@ -173,20 +175,20 @@ impl<R: Read> LogReader<R> {
         Ok(LogReader { csv, file, dialect, names, axes, columns, ranges, record, last: None, warnings })
     }
 
-    /// Returns the warnings about the log so far.
+    /// Returns the warnings about the rows that were read.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
     }
 
-    /// Returns whether the log has a column with this axis's measured error.
+    /// Returns whether the log has a column with the measured error of this axis.
     pub fn has_error(&self, axis: usize) -> bool {
         self.columns.axes.get(axis).is_some_and(|columns| columns.error.is_some())
     }
 
-    /// Reads the next row; `None` at the end.
+    /// Reads the next row. Returns `None` at the end.
     ///
     /// # Errors
-    /// Returns the place of the error.
+    /// The row cannot be read. The error contains its line and column.
     pub fn next_row(&mut self) -> Result<Option<LogRow>, LogError> {
         if !self.read_record()? {
             return Ok(None);
@@ -199,13 +201,14 @@ impl<R: Read> LogReader<R> {
                 return Ok(None);
             }
             let hint = if found > wanted { "; are there decimal commas?" } else { "" };
-            let message = format!("{found} cells under {wanted} column names{hint}");
+            let message =
+                format!("the row has {found} cells, but the header has {wanted} column names{hint}");
             return Err(LogError { file: self.file.clone(), line, column: None, message });
         }
         self.point()?;
         let row = self.row(line)?;
         if self.last.is_some_and(|last| row.now < last) {
-            self.warn(format!("line {line}: time runs back, to {}", row.time));
+            self.warn(format!("line {line}: the time goes back to {}", row.time));
         }
         self.last = Some(row.now);
         Ok(Some(row))
@@ -223,7 +226,7 @@ impl<R: Read> LogReader<R> {
         }
     }
 
-    /// Replaces decimal commas of the row by points, unless commas separate the columns.
+    /// Replaces the decimal commas of the row by points, unless commas separate the columns.
     fn point(&mut self) -> Result<(), LogError> {
         if self.dialect.separator() == b',' {
             return Ok(());
@@ -239,8 +242,8 @@ impl<R: Read> LogReader<R> {
         Ok(())
     }
 
-    /// Returns the number of the line in which the row starts. The position of a record is the end of the one before,
-    /// even with empty lines in between.
+    /// Returns the number of the line in which the row starts. The CSV reader gives the line after its end, and quoted
+    /// cells may contain line breaks.
     fn line(&self) -> u64 {
         let inside = self.record.iter().flat_map(str::bytes).filter(|byte| *byte == b'\n').count();
         self.csv.position().line().saturating_sub(1 + inside as u64)
@@ -282,7 +285,8 @@ impl<R: Read> LogReader<R> {
         Ok(row)
     }
 
-    /// Parses a time, and the name of an axis after it. Without a name, the zero is of the whole machine.
+    /// Parses a zero command: a time, and after it the name of an axis. Without a name, the axis is `None`: all
+    /// references were captured.
     fn zeroed(&self, text: &str) -> Result<(Moment, Option<usize>), String> {
         let (at, name) = text.split_once(' ').map_or((text, None), |(at, name)| (at, Some(name)));
         let place = |name| {
@@ -292,8 +296,8 @@ impl<R: Read> LogReader<R> {
         Ok((time::parse(at)?, name.map(place).transpose()?))
     }
 
-    /// Returns the control of an axis. An axis without a permit in the log is armed. At the first row it finds its
-    /// register at zero.
+    /// Returns the control inputs of an axis. If the log has no permits, the axis is armed, and its register is at zero
+    /// in the first row.
     fn control(&self, line: u64, columns: &AxisColumns) -> Result<Control, LogError> {
         let take_over = self.micron(line, columns.from)?;
         let take_over_slope = self.micron(line, columns.slope_from)?;
@@ -353,7 +357,7 @@ impl<R: Read> LogReader<R> {
         Some((place, self.cell(place))).filter(|(_, text)| !text.is_empty())
     }
 
-    /// Returns a number, which may be NaN or infinite; `None` if the cell is empty.
+    /// Parses a number, which may be NaN or infinite. Returns `None` if the cell is empty.
     fn number(&self, line: u64, place: Option<usize>) -> Result<Option<f64>, LogError> {
         let Some((place, text)) = self.filled(place) else { return Ok(None) };
         let text = text.trim();
@@ -382,7 +386,7 @@ impl<R: Read> LogReader<R> {
     }
 }
 
-/// Returns the error of an invalid record. `line`: position of the reader, if the cause contains no position.
+/// Makes the error of an invalid record. `line` is used if the cause contains no position.
 pub(super) fn unreadable(file: &str, line: u64, cause: &csv::Error) -> LogError {
     let message = match cause.kind() {
         csv::ErrorKind::Utf8 { .. } => "this is not text in UTF-8; save the file again as UTF-8".to_owned(),
@@ -428,7 +432,8 @@ impl Columns {
     }
 }
 
-/// Returns the reading with the checks of the gateway. In a log, the −32 °C of a broken sensor is no temperature.
+/// Checks a value as the gateway does. A value outside the sensor's range is rejected, for example −32 °C of a broken
+/// sensor.
 fn reading(value: Option<f64>, range: Option<(f64, f64)>, now: Moment) -> Reading {
     match (value, range) {
         (None, _) => Reading::bad(now, Reason::NotInLog),

@@ -1,4 +1,4 @@
-//! Formats rows into a reused buffer. It does not access files.
+//! Formatter for the rows of the decision log. It reuses one buffer, and does not access files.
 
 use std::io::Write;
 
@@ -11,28 +11,28 @@ use isotherm_core::compensation::{Control, Decision, Remembered, Snapshot};
 use isotherm_core::quantity::{Moment, Shift, Shifted, time};
 use isotherm_profile::{Axis, Profile};
 
-/// Converts steps to rows.
+/// Converter from steps of the axes to rows of the log.
 #[derive(Clone, Debug)]
 pub struct Recorder {
-    /// Names of the models, by axis and model, as the text of a cell.
+    /// Names of the models as CSV cells, by axis and model.
     models: Vec<Vec<String>>,
-    /// Whether the control of each axis gets the slope.
+    /// For each axis: whether the log has columns for a slope that the control applies.
     apart: Vec<bool>,
-    /// Whether errors of each axis are measured.
+    /// For each axis: whether its errors are measured (the profile has a probe).
     probed: Vec<bool>,
-    /// Whether some model of each axis gives its expected error.
+    /// For each axis: whether one of its models calculates its expected error.
     expected: Vec<bool>,
-    /// Whether sensors of each axis may have stand-ins.
+    /// For each axis: whether its models may use stand-ins for frozen sensors.
     watched: Vec<bool>,
-    /// Names of the signals, as the text of a cell.
+    /// Names of the signals, as CSV cells.
     signals: Vec<String>,
     memory: Option<String>,
     axes: Vec<String>,
     zeroed: Vec<(Moment, Option<usize>)>,
-    /// Shift from counted times to the times in the file.
+    /// Difference between the times in the file and the monotonic time of this run.
     shift: Shift,
     correction: Option<Correction>,
-    /// Decisions are not written to any device.
+    /// Whether the log is that of a dry run, in which no decision is written to a device.
     dry_run: bool,
     line: Vec<u8>,
 }
@@ -61,13 +61,13 @@ impl Recorder {
         }
     }
 
-    /// Marks the rows as those of a dry run.
+    /// Sets whether the rows are those of a dry run.
     #[must_use]
     pub(in crate::gateway) fn of_dry_run(self, dry_run: bool) -> Recorder {
         Recorder { dry_run, ..self }
     }
 
-    /// Returns the header of a log, with its line break.
+    /// Returns the header of a decision log, with its line break.
     pub fn header(profile: &Profile) -> String {
         let mut header = TIME.to_owned();
         for signal in &profile.signals {
@@ -90,23 +90,23 @@ impl Recorder {
         header + "," + MEMORY + "," + ZERO + "," + CLOCK + "\n"
     }
 
-    /// Returns the header of a dry run's log. It has one more column, because no Cz of a dry run acts.
+    /// Returns the header of a dry run's log. It has an additional column, because no Cz in the log ever acted.
     pub(in crate::gateway) fn dry_header(profile: &Profile) -> String {
         format!("{},{DRY_RUN}\n", Recorder::header(profile).trim_end())
     }
 
-    /// Sets the shift of times in the file that starts now, and the correction of the clock before it.
+    /// Sets the shift of the times in the file that starts now, and the correction of the clock before this file.
     pub(in crate::gateway) fn stamp_by(&mut self, shift: Shift, correction: Option<Correction>) {
         (self.shift, self.correction) = (shift, correction);
     }
 
-    /// Starts a run or a file with the next row. `remembered`: its state.
+    /// Marks the next row as the first one of a run or a file. `remembered` is the state with which it begins.
     pub fn begin(&mut self, remembered: &Remembered) {
         self.memory =
             serde_json::to_string(&remembered.clone().shifted(self.shift)).ok().map(|json| cell(&json));
     }
 
-    /// Records a zero command at this time, before the next row. `axis` is `None` for the whole machine.
+    /// Records a zero command for the next row. `axis` is `None` if all references were captured.
     pub fn zeroed(&mut self, at: Moment, axis: Option<usize>) {
         self.zeroed.push((at, axis));
     }
@@ -187,13 +187,12 @@ impl Recorder {
     }
 }
 
-/// Returns the axes that have columns: those of the profile file, which come first. The log of the outputs contains the
-/// releases.
+/// Returns the axes that have columns: those of the profile file. Releases are only in the output log.
 fn recorded(profile: &Profile) -> impl Iterator<Item = &Axis> {
     profile.axes.iter().take(profile.compensated())
 }
 
-/// Returns whether sensors of the axis are watched for being frozen.
+/// Returns whether a model of the axis checks its sensors for frozen values.
 fn is_watched(axis: &Axis) -> bool {
     axis.settings.models.iter().any(|model| model.stand_ins.is_some())
 }
@@ -210,7 +209,7 @@ fn optional(line: &mut Vec<u8>, value: Option<f64>) {
     }
 }
 
-/// Writes the shortest text that is parsed to exactly this number.
+/// Appends the shortest text from which the same number is parsed.
 pub fn number(line: &mut Vec<u8>, value: f64) {
     let size = value.abs();
     let plain = (1e-6..1e17).contains(&size) || size.to_bits() == 0;
@@ -218,7 +217,7 @@ pub fn number(line: &mut Vec<u8>, value: f64) {
     let _ = if plain { write!(line, "{value}") } else { write!(line, "{value:e}") };
 }
 
-/// Quotes the text of a cell if CSV requires it.
+/// Quotes the text of a cell if CSV requires quotation marks.
 pub(super) fn cell(text: &str) -> String {
     if has_to_be_quoted(text) {
         return format!("\"{}\"", text.replace('"', "\"\""));

@@ -95,12 +95,15 @@ fn what_cannot_be_read_is_named_with_its_place() {
             "time,bed\n0,1\n5,\"27,5\"\n",
             "day.csv, line 3, column bed: `27,5` has a decimal comma; write 27.5",
         ),
-        ("time,bed\n0,27,5\n", "line 2: 3 cells under 2 column names; are there decimal commas?"),
+        (
+            "time,bed\n0,27,5\n",
+            "line 2: the row has 3 cells, but the header has 2 column names; are there decimal commas?",
+        ),
         ("time,bed\n0,1\n5,warm\n", "line 3, column bed: `warm` is no number"),
         ("time,bed\r\n\r\n\r\n0,1\r\n5,warm", "line 5, column bed: `warm` is no number"),
         ("time,bed\n0,1\nnoon,1\n", "line 3, column time: `noon` is no time"),
         ("time,bed\n,1\n", "line 2, column time: the time is missing"),
-        ("time,bed,wheelhead\n0,1\n5,1,1\n", "line 2: 2 cells under 3"),
+        ("time,bed,wheelhead\n0,1\n5,1,1\n", "line 2: the row has 2 cells, but the header has 3"),
         ("time,bed,z_permit\n0,1,maybe\n", "line 2, column z_permit: `maybe` is none of off, armed"),
         ("time,bed,machine_memory\n0,1,{\n", "line 2, column machine_memory"),
     ] {
@@ -118,7 +121,7 @@ fn time_that_runs_back_is_a_warning_with_its_line() {
     let (rows, warnings) =
         rows("time,bed,wheelhead,hydraulics_on,zero_button\n10,1,,,\n5,1,,,\n6,1,,,\n").unwrap();
     assert_eq!(rows.len(), 3);
-    assert_eq!(warnings, ["day.csv, line 3: time runs back, to 5"]);
+    assert_eq!(warnings, ["day.csv, line 3: the time goes back to 5"]);
 }
 
 #[test]

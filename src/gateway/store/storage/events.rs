@@ -1,4 +1,4 @@
-//! Events on their way to disk. They wait in the journal until their line is written.
+//! Writer of events to disk. Events wait in the journal until their line is written.
 
 use std::fs::File;
 use std::io::Write;
@@ -13,15 +13,16 @@ use crate::observe::events::file::{self, End, LARGEST};
 use crate::observe::events::{Entry, Event, Journal};
 use isotherm_core::quantity::Moment;
 
-/// Number of events that are taken from the journal at once.
+/// Maximum number of events that are read from the journal at once.
 const BATCH: usize = 64;
 
-/// Lets events wake the thread, until it is dropped.
+/// Connection that lets new events wake the thread, until it is dropped.
 #[derive(Debug)]
 pub(super) struct EventsWake(Arc<Journal>);
 
 impl EventsWake {
-    /// Starts the wakeups. `is_woken`: the thread was woken and has not checked for events since.
+    /// Connects the journal with the queue of the thread. `is_woken` states that a wakeup is in the queue, so that no
+    /// other is needed.
     pub(super) fn begin(
         journal: Arc<Journal>,
         queue: SyncSender<Job>,
@@ -43,13 +44,13 @@ impl Drop for EventsWake {
     }
 }
 
-/// Files of events, one for each day.
+/// Writer of the event files, one for each day.
 pub(super) struct EventsFile {
     directory: PathBuf,
     machine: String,
     journal: Arc<Journal>,
     open: Option<(String, File, End)>,
-    /// Events that were left out because the file of their day was full.
+    /// Number of events that were left out because the file of their day was full.
     skipped: u64,
 }
 
@@ -59,7 +60,7 @@ impl EventsFile {
         EventsFile { directory, machine, journal, open: None, skipped: 0 }
     }
 
-    /// Writes the waiting events. Those that cannot be written keep waiting.
+    /// Writes the waiting events. Events that cannot be written wait for the next call.
     pub(super) fn write_all(&mut self) -> std::io::Result<()> {
         loop {
             let entries = self.journal.unkept(BATCH);
@@ -111,12 +112,13 @@ impl EventsFile {
     }
 }
 
-/// Entry of an event with the time of another entry.
+/// Makes the entry of an event, with the time of another entry.
 fn beside(entry: &Entry, event: &Event) -> Entry {
     Entry { at: entry.at.clone(), ..event.entry(Moment::default()) }
 }
 
-/// Appends an entry. After a failure, the next write reads the end of the file again, whatever was written.
+/// Appends an entry. After a failure, the caller opens the file again and reads its end, because a part of the line may
+/// be written.
 fn append(file: &mut File, end: End, entry: &Entry) -> std::io::Result<End> {
     let (line, end) = end.line(entry);
     file.write_all(line.as_bytes())?;

@@ -1,4 +1,4 @@
-//! Producer of the log of the outputs. It records the inputs and actions of each output, and counts what repeats.
+//! Producer of the output log. It records the inputs and actions of each output, and counts repeated writes and turns.
 
 use std::fmt::{Display, Write};
 use std::sync::Arc;
@@ -17,23 +17,24 @@ use isotherm_core::output::{Action, Controller, Input, Settings};
 use isotherm_core::quantity::{Moment, Shifted};
 use isotherm_profile::{OutputId, Profile, SetId};
 
-/// Time for which repeated writes are counted before they are recorded.
+/// Time for which repeated writes are counted before a row contains their number.
 const COUNTED_FOR: Duration = Duration::from_secs(60);
 
-/// Input that the controller of an output has taken.
+/// Input that the controller of an output has received, with the states before and after it.
 #[derive(Debug)]
 pub(in crate::gateway) struct OutputTransition<'a> {
     pub(in crate::gateway) id: OutputId,
     pub(in crate::gateway) settings: &'a Settings,
     pub(in crate::gateway) before: &'a Controller,
-    /// Whether `before` equals the state after the last recorded input. If not, the state is recorded before the input.
+    /// Whether no unrecorded input lies between the last row and this input. If `false`, a row with the state comes
+    /// first.
     pub(in crate::gateway) is_continuous: bool,
     pub(in crate::gateway) input: Input,
     pub(in crate::gateway) action: Action,
     pub(in crate::gateway) after: &'a Controller,
 }
 
-/// Turn of a controller (one call by the line task), with the states before and after the turn.
+/// Turn of a controller (one call by the line task), with the states before and after it.
 #[derive(Debug)]
 pub(in crate::gateway) struct TurnRecord {
     pub(in crate::gateway) before: ControllerState,
@@ -41,18 +42,18 @@ pub(in crate::gateway) struct TurnRecord {
     pub(in crate::gateway) after: ControllerState,
 }
 
-/// Output that is written repeatedly, whatever the last result was.
+/// Output that is written repeatedly, independently of the last result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::gateway) enum CountedWrite {
-    /// A corrected position, or a display.
+    /// Corrected position, or value of a display.
     Position(OutputId),
-    /// A set, with its heartbeat and control word.
+    /// Set of outputs, with its heartbeat and control word.
     Set(SetId),
     /// Heartbeat in a separate register.
     Heartbeat,
 }
 
-/// Counters shared by both ends of the queue for rows of the output log: rows in the queue, and losses so far.
+/// Number of output rows in the queue, and number of losses so far. The producer and the thread share it.
 #[derive(Debug, Default)]
 pub(super) struct RowLosses {
     waiting: AtomicUsize,
@@ -60,7 +61,7 @@ pub(super) struct RowLosses {
 }
 
 impl RowLosses {
-    /// Counts a loss of one or more rows. Returns the number of losses so far.
+    /// Counts a loss of one or more rows. Returns the number of losses, including this one.
     pub(super) fn tear(&self) -> u64 {
         self.count.fetch_add(1, Ordering::Relaxed) + 1
     }
@@ -70,7 +71,7 @@ impl RowLosses {
     }
 }
 
-/// Rows without a gap: rows of one file, between which no row was lost. `tear`: number of losses before them.
+/// Identity of a series of rows without a gap: the file, and the number of losses before the rows (`tear`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct RowSequence {
     day: Date,
@@ -78,7 +79,7 @@ struct RowSequence {
     tear: u64,
 }
 
-/// Producer side of the log of the outputs. Without a queue it saves nothing.
+/// Producer of the rows of the output log. Without a queue, nothing is saved.
 #[derive(Debug, Default)]
 pub(in crate::gateway) struct OutputsLog {
     queue: Option<SyncSender<Job>>,
@@ -86,31 +87,32 @@ pub(in crate::gateway) struct OutputsLog {
     stamps: Stamps,
     tears: Arc<RowLosses>,
     counts: (usize, usize),
-    /// Latest moment of a row. A turn that began before midnight and ended after it stays in the file of the new day.
+    /// Latest moment of a row, which determines the file. A turn that began before midnight and ended after it is in
+    /// the file of the new day.
     latest: Moment,
-    /// File and number of losses at the last row.
+    /// Series of the last row; `None` before the first row.
     stretch: Option<RowSequence>,
-    /// Rows of the outputs, then of the sets, then of the heartbeat.
+    /// Outputs, then sets, then the heartbeat, each with its counters.
     lines: Vec<Line>,
-    /// Buffer for the message of a failure, while it is compared with the previous one.
+    /// Buffer for the message of a failed write, which is compared with the previous message.
     message: String,
-    /// Rows that were dropped because the queue was full.
+    /// Number of rows that were dropped because the queue was full.
     pub(super) dropped: u64,
 }
 
 #[derive(Debug, Default)]
 struct Line {
     name: String,
-    /// File and number of losses when the state of this controller was last written. `None` before that.
+    /// Series in which the state of this controller was last recorded. `None` before that.
     begun: Option<RowSequence>,
     last: Option<LastTurn>,
-    /// Number of turns since the last row that were the same as the turn in that row.
+    /// Number of turns since the last row that repeated the turn in that row.
     repetitions: u64,
-    /// Start of the present counts of writes and failures.
+    /// Time since which writes and failures are counted.
     since: Option<Moment>,
     writes: u64,
     failures: u64,
-    /// Last failure that was recorded.
+    /// Message of the last failure that was recorded. Empty after a confirmed write.
     fault: String,
 }
 
@@ -121,7 +123,7 @@ struct LastTurn {
     /// State of the controller after the turn.
     state: ControllerState,
     at: Moment,
-    /// Time at which a turn was last recorded, not counted.
+    /// Time at which a turn was last recorded in a row, and not only counted.
     recorded: Moment,
 }
 
@@ -143,7 +145,7 @@ impl OutputsLog {
         OutputsLog { queue: Some(queue), counts, lines, ..OutputsLog::default() }
     }
 
-    /// Returns the counters for the other end of the queue, which writes the rows.
+    /// Returns the counters that the thread also uses.
     pub(super) fn tears(&self) -> Arc<RowLosses> {
         Arc::clone(&self.tears)
     }
@@ -152,8 +154,8 @@ impl OutputsLog {
         self.queue.is_some()
     }
 
-    /// Queues an input and an action of an output. If rows before it are in another file or lost, the state comes
-    /// first.
+    /// Records an input and the action of an output. If the last row of this output is in another file, or was lost, a
+    /// row with the state comes first.
     pub(in crate::gateway) fn stepped(&mut self, stepped: &OutputTransition<'_>, now: Moment) {
         let stretch = self.stretch(now);
         let Some(line) = self.lines.get_mut(stepped.id.0) else { return };
@@ -174,8 +176,8 @@ impl OutputsLog {
         self.hand_over(row, stretch);
     }
 
-    /// Queues a turn of a controller, or counts the turn if it repeats the last one. If the file lacks the rows before
-    /// this turn, the state comes first.
+    /// Records a turn of a controller, or counts it if it repeats the last one. If the last row of this controller is
+    /// in another file, or was lost, a row with the state comes first.
     pub(in crate::gateway) fn turned(
         &mut self,
         steady: CountedWrite,
@@ -214,8 +216,8 @@ impl OutputsLog {
         self.hand_over(row, stretch);
     }
 
-    /// Queues the last turn of a controller, if it repeats an earlier turn. The row contains the number of repetitions
-    /// since the last recorded turn.
+    /// Records the last turn of a controller if it was only counted. The row contains the number of repetitions before
+    /// it.
     fn record_repetitions(&mut self, place: usize, stretch: RowSequence) {
         let line = &mut self.lines[place];
         let repetitions = std::mem::take(&mut line.repetitions);
@@ -253,7 +255,7 @@ impl OutputsLog {
         self.message = message;
     }
 
-    /// Queues all counts at the end of a run.
+    /// Records all counts at the end of a run.
     pub(in crate::gateway) fn count_for_the_last_time(&mut self, now: Moment) {
         let stretch = self.stretch(now);
         for place in 0..self.lines.len() {
@@ -262,8 +264,8 @@ impl OutputsLog {
         }
     }
 
-    /// Returns file and number of losses for a row that is written now. If they have changed, counted turns are queued
-    /// first under the old ones. If the clock was set, the first row of the file contains the correction.
+    /// Returns the series for a row that is written now. If it has changed, counted turns are first recorded in the old
+    /// series. If the clock was set, the new file begins with a row about the correction.
     fn stretch(&mut self, now: Moment) -> RowSequence {
         let (stamped, latest) = (self.stamps.check(now), self.latest.max(now));
         let day = retention::day(latest.shifted(stamped.shift));
@@ -290,7 +292,8 @@ impl OutputsLog {
         }
     }
 
-    /// Returns the counter of an output for a write now. If the counted time is over, the counts are recorded first.
+    /// Returns the counters of an output for a write at `now`. If the counted time is over, the old counts are recorded
+    /// first.
     fn counted(&mut self, steady: CountedWrite, now: Moment) -> Option<&mut Line> {
         let place = self.place(steady);
         let since = *self.lines.get_mut(place)?.since.get_or_insert(now);
@@ -313,7 +316,7 @@ impl OutputsLog {
         }
     }
 
-    /// Queues a row. Returns `false` if the queue has no space; the row is then lost.
+    /// Queues a row. Returns `false` if the queue is full; the row is then lost.
     fn hand_over(&mut self, row: Vec<u8>, RowSequence { stamped, tear, .. }: RowSequence) -> bool {
         let at = self.latest;
         let Some(queue) = &self.queue else { return false };

@@ -1,8 +1,8 @@
-//! Retention of the logs of a machine: for how long they are kept, and how much of them.
+//! Retention of the logs of a machine: how long they are stored, and their maximum size together.
 //!
-//! A wrong clock deletes nothing. The age of a log is the difference between its day and the day of the newest log. It
-//! counts only if the computer's day is the day of the newest log, or the next one. Logs from before a large correction
-//! of the clock have no age. They are deleted only if all logs together need too much space, the oldest first.
+//! A wrong clock deletes nothing. The age of a log is the difference between its day and the day of the newest log. The
+//! age is used only if the computer's day is the day of the newest log, or the next one. Logs from before a large
+//! correction of the clock have no age. They are deleted, oldest first, only if all logs together are too large.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -17,17 +17,17 @@ use isotherm_core::compensation::Stop;
 use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::safe_file;
 
-/// Largest step of the clock into the past after which the days still count.
+/// Largest correction of the clock into the past after which the ages of earlier logs are still valid.
 const A_DAY: Duration = Duration::from_hours(24);
 
-/// Largest header and first row that are read, in bytes. The first row contains the saved state of a machine.
+/// Maximum size of header and first row that are read, in bytes. The first row contains the saved state of a machine.
 const FIRST_ROW: u64 = 4 * 1024 * 1024;
 
 /// Limits of the retention.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RetentionLimits {
     pub(super) span: Duration,
-    /// Bytes of all logs together.
+    /// Maximum size of all logs together, in bytes.
     pub(super) size: u64,
 }
 
@@ -46,18 +46,18 @@ pub(super) struct ExpiredLogs {
     pub(super) too_large: Vec<String>,
 }
 
-/// Day of a stamp.
+/// Returns the day of a time stamp, in UTC.
 pub(super) fn day(stamp: Moment) -> Date {
     let stamp = jiff::Timestamp::from_nanosecond(i128::from(stamp.as_nanos())).unwrap_or_default();
     stamp.to_zoned(jiff::tz::TimeZone::UTC).date()
 }
 
-/// Returns whether the clock was set so far that the days before and after it are not days of one sequence.
+/// Returns whether the clock was set so far that the age of earlier logs is not known.
 fn breaks_the_days(correction: &Correction) -> bool {
     correction.from.since(correction.to) > A_DAY || correction.to.since(correction.from) > Stop::LONGEST
 }
 
-/// Logs of this machine of every kind, the oldest first.
+/// Returns the logs of this machine of every kind, oldest first.
 pub(in crate::gateway) fn logs(directory: &Path, machine: &str) -> Vec<DayLog> {
     let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
     let mut logs: Vec<DayLog> = entries
@@ -75,7 +75,7 @@ pub(in crate::gateway) fn logs(directory: &Path, machine: &str) -> Vec<DayLog> {
     logs
 }
 
-/// Logs of decisions whose days are in this span.
+/// Returns the decision logs of the days from `from` to `to`.
 pub(in crate::gateway) fn of_decisions(
     directory: &Path,
     machine: &str,
@@ -89,7 +89,7 @@ pub(in crate::gateway) fn of_decisions(
         .collect()
 }
 
-/// Large corrections of the clock, from the first rows of the logs.
+/// Returns the large corrections of the clock, which are in the first rows of the logs.
 pub(super) fn breaks(directory: &Path, logs: &[DayLog]) -> Vec<Correction> {
     let of_decisions = logs.iter().filter(|log| log.name.ends_with(".csv") && !log.name.ends_with(ENDING));
     let found = of_decisions.filter_map(|log| {
@@ -103,7 +103,7 @@ pub(super) fn breaks(directory: &Path, logs: &[DayLog]) -> Vec<Correction> {
     found.filter(breaks_the_days).collect()
 }
 
-/// Logs of the days of the present clock. If it was never set far, these are all logs.
+/// Returns the logs since the last large correction of the clock. Without such a correction, these are all logs.
 pub(super) fn of_these_days<'a>(
     logs: &'a [DayLog],
     today: Date,
@@ -119,7 +119,7 @@ pub(super) fn of_these_days<'a>(
     })
 }
 
-/// Logs that need not be kept. `today`: day of the computer's clock. `set`: its large corrections.
+/// Returns the logs to delete. `today` is the day of the computer's clock, and `set` contains its large corrections.
 pub(super) fn superfluous(
     logs: &[DayLog],
     keep: RetentionLimits,

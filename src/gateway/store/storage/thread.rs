@@ -1,4 +1,4 @@
-//! Consumer side of the queue: it writes the files of days, and reports a disk that does not store them.
+//! Thread that writes logs and events to the files of days, and reports a disk that does not store them.
 
 use std::collections::BTreeMap;
 use std::fs::{File, Metadata};
@@ -26,11 +26,11 @@ use isotherm_core::quantity::{Moment, Shifted, time};
 use isotherm_profile::duration_text;
 use isotherm_profile::{Profile, safe_file};
 
-/// Interval of the checks for logs that need not be kept.
+/// Interval of the checks for logs to delete.
 const TIDY_EVERY: Duration = Duration::from_hours(1);
 
-/// Returns whether a log has this header and ends with a whole row. A row that a power cut has cut off would corrupt
-/// the next one.
+/// Returns whether a log has this header and ends with a complete row. If a power cut has left an incomplete row, no
+/// row may be appended.
 fn continues(path: &Path, header: &[u8]) -> std::io::Result<bool> {
     let mut file = File::open(path)?;
     let mut begins = vec![0; header.len()];
@@ -44,7 +44,7 @@ fn continues(path: &Path, header: &[u8]) -> std::io::Result<bool> {
     Ok(begins == header && last == *b"\n")
 }
 
-/// File of whole rows.
+/// Log file that contains only complete rows.
 struct WholeRows {
     path: PathBuf,
     file: File,
@@ -52,14 +52,14 @@ struct WholeRows {
 }
 
 impl WholeRows {
-    /// Appends a whole row or nothing: half a row on a full disk would corrupt the next one.
+    /// Appends a complete row, or nothing if the disk is full: an incomplete row would corrupt the next one.
     fn append(&mut self, row: &[u8]) -> std::io::Result<()> {
         self.file.write_all(row).inspect_err(|_| drop(self.file.set_len(self.length)))?;
         self.length += row.len() as u64;
         Ok(())
     }
 
-    /// Returns whether `path` still names the open file. It does not after the file was deleted or replaced.
+    /// Returns whether `path` still names the open file. Returns `false` after the file was deleted or replaced.
     fn is_there(&self) -> bool {
         let place = |found: Metadata| (found.dev(), found.ino());
         let there = std::fs::metadata(&self.path).map(place).ok();
@@ -67,10 +67,10 @@ impl WholeRows {
     }
 }
 
-/// Longest last row that is read, in bytes.
+/// Maximum length of a last row that is read, in bytes.
 const LAST_ROW: u64 = 65_536;
 
-/// Time of the last row of a log. `None` if it cannot be read.
+/// Returns the time of the last row of a log. `None` if it cannot be read.
 pub(super) fn last_stamp(path: &Path) -> Option<Moment> {
     let mut file = safe_file::open(path).ok()?;
     let length = file.metadata().ok()?.len();
@@ -89,13 +89,13 @@ pub(super) struct StorageThread {
     log: DayFile,
     outputs: DayFile,
     keep: RetentionLimits,
-    /// Time of the last check for logs that need not be kept.
+    /// Time of the last check for logs to delete.
     tidied: Option<Moment>,
     events: EventsFile,
-    /// Whether the journal has reported new events.
+    /// Whether a wakeup for new events is in the queue.
     is_woken: Arc<AtomicBool>,
-    /// Number of losses after which rows can be used. A row with a smaller number was made before the last loss, so
-    /// that the rows before it are missing.
+    /// Number of losses up to which output rows are left out. A row that was made before the last loss cannot be
+    /// replayed, because the rows before it are missing.
     whole_since: u64,
     failing: BTreeMap<&'static str, DiskCause>,
     torn: Arc<AtomicBool>,
@@ -179,8 +179,8 @@ impl StorageThread {
         }
     }
 
-    /// Checks whether a log was removed. The next row then begins a new log, with the state from which a replay
-    /// resumes.
+    /// Checks whether a log file was removed. The next row then begins a new file, and contains the state from which a
+    /// replay continues.
     fn find_logs(&mut self, at: Moment) {
         if let Err(gone) = self.log.check() {
             self.torn.store(true, Ordering::Relaxed);
@@ -192,8 +192,8 @@ impl StorageThread {
         }
     }
 
-    /// Writes a row of the output log. After a loss, rows are left out until an output begins with its whole state.
-    /// Only from there can a replay continue.
+    /// Writes a row of the output log. After a loss, rows are left out until a row contains the state from which a
+    /// replay can continue.
     fn write_output(&mut self, (at, stamped): (Moment, Stamped), row: &[u8], tear: u64) {
         if tear < self.whole_since {
             return;
@@ -205,7 +205,7 @@ impl StorageThread {
         self.report(at, "the log of the outputs", done);
     }
 
-    /// Deletes logs that need not be kept, once an hour, and reports the deletion.
+    /// Deletes logs that are too old or too large together, at most once an hour, and reports the deletion.
     fn tidy(&mut self, at: Moment, stamped: Stamped) {
         if self.tidied.is_some_and(|last| at.since(last) < TIDY_EVERY) {
             return;
@@ -250,7 +250,7 @@ impl StorageThread {
 pub(super) struct DayFile {
     directory: PathBuf,
     machine: String,
-    /// Part of the name after the day.
+    /// End of the file name, after the day.
     ending: &'static str,
     header: String,
     of: Option<(Date, Stamped)>,
@@ -263,7 +263,7 @@ impl DayFile {
         DayFile { directory, machine, ending, header, of: None, file: None }
     }
 
-    /// Writes a row to the file of its day. After a failure the file is opened again.
+    /// Writes a row to the file of its day. After a failure, the next row opens the file again.
     pub(super) fn write(&mut self, stamp: Moment, stamped: Stamped, row: &[u8]) -> std::io::Result<()> {
         let written = self.file_of(stamp, stamped).and_then(|file| file.append(row));
         if written.is_err() {
@@ -272,14 +272,14 @@ impl DayFile {
         written
     }
 
-    /// Checks whether the file, or its directory, was removed. The next row then begins another file.
+    /// Checks whether the file, or its directory, was removed. The next row then begins a new file.
     fn check(&mut self) -> std::io::Result<()> {
         let Some(file) = self.file.take_if(|file| !file.is_there()) else { return Ok(()) };
         let text = format!("{} was removed", file.path.display());
         Err(std::io::Error::new(ErrorKind::NotFound, text))
     }
 
-    /// Syncs the written rows, so that a power cut does not lose them.
+    /// Synchronises the written rows to disk, so that a power cut does not lose them.
     fn sync(&self) -> std::io::Result<()> {
         self.file.as_ref().map_or(Ok(()), |rows| rows.file.sync_data())
     }
@@ -298,8 +298,8 @@ impl DayFile {
         Ok(self.file.insert(file))
     }
 
-    /// Opens the file of the day. A file with other columns, with a later last row, or from before the clock was set is
-    /// left as it is. A new file is then begun next to it.
+    /// Opens the file of the day. A new file is begun if the existing one has other columns, a later last row, or rows
+    /// from before the clock was set.
     fn open(&self, stamp: Moment, is_set: bool) -> std::io::Result<WholeRows> {
         let day = day(stamp);
         make_directory(&self.directory)?;

@@ -1,4 +1,4 @@
-//! Cells of the log of the outputs: names of inputs and actions, and their details.
+//! Cells of the output log: names of inputs and actions, and their details as JSON.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,9 +8,9 @@ use isotherm_core::output::{
 };
 use isotherm_core::quantity::{Counts, Moment, Shift, Shifted};
 
-/// First line of the log, with its line break.
+/// First line of the output log, with its line break.
 pub const HEADER: &str = "time,output,fact,value,moment,action,action_value,action_until,detail\n";
-/// Ending of the file name of the log.
+/// End of the file name of an output log.
 pub const ENDING: &str = ".outputs.csv";
 
 pub(super) const BEGIN: &str = "begin";
@@ -18,22 +18,22 @@ pub(super) const FAULT: &str = "fault";
 pub(super) const WRITES: &str = "writes";
 pub(super) const FAILURES: &str = "failures";
 pub(super) const CLOCK: &str = "clock";
-/// Rows in a log of an earlier version: Cz of a position, and numbers of state and ledger.
+/// Names of rows that only earlier versions wrote: the Cz of a corrected position, and the numbers of state and ledger.
 pub(super) const EARLIER: [&str; 2] = ["cz", "sealed"];
 
-/// State from which an output resumes.
+/// Settings and state from which an output continues.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ResumeState {
     /// Settings of the output.
     pub settings: Settings,
-    /// State of its register.
+    /// State of the output's register.
     pub state: State,
-    /// Further state of its controller.
+    /// Other parts of the controller's state.
     #[serde(default)]
     pub policy: Policy,
 }
 
-/// Detail of a row: the parts of its input other than value and moment.
+/// Content of the column `detail`: the parts of an input other than value and moment.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub(super) enum Detail {
@@ -41,29 +41,29 @@ pub(super) enum Detail {
     Decided(Towards),
 }
 
-/// Detail of a decision.
+/// Detail of the input `decided`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Towards {
-    /// Target of the offset: counts from the bias, or the gateway share.
+    /// Target of the offset, in counts: from the bias of the register, or of the gateway share.
     pub(super) target: Counts,
 }
 
-/// Detail of a demand.
+/// Detail of the input `demand`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct DemandDetail {
     #[serde(skip_serializing_if = "Option::is_none")]
     armed: Option<Who>,
-    /// `None` if the condition is met.
+    /// State of the interlock; `None` if its condition is met.
     #[serde(skip_serializing_if = "Option::is_none")]
     interlock: Option<Condition>,
     #[serde(skip_serializing_if = "Option::is_none")]
     target: Option<Counts>,
-    /// Time of the decision; `None` without a decision.
+    /// Time of the axis's decision; `None` without a decision.
     #[serde(skip_serializing_if = "Option::is_none")]
     at: Option<Moment>,
-    /// `None` if the axis follows its model.
+    /// Mode of the axis; `None` if it follows its model.
     #[serde(skip_serializing_if = "Option::is_none")]
     mode: Option<Mode>,
     #[serde(skip_serializing_if = "is_zero")]
@@ -78,7 +78,8 @@ fn is_zero(count: &u64) -> bool {
 }
 
 impl Detail {
-    /// Detail of an input, with its moments as stamps of the file.
+    /// Returns the detail of an input, with its moments shifted to the time stamps of the file. `None` if the input has
+    /// no detail.
     pub(super) fn of(input: Input, shift: Shift) -> Option<Detail> {
         match input {
             Input::Fact(Fact::Decided { target, .. }) => {
@@ -101,7 +102,7 @@ impl Detail {
 }
 
 impl DemandDetail {
-    /// Demand of a row. `None` if a decision lacks its offset.
+    /// Makes the demand of a row. Returns `None` if the row has a decision, but no offset.
     pub(super) fn demand(self, offset: Option<Counts>, not_after: Moment) -> Option<Demand> {
         let DemandDetail { armed, interlock, target, at, mode, restarts, pauses } = self;
         let decision = match at {
@@ -118,10 +119,10 @@ impl DemandDetail {
     }
 }
 
-/// Cells of an input or an action: name, value and moment. [`Moment::END`] is an empty cell.
+/// Cells of an input or action: name, value and moment. [`Moment::END`] is written as an empty cell.
 pub(super) type Cells = (&'static str, Option<Counts>, Moment);
 
-/// Inputs without value and moment.
+/// Names of the inputs that have neither value nor moment.
 pub(super) const PLAIN: [(&str, Input); 24] = [
     ("look", Input::Fact(Fact::Look)),
     ("goes-along", Input::Fact(Fact::PiggybackAsked)),
@@ -172,7 +173,7 @@ pub(super) fn cells_of_input(input: Input) -> Cells {
     }
 }
 
-/// Input of this name. `None` if the name is unknown, or if the value is missing.
+/// Returns the input with this name. `None` if the name is unknown, or if the value is missing.
 pub(super) fn input(name: &str, value: Option<Counts>, moment: Moment) -> Option<Input> {
     Some(match name {
         // The caller adds the detail.
@@ -212,7 +213,7 @@ pub(super) fn action(name: &str, value: Option<Counts>, moment: Moment) -> Optio
     })
 }
 
-/// Action as text of a message: `write 120 until 2026-01-31T12:00:00Z`.
+/// Formats an action for a message, for example `write 120 until 2026-01-31T12:00:00Z`.
 pub(super) fn message(action: Action) -> String {
     let (name, value, moment) = cells_of_action(action);
     let value = value.map_or(String::new(), |value| format!(" {value}"));

@@ -1,5 +1,5 @@
-//! Controllers whose turns are logged as JSON: sets, corrected positions, and the heartbeat in a separate register. A
-//! turn is one call of a controller by the line task.
+//! Controllers whose turns are logged as JSON: those of sets, of corrected positions, and of a heartbeat in a separate
+//! register. A turn is one call of a controller by the line task.
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -30,7 +30,7 @@ pub enum ControllerState {
 }
 
 impl ControllerState {
-    /// Returns whether both controllers decide equally from the next turn on.
+    /// Returns whether both states lead to the same decisions from the next turn on.
     pub fn is_like(&self, other: &ControllerState) -> bool {
         match (self, other) {
             (ControllerState::Set(one), ControllerState::Set(other)) => one.is_like(other),
@@ -40,8 +40,8 @@ impl ControllerState {
     }
 }
 
-/// Turn of a controller (one call by the line task): input, action, and the result if the controller gets it in the
-/// same turn.
+/// Turn of a controller: one call by the line task. It contains the input, the action and, if it is known in the same
+/// turn, the result.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Turn {
@@ -53,7 +53,7 @@ pub enum Turn {
     Heartbeat(HeartbeatTurn),
 }
 
-/// Input of the controller of a set, and its action.
+/// Turn of the controller of a set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SetTurn {
@@ -63,18 +63,18 @@ pub struct SetTurn {
     pub action: SetAction,
 }
 
-/// Turn of the controller of a heartbeat: the heartbeat, and the count that is to be written.
+/// Turn of the controller of a heartbeat.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HeartbeatTurn {
-    /// Heartbeat that this turn requests.
+    /// Requested state of the heartbeat.
     pub beat: Beat,
     /// Count to write to the register; `None` if no heartbeat is sent.
     pub count: Option<u16>,
 }
 
 impl Turn {
-    /// Name of the row.
+    /// Returns the name of the row in the log.
     pub(super) fn row(&self) -> &'static str {
         match self {
             Turn::Set(_) => SET,
@@ -83,7 +83,7 @@ impl Turn {
         }
     }
 
-    /// Name of the action.
+    /// Returns the name of the action in the log.
     pub(super) fn action(&self) -> &'static str {
         match self {
             Turn::Set(turn) => turn.action.name(),
@@ -93,7 +93,8 @@ impl Turn {
         }
     }
 
-    /// Largest number of repetitions that a row may count. One minute has fewer. Turns of a set are never counted.
+    /// Returns the maximum number of repetitions in one row, which one minute does not reach; 0 for a set, because its
+    /// turns are never summarised.
     pub(super) fn most_repetitions(&self) -> u64 {
         if matches!(self, Turn::Set(_)) { 0 } else { MOST_REPETITIONS }
     }
@@ -107,8 +108,8 @@ impl Turn {
         }
     }
 
-    /// Returns true if this turn repeats `last`. The log then only counts it. `before`, `after`: states before and
-    /// after this turn.
+    /// Returns whether this turn repeats `last`, so that the log only counts it. `before` and `after` are the states of
+    /// the controller before and after this turn.
     pub(in crate::gateway) fn repeats(
         &self,
         last: &Turn,
@@ -135,7 +136,7 @@ impl Turn {
         }
     }
 
-    /// Action as text of a message.
+    /// Formats the action for a message.
     pub(super) fn in_words(&self) -> String {
         // Numbers, names and lists of them always have a JSON form.
         match self {
@@ -146,7 +147,7 @@ impl Turn {
         .unwrap_or_default()
     }
 
-    /// Returns the turn that repeats this one.
+    /// Returns the next turn, if it repeats this one.
     pub(super) fn again(self) -> Turn {
         match self {
             Turn::Position(turn) => Turn::Position(turn.again()),
@@ -154,7 +155,7 @@ impl Turn {
         }
     }
 
-    /// Parses the detail of a row. Returns `None` if no controller has rows of this name.
+    /// Parses the detail of a row with this name. Returns `None` if the name belongs to no turn.
     pub(super) fn parse(row: &str, detail: &str) -> Option<serde_json::Result<Turn>> {
         Some(match row {
             SET => parse(detail, Turn::Set),
@@ -178,7 +179,7 @@ impl Shifted for Turn {
     }
 }
 
-/// Controller from which a replay resumes, with its settings.
+/// Settings and state of a controller, from which a replay continues.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum ControllerSnapshot {
@@ -202,7 +203,7 @@ pub struct SetSnapshot {
 /// Controller of a corrected position, with its settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PositionSnapshot {
-    /// Largest change of Cz from one decision to the next.
+    /// Maximum change of Cz from one decision to the next.
     pub step: Micron,
     /// State of the controller.
     pub position: PositionController,
@@ -211,14 +212,14 @@ pub struct PositionSnapshot {
 /// Controller of a heartbeat, with its settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HeartbeatSnapshot {
-    /// Largest count of the register.
+    /// Maximum count of the register.
     pub highest: u16,
     /// State of the controller.
     pub heartbeat: HeartbeatController,
 }
 
 impl ControllerSnapshot {
-    /// Name of the row that contains the snapshot.
+    /// Returns the name of the row that contains the snapshot.
     pub(super) fn name(&self) -> &'static str {
         match self {
             ControllerSnapshot::Set(_) => SET_BEGIN,
@@ -227,7 +228,7 @@ impl ControllerSnapshot {
         }
     }
 
-    /// Name of the rows with the turns of this controller.
+    /// Returns the name of the rows that contain the turns of this controller.
     pub(super) fn row(&self) -> &'static str {
         match self {
             ControllerSnapshot::Set(_) => SET,
@@ -236,7 +237,7 @@ impl ControllerSnapshot {
         }
     }
 
-    /// Parses the detail of a row. Returns `None` if no controller begins with rows of this name.
+    /// Parses the detail of a row with this name. Returns `None` if the name belongs to no snapshot.
     pub(super) fn parse(row: &str, detail: &str) -> Option<serde_json::Result<ControllerSnapshot>> {
         Some(match row {
             SET_BEGIN => parse(detail, ControllerSnapshot::Set),
@@ -246,8 +247,8 @@ impl ControllerSnapshot {
         })
     }
 
-    /// Executes the input of a turn again, and returns the turn with the resulting action. Returns `None` if the turn
-    /// belongs to another kind of controller.
+    /// Gives the input of a turn to the controller again, and returns the turn with the new action. Returns `None` if
+    /// the turn belongs to another kind of controller.
     pub(super) fn again(&mut self, turn: &Turn, now: Moment) -> Option<Turn> {
         Some(match (self, turn) {
             (ControllerSnapshot::Set(snapshot), Turn::Set(turn)) => {

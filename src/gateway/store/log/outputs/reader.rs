@@ -1,4 +1,4 @@
-//! Reader of the log of the outputs.
+//! Reader of the output log.
 
 use std::fmt::Display;
 use std::io::Read;
@@ -15,12 +15,12 @@ use isotherm_core::output::{Action, Fact, Input};
 use isotherm_core::quantity::{Counts, Moment, time};
 use isotherm_profile::safe_file::{self, Lines};
 
-/// Row of the log.
+/// Row of the output log.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutputRow {
     /// Line number in the file.
     pub line: u64,
-    /// Time at which the controller took the input.
+    /// Time at which the controller received the input.
     pub now: Moment,
     /// Name of the output.
     pub output: String,
@@ -31,7 +31,7 @@ pub struct OutputRow {
 /// Content of a row.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Entry {
-    /// State from which the output resumes.
+    /// Settings and state from which an output continues.
     Begins(Box<ResumeState>),
     /// Input of the controller of the output, and the action.
     Step {
@@ -40,20 +40,20 @@ pub enum Entry {
         /// Action that the controller returned.
         action: Action,
     },
-    /// State from which a controller with turns resumes.
+    /// Settings and state from which the controller of a set, of a corrected position, or of a heartbeat continues.
     Resumes(Box<ControllerSnapshot>),
-    /// Turn of a controller (one call by the line task).
+    /// Turn of such a controller: one call by the line task.
     Turn {
-        /// Repetitions of the previous turn.
+        /// Number of repetitions of the previous turn.
         repetitions: u64,
-        /// The turn, with its input and action.
+        /// Turn, with its input and action.
         turn: Turn,
     },
-    /// Information for readers of the log, which is not replayed.
+    /// Information for readers of the log, which a replay ignores.
     Noted,
 }
 
-/// Reads the rows of a log of outputs, one after another.
+/// Reader of the rows of an output log.
 #[derive(Debug)]
 pub struct OutputLogReader<R> {
     csv: csv::Reader<Lines<R>>,
@@ -77,7 +77,7 @@ impl<R: Read> OutputLogReader<R> {
     /// Reads the header. `file` is the name of the log in messages.
     ///
     /// # Errors
-    /// The header is not that of a log of outputs.
+    /// The header is not that of an output log.
     pub fn open(input: R, file: &str) -> Result<OutputLogReader<R>, LogError> {
         let (_, input) =
             safe_file::first_line(input).map_err(|cause| unreadable(file, 1, &csv::Error::from(cause)))?;
@@ -91,7 +91,7 @@ impl<R: Read> OutputLogReader<R> {
         Ok(OutputLogReader { csv, file: file.to_owned(), record: StringRecord::new(), warnings: Vec::new() })
     }
 
-    /// Defects of the log that did not prevent reading.
+    /// Returns the defects of the log that did not prevent reading.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
     }
@@ -99,7 +99,7 @@ impl<R: Read> OutputLogReader<R> {
     /// Reads the next row. Returns `None` at the end.
     ///
     /// # Errors
-    /// The row cannot be read. The error contains its place.
+    /// The row cannot be read. The error contains its line and column.
     pub fn next_row(&mut self) -> Result<Option<OutputRow>, LogError> {
         if !self.read_record()? {
             return Ok(None);
@@ -127,7 +127,8 @@ impl<R: Read> OutputLogReader<R> {
 
     fn row(&self, line: u64) -> Result<OutputRow, LogError> {
         if self.record.len() != COLUMNS {
-            let message = format!("{} cells under {COLUMNS} column names", self.record.len());
+            let message =
+                format!("the row has {} cells, but the header has {COLUMNS} column names", self.record.len());
             return Err(LogError { file: self.file.clone(), line, column: None, message });
         }
         let now = time::parse(self.cell(TIME)).map_err(|why| self.error(line, TIME, why))?;
@@ -165,7 +166,7 @@ impl<R: Read> OutputLogReader<R> {
         count.filter(|count| *count <= most).ok_or_else(wrong)
     }
 
-    /// Parses an input or an action. The tuple contains the columns of its name, value and moment.
+    /// Parses an input or an action. The tuple contains the indices of the columns for its name, value and moment.
     fn named<T>(
         &self,
         line: u64,
@@ -180,7 +181,7 @@ impl<R: Read> OutputLogReader<R> {
         of(self.cell(what), count, at).ok_or_else(wrong)
     }
 
-    /// Parses a value, if there is one, and a moment, which may never come.
+    /// Parses the columns of a value and of a moment. An empty value is `None`; an empty moment is [`Moment::END`].
     fn value_and_moment(
         &self,
         line: u64,
@@ -202,7 +203,7 @@ impl<R: Read> OutputLogReader<R> {
         Ok((count, at))
     }
 
-    /// Adds the detail to an input. Decisions of earlier versions have none.
+    /// Adds the column `detail` to an input. Decisions in logs of earlier versions have no detail.
     fn with_detail(&self, line: u64, input: Input) -> Result<Input, LogError> {
         let text = self.cell(DETAIL);
         let wrong = |why: &dyn Display| self.error(line, DETAIL, why);

@@ -1,4 +1,4 @@
-//! Gives the inputs of a log to the controllers again, and compares the actions.
+//! Replay of an output log: gives its inputs to the controllers again, and compares the actions.
 
 use std::collections::BTreeMap;
 
@@ -12,28 +12,28 @@ use isotherm_core::quantity::Moment;
 #[derive(Clone, Debug, Default)]
 pub struct OutputReplay {
     running: BTreeMap<String, Box<(Settings, Controller)>>,
-    /// Controllers with turns (calls by the line task), by name and kind of row. Each has its last turn.
+    /// Controllers of sets, corrected positions and heartbeats, by name and kind of row, each with its last turn.
     resumed: BTreeMap<(String, &'static str), Resumed>,
 }
 
-/// Controller with turns, and its last turn.
+/// Controller of a set, corrected position or heartbeat, and its last turn.
 type Resumed = (Box<ControllerSnapshot>, Option<Turn>);
 
-/// Result of replaying a row.
+/// Result of the replay of one row.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Replayed {
     /// The row has no action to compare.
     Nothing,
-    /// The replay returned the action of the log.
+    /// The replay has the same action as the log.
     Same,
-    /// The replay returned another action.
+    /// The replay has another action than the log.
     Different {
         /// Action in the log, as text.
         recorded: String,
         /// Action of the replay, as text.
         replayed: String,
     },
-    /// The log does not contain the state from which the output resumed.
+    /// The log does not contain the state from which the output continues.
     Unknown,
 }
 

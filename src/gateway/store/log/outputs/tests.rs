@@ -283,7 +283,7 @@ fn what_cannot_be_read_is_reported_with_its_line_and_its_column() {
         (",read,", ",reed,", "day, line 3, column fact: `reed` is unknown"),
         (",nothing,", ",rest,", "day, line 3, column action: `rest` is unknown"),
         ("2026-01-05T12:00:00Z,cnc", "noon,cnc", "day, line 3, column time: `noon` is no time"),
-        (",nothing,,,", ",nothing", "day, line 3: 6 cells under 9 column names"),
+        (",nothing,,,", ",nothing", "day, line 3: the row has 6 cells, but the header has 9 column names"),
         (",read,", ",begin,", "day, line 3, column detail: "),
     ] {
         let error = wrong(from, to).unwrap_err();

@@ -1,22 +1,22 @@
-//! Scaling from a signal's unit to the unit of a network: `(x − mean) / scale`.
+//! Scaling of the inputs of a neural network from the signals' units: `(x − mean) / scale`.
 
-/// Mean and scale of each input.
+/// Mean and scale of each input of a neural network.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scaling {
     pairs: Vec<(f64, f64)>,
 }
 
 impl Scaling {
-    /// Creates a scaling from means and scales, in the order of the inputs.
+    /// Creates a scaling from the means and the scales of the inputs, in their order.
     ///
     /// # Errors
-    /// Returns a message: different numbers of both, no inputs or too many, a scale of zero, or a number that is not
-    /// finite.
+    /// Returns a message if the numbers of means and scales differ, are zero or are too large. Also if a scale is zero,
+    /// or a number is not finite.
     pub fn new(mean: &[f64], scale: &[f64]) -> Result<Scaling, String> {
         if mean.len() != scale.len() || mean.is_empty() || mean.len() > super::WIDEST {
             return Err(format!(
-                "the inputs have {} means and {} scales: each input needs one of both, and 1 to {} inputs \
-                 are allowed",
+                "the inputs have {} means and {} scales: each input needs one mean and one scale, and 1 to \
+                 {} inputs are allowed",
                 mean.len(),
                 scale.len(),
                 super::WIDEST
