@@ -1,4 +1,4 @@
-//! The verbs, one module each. Results go to stdout, diagnostics to stderr.
+//! The verbs of the command line, one module each. Results go to stdout, diagnostics to stderr.
 
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
@@ -95,7 +95,7 @@ pub struct Arguments {
     /// Log filter for stderr: error, warn, info, debug, or a filter such as `isotherm=debug`
     #[arg(long, global = true, value_name = "FILTER", env = "ISOTHERM_LOG", value_parser = values::log_filter)]
     log: Option<String>,
-    /// Verb with its arguments.
+    /// Verb of the command line, with its arguments.
     #[command(subcommand)]
     verb: Verb,
 }
@@ -108,7 +108,7 @@ enum Verb {
     Run(run::Arguments),
     /// Write a first profile from a few answers
     Init(Box<init::Arguments>),
-    /// Show every error of a profile with its place, then everything that would be read and written
+    /// Show every error of a profile with its line, or else everything that the gateway would read and write
     Check(check::Arguments),
     /// Read every signal once and show its quality, or read one register without a signal
     Read(Box<read::Arguments>),
@@ -116,11 +116,11 @@ enum Verb {
     Scan(scan::Arguments),
     /// Serve the devices of a profile as virtual hardware
     Virtual(simulate::Arguments),
-    /// Log readings for a later identification, without writing to a device
+    /// Log readings for a later identification; write to no device
     Record(record::Arguments),
-    /// Compute the decisions of a recorded log again with the code of the gateway
+    /// Repeat the decisions of a recorded log with the code of the gateway, and compare them
     Replay(replay::Arguments),
-    /// Identify the model of an axis from logs with its measured error, validated on runs that were held out
+    /// Identify the model of an axis from logs with its measured error, tested on runs that were not used to find it
     #[cfg(feature = "identify")]
     Identify(Box<identify::Arguments>),
     /// Select the temperature points to keep, from logs with a measured error
@@ -132,13 +132,13 @@ enum Verb {
     /// Report the drift in logs, in the terms of ISO 230-3
     #[cfg(feature = "identify")]
     Report(report::Arguments),
-    /// Replace the running gateway by another program or profile, without moving an axis
+    /// Replace the running gateway by another program or profile; no axis moves
     Restart(restart::Arguments),
     /// Save the files of a machine in one file: profile, models, templates, state and ledger
     Backup(backup::Arguments),
     /// Restore a machine from its backup; no axis moves before an operator arms it
     Restore(restore::Arguments),
-    /// Let the running gateway write
+    /// Permit the running gateway to write to the outputs
     #[command(
         after_help = "Examples:\n  isotherm arm my-machine.toml\n  isotherm arm my-machine.toml --axis z --no-wait"
     )]
@@ -155,9 +155,9 @@ enum Verb {
     Measured(measured::Arguments),
     /// Accept a device of the running gateway that an operator has checked
     Confirm(confirm::Arguments),
-    /// Return the register of a moved or removed output to its base value
+    /// Return the register of a moved or removed output to its base value, without the gateway's offset
     Release(release::Arguments),
-    /// Show the frames of a device of the running gateway as they pass
+    /// Show the frames between the running gateway and one of its devices
     Trace(trace::Arguments),
     /// Show the events of a machine, including those before the last restart
     Events(events::Arguments),
@@ -166,11 +166,11 @@ enum Verb {
     Export(export::Arguments),
     /// Show the state of the running gateway, as its web page does
     Status(status::Arguments),
-    /// Make, show and trust the certificates of an OPC UA line
+    /// Create, show and trust the certificates of an OPC UA line
     #[cfg(feature = "opcua")]
     #[command(name = "opcua")]
     OpcUa(opcua::Arguments),
-    /// Make a token for the web page, for viewing or for commands
+    /// Create a token for the web page, for viewing or for commands
     Token(token::Arguments),
     /// Print the JSON Schema of the profile, for editors
     #[command(after_help = "Example:\n  isotherm schema > isotherm.schema.json")]
@@ -186,7 +186,7 @@ enum Verb {
     Man(man::Arguments),
 }
 
-/// A profile and the keys that override its own.
+/// Profile, and keys that are overridden on the command line.
 #[derive(Args, Clone, Debug)]
 struct ProfileArguments {
     /// The machine's profile, or the name of a shipped one
@@ -197,13 +197,13 @@ struct ProfileArguments {
     set: Vec<(String, String)>,
 }
 
-/// The profile is wrong. All its errors have been printed.
+/// Error: the profile is wrong. All its errors have already been printed.
 #[derive(Debug, thiserror::Error)]
 #[error("the profile is wrong")]
 struct WrongProfile;
 
 impl Arguments {
-    /// Log filter of `--log`, or the default filter of the verb.
+    /// Returns the log filter given by `--log`, or else the default filter of the verb.
     pub fn log_filter(&self) -> &str {
         match (&self.log, &self.verb) {
             (Some(filter), _) => filter,
@@ -214,7 +214,7 @@ impl Arguments {
     }
 }
 
-/// Verbs that need a feature of the build, each with that feature.
+/// Verbs that need a feature of the build: name of the verb, and name of the feature.
 const FEATURE_OF_VERB: [(&str, &str); 6] = [
     ("identify", "identify"),
     ("select", "identify"),
@@ -224,8 +224,8 @@ const FEATURE_OF_VERB: [(&str, &str); 6] = [
     ("opcua", "opcua"),
 ];
 
-/// Makes the error for wrong arguments, with their control characters escaped. Otherwise an argument could control the
-/// terminal or begin a new line. The error for a verb that this build lacks names its feature.
+/// Returns the error for wrong arguments, with their control characters escaped. Otherwise an argument could control
+/// the terminal or begin a new line. The error for a verb that this build lacks names the missing feature.
 #[must_use]
 pub fn escaped(refused: clap::Error) -> clap::Error {
     if let Some(ContextValue::String(verb)) = refused.get(ContextKind::InvalidSubcommand)
@@ -312,19 +312,21 @@ pub fn run(arguments: Arguments) -> ExitCode {
     }
 }
 
-/// Returns whether the reader of stdout has closed the pipe, as in `isotherm check … | head`. This is not a failure.
+/// Returns whether the program that reads stdout has closed the pipe, as in `isotherm check … | head`. This is not a
+/// failure.
 fn is_closed_pipe(error: &anyhow::Error) -> bool {
     error.downcast_ref::<std::io::Error>().is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
 }
 
 /// Maximum number of log lines that wait for a slow reader. Further lines are dropped.
 const UNREAD: usize = 2048;
-/// Filter that disables the log of the OPC UA library: it may contain secrets. The gateway logs its own messages
-/// instead.
+/// Filter that disables the log of the OPC UA library, because that log may contain secrets. The gateway logs its own
+/// messages about OPC UA instead.
 const SILENT: &str = "opcua_client=off,opcua_core=off,opcua_crypto=off,opcua_types=off";
 
-/// Starts the log on stderr, in the format of the journal if stderr is the journal. A separate thread writes it, so
-/// that a slow reader of stderr does not block the program. Dropping the guard writes the pending lines.
+/// Starts the log on stderr, in the format of the system journal if stderr leads to the journal. A separate thread
+/// writes the lines, so that a slow reader of stderr does not block the program. Dropping the returned guard writes the
+/// pending lines.
 fn start_log(filter: &str) -> WorkerGuard {
     use tracing_subscriber::field::MakeExt;
     use tracing_subscriber::filter::{FilterExt, Targets};
@@ -355,12 +357,12 @@ fn start_log(filter: &str) -> WorkerGuard {
     guard
 }
 
-/// Reports arguments that exclude or require each other as clap reports single ones, and ends the program.
+/// Ends the program with an error about arguments that exclude or require each other, in the format of clap.
 fn refuse(why: &str) -> ! {
     Arguments::command().error(clap::error::ErrorKind::MissingRequiredArgument, why).exit()
 }
 
-/// Loads a profile, or prints all its errors.
+/// Loads a profile. If it has errors, prints all of them and returns an error.
 fn load(arguments: &ProfileArguments, json: bool) -> anyhow::Result<Profile> {
     load_with(&arguments.path, &arguments.set, json)
 }
@@ -369,7 +371,7 @@ fn load_with(path: &Path, set: &[(String, String)], json: bool) -> anyhow::Resul
     Ok(load_quietly(path, set, json)?.profile)
 }
 
-/// Prints the warnings of a profile and returns it. Only the verbs about the profile do this: `check` and `run`.
+/// Prints the warnings of a profile, and returns the profile. Only the verbs `check` and `run` do this.
 fn warned(loaded: Loaded) -> Profile {
     for warning in &loaded.warnings {
         say_beside!("warning: {warning}");
@@ -377,13 +379,13 @@ fn warned(loaded: Loaded) -> Profile {
     loaded.profile
 }
 
-/// Loads a profile that has a model for at least one axis. Without a model, a profile can be recorded and identified,
-/// but not run.
+/// Loads a profile in which at least one axis has a model. A profile without a model can be used to record and
+/// identify, but not to run the gateway.
 fn load_modelled(arguments: &ProfileArguments, json: bool) -> anyhow::Result<Loaded> {
     modelled(&arguments.path, load_quietly(&arguments.path, &arguments.set, json)?)
 }
 
-/// Returns the profile of this path if at least one of its axes has a model.
+/// Returns the profile at this path, if at least one of its axes has a model. Otherwise returns an error.
 fn modelled(path: &Path, loaded: Loaded) -> anyhow::Result<Loaded> {
     let axes = &loaded.profile.axes;
     let unmodelled: Vec<&str> = axes.iter().map(|axis| axis.settings.name.as_str()).collect();
@@ -391,14 +393,14 @@ fn modelled(path: &Path, loaded: Loaded) -> anyhow::Result<Loaded> {
         return Ok(loaded);
     }
     anyhow::bail!(
-        "{}: axis {} has no model, so there is nothing to compensate with; {}",
+        "{}: axis {} has no model, so Cz cannot be calculated; {}",
         path.display(),
         unmodelled.join(", "),
         how_to_find_a_model(&loaded.profile, 0)
     )
 }
 
-/// Loads a profile without printing its warnings.
+/// Loads a profile. Prints its errors, but not its warnings.
 fn load_quietly(path: &Path, set: &[(String, String)], json: bool) -> anyhow::Result<Loaded> {
     let environment = isotherm_profile::environment();
     load_by(path, json, || match shipped(path) {
@@ -407,12 +409,13 @@ fn load_quietly(path: &Path, set: &[(String, String)], json: bool) -> anyhow::Re
     })
 }
 
-/// Path and text of a shipped profile; `None` if a file with this name exists.
+/// Returns path and text of a shipped profile; `None` if a file with this name exists, or no shipped profile has this
+/// name.
 fn shipped(path: &Path) -> Option<(PathBuf, &'static str)> {
     path.to_str().filter(|_| !path.exists()).and_then(machines::text)
 }
 
-/// Loads a profile with `load`, and makes the checks that need this program: TLS files, OPC UA and MQTT.
+/// Loads a profile with `load`, and makes the checks that the profile reader cannot make: TLS files, OPC UA and MQTT.
 fn load_by(path: &Path, json: bool, load: impl FnOnce() -> Result<Loaded, Errors>) -> anyhow::Result<Loaded> {
     // A file that a profile names may be large, so that the check takes long.
     #[cfg(any(feature = "identify", feature = "place"))]
@@ -430,7 +433,7 @@ fn load_by(path: &Path, json: bool, load: impl FnOnce() -> Result<Loaded, Errors
     reported(loaded, json)
 }
 
-/// Returns the loaded profile, or prints all its errors.
+/// Returns the loaded profile. If loading failed, prints all errors and returns an error.
 fn reported(loaded: Result<Loaded, Errors>, json: bool) -> anyhow::Result<Loaded> {
     loaded.or_else(|errors| {
         if json {
@@ -446,7 +449,7 @@ fn print_json(document: &impl serde::Serialize) -> anyhow::Result<()> {
     Ok(say!("{}", serde_json::to_string_pretty(document)?)?)
 }
 
-/// Runtime for the verbs that connect to devices.
+/// Returns a new runtime for the verbs that connect to devices.
 fn runtime() -> std::io::Result<tokio::runtime::Runtime> {
     tokio::runtime::Builder::new_current_thread().enable_all().build()
 }

@@ -1,6 +1,6 @@
 //! Address of a line as one word, as users type it: `tcp://192.168.0.10:502`,
-//! `rtu:///dev/ttyUSB0?baud=9600&parity=none`, `rtu+tcp://192.168.0.11:4001`, `opc.tcp://192.168.0.12:4840`. `/sys` is
-//! the directory of this computer's own sensors.
+//! `rtu:///dev/ttyUSB0?baud=9600&parity=none`, `rtu+tcp://192.168.0.11:4001`, `opc.tcp://192.168.0.12:4840`. `/sys`
+//! stands for this computer's own sensors.
 
 use std::fmt;
 use std::str::FromStr;
@@ -12,7 +12,7 @@ pub use isotherm_profile::{Parity, Serial, Transport};
 
 /// Default port of Modbus TCP.
 const PORT: u16 = 502;
-/// Default settings of a serial port: most modules are shipped with these.
+/// Default settings of a serial port. Most modules are shipped with these settings.
 const SHIPPED_WITH: Serial = Serial { baud: 9600, parity: Parity::None, stop_bits: 1 };
 
 /// Transport and address of a line.
@@ -20,17 +20,18 @@ const SHIPPED_WITH: Serial = Serial { baud: 9600, parity: Parity::None, stop_bit
 pub struct LineAddress {
     /// Transport of the line.
     pub transport: Transport,
-    /// Host and port, URL, path of the serial port, CAN interface, or directory of the kernel's sensors.
+    /// Address in the notation of the transport: host and port, URL, path of the serial port, CAN interface, or
+    /// directory of the kernel's sensors.
     pub address: String,
 }
 
 impl LineAddress {
-    /// Returns the line of a bus in a profile.
+    /// Returns the transport and address of a bus in a profile.
     pub fn of(bus: &Bus) -> LineAddress {
         LineAddress { transport: bus.transport, address: bus.address.clone() }
     }
 
-    /// Returns this line with changed settings of its serial port, if it has one.
+    /// Returns this line with changed settings of its serial port. A line without a serial port is returned unchanged.
     pub fn with_serial(&self, change: impl FnOnce(Serial) -> Serial) -> LineAddress {
         let transport = match self.transport {
             Transport::Serial(serial) => Transport::Serial(change(serial)),
@@ -39,7 +40,7 @@ impl LineAddress {
         LineAddress { transport, address: self.address.clone() }
     }
 
-    /// Returns a bus of this line with default settings.
+    /// Returns a bus with this transport and address, the timeout, and otherwise default settings.
     pub fn bus(&self, timeout: Duration) -> Bus {
         Bus {
             name: "line".to_owned(),
@@ -55,7 +56,8 @@ impl LineAddress {
         }
     }
 
-    /// Returns the lines of a profile that describe this line, without the name of a bus.
+    /// Returns the lines that describe this line in a profile (type, address, serial settings), without the table
+    /// header with the bus name.
     pub fn profile_lines(&self) -> String {
         let (kind, key) = match self.transport {
             Transport::Tcp => ("modbus-tcp", "address"),
@@ -75,7 +77,7 @@ impl LineAddress {
     }
 }
 
-/// Address as in `tcp://192.168.0.10:502` or `/dev/ttyUSB0 at 9600 baud 8N1`.
+/// Text for users, for example `tcp://192.168.0.10:502` or `/dev/ttyUSB0 at 9600 baud 8N1`.
 impl fmt::Display for LineAddress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.transport {
@@ -91,7 +93,7 @@ impl FromStr for LineAddress {
     type Err = String;
 
     /// # Errors
-    /// The mistake in one sentence, with the correct form.
+    /// A sentence with the mistake and the correct form.
     fn from_str(text: &str) -> Result<LineAddress, String> {
         const FORMS: &str = "write tcp://192.168.0.10:502, rtu:///dev/ttyUSB0?baud=9600&parity=none, \
                              rtu+tcp://192.168.0.11:4001, opc.tcp://192.168.0.12:4840 or /sys";
@@ -113,7 +115,7 @@ impl FromStr for LineAddress {
     }
 }
 
-/// Returns host and port. Without a port, it adds the usual one, if the kind of line has one.
+/// Returns host and port. A missing port is replaced by `usual`.
 fn host(text: &str, usual: Option<u16>) -> Result<String, String> {
     let text = text.strip_suffix('/').unwrap_or(text);
     if text.is_empty() {
@@ -162,7 +164,7 @@ fn serial(text: &str) -> Result<LineAddress, String> {
 /// Parses the bits per second of a serial port.
 ///
 /// # Errors
-/// The allowed range, in one sentence.
+/// A sentence with the allowed range.
 pub fn baud(text: &str) -> Result<u32, String> {
     let baud = text.trim().parse().ok().filter(|baud| (300..=4_000_000).contains(baud));
     baud.ok_or_else(|| format!("`{text}` is no number of bits per second; allowed: 300 to 4000000"))

@@ -1,10 +1,10 @@
-//! One CAN interface of the kernel: frames in both directions, bus errors, and the settings of the interface.
+//! One CAN interface of the kernel: its frames in both directions, bus errors, and settings.
 //!
-//! - [`socket`] — reads and writes frames; detects that the interface goes down, comes up or is removed.
-//! - [`error_frame`] — error frames as text; [`interface`] — state and settings of the interface, if its driver reports
+//! - [`socket`] — reads and writes frames; detects when the interface goes down, comes up or is removed.
+//! - [`error_frame`] — text of error frames; [`interface`] — state and settings of the interface, if its driver reports
 //!   them.
-//! - [`link`] — state that outlives a socket; [`image`] — frames that several values share.
-//! - [`wire`] — requests and writes on the interface, as on any other line.
+//! - [`link`] — state that is kept when the socket is replaced; [`image`] — frames that contain several values.
+//! - [`wire`] — requests and writes on the interface, with the same trait as on any other line.
 
 pub mod error_frame;
 pub mod image;

@@ -1,6 +1,6 @@
-//! Open connection of any kind, and how it is opened.
+//! Open connection of any transport, and its opening.
 //!
-//! The interface ([`super::wire`]) depends on no transport. This module names those of Modbus.
+//! The trait [`super::wire::Wire`] depends on no transport. This module selects among the transports of Modbus.
 
 use std::time::Duration;
 
@@ -22,8 +22,8 @@ use isotherm_profile::{Bus, Serial, Transport};
 
 /// Opens the connections of one line, one after the other.
 pub trait Dial: Send {
-    /// Opens a connection; there is no time limit. Its bytes pass the tap. If a kind of connection does not do so, the
-    /// log of its frames has no bytes.
+    /// Opens a connection; there is no time limit. `tap` receives the bytes of the connection, for the log of its
+    /// frames. Some transports have no bytes to log.
     fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>>;
 
     /// Returns the fault to report if the other end closes a connection before its first answer.
@@ -31,7 +31,8 @@ pub trait Dial: Send {
         Fault::Link(LinkFault::TurnedAway)
     }
 
-    /// Returns whether the last connection resumes the one before it. If not, another device may be at its other end.
+    /// Returns whether the last opened connection continues the one before it. Returns false if the transport detects
+    /// that another device may be at its other end.
     fn resumes(&self) -> bool {
         true
     }
@@ -57,15 +58,15 @@ pub(super) struct ModbusDial {
 /// Transport of a Modbus line.
 enum LineTransport {
     Tcp,
-    /// `None`: the files in `tls` are unusable, as [`tls::check`] reports.
+    /// Modbus inside TLS. `None`: the files in `tls` are unusable, as [`tls::check`] reports.
     Tls(Option<Client>),
     RtuOverTcp,
     Serial(Serial, PortHistory),
 }
 
 impl ModbusDial {
-    /// Returns a dial for the address of this bus; `None` for CAN, OPC UA and the sensors of this computer. A TCP
-    /// connection ends if the other end has not confirmed data within the timeout of the bus.
+    /// Returns a dial for the address of this bus; `None` for CAN, OPC UA and the sensors of this computer. The system
+    /// closes a TCP connection if the other end does not acknowledge data within the timeout of the bus.
     pub(super) fn new(bus: &Bus) -> Option<ModbusDial> {
         let over = match (&bus.transport, &bus.tls) {
             (Transport::Tcp, None) => LineTransport::Tcp,
@@ -112,8 +113,8 @@ impl Dial for ModbusDial {
         })
     }
 
-    /// A serial port resumes unless another port has its name. The line reports a port that hangs up or cannot be
-    /// opened.
+    /// Returns false if another serial port has taken over the name of the opened one. A port that was unplugged is
+    /// reported by the line itself.
     fn resumes(&self) -> bool {
         match self.over {
             LineTransport::Serial(_, history) => history.resumes(),
@@ -126,7 +127,7 @@ impl Dial for ModbusDial {
     }
 }
 
-/// Dial that opens nothing, because the program was built without the feature.
+/// Dial that opens nothing, because the program was built without the feature `opcua`.
 #[cfg(not(feature = "opcua"))]
 pub(super) struct NotBuiltIn;
 
@@ -140,12 +141,13 @@ impl Dial for NotBuiltIn {
 /// An open connection of any kind.
 #[allow(
     clippy::large_enum_variant,
-    reason = "there is one for each line, and the fast one must not go through a pointer"
+    reason = "there is one value for each line, and Modbus TCP must not be called through a pointer"
 )]
 pub enum Connection {
-    /// Modbus TCP, the most common kind. It is called without dynamic dispatch, which a fast loop would notice.
+    /// Modbus TCP, the most common transport. It is called without dynamic dispatch, whose cost is measurable in a fast
+    /// loop.
     Modbus(ModbusTcp),
-    /// Connection of any other kind, called by dynamic dispatch.
+    /// Connection of any other transport, called by dynamic dispatch.
     Other(Box<dyn Wire>),
 }
 

@@ -1,7 +1,8 @@
-//! Causes and remedies of faults. All texts for users take them from here: `scan`, `read`, `check --online`, events,
-//! the log and the web page.
+//! Causes and remedies of faults. The commands `scan`, `read` and `check --online`, the events, the log and the web
+//! page take them from here.
 //!
-//! The text of a [`Fault`] is its cause. [`remedy`] has what to do, and [`explain`] joins both.
+//! The `Display` text of a [`Fault`] is its cause. [`remedy`] returns what the user can do, and [`explain`] joins the
+//! two.
 
 use std::io::{Error, ErrorKind};
 
@@ -13,7 +14,7 @@ use isotherm_profile::safe_file::without_numbers;
 use super::error::{CallerFault, CanFault, Fault, LinkFault, PeerFault};
 use crate::tls::TlsFault;
 
-/// Returns what to do about a fault; `None` if the text of its cause is sufficient.
+/// Returns what the user can do about a fault; `None` if the text of its cause is sufficient.
 pub const fn remedy(fault: Fault) -> Option<&'static str> {
     Some(match fault {
         Fault::Timeout => {
@@ -126,7 +127,7 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
     })
 }
 
-/// Returns what to do about a fault of a CAN interface.
+/// Returns what the user can do about a fault of a CAN interface.
 const fn remedy_of_an_interface(fault: CanFault) -> Option<&'static str> {
     Some(match fault {
         CanFault::NoInterface => "is the adapter plugged in? (`ip -details link` lists the interfaces)",
@@ -141,7 +142,7 @@ const fn remedy_of_an_interface(fault: CanFault) -> Option<&'static str> {
     })
 }
 
-/// Returns what to do about a reading that is not good.
+/// Returns what the user can do about a reading that is not good for this reason.
 pub const fn remedy_of_a_reading(reason: Reason) -> &'static str {
     match reason {
         Reason::OpenCircuit => "look for a broken wire or an unplugged connector",
@@ -188,7 +189,7 @@ pub const fn remedy_of_a_reading(reason: Reason) -> &'static str {
     }
 }
 
-/// Returns what to do about a fault of Modbus inside TLS.
+/// Returns what the user can do about a fault of Modbus inside TLS.
 const fn remedy_inside_tls(fault: TlsFault) -> Option<&'static str> {
     Some(match fault {
         TlsFault::OtherName => {
@@ -218,7 +219,7 @@ const fn remedy_inside_tls(fault: TlsFault) -> Option<&'static str> {
     })
 }
 
-/// Returns what to do about a fault of an OPC UA server, where some faults have other remedies.
+/// Returns what the user can do about a fault of an OPC UA server. Most faults have the same remedy as in [`remedy`].
 const fn remedy_at_a_server(fault: Fault) -> Option<&'static str> {
     Some(match fault {
         Fault::Timeout => {
@@ -239,7 +240,7 @@ const fn remedy_at_a_server(fault: Fault) -> Option<&'static str> {
     })
 }
 
-/// Remedy for the sensors of this computer, where only the drivers as a whole can fail.
+/// Remedy for a timeout of the sensors of this computer: all their drivers together count as one device.
 const AT_THIS_COMPUTER: &str = "the kernel driver of the sensors does not return. Is an adapter or a cable \
                                 unplugged? Does a 1-Wire sensor answer with a wrong checksum, so that the \
                                 kernel repeats the reading for seconds? `dmesg` says more. The gateway reads \
@@ -250,12 +251,12 @@ pub fn explain(fault: Fault) -> String {
     Explained { cause: fault.to_string(), hint: remedy(fault).map(Into::into) }.to_string()
 }
 
-/// Returns cause and remedy of a fault. The remedy fits the kind of line.
+/// Returns cause and remedy of a fault. The remedy depends on the transport of the line.
 pub fn explain_on(line: Transport, fault: Fault) -> Explained {
     advised_on(line, fault, fault.to_string())
 }
 
-/// Returns `cause` with the remedy of a fault. The remedy fits the kind of line.
+/// Returns `cause` with the remedy of a fault. The remedy depends on the transport of the line.
 pub fn advised_on(line: Transport, fault: Fault, cause: String) -> Explained {
     let hint = match line {
         Transport::OpcUa => remedy_at_a_server(fault),
@@ -265,8 +266,8 @@ pub fn advised_on(line: Transport, fault: Fault, cause: String) -> Explained {
     Explained { cause, hint: hint.map(Into::into) }
 }
 
-/// Describes an error of a file, a socket or a port, without its number, with a remedy. Errors with a text of their own
-/// keep it.
+/// Describes an error of a file, a socket or a port in one sentence, with a remedy and without the error number. An
+/// error that has its own text keeps that text.
 pub fn system(error: &Error) -> String {
     explain_system(error).to_string()
 }

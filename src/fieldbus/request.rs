@@ -14,39 +14,39 @@ use isotherm_profile::plan::{self, ReadTarget, Subscription};
 /// One request to one unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request<'a> {
-    /// Read with function 01 to 04, by table.
+    /// Read of registers or bits, with function 01 to 04 according to the table of `from`.
     Read {
         /// First register or bit.
         from: Register,
         /// Number of registers or bits.
         count: u16,
     },
-    /// Write with function 05.
+    /// Write of one coil, with function 05.
     WriteCoil {
         /// Zero-based address of the coil.
         at: u16,
         /// New state of the coil: on or off.
         value: bool,
     },
-    /// Write with function 06.
+    /// Write of one holding register, with function 06.
     WriteSingle {
         /// Zero-based address of the holding register.
         at: u16,
         /// New value of the register.
         value: u16,
     },
-    /// Write with function 16.
+    /// Write of holding registers, with function 16.
     WriteMultiple {
         /// Zero-based address of the first holding register.
         at: u16,
         /// New values, lowest address first.
         values: &'a [u16],
     },
-    /// Request on a CAN line, which has no registers.
+    /// Request on a CAN line. It addresses objects and frames, not registers.
     Can(CanRequest<'a>),
     /// Request to an OPC UA server.
     Nodes(NodeRequest<'a>),
-    /// Read of these sensors of this computer.
+    /// Read of these sensors of this computer, by the files of its kernel.
     Sensors(&'a [PcSensor]),
 }
 
@@ -55,7 +55,7 @@ pub enum Request<'a> {
 pub enum NodeRequest<'a> {
     /// Read of the values of these nodes.
     Read(&'a [Node]),
-    /// Latest values of nodes with a subscription.
+    /// Latest values of nodes to which the server sends changes by subscription.
     Latest(&'a Subscription),
     /// Read of the namespaces of the server.
     Namespaces,
@@ -73,20 +73,21 @@ pub enum NodeRequest<'a> {
 pub struct NodeReading {
     /// Value as registers, the most significant first; or the reason why there is none.
     pub value: Result<Encoded, Reason>,
-    /// Time stamp of the value.
+    /// Time stamp of the value, as an age.
     pub stamped: Stamped,
-    /// Time of an earlier request that the value answers. `None` if the value answers this request.
+    /// Time of the earlier request from which the age of the value counts, as in a subscription. `None`: the age counts
+    /// from this request.
     pub asked: Option<Moment>,
 }
 
-/// Age of a value by its time stamp: the difference between stamp and answer, both by the clock of the server.
+/// Age of a value by its time stamp: the time from the stamp to the answer, both by the clock of the server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stamped {
     /// The value has no time stamp.
     Unknown,
     /// Age of the value.
     Ago(Duration),
-    /// The stamp is later than the answer: one of the clocks is wrong.
+    /// The stamp is later than the answer, so one of the clocks is wrong.
     Ahead,
 }
 
@@ -105,7 +106,7 @@ pub enum CanRequest<'a> {
         /// New value, the most significant register first.
         values: &'a [u16],
     },
-    /// Value to send in a frame, together with the other values of the frame.
+    /// Value to send in a frame. The frame also contains the last values of its other bits.
     Send {
         /// Identifier of the frame.
         id: CanId,
@@ -125,7 +126,7 @@ pub enum Answer {
     Bits(Vec<bool>),
     /// Readings of nodes or sensors, as many as requested and in the same order.
     Nodes(Vec<NodeReading>),
-    /// Confirmation of a write, equal to the request.
+    /// Confirmation of a write. It repeats the request correctly.
     Done,
 }
 
@@ -142,7 +143,8 @@ impl<'a> From<&'a ReadTarget> for Request<'a> {
 }
 
 impl Answer {
-    /// Returns the registers of the answer, or those of its only node; an empty slice for other answers.
+    /// Returns the registers of the answer. For an answer with one node, returns the value of that node as registers;
+    /// for other answers, an empty slice.
     pub fn registers(&self) -> &[u16] {
         match self {
             Answer::Registers(registers) => registers,
@@ -154,7 +156,7 @@ impl Answer {
         }
     }
 
-    /// Returns the answer if every node in it has a valid value.
+    /// Returns the answer unchanged, if every node in it has a valid value.
     ///
     /// # Errors
     /// The fault of the first node without a valid value.
@@ -166,7 +168,8 @@ impl Answer {
         }
     }
 
-    /// Returns whether the answer has any requested data. An answer with nodes needs at least one good value.
+    /// Returns whether the answer contains any of the requested data. An answer with nodes contains data if at least
+    /// one node has a valid value.
     pub fn is_of_use(&self) -> bool {
         match self {
             Answer::Nodes(nodes) => nodes.iter().any(|node| node.value.is_ok()),
@@ -174,12 +177,13 @@ impl Answer {
         }
     }
 
-    /// Returns the time stamp of this part of the answer.
+    /// Returns the time stamp of the part of the answer in which this field is.
     pub fn stamped(&self, field: &plan::Field) -> Stamped {
         self.node(field).map_or(Stamped::Unknown, |node| node.stamped)
     }
 
-    /// Returns the time of an earlier request that this part answers. `None` if it answers the present request.
+    /// Returns the time of the earlier request from which the age of this field counts. `None`: it counts from the
+    /// present request.
     pub fn asked(&self, field: &plan::Field) -> Option<Moment> {
         self.node(field)?.asked
     }
@@ -188,10 +192,10 @@ impl Answer {
         if let Answer::Nodes(nodes) = self { nodes.get(usize::from(field.at)) } else { None }
     }
 
-    /// Decodes the value of a signal from its part of the answer.
+    /// Decodes the value of a signal from the part of the answer in which its field is.
     ///
     /// # Errors
-    /// The reason why there is no value.
+    /// The reason why the signal has no valid value.
     pub fn decode(&self, field: &plan::Field, encoding: &Encoding) -> Result<f64, Reason> {
         let (from, to) = (usize::from(field.at), usize::from(field.at) + usize::from(field.len));
         match self {
@@ -206,7 +210,8 @@ impl Answer {
 }
 
 impl<'a> Request<'a> {
-    /// Returns the request that reads a value of this type; `None` if the address cannot be read by request.
+    /// Returns the request that reads a value of this type. Returns `None` if the value at this address is only
+    /// received in frames, and cannot be requested.
     pub fn read(at: &'a Address, data_type: DataType) -> Option<Request<'a>> {
         match at {
             Address::Modbus(from) => Some(Request::Read { from: *from, count: data_type.registers() }),
@@ -217,7 +222,8 @@ impl<'a> Request<'a> {
         }
     }
 
-    /// Returns a read of registers, which may be sent together with another request; `None` for other targets.
+    /// Returns the read of these registers, which may be sent together with another request. Returns `None` for targets
+    /// that are not registers.
     pub const fn in_registers(asked: &ReadTarget) -> Option<Request<'static>> {
         match asked {
             ReadTarget::Registers { from, count } => Some(Request::Read { from: *from, count: *count }),
@@ -228,7 +234,7 @@ impl<'a> Request<'a> {
         }
     }
 
-    /// Returns the request that writes these values to the address, with a function that the device supports.
+    /// Returns the request that writes these values to the address, with one of the functions that the device supports.
     pub fn write(at: &'a Address, values: &'a [u16], functions: Functions) -> Request<'a> {
         match at {
             Address::Modbus(Register { offset, .. }) => Request::write_holding(*offset, values, functions),
@@ -244,7 +250,7 @@ impl<'a> Request<'a> {
         }
     }
 
-    /// Returns the request that writes holding registers from `at`.
+    /// Returns the request that writes holding registers from address `at`, with function 06 or 16.
     pub const fn write_holding(at: u16, values: &'a [u16], functions: Functions) -> Request<'a> {
         match values {
             [value] if functions.write_single => Request::WriteSingle { at, value: *value },
@@ -252,7 +258,7 @@ impl<'a> Request<'a> {
         }
     }
 
-    /// Returns the Modbus function code; 0 for other requests.
+    /// Returns the Modbus function code; 0 for requests that are not Modbus.
     pub const fn function(self) -> u8 {
         match self {
             Request::Read { from, .. } => from.table.read_function(),
@@ -263,12 +269,12 @@ impl<'a> Request<'a> {
         }
     }
 
-    /// Returns whether the device answers. A sent frame has no answer.
+    /// Returns whether the device answers this request. A CAN frame with values has no answer.
     pub const fn is_answered(self) -> bool {
         !matches!(self, Request::Can(CanRequest::Send { .. }))
     }
 
-    /// Returns whether the request changes nothing.
+    /// Returns whether the request only reads.
     pub const fn is_read(self) -> bool {
         matches!(
             self,
@@ -279,7 +285,8 @@ impl<'a> Request<'a> {
         )
     }
 
-    /// Returns whether one message can carry the request.
+    /// Returns whether one protocol message can carry the request. It must have at least one register, node or sensor,
+    /// and no more registers than the protocol allows.
     pub fn fits(self) -> bool {
         let (at, count, most) = match self {
             Request::Read { from, count } => {

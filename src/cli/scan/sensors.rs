@@ -1,4 +1,4 @@
-//! Temperatures that the kernel of this computer reads, also as lines of a profile.
+//! Temperatures that the kernel of this computer reads, also as lines for a profile.
 
 use std::path::Path;
 use std::time::Duration;
@@ -8,7 +8,7 @@ use crate::cli::print_json;
 use crate::cli::target::Line;
 use crate::discovery::sysfs::{Temperature, scan};
 
-/// Default timeout. A 1-Wire sensor needs almost a second.
+/// Default timeout. A 1-Wire sensor needs almost a second for a reading.
 const TIMEOUT: Duration = Duration::from_secs(2);
 
 pub(super) fn run(line: &Line, timeout: Option<Duration>, json: bool) -> anyhow::Result<()> {
@@ -36,7 +36,7 @@ pub(super) fn run(line: &Line, timeout: Option<Duration>, json: bool) -> anyhow:
     Ok(())
 }
 
-/// Formats the temperatures, one line each.
+/// Formats the temperatures as text, one line each.
 fn table(found: &[Temperature]) -> String {
     let width = found.iter().map(|found| found.sensor.chars().count()).max().unwrap_or(0);
     let lines = found.iter().map(|Temperature { sensor, read_in, value, reason }| {
