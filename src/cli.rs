@@ -1,4 +1,4 @@
-//! The verbs, one module each. Results go to stdout, diagnostics to stderr.
+//! The verbs of the command line, one module each. Results go to stdout, diagnostics to stderr.
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -94,7 +94,7 @@ pub struct Arguments {
     /// Log filter for stderr: error, warn, info, debug, or a filter such as `isotherm=debug`
     #[arg(long, global = true, value_name = "FILTER", env = "ISOTHERM_LOG", value_parser = values::log_filter)]
     log: Option<String>,
-    /// Verb with its arguments.
+    /// Verb of the command line, with its arguments.
     #[command(subcommand)]
     verb: Verb,
 }
@@ -107,7 +107,7 @@ enum Verb {
     Run(run::Arguments),
     /// Write a first profile from a few answers
     Init(Box<init::Arguments>),
-    /// Show every error of a profile with its place, then everything that would be read and written
+    /// Show every error of a profile with its line, or else everything that the gateway would read and write
     Check(check::Arguments),
     /// Read every signal once and show its quality, or read one register without a signal
     Read(Box<read::Arguments>),
@@ -115,11 +115,11 @@ enum Verb {
     Scan(scan::Arguments),
     /// Serve the devices of a profile as virtual hardware
     Virtual(simulate::Arguments),
-    /// Log readings for a later identification, without writing to a device
+    /// Log readings for a later identification; write to no device
     Record(record::Arguments),
-    /// Compute the decisions of a recorded log again with the code of the gateway
+    /// Repeat the decisions of a recorded log with the code of the gateway, and compare them
     Replay(replay::Arguments),
-    /// Identify the model of an axis from logs with its measured error, validated on runs that were held out
+    /// Identify the model of an axis from logs with its measured error, tested on runs that were not used to find it
     #[cfg(feature = "identify")]
     Identify(Box<identify::Arguments>),
     /// Select the temperature points to keep, from logs with a measured error
@@ -131,13 +131,13 @@ enum Verb {
     /// Report the drift in logs, in the terms of ISO 230-3
     #[cfg(feature = "identify")]
     Report(report::Arguments),
-    /// Replace the running gateway by another program or profile, without moving an axis
+    /// Replace the running gateway by another program or profile; no axis moves
     Restart(restart::Arguments),
     /// Save the files of a machine in one file: profile, models, templates, state and ledger
     Backup(backup::Arguments),
     /// Restore a machine from its backup; no axis moves before an operator arms it
     Restore(restore::Arguments),
-    /// Let the running gateway write
+    /// Permit the running gateway to write to the outputs
     #[command(
         after_help = "Examples:\n  isotherm arm my-machine.toml\n  isotherm arm my-machine.toml --axis z --no-wait"
     )]
@@ -154,9 +154,9 @@ enum Verb {
     Measured(measured::Arguments),
     /// Accept a device of the running gateway that an operator has checked
     Confirm(confirm::Arguments),
-    /// Return the register of a moved or removed output to its base value
+    /// Return the register of a moved or removed output to its base value, without the gateway's offset
     Release(release::Arguments),
-    /// Show the frames of a device of the running gateway as they pass
+    /// Show the frames between the running gateway and one of its devices
     Trace(trace::Arguments),
     /// Show the events of a machine, including those before the last restart
     Events(events::Arguments),
@@ -165,11 +165,11 @@ enum Verb {
     Export(export::Arguments),
     /// Show the state of the running gateway, as its web page does
     Status(status::Arguments),
-    /// Make, show and trust the certificates of an OPC UA line
+    /// Create, show and trust the certificates of an OPC UA line
     #[cfg(feature = "opcua")]
     #[command(name = "opcua")]
     OpcUa(opcua::Arguments),
-    /// Make a token for the web page, for viewing or for commands
+    /// Create a token for the web page, for viewing or for commands
     Token(token::Arguments),
     /// Print the JSON Schema of the profile, for editors
     #[command(after_help = "Example:\n  isotherm schema > isotherm.schema.json")]
@@ -186,7 +186,7 @@ enum Verb {
 }
 
 impl Arguments {
-    /// Log filter of `--log`, or the default filter of the verb.
+    /// Returns the log filter given by `--log`, or else the default filter of the verb.
     pub fn log_filter(&self) -> &str {
         match (&self.log, &self.verb) {
             (Some(filter), _) => filter,
@@ -197,7 +197,7 @@ impl Arguments {
     }
 }
 
-/// Verbs that need a feature of the build, each with that feature.
+/// Verbs that need a feature of the build: name of the verb, and name of the feature.
 const FEATURE_OF_VERB: [(&str, &str); 6] = [
     ("identify", "identify"),
     ("select", "identify"),
@@ -207,8 +207,8 @@ const FEATURE_OF_VERB: [(&str, &str); 6] = [
     ("opcua", "opcua"),
 ];
 
-/// Makes the error for wrong arguments, with their control characters escaped. Otherwise an argument could control the
-/// terminal or begin a new line. The error for a verb that this build lacks names its feature.
+/// Returns the error for wrong arguments, with their control characters escaped. Otherwise an argument could control
+/// the terminal or begin a new line. The error for a verb that this build lacks names the missing feature.
 #[must_use]
 pub fn escaped(refused: clap::Error) -> clap::Error {
     if let Some(ContextValue::String(verb)) = refused.get(ContextKind::InvalidSubcommand)
@@ -298,7 +298,8 @@ pub fn run(arguments: Arguments) -> ExitCode {
     }
 }
 
-/// Returns whether the reader of stdout has closed the pipe, as in `isotherm check … | head`. This is not a failure.
+/// Returns whether the program that reads stdout has closed the pipe, as in `isotherm check … | head`. This is not a
+/// failure.
 fn is_closed_pipe(error: &anyhow::Error) -> bool {
     error.downcast_ref::<std::io::Error>().is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
 }

@@ -1,4 +1,4 @@
-//! The certificate of the web page: read from its files, and read again when they change.
+//! Certificate of the web page. It is read from its files, and read again when the files change.
 
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
@@ -13,8 +13,8 @@ use crate::fieldbus::tls;
 use crate::observe::http::TlsReceiver;
 use isotherm_profile::{WebTls, safe_file};
 
-/// Interval of the check whether the files have changed. Changed files are read when two checks in a row find the same
-/// state, because certificate and key cannot be replaced at once.
+/// Interval at which the certificate files are checked for changes. Changed files are read only if two successive
+/// checks find the same state, because certificate and key cannot be replaced at the same moment.
 const LOOK_EVERY: Duration = Duration::from_secs(2);
 
 /// Server configuration of the web page with its certificate, and the files that contain certificate and key.
@@ -29,7 +29,7 @@ pub(super) struct Certificate {
 type Stamp = [Option<(u64, u64, i64, i64)>; 2];
 
 impl Certificate {
-    /// Reads the files.
+    /// Reads the files with certificate and key.
     ///
     /// # Errors
     /// A sentence that names the file and the error in it.
@@ -38,12 +38,13 @@ impl Certificate {
         Ok(Certificate { files: files.clone(), read, show: watch::Sender::new(Arc::new(config(files)?)) })
     }
 
-    /// Receiver of the current server configuration.
+    /// Returns a receiver that always has the current server configuration.
     pub(super) fn shown(&self) -> TlsReceiver {
         self.show.subscribe()
     }
 
-    /// Reads the files again when they change. If the new files have an error, the web page keeps the old certificate.
+    /// Reads the files again whenever they change. If the new files have an error, the web page continues to use the
+    /// old certificate.
     pub(super) async fn keep(mut self) {
         let mut last = self.read;
         loop {
@@ -59,11 +60,11 @@ impl Certificate {
                     Ok(config) => {
                         self.show.send_replace(Arc::new(config));
                         tracing::info!(
-                            "the web page shows the new certificate in {}",
+                            "the web page uses the new certificate in {}",
                             self.files.cert.display()
                         );
                     }
-                    Err(why) => tracing::warn!("the web page still shows its old certificate: {why:#}"),
+                    Err(why) => tracing::warn!("the web page still uses its old certificate: {why:#}"),
                 }
             }
             last = found;

@@ -10,12 +10,13 @@ use isotherm_profile::one_line;
 
 /// Maximum number of log lines that wait for a slow reader. Further lines are dropped.
 const UNREAD: usize = 2048;
-/// Filter that disables the log of the OPC UA library: it may contain secrets. The gateway logs its own messages
-/// instead.
+/// Filter that disables the log of the OPC UA library, because that log may contain secrets. The gateway logs its own
+/// messages about OPC UA instead.
 const SILENT: &str = "opcua_client=off,opcua_core=off,opcua_crypto=off,opcua_types=off";
 
-/// Starts the log on stderr, in the format of the journal if stderr is the journal. A separate thread writes it, so
-/// that a slow reader of stderr does not block the program. Dropping the guard writes the pending lines.
+/// Starts the log on stderr, in the format of the system journal if stderr leads to the journal. A separate thread
+/// writes the lines, so that a slow reader of stderr does not block the program. Dropping the returned guard writes the
+/// pending lines.
 pub(super) fn start_log(filter: &str) -> WorkerGuard {
     use tracing_subscriber::field::MakeExt;
     use tracing_subscriber::filter::{FilterExt, Targets};

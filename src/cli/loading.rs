@@ -14,7 +14,7 @@ use crate::fieldbus::tls;
 use crate::gateway::how_to_find_a_model;
 use isotherm_profile::{Axis, Errors, Loaded, Profile};
 
-/// A profile and the keys that override its own.
+/// Profile, and keys that are overridden on the command line.
 #[derive(Args, Clone, Debug)]
 pub(super) struct ProfileArguments {
     /// The machine's profile, or the name of a shipped one
@@ -25,12 +25,12 @@ pub(super) struct ProfileArguments {
     pub(super) set: Vec<(String, String)>,
 }
 
-/// The profile is wrong. All its errors have been printed.
+/// Error: the profile is wrong. All its errors have already been printed.
 #[derive(Debug, thiserror::Error)]
 #[error("the profile is wrong")]
 pub(super) struct WrongProfile;
 
-/// Loads a profile, or prints all its errors.
+/// Loads a profile. If it has errors, prints all of them and returns an error.
 pub(super) fn load(arguments: &ProfileArguments, json: bool) -> anyhow::Result<Profile> {
     load_with(&arguments.path, &arguments.set, json)
 }
@@ -39,7 +39,7 @@ pub(super) fn load_with(path: &Path, set: &[(String, String)], json: bool) -> an
     Ok(load_quietly(path, set, json)?.profile)
 }
 
-/// Prints the warnings of a profile and returns it. Only the verbs about the profile do this: `check` and `run`.
+/// Prints the warnings of a profile, and returns the profile. Only the verbs `check` and `run` do this.
 pub(super) fn warned(loaded: Loaded) -> Profile {
     for warning in &loaded.warnings {
         say_beside!("warning: {warning}");
@@ -47,13 +47,13 @@ pub(super) fn warned(loaded: Loaded) -> Profile {
     loaded.profile
 }
 
-/// Loads a profile that has a model for at least one axis. Without a model, a profile can be recorded and identified,
-/// but not run.
+/// Loads a profile in which at least one axis has a model. A profile without a model can be used to record and
+/// identify, but not to run the gateway.
 pub(super) fn load_modelled(arguments: &ProfileArguments, json: bool) -> anyhow::Result<Loaded> {
     modelled(&arguments.path, load_quietly(&arguments.path, &arguments.set, json)?)
 }
 
-/// Returns the profile of this path if at least one of its axes has a model.
+/// Returns the profile at this path, if at least one of its axes has a model. Otherwise returns an error.
 pub(super) fn modelled(path: &Path, loaded: Loaded) -> anyhow::Result<Loaded> {
     let axes = &loaded.profile.axes;
     let unmodelled: Vec<&str> = axes.iter().map(|axis| axis.settings.name.as_str()).collect();
@@ -61,14 +61,14 @@ pub(super) fn modelled(path: &Path, loaded: Loaded) -> anyhow::Result<Loaded> {
         return Ok(loaded);
     }
     anyhow::bail!(
-        "{}: axis {} has no model, so there is nothing to compensate with; {}",
+        "{}: axis {} has no model, so Cz cannot be calculated; {}",
         path.display(),
         unmodelled.join(", "),
         how_to_find_a_model(&loaded.profile, 0)
     )
 }
 
-/// Loads a profile without printing its warnings.
+/// Loads a profile. Prints its errors, but not its warnings.
 pub(super) fn load_quietly(path: &Path, set: &[(String, String)], json: bool) -> anyhow::Result<Loaded> {
     let environment = isotherm_profile::environment();
     load_by(path, json, || match shipped(path) {
@@ -77,12 +77,13 @@ pub(super) fn load_quietly(path: &Path, set: &[(String, String)], json: bool) ->
     })
 }
 
-/// Path and text of a shipped profile; `None` if a file with this name exists.
+/// Returns path and text of a shipped profile; `None` if a file with this name exists, or no shipped profile has this
+/// name.
 pub(super) fn shipped(path: &Path) -> Option<(PathBuf, &'static str)> {
     path.to_str().filter(|_| !path.exists()).and_then(machines::text)
 }
 
-/// Loads a profile with `load`, and makes the checks that need this program: TLS files, OPC UA and MQTT.
+/// Loads a profile with `load`, and makes the checks that the profile reader cannot make: TLS files, OPC UA and MQTT.
 pub(super) fn load_by(
     path: &Path,
     json: bool,
@@ -104,7 +105,7 @@ pub(super) fn load_by(
     reported(loaded, json)
 }
 
-/// Returns the loaded profile, or prints all its errors.
+/// Returns the loaded profile. If loading failed, prints all errors and returns an error.
 pub(super) fn reported(loaded: Result<Loaded, Errors>, json: bool) -> anyhow::Result<Loaded> {
     loaded.or_else(|errors| {
         if json {

@@ -1,4 +1,4 @@
-//! `isotherm opcua`: makes, shows and trusts the certificates of an OPC UA line.
+//! `isotherm opcua`: creates, shows and trusts the certificates of an OPC UA line.
 
 use std::path::{Path, PathBuf};
 
@@ -8,7 +8,7 @@ use isotherm_profile::{Bus, NamedFile, OpcUa, Profile};
 mod own;
 mod trust;
 
-/// Makes and shows the gateway's own certificate of an OPC UA line, or shows and trusts the server's certificate.
+/// Creates and shows the gateway's own certificate of an OPC UA line, or shows and trusts the server's certificate.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm opcua certificate my-machine.toml     makes the certificate if there \
@@ -22,18 +22,18 @@ pub(super) struct Arguments {
 
 #[derive(Debug, clap::Subcommand)]
 enum OpcuaVerb {
-    /// Shows the gateway's own certificate; makes it and its key if there are none
+    /// Shows the gateway's own certificate; if neither certificate nor key exists, creates both
     Certificate(own::Arguments),
     /// Shows the server's certificate, and trusts it after your confirmation
     Trust(trust::Arguments),
 }
 
-/// Selects an OPC UA line of a profile.
+/// Selection of an OPC UA line of a profile.
 #[derive(clap::Args, Debug)]
 struct LineArguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// The bus; needed if several are OPC UA
+    /// Name of the bus; needed if the profile has several OPC UA buses
     #[arg(long, value_name = "BUS")]
     bus: Option<String>,
     /// Prints one JSON document
@@ -41,7 +41,7 @@ struct LineArguments {
     json: bool,
 }
 
-/// A line with security, and the certificate files that its profile names.
+/// OPC UA line with security, and the certificate files that its profile names.
 struct SecuredLine {
     bus: Bus,
     machine: String,
@@ -59,7 +59,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 impl LineArguments {
-    /// Finds the line. Its certificate files need not exist.
+    /// Returns the selected line. Its certificate files need not exist.
     fn find(&self) -> anyhow::Result<SecuredLine> {
         let ProfileArguments { path, set } = &self.profile;
         let loaded = isotherm_profile::load_before_certificates(path, set, &isotherm_profile::environment());

@@ -1,4 +1,4 @@
-//! `isotherm read`: one reading of every signal, or of one register without a signal.
+//! `isotherm read`: reads every signal once, or one register without a signal.
 
 use std::io::IsTerminal;
 
@@ -14,7 +14,8 @@ use crate::observe::status::Status;
 mod nodes;
 mod register;
 
-/// Reads every signal once and shows its quality; with --register, reads one register without a signal. Writes nothing.
+/// Reads every signal once and shows its quality. With --register, reads one register that needs no signal in the
+/// profile. Writes nothing.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm read my-machine.toml\n  isotherm read my-machine.toml --watch\n  \
@@ -33,7 +34,7 @@ pub(super) struct Arguments {
     /// Reads again each second until Ctrl-C
     #[arg(long)]
     watch: bool,
-    /// Prints one JSON document; with --watch one on each line
+    /// Prints one JSON document; with --watch, one document on each line
     #[arg(long)]
     json: bool,
 }

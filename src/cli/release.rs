@@ -1,4 +1,4 @@
-//! `isotherm release`: returns the register of a removed output to its base value.
+//! `isotherm release`: returns the register of a moved or removed output to its base value.
 
 use std::io::IsTerminal;
 use std::time::Duration;
@@ -20,8 +20,8 @@ use isotherm_profile::safe_file::quoted;
 const YES: &str = "yes";
 
 /// Returns the register of an output that was moved or removed in the profile to its base value. The gateway removes
-/// its offset in steps, within the limit, step and rate that the output had. The operator offset in a shared register
-/// stays.
+/// its own offset in steps, within the limit, step and rate that the output had. An operator offset in the same
+/// register stays.
 ///
 /// The gateway is restarted as by `isotherm restart --keep`, so that the current profile takes effect; nothing else
 /// moves. The release begins only if the register holds the value that is shown here. If the gateway ends before the
@@ -85,7 +85,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     gateway.print(Ok(Answer::Done(restart::sentence(&status))))
 }
 
-/// Asks the operator at the terminal for confirmation. Returns true if the operator has confirmed.
+/// Asks the operator on the terminal for confirmation. Returns whether the operator has confirmed.
 fn is_wanted() -> anyhow::Result<bool> {
     anyhow::ensure!(
         std::io::stdin().is_terminal(),
@@ -95,7 +95,8 @@ fn is_wanted() -> anyhow::Result<bool> {
     Ok(typed()?.is_some_and(|text| text.trim() == YES))
 }
 
-/// Message why nothing can be released of an output. `is_present`: the gateway still writes to it.
+/// Returns the message why nothing of an output can be released. `is_present`: the gateway still writes to the output.
+/// `left`: the registers that can be released.
 fn nothing_left(output: &str, is_present: bool, left: &[Value]) -> String {
     let mut names: Vec<&str> = left.iter().map(|one| word(&one["output"])).collect();
     names.dedup();
@@ -110,14 +111,14 @@ fn nothing_left(output: &str, is_present: bool, left: &[Value]) -> String {
              and run `isotherm restart --keep`; {others}"
         ),
         false => format!(
-            "no value of the gateway is in a register of an output {} that was moved or removed; {others}",
+            "no register of an output {} that was moved or removed holds a value of the gateway; {others}",
             quoted(output)
         ),
     }
 }
 
-/// Reason why a register of the output has not been released. `None` if each register returns to its base value or has
-/// reached it.
+/// Returns the reason why a register of the output is not being released. Returns `None` if each register returns to
+/// its base value, or has reached it.
 fn not_released(status: &Value, output: &str) -> Option<String> {
     let mut left = status["left"].as_array()?.iter();
     let left = left.find(|one| one["output"] == output && one["state"] == "left")?;
@@ -131,12 +132,12 @@ fn not_released(status: &Value, output: &str) -> Option<String> {
     Some(left["obstacle"].as_str().map_or_else(holds, str::to_owned))
 }
 
-/// Offset of the gateway in a register as the operator has seen it, in µm.
+/// Returns the offset of the gateway in a register as it was shown to the operator, µm.
 fn seen(left: &Value) -> f64 {
     left["found_um"].as_f64().or(left["held_um"].as_f64()).unwrap_or_default()
 }
 
-/// Describes the offset that is left in a register, and how the register returns to its base value.
+/// Describes the offset that the gateway left in a register, and how the register returns to its base value.
 fn way(left: &Value) -> String {
     let figure = |key: &str| left[key].as_f64();
     let micron =

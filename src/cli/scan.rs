@@ -20,12 +20,12 @@ use isotherm_profile::{counted, duration_text};
 
 mod text;
 
-/// Requests one register from every unit once, and prints the units that answer. An exception is an answer too. Writes
-/// nothing. For an OPC UA server it shows the security, users and certificate that the server offers. For this computer
-/// it lists the temperatures that its kernel reads.
+/// Requests one register from every unit once, and prints the units that answer. An exception counts as an answer too.
+/// Writes nothing. For an OPC UA server it shows the security, users and certificate that the server offers. For this
+/// computer it lists the temperatures that its kernel reads.
 ///
-/// Some devices do not answer a request for a register that they do not have. Only another --register finds such a
-/// device.
+/// Some devices do not answer a request for a register that they do not have. Such a device is found only with another
+/// --register.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  isotherm scan --bus tcp://192.168.0.10:502\n  isotherm scan --bus \
                   rtu:///dev/ttyUSB0 --baud 1200,9600,19200 --parity none,even --units 1..32\n  isotherm scan --bus \
@@ -34,10 +34,11 @@ mod text;
 pub(super) struct Arguments {
     #[command(flatten)]
     target: Target,
-    /// Units to scan, both ends included
+    /// Unit numbers to scan, both ends included
     #[arg(long, value_name = "FROM..TO", default_value = "1..247", value_parser = target::units)]
     units: (u8, u8),
-    /// Register to request from each unit; of several, the next is requested if the one before gets no answer
+    /// Register to request from each unit; if several are given, the next one is requested if the previous one gets no
+    /// answer
     #[arg(long, value_name = "REGISTER", value_delimiter = ',', default_value = "holding:0")]
     register: Vec<Register>,
     /// Baud rates to try on a serial line, one after the other
@@ -46,7 +47,7 @@ pub(super) struct Arguments {
     /// Parities to try on a serial line: none, even, odd
     #[arg(long, value_name = "PARITY", value_delimiter = ',')]
     parity: Vec<Parity>,
-    /// Then reads these registers of every unit that answers, in steps of 16, and prints those that exist
+    /// Also reads these registers of every unit that answers, in steps of 16, and prints those that exist
     #[arg(long, value_name = "holding:0..99", value_parser = target::range)]
     registers: Option<(Register, u16)>,
     /// Prints the bytes of each frame on stderr
@@ -155,7 +156,7 @@ fn settings(line: &LineAddress, bauds: &[u32], parities: &[Parity]) -> Vec<LineA
 struct ScanResults {
     found: Vec<(LineAddress, Responder)>,
     ranges: Vec<(u8, RegisterRange)>,
-    /// Number of requests sent. `questions` is the number of all requests.
+    /// Number of requests sent. `questions` is the number of all planned requests.
     asked: usize,
     questions: usize,
     several: bool,
@@ -199,7 +200,7 @@ impl ScanResults {
         }
     }
 
-    /// Reads the registers of every unit that was found.
+    /// Reads these registers of every unit that was found.
     async fn walk(&mut self, scan: &Scan, (from, count): (Register, u16)) {
         for (line, found) in self.found.clone() {
             if matches!(found.how, AnswerKind::Garbled(_)) {
@@ -217,7 +218,7 @@ impl ScanResults {
         }
     }
 
-    /// Prints a line of the result. A closed stdout soon ends the program anyway.
+    /// Prints a line of the result. Write errors are ignored, because the program ends soon anyway.
     fn say(&self, line: &str) {
         clear_line();
         if !self.json {

@@ -14,24 +14,25 @@ use crate::observe::http::{self, HttpListener, Limits};
 use crate::observe::status::GatewayApi;
 use isotherm_profile::Web;
 
-/// Open sockets that are not served yet. Their errors are thus known before the gateway starts.
+/// Open sockets that are not served yet. They are opened before the gateway starts, so that their errors are known in
+/// time.
 #[derive(Default)]
 pub(super) struct Sockets {
     page: Option<Page>,
     control: Option<(std::os::unix::net::UnixListener, PathBuf)>,
-    /// Program that can replace this gateway.
+    /// Program that can replace this gateway; `None` if none can.
     pub(super) successor: Option<Successor>,
 }
 
-/// A web page that is to be served.
+/// Web page that is to be served.
 enum Page {
-    /// Web page at this port, which is open or will be opened.
+    /// Web page at this port, which is open or will be opened later.
     At(Box<Port>),
-    /// Web page without a port so far. The port is opened once tokens and certificate can be read.
+    /// Web page whose port is not created yet. This happens once the tokens and the certificate can be read.
     Later(Web),
 }
 
-/// The running services. Dropping this ends them.
+/// Running services: web page and command socket. Dropping this value ends them.
 pub(super) struct Services {
     stop: Option<watch::Sender<bool>>,
     thread: Option<JoinHandle<()>>,
@@ -39,8 +40,8 @@ pub(super) struct Services {
 }
 
 impl Sockets {
-    /// Opens the port of the web page, and returns its address. If the web page listens on every address, it has the
-    /// name of this computer. Port 0 selects any free port.
+    /// Opens the port of the web page, and returns the address of the page. If the web page listens on every address,
+    /// the address has the name of this computer. Port 0 selects any free port.
     pub(super) fn open_page(&mut self, web: &Web) -> anyhow::Result<String> {
         let mut port = Port::new(web)?;
         port.open().map_err(|error| anyhow::anyhow!("{}", port.closed(&error)))?;
@@ -49,9 +50,9 @@ impl Sockets {
         Ok(url)
     }
 
-    /// Opens the port of the web page, and returns its address. `None` if another program has the port, or this
-    /// computer does not have the address yet. This must not stop the compensation: the gateway tries again while it
-    /// runs.
+    /// Opens the port of the web page, and returns the address of the page. Returns `None` if another program has the
+    /// port, or this computer does not have the address yet. Such an error must not stop the compensation: the gateway
+    /// tries again while it runs.
     pub(super) fn open_page_now_or_later(&mut self, web: &Web) -> anyhow::Result<Option<String>> {
         let mut port = Port::new(web)?;
         let opened = port.open();
@@ -65,7 +66,8 @@ impl Sockets {
         Ok(url)
     }
 
-    /// Opens the port of the web page once the services run. Errors of the web page do not stop the gateway.
+    /// Lets the running services open the port of the web page later. Errors of the web page then do not stop the
+    /// gateway.
     pub(super) fn open_page_later(&mut self, web: Web) {
         self.page = Some(Page::Later(web));
     }
@@ -77,7 +79,8 @@ impl Sockets {
         Ok(())
     }
 
-    /// Starts to serve the open sockets. `lines` is the number of lines, which need file descriptors too.
+    /// Starts to serve the open sockets. `lines` is the number of lines of the gateway, which need file descriptors
+    /// too.
     pub(super) fn serve(
         self,
         source: &Arc<dyn GatewayApi>,
@@ -130,7 +133,7 @@ impl Sockets {
     }
 }
 
-/// Serves the web page when its port is open.
+/// Serves the web page as soon as its port is open.
 async fn serve_page(
     port: Port,
     source: &Arc<dyn GatewayApi>,

@@ -1,4 +1,4 @@
-//! `isotherm virtual`: the devices of a profile as virtual hardware.
+//! `isotherm virtual`: serves the devices of a profile as virtual hardware.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -16,12 +16,12 @@ use isotherm_profile::{Device, Profile, safe_file};
 /// Serves the devices of a profile as virtual hardware. These are Modbus servers at the addresses and serial ports of
 /// the profile, and nodes on its CAN interfaces.
 ///
-/// A serial port is a pseudo-terminal at the path in the profile. If that path exists or cannot be made, it gets
-/// another path, which is printed. A CAN interface must exist: `ip link add dev vcan0 type vcan && ip link set vcan0
-/// up`.
+/// A serial port is a pseudo-terminal at the path in the profile. If that path exists already or cannot be created, the
+/// port gets another path, which is printed. A CAN interface must exist: `ip link add dev vcan0 type vcan && ip link
+/// set vcan0 up`.
 ///
-/// Values come from the plant next to the profile (`<name>.plant.toml`), or from that of the shipped machine with this
-/// name. Without a plant, the values vary in a plausible way.
+/// Values come from the plant (simulated machine) in the same directory as the profile (`<name>.plant.toml`), or from
+/// that of the shipped machine with this name. Without a plant, the values vary in a plausible way.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm virtual surface-grinder         in one terminal\n  isotherm run \
@@ -33,10 +33,10 @@ pub(super) struct Arguments {
     /// Script of faults with their times
     #[arg(long, value_name = "FILE")]
     faults: Option<PathBuf>,
-    /// The simulated day: duty cycle, ambient temperature and noise depend on it
+    /// Seed of the simulated day: duty cycle, ambient temperature and noise depend on it
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Time since the start of the machine's day; the shipped machines are switched on a few minutes after it
+    /// Time since the start of the simulated day; the shipped machines are switched on a few minutes after that start
     #[arg(long, default_value = "10min", value_name = "SPAN", value_parser = humantime::parse_duration)]
     from: Duration,
 }
@@ -94,7 +94,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     })
 }
 
-/// Name and address of a device.
+/// Returns the name and the address of a device for display.
 fn named(device: &Device) -> String {
     let address = match &device.can {
         None => format!("unit {}", device.unit),
@@ -103,7 +103,8 @@ fn named(device: &Device) -> String {
     format!("{} ({address})", device.name)
 }
 
-/// Plant next to the profile, or of the shipped machine with this name.
+/// Returns the plant in the file next to the profile, or that of the shipped machine with this name. Returns `None` if
+/// there is neither.
 fn plant(path: &Path, profile: &Profile) -> anyhow::Result<Option<PlantSpec>> {
     let beside = path.with_extension("plant.toml");
     if beside.exists() {

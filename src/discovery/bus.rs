@@ -1,6 +1,6 @@
 //! Address of a line as one word, as users type it: `tcp://192.168.0.10:502`,
-//! `rtu:///dev/ttyUSB0?baud=9600&parity=none`, `rtu+tcp://192.168.0.11:4001`, `opc.tcp://192.168.0.12:4840`. `/sys` is
-//! the directory of this computer's own sensors.
+//! `rtu:///dev/ttyUSB0?baud=9600&parity=none`, `rtu+tcp://192.168.0.11:4001`, `opc.tcp://192.168.0.12:4840`. `/sys`
+//! stands for this computer's own sensors.
 
 use std::fmt;
 use std::str::FromStr;
@@ -19,12 +19,13 @@ pub use isotherm_profile::{Parity, Serial};
 pub struct LineAddress {
     /// Transport of the line.
     pub transport: Transport,
-    /// Host and port, URL, path of the serial port, CAN interface, or directory of the kernel's sensors.
+    /// Address in the notation of the transport: host and port, URL, path of the serial port, CAN interface, or
+    /// directory of the kernel's sensors.
     pub address: String,
 }
 
 impl LineAddress {
-    /// Returns the line of a bus in a profile.
+    /// Returns the transport and address of a bus in a profile.
     pub fn of(bus: &Bus) -> LineAddress {
         LineAddress { transport: bus.transport, address: bus.address.clone() }
     }
@@ -45,7 +46,7 @@ impl LineAddress {
         LineAddress { transport, address: self.address.clone() }
     }
 
-    /// Returns a bus of this line with default settings.
+    /// Returns a bus with this transport and address, the timeout, and otherwise default settings.
     pub fn bus(&self, timeout: Duration) -> Bus {
         Bus {
             name: "line".to_owned(),
@@ -61,14 +62,15 @@ impl LineAddress {
         }
     }
 
-    /// Returns the lines of a profile that describe this line, without the name of a bus.
+    /// Returns the lines that describe this line in a profile (type, address, serial settings), without the table
+    /// header with the bus name.
     pub fn profile_lines(&self) -> String {
         let BusKind { word, address_key, settings, .. } = self.kind();
         format!("type = \"{word}\"\n{address_key} = \"{}\"\n{}", self.address, settings(self.transport))
     }
 }
 
-/// Address as in `tcp://192.168.0.10:502` or `/dev/ttyUSB0 at 9600 baud 8N1`.
+/// Text for users, for example `tcp://192.168.0.10:502` or `/dev/ttyUSB0 at 9600 baud 8N1`.
 impl fmt::Display for LineAddress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&(self.kind().shown)(self.transport, &self.address))
@@ -79,7 +81,7 @@ impl FromStr for LineAddress {
     type Err = String;
 
     /// # Errors
-    /// The mistake in one sentence, with the correct form.
+    /// A sentence with the mistake and the correct form.
     fn from_str(text: &str) -> Result<LineAddress, String> {
         let parsed = KINDS.iter().find_map(|kind| (kind.parse)(text));
         let (transport, address) = parsed.unwrap_or_else(|| {

@@ -1,4 +1,4 @@
-//! Advice for a fault, for the person at the machine.
+//! Advice on a fault, for the person at the machine.
 
 use std::time::Duration;
 
@@ -8,7 +8,7 @@ use crate::fieldbus::explain::explain;
 use isotherm_core::codec::{Register, Table};
 use isotherm_profile::duration_text;
 
-/// Request that caused the fault.
+/// Request that failed, with its details for the advice.
 #[derive(Clone, Copy, Debug)]
 pub struct Question<'a> {
     /// Line of the request.
@@ -19,11 +19,11 @@ pub struct Question<'a> {
     pub from: Register,
     /// Number of registers or bits.
     pub count: u16,
-    /// Timeout of the answer.
+    /// Time within which the answer had to arrive.
     pub timeout: Duration,
 }
 
-/// Describes the fault and what to do: the text of [`explain`], with the details of this request.
+/// Describes a fault and its remedy: the text of [`explain`], with the details of this request.
 pub fn remedy(fault: Fault, question: Question<'_>) -> String {
     let Question { line, unit, from, count, timeout } = question;
     let said = explain(fault);

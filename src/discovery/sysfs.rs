@@ -1,4 +1,4 @@
-//! Sensors of this computer that a profile names and that are missing.
+//! Temperature sensors of this computer, and sensors of a profile that this computer does not have.
 
 use std::path::Path;
 
@@ -9,21 +9,21 @@ use isotherm_core::codec::PcSensor;
 use isotherm_core::reading::Reason;
 use isotherm_profile::{Profile, Transport};
 
-/// Maximum number of names in one advice.
+/// Maximum number of sensor names in one advice.
 const MOST: usize = 20;
 
 /// Sensor of a profile.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Inspected {
-    /// Bus in the profile.
+    /// Name of the bus in the profile.
     pub bus: String,
     /// Use of the sensor in the profile: `signal bed`.
     pub of: String,
     /// Name of the sensor in the profile.
     pub sensor: String,
-    /// File that holds the temperature; `None` if there is none.
+    /// Path of the file that contains the temperature; `None` if the computer does not have the sensor.
     pub read_in: Option<String>,
-    /// Problem, and which sensors exist instead.
+    /// Description of the problem, with the names of sensors that exist; `None` if the sensor was found.
     pub advice: Option<String>,
 }
 

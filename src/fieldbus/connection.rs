@@ -1,4 +1,6 @@
-//! Open connection of any kind, and what opens it.
+//! Open connection of any transport, and its opening.
+//!
+//! The trait [`super::wire::Wire`] depends on no transport. This module selects among the transports of Modbus.
 
 use std::time::Duration;
 
@@ -12,8 +14,8 @@ use super::wire::{Answer, Boxed, Request, Wire};
 
 /// Opens the connections of one line, one after the other.
 pub trait Dial: Send {
-    /// Opens a connection; there is no time limit. Its bytes pass the tap. If a kind of connection does not do so, the
-    /// log of its frames has no bytes.
+    /// Opens a connection; there is no time limit. `tap` receives the bytes of the connection, for the log of its
+    /// frames. Some transports have no bytes to log.
     fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>>;
 
     /// Returns the fault to report if the other end closes a connection before its first answer.
@@ -21,7 +23,8 @@ pub trait Dial: Send {
         Fault::Link(LinkFault::TurnedAway)
     }
 
-    /// Returns whether the last connection resumes the one before it. If not, another device may be at its other end.
+    /// Returns whether the last opened connection continues the one before it. Returns false if the transport detects
+    /// that another device may be at its other end.
     fn resumes(&self) -> bool {
         true
     }
@@ -40,7 +43,7 @@ pub trait Dial: Send {
 /// An open connection of any kind.
 #[allow(
     clippy::large_enum_variant,
-    reason = "there is one for each line, and the fast one must not go through a pointer"
+    reason = "there is one value for each line, and Modbus TCP must not be called through a pointer"
 )]
 pub enum Connection {
     /// Modbus TCP, the most common kind. It is called without dynamic dispatch, which a fast loop would notice.

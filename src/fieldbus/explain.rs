@@ -1,8 +1,8 @@
-//! Causes and remedies of faults. All texts for users take them from here: `scan`, `read`, `check --online`, events,
-//! the log and the web page.
+//! Causes and remedies of faults. The commands `scan`, `read` and `check --online`, the events, the log and the web
+//! page take them from here.
 //!
-//! The text of a [`Fault`] is its cause. [`remedy`] has what to do, and [`explain`] joins both. The remedies of faults
-//! that only one type of bus has are in [`super::kinds`].
+//! The `Display` text of a [`Fault`] is its cause. [`remedy`] returns what the user can do, and [`explain`] joins the
+//! two.
 
 use std::io::{Error, ErrorKind};
 
@@ -14,7 +14,7 @@ use isotherm_profile::safe_file::without_numbers;
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
 use super::kinds::{self, can, modbus, opcua};
 
-/// Returns what to do about a fault; `None` if the text of its cause is sufficient.
+/// Returns what the user can do about a fault; `None` if the text of its cause is sufficient.
 pub const fn remedy(fault: Fault) -> Option<&'static str> {
     Some(match fault {
         Fault::Timeout => {
@@ -133,19 +133,19 @@ pub fn explain(fault: Fault) -> String {
     Explained { cause: fault.to_string(), hint: remedy(fault).map(Into::into) }.to_string()
 }
 
-/// Returns cause and remedy of a fault. The remedy fits the type of bus.
+/// Returns cause and remedy of a fault. The remedy depends on the transport of the line.
 pub fn explain_on(line: Transport, fault: Fault) -> Explained {
     advised_on(line, fault, fault.to_string())
 }
 
-/// Returns `cause` with the remedy of a fault. The remedy fits the type of bus.
+/// Returns `cause` with the remedy of a fault. The remedy depends on the transport of the line.
 pub fn advised_on(line: Transport, fault: Fault, cause: String) -> Explained {
     let hint = (kinds::of(line).hint)(fault).or_else(|| remedy(fault));
     Explained { cause, hint: hint.map(Into::into) }
 }
 
-/// Describes an error of a file, a socket or a port, without its number, with a remedy. Errors with a text of their own
-/// keep it.
+/// Describes an error of a file, a socket or a port in one sentence, with a remedy and without the error number. An
+/// error that has its own text keeps that text.
 pub fn system(error: &Error) -> String {
     explain_system(error).to_string()
 }

@@ -33,20 +33,21 @@ pub enum Request<'a> {
 pub struct NodeReading {
     /// Value as registers, the most significant first; or the reason why there is none.
     pub value: Result<Encoded, Reason>,
-    /// Time stamp of the value.
+    /// Time stamp of the value, as an age.
     pub stamped: Stamped,
-    /// Time of an earlier request that the value answers. `None` if the value answers this request.
+    /// Time of the earlier request from which the age of the value counts, as in a subscription. `None`: the age counts
+    /// from this request.
     pub asked: Option<Moment>,
 }
 
-/// Age of a value by its time stamp: the difference between stamp and answer, both by the clock of the server.
+/// Age of a value by its time stamp: the time from the stamp to the answer, both by the clock of the server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stamped {
     /// The value has no time stamp.
     Unknown,
     /// Age of the value.
     Ago(Duration),
-    /// The stamp is later than the answer: one of the clocks is wrong.
+    /// The stamp is later than the answer, so one of the clocks is wrong.
     Ahead,
 }
 
@@ -59,7 +60,7 @@ pub enum Answer {
     Bits(Vec<bool>),
     /// Readings of nodes or sensors, as many as requested and in the same order.
     Nodes(Vec<NodeReading>),
-    /// Confirmation of a write, equal to the request.
+    /// Confirmation of a write. It repeats the request correctly.
     Done,
 }
 
@@ -76,7 +77,8 @@ impl<'a> From<&'a ReadTarget> for Request<'a> {
 }
 
 impl Answer {
-    /// Returns the registers of the answer, or those of its only node; an empty slice for other answers.
+    /// Returns the registers of the answer. For an answer with one node, returns the value of that node as registers;
+    /// for other answers, an empty slice.
     pub fn registers(&self) -> &[u16] {
         match self {
             Answer::Registers(registers) => registers,
@@ -88,7 +90,7 @@ impl Answer {
         }
     }
 
-    /// Returns the answer if every node in it has a valid value.
+    /// Returns the answer unchanged, if every node in it has a valid value.
     ///
     /// # Errors
     /// The fault of the first node without a valid value.
@@ -100,7 +102,8 @@ impl Answer {
         }
     }
 
-    /// Returns whether the answer has any requested data. An answer with nodes needs at least one good value.
+    /// Returns whether the answer contains any of the requested data. An answer with nodes contains data if at least
+    /// one node has a valid value.
     pub fn is_of_use(&self) -> bool {
         match self {
             Answer::Nodes(nodes) => nodes.iter().any(|node| node.value.is_ok()),
@@ -108,12 +111,13 @@ impl Answer {
         }
     }
 
-    /// Returns the time stamp of this part of the answer.
+    /// Returns the time stamp of the part of the answer in which this field is.
     pub fn stamped(&self, field: &plan::Field) -> Stamped {
         self.node(field).map_or(Stamped::Unknown, |node| node.stamped)
     }
 
-    /// Returns the time of an earlier request that this part answers. `None` if it answers the present request.
+    /// Returns the time of the earlier request from which the age of this field counts. `None`: it counts from the
+    /// present request.
     pub fn asked(&self, field: &plan::Field) -> Option<Moment> {
         self.node(field)?.asked
     }
@@ -122,10 +126,10 @@ impl Answer {
         if let Answer::Nodes(nodes) = self { nodes.get(usize::from(field.at)) } else { None }
     }
 
-    /// Decodes the value of a signal from its part of the answer.
+    /// Decodes the value of a signal from the part of the answer in which its field is.
     ///
     /// # Errors
-    /// The reason why there is no value.
+    /// The reason why the signal has no valid value.
     pub fn decode(&self, field: &plan::Field, encoding: &Encoding) -> Result<f64, Reason> {
         let (from, to) = (usize::from(field.at), usize::from(field.at) + usize::from(field.len));
         match self {
@@ -171,7 +175,8 @@ impl<'a> Request<'a> {
         }
     }
 
-    /// Returns a read that may be sent together with another request; `None` for other targets than registers.
+    /// Returns the read of these registers, which may be sent together with another request. Returns `None` for targets
+    /// that are not registers.
     pub const fn in_registers(asked: &ReadTarget) -> Option<Request<'static>> {
         match asked {
             ReadTarget::Registers { from, count } => Some(Request::read_registers(*from, *count)),
@@ -179,7 +184,7 @@ impl<'a> Request<'a> {
         }
     }
 
-    /// Returns the request that writes these values to the address, with a function that the device supports.
+    /// Returns the request that writes these values to the address, with one of the functions that the device supports.
     pub fn write(at: &'a Address, values: &'a [u16], functions: Functions) -> Request<'a> {
         match at {
             Address::Modbus(Register { offset, .. }) => Request::write_holding(*offset, values, functions),
@@ -213,17 +218,17 @@ impl<'a> Request<'a> {
         Request::Nodes(NodeRequest::Write { nodes, values })
     }
 
-    /// Returns the Modbus function code; 0 for other requests.
+    /// Returns the Modbus function code; 0 for requests that are not Modbus.
     pub const fn function(self) -> u8 {
         if let Request::Modbus(request) = self { request.function() } else { 0 }
     }
 
-    /// Returns whether the device answers. A sent frame has no answer.
+    /// Returns whether the device answers this request. A CAN frame with values has no answer.
     pub const fn is_answered(self) -> bool {
         !matches!(self, Request::Can(CanRequest::Send { .. }))
     }
 
-    /// Returns whether the request changes nothing.
+    /// Returns whether the request only reads.
     pub const fn is_read(self) -> bool {
         match self {
             Request::Modbus(request) => request.is_read(),
@@ -233,7 +238,8 @@ impl<'a> Request<'a> {
         }
     }
 
-    /// Returns whether one message can carry the request.
+    /// Returns whether one protocol message can carry the request. It must have at least one register, node or sensor,
+    /// and no more registers than the protocol allows.
     pub fn fits(self) -> bool {
         match self {
             Request::Modbus(request) => request.fits(),

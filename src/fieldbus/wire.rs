@@ -1,4 +1,4 @@
-//! Interface of a transport: a wire sends one request and returns one answer.
+//! Interface of a transport: a wire sends one request and returns its answer.
 //!
 //! Only the implementations of [`Wire`] and [`Dial`](super::connection::Dial) depend on a transport. A new transport,
 //! or the simulated device of a test, implements these two traits. A Modbus connection also implements
@@ -15,20 +15,20 @@ pub use super::request::{
     Answer, CanRequest, ModbusRequest, NodeReading, NodeRequest, Request, SensorRequest, Stamped,
 };
 
-/// Future that a method of a trait object can return.
+/// Boxed future, which a method of a trait object can return.
 pub type Boxed<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 
-/// Future of the answer to a request.
+/// Future that resolves to the answer to a request.
 pub type Call<'a> = Boxed<'a, Result<Answer, Fault>>;
 
-/// End of a connection.
+/// How a connection ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
-    /// Reset, broken in the middle of an answer, or unknown.
+    /// The connection was reset, or broken in the middle of an answer, or the end is unknown.
     Lost,
-    /// Closed in order by the other end, between two answers.
+    /// The other end closed the connection in an orderly way, between two answers.
     Closed,
-    /// Not relevant: an exchanged device is detected by other means, as for OPC UA and CAN frames.
+    /// Not relevant, because the gateway detects an exchanged device by other means. This is so for OPC UA and for CAN.
     Kept,
 }
 
@@ -43,7 +43,8 @@ pub trait Wire: Send {
         Duration::ZERO
     }
 
-    /// Cancels the last exchange after its timeout. Returns the timeout, or the fault of the input that arrived.
+    /// Cancels the last exchange after its timeout. Returns [`Fault::Timeout`], or the fault of input that arrived but
+    /// was no answer.
     fn missed(&mut self) -> Fault {
         Fault::Timeout
     }
@@ -53,12 +54,12 @@ pub trait Wire: Send {
         None
     }
 
-    /// Returns how the connection ended, as far as the wire knows.
+    /// Returns how the connection ended, as far as the wire knows it.
     fn ending(&mut self) -> Ending {
         Ending::Lost
     }
 
-    /// Closes the connection properly, if the other end keeps state for it.
+    /// Closes the connection in an orderly way, if the other end keeps state for it.
     fn close(&mut self) -> Boxed<'_, ()> {
         Box::pin(std::future::ready(()))
     }

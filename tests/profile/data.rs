@@ -95,7 +95,7 @@ fn a_matrix_that_does_not_fit_is_refused_with_the_names_of_both() {
         (with("\"guide_nodes\"", "\"guide_node\""), &["unknown field `guide_node`"]),
         (with("\"version\": 1", "\"version\": 2"), &["the version of the file is 2"]),
         (with("isotherm-matrix", "isotherm-network"), &["the format is \"isotherm-network\""]),
-        (MATRIX[..100].to_owned(), &["no JSON of isotherm"]),
+        (MATRIX[..100].to_owned(), &["not JSON in a format of isotherm"]),
         (with("0.001", "1e999"), &["out of range"]),
     ] {
         refused_at(MATRIX_KEYS, &[("c.json", file.as_bytes())], ".file", &[&["c.json: "], words].concat());

@@ -39,7 +39,7 @@ fn a_lag_a_slope_levels_and_a_datum_are_taken() {
          changes by +0.7 µm",
         "beyond ±30 µm the gateway warns",
         "a model value beyond ±60 µm switches the axis off until it is armed",
-        "Cz counts from the last zero",
+        "Cz is measured from the last zero",
     ] {
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }

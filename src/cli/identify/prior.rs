@@ -1,4 +1,4 @@
-//! `--prior MODEL.toml`: the terms of an existing model, in a file of `--write` or in a profile.
+//! `--prior MODEL.toml`: reads the terms of an existing model, from a file of `--write` or from a profile.
 
 use std::path::Path;
 

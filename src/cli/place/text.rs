@@ -1,11 +1,11 @@
-//! A placement as text for the console.
+//! Result of a sensor placement as text for the terminal.
 
 use std::fmt::{self, Display, Formatter};
 
 use isotherm_placement::blocks::Part;
 use isotherm_placement::study::{CaseResult, Placement};
 
-/// A placement with the parts of the structure.
+/// Placement, and the parts of the structure that it divides.
 pub(super) struct Text<'a>(pub(super) &'a Placement, pub(super) &'a [Part]);
 
 impl Display for Text<'_> {

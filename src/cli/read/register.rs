@@ -1,4 +1,5 @@
-//! One register, or several consecutive ones, without a signal: the raw data, and the value decoded in different ways.
+//! One register, or several consecutive ones, without a signal: the registers as read, and the value decoded in
+//! different ways.
 
 use std::io::Write;
 use std::time::Duration;
@@ -14,21 +15,21 @@ use crate::discovery::unit_reader::{Trace, UnitReader};
 use crate::discovery::values::{RegisterValue, ValueFormat};
 use crate::discovery::{DataType, Exchange, Register, WordOrder};
 
-/// Maximum number of registers in one request, by the protocol. [`MOST_BITS`] applies to bits.
+/// Maximum number of registers in one Modbus request. [`MOST_BITS`] is the maximum number of bits.
 const MOST_REGISTERS: u16 = 125;
 const MOST_BITS: u16 = 2000;
 
-/// Registers to read, and how to decode them.
+/// Options for the registers to read, and for decoding them.
 #[derive(clap::Args, Debug)]
 #[command(next_help_heading = "One register, without a signal")]
 pub(in crate::cli) struct One {
     /// The first register or bit: holding:100, input:0, coil:3, discrete:3, or a Modicon number such as 40101
     #[arg(long, value_name = "REGISTER")]
     register: Option<Register>,
-    /// The Modbus unit
+    /// The Modbus unit number
     #[arg(long, value_name = "UNIT", conflicts_with = "device", requires = "register")]
     unit: Option<u8>,
-    /// A device of the profile, whose unit and line are used
+    /// A device of the profile; its line and unit number are used
     #[arg(long, value_name = "DEVICE", requires_all = ["register", "profile"], conflicts_with = "bus")]
     device: Option<String>,
     /// bool, u16, i16, u32, i32, u64, i64, f32, f64 [default: u16, and also i16 if that differs]
@@ -43,7 +44,7 @@ pub(in crate::cli) struct One {
     /// Number of values
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=2000), requires = "register")]
     count: u16,
-    /// Engineering units for each count
+    /// Engineering units per count (value = count · scale + offset)
     #[arg(long, value_name = "UNITS", default_value = "1", value_parser = scale, allow_negative_numbers = true, requires = "register")]
     scale: f64,
     /// Engineering value of the raw value zero
@@ -92,7 +93,7 @@ impl One {
     }
 }
 
-/// Finds the line and the unit of the arguments.
+/// Returns the line and the unit number of the arguments.
 fn line(target: &Target, one: &One, json: bool) -> anyhow::Result<(Line, u8)> {
     let Some(name) = &one.device else {
         if target.bus.is_none() {
@@ -172,7 +173,7 @@ fn print_exchange(exchange: &Exchange) {
     say_beside!("{exchange}");
 }
 
-/// Prints one reading. With `now` it is one of many: its error is printed and does not end the verb.
+/// Prints one reading. If `now` is given, the reading is one of many, and an error is printed without ending the verb.
 fn print(
     values: &Result<Vec<RegisterValue>, String>,
     form: &ValueFormat,

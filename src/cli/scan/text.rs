@@ -1,4 +1,4 @@
-//! A scan as text, as a JSON document, and as lines of a profile.
+//! Results of a scan as text, as a JSON document, and as lines for a profile.
 
 use std::fmt::Write;
 use std::time::Duration;
@@ -11,7 +11,7 @@ use crate::discovery::scan::{AnswerKind, Responder, Scan, heeds_no_number};
 use isotherm_profile::duration_text;
 use isotherm_profile::{BusId, Profile};
 
-/// Describes the requests of the scan, and their longest duration.
+/// Returns a sentence about the requests of the scan, and its longest duration.
 pub(super) fn plan(scan: &Scan) -> String {
     let registers: Vec<String> =
         scan.registers.iter().map(|address| format!("{address} ({})", address.modicon())).collect();
@@ -22,7 +22,7 @@ pub(super) fn plan(scan: &Scan) -> String {
         count => format!(", in {count} settings"),
     };
     format!(
-        "asking {units} on {} for {}, reading only{settings}; {} for each answer, {} at worst; Ctrl-C ends it",
+        "scanning {units} on {} by reading {}{settings}; at most {} for each answer, {} in total; Ctrl-C ends the scan",
         scan.lines[0],
         registers.join(", then "),
         duration_text(scan.bus.timeout),
@@ -69,7 +69,7 @@ pub(super) fn range(unit: u8, range: &RegisterRange) -> String {
     }
 }
 
-/// Lines for a profile, with a hint if the device ignores the unit number.
+/// Returns the units that were found as lines for a profile, with a hint if the device ignores the unit number.
 pub(super) fn summary(
     scan: &Scan,
     found: &[(LineAddress, Responder)],
@@ -81,8 +81,8 @@ pub(super) fn summary(
     let mut text = String::new();
     if scan.lines.len() == 1 && heeds_no_number(&all, scan.units.len()) {
         text.push_str(
-            "\nEvery unit gave the same answer: this is one device that ignores the unit number. Use 1, or \
-             255.\n",
+            "\nEvery unit gave the same answer: this is one device that ignores the unit number. Use unit 1 \
+             or 255.\n",
         );
         answering.truncate(1);
     }

@@ -5,9 +5,9 @@
 //!                └─ a thread that hangs continues alone; its sensor is not read again until it returns
 //! ```
 //!
-//! - A read of such a file ends when the driver answers, and cannot be cancelled. It lasts almost a second for a 1-Wire
-//!   sensor, and for ever if its adapter hangs. Each read therefore has a separate thread, and the gateway ends without
-//!   waiting for it.
+//! - A read of such a file returns when the driver answers, and cannot be cancelled. It takes almost a second for a
+//!   1-Wire sensor, and for ever if its adapter hangs. Each read therefore has a separate thread. When the gateway
+//!   ends, it does not wait for these threads.
 //! - A value that arrives after its timeout is discarded.
 //! - Each read searches for the sensor again, because the number of its directory changes when its driver is reloaded.
 
@@ -32,7 +32,7 @@ pub mod request;
 pub mod scan;
 mod value;
 
-/// Time for the work of this program, in addition to the timeout of the sensors.
+/// Time that this program may need in addition to the timeout of the sensors.
 const OWN: Duration = Duration::from_secs(1);
 
 /// Sensors of this computer.
@@ -70,7 +70,7 @@ const AT_THIS_COMPUTER: &str = "the kernel driver of the sensors does not return
 struct SysfsDial {
     root: PathBuf,
     timeout: Duration,
-    /// Reads in progress. They outlive a connection, because a read may hang.
+    /// Reads that have not returned. They are kept when the connection is replaced, because a read may hang.
     readers: Readers,
 }
 
@@ -88,7 +88,7 @@ impl Dial for SysfsDial {
     }
 }
 
-/// Sensors of this computer.
+/// Wire that reads the sensors of this computer.
 struct Sysfs {
     root: PathBuf,
     readers: Readers,

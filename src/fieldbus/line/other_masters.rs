@@ -1,14 +1,15 @@
-//! Other masters on a line without transaction numbers.
+//! Detection of other masters on a line without transaction numbers.
 //!
 //! A second master on a serial line, or a second client of a serial server, sends requests to the same units. An answer
-//! to it may have the same unit, function and length as an answer to the gateway. The gateway cannot distinguish the
-//! two. Frames without a request of the gateway show another master: one request, or two answers within [`AFTER`]. A
-//! single answer may be noise or a part of another frame. Until [`AFTER`] after the last such frame, answers of a form
-//! that was seen from the other master are [`Attribution::Ambiguous`]. An ambiguous answer is used only if a second one
-//! is equal.
+//! to that master may have the same unit, function and length as an answer to the gateway. The gateway cannot
+//! distinguish the two. Frames that belong to no request of the gateway show another master: one request, or two
+//! answers within [`AFTER`]. A single answer may be noise or a part of another frame. For [`AFTER`] after the last such
+//! frame, answers with the unit and form of an answer to the other master are [`Attribution::Ambiguous`]. The gateway
+//! uses an ambiguous answer only if a second read gives an equal one.
 //!
-//! If both masters send a request at once, two such answers follow each other. After an ambiguous answer the line
-//! therefore listens for as long as the second one takes. If it arrives, neither is used ([`Attribution::Contested`]).
+//! If both masters send a request at once, two answers of this form follow each other. After an ambiguous answer the
+//! line therefore listens until a second one could have arrived. If a second one arrives, the gateway uses neither
+//! ([`Attribution::Contested`]).
 
 use std::time::Duration;
 
@@ -23,20 +24,20 @@ use crate::fieldbus::wire::Request;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::DeviceId;
 
-/// Time without a frame of another master until that master counts as gone.
+/// Time without a frame of another master, after which that master counts as gone.
 const AFTER: Duration = Duration::from_secs(600);
-/// Maximum number of stored forms. With more, every answer is ambiguous.
+/// Maximum number of stored pairs of unit and form. Once it is reached, every answer to a read is ambiguous.
 const MOST_FORMS: usize = 64;
 
-/// Reads after the first one that may confirm an answer.
+/// Maximum number of further reads to confirm an ambiguous answer.
 const CONFIRMATIONS: u32 = 3;
 
-/// State of the search for other masters.
+/// State of the detection of other masters.
 #[derive(Debug, Default)]
 pub(super) enum OtherMasters {
     #[default]
     None,
-    /// One answer without a request of the gateway, and the time of its arrival.
+    /// The line received one answer without a request of the gateway, at this time. It may be noise.
     Suspected(ForeignFrame, Moment),
     Noticed(ForeignTraffic),
 }
@@ -46,12 +47,13 @@ pub(super) struct ForeignTraffic {
     since: Moment,
     last: Moment,
     frames: u64,
-    /// Unit and form of each answer of another master.
+    /// Unit and form of each answer to another master.
     forms: Vec<(u8, ReplySignature)>,
 }
 
 impl OtherMasters {
-    /// Records a frame of another master. Returns whether the master or the form of its answers is new.
+    /// Records a frame that belongs to no request of the gateway. Returns whether the other master, or the form of its
+    /// answers, was not known before.
     fn note(&mut self, heard: ForeignFrame, now: Moment) -> bool {
         let (first, since) = match self {
             OtherMasters::Noticed(noticed) => return noticed.note(heard, now),
@@ -70,7 +72,8 @@ impl OtherMasters {
         true
     }
 
-    /// Returns the number of frames of other masters and the time from the first to the last, if they are gone now.
+    /// Ends the detection of the other masters if none has sent a frame for [`AFTER`]. Returns the number of their
+    /// frames, and the time from the first frame to the last.
     fn end(&mut self, now: Moment) -> Option<(u64, Duration)> {
         let OtherMasters::Noticed(ForeignTraffic { since, last, frames, .. }) = self else { return None };
         let ended = (now.since(*last) >= AFTER).then(|| (*frames, last.since(*since)))?;
@@ -78,7 +81,7 @@ impl OtherMasters {
         Some(ended)
     }
 
-    /// Returns the attribution of an answer of this unit to a request.
+    /// Returns whether an answer of this unit to a request may be an answer to another master.
     pub(super) fn attribute(&self, unit: u8, request: Request<'_>) -> Attribution {
         let OtherMasters::Noticed(ForeignTraffic { forms, .. }) = self else { return Attribution::Ours };
         let is_known = forms.len() >= MOST_FORMS || forms.contains(&(unit, ReplySignature::of(request)));
@@ -87,7 +90,7 @@ impl OtherMasters {
 }
 
 impl ForeignTraffic {
-    /// Records one more frame. Returns whether the form of its answers is new.
+    /// Records one more frame of another master. Returns whether the form of its answers was not known before.
     fn note(&mut self, heard: ForeignFrame, now: Moment) -> bool {
         self.last = now;
         self.frames += 1;
@@ -99,11 +102,12 @@ impl ForeignTraffic {
 }
 
 impl DeviceLine {
-    /// Reads like [`DeviceLine::request`]. If the answer may belong to another master, the next one must be equal. The
-    /// age then counts from the first of the two.
+    /// Sends a read like [`DeviceLine::request`]. If the answer may belong to another master, reads again until two
+    /// successive answers are equal. The age then counts from the first of these two.
     ///
     /// # Errors
-    /// Same as for [`DeviceLine::request`]. If no two answers are equal, they count as answers to another master.
+    /// Same as for [`DeviceLine::request`]. If no two successive answers are equal, the fault is
+    /// [`PeerFault::Foreign`].
     pub async fn read_confirmed(
         &mut self,
         device: DeviceId,
@@ -112,7 +116,7 @@ impl DeviceLine {
         self.confirm(device, request, false).await
     }
 
-    /// Reads like [`DeviceLine::read_confirmed`], even if the checks of the device have not passed.
+    /// Sends a read like [`DeviceLine::read_confirmed`], even if the checks of the device have not passed.
     ///
     /// # Errors
     /// Same as for [`DeviceLine::read_confirmed`].
@@ -145,8 +149,8 @@ impl DeviceLine {
         Err(Fault::Peer(PeerFault::Foreign))
     }
 
-    /// Returns whether another answer of the unit follows an ambiguous one. After a repeated request, both may belong
-    /// to the gateway.
+    /// Listens after an ambiguous answer, and returns whether another answer of the unit follows. After a repeated
+    /// request, the second answer may also belong to the gateway.
     pub(super) async fn is_followed_by_another(
         &mut self,
         number: u8,
@@ -179,8 +183,8 @@ impl DeviceLine {
         is_followed
     }
 
-    /// Records the frames of other masters that were received in an exchange. An answer is not counted if its unit may
-    /// have sent it late to the gateway.
+    /// Records the frames of other masters that the line received during an exchange. An answer is not recorded if it
+    /// may be a late answer of its unit to the gateway.
     pub(super) fn note_others(&mut self, now: Moment) {
         let Some(modbus) = self.wire.as_mut().and_then(Connection::modbus) else { return };
         let mut is_news = false;

@@ -15,15 +15,15 @@ use isotherm_profile::counted;
 /// Request with its result.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Exchange {
-    /// Time of the request, in wall-clock time.
+    /// Wall-clock time at which the request was sent.
     #[serde(serialize_with = "stamp")]
     pub asked_at: Moment,
-    /// Time until the answer or the timeout.
+    /// Time from the request until the answer or the timeout.
     #[serde(rename = "took_ms", serialize_with = "millis")]
     pub took: Duration,
     /// Modbus unit or CANopen node of the device.
     pub unit: u8,
-    /// Request as readable text; empty for a message without a request.
+    /// Request as readable text; empty for a message that a device sent without a request.
     pub asked: String,
     /// Sent bytes; none if there was no connection.
     #[serde(serialize_with = "hex")]
@@ -31,16 +31,16 @@ pub struct Exchange {
     /// Received bytes, valid or not.
     #[serde(serialize_with = "hex")]
     pub received: Vec<u8>,
-    /// Number of further bytes that were not kept.
+    /// Number of further bytes that were not stored.
     pub more: usize,
-    /// Answer as readable text, or its fault.
+    /// Answer as readable text, or the fault of the request.
     pub answered: String,
     /// Whether the answer is valid.
     pub is_good: bool,
 }
 
 impl Exchange {
-    /// Returns the record of a CAN frame without a request.
+    /// Returns the record of a CAN frame that a device sent without a request.
     pub(super) fn heard(unit: u8, frame: &Frame, at: Moment) -> Exchange {
         Exchange {
             asked_at: at,
@@ -71,7 +71,7 @@ pub(super) fn answered(answer: &Result<Answer, Fault>) -> String {
     }
 }
 
-/// Formats a node: `17395 4660`, or the reason why there is no value.
+/// Formats the reading of a node: its registers, for example `17395 4660`, or the reason why it has no value.
 fn node(node: &NodeReading) -> String {
     match &node.value {
         Ok(value) => Listed(value.registers()).to_string().trim_start().to_owned(),
@@ -98,7 +98,7 @@ fn millis<S: Serializer>(span: &Duration, serializer: S) -> Result<S::Ok, S::Err
 }
 
 /// Two lines: `12:00:01.234 → 00 01 …   unit 1 read input:0..7`, and `← …   8 registers: 251 249 …, 3.2 ms`. The time
-/// is UTC. A message without a request has one line.
+/// is UTC. A message without a request has only one line.
 impl fmt::Display for Exchange {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let stamp = format!("{:.3}", jiff_stamp(self.asked_at));

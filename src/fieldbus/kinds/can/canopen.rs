@@ -1,12 +1,14 @@
-//! CANopen master with the services that a gateway needs: frames in, frames and events out. No socket, no clock, no
-//! task.
+//! CANopen master with the services that a gateway needs. It receives frames as arguments and returns frames and
+//! events; it has no socket, no clock and no task.
 //!
-//! - [`sdo`] — reads or writes one object of a node's dictionary; [`abort`] has the reasons for a refusal.
+//! - [`sdo`] — reads or writes one object of a node's dictionary; [`abort`] has the reasons for which a node refuses.
 //! - [`node`] — boot-up, state and heartbeat of a node, and the command that starts it.
-//! - [`emergency`] — emergency messages of a node. The text of a code depends on the device, see the profile.
-//! - [`master`] — supervises all nodes of an interface: start after every boot-up, heartbeat timeout, SYNC.
+//! - [`emergency`] — emergency messages of a node. The profile has the texts of error codes, because they depend on the
+//!   device.
+//! - [`master`] — supervises all nodes of an interface: starts them after every boot-up, checks their heartbeats, sends
+//!   SYNC.
 //!
-//! The source is CiA 301 version 4.2.
+//! All services follow CiA 301 version 4.2.
 
 use std::fmt;
 
@@ -35,13 +37,14 @@ impl NodeId {
         self.0
     }
 
-    /// Returns the identifier of a service of this node in the predefined connection set: 0x080 EMCY, 0x580 SDO
-    /// answers, …
+    /// Returns the identifier of a service of this node: `service`, such as 0x080 (EMCY) or 0x580 (SDO answers), plus
+    /// the node number. CiA 301 calls this the predefined connection set.
     pub fn identifier(self, service: u16) -> CanId {
         CanId::of_11_bits(service + u16::from(self.0))
     }
 
-    /// Returns the node that sent a frame of this service; `None` if the frame belongs to another service.
+    /// Returns the node that sent a frame, if the identifier belongs to this service; `None` if it belongs to another
+    /// service.
     pub fn sender(frame: &Frame, service: u16) -> Option<NodeId> {
         let raw = frame.id().raw();
         let number = u8::try_from(raw.checked_sub(u32::from(service))?).ok()?;

@@ -1,4 +1,4 @@
-//! Frames that the gateway writes. Several values may share a frame, which is always sent whole.
+//! Frames that the gateway writes. Several values may share a frame. The gateway always sends the whole frame.
 
 use crate::fieldbus::error::{CallerFault, Fault};
 use isotherm_core::codec::{BitField, CanId, Encoded, Frame, Object};
@@ -13,26 +13,26 @@ struct Image {
     values: Vec<Value>,
 }
 
-/// Value in a frame.
+/// Position of one value in a frame, and the source of its current content.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Value {
     /// Bits of the value in the frame.
     pub bits: BitField,
-    /// Node and object from which the current value can be read.
+    /// Node and object from which the current value can be read; `None` if no object has it.
     pub read_at: Option<(u8, Object)>,
-    /// Whether the frame contains a value that was written or read.
+    /// Whether the frame contains the value: the gateway has written it, or has read it from `read_at`.
     is_known: bool,
 }
 
 impl Value {
-    /// Returns a value that is not known yet.
+    /// Returns a value whose current content is not known yet.
     pub fn new(bits: BitField, read_at: Option<(u8, Object)>) -> Value {
         Value { bits, read_at, is_known: false }
     }
 }
 
 impl Images {
-    /// Adds a frame. Its data is the content before any value is put in.
+    /// Adds a frame. The data of `frame` is used for all bits outside `values`.
     pub fn add(&mut self, frame: Frame, values: Vec<Value>) {
         self.0.push(Image { frame, values });
     }
@@ -40,8 +40,8 @@ impl Images {
     /// Puts a value into its frame. Returns the frame to send.
     ///
     /// # Errors
-    /// There is no such frame, or another value of the frame is not known yet. A zero in its place would be a wrong
-    /// value.
+    /// The frame `id` does not exist, or another value of the frame is not known yet. Sending zero for that other value
+    /// would write a wrong value.
     pub fn put(&mut self, id: CanId, bits: BitField, registers: &[u16]) -> Result<Frame, Fault> {
         let image = self.0.iter_mut().find(|image| image.frame.id() == id);
         let image = image.ok_or(Fault::Caller(CallerFault::Extent))?;
@@ -50,7 +50,8 @@ impl Images {
         if is_whole { Ok(image.frame) } else { Err(Fault::Caller(CallerFault::Incomplete)) }
     }
 
-    /// Records the value of an object that was read from a node. It sets a value of a frame that is not known yet.
+    /// Records the value of an object that was read from a node. The frame gets it only if the same value in the frame
+    /// is not known yet.
     pub fn was_read(&mut self, node: u8, object: Object, registers: &[u16]) {
         for image in &mut self.0 {
             let read = |value: &&Value| !value.is_known && value.read_at == Some((node, object));

@@ -12,15 +12,15 @@ use crate::fieldbus::error::CanFault;
 pub struct Interface {
     /// Whether the interface is up.
     pub is_up: bool,
-    /// Whether the interface carries CAN FD frames.
+    /// Whether the interface supports CAN FD frames.
     pub does_fd: bool,
     /// Bits per second; `None` if the driver has no bit rate, as for a virtual interface.
     pub bitrate: Option<u32>,
-    /// Pause in milliseconds until the controller restarts after bus-off; 0: it does not restart by itself.
+    /// Pause in milliseconds after which the controller restarts from bus-off. 0: it does not restart by itself.
     pub restart_ms: Option<u32>,
     /// State of the controller, as text.
     pub state: Option<&'static str>,
-    /// Error counters of the controller: sending, receiving.
+    /// Error counters of the controller: (sending, receiving).
     pub errors: Option<(u16, u16)>,
 }
 
@@ -42,7 +42,7 @@ impl Interface {
         })
     }
 
-    /// Returns whether the controller stays off the bus after bus-off.
+    /// Returns whether the controller, once it is bus-off, stays off the bus until another program restarts it.
     pub fn stays_off(&self) -> bool {
         self.restart_ms == Some(0)
     }
@@ -59,7 +59,7 @@ const fn state_name(state: CanState) -> &'static str {
     }
 }
 
-/// State as in `up, 250000 bit/s, restart 100 ms after bus-off, controller well`.
+/// State as text, for example `up, 250000 bit/s, restart 100 ms after bus-off, controller well`.
 impl fmt::Display for Interface {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(if self.is_up { "up" } else { "down" })?;
@@ -78,7 +78,7 @@ impl fmt::Display for Interface {
             write!(f, ", controller {state}")?;
         }
         if let Some((sending, receiving)) = self.errors.filter(|errors| *errors != (0, 0)) {
-            write!(f, ", errors {sending} sending and {receiving} receiving")?;
+            write!(f, ", error counters {sending} (sending) and {receiving} (receiving)")?;
         }
         Ok(())
     }

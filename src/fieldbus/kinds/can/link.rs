@@ -1,7 +1,8 @@
-//! State of one interface while the gateway runs: its socket, which may be replaced, and what outlives the socket.
+//! State of one CAN interface while the gateway runs: its present socket, and the data that is kept when the socket is
+//! replaced.
 //!
-//! One task receives frames ([`Link::socket`]) and passes SDO frames on ([`Link::passed`]). The line sends requests and
-//! writes through [`super::wire`].
+//! One task receives all frames from [`Link::socket`], and hands SDO frames to [`Link::passed`]. The line sends
+//! requests and writes through [`super::wire`].
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -16,10 +17,11 @@ use crate::fieldbus::kinds::can::canopen::NodeId;
 use crate::fieldbus::kinds::can::canopen::sdo::Client;
 use isotherm_core::codec::{CanMatch, Frame};
 
-/// Capacity of the queue of SDO frames. A node sends one answer at a time.
+/// Capacity of the queue of SDO frames between the receiving task and the requester. A node sends one answer at a time,
+/// so this is ample.
 const UNREAD: usize = 64;
 
-/// One CAN interface: its socket, and the state that outlives it.
+/// One CAN interface: its socket, and the data that is kept when the socket is replaced.
 #[derive(Debug)]
 pub struct Link {
     interface: String,
@@ -30,18 +32,20 @@ pub struct Link {
 #[derive(Debug)]
 struct Inner {
     socket: Option<Arc<Socket>>,
-    /// Reason why sending is impossible now.
+    /// Reason why sending is impossible now; `None` if it is possible.
     fault: Option<Fault>,
     passing: Option<mpsc::Sender<Frame>>,
     clients: BTreeMap<NodeId, Client>,
     images: Images,
-    /// Full queues of closed sockets; `lost` counts on the same sockets.
+    /// Number of times that a send queue was full, summed over closed sockets. `lost` sums the lost frames of the same
+    /// sockets.
     full: u64,
     lost: u64,
 }
 
 impl Link {
-    /// Returns a link that is not opened yet. `wanted` selects the frames to receive; `images` are the frames to write.
+    /// Returns a link whose socket is not open yet. `wanted` selects the frames to receive; `images` are the frames
+    /// that the gateway writes.
     pub fn new(interface: &str, wanted: Vec<CanMatch>, images: Images) -> Link {
         let inner = Inner {
             socket: None,
@@ -86,17 +90,18 @@ impl Link {
         }
     }
 
-    /// Returns the socket, even if the interface is down.
+    /// Returns the open socket, even if the interface is down. Returns `None` if no socket is open.
     pub fn socket(&self) -> Option<Arc<Socket>> {
         self.inner().socket.clone()
     }
 
-    /// Returns the reason why sending is impossible now.
+    /// Returns the reason why sending is impossible now; `None` if it is possible.
     pub fn fault(&self) -> Option<Fault> {
         self.inner().fault
     }
 
-    /// Records the fault of a call to the socket. Drops the socket if its interface is gone.
+    /// Records the fault of a call to the socket. Closes the socket, except if the interface is only down, the queue is
+    /// full, or the frame is too long.
     pub fn failed(&self, fault: Fault) {
         let mut inner = self.inner();
         match fault {
@@ -110,13 +115,15 @@ impl Link {
         }
     }
 
-    /// Returns true if the interface is down now. The error of a socket may be outdated. If the interface was down when
-    /// the socket was opened, the socket returns that error even after the interface is up.
+    /// Returns whether the kernel reports that the interface is down now, or is gone. An error from the socket can be
+    /// outdated. A socket that was opened while the interface was down returns that error even after the interface is
+    /// up.
     pub fn is_down(&self) -> bool {
         !Interface::query(&self.interface).is_ok_and(|found| found.is_up)
     }
 
-    /// Passes an SDO frame to the current requester: an answer, or its own request once that was on the bus.
+    /// Hands an SDO frame to the present requester. The frame is an answer, or the requester's own request after it was
+    /// sent on the bus.
     pub fn passed(&self, frame: &Frame) {
         if let Some(passing) = &self.inner().passing {
             // If the queue is full, no requester waits for this frame.
@@ -124,19 +131,20 @@ impl Link {
         }
     }
 
-    /// Returns how often a frame found the queue full since the start.
+    /// Returns how many frames could not be sent since the start because the send queue was full.
     pub fn full(&self) -> u64 {
         let inner = self.inner();
         inner.full + inner.socket.as_ref().map_or(0, |socket| socket.full())
     }
 
-    /// Returns the number of frames lost since the start, because they were not read fast enough.
+    /// Returns the number of received frames that the kernel dropped since the start, because the gateway did not read
+    /// them fast enough.
     pub fn lost(&self) -> u64 {
         let inner = self.inner();
         inner.lost + inner.socket.as_ref().map_or(0, |socket| socket.lost())
     }
 
-    /// Registers a new requester, which replaces the one before.
+    /// Registers a new requester, which replaces the previous one. Returns the queue of SDO frames for it.
     pub(super) fn ask(&self) -> mpsc::Receiver<Frame> {
         let (sender, receiver) = mpsc::channel(UNREAD);
         self.inner().passing = Some(sender);
@@ -151,14 +159,14 @@ impl Link {
         act(&mut self.inner().images)
     }
 
-    /// Locks the state. A panic of another thread leaves it consistent.
+    /// Locks the state. The lock is also used after another thread has panicked, because the state stays consistent.
     fn inner(&self) -> MutexGuard<'_, Inner> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl Inner {
-    /// Adds the counts of the present socket, unless `kept` is the same socket.
+    /// Adds the counters of the present socket to the sums, unless `kept` is the same socket.
     fn give_up(&mut self, kept: Option<&Arc<Socket>>) {
         let is_kept = |socket: &&Arc<Socket>| kept.is_some_and(|kept| Arc::ptr_eq(kept, socket));
         if let Some(socket) = self.socket.as_ref().filter(|socket| !is_kept(socket)) {

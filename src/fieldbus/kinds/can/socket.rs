@@ -1,17 +1,18 @@
 //! Raw CAN sockets of the kernel.
 //!
-//! Four properties, each measured on a real kernel:
+//! Four properties of the kernel, each measured:
 //!
 //! - A read that waits for frames does not report that the interface went down. [`Socket::ready`] therefore also waits
 //!   for the error state of the socket.
-//! - After the interface went down, the next call gets one old error, even if the interface is up again. A write is
-//!   therefore tried twice.
-//! - A full queue is reported at once (`ENOBUFS`), but free room is never reported. The caller pauses and tries again.
-//! - The default receive buffer holds 278 frames. Later frames are lost without an error. The socket enlarges the
-//!   buffer, and counts losses.
+//! - After the interface went down, the next call on the socket returns one old error, even if the interface is up
+//!   again. A write is therefore tried twice.
+//! - The kernel reports a full send queue at once (`ENOBUFS`), but does not report when the queue has room again. The
+//!   caller pauses and tries again.
+//! - The default receive buffer holds 278 frames. The kernel drops later frames without an error. The socket therefore
+//!   enlarges the buffer, and counts the dropped frames.
 //!
-//! A socket receives its own frames only after [`Socket::receives_own_frames`]. If the interface was removed, the
-//! socket is unusable, even if a new interface has the same name: open another socket.
+//! A socket receives its own frames only after a call of [`Socket::receives_own_frames`]. A socket whose interface was
+//! removed is unusable, even if a new interface has the same name. The caller must open another socket.
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
@@ -31,11 +32,12 @@ use isotherm_core::codec::{CanId, CanMatch, Frame};
 /// Size of the receive buffer in bytes, which the kernel doubles. It holds 10 923 frames on Linux 6.1 and 9363 on 6.12:
 /// more than half a second of traffic at full load.
 const BUFFER: libc::c_int = 4 << 20;
-/// Maximum number of filters that the kernel accepts.
+/// Maximum number of filters that the kernel accepts. With more matches, no filter is set, and the socket receives all
+/// frames.
 const MOST_FILTERS: usize = 512;
-/// Readiness to read: frames, or the error when the interface goes down.
+/// Event to wait for before reading: frames have arrived, or the interface went down.
 const READING: Interest = Interest::READABLE.add(Interest::ERROR);
-/// Error classes to receive. Lost arbitration is normal on a healthy bus.
+/// Error classes to receive: all except lost arbitration, which is normal on a healthy bus.
 const TROUBLES: u32 = libc::CAN_ERR_MASK & !libc::CAN_ERR_LOSTARB;
 
 /// Frame that a socket has received.
@@ -55,11 +57,11 @@ pub struct Socket {
 }
 
 impl Socket {
-    /// Opens a socket on the interface of this name, which may be down. The kernel passes only the wanted frames and
-    /// error frames.
+    /// Opens a socket on the interface of this name, which may be down. The socket receives error frames, and the
+    /// frames that match `wanted`.
     ///
     /// # Errors
-    /// There is no such interface, it is not a CAN interface, the kernel has no CAN, or access is denied.
+    /// The interface does not exist or is not a CAN interface, the kernel does not support CAN, or access is denied.
     pub fn open(interface: &str, wanted: &[CanMatch]) -> Result<Socket, Fault> {
         let address = CanAddr::from_iface(interface).map_err(|_| fault(CanFault::NoInterface))?;
         let socket = CanFdSocket::open_addr(&address).map_err(|error| match error.raw_os_error() {
@@ -72,8 +74,8 @@ impl Socket {
         Ok(Socket { fd, full: AtomicU64::new(0) })
     }
 
-    /// Makes the socket receive its own frames too, if they are wanted. Each arrives after it was on the bus, in the
-    /// order of the bus.
+    /// Makes the socket also receive its own frames that match `wanted`. Each frame arrives after it was sent on the
+    /// bus, in the order of the bus.
     ///
     /// # Errors
     /// The kernel refuses the option.
@@ -82,8 +84,8 @@ impl Socket {
         Ok(self)
     }
 
-    /// Waits until something has arrived since the last call. The caller must then call [`Socket::receive_now`] until
-    /// it returns `None`. Otherwise nothing reports the remaining frames.
+    /// Waits until a frame or an error has arrived since the last call. The caller must then call
+    /// [`Socket::receive_now`] until it returns `None`. Otherwise no later call reports the remaining frames.
     pub async fn ready(&self) {
         // An error means that the runtime ends, and the caller with it.
         if let Ok(mut guard) = self.fd.ready(READING).await {
@@ -92,11 +94,11 @@ impl Socket {
         }
     }
 
-    /// Returns the next frame, if one has arrived.
+    /// Returns the next frame; `None` if no frame has arrived.
     ///
     /// # Errors
-    /// Down: reported once for each time that the interface goes down; the socket receives again when it is up. Gone:
-    /// open another socket.
+    /// [`CanFault::Down`]: returned once for each time that the interface goes down; the socket receives again when the
+    /// interface is up. [`CanFault::NoInterface`]: the interface was removed, and the caller must open another socket.
     pub fn receive_now(&self) -> Result<Option<ReceivedFrame>, Fault> {
         loop {
             match self.fd.get_ref().read_frame() {
@@ -111,7 +113,7 @@ impl Socket {
         }
     }
 
-    /// Puts a frame into the queue of the interface, if the queue has room now.
+    /// Puts a frame into the send queue of the interface, if the queue has room now.
     ///
     /// # Errors
     /// The interface is down or gone, the queue is full, or the frame has more than 8 bytes without CAN FD.
@@ -119,8 +121,8 @@ impl Socket {
         self.write(&packed(frame).ok_or(fault(CanFault::TooLong))?)
     }
 
-    /// Sends an error frame of this class, as a controller reports it to its own computer. On a virtual interface the
-    /// other sockets receive it.
+    /// Sends an error frame of this class, as a CAN controller would report it to its own computer. Tests use a virtual
+    /// interface, on which the other sockets receive it.
     ///
     /// # Errors
     /// Same as for [`Socket::send_now`].
@@ -145,13 +147,13 @@ impl Socket {
         })
     }
 
-    /// Returns how often a frame found the queue full since the socket was opened.
+    /// Returns how many frames could not be sent since the socket was opened because the send queue was full.
     pub fn full(&self) -> u64 {
         self.full.load(Ordering::Relaxed)
     }
 
-    /// Returns the number of frames lost since the socket was opened, because they were not read fast enough. Returns 0
-    /// if the kernel does not count them.
+    /// Returns the number of received frames that the kernel dropped since the socket was opened, because they were not
+    /// read fast enough. Returns 0 if the kernel does not count them.
     pub fn lost(&self) -> u64 {
         // The kernel returns nine numbers; the last one counts losses (linux/sock_diag.h).
         let mut numbers = [0; 36];
@@ -175,7 +177,7 @@ const fn fault(fault: CanFault) -> Fault {
 
 #[allow(
     deprecated,
-    reason = "what replaces it is unsafe for types that change their descriptor; this one owns its only one"
+    reason = "the replacement is unsafe for types that change their file descriptor; this type keeps the same one"
 )]
 fn watched(socket: CanFdSocket) -> io::Result<AsyncFd<CanFdSocket>> {
     let interest = Interest::READABLE | Interest::WRITABLE | Interest::ERROR;
@@ -196,8 +198,8 @@ fn set(socket: &CanFdSocket, wanted: &[CanMatch]) -> io::Result<()> {
         .or_else(|_| socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RCVBUF, BUFFER))
 }
 
-/// Returns the kernel filter of a match. The same number with the other identifier length does not match, and neither
-/// do remote frames, because they carry no data.
+/// Returns the kernel filter of a match. The filter rejects the same number with the other identifier length. It also
+/// rejects remote frames, because they carry no data.
 fn filter(wanted: &CanMatch) -> CanFilter {
     let length = if wanted.id.is_extended() { libc::CAN_EFF_FLAG } else { 0 };
     CanFilter::new(wanted.id.raw() | length, wanted.mask | libc::CAN_EFF_FLAG | libc::CAN_RTR_FLAG)

@@ -1,4 +1,4 @@
-//! CAN interface as a line: SDO reads and writes objects, and frames carry process data.
+//! CAN interface as a line: the gateway reads and writes objects by SDO, and sends process data in frames.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,7 +16,7 @@ use crate::fieldbus::trace::Tap;
 use crate::fieldbus::wire::{Answer, Boxed, Call, CanRequest, Ending, Request, Wire};
 use isotherm_core::codec::Frame;
 
-/// Opens the line of an interface whose frames another task receives.
+/// Opens the line of a CAN interface. Another task receives the frames of the interface.
 #[derive(Debug)]
 pub struct CanDial {
     link: Arc<Link>,
@@ -24,7 +24,8 @@ pub struct CanDial {
 }
 
 impl CanDial {
-    /// Returns a dial for this interface. A frame may wait for room in a full queue for half of `timeout`.
+    /// Returns a dial for the interface of `link`. A frame waits for room in a full queue for at most half of
+    /// `timeout`.
     pub fn new(link: Arc<Link>, timeout: Duration) -> CanDial {
         CanDial { link, timeout }
     }
@@ -53,10 +54,10 @@ const PAUSE: Duration = Duration::from_millis(1);
 struct CanWire {
     link: Arc<Link>,
     socket: Arc<Socket>,
-    /// Answers and the gateway's own requests, in the order of the bus.
+    /// Queue of SDO frames, in the order of the bus: answers, and the gateway's own requests.
     passing: mpsc::Receiver<Frame>,
     patience: Duration,
-    /// Node that has to answer.
+    /// Node from which an answer is expected; `None` while no request is open.
     asked: Option<NodeId>,
     tap: Tap,
 }
@@ -97,7 +98,8 @@ impl Wire for CanWire {
         })
     }
 
-    /// Returns [`Ending::Kept`]: the task that receives frames detects nodes that were lost or restarted.
+    /// Returns [`Ending::Kept`]: after a request the contact with the nodes counts as unbroken, because the task that
+    /// receives frames detects lost and restarted nodes itself.
     fn ending(&mut self) -> Ending {
         Ending::Kept
     }
@@ -113,8 +115,8 @@ impl Wire for CanWire {
 }
 
 impl CanWire {
-    /// Discards frames that arrived before the request. They answer an older request, or none. The client then expects
-    /// that more such frames may be under way.
+    /// Discards frames that arrived before the request, and reports each to the SDO client of the node. They answer an
+    /// older request or no request, so more of them may follow.
     fn discard_unasked(&mut self, node: NodeId) {
         while let Ok(passed) = self.passing.try_recv() {
             self.show(&passed);
@@ -122,8 +124,8 @@ impl CanWire {
         }
     }
 
-    /// Sends a frame of a transfer, and waits until it was on the bus. A frame that arrives before it was on the bus
-    /// earlier, however long this computer kept it, and answers nothing.
+    /// Sends a frame of a transfer, and waits until this frame was sent on the bus. Frames received before that are
+    /// discarded, because they cannot answer it.
     async fn ask(
         &mut self,
         node: NodeId,
@@ -146,14 +148,15 @@ impl CanWire {
         Ok(passed)
     }
 
-    /// Writes an answer to the log. Requests were logged when they were sent.
+    /// Writes a received answer to the frame log. Requests are already in the log, because they are logged when they
+    /// are sent.
     fn show(&self, passed: &Frame) {
         if NodeId::sender(passed, ANSWER).is_some() {
             self.tap.pass(passed.data(), false);
         }
     }
 
-    /// Transfers one object, frame by frame. Returns `None` if the object was written.
+    /// Transfers one object, frame by frame. Returns the data that was read; `None` if the object was written.
     async fn transfer(
         &mut self,
         node: NodeId,
@@ -190,8 +193,8 @@ impl CanWire {
         end
     }
 
-    /// Sends a frame through the queue of the interface. It waits a limited time for room in a full queue. A request
-    /// that begins with this frame may become too late meanwhile.
+    /// Puts a frame into the send queue, and waits a limited time for room if the queue is full. `send_guard` is
+    /// checked again while the frame waits, because a request can become too old.
     async fn send(&self, frame: &Frame, mut send_guard: Option<&mut SendGuard>) -> Result<(), Fault> {
         self.tap.pass(frame.data(), true);
         let mut pauses = self.patience.as_millis() / PAUSE.as_millis();

@@ -1,33 +1,34 @@
-//! Order of requests and answers of a unit behind a Modbus gateway, which connects Modbus TCP to a serial line.
+//! Check that the answers of a unit behind a Modbus gateway belong to their requests. Such a Modbus gateway connects
+//! Modbus TCP to a serial line.
 //!
 //! Some Modbus gateways keep a late answer until the next request, and send it as the answer to that request. From then
-//! on, each request gets the answer to the request before. Waiting does not help. The length of such an answer can be
-//! correct, so it does not show the mistake.
+//! on, each request gets the answer to the request before. Waiting does not help. Such an answer can have the correct
+//! length, so the length does not show the mistake.
 //!
-//! After a missing answer, order is in doubt. The Modbus gateway may keep the missing answer, and the answers to the
-//! reads since then. A good answer whose form differs from all of these answers is in order. It shows that the Modbus
-//! gateway keeps nothing. A good answer of one of these forms may itself be old. Then the Modbus gateway keeps the
-//! answer to the present request.
+//! After a missing answer, the order is in doubt. The Modbus gateway may keep the missing answer, and the answers to
+//! the reads since then. If a good answer has another form than all of these, it belongs to its request. It also shows
+//! that the Modbus gateway keeps nothing. A good answer of one of these forms may be a kept one. Then the Modbus
+//! gateway now keeps the answer to the present request.
 //!
-//! A read whose answer could be confused with a kept one is therefore sent after a control question. The control
-//! question is another read that the unit has answered before, whose answer has another form. If the answer to the
-//! control question has the form of a kept answer instead, order is lost. The line then does not send the first read,
-//! closes the connection, and the unit backs off. If the control question is refused, the first read is sent: a kept
-//! answer to the control question has another form. If the control question is not answered, the unit may be dead. The
-//! next read of another form is sent without a control question.
+//! Some reads have an answer that could be confused with a kept answer. Before such a read, the line sends a control
+//! question: another read that the unit has answered before, and whose answer has another form. If the answer to the
+//! control question has the form of a kept answer instead, the order is lost. The line then does not send the first
+//! read and closes the connection, and the unit backs off. If the unit refuses the control question, the line sends the
+//! first read, because a kept answer to the control question has another form. If the unit does not answer the control
+//! question, it may be dead. The line then sends the next read of another form without a control question.
 //!
-//! Limits. A Modbus gateway that keeps two answers or more is not always detected. The same applies to a Modbus gateway
-//! that keeps an answer although no answer of this unit was missing. A unit is not protected before it has answered
-//! reads of two forms, if only reads of one form are sent to it, or with a connection for each request. The same
-//! applies after a control question that failed twice in a row, until the unit has answered the control question as an
-//! ordinary read. The answer to a write has no control question.
+//! Limits: a Modbus gateway that keeps two or more answers is not always detected. The same applies to one that keeps
+//! an answer although none of this unit was missing. A unit is not protected before it has answered reads of two forms.
+//! It is not protected if it gets only reads of one form, or if each request has its own connection. After a control
+//! question has failed twice in a row, the unit is not protected until it has answered that read as an ordinary read.
+//! Answers to writes are not checked by control questions.
 
 use super::reply_signature::ReplySignature;
 use super::request::ModbusRequest;
 use crate::fieldbus::error::{Fault, PeerFault};
 use crate::fieldbus::request::Request;
 
-/// Maximum number of doublings of the pause that follows an answer to an earlier request.
+/// Maximum number of times that the pause doubles, which follows an answer to an earlier request.
 const LONGEST_PAUSE: u8 = 5;
 
 /// State of the order check of one unit. The check detects a Modbus gateway that answers each request with the answer
@@ -35,11 +36,11 @@ const LONGEST_PAUSE: u8 = 5;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(in crate::fieldbus) struct OrderCheck {
     doubt: AnswerUse,
-    /// Last two reads with data, whose answers have different forms.
+    /// Last two reads that were answered with data, each with another form of the answer.
     answered: [Option<Request<'static>>; 2],
-    /// Control question that was not answered with data, until the next request.
+    /// Control question that was sent last and not answered with data; `None` after the next request.
     failed: Option<Request<'static>>,
-    /// Control question that has failed once since it was last answered.
+    /// Control question that has failed once. A second failure in a row ends its use.
     unsure: Option<Request<'static>>,
     /// Number of consecutive answers that belonged to an earlier request.
     pub(in crate::fieldbus) lost: u8,
@@ -48,7 +49,8 @@ pub(in crate::fieldbus) struct OrderCheck {
 /// Late answers that the Modbus gateway between TCP and the serial line may still keep.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum AnswerUse {
-    /// The Modbus gateway may keep an answer to an earlier process. No request has ended yet.
+    /// The Modbus gateway may keep an answer to a request of an earlier process. No request of this process has ended
+    /// yet.
     Unknown,
     /// The Modbus gateway may keep answers of these forms. The list is not empty.
     Kept(Vec<ReplySignature>),
@@ -57,7 +59,7 @@ enum AnswerUse {
 }
 
 impl OrderCheck {
-    /// Returns the state of a unit without requests so far.
+    /// Returns the state of a unit that has got no request yet.
     pub(in crate::fieldbus) fn unknown() -> OrderCheck {
         OrderCheck { doubt: AnswerUse::Unknown, answered: [None; 2], failed: None, unsure: None, lost: 0 }
     }
@@ -79,8 +81,9 @@ impl OrderCheck {
     }
 
     /// Returns the control question to send before this read. The answer to the control question has another form than
-    /// the answer to the read, and if possible than every kept answer. `None` if the answer to the read cannot be
-    /// confused with a kept one, or if the unit has answered no such read that `is_allowed`.
+    /// the answer to the read, and if possible than every kept answer. Returns `None` if the answer to the read cannot
+    /// be confused with a kept one. Returns `None` also if the unit has answered no read of another form for which
+    /// `is_allowed` is true.
     pub(in crate::fieldbus) fn control(
         &self,
         request: Request<'_>,
@@ -100,8 +103,9 @@ impl OrderCheck {
         others.min_by_key(|read| self.may_be_kept(ReplySignature::of(*read)))
     }
 
-    /// Records the result of a request that was sent. `received`: form of the received answer, if the answer is that of
-    /// a read. `may_be_late`: a late answer may still arrive. Returns true if the answer belongs to an earlier request.
+    /// Records the result of a request that was sent. `received` is the form of the received answer, if it is the
+    /// answer to a read. `may_be_late` says whether a late answer may still arrive at the line. Returns true if the
+    /// answer belongs to an earlier request.
     pub(in crate::fieldbus) fn assess(
         &mut self,
         request: Request<'_>,
@@ -153,16 +157,17 @@ impl OrderCheck {
         }
     }
 
-    /// Records the fault of a control question. Unless the fault shows lost order, the next read of another form is
-    /// sent without a control question. If two control questions fail in a row, and the reads are answered, the control
-    /// question is not sent again. It is used again after it was answered as an ordinary read.
+    /// Records the fault of a control question. The next read of another form is then sent without a control question,
+    /// except if the fault shows that the order is lost. If a control question fails twice in a row while other reads
+    /// are answered, it is not used any more. It is used again after the unit has answered the same read as an ordinary
+    /// read.
     pub(in crate::fieldbus) fn record_failed_control(&mut self, control: Request<'static>, fault: Fault) {
         if !matches!(fault, Fault::Caller(_) | Fault::Peer(PeerFault::OutOfOrder)) {
             self.failed = Some(control);
         }
     }
 
-    /// Records a good answer of this form.
+    /// Records that a good answer of this form arrived, and removes the doubt that it disproves.
     fn confirm(&mut self, form: ReplySignature) {
         match &mut self.doubt {
             AnswerUse::Closed => {}
@@ -173,7 +178,7 @@ impl OrderCheck {
         }
     }
 
-    /// Records that a read was answered with data. It becomes a candidate for control questions.
+    /// Records that a read was answered with data. The line can then use this read as a control question.
     fn record_answer(&mut self, request: Request<'_>) {
         let Request::Modbus(ModbusRequest::Read { from, count }) = request else { return };
         let read = Some(Request::read_registers(from, count));

@@ -2,11 +2,11 @@
 //! for its decoder.
 //!
 //! The clients of the library are not suitable. Over TCP they number the transactions of every connection from zero,
-//! and discard earlier input without a warning. Over RTU they keep no silence, and wait for ever after a wrong
-//! checksum. They accept the first frame with the correct unit and function as the answer. None of them has a timeout,
-//! or checks the length of a read, or (in release builds) the echo of a write. The gateway therefore has its own frames
-//! ([`super::tcp`], [`super::rtu`]). This module compares an answer with its request in every part that the protocol
-//! repeats.
+//! and discard earlier input without a warning. Over RTU they do not keep the line silent before a request, and wait
+//! for ever after a wrong checksum. They accept the first frame with the correct unit and function as the answer. None
+//! of them has a timeout, or checks the length of a read, or (in release builds) the echo of a write. The gateway
+//! therefore has its own frames ([`super::modbus`], [`super::rtu`]). This module compares an answer with its request in
+//! every field that the protocol repeats.
 
 use std::io;
 
@@ -17,12 +17,12 @@ use super::request::ModbusRequest;
 use crate::fieldbus::error::{Fault, PeerFault};
 use crate::fieldbus::request::Answer;
 
-/// Longest message of the protocol, in bytes.
+/// Length in bytes of the longest message of the protocol.
 pub(super) const LONGEST: usize = 253;
-/// Flag of an exception in the function code.
+/// Bit of the function code that marks an exception.
 const EXCEPTION: u8 = 0x80;
 
-/// Appends the bytes of a request.
+/// Appends the bytes of a request to `bytes`. Appends none if it is no Modbus request.
 pub(super) fn question(request: ModbusRequest<'_>, bytes: &mut Vec<u8>) {
     bytes.extend(head(request));
     if let ModbusRequest::WriteMultiple { values, .. } = request {
@@ -31,7 +31,8 @@ pub(super) fn question(request: ModbusRequest<'_>, bytes: &mut Vec<u8>) {
     }
 }
 
-/// Returns the first bytes of a request, which the answer to a write repeats: function, address, and value or count.
+/// Returns the first bytes of a write request, which its answer repeats: function, address, and value or count. For a
+/// read: function, address and count.
 fn head(request: ModbusRequest<'_>) -> [u8; 5] {
     let (at, second) = match request {
         ModbusRequest::Read { from, count } => (from.offset, count),
@@ -46,7 +47,7 @@ fn head(request: ModbusRequest<'_>) -> [u8; 5] {
 /// Decodes an answer, and compares it with its request.
 ///
 /// # Errors
-/// The device refuses the request, or the bytes do not answer it. An exception has exactly two bytes.
+/// The device refuses the request, or the bytes are no answer to it. An exception has exactly two bytes.
 pub(super) fn answer(request: ModbusRequest<'_>, bytes: &[u8]) -> Result<Answer, Fault> {
     let function = bytes.first().copied().unwrap_or_default();
     if function & !EXCEPTION != request.function() {

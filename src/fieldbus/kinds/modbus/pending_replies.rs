@@ -1,18 +1,18 @@
-//! Late answers of units whose answers have no reliable transaction number, and requests that are safe meanwhile. Such
-//! units are on an RTU line, or behind a Modbus gateway (from TCP to a serial line). A Modbus gateway may send a late
-//! answer with the transaction number of a later request.
+//! Late answers of units whose answers have no reliable transaction number, and the requests that may be sent before
+//! they arrive. Such units are on an RTU line, or behind a Modbus gateway (from TCP to a serial line). A Modbus gateway
+//! may send a late answer with the transaction number of a later request.
 //!
-//! After a missing answer, the late answer may still arrive. Until then:
-//! - A request is sent at once if its answer has another function or length. The late answer is then discarded when it
-//!   arrives ([`ReplySignature`]).
+//! After a timeout, the missing answer may still arrive late. Until then:
+//! - A request is sent at once if its answer has another function or length. The late answer is then recognized and
+//!   discarded when it arrives ([`ReplySignature`]).
 //! - A request of the same form waits until the late answer can no longer arrive.
-//! - **The same read** may be repeated earlier to a unit that is known to be prompt: its last `PROOF` answers were in
-//!   time. The line must have been silent for `FACTOR` times the longest of these answers. An answer may then belong to
-//!   either request. Its age therefore counts from the first request, and it must arrive as soon as usual. The next
-//!   repetition needs another such silence.
+//! - **The same read** may be repeated earlier to a unit that is known to be prompt: its last `PROOF` answers arrived
+//!   in time. Before that, the line must have been silent for `FACTOR` times the longest of these answer times. The
+//!   next answer may then belong to either request. Its age therefore counts from the first request, and it is accepted
+//!   only within this same time. The next repetition needs another such silence.
 //!
-//! A unit that answered late, or without a request, is not prompt any more. After each of its missing answers the line
-//! waits for the full time, until the unit has answered `PROOF` times again.
+//! A unit that answered late, or without a request, is no longer prompt. After each of its missing answers the line
+//! waits for the full time, until the unit has answered in time `PROOF` times again.
 
 use std::time::Duration;
 
@@ -27,33 +27,33 @@ use isotherm_core::quantity::Moment;
 const PROOF: u32 = 100;
 /// Safety factor on the longest answer time of a prompt unit.
 const FACTOR: u32 = 3;
-/// Shortest expected answer time, because the computer may receive an answer late.
+/// Shortest answer time used in calculations, because this computer may be late in receiving an answer.
 const SHORTEST: Duration = Duration::from_millis(5);
-/// Additional time of the second of two answers.
+/// Additional time within which the second of two answers arrives.
 const LATER: Duration = Duration::from_millis(50);
-/// Missing answers in a row after which even a prompt unit gets no request.
+/// Number of missing answers in a row after which even a prompt unit gets no request for the full waiting time.
 const MISSES: u32 = 3;
 
 /// Late answers of the units of a line, by unit number. The list is short enough for a linear search.
 pub(in crate::fieldbus) struct UnitReplies(Vec<(u8, PendingReplies)>);
 
-/// Late answers of one unit.
+/// Answers of one unit that may still arrive late, and its usual answer time.
 #[derive(Debug)]
 pub(in crate::fieldbus) struct PendingReplies {
-    /// Start of the time in which any answer may arrive.
+    /// Start of the time in which any answer may arrive; `None` if the line has waited long enough.
     anything: Option<Silence>,
     late: Vec<MissingReply>,
-    /// Answers in time since the last late one. `longest` has the longest answer times of the last `PROOF` and of those
-    /// before.
+    /// Number of answers in time since the last late one. `longest`: longest answer time among the last `PROOF`
+    /// answers, and among the `PROOF` before.
     in_time: u32,
     longest: [Duration; 2],
-    /// Missing answers in a row.
+    /// Number of missing answers in a row.
     misses: u32,
     /// State of the order check, if the unit is behind a Modbus gateway.
     pub(in crate::fieldbus) order: OrderCheck,
 }
 
-/// Missing answer that may arrive late.
+/// Answer that was missing at its timeout, and may still arrive late.
 #[derive(Clone, Copy, Debug)]
 struct MissingReply {
     mark: ReplySignature,
@@ -63,21 +63,22 @@ struct MissingReply {
     asked: Moment,
     missed: Moment,
     since: Silence,
-    /// Whether the same request was answered since. Then no age of a reading depends on the missing answer.
+    /// Whether the same request was answered since. Then the age of no reading counts from the request of this missing
+    /// answer any more.
     is_answered: bool,
 }
 
-/// Waiting times for answers.
+/// Waiting times for answers of a line.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::fieldbus) struct Spans {
     /// Longest time until an answer begins.
     pub(in crate::fieldbus) timeout: Duration,
-    /// Further time during which a late answer may arrive.
+    /// Time after the timeout during which a late answer may arrive.
     pub(in crate::fieldbus) grace: Duration,
 }
 
 impl UnitReplies {
-    /// Returns the state of units without requests so far.
+    /// Returns the state of these units, none of which has got a request yet.
     pub(in crate::fieldbus) fn of_units(numbers: impl Iterator<Item = u8>) -> UnitReplies {
         let mut unit_replies = UnitReplies(Vec::new());
         for number in numbers {
@@ -102,14 +103,15 @@ impl UnitReplies {
         self.0.iter_mut().map(|(_, pending)| pending)
     }
 
-    /// Returns the forms of the answers that may still arrive, with their units.
+    /// Returns the forms of all answers that may still arrive late, with their units.
     pub(in crate::fieldbus) fn marks(&self) -> impl Iterator<Item = (u8, ReplySignature)> {
         self.0.iter().flat_map(|(unit, pending)| pending.marks().map(|mark| (*unit, mark)))
     }
 }
 
 impl PendingReplies {
-    /// Returns the state of a unit without requests so far. Answers to an earlier process of isotherm may be under way.
+    /// Returns the state of a unit that has got no request yet. Answers to an earlier process of isotherm may still
+    /// arrive.
     pub(in crate::fieldbus) fn unknown() -> PendingReplies {
         PendingReplies {
             anything: Some(Silence::begin()),
@@ -121,28 +123,30 @@ impl PendingReplies {
         }
     }
 
-    /// Records that any answer may arrive from now on.
+    /// Records that any answer of the unit may arrive from now on, for example because the connection was dropped.
     pub(in crate::fieldbus) fn anything(&mut self) {
         self.anything = Some(Silence::begin());
     }
 
-    /// Returns how much longer any answer may arrive; `None` if the line has waited for that.
+    /// Returns how much longer any answer of the unit may arrive. Returns `None` if the line has waited long enough for
+    /// that.
     pub(in crate::fieldbus) fn remaining_for_any(&self, spans: Spans) -> Option<Duration> {
         self.anything.map(|since| since.left_of(spans.grace))
     }
 
-    /// Returns whether a late answer may still arrive.
+    /// Returns whether a late answer of the unit may still arrive.
     pub(in crate::fieldbus) fn has_pending(&self) -> bool {
         self.anything.is_some() || !self.late.is_empty()
     }
 
-    /// Records that the line has waited until no late answer can arrive any more. A Modbus gateway may have kept one.
+    /// Records that the line has waited until no late answer can arrive any more. The order check is informed, because
+    /// a Modbus gateway may still keep a late answer.
     pub(in crate::fieldbus) fn is_quiet(&mut self) {
         self.anything = None;
         self.late.drain(..).filter(|late| late.is_read).for_each(|late| self.order.suspect(late.mark));
     }
 
-    /// Records that the unit answered late, or without a request.
+    /// Records that the unit answered late, or without a request, so that it is no longer prompt.
     pub(in crate::fieldbus) fn reset_timing(&mut self) {
         (self.in_time, self.longest) = (0, [Duration::ZERO; 2]);
     }
@@ -151,21 +155,21 @@ impl PendingReplies {
         self.in_time >= PROOF
     }
 
-    /// Returns the time within which a prompt unit answers.
+    /// Returns the time within which a prompt unit answers: `FACTOR` times its longest answer time.
     fn prompt_span(&self) -> Duration {
         self.longest[0].max(self.longest[1]).max(SHORTEST) * FACTOR
     }
 
-    /// Returns the time within which a second answer arrives if the unit got two requests. `under_way` is the
-    /// transmission time of request and answer.
+    /// Returns the time within which a second answer arrives, if the unit got two requests. `under_way` is the
+    /// transmission time of a request and its answer.
     pub(in crate::fieldbus) fn second_within(&self, timeout: Duration, under_way: Duration) -> Duration {
         let span = self.longest[0].max(self.longest[1]).max(under_way) + LATER;
         let prompt = if self.is_prompt() { self.prompt_span() } else { span };
         span.min(prompt).min(timeout + under_way)
     }
 
-    /// Records an answer and its time. After a repeated request, that time is unknown, and the other answer may still
-    /// arrive.
+    /// Records an answer to `request` with the answer time `took`. After a repeated request that time is unknown, and
+    /// the answer to the other attempt may still arrive.
     pub(in crate::fieldbus) fn answers(&mut self, request: Request<'_>, took: Duration) {
         self.misses = 0;
         let mut is_repeated = false;
@@ -182,13 +186,13 @@ impl PendingReplies {
         self.in_time = self.in_time.saturating_add(1);
     }
 
-    /// Returns whether the unit has answered since its last late answer.
+    /// Returns whether the unit has answered in time since its last late answer.
     pub(in crate::fieldbus) fn has_answered(&self) -> bool {
         self.in_time > 0
     }
 
-    /// Records that a request sent at `asked` was not answered in time. Returns whether the unit may get requests again
-    /// soon. Otherwise it must get none for the full waiting time.
+    /// Records that a request sent at `asked` was not answered in time. Returns true if the unit is prompt and may get
+    /// requests again soon. Otherwise it must get none for the full waiting time.
     pub(in crate::fieldbus) fn misses(&mut self, request: Request<'_>, asked: Moment, now: Moment) -> bool {
         self.misses = self.misses.saturating_add(1);
         if !self.is_prompt() || self.misses >= MISSES {
@@ -216,7 +220,7 @@ impl PendingReplies {
         self.misses
     }
 
-    /// Returns the silence that is needed after a missing answer before this request.
+    /// Returns how long the line must be silent after the missing answer `late` before this request is sent.
     fn span(&self, late: &MissingReply, request: Request<'_>, spans: Spans) -> Duration {
         if late.mark != ReplySignature::of(request) {
             Duration::ZERO
@@ -230,19 +234,21 @@ impl PendingReplies {
         }
     }
 
-    /// Returns the remaining silence before this request may be sent.
+    /// Returns how much longer the line must be silent before this request may be sent.
     pub(in crate::fieldbus) fn left(&self, request: Request<'_>, spans: Spans) -> Duration {
         let left = self.late.iter().map(|late| late.since.left_of(self.span(late, request, spans)));
         left.max().unwrap_or_default()
     }
 
-    /// Returns the earliest time for this request, by the caller's clock.
+    /// Returns the earliest time at which this request may be sent, because of missing answers; `None` if it may be
+    /// sent now.
     pub(in crate::fieldbus) fn not_before(&self, request: Request<'_>, spans: Spans) -> Option<Moment> {
         let waiting = self.late.iter().filter(|late| !late.is_answered);
         waiting.map(|late| late.missed.after(self.span(late, request, spans))).max()
     }
 
-    /// Returns the earliest time to repeat the last unanswered request, by the caller's clock.
+    /// Returns the earliest time at which the last unanswered request may be repeated; `None` if the last request was
+    /// answered.
     pub(in crate::fieldbus) fn again_at(&self, spans: Spans) -> Option<Moment> {
         let last = self.late.last().filter(|late| !late.is_answered)?;
         let passed = if self.is_prompt() && last.is_read {
@@ -253,25 +259,26 @@ impl PendingReplies {
         Some(last.missed.after(passed))
     }
 
-    /// Returns the time of the first attempt, if this request is a repetition.
+    /// Returns the time of the first attempt, if this request repeats an unanswered one.
     pub(in crate::fieldbus) fn first_asked(&self, request: Request<'_>) -> Option<Moment> {
         let same = self.late.iter().filter(|late| late.is_same(request) && !late.is_answered);
         same.map(|late| late.asked).min()
     }
 
-    /// Returns whether an answer with this answer time is accepted for a repeated request. A slower answer is assumed
-    /// to belong to the first attempt.
+    /// Returns whether an answer with the answer time `took` is accepted for a repeated request. A slower answer is
+    /// assumed to belong to the first attempt.
     pub(in crate::fieldbus) fn is_likely_after(&self, took: Duration) -> bool {
         took <= self.prompt_span()
     }
 
-    /// Returns the forms of late answers, including those whose time has just ended: one may be in the receive buffer.
+    /// Returns the forms of answers that may still arrive late. Answers whose waiting time has just ended are included,
+    /// because one may be in the receive buffer.
     pub(in crate::fieldbus) fn marks(&self) -> impl Iterator<Item = ReplySignature> {
         self.late.iter().map(|late| late.mark)
     }
 
-    /// Removes late answers whose waiting time is over. A Modbus gateway may still keep the answer to a read. The order
-    /// check is informed of that.
+    /// Removes missing answers whose waiting time is over. The order check is informed, because a Modbus gateway may
+    /// still keep the answer to a read.
     pub(in crate::fieldbus) fn forget(&mut self, spans: Spans) {
         let order = &mut self.order;
         self.late.retain(|late| {

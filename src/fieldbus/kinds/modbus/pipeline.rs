@@ -1,21 +1,21 @@
-//! `pipeline = 2`: whether a line may send two requests at a time, and when it stops doing so.
+//! `pipeline = 2`: decision whether a line sends two requests at a time, and when it stops doing so.
 //!
-//! Some devices answer one request and lose the other, or close the connection. A wrong answer ends the pipeline at
-//! once. A missing answer may be lost on the way. The pipeline ends after [`IN_A_ROW`] missing answers without a good
-//! one between them.
+//! Some devices answer one request and lose the other, or close the connection. A wrong answer therefore ends the
+//! pipeline at once. A missing answer may have been lost in transmission, so the pipeline ends only after [`IN_A_ROW`]
+//! missing answers without a good answer in between.
 
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::request::{Answer, Request};
 
-/// Number of missing answers in a row that cannot be explained by chance.
+/// Number of missing answers in a row that ends the pipeline. So many are unlikely to be chance.
 const IN_A_ROW: u32 = 3;
 
-/// Pipeline of one line.
+/// State of the pipeline of one line.
 #[derive(Debug, Default)]
 pub(in crate::fieldbus) struct Pipeline {
     is_on: bool,
     lost: u32,
-    /// Read to send after the next request.
+    /// Unit and read to send after the next request; `None`: no read.
     read: Option<(u8, Request<'static>)>,
 }
 
@@ -36,7 +36,8 @@ impl Pipeline {
         self.read.take()
     }
 
-    /// Judges the answer to the first of two requests, or to the second. Returns whether the pipeline ends now.
+    /// Assesses the answer to the first of two requests that were sent together, or to the second (`is_second`).
+    /// Returns true if the line stops sending two requests at this answer.
     pub(in crate::fieldbus) fn assess(&mut self, is_second: bool, answer: &Result<Answer, Fault>) -> bool {
         match answer {
             Err(Fault::Peer(_)) => self.lost = IN_A_ROW,

@@ -1,10 +1,10 @@
-//! Features by which the answer to one Modbus question differs from that to another.
+//! Features by which the answer to one Modbus request differs from the answer to another.
 
 use super::request::ModbusRequest;
 use crate::fieldbus::request::Request;
 
-/// Form of an answer: its function, and its length or the echo of a write. It distinguishes the answers to two
-/// requests.
+/// Form of an answer: its function, and its length or the echo of a write. Answers of different forms cannot be
+/// confused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReplySignature {
     function: u8,
@@ -35,7 +35,7 @@ impl ReplySignature {
         }
     }
 
-    /// Returns the form of the answer to this request of a read; `None` for any other message.
+    /// Returns the form of the answer to a read, from the bytes of the request; `None` for any other message.
     pub(super) fn of_question(pdu: &[u8]) -> Option<ReplySignature> {
         let [function @ 1..=4, _, _, high, low] = *pdu else { return None };
         let count = u16::from_be_bytes([high, low]);

@@ -1,16 +1,17 @@
 //! Modbus RTU, on a serial port or through a TCP connection.
 //!
 //! - Before a request, noise is discarded, and the line must be silent for 3.5 characters (1.75 ms above 19,200 baud).
-//!   A whole frame of the addressed unit is no noise but an unsolicited reply. Then the request is not sent.
-//! - An answer is recognised by its unit, length and checksum. Noise before it and answers of other units are skipped.
-//!   If a second answer of the unit follows, both are rejected.
-//! - RTU has no transaction number. After a missing answer, [`crate::fieldbus::line`] therefore sends the unit no
-//!   request to which the late answer would fit ([`super::pending_replies`]). The late answer is discarded here when it
-//!   arrives.
-//! - An adapter without echo suppression receives its own requests. The first read detects this. From then on, the echo
-//!   of every request is expected before its answer.
-//! - Bytes equal to the request are no answer to a read. The echo of a read of 17 to 24 bits from 0x0300 to 0x03FF has
-//!   the form of its answer.
+//!   A whole frame of the addressed unit is not noise but an unsolicited answer. If one has arrived, the request is not
+//!   sent.
+//! - An answer is recognized by its unit, length and checksum. Noise before the answer, and answers of other units, are
+//!   skipped. If a second answer of the unit follows, both are rejected.
+//! - RTU has no transaction number. After a missing answer, [`super::line`] therefore sends the unit no request for
+//!   which the late answer could be mistaken ([`super::pending_replies`]). The late answer is discarded in this module
+//!   when it arrives.
+//! - An adapter without echo suppression receives its own requests. The first read detects such an adapter. From then
+//!   on, the echo of every request is expected before its answer.
+//! - Bytes equal to the request do not count as the answer to a read. One kind of read has an answer that can equal the
+//!   request: a read of 17 to 24 bits from 0x0300 to 0x03FF.
 
 use std::io;
 use std::time::Duration;
@@ -31,7 +32,7 @@ mod frame;
 
 use frame::{Frame, Reply};
 
-/// Maximum number of bytes that are kept during the search for an answer.
+/// Maximum number of received bytes in which an answer is searched; older bytes are dropped.
 const MOST_KEPT: usize = 2 * frame::LONGEST;
 /// Maximum number of frames of other masters that are recorded in one exchange.
 const MOST_OVERHEARD: usize = 16;
@@ -39,29 +40,29 @@ const MOST_OVERHEARD: usize = 16;
 /// Open line with RTU frames: a serial port, or a TCP connection to a simple Modbus gateway.
 pub struct Rtu {
     port: Tapped,
-    /// Settings of the serial port; `None` for a connection through TCP.
+    /// Settings of the serial port; `None` if the frames go through a TCP connection.
     serial: Option<Serial>,
     silence: Silence,
     patience: WallTimeout,
     received: Vec<u8>,
-    /// Fault of the input since the last request.
+    /// Fault of input that was received since the last request and is no answer; `None` if there was no such input.
     heard: Option<PeerFault>,
-    /// Whether the adapter receives its own requests.
+    /// Whether the adapter receives its own requests, because it has no echo suppression.
     echoes: bool,
-    /// Frame of the last request. Its echo may arrive after the timeout of the answer.
+    /// Frame of the last request. Its echo may arrive even after the timeout of the answer.
     last_question: Vec<u8>,
-    /// Input that was discarded since the last answer. Whole frames in it are no noise.
+    /// Discarded input since the last answer. It is searched for whole frames, which are not noise.
     discarded: Vec<u8>,
-    /// Forms of late answers that may still arrive. `late` has the units whose late answers have arrived.
+    /// Unit and form of each late answer that may still arrive. `late`: units whose late answers have arrived.
     pending: Vec<(u8, ReplySignature)>,
     late: Vec<u8>,
-    /// Frames of other masters, each form once.
+    /// Frames of other masters; frames of the same unit and form are recorded once.
     overheard: Vec<ForeignFrame>,
     ending: Ending,
 }
 
 impl Rtu {
-    /// Returns an RTU line on this port. It keeps the times of `serial`, and its bytes pass the tap.
+    /// Returns an RTU line on this port. The times of `serial` apply between its frames, and `tap` receives its bytes.
     pub fn new(port: impl Port + 'static, serial: Option<Serial>, tap: &Tap) -> Rtu {
         Rtu {
             port: Tapped::new(port, tap),
@@ -80,7 +81,8 @@ impl Rtu {
         }
     }
 
-    /// Returns the answer, or `None` until it has arrived. `question` is the frame of the request.
+    /// Searches the received bytes for the answer to a request. Returns `None` until it has arrived. `question` is the
+    /// frame of the request.
     fn find_answer(
         &mut self,
         unit: u8,
@@ -146,7 +148,7 @@ impl Rtu {
         }
     }
 
-    /// Waits for bytes, and keeps them.
+    /// Waits for input, and appends it to the received bytes.
     async fn receive(&mut self) -> Result<(), Fault> {
         let mut bytes = [0; frame::LONGEST];
         match self.port.receive(&mut bytes).await {
@@ -185,7 +187,7 @@ impl Rtu {
         }
     }
 
-    /// Waits at most for `span` for bytes, and discards them. Returns whether any arrived.
+    /// Waits for input for at most `span`, and discards it. Returns whether any arrived.
     async fn discard_within(&mut self, span: Duration) -> Result<bool, Fault> {
         let mut bytes = [0; frame::LONGEST];
         match self.patience.within(span, self.port.receive(&mut bytes)).await {
@@ -199,8 +201,8 @@ impl Rtu {
         }
     }
 
-    /// Records how the connection ended, with or without an error. A serial port never ends in order: its adapter is
-    /// gone.
+    /// Records whether the connection ended in an orderly way or with an error, and returns `fault`. A serial port
+    /// never ends in an orderly way: its adapter was removed.
     fn ended(&mut self, error: Option<&io::Error>, fault: Fault) -> Fault {
         if self.serial.is_none() && self.received.is_empty() && is_in_order(error) {
             self.ending = Ending::Closed;
@@ -208,7 +210,7 @@ impl Rtu {
         fault
     }
 
-    /// Discards input without a request.
+    /// Discards input that arrived without a request. A copy is kept in `discarded`.
     fn discard(&mut self, bytes: &[u8]) {
         self.silence = Silence::begin();
         self.heard = Some(PeerFault::Malformed);
@@ -217,15 +219,16 @@ impl Rtu {
         self.discarded.drain(..surplus);
     }
 
-    /// Returns whether this message may be a late answer. An answer of the form `own` never counts as late.
+    /// Returns whether this message may be a late answer of the unit. An answer with the form `own` never counts as
+    /// late.
     fn is_pending_reply(&self, unit: u8, pdu: &[u8], own: Option<ReplySignature>) -> bool {
         let pending = self.pending.iter().filter(|(owing, mark)| *owing == unit && Some(*mark) != own);
         pending.into_iter().any(|(_, mark)| mark.is_on(pdu) || mark.is_refused_by(pdu))
     }
 
-    /// Returns whether these bytes contain a whole answer of the unit without a request. Records late answers and
-    /// frames of other masters, except exceptions. `question` is the last sent frame; its echo is no frame of another
-    /// master.
+    /// Searches discarded bytes for whole frames. Records late answers, and frames of other masters except exceptions.
+    /// Returns whether the bytes contain an answer of `unit` that is not a late one. `question` is the last sent frame,
+    /// whose echo does not show another master.
     fn is_unsolicited(&mut self, bytes: &[u8], unit: u8, question: &[u8]) -> bool {
         let mut is_unsolicited = false;
         for Frame { unit: speaker, pdu, is_question } in frame::frames(bytes) {
@@ -246,7 +249,7 @@ impl Rtu {
         is_unsolicited
     }
 
-    /// Records a frame of another master.
+    /// Records a frame of another master, once for each unit and form.
     fn overhear(&mut self, unit: u8, form: Option<ReplySignature>, is_question: bool) {
         let overheard = ForeignFrame { unit, form, is_question };
         if self.overheard.len() < MOST_OVERHEARD && !self.overheard.contains(&overheard) {
@@ -254,7 +257,8 @@ impl Rtu {
         }
     }
 
-    /// Returns whether the discarded input contains a whole frame of the unit. If so, the input is cleared.
+    /// Returns whether the discarded input contains a whole frame of the unit. If so, the input is cleared, and the
+    /// frame counts as a late answer.
     fn has_spoken(&mut self, unit: u8) -> bool {
         let has_spoken = matches!(frame::find(&self.discarded, unit), Reply::Own { .. });
         if has_spoken {

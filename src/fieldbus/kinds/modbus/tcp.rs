@@ -1,11 +1,12 @@
 //! Modbus TCP: frames with a transaction number.
 //!
-//! - Transaction numbers are random. A device that counts transactions by itself, or is ahead by one, does not match
+//! - Transaction numbers are random. A device that counts transactions by itself, or is ahead by one, would not match
 //!   them.
 //! - Bytes that answer no open request close the connection, and so do bytes after an answer. Input from before a
-//!   request is detected by its transaction number. Before a write the wire also checks for such input, so that the
-//!   write need not be sent. It skips this check immediately after an answer, because the answer was checked.
-//! - A read may be sent in the same segment after another request, with its own transaction number.
+//!   request is recognized by its transaction number. Before a write the wire also checks for such input, and then does
+//!   not send the write. The wire skips this check immediately after an answer, because nothing else had arrived with
+//!   the answer.
+//! - A read may be sent in the same TCP segment after another request, with its own transaction number.
 
 use std::collections::hash_map::RandomState;
 use std::hash::{BuildHasher, Hasher};
@@ -27,41 +28,41 @@ use isotherm_core::quantity::Moment;
 
 mod follow_up_read;
 
-/// Length of the fields transaction, protocol and length. The length field counts the bytes after them.
+/// Length in bytes of the fields transaction, protocol and length. The length field counts the bytes after them.
 const HEADER: usize = 6;
-/// Length of header, unit and the longest message.
+/// Length in bytes of header, unit number and the longest message.
 const LONGEST: usize = HEADER + 1 + pdu::LONGEST;
-/// Age of the last answered request up to which a write skips the check for late input. The answer was checked. Another
-/// check would make a loop on one computer about one percent slower.
+/// Age of the last answered request up to which a write skips the check for unexpected input. The input was checked
+/// together with that answer. Another check would make a loop on one computer about one percent slower.
 const AT_ONCE: Duration = Duration::from_millis(1);
 
 /// Open Modbus TCP connection.
 pub struct ModbusTcp {
     port: Tapped,
-    /// State of the generator of transaction numbers.
+    /// State of the random number generator that draws transaction numbers.
     drawn: u64,
     question: Vec<u8>,
-    /// Received bytes, up to `filled`.
+    /// Receive buffer; its first `filled` bytes are received and not processed.
     received: Box<[u8; 2 * LONGEST]>,
     filled: usize,
     behind: FollowUpRead,
-    /// Form of the answer to the present request.
+    /// Form of the received answer to the present request; `None` before it arrives.
     form: Option<ReplySignature>,
-    /// Time at which the last request was sent; `Moment::default()` if it was not answered.
+    /// Time at which the last answered request was sent; `Moment::default()` if the last request was not answered.
     answered: Moment,
     ending: Ending,
 }
 
-/// First frame in the received bytes.
+/// First frame in the receive buffer.
 struct First {
     transaction: u16,
     unit: Option<u8>,
-    /// End of the frame, if it is complete.
+    /// End of the frame in the buffer; `None` while the frame is incomplete.
     end: Option<usize>,
 }
 
 impl ModbusTcp {
-    /// Returns a connection on this port. Its bytes pass the tap.
+    /// Returns a connection on this port. `tap` receives all its bytes.
     pub fn new(port: impl Port + 'static, tap: &Tap) -> ModbusTcp {
         ModbusTcp {
             port: Tapped::new(port, tap),
@@ -118,7 +119,7 @@ impl ModbusTcp {
         Ok(answer)
     }
 
-    /// Checks that no unsolicited input has arrived.
+    /// Checks that no input has arrived without a request.
     fn expect_nothing(&mut self) -> Result<(), Fault> {
         match self.port.take_waiting(&mut *self.received) {
             Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted) => {
@@ -154,7 +155,8 @@ impl ModbusTcp {
         u16::try_from(self.drawn >> 48).unwrap_or_default()
     }
 
-    /// Waits for the answer to this request. An answer to the read after it is kept, in either order.
+    /// Waits for the answer to this request. An answer to the read sent directly after the request is stored, whichever
+    /// of the two arrives first.
     async fn receive_answer<T>(
         &mut self,
         transaction: u16,
@@ -194,7 +196,8 @@ impl ModbusTcp {
         }
     }
 
-    /// Records how the connection ended, with or without an error. Returns the TLS fault, if any, or else `otherwise`.
+    /// Records whether the connection ended in an orderly way or with an error. Returns the TLS fault in `error`, if
+    /// there is one, or else `otherwise`.
     fn ended(&mut self, error: Option<&io::Error>, otherwise: Fault) -> Fault {
         if self.filled == 0 && is_in_order(error) {
             self.ending = Ending::Closed;
@@ -202,7 +205,7 @@ impl ModbusTcp {
         error.and_then(TlsFault::of).map_or(otherwise, |fault| Fault::Link(LinkFault::Tls(fault)))
     }
 
-    /// Returns the first frame in the received bytes; `None` while they are shorter than a header.
+    /// Returns the first frame in the receive buffer; `None` while the buffer contains less than a header.
     fn first(&self) -> Result<Option<First>, Fault> {
         let Some((header, rest)) = self.received[..self.filled].split_at_checked(HEADER) else {
             return Ok(None);

@@ -1,4 +1,4 @@
-//! OPC UA server, by the library async-opcua: binary protocol over TCP, on sockets of the gateway.
+//! OPC UA client, with the library async-opcua: binary protocol over TCP, on sockets of the gateway.
 //!
 //! ```text
 //! dial ─► endpoints ─► trusted? ─► secure channel ─► session (resumed or new) ─► limits, namespaces
@@ -6,16 +6,16 @@
 //!         one Publish request per subscription waits at the server, and is renewed when values are requested
 //! ```
 //!
-//! - The session of the library is not used, because it reconnects, keeps alive and repeats by itself. [`DeviceLine`]
-//!   does this for every kind of line, and the gateway sends nothing without a request of the line.
-//! - A lost connection leaves its session at the server. The next connection resumes it, so that a server with few
-//!   sessions does not run out of them.
-//! - A certificate is trusted if it is identical to one in the profile's directory and is valid now. No authority is
-//!   used, and no name in it is compared.
-//! - The index of a namespace that the profile names by its URI is read when the connection is opened. The URI of a
+//! - The session of the library is not used, because it reconnects, sends keep-alive messages and repeats requests by
+//!   itself. [`DeviceLine`] does this for every kind of line. Without a request of the line, the gateway sends nothing.
+//! - A lost connection leaves its session at the server. The next connection resumes that session, so that a server
+//!   with few sessions does not run out of them.
+//! - A certificate is trusted if it is identical to one in the directory that the profile names, and is valid now. The
+//!   gateway checks neither the authority that signed the certificate nor the names in it.
+//! - The index of a namespace that the profile names by its URI is read each time a connection is opened. The URI of a
 //!   namespace that the profile names by index is stored ([`super::namespaces`]). If the server does not have the
-//!   namespace of a node, the gateway does not send the node. It then counts as missing.
-//! - The library discards an answer with an unknown number. Such an answer is never taken for another one.
+//!   namespace of a node, the gateway does not request the node, and treats it as missing.
+//! - The library discards an answer with an unknown request number, so such an answer is never taken for another one.
 //!
 //! [`DeviceLine`]: crate::fieldbus::line::DeviceLine
 
@@ -61,28 +61,29 @@ mod wire;
 
 pub(super) use files::wrong;
 
-/// Additional time to open a session. Signatures, certificates and the server's checks take longer than an answer.
+/// Time that opening a session may take in addition to the timeout of an answer: signatures and checks of certificates
+/// take longer.
 const OPENING: Duration = Duration::from_secs(5);
 
-/// Opens sessions with one server.
+/// Opens sessions with one OPC UA server.
 pub(super) struct OpcUaDial {
     /// URL of the server.
     url: String,
-    /// Host and port of the URL.
+    /// Host and port, taken from the URL.
     address: String,
     security: Security,
     timeout: Duration,
-    /// Files of the profile; `None` if they are unusable, as [`wrong`] reports.
+    /// Certificates, keys and user that the profile names; `None` if one is unusable, as [`wrong`] reports.
     files: Option<Files>,
-    /// State that outlives a connection: the session, which the next one resumes.
+    /// Channel, endpoint and session of the last connection, which the next connection resumes.
     known: Option<ServerState>,
-    /// Whether the server did not know the session of the previous connection.
+    /// Whether the server no longer had the session of the previous connection when the present one was opened.
     is_forgotten: bool,
     /// Namespaces that the profile names by index.
     namespaces: NamespaceTable,
 }
 
-/// State of a server that outlives a connection.
+/// Data of a server that are kept between connections: channel, endpoint and session.
 struct ServerState {
     channel: Arc<AsyncSecureChannel>,
     endpoint: EndpointDescription,
@@ -132,7 +133,7 @@ impl OpcUaDial {
         Ok(Connection::Other(Box::new(wire)))
     }
 
-    /// Resumes the previous session on this socket; `None` if that fails.
+    /// Resumes the previous session on this socket; returns `None` if that fails.
     async fn take_up(
         &self,
         files: &Files,
@@ -147,7 +148,7 @@ impl OpcUaDial {
         Some((link, known))
     }
 
-    /// Begins a new session.
+    /// Chooses an endpoint of the server, opens a connection to it, and begins a new session.
     async fn begin(&self, files: &Files) -> Result<(Link, ServerState), Fault> {
         let endpoints = offered(&self.url, self.timeout).await?;
         let endpoint =
@@ -165,7 +166,7 @@ impl OpcUaDial {
         Ok((link, ServerState { channel, endpoint, session }))
     }
 
-    /// Returns the certificate that the gateway sends, with its key.
+    /// Returns the certificate that the gateway sends, with its key; `None` if the line is without security.
     fn shown<'f>(&self, files: &'f Files) -> Option<&'f (X509, PrivateKey)> {
         files.own.as_ref().filter(|_| self.security != Security::None)
     }
@@ -203,7 +204,7 @@ impl Dial for OpcUaDial {
     }
 }
 
-/// Returns the kind of a user, without its secret.
+/// Returns the kind of identity with which the gateway logs in: anonymous, password, certificate or issued token.
 fn user_kind(user: &IdentityToken) -> ::opcua::types::UserTokenType {
     use ::opcua::types::UserTokenType;
     match user {

@@ -1,24 +1,25 @@
 //! Namespaces of one OPC UA server that a profile names by index. The line and the gateway share this table. The line
-//! reads the array of the server with each connection, and translates each index. The gateway stores the URIs and
-//! reports changes. [`isotherm_core::namespaces`] makes the decisions.
+//! reads the namespace array of the server with each connection. It translates each index of the profile into the
+//! present index of the server. The gateway stores the URIs and reports changes. [`isotherm_core::namespaces`] decides
+//! what an index means.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use isotherm_core::namespaces::{KnownNamespaces, Located};
 
-/// Table of one server. Clones share their content.
+/// Table of the namespaces of one server. Clones share their content.
 #[derive(Clone, Debug, Default)]
 pub struct NamespaceTable(Arc<Mutex<Table>>);
 
 #[derive(Debug, Default)]
 struct Table {
     known: KnownNamespaces,
-    /// Array of the server, read with the last connection.
+    /// Namespace array of the server, as read with the last connection.
     array: Arc<[String]>,
-    /// Last location of each requested index.
+    /// Last location in the server's array of each index that was requested.
     found: BTreeMap<u16, Located>,
-    /// Number of changes of `found`.
+    /// Number of changes of `found` so far.
     changes: u64,
 }
 
@@ -27,12 +28,12 @@ impl NamespaceTable {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Restores the namespaces that an earlier run has stored.
+    /// Restores the namespaces that an earlier run of the gateway has stored.
     pub fn begin_with(&self, known: KnownNamespaces) {
         self.lock().known = known;
     }
 
-    /// Sets the array of the server, as read with a new connection.
+    /// Sets the namespace array of the server, as read with a new connection.
     pub fn connected(&self, array: Vec<String>) {
         let mut table = self.lock();
         if *table.array == *array {
@@ -42,13 +43,13 @@ impl NamespaceTable {
         table.locate_again();
     }
 
-    /// Returns the array of the server.
+    /// Returns the namespace array of the server, as read with the last connection.
     pub fn array(&self) -> Arc<[String]> {
         self.lock().array.clone()
     }
 
-    /// Returns the index to send for an index of the profile; `None` if nothing may be sent. Stores the URI of a new
-    /// index.
+    /// Returns the present index at the server for the index `named` in the profile. Returns `None` if no node of this
+    /// namespace may be requested. Records the URI of a new index.
     pub fn index(&self, named: u16) -> Option<u16> {
         let mut table = self.lock();
         if let Some(found) = table.found.get(&named) {
@@ -57,23 +58,23 @@ impl NamespaceTable {
         table.locate(named)
     }
 
-    /// Returns the number of changes so far: of the stored namespaces or of their locations.
+    /// Returns the number of changes so far, both of the stored namespaces and of their locations.
     pub fn changes(&self) -> u64 {
         self.lock().changes
     }
 
-    /// Returns the namespaces to store.
+    /// Returns the namespaces that the gateway stores for the next run.
     pub fn known(&self) -> KnownNamespaces {
         self.lock().known.clone()
     }
 
-    /// Returns each requested index with its last location.
+    /// Returns each requested index of the profile with its last location in the server's array.
     pub fn found(&self) -> Vec<(u16, Located)> {
         self.lock().found.iter().map(|(index, found)| (*index, found.clone())).collect()
     }
 
-    /// Accepts the server's namespace at each index whose own namespace was lost, because the operator has confirmed
-    /// it. Returns these indices with their URIs.
+    /// Accepts the namespace that the server now has at each index whose stored namespace was lost. The caller makes
+    /// sure that the operator has confirmed this. Returns these indices with their new URIs.
     pub fn confirm(&self) -> Vec<(u16, String)> {
         let mut table = self.lock();
         let lost = table.found.iter().filter(|(_, found)| found.is_lost());

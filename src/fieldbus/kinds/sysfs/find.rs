@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use isotherm_core::codec::{Channel, PcSensor};
 use isotherm_core::reading::Reason;
 
-/// Maximum number of entries that are read in a directory: more than any computer has chips, or any chip has files.
+/// Maximum number of entries that are read in a directory. No computer has so many chips, and no chip so many files.
 const MOST_CHIPS: usize = 1000;
 
 /// Files of one sensor.
@@ -21,7 +21,7 @@ pub enum Files {
     OneWire(PathBuf),
 }
 
-/// Path of the file to read; for IIO, a pattern for several files.
+/// Path of the file to read; for an IIO sensor, a pattern for its several files.
 impl fmt::Display for Files {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -32,14 +32,15 @@ impl fmt::Display for Files {
     }
 }
 
-/// Temperature sensor of this computer.
+/// Temperature sensor that this computer has.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PresentSensor {
     /// Shortest name that fits no other sensor of this computer.
     pub sensor: PcSensor,
     /// Files of the sensor.
     pub files: Files,
-    /// Full name: chip, device, and the label of the channel, or the driver's name of it.
+    /// Complete name: chip, device, and the label of the channel. A channel without a label has its name in the driver
+    /// instead.
     own: PcSensor,
     /// Name of the channel in the driver; empty for a 1-Wire sensor.
     driver: String,
@@ -48,7 +49,7 @@ pub struct PresentSensor {
 /// Finds the files of a sensor.
 ///
 /// # Errors
-/// No sensor has this name, or several have it.
+/// No sensor has this name, or several sensors have it.
 pub fn find(root: &Path, sensor: &PcSensor) -> Result<Files, Reason> {
     let chip = match sensor {
         PcSensor::Hwmon(Channel { chip, .. }) | PcSensor::Iio(Channel { chip, .. }) => chip,
@@ -87,7 +88,7 @@ impl PresentSensor {
         PresentSensor { sensor: own.clone(), files, own, driver }
     }
 
-    /// Returns whether `name` fits this sensor.
+    /// Returns whether this sensor matches `name`, which may leave out parts of the complete name.
     pub fn is(&self, name: &PcSensor) -> bool {
         let (own, asked) = match (&self.own, name) {
             (PcSensor::Hwmon(own), PcSensor::Hwmon(asked)) | (PcSensor::Iio(own), PcSensor::Iio(asked)) => {
@@ -102,7 +103,7 @@ impl PresentSensor {
         own.chip == asked.chip && is_device && is_channel
     }
 
-    /// Returns the possible names of the sensor, the best first.
+    /// Returns the possible names of the sensor, the preferred one first.
     fn names(&self) -> Vec<PcSensor> {
         let (Channel { chip, device, channel }, named): (_, fn(Channel) -> PcSensor) = match &self.own {
             PcSensor::Hwmon(own) => (own, PcSensor::Hwmon),
@@ -122,7 +123,8 @@ impl PresentSensor {
     }
 }
 
-/// Returns the temperature channels of all chips, or of those with this name, with their full names.
+/// Returns the temperature channels of all chips with their complete names; with `only`, those of the chips with this
+/// name.
 fn on_chips(root: &Path, only: Option<&str>) -> Vec<PresentSensor> {
     let hwmon = chips(&root.join("class/hwmon"), only).into_iter().flat_map(|(name, chip)| {
         let device = last_of(&chip.join("device"));
@@ -149,7 +151,7 @@ fn on_chips(root: &Path, only: Option<&str>) -> Vec<PresentSensor> {
     hwmon.chain(iio).collect()
 }
 
-/// Returns the chips of a class with their names: all of them, or those with this name.
+/// Returns the chips of a class with their names and directories; with `only`, those with this name.
 fn chips(class: &Path, only: Option<&str>) -> Vec<(String, PathBuf)> {
     let named = entries(class).into_iter().filter_map(|chip| Some((text(&chip.join("name"))?, chip)));
     let is_asked_for = |name: &str| only.map_or(name != PcSensor::ONE_WIRE_IN_HWMON, |only| only == name);
@@ -172,7 +174,8 @@ fn entries(place: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// Returns the channels of a chip, from the names of its files.
+/// Returns the names of the channels of a chip. `of` extracts a channel from a file name; `None` if the file belongs to
+/// no channel.
 fn channels(chip: &Path, of: impl Fn(&str) -> Option<&str>) -> Vec<String> {
     let files = entries(chip);
     let mut found: Vec<String> =
@@ -182,7 +185,7 @@ fn channels(chip: &Path, of: impl Fn(&str) -> Option<&str>) -> Vec<String> {
     found
 }
 
-/// Returns the name of a path's target.
+/// Returns the last component of the target of the link `path`.
 fn last_of(path: &Path) -> Option<String> {
     name_of(&path.canonicalize().ok()?)
 }
@@ -191,7 +194,7 @@ fn name_of(path: &Path) -> Option<String> {
     path.file_name()?.to_str().map(str::to_owned)
 }
 
-/// Returns the content of a file without white space at its ends; `None` if it is empty.
+/// Returns the content of a file without white space at its ends; `None` if the file is unreadable or empty.
 fn text(path: &Path) -> Option<String> {
     let text = read_to_string(path).ok()?.trim().to_owned();
     (!text.is_empty()).then_some(text)

@@ -13,11 +13,11 @@ use crate::clock::WallTimeout;
 use isotherm_core::codec::PcSensor;
 use isotherm_core::reading::Reason;
 
-/// Reads sensors, and stores which reads have not returned.
+/// Reads sensors, and keeps a list of the sensors whose last read has not returned.
 #[derive(Clone, Debug, Default)]
 pub struct Readers(Arc<Mutex<BTreeSet<PcSensor>>>);
 
-/// Read in progress. Dropping it allows another read of its sensor.
+/// Read that has not returned. Dropping this value allows another read of its sensor.
 struct UnderWay {
     readers: Readers,
     sensor: PcSensor,
@@ -39,8 +39,9 @@ impl Readers {
         is_free.then(|| UnderWay { readers: self.clone(), sensor: sensor.clone() })
     }
 
-    /// Reads all of these sensors at once, and waits at most for `within`. Returns each value in °C, or the reason why
-    /// there is none, in the same order. A sensor whose last read has not returned gets a timeout.
+    /// Reads all of these sensors at once, and waits for at most `within`. Returns for each sensor its value in °C, or
+    /// the reason why it has none, in the same order. A sensor whose previous read has not returned gets the reason
+    /// timeout.
     pub async fn read(
         &self,
         root: &Path,

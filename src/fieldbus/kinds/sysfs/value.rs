@@ -10,22 +10,23 @@ use super::find::Files;
 use isotherm_core::codec::PcSensor;
 use isotherm_core::reading::Reason;
 
-/// Maximum number of bytes that are read.
+/// Maximum number of bytes that are read from a file.
 const LONGEST: u64 = 4096;
-/// Bytes of a 1-Wire thermometer's memory: eight, and their checksum.
+/// Number of bytes of a 1-Wire thermometer's memory, with its checksum.
 const SCRATCHPAD: usize = 9;
-/// Value in m°C before the first measurement.
+/// Value in m°C that a 1-Wire sensor has after power-on, before its first measurement.
 const POWER_ON: f64 = 85_000.0;
-/// Measuring range in m°C. A sensor without enough power reports 127.94 °C.
+/// Measuring range of a 1-Wire sensor in m°C. A sensor without enough power reports 127.94 °C, which is outside.
 const MEASURES: (f64, f64) = (-55_000.0, 125_000.0);
-/// Errors of Linux for a device that is gone, and for a device without a value at present.
+/// Linux error numbers for a device that was removed. [`NOTHING_NOW`] has those for a device without a value at
+/// present.
 const GONE: [i32; 2] = [6, 19];
 const NOTHING_NOW: [i32; 3] = [11, 16, 61];
 
-/// Reads the temperature in °C.
+/// Reads the temperature of a sensor in °C.
 ///
 /// # Errors
-/// The reason why there is none.
+/// The reason why the sensor has no valid temperature.
 pub(super) fn read(files: &Files, sensor: &PcSensor) -> Result<f64, Reason> {
     let milli = match files {
         Files::Hwmon(chip, channel) => hwmon(chip, channel)?,
@@ -49,8 +50,8 @@ fn hwmon(chip: &Path, channel: &str) -> Result<f64, Reason> {
     number(&text(&chip.join(format!("{channel}_input")))?)
 }
 
-/// Calculates `(raw + offset) · scale`. Offset and scale are of the channel, or of all channels of its type. If the
-/// driver provides the result, that is used.
+/// Calculates `(raw + offset) · scale`. Offset and scale belong to the channel, or to all channels of its type. If the
+/// driver provides the calculated value, that value is used.
 fn iio(chip: &Path, channel: &str) -> Result<f64, Reason> {
     if let Some(milli) = optional(&chip.join(format!("in_{channel}_input")))? {
         return Ok(milli);
@@ -65,8 +66,8 @@ fn iio(chip: &Path, channel: &str) -> Result<f64, Reason> {
     if milli.is_finite() { Ok(milli) } else { Err(Reason::NotANumber) }
 }
 
-/// Reads `w1_slave`, which includes the result of the checksum. If it does not exist, reads `temperature`, which does
-/// not.
+/// Reads the file `w1_slave`, which includes the result of the checksum. If it does not exist, reads the file
+/// `temperature`, which has no checksum result.
 fn one_wire(directory: &Path) -> Result<f64, Reason> {
     match text(&directory.join("w1_slave")) {
         Ok(text) => scratchpad(&text),
@@ -75,7 +76,8 @@ fn one_wire(directory: &Path) -> Result<f64, Reason> {
     }
 }
 
-/// Parses `50 05 4b 46 7f ff 0c 10 1c : crc=1c YES`, and a second line with the same bytes and `t=85000`.
+/// Parses two lines: `50 05 4b 46 7f ff 0c 10 1c : crc=1c YES`, and the same bytes with `t=85000`. Returns the
+/// temperature in °C.
 fn scratchpad(text: &str) -> Result<f64, Reason> {
     let mut lines = text.lines();
     let (bytes, verdict) = lines.next().and_then(|line| line.split_once(':')).ok_or(Reason::BadReply)?;

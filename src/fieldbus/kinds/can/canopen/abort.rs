@@ -24,7 +24,7 @@ impl AbortCode {
     /// The sub-index does not exist.
     pub const NO_SUB_INDEX: AbortCode = AbortCode(0x0609_0011);
 
-    /// Returns the text of CiA 301. Codes of manufacturers have no text there.
+    /// Returns the text of this code in CiA 301. Codes of manufacturers have no text in CiA 301, and get a general one.
     const fn message(self) -> &'static str {
         match self.0 {
             0x0503_0000 => "the toggle bit did not alternate",

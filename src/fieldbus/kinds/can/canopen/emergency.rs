@@ -8,23 +8,24 @@ use isotherm_core::codec::Frame;
 /// First identifier of emergency messages, to which the node's number is added.
 pub const SERVICE: u16 = 0x080;
 
-/// Emergency message of a node: its error code, error register and details.
+/// Emergency message of a node: its error code, its error register, and bytes of the manufacturer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Emergency {
     /// Error code; 0x00xx: the error is over.
     pub code: u16,
-    /// Kinds of present errors in the device (object 1001h).
+    /// Kinds of errors that are present in the device (object 1001h).
     pub register: ErrorRegister,
-    /// Five bytes of the manufacturer; bytes that were not sent are zero.
+    /// Five bytes that the manufacturer defines; bytes that were not sent are zero.
     pub detail: [u8; 5],
 }
 
-/// Object 1001h: one bit for each kind of present error.
+/// Error register (object 1001h): one bit for each kind of error that is present.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct ErrorRegister(pub u8);
 
 impl Emergency {
-    /// Returns the node and its message; `None` if the frame is no emergency, or too short for code and register.
+    /// Returns the node and its message; `None` if the frame is no emergency message, or is too short for the code and
+    /// the register.
     pub fn of(frame: &Frame) -> Option<(NodeId, Emergency)> {
         let node = NodeId::sender(frame, SERVICE)?;
         let [low, high, register, rest @ ..] = frame.data() else { return None };
@@ -40,7 +41,7 @@ impl Emergency {
     }
 }
 
-/// Code, register and details. The text of the code is not included, because it depends on the device.
+/// Text of code, register and details. The meaning of the code is not included, because it depends on the device.
 impl fmt::Display for Emergency {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:04X}h", self.code)?;

@@ -1,11 +1,11 @@
-//! Master of an interface. It starts its nodes after every boot-up, detects missing heartbeats, and sends SYNC on time.
+//! Master of a CANopen interface. It starts its nodes after every boot-up, detects missing heartbeats, and sends SYNC.
 //!
-//! A node that resets returns to pre-operational, and sends nothing until it is started again. A node that was never
-//! detected counts as lost like one that fell silent. The master does not restart a node that another master has
-//! stopped.
+//! A node that resets returns to the pre-operational state, and sends no process data until it is started again. A node
+//! that was never detected counts as lost, just as one whose heartbeat stopped. The master does not restart a node that
+//! another master has stopped.
 //!
-//! Pass every frame of [`Master::identifiers`] to [`Master::take`]. Call [`Master::tick`] at once, and whenever
-//! [`Master::due`] is reached.
+//! The caller passes every frame of [`Master::identifiers`] to [`Master::take`]. It calls [`Master::tick`] at once
+//! after creation, and then each time that [`Master::due`] is reached.
 
 use std::fmt;
 use std::time::Duration;
@@ -21,7 +21,7 @@ use isotherm_profile::duration_text;
 /// Supervision settings of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Supervision {
-    /// Heartbeat timeout, after which the node counts as lost; `None`: it is not supervised.
+    /// Heartbeat timeout, after which the node counts as lost; `None`: its heartbeat is not supervised.
     pub heartbeat: Option<Duration>,
     /// Condition on which the master starts the node.
     pub start: Start,
@@ -30,20 +30,21 @@ pub struct Supervision {
 /// Condition on which the master starts a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Start {
-    /// The master never starts the node: it starts by itself, or another master starts it.
+    /// The master never starts the node: the node starts by itself, or another master starts it.
     Never,
-    /// The master starts the node at the beginning, and after every boot-up.
+    /// The master starts the node when it begins, and after every boot-up of the node.
     AtOnce,
-    /// The master starts the node after its setup list is written: whenever [`Master::set_up`] is called.
+    /// The master starts the node after its setup list (start values of its objects) was written, that is, after each
+    /// call of [`Master::set_up`].
     WhenSetUp,
 }
 
-/// Output of the master, in order.
+/// Frame or event that the master returns to its caller; the order must be kept.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Output {
     /// Frame to send on the bus.
     Send(Frame),
-    /// Event of this node to report.
+    /// Event of this node, to be reported to the user.
     Tell(NodeId, NodeEvent),
 }
 
@@ -52,7 +53,7 @@ pub enum Output {
 pub enum NodeEvent {
     /// The node has booted. Its settings are those after power-on.
     BootedUp {
-        /// Whether the node was detected before, so that this is a reset.
+        /// Whether the node was detected before. If so, the boot-up is a reset.
         again: bool,
     },
     /// The node was operational, and returned to pre-operational by itself.
@@ -63,12 +64,12 @@ pub enum NodeEvent {
     Lost {
         /// Whether no heartbeat has arrived since the start.
         never_seen: bool,
-        /// Timeout that has expired.
+        /// Length of the timeout that has expired.
         after: Duration,
     },
-    /// The node was lost, and its heartbeat is present again.
+    /// The heartbeat of a lost node is present again.
     Back {
-        /// Time without a heartbeat.
+        /// Time during which no heartbeat arrived.
         after: Duration,
     },
     /// The node sent an emergency message.
@@ -87,16 +88,16 @@ struct Node {
     id: NodeId,
     care: Supervision,
     state: Option<NodeState>,
-    /// Time of the last heartbeat; before the first one, the start of listening.
+    /// Time of the last heartbeat. Before the first heartbeat: time at which the master began to listen.
     received: Moment,
     was_heard: bool,
     is_lost: bool,
-    /// Whether a start command was sent since the last boot-up.
+    /// Whether the master has sent a start command since the last boot-up of the node.
     is_started: bool,
 }
 
 impl Master {
-    /// Returns a master that begins to listen at `now`.
+    /// Returns a master of these nodes that begins to listen at `now`.
     pub fn new(
         nodes: impl IntoIterator<Item = (NodeId, Supervision)>,
         sync: Option<Sync>,
@@ -125,7 +126,8 @@ impl Master {
         self.nodes.iter().any(|node| node.id == id && node.is_lost)
     }
 
-    /// Processes a frame. Frames of other nodes or services change nothing.
+    /// Processes a received frame, and adds the resulting frames and events to `outputs`. Frames of other nodes or
+    /// services change nothing.
     pub fn take(&mut self, frame: &Frame, now: Moment, outputs: &mut Vec<Output>) {
         if let Some((id, state)) = NodeState::of(frame) {
             self.with(id, |node| {
@@ -137,7 +139,8 @@ impl Master {
         }
     }
 
-    /// Advances the time: starts nodes, checks heartbeat timeouts, sends SYNC.
+    /// Does the work that is due at `now`: starts nodes, checks heartbeat timeouts, sends SYNC. Adds the frames and
+    /// events to `outputs`.
     pub fn tick(&mut self, now: Moment, outputs: &mut Vec<Output>) {
         for node in &mut self.nodes {
             if node.care.start == Start::AtOnce && !node.is_started {
@@ -160,13 +163,13 @@ impl Master {
         }
     }
 
-    /// Returns the latest moment at which [`Master::tick`] must be called.
+    /// Returns the latest moment at which [`Master::tick`] must be called; `None` if it need not be called.
     pub fn due(&self) -> Option<Moment> {
         let sync = self.sync.map(|(_, due)| due);
         self.nodes.iter().filter_map(Node::due).chain(sync).min()
     }
 
-    /// Reports that the setup list of a node is written. The master then starts the node, if its condition is
+    /// Records that the setup list of a node was written. The master then starts the node, if its start condition is
     /// [`Start::WhenSetUp`].
     pub fn set_up(&mut self, id: NodeId, outputs: &mut Vec<Output>) {
         self.with(id, |node| {

@@ -27,8 +27,8 @@ pub enum NodeState {
 }
 
 impl NodeState {
-    /// Returns the node and its state; `None` if the frame is no heartbeat. The top bit is not part of the state: it
-    /// alternates if nodes are guarded.
+    /// Returns the node and its state; `None` if the frame is no heartbeat. The top bit of the state byte is ignored:
+    /// in the older node-guarding protocol it alternates.
     pub fn of(frame: &Frame) -> Option<(NodeId, NodeState)> {
         let node = NodeId::sender(frame, HEARTBEAT)?;
         let state = match frame.data().first()? & 0x7f {

@@ -1,10 +1,10 @@
 //! SDO client: reads or writes one entry of a node's object dictionary, frame by frame.
 //!
-//! The caller sends the returned frames, passes in the frames of [`Client::answers`], and reports a timeout. Only index
-//! and sub-index distinguish SDO transfers, and segments do not contain even those. The client therefore ignores a
-//! frame that cannot be the expected answer. After a transfer that ended without its last answer, the client first
-//! reads an entry that every node has. A node answers in order. When that answer arrives, no answer to an older
-//! transfer is under way, and none can be taken for the answer to the next one.
+//! The caller sends the returned frames, passes in the frames with the identifier [`Client::answers`], and reports a
+//! timeout. SDO transfers differ only in index and sub-index, and segments contain neither. The client therefore
+//! ignores a frame that cannot be the expected answer. After a transfer that ended without its last answer, the client
+//! first reads an entry that every node has. A node answers in order. When the answer to that read arrives, no answer
+//! to an older transfer can follow. None can then be taken for the answer to the next transfer.
 //!
 //! ```text
 //! read    40 index sub ─► ◄─ 43 index sub data                                     at most 4 bytes: expedited
@@ -28,11 +28,12 @@ pub fn identifiers(node: NodeId) -> [CanId; 2] {
     [node.identifier(REQUEST), node.identifier(ANSWER)]
 }
 
-/// Maximum number of bytes of an entry that is read: more than any value or name has.
+/// Maximum number of bytes of an entry that the client reads. All values and names of CANopen devices are shorter.
 pub const LONGEST: usize = 4096;
 
-/// Entries that the client reads in turn after a transfer without its last answer. CiA 301 requires them in every node.
-/// One entry alone is not enough: its own late answer would be taken for the answer to the next read.
+/// Entries that the client reads after a transfer without its last answer: one entry per such transfer, in rotation.
+/// CiA 301 requires them in every node. One entry alone is not enough: its own late answer would be taken for the
+/// answer to the next read of it.
 const SETTLERS: [Entry; 4] =
     [Entry::new(0x1000, 0), Entry::new(0x1001, 0), Entry::new(0x1018, 0), Entry::new(0x1018, 1)];
 
@@ -42,11 +43,11 @@ pub struct Client {
     node: NodeId,
     /// Transfer in progress; `None` between transfers.
     transfer: Option<Transfer>,
-    /// Whether an answer to an older transfer may still be under way.
+    /// Whether an answer to an older transfer may still arrive.
     is_unsettled: bool,
-    /// Transfer that begins when no such answer can be under way any more.
+    /// Transfer that begins when no answer to an older transfer can arrive any more.
     postponed: Option<Job>,
-    /// Index of the next entry of [`SETTLERS`] to read.
+    /// Index in [`SETTLERS`] of the entry that is read next.
     settler: usize,
 }
 
@@ -65,30 +66,33 @@ struct Transfer {
 
 #[derive(Clone, Debug)]
 enum Stage {
-    /// The first request was sent.
+    /// The first request was sent, and its answer is expected.
     Opening,
-    /// Segments are being received; the next one has this toggle bit.
+    /// The node sends segments; the next segment has this toggle bit.
     Reading { length: Option<usize>, bytes: Vec<u8>, toggle: bool },
-    /// Segments are being sent. The last one has this toggle bit; `sent` bytes were sent so far, including its own.
+    /// The client sends segments. The last segment sent has this toggle bit. `sent` counts all bytes sent, including
+    /// those of this segment.
     Writing { sent: usize, toggle: bool },
 }
 
-/// Result of an answer.
+/// Effect of an answer on the transfer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Progress {
-    /// Frame to send before the next answer.
+    /// Frame that the caller sends next; the transfer continues.
     Send(Frame),
-    /// First frame of the requested transfer: no older answer is under way any more.
+    /// First frame of the transfer that the caller requested. The reads before it are finished, so no answer to an
+    /// older transfer can arrive.
     Begin(Frame),
     /// The entry was read.
     Read(Data),
     /// The entry was written.
     Written,
-    /// The transfer failed. The frame, if any, must be sent: it aborts the transfer at the node.
+    /// The transfer failed with this fault. The caller sends the frame, if there is one: it aborts the transfer at the
+    /// node.
     Failed(Fault, Option<Frame>),
 }
 
-/// Data of an entry.
+/// Data that was read from an entry.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Data {
     bytes: Vec<u8>,
@@ -96,7 +100,7 @@ pub struct Data {
 }
 
 impl Client {
-    /// Returns a client of this node with its default identifiers.
+    /// Returns a client of this node with the identifiers 0x600 and 0x580 plus the node number.
     pub fn new(node: NodeId) -> Client {
         Client { node, transfer: None, is_unsettled: false, postponed: None, settler: 0 }
     }
@@ -117,7 +121,7 @@ impl Client {
         self.begin(Job { entry, data: Some(data.to_vec()) })
     }
 
-    /// Processes a frame. Returns `None` if it is not the expected answer; the client then waits on.
+    /// Processes a frame. Returns `None` if it is not the expected answer; the client continues to wait.
     pub fn take(&mut self, frame: &Frame) -> Option<Progress> {
         if frame.id() != self.answers() {
             return None;
@@ -188,7 +192,8 @@ impl Client {
         Some(self.abort(transfer.job.entry, AbortCode::TIMED_OUT))
     }
 
-    /// Records a frame that answers no request. If it is an answer of the node, more of them may be under way.
+    /// Records a received frame that answers no request. If it is an answer of the node, more such answers may follow,
+    /// so the client becomes unsettled.
     pub fn was_not_asked(&mut self, frame: &Frame) {
         self.is_unsettled |= frame.id() == self.answers();
     }
@@ -235,8 +240,8 @@ impl Client {
         Progress::Send(self.frame([0x60, 0, 0, 0, 0, 0, 0, 0]))
     }
 
-    /// Ends a transfer with its last answer. If a transfer was postponed, that answer shows that no older one is under
-    /// way, whatever its content, and the postponed transfer begins.
+    /// Ends a transfer with its last answer. If a transfer was postponed, it begins now: the answer shows that no older
+    /// answer can follow.
     fn ended(&mut self, progress: Progress) -> Progress {
         self.transfer = None;
         let Some(job) = self.postponed.take() else { return progress };
@@ -244,7 +249,8 @@ impl Client {
         Progress::Begin(self.open(job))
     }
 
-    /// Abandons the transfer because the answer violates the protocol, and aborts it at the node.
+    /// Abandons the transfer because the answer violates the protocol. Returns the frame that aborts the transfer at
+    /// the node.
     fn fail(&mut self, code: AbortCode) -> Progress {
         let entry = self.transfer.take().map(|transfer| transfer.job.entry);
         self.is_unsettled = true;
@@ -268,16 +274,16 @@ impl Client {
 }
 
 impl Data {
-    /// Returns the bytes in the order received, lowest first. If the node did not report the length, these are four
-    /// bytes, and some may have no meaning.
+    /// Returns the bytes in the order received, lowest first. If the node did not report the length, the result has
+    /// four bytes, and the higher ones may have no meaning.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }
 
-    /// Returns the bytes of a type with this width.
+    /// Returns the bytes of a value of `width` bytes.
     ///
     /// # Errors
-    /// The entry has another width.
+    /// The node reported another width for the entry.
     pub fn of_width(&self, width: usize) -> Result<&[u8], Fault> {
         let bytes =
             if self.is_sized { self.bytes.as_slice() } else { self.bytes.get(..width).unwrap_or_default() };
@@ -285,7 +291,7 @@ impl Data {
     }
 }
 
-/// Returns the segment of the written data that begins at `from`, and the start of the next one.
+/// Returns the frame with the segment of the written data that begins at `from`, and the start of the next segment.
 fn segment(data: &[u8], from: usize, toggle: bool) -> ([u8; 8], usize) {
     let until = data.len().min(from + 7);
     let part = &data[from..until];

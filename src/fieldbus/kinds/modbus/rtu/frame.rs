@@ -1,30 +1,32 @@
-//! RTU frames: requests as bytes, and the search for the answer in received bytes. This module is pure.
+//! RTU frames: requests as bytes, and the search for the answer in received bytes. The functions have no state and no
+//! input or output.
 //!
-//! Frames are separated by length and checksum, not by gaps. Adapters on USB and on the network divide and join frames
-//! as they like.
+//! Frames are separated by their length and checksum, not by gaps in time, because adapters on USB and on the network
+//! divide and join frames.
 
 use crate::fieldbus::kinds::modbus::pdu;
 use crate::fieldbus::kinds::modbus::reply_signature::ReplySignature;
 use crate::fieldbus::kinds::modbus::request::ModbusRequest;
 use isotherm_core::codec::{Table, checksum};
 
-/// Longest frame: unit, 253 bytes, checksum.
+/// Length in bytes of the longest frame: unit, 253 bytes, checksum.
 pub(super) const LONGEST: usize = 256;
-/// Bytes of unit and checksum.
+/// Number of bytes around the content of a frame: unit (1) and checksum (2).
 const AROUND: usize = 3;
-/// Bytes of a read request.
+/// Length in bytes of the frame of a read request.
 const QUESTION: usize = 8;
-/// Flag of an exception in the function code.
+/// Bit of the function code that marks an exception.
 const EXCEPTION: u8 = 0x80;
 
-/// Result of the search in the bytes received so far.
+/// Result of the search for a frame in the bytes received so far.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Reply {
-    /// Whole frame of the addressed unit: its protocol data unit, and the index of the byte after the frame.
+    /// Whole frame of the addressed unit: the range of its protocol data unit, and the index of the byte after the
+    /// frame.
     Own { pdu: std::ops::Range<usize>, end: usize },
-    /// Whole frame of another unit, up to this index.
+    /// Whole frame of another unit; `end` is the index of the byte after it.
     Foreign { end: usize },
-    /// No whole frame yet.
+    /// The bytes contain no whole frame yet.
     Incomplete,
 }
 
@@ -36,7 +38,7 @@ pub(super) fn request(unit: u8, request: ModbusRequest<'_>) -> Vec<u8> {
     bytes
 }
 
-/// Returns the lengths of the frames of a request and of its answer.
+/// Returns the lengths in bytes of the frames of a request and of its answer.
 pub(super) fn lengths(request: ModbusRequest<'_>) -> (usize, usize) {
     match request {
         ModbusRequest::Read { from, count } if from.table.is_bits() => {
@@ -48,7 +50,8 @@ pub(super) fn lengths(request: ModbusRequest<'_>) -> (usize, usize) {
     }
 }
 
-/// Returns whether an answer to this request could begin with the same bytes as the request.
+/// Returns whether the answer to this request could begin with the same bytes as the request, so that an echo could be
+/// mistaken for it.
 pub(super) fn is_like_its_answer(request: ModbusRequest<'_>) -> bool {
     match request {
         ModbusRequest::Read { from, .. } => matches!(from.table, Table::Coil | Table::Discrete),
@@ -57,18 +60,18 @@ pub(super) fn is_like_its_answer(request: ModbusRequest<'_>) -> bool {
     }
 }
 
-/// Finds the answer to a request like [`find`], but not inside an answer whose end is missing. Bytes of that answer may
-/// look like a frame.
+/// Searches for the answer to a request like [`find`], but not inside an answer of which the end is missing. Bytes
+/// inside such an answer may look like a frame.
 pub(super) fn find_answer(bytes: &[u8], unit: u8, request: ModbusRequest<'_>) -> Reply {
     find_before(bytes, unit, incomplete_answer(bytes, unit, request).unwrap_or(bytes.len()))
 }
 
-/// Finds a frame of `unit`, else one of another unit. Bytes before it are noise.
+/// Searches for a frame of `unit`; if there is none, for a frame of another unit. Bytes before the frame are noise.
 pub(super) fn find(bytes: &[u8], unit: u8) -> Reply {
     find_before(bytes, unit, bytes.len())
 }
 
-/// Returns the start of an answer to this request whose end is missing.
+/// Returns the index at which an answer to this request begins, if its end is still missing.
 fn incomplete_answer(bytes: &[u8], unit: u8, request: ModbusRequest<'_>) -> Option<usize> {
     let (_, length) = lengths(request);
     let mut begin = vec![unit];
@@ -82,7 +85,7 @@ fn incomplete_answer(bytes: &[u8], unit: u8, request: ModbusRequest<'_>) -> Opti
     (bytes.len().saturating_sub(length - 1)..bytes.len()).find(|start| bytes[*start..].starts_with(&begin))
 }
 
-/// Finds a frame that begins before this index.
+/// Searches for a frame of `unit` that begins before the index `before`.
 fn find_before(bytes: &[u8], unit: u8, before: usize) -> Reply {
     let frames = (0..before).filter_map(|start| whole(&bytes[start..]).map(|end| (start, start + end)));
     let mut foreign = Reply::Incomplete;
@@ -97,7 +100,8 @@ fn find_before(bytes: &[u8], unit: u8, before: usize) -> Reply {
     foreign
 }
 
-/// Returns all whole frames in order: unit, protocol data unit, and the index of the byte after the frame.
+/// Returns all whole answers in order: unit, range of the protocol data unit, and the index of the byte after the
+/// frame.
 pub(super) fn all(bytes: &[u8]) -> impl Iterator<Item = (u8, std::ops::Range<usize>, usize)> {
     let mut start = 0;
     std::iter::from_fn(move || {
@@ -120,7 +124,7 @@ pub(super) fn all(bytes: &[u8]) -> impl Iterator<Item = (u8, std::ops::Range<usi
 pub(super) struct Frame {
     pub(super) unit: u8,
     pub(super) pdu: std::ops::Range<usize>,
-    /// Whether the frame is a read request of another master.
+    /// Whether the frame is a read request, so that a master sent it.
     pub(super) is_question: bool,
 }
 
@@ -142,20 +146,20 @@ pub(super) fn frames(bytes: &[u8]) -> Vec<Frame> {
     frames
 }
 
-/// Returns whether the content of an answer is an exception. Noise and parts of frames sometimes look like its five
-/// bytes.
+/// Returns whether the content of an answer is an exception. Noise and parts of other frames sometimes look like such a
+/// frame, which has only five bytes.
 pub(super) fn is_exception(pdu: &[u8]) -> bool {
     pdu.first().is_some_and(|function| function & EXCEPTION != 0)
 }
 
-/// Returns the length of the read request at the start, if it is complete and its checksum is correct.
+/// Returns the length of the read request at the start of the bytes, if it is complete and its checksum is correct.
 fn whole_question(bytes: &[u8]) -> Option<usize> {
     let (body, sum) = bytes.get(..QUESTION)?.split_at(QUESTION - 2);
     ReplySignature::of_question(&body[1..])?;
     (checksum(body).to_le_bytes() == *sum).then_some(QUESTION)
 }
 
-/// Returns the length of the answer at the start, if it is complete and its checksum is correct.
+/// Returns the length of the answer at the start of the bytes, if it is complete and its checksum is correct.
 fn whole(bytes: &[u8]) -> Option<usize> {
     let data = match *bytes.get(1)? {
         function if function & EXCEPTION != 0 => 2,

@@ -1,5 +1,6 @@
-//! Read that is sent in one segment after another request (`pipeline = 2`). The device gets it while it executes the
-//! first one. The next request for the same read receives the answer. Its age counts from the time of sending.
+//! Read that is sent in one segment after another request (`pipeline = 2`). The device receives the read while it
+//! executes the first request. The next request for the same read returns this answer, whose age counts from the time
+//! at which the read was sent.
 
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::kinds::modbus::request::ModbusRequest;
@@ -7,15 +8,16 @@ use crate::fieldbus::send_guard::SendGuard;
 use crate::fieldbus::wire::{Answer, Request};
 use isotherm_core::quantity::Moment;
 
-/// Read that is sent directly after another request, without waiting for its answer. There is at most one.
+/// Read that is sent directly after another request, without waiting for the answer to that request. At most one such
+/// read is open.
 #[derive(Debug, Default)]
 pub(super) struct FollowUpRead {
-    /// Read to send after the next request.
+    /// Unit and read to send after the next request; `None`: no read.
     next: Option<(u8, ModbusRequest<'static>)>,
     open: Option<SentRead>,
 }
 
-/// Read that was sent.
+/// Read that was sent directly after another request.
 #[derive(Debug)]
 struct SentRead {
     unit: u8,
@@ -26,8 +28,8 @@ struct SentRead {
 }
 
 impl FollowUpRead {
-    /// Sets the read to send after the next request. `None` means no read. While one is unanswered, no other is
-    /// accepted.
+    /// Sets the unit and the read to send after the next request. `None` means no read. A new read is ignored while an
+    /// earlier one is unanswered.
     pub(super) fn ask(&mut self, read: Option<(u8, Request<'static>)>) {
         let is_free = self.unanswered().is_none();
         self.next = match read {
@@ -36,7 +38,7 @@ impl FollowUpRead {
         };
     }
 
-    /// Returns whether a read is sent after the next request, or is unanswered.
+    /// Returns whether a read is to be sent after the next request, or was sent and is unanswered.
     pub(super) fn is_under_way(&self) -> bool {
         self.next.is_some() || self.unanswered().is_some()
     }
@@ -55,19 +57,19 @@ impl FollowUpRead {
         self.open = Some(SentRead { unit, request, transaction, asked, answer: None });
     }
 
-    /// Returns the transaction number, unit and request of the unanswered read.
+    /// Returns the transaction number, unit and request of the unanswered read; `None` if no read is unanswered.
     pub(super) fn unanswered(&self) -> Option<(u16, u8, ModbusRequest<'static>)> {
         let open = self.open.as_ref().filter(|open| open.answer.is_none())?;
         Some((open.transaction, open.unit, open.request))
     }
 
-    /// Returns the unit, request and time of sending of the unanswered read.
+    /// Returns the unit, request and time of sending of the unanswered read; `None` if no read is unanswered.
     pub(super) fn unanswered_since(&self) -> Option<(u8, Request<'static>, Moment)> {
         let open = self.open.as_ref().filter(|open| open.answer.is_none())?;
         Some((open.unit, Request::Modbus(open.request), open.asked))
     }
 
-    /// Takes the unanswered read, if `request` is that read. Returns its transaction number and its time of sending.
+    /// Removes the unanswered read, if `request` is that read. Returns its transaction number and its time of sending.
     pub(super) fn take_unanswered(&mut self, unit: u8, request: ModbusRequest<'_>) -> Option<(u16, Moment)> {
         let is_it =
             |open: &mut SentRead| open.answer.is_none() && (open.unit, open.request) == (unit, request);
@@ -81,8 +83,8 @@ impl FollowUpRead {
         }
     }
 
-    /// Returns the answer and the time of sending, if `request` is the read that was sent and is answered. An answer
-    /// that was not requested within the timeout is discarded.
+    /// Returns the stored answer and its time of sending, if `request` is the read that was sent and answered. A stored
+    /// answer is discarded if its request was sent longer ago than the timeout.
     pub(super) fn take(
         &mut self,
         unit: u8,

@@ -1,7 +1,7 @@
-//! Browsing of a server's nodes for users: child nodes and attributes. It only reads.
+//! Browsing of a server's nodes for users: child nodes and attributes. This module only reads.
 //!
-//! It browses one node at a time, and accepts its references in several answers. The limits of a server on nodes,
-//! references and continuation points are therefore never exceeded.
+//! The browser requests the child nodes of one node at a time, and accepts them in several answers. It therefore never
+//! exceeds a limit of the server on nodes, references or continuation points.
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::time::Duration;
@@ -25,20 +25,20 @@ use super::{OPENING, OpcUaDial, fault};
 use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
 use crate::fieldbus::kinds::opcua::fault::OpcUaFault;
 
-/// Attributes in one call. The answer stays far below the largest message.
+/// Maximum number of attributes that are read in one call. The answer stays far below the largest permitted message.
 const AT_ONCE: usize = 500;
-/// Node classes to list: objects and variables. Methods and types have no value.
+/// Node classes to list, as bits: objects (1) and variables (2). Methods and types have no value to read.
 const CLASSES: u32 = 1 | 2;
-/// All fields of a reference.
+/// Result mask of a browse request: all fields of a reference.
 const FIELDS: u32 = 63;
 const VARIABLE: i32 = 2;
 const SCALAR: i32 = -1;
-/// Bits of the access level of a user.
+/// Bits of the attribute UserAccessLevel.
 const MAY_READ: u8 = 1;
 const MAY_WRITE: u8 = 2;
-/// Maximum length of a text; a longer one is cut.
+/// Maximum number of characters of a displayed text; the rest is cut off.
 const LONGEST: usize = 60;
-/// Attributes that are read of every node.
+/// Attributes that the browser reads of every node.
 const ATTRIBUTES: [AttributeId; 5] = [
     AttributeId::NodeClass,
     AttributeId::DisplayName,
@@ -47,28 +47,28 @@ const ATTRIBUTES: [AttributeId; 5] = [
     AttributeId::UserAccessLevel,
 ];
 
-/// Session with a server for browsing.
+/// Session with an OPC UA server for browsing.
 pub struct Browser {
     link: Link,
     session: Session,
     timeout: Duration,
-    /// Maximum number of attributes in one call.
+    /// Maximum number of attributes that the server accepts in one call.
     most: usize,
 }
 
-/// Node with its attributes.
+/// Node with the attributes that are displayed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Described {
-    /// Identifier, as in a profile.
+    /// Node identifier, written as in a profile.
     pub node: String,
-    /// Depth below the first node.
+    /// Number of levels below the first node.
     pub depth: usize,
     /// Display name of the node on the server.
     pub name: String,
     /// Value and type, if the node is a variable.
     #[serde(flatten)]
     pub variable: Option<Value>,
-    /// Status of the value, or the reason why the attributes cannot be read.
+    /// Status of the value; or the reason why the attributes cannot be read.
     #[serde(serialize_with = "in_text")]
     pub status: Status,
 }
@@ -76,33 +76,33 @@ pub struct Described {
 /// Value and type of a variable.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Value {
-    /// Type in the terms of OPC UA; empty if it is unknown.
+    /// Type by its OPC UA name, for example `Double`; empty if it is unknown.
     pub kind: String,
-    /// Type in the terms of a profile; `None` if it is no number.
+    /// Type by its name in a profile; `None` if the value is no number.
     #[serde(rename = "type", serialize_with = "in_a_word")]
     pub data_type: Option<DataType>,
     /// Whether the variable is an array.
     pub is_array: bool,
-    /// Whether this user may read the variable.
+    /// Whether the user of this session may read the variable.
     pub is_readable: bool,
-    /// Whether this user may write the variable.
+    /// Whether the user of this session may write the variable.
     pub is_writable: bool,
-    /// Value as text.
+    /// Value as text; `None` if the server sent none.
     pub value: Option<String>,
 }
 
-/// Node and its descendants, in depth-first order.
+/// Result of browsing: a node and its descendants.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Tree {
-    /// First node, followed by its descendants.
+    /// First node, followed by its descendants in depth-first order.
     pub nodes: Vec<Described>,
-    /// Whether there are more nodes than requested.
+    /// Whether the server has more nodes below than were listed.
     pub is_cut: bool,
-    /// Namespace URIs of the nodes, by index, without the namespace of OPC UA.
+    /// Namespace URIs of the nodes by index, except the namespace of OPC UA itself.
     pub namespaces: BTreeMap<u16, String>,
 }
 
-/// Node that was found.
+/// Node that was found while browsing, with its depth and the positions of its child nodes in the list.
 struct FoundNode {
     id: NodeId,
     depth: usize,
@@ -118,10 +118,10 @@ fn in_a_word<S: Serializer>(data_type: &Option<DataType>, serializer: S) -> Resu
 }
 
 impl Browser {
-    /// Logs in with the settings of the profile.
+    /// Opens a session with the server, with the settings and the user of this bus in the profile.
     ///
     /// # Errors
-    /// The reason why the login failed.
+    /// The reason why no session could be opened.
     pub async fn open(bus: &Bus) -> Result<Browser, Fault> {
         let opening = tokio::time::timeout(bus.timeout + OPENING, Browser::opened(bus));
         opening.await.unwrap_or(Err(Fault::Timeout))
@@ -139,11 +139,11 @@ impl Browser {
         Ok(Browser { link, session, timeout, most: limits.read.min(AT_ONCE) })
     }
 
-    /// Browses the nodes from `first` down to `depth` levels, at most `most` of them. Nodes that OPC UA itself defines
-    /// are listed, but browsed only if one of them is the first.
+    /// Browses the nodes from `first` down to `depth` levels, and lists at most `most` of them. Nodes that OPC UA
+    /// itself defines (such as `Server`) are listed, but their child nodes are only browsed if `first` is such a node.
     ///
     /// # Errors
-    /// There is no such node, or the line fails.
+    /// The node `first` does not exist, or the connection fails.
     pub async fn tree(&mut self, first: &codec::NodeId, depth: usize, most: usize) -> Result<Tree, Fault> {
         let namespaces = self.session.namespaces();
         let first = namespaces.node_id(first)?.ok_or(Fault::Status(Status::NO_SUCH_NODE))?;
@@ -190,10 +190,10 @@ impl Browser {
         })
     }
 
-    /// Reads the attributes of each of these nodes.
+    /// Reads the attributes and the values of these nodes.
     ///
     /// # Errors
-    /// The line fails.
+    /// The connection fails.
     pub async fn describe(&mut self, nodes: &[codec::NodeId]) -> Result<Vec<Described>, Fault> {
         let namespaces = self.session.namespaces();
         let ids: Result<Vec<Option<NodeId>>, Fault> =
@@ -212,12 +212,12 @@ impl Browser {
         Ok(each.collect())
     }
 
-    /// Closes the session, so that the server can use its place again.
+    /// Closes the session, so that the server can give it to another client.
     pub async fn close(mut self) {
         self.session.close(&mut self.link).await;
     }
 
-    /// Returns at most `room` child nodes of a node, and whether there are more.
+    /// Returns at most `room` child nodes of a node, and whether the server has more.
     async fn below(&mut self, id: &NodeId, room: usize) -> Result<(Vec<NodeId>, bool), Fault> {
         let browse = BrowseDescription {
             node_id: id.clone(),
@@ -255,7 +255,7 @@ impl Browser {
         }
     }
 
-    /// Releases a continuation point at the server.
+    /// Releases a continuation point, which the server would otherwise keep for an unfinished browse.
     async fn release(&mut self, point: ByteString) -> Result<(), Fault> {
         if point.is_null_or_empty() {
             return Ok(());
@@ -323,7 +323,7 @@ fn attribute_of(id: &NodeId, attribute: AttributeId) -> ReadValueId {
     ReadValueId { node_id: id.clone(), attribute_id: attribute as u32, ..Default::default() }
 }
 
-/// Builds the description of a node from its [`ATTRIBUTES`]. The value is read later.
+/// Builds the description of a node from its [`ATTRIBUTES`]. The value is not read yet.
 fn described(id: &NodeId, found: &[DataValue]) -> Described {
     let value = |place: usize| found.get(place).and_then(|found| found.value.as_ref());
     let number = |place: usize| match value(place) {
@@ -353,8 +353,8 @@ fn described(id: &NodeId, found: &[DataValue]) -> Described {
     Described { node: id.to_string(), depth: 0, name, variable, status: Status(status.bits()) }
 }
 
-/// Sets the value of a node and its type. The type of the value is more reliable than the data type, which may be
-/// derived.
+/// Sets the value of a node, and the type of that value. This type is more reliable than the attribute DataType, which
+/// may name a derived type.
 fn hold(node: &mut Described, value: DataValue) {
     node.status = Status(value.status.unwrap_or_default().bits());
     let (Some(variable), Some(value)) = (&mut node.variable, value.value) else { return };

@@ -1,4 +1,4 @@
-//! Reading of certificates for a comparison by the user, and creation of a certificate for the gateway.
+//! Certificates: their content, for a comparison by the user, and creation of a certificate for the gateway.
 
 use std::fmt::Write;
 use std::time::Duration;
@@ -29,30 +29,31 @@ use x509_cert::time::{Time, Validity};
 
 use super::files::{application, certificate};
 
-/// Key length in bits. Every policy accepts it, and the computer of every control can process it.
+/// Key length in bits. Every supported security policy accepts it, and even the computer of a small control can process
+/// it.
 const KEY_BITS: usize = 2048;
-/// Time before its creation at which a certificate becomes valid, because the clock of a control may be slow.
+/// Time by which the start of the validity is earlier than the creation, because the clock of a control may be slow.
 const EARLIER: Duration = Duration::from_hours(24);
-/// TLS client authentication, which OPC UA requires of a client.
+/// Object identifier of the extended key usage "TLS client authentication", which OPC UA requires of a client.
 const OF_A_CLIENT: ObjectIdentifier = ObjectIdentifier::new_unwrap("1.3.6.1.5.5.7.3.2");
 const SHA1_DIGITS: usize = 40;
 const SHA256_DIGITS: usize = 64;
 
-/// Content of a certificate.
+/// Content of a certificate, as far as users compare it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Certificate {
     /// Subject of the certificate, as text.
     pub subject: String,
-    /// URI of the application in the certificate.
+    /// URI of the OPC UA application in the certificate; `None` if it names none.
     pub application: Option<String>,
-    /// SHA-1 digest, which servers and their browsers display.
+    /// SHA-1 digest of the certificate, which servers and OPC UA browsers display.
     pub thumbprint: String,
-    /// SHA-256 digest, which newer programs display.
+    /// SHA-256 digest of the certificate, which newer programs display.
     pub sha256: String,
-    /// Start of the validity, RFC 3339.
+    /// Start of the validity.
     #[serde(serialize_with = "in_text")]
     pub from: Moment,
-    /// End of the validity, RFC 3339.
+    /// End of the validity.
     #[serde(serialize_with = "in_text")]
     pub to: Moment,
     /// Whole certificate in DER form.
@@ -73,7 +74,8 @@ fn in_text<S: serde::Serializer>(at: &Moment, serializer: S) -> Result<S::Ok, S:
 }
 
 impl Certificate {
-    /// Reads a certificate in DER or PEM form. In DER form, the certificates of its authorities may follow.
+    /// Reads a certificate in DER or PEM form; returns `None` if it is unreadable. In DER form, the certificates of its
+    /// authorities may follow.
     pub fn read(bytes: &[u8]) -> Option<Certificate> {
         let parsed = first(bytes).or_else(|| certificate(bytes))?;
         let der = parsed.to_der().ok()?;
@@ -124,7 +126,7 @@ impl Certificate {
     /// Returns whether `text` is the thumbprint of the certificate, SHA-1 or SHA-256, in any usual notation.
     ///
     /// # Errors
-    /// A sentence, if the text is no thumbprint.
+    /// A sentence for the user, if the text is no thumbprint.
     pub fn has_thumbprint(&self, text: &str) -> Result<bool, String> {
         let text = text.trim();
         let digits = text.strip_prefix("0x").unwrap_or(text);
@@ -144,7 +146,7 @@ impl Certificate {
     }
 }
 
-/// Returns the first certificate of a sequence.
+/// Returns the first of several certificates in DER form.
 fn first(bytes: &[u8]) -> Option<X509> {
     let mut reader = SliceReader::new(bytes).ok()?;
     Parsed::decode(&mut reader).ok()?;
@@ -152,17 +154,17 @@ fn first(bytes: &[u8]) -> Option<X509> {
     X509::from_der(bytes.get(..end)?).ok()
 }
 
-/// Formats digits in pairs: `5F3A…` as `5F:3A:…`.
+/// Formats hexadecimal digits in pairs: `5F3A…` as `5F:3A:…`.
 fn in_pairs(digits: &str) -> String {
     let digits = digits.to_uppercase();
     let pairs = digits.as_bytes().chunks(2).map(String::from_utf8_lossy);
     pairs.collect::<Vec<_>>().join(":")
 }
 
-/// Creates a self-signed certificate for this subject, application and host, with its key.
+/// Creates a certificate for this subject, application URI and host, signed with its own key. Returns it with that key.
 ///
 /// # Errors
-/// A sentence, if a name is not allowed in a certificate or there are no random numbers.
+/// A sentence for the user, if a name is not allowed in a certificate, or the system provides no random numbers.
 pub fn make(
     subject: &str,
     application: &str,
@@ -216,7 +218,7 @@ fn signed(
     Ok(builder.build()?.to_der()?)
 }
 
-/// Encodes a time as RFC 5280 requires: short form until 2049, long form after that.
+/// Encodes a time as RFC 5280 requires: UTCTime until 2049, GeneralizedTime after that.
 fn time(at: Moment) -> Result<Time, x509_cert::der::Error> {
     let seconds = Duration::from_secs(at.as_nanos() / 1_000_000_000);
     match UtcTime::from_unix_duration(seconds) {

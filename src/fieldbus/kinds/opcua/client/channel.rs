@@ -1,4 +1,5 @@
-//! Secure channel on a socket of the gateway. It processes events only while a caller waits for an answer.
+//! Secure channel of OPC UA on a socket of the gateway. The channel processes its events only while a caller waits for
+//! an answer.
 
 use std::future::Future;
 use std::pin::pin;
@@ -21,21 +22,22 @@ use tokio_util::codec::FramedRead;
 use super::chunks::Chunks;
 use super::panic_guard::contained;
 
-/// Requested lifetime of the keys in milliseconds. The library renews them before a request, once three quarters of it
-/// have passed.
+/// Requested lifetime of the keys in milliseconds. The library renews the keys with the first request after three
+/// quarters of this time.
 const LIFETIME: u32 = 600_000;
-/// Largest chunk and message of this end. A read of a thousand nodes is far below.
+/// Largest chunk and message that the gateway accepts, in bytes. The answer to a read of a thousand nodes is far
+/// smaller.
 const CHUNK: usize = 65_535;
 const MESSAGE: usize = 4_000_000;
 const CHUNKS: usize = 100;
 
-/// Maximum number of elements in a list, enough for a message of this size. A list needs far more memory than bytes
-/// sent.
+/// Maximum number of elements in a received list. A message of the permitted size has no more; the limit matters
+/// because a decoded list needs far more memory than its bytes.
 const ELEMENTS: usize = 65_535;
 
 type Transport = StreamTransport<Chunks<ReadHalf<TcpStream>>, WriteHalf<TcpStream>>;
 
-/// Returns a channel to this endpoint, not open yet.
+/// Returns a channel to this endpoint. The channel is not open yet.
 pub(super) fn secured(endpoint: &EndpointDescription) -> AsyncSecureChannel {
     // The certificate store of the library is not used, because certificates come with the profile.
     let store = Arc::new(RwLock::new(CertificateStore::new(std::path::Path::new(""))));
@@ -61,7 +63,7 @@ pub(super) fn secured(endpoint: &EndpointDescription) -> AsyncSecureChannel {
     AsyncSecureChannel::new(store, info, never, true, Arc::default(), config, LIFETIME, context)
 }
 
-/// Open socket, with the certificate of the gateway.
+/// Open socket, with the certificate that the gateway sends on it.
 pub(super) struct Socket {
     url: String,
     stream: Mutex<Option<TcpStream>>,
@@ -122,7 +124,7 @@ pub(super) struct Link {
     pub(super) channel: Arc<AsyncSecureChannel>,
     events: SecureChannelEventLoop<Transport>,
     state: Arc<SecureChannelState>,
-    /// Whether the library has panicked in this channel.
+    /// Whether the library has panicked in this channel, so that the channel must not be used again.
     is_broken: bool,
 }
 
@@ -139,7 +141,7 @@ impl Link {
         Ok(Link { channel, events, state, is_broken: false })
     }
 
-    /// Waits for an answer, and processes the events of the socket meanwhile.
+    /// Waits for an answer. While it waits, it processes the events of the socket.
     pub(super) async fn ask<T>(
         &mut self,
         answer: impl Future<Output = Result<T, Error>>,
@@ -168,7 +170,8 @@ impl Link {
         }
     }
 
-    /// Returns whether the other end has closed the idle channel. Messages received meanwhile answer no request.
+    /// Returns whether the other end has closed the idle channel. Messages that have arrived answer no request, and are
+    /// discarded.
     pub(super) async fn is_closed(&mut self) -> bool {
         if self.is_broken {
             return true;
@@ -192,18 +195,18 @@ impl Link {
         }
     }
 
-    /// Returns whether the next request would first renew the keys.
+    /// Returns whether the library would renew the keys of the channel before the next request.
     pub(super) fn is_due_for_new_keys(&self) -> bool {
         self.state.secure_channel().read().should_renew_security_token()
     }
 
-    /// Sets the nonce of the server for the next signature over its session.
+    /// Sets the nonce (random number) of the server, which the next signature of its session must include.
     pub(super) fn set_nonce(&self, nonce: &::opcua::types::ByteString) -> Result<(), Error> {
         self.state.secure_channel().write().set_remote_nonce_from_byte_string(nonce)
     }
 }
 
-/// Returns the longest time that the library waits for an answer. The line gives up before.
+/// Returns the longest time that the library waits for an answer: twice the timeout, so that the line gives up first.
 pub(super) const fn patience(timeout: Duration) -> Duration {
     timeout.saturating_mul(2)
 }

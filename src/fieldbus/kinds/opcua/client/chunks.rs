@@ -1,4 +1,5 @@
-//! Limit on the chunks that a server sends. The library would buffer the length in a header, up to four gigabytes.
+//! Limit on the length of the chunks that a server sends. Without it, the library would allocate the length that a
+//! chunk header states, up to four gigabytes.
 
 use std::io::{Error, ErrorKind, Result};
 use std::pin::Pin;
@@ -6,18 +7,18 @@ use std::task::{Context, Poll, ready};
 
 use tokio::io::{AsyncRead, ReadBuf};
 
-/// Length of a chunk header: message type, three bytes; whether more follows, one byte; total length, 32 bits, lowest
-/// byte first.
+/// Length in bytes of a chunk header: message type (three bytes), whether another chunk follows (one byte), total
+/// length of the chunk (32 bits, lowest byte first).
 const HEADER: usize = 8;
 
-/// Reader that passes its input on, and fails at a chunk longer than `longest`.
+/// Reader that returns the bytes of its input unchanged, and fails at a chunk longer than `longest`.
 pub(super) struct Chunks<R> {
     inner: R,
     longest: usize,
     header: [u8; HEADER],
-    /// Bytes of the header so far.
+    /// Number of header bytes read so far.
     known: usize,
-    /// Bytes of the chunk that are still to come.
+    /// Number of bytes of the present chunk that are still to be read.
     rest: usize,
 }
 

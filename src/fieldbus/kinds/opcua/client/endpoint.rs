@@ -1,4 +1,4 @@
-//! Choice of an endpoint: the strongest one that both ends support, among those that the profile allows.
+//! Choice of an endpoint: the strongest that server and gateway support, among those that the profile allows.
 
 use ::opcua::client::IdentityToken;
 use ::opcua::crypto::SecurityPolicy;
@@ -7,12 +7,12 @@ use isotherm_profile::Security;
 
 use super::user_kind;
 
-/// Supported security policies, the strongest first. Policies with SHA-1 are broken, and not included.
+/// Supported security policies, the strongest first. Policies with SHA-1 are broken, and therefore not supported.
 const POLICIES: [SecurityPolicy; 3] =
     [SecurityPolicy::Aes256Sha256RsaPss, SecurityPolicy::Aes128Sha256RsaOaep, SecurityPolicy::Basic256Sha256];
 
-/// Returns the strongest endpoint with this security that accepts this kind of user. It keeps only the strongest way to
-/// log in. An endpoint without encryption is never chosen if the profile requires encryption.
+/// Returns the strongest endpoint with this security that accepts this kind of user. The result has only the strongest
+/// method to log in. Returns `None` if no endpoint fits.
 pub(super) fn choose(
     endpoints: Vec<EndpointDescription>,
     security: Security,
@@ -29,8 +29,8 @@ pub(super) fn choose(
     ranked.min_by_key(|(rank, _)| *rank).map(|(_, endpoint)| endpoint)
 }
 
-/// Returns how this user logs in, and its rank, the strongest first. An omitted policy is that of the endpoint (OPC UA
-/// Part 4, UserTokenPolicy); the library would use none.
+/// Returns the strongest method by which this user can log in at the endpoint, and its rank (0 is the strongest). A
+/// method that names no policy uses that of the endpoint (OPC UA Part 4, UserTokenPolicy); the library would use none.
 fn token(endpoint: &EndpointDescription, user: &IdentityToken) -> Option<(usize, UserTokenPolicy)> {
     let kind = user_kind(user);
     let offered = endpoint.user_identity_tokens.iter().flatten().filter(|token| token.token_type == kind);
@@ -56,7 +56,8 @@ fn token(endpoint: &EndpointDescription, user: &IdentityToken) -> Option<(usize,
 }
 
 /// Returns whether the signed list of endpoints leads to the same choice. The first list was requested without
-/// protection, and an attacker may have removed stronger endpoints. An empty signed list is accepted.
+/// protection, so an attacker may have removed stronger endpoints from it. A signed list without a fitting endpoint is
+/// accepted.
 pub(super) fn is_confirmed(
     chosen: &EndpointDescription,
     signed: Vec<EndpointDescription>,
@@ -74,12 +75,12 @@ pub(super) fn is_confirmed(
     choose(signed.collect(), security, user).is_none_or(|again| way(&again) == way(chosen))
 }
 
-/// Returns whether the gateway supports this endpoint.
+/// Returns whether the gateway supports the protocol and the security policy of this endpoint.
 pub(super) fn is_spoken(endpoint: &EndpointDescription) -> bool {
     is_binary(endpoint) && rank(endpoint).is_some()
 }
 
-/// Returns the protection of the endpoint's messages.
+/// Returns how the endpoint protects messages; `None` for a mode that OPC UA does not define.
 pub(super) fn security_of(endpoint: &EndpointDescription) -> Option<Security> {
     match endpoint.security_mode {
         MessageSecurityMode::None => Some(Security::None),
@@ -89,7 +90,8 @@ pub(super) fn security_of(endpoint: &EndpointDescription) -> Option<Security> {
     }
 }
 
-/// Returns the rank among the endpoints with the same security, the strongest first; `None` if it is not supported.
+/// Returns the rank of the endpoint among those with the same security; 0 is the strongest. Returns `None` if its
+/// policy is not supported.
 fn rank(endpoint: &EndpointDescription) -> Option<usize> {
     let policy = SecurityPolicy::from_uri(endpoint.security_policy_uri.as_ref());
     match security_of(endpoint)? {

@@ -1,4 +1,5 @@
-//! Files that a profile names for an OPC UA line: certificate and user of the gateway, and trusted certificates.
+//! Files that a profile names for an OPC UA line: the gateway's certificate, the certificate of its user, and the
+//! trusted certificates.
 
 use ::opcua::client::IdentityToken;
 use ::opcua::crypto::{PrivateKey, X509};
@@ -11,28 +12,28 @@ use crate::clock::Clock;
 use crate::fieldbus::kinds::opcua::fault::OpcUaFault;
 use isotherm_profile::{NamedFile, OpcUa, ProfileError, User};
 
-/// Application URI of a gateway without a certificate.
+/// Application URI that the gateway reports if it has no certificate.
 const APPLICATION: &str = "urn:isotherm:gateway";
 
-/// Certificates, keys and passwords that the profile names, as parsed.
+/// Parsed certificates, keys and passwords of an OPC UA line.
 pub(super) struct Files {
     pub(super) own: Option<(X509, PrivateKey)>,
     pub(super) user: IdentityToken,
     trusted: Vec<Vec<u8>>,
-    /// Application URI in the certificate, which servers compare.
+    /// Application URI of the gateway. Servers compare it with the URI in the certificate.
     pub(super) application: String,
 }
 
-/// Returns the mistakes in the files of a line.
+/// Returns the mistakes in the files that an OPC UA line names.
 pub(in crate::fieldbus) fn wrong(line: &OpcUa) -> Vec<ProfileError> {
     Files::read(line).err().unwrap_or_default()
 }
 
 impl Files {
-    /// Reads the files of a line.
+    /// Reads the files that an OPC UA line names.
     ///
     /// # Errors
-    /// The mistakes in each of them.
+    /// All mistakes in these files.
     pub(super) fn read(line: &OpcUa) -> Result<Files, Vec<ProfileError>> {
         let mut wrong = Vec::new();
         let own = line.own.as_ref().and_then(|(cert, key)| pair(cert, key, &mut wrong));
@@ -40,8 +41,8 @@ impl Files {
             None => APPLICATION.to_owned(),
             Some(((cert, _), (parsed, _))) => application(parsed).unwrap_or_else(|| {
                 wrong.push(cert.invalid(
-                    "the certificate names no application: its subjectAltName needs a URI, because servers \
-                     compare the URI",
+                    "the certificate contains no application URI, which servers check: add it as a URI to its \
+                     subjectAltName",
                 ));
                 String::new()
             }),
@@ -82,7 +83,7 @@ impl Files {
         }
     }
 
-    /// Checks that the certificate is trusted and valid now.
+    /// Checks that the server's certificate is trusted, and is valid now.
     pub(super) fn trusts(&self, shown: &[u8]) -> Result<(), OpcUaFault> {
         // The certificates of the server's authorities may follow its own.
         let shown = self.trusted.iter().find(|known| shown.starts_with(known));
@@ -103,7 +104,7 @@ fn in_its_time(cert: &X509) -> Result<(), OpcUaFault> {
     }
 }
 
-/// Returns a certificate and its key.
+/// Returns a certificate with its private key. Adds mistakes to `wrong`, and then returns `None`.
 fn pair(cert: &NamedFile, key: &NamedFile, wrong: &mut Vec<ProfileError>) -> Option<(X509, PrivateKey)> {
     let parsed = certificate(&cert.bytes);
     if parsed.is_none() {

@@ -1,4 +1,5 @@
-//! Namespaces of a server: the index of each URI, and the present identifiers of the nodes in a profile.
+//! Namespaces of an OPC UA server: the index of each URI, and the identifiers that the nodes of a profile have at
+//! present.
 
 use std::sync::Arc;
 
@@ -8,7 +9,7 @@ use isotherm_core::codec::{self, Identifier, Namespace};
 use crate::fieldbus::error::{CallerFault, Fault};
 use crate::fieldbus::kinds::opcua::namespaces::NamespaceTable;
 
-/// Namespaces of a server when the connection was opened.
+/// Namespaces that the server had when the connection was opened.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Namespaces {
     /// Namespace URIs of the server; the position is the index.
@@ -18,8 +19,8 @@ pub(super) struct Namespaces {
 }
 
 impl Namespaces {
-    /// Reads the NamespaceArray of the server. Any other value has no URIs. Then only nodes that are named by an index
-    /// are found, and only if no URI is stored for it.
+    /// Reads the NamespaceArray of the server. If `array` is no list of texts, no URI is known. Then only nodes that
+    /// are named by an index are found, and only if no URI is stored for that index.
     pub(super) fn of(array: Option<&Variant>, table: &NamespaceTable) -> Namespaces {
         let uri = |value: &Variant| match value {
             Variant::String(uri) => uri.as_ref().to_owned(),
@@ -33,7 +34,8 @@ impl Namespaces {
         Namespaces { uris: table.array(), table: table.clone() }
     }
 
-    /// Returns the index of a namespace; `None` if the server does not have its URI, or has it twice.
+    /// Returns the index of a namespace at the server; `None` if the server does not have its URI, or has the URI
+    /// twice.
     fn index(&self, namespace: &Namespace) -> Option<u16> {
         let uri = match namespace {
             Namespace::Index(index) => return self.table.index(*index),
@@ -49,12 +51,13 @@ impl Namespaces {
         self.table.clone()
     }
 
-    /// Returns the URI of an index.
+    /// Returns the namespace URI at this index of the server.
     pub(super) fn uri(&self, index: u16) -> Option<&str> {
         self.uris.get(usize::from(index)).map(String::as_str).filter(|uri| !uri.is_empty())
     }
 
-    /// Returns the identifier of a node in the library; `None` if the server does not have its namespace.
+    /// Returns the identifier of a node in the type of the library; `None` if the server does not have the node's
+    /// namespace.
     ///
     /// # Errors
     /// The identifier is invalid.

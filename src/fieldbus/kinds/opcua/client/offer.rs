@@ -14,24 +14,24 @@ use crate::fieldbus::error::Fault;
 /// One endpoint of a server.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Offer {
-    /// URL, as the server reports it.
+    /// URL of the endpoint, as the server reports it.
     pub url: String,
-    /// Matching `security` of a profile; `None` if OPC UA does not define the mode.
+    /// Value of `security` in a profile that matches this endpoint; `None` if OPC UA does not define its mode.
     pub security: Option<Security>,
     /// Security policy, for example `Basic256Sha256`.
     pub policy: String,
     /// Whether the gateway supports the endpoint.
     pub is_spoken: bool,
-    /// Accepted kinds of users: `anonymous`, `password`, `certificate`.
+    /// Kinds of users that the endpoint accepts: `anonymous`, `password`, `certificate`.
     pub users: Vec<&'static str>,
     /// Certificate of the server.
     pub certificate: Option<Certificate>,
 }
 
-/// Returns the endpoints of the server at this URL.
+/// Queries the endpoints of the server at this URL.
 ///
 /// # Errors
-/// The reason why there is no answer.
+/// The reason why the server did not answer.
 pub async fn offers(url: &str, timeout: Duration) -> Result<Vec<Offer>, Fault> {
     let asked = tokio::time::timeout(timeout + OPENING, offered(url, timeout)).await;
     Ok(asked.unwrap_or(Err(Fault::Timeout))?.iter().map(offer).collect())

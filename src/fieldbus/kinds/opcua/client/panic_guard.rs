@@ -1,4 +1,4 @@
-//! Containment of panics in the OPC UA library, which some input of a peer can cause. Such a panic is a fault of this
+//! Containment of panics in the OPC UA library. Some input from a peer can cause a panic; it then is a fault of this
 //! line, and must not end the gateway.
 
 use std::future::Future;
@@ -7,10 +7,10 @@ use std::task::Poll;
 
 use isotherm_core::border::{Panicked, beyond};
 
-/// Runs work of the library.
+/// Runs a future of the library, and catches its panic.
 ///
 /// # Errors
-/// The work panicked. Its data must not be used again.
+/// The future panicked. The data that it used must not be used again.
 pub(super) async fn contained<T>(work: impl Future<Output = T>) -> Result<T, Panicked> {
     let mut work = pin!(work);
     std::future::poll_fn(|context| match beyond(|| work.as_mut().poll(context)) {

@@ -18,44 +18,44 @@ use super::subscription::{Subscribed, ValueState, subscribe, unsubscribe};
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::wire::NodeReading;
 
-/// Subscriptions on one connection.
+/// Subscriptions on one connection, and their Publish requests.
 #[derive(Default)]
 pub(super) struct Publishing {
     of: Vec<(Subscription, State)>,
-    /// Publish requests in the order of sending, which is the order of their answers.
+    /// Publish requests in the order in which they were sent. The server answers them in this order.
     waiting: VecDeque<Waiting>,
     news: Option<String>,
 }
 
 enum State {
     Sent(Subscribed),
-    /// The server refuses the subscription, or is too slow. The nodes are read instead.
+    /// The server refuses the subscription, or its values would be too old. The line polls the nodes instead.
     Refused,
 }
 
-/// Publish request without an answer so far.
+/// Publish request that the server has not answered yet.
 struct Waiting {
     asked: Moment,
     answer: Pin<Box<dyn Future<Output = Result<PublishResponse, Error>> + Send>>,
 }
 
-/// Latest values of the nodes of a subscription.
+/// Latest values of the nodes of a subscription, or the reason why there are none.
 pub(super) enum Latest {
-    /// All values are known.
+    /// The values of all nodes are known.
     Known(Vec<NodeReading>),
-    /// Some values are unknown: the nodes must be read.
+    /// Some values are not known: the line must read the nodes.
     Unknown,
-    /// The nodes are not subscribed to.
+    /// The nodes are not subscribed to yet, or must be subscribed to again.
     New,
-    /// The server has not sent anything within the promised time.
+    /// The server has not sent a message within the promised time.
     Silent,
 }
 
 impl Publishing {
-    /// Processes the answers that have arrived. Keeps one request per subscription waiting at the server.
+    /// Processes the answers that have arrived. Sends new requests, so that one per subscription waits at the server.
     ///
     /// # Errors
-    /// The connection or the session has ended.
+    /// The connection or the session is no longer usable.
     pub(super) async fn take_in(
         &mut self,
         link: &mut Link,
@@ -84,7 +84,7 @@ impl Publishing {
         }
     }
 
-    /// Processes an answer. Returns whether the server has more to send at once.
+    /// Processes an answer, or its error. Returns whether the server has more values to send at once.
     fn receive(
         &mut self,
         answered: Result<PublishResponse, Error>,
@@ -135,7 +135,8 @@ impl Publishing {
         });
     }
 
-    /// Sends the requests that are missing at the server, with acknowledgements.
+    /// Sends Publish requests until one per subscription waits at the server. The requests acknowledge the received
+    /// messages.
     async fn ask(&mut self, link: &mut Link, session: &Session, now: Moment) -> Result<(), Error> {
         let sent = || self.of.iter().filter_map(|(_, state)| state.sent());
         // A silent subscription is detected before this timeout.
@@ -187,16 +188,17 @@ impl Publishing {
         }
     }
 
-    /// Returns whether the nodes may have to be subscribed to, which takes long.
+    /// Returns whether the line may have to subscribe to the nodes, which takes longer than an answer.
     pub(super) fn may_take_long(&self, asked: &Subscription) -> bool {
         let is_whole = |state: &State| !state.sent().is_some_and(|sent| sent.lacks);
         !self.of.iter().any(|(of, state)| of == asked && is_whole(state))
     }
 
-    /// Subscribes to these nodes. If the server refuses, or is too slow, they are read from now on.
+    /// Subscribes to these nodes. If the server refuses, or the values could become older than `max_age`, the line
+    /// polls the nodes from now on.
     ///
     /// # Errors
-    /// The server does not answer.
+    /// The server does not answer, or the connection has ended.
     pub(super) async fn subscribe(
         &mut self,
         link: &mut Link,
@@ -241,7 +243,8 @@ impl Publishing {
         self.ask(link, session, now).await
     }
 
-    /// Ends unused subscriptions at the server: those of an earlier connection, lost ones and slow ones.
+    /// Deletes unused subscriptions at the server: those of an earlier connection, those with missing messages, and
+    /// those that the line replaced by polling.
     async fn end_others(&mut self, link: &mut Link, session: &Session) -> Result<(), Error> {
         let is_kept =
             |id: &u32| self.of.iter().any(|(_, state)| state.sent().is_some_and(|sent| sent.id == *id));
@@ -253,7 +256,7 @@ impl Publishing {
         unsubscribe(link, session, others).await
     }
 
-    /// Returns the news about a subscription, once.
+    /// Returns a sentence about the last change of a subscription, once.
     pub(super) fn news(&mut self) -> Option<String> {
         self.news.take()
     }

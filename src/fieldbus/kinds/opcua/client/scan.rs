@@ -1,4 +1,4 @@
-//! Endpoints of an OPC UA server, with their users and its certificate, also as lines of a profile.
+//! Endpoints of an OPC UA server, with the users that it accepts and its certificate, also as lines for a profile.
 
 use std::time::Duration;
 
@@ -42,7 +42,7 @@ pub(in crate::fieldbus::kinds::opcua) fn report(
     })
 }
 
-/// Formats the endpoints, one line each.
+/// Formats the endpoints as text, one line each.
 fn table(offers: &[Offer]) -> String {
     let width = offers.iter().map(|offer| offer.policy.len()).max().unwrap_or(0);
     let lines = offers.iter().map(|Offer { security, policy, is_spoken, users, .. }| {
@@ -54,7 +54,8 @@ fn table(offers: &[Offer]) -> String {
     lines.collect()
 }
 
-/// Strongest security with which the gateway could log in to the server, with some kind of user.
+/// Returns the strongest security with which the gateway could log in to the server with some kind of user; `None` if
+/// there is none.
 fn strongest(offers: &[Offer]) -> Option<Security> {
     let order = [Security::SignAndEncrypt, Security::Sign, Security::None];
     let offered = |security: &Security| {
@@ -68,7 +69,7 @@ fn lets_in(offers: &[Offer], security: Security, user: &str) -> bool {
     fitting.flat_map(|offer| &offer.users).any(|known| *known == user)
 }
 
-/// Profile lines for the user, if the server does not accept anonymous users.
+/// Returns lines for a profile with a user, if the server does not accept anonymous users; otherwise nothing.
 fn user(offers: &[Offer], security: Security) -> &'static str {
     if lets_in(offers, security, "anonymous") {
         return "";
@@ -84,7 +85,7 @@ fn user(offers: &[Offer], security: Security) -> &'static str {
     }
 }
 
-/// Security as a profile writes it.
+/// Returns the word for a kind of security in a profile.
 const fn word(security: Security) -> &'static str {
     match security {
         Security::None => "none",

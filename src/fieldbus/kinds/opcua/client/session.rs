@@ -22,12 +22,12 @@ use crate::fieldbus::error::Fault;
 use crate::fieldbus::kinds::opcua::fault::OpcUaFault;
 use crate::fieldbus::kinds::opcua::namespaces::NamespaceTable;
 
-/// Lifetime in milliseconds of a session without requests at the server. A gateway that was killed occupies a session
-/// as long.
+/// Time in milliseconds after which the server ends a session without requests. The session of a gateway that was
+/// killed occupies the server for this time.
 const LIFETIME: f64 = 60_000.0;
 const NONCE: usize = 32;
 
-/// OPC UA session. Clones share it.
+/// OPC UA session. Clones share its data.
 #[derive(Clone)]
 pub(super) struct Session {
     application: String,
@@ -38,26 +38,26 @@ pub(super) struct Session {
 /// Data of a session at the server.
 #[derive(Clone)]
 struct ServerSession {
-    /// Authentication token in each request.
+    /// Authentication token, which each request of the session contains.
     token: NodeId,
-    /// Nonce for the next signature.
+    /// Random number of the server that the next signature must include.
     nonce: ByteString,
-    /// Subscriptions in the session that were not deleted yet.
+    /// Subscriptions of the session that the gateway has not deleted yet.
     subscriptions: Vec<u32>,
     /// Namespaces of the server.
     namespaces: Namespaces,
 }
 
-/// Endpoint of a server, and the identity of the gateway there.
+/// Endpoint of a server, and the identity with which the gateway logs in to it.
 #[derive(Clone, Copy)]
 pub(super) struct Login<'a> {
     pub(super) endpoint: &'a EndpointDescription,
-    /// Certificate of the gateway, and its key.
+    /// Certificate of the gateway with its private key.
     pub(super) own: Option<&'a (X509, PrivateKey)>,
     pub(super) user: &'a IdentityToken,
 }
 
-/// Maximum number of nodes in one call.
+/// Maximum number of nodes that the server accepts in one call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Limits {
     pub(super) read: usize,
@@ -89,7 +89,7 @@ pub(super) fn header(token: &NodeId, handle: u32, timeout: Duration) -> RequestH
     RequestHeader { timeout_hint, ..RequestHeader::new(token, &DateTime::now(), handle) }
 }
 
-/// Returns the error of a message that is not the expected answer.
+/// Returns the error of a message that is not the expected answer: the status of the server, if the message has one.
 pub(super) fn refused(answer: &ResponseMessage) -> Error {
     let status = match answer {
         ResponseMessage::ServiceFault(fault) => fault.response_header.service_result,
@@ -99,27 +99,27 @@ pub(super) fn refused(answer: &ResponseMessage) -> Error {
 }
 
 impl Session {
-    /// Returns a session of this application that is not created yet.
+    /// Returns a session of this application that does not exist at the server yet.
     pub(super) fn none(application: String, timeout: Duration) -> Session {
         Session { application, timeout, held: Arc::default() }
     }
 
-    /// Returns whether the server has the session, as far as is known.
+    /// Returns whether the gateway has a session at the server and knows of no end of it.
     pub(super) fn is_alive(&self) -> bool {
         self.held().is_some()
     }
 
-    /// Records that the server does not have the session any more.
+    /// Records that the session no longer exists at the server.
     pub(super) fn is_over(&self) {
         self.hold(None);
     }
 
-    /// Returns the authentication token.
+    /// Returns the authentication token of the session.
     pub(super) fn token(&self) -> NodeId {
         self.held().map_or(NodeId::null(), |held| held.token)
     }
 
-    /// Returns the longest time that the library waits for an answer.
+    /// Returns the longest time that the library waits for an answer in this session.
     pub(super) fn patience(&self) -> Duration {
         patience(self.timeout)
     }
@@ -136,7 +136,7 @@ impl Session {
         self.held.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Resumes the session on a new channel.
+    /// Resumes the session on a new channel, and logs in again.
     pub(super) async fn take_up(&self, link: &mut Link, login: Login<'_>) -> Result<(), Error> {
         let held = self.held().ok_or_else(|| Error::new(StatusCode::BadSessionClosed, "there is none"))?;
         self.activate(link, login, held).await
@@ -215,7 +215,7 @@ impl Session {
         Ok(())
     }
 
-    /// Closes the session, and with it its subscriptions.
+    /// Closes the session at the server, together with its subscriptions.
     pub(super) async fn close(&self, link: &mut Link) {
         let channel = link.channel.clone();
         let close = CloseSession::new_manual(0, self.patience(), self.token(), channel.request_handle());
@@ -224,7 +224,7 @@ impl Session {
         self.is_over();
     }
 
-    /// Reads how many nodes the server accepts in one call. Without a limit of the server, all are accepted.
+    /// Reads how many nodes the server accepts in one call. If the server has no limit, the result is unlimited.
     pub(super) async fn limits(&self, link: &mut Link) -> Result<Limits, Fault> {
         let read = VariableId::Server_ServerCapabilities_OperationLimits_MaxNodesPerRead;
         let write = VariableId::Server_ServerCapabilities_OperationLimits_MaxNodesPerWrite;
@@ -243,7 +243,7 @@ impl Session {
         Ok(most.unwrap_or(usize::MAX))
     }
 
-    /// Reads the namespaces of the server, and updates the table.
+    /// Reads the namespaces of the server, and sets them in `table`.
     pub(super) async fn read_namespaces(&self, link: &mut Link, table: &NamespaceTable) -> Result<(), Error> {
         let array = self.value(link, VariableId::Server_NamespaceArray).await;
         let namespaces = Namespaces::of(array?.as_ref(), table);
@@ -253,12 +253,12 @@ impl Session {
         Ok(())
     }
 
-    /// Returns the namespaces of the server when the connection was opened.
+    /// Returns the namespaces that the server had when the connection was opened.
     pub(super) fn namespaces(&self) -> Namespaces {
         self.lock().as_ref().map_or_else(Namespaces::default, |held| held.namespaces.clone())
     }
 
-    /// Reads one of the server's own variables.
+    /// Reads the value of a variable that OPC UA defines for every server; `None` if the server has no value for it.
     async fn value(&self, link: &mut Link, variable: VariableId) -> Result<Option<Variant>, Error> {
         let channel = link.channel.clone();
         let read = Read::new_manual(0, OPENING, self.token(), channel.request_handle())
@@ -268,19 +268,19 @@ impl Session {
         Ok(found.into_iter().next().and_then(|found| found.value))
     }
 
-    /// Records a new subscription in this session.
+    /// Records a new subscription of this session.
     pub(super) fn subscribes(&self, id: u32) {
         if let Some(held) = self.lock().as_mut() {
             held.subscriptions.push(id);
         }
     }
 
-    /// Returns the subscriptions in the session, including those of earlier connections.
+    /// Returns the subscriptions of the session, including those made on earlier connections.
     pub(super) fn subscriptions(&self) -> Vec<u32> {
         self.held().map_or_else(Vec::new, |held| held.subscriptions)
     }
 
-    /// Records that these subscriptions are deleted.
+    /// Records that these subscriptions were deleted.
     pub(super) fn forgets(&self, ids: &[u32]) {
         if let Some(held) = self.lock().as_mut() {
             held.subscriptions.retain(|id| !ids.contains(id));
@@ -288,7 +288,7 @@ impl Session {
     }
 }
 
-/// Returns the request for the value of a node.
+/// Returns the read request for the value of a node.
 pub(super) fn value_of(node_id: NodeId) -> ReadValueId {
     ReadValueId {
         node_id,

@@ -1,4 +1,4 @@
-//! Conversion of errors of the library and the server to faults.
+//! Conversion of errors of the library and of status codes of the server to faults.
 
 use ::opcua::types::{Error, StatusCode};
 use isotherm_core::reading::Status;
@@ -7,7 +7,7 @@ use crate::fieldbus::error::{Fault, LinkFault, Outcome, PeerFault};
 use crate::fieldbus::kinds::opcua::fault::OpcUaFault;
 use crate::fieldbus::wire::Answer;
 
-/// Returns the fault for an error while a session is opened.
+/// Returns the fault for an error that occurred while a session was opened.
 pub(super) fn dial_fault(error: &Error) -> Fault {
     use OpcUaFault as Why;
     let why = match error.status() {
@@ -36,7 +36,7 @@ pub(super) fn dial_fault(error: &Error) -> Fault {
     Fault::Link(LinkFault::OpcUa(why))
 }
 
-/// Returns whether the message violates the protocol.
+/// Returns whether the error means that the message violates the protocol.
 fn is_not_understood(error: &Error) -> bool {
     matches!(
         error.status(),
@@ -49,7 +49,7 @@ fn is_not_understood(error: &Error) -> bool {
     )
 }
 
-/// Returns whether the session has ended, or its channel.
+/// Returns whether the error means that the session or its channel has ended.
 pub(super) fn is_of_the_session(error: &Error) -> bool {
     matches!(
         error.status(),
@@ -57,7 +57,7 @@ pub(super) fn is_of_the_session(error: &Error) -> bool {
     )
 }
 
-/// Returns the fault for a call without a usable answer.
+/// Returns the fault for a call that got no usable answer.
 pub(super) fn call_fault(error: &Error) -> Fault {
     match error.status() {
         _ if is_of_the_session(error) => Fault::BROKEN,
@@ -76,8 +76,8 @@ pub(super) fn call_fault(error: &Error) -> Fault {
     }
 }
 
-/// Returns the result of a call that writes these nodes. It is done if each node was written. It is not done only if
-/// the status of each node proves that.
+/// Returns the result of a call that wrote several nodes, from the status of each. The result is `Done` if every node
+/// was written. [`Outcome::NotDone`] requires that every status proves that its node was not written.
 pub(super) fn all_written(said: &[Status]) -> Result<Answer, Fault> {
     let mut refused = said.iter().zip(1..).filter(|(status, _)| !status.is_good());
     let Some((&status, place)) = refused.clone().next() else { return Ok(Answer::Done) };

@@ -1,15 +1,15 @@
-//! Values of a device's nodes that a server sends by subscription, and their age.
+//! Values that a server sends by subscription, and their age.
 //!
 //! ```text
 //! a poll ─► messages since the last one ─► one more Publish request ─► the latest values
 //! ```
 //!
-//! - A message answers a Publish request. Its content was valid after that request was sent, so the age counts from
-//!   there. A value that is not in the message has not changed, if the server has nothing more to send.
-//! - If the age counts from the time stamps of the source, the server also sends a value for a new stamp alone.
-//!   Otherwise it reports that nothing has changed, and that may be as old as its sampling period.
-//! - After a missing message, or an end of the subscription by the server, its values are discarded. The nodes are
-//!   read, and subscribed to again.
+//! - A message answers a Publish request. The values were valid after that request was sent, so their age counts from
+//!   then. A value that is not in the message has not changed, provided that the server has nothing more to send.
+//! - If the age counts from the source time stamps, the server also sends a value if only its time stamp is new.
+//!   Otherwise the server reports that nothing has changed, and this report may be as old as its sampling period.
+//! - After a missing message, or if the server ends the subscription, its values are discarded. The line then reads the
+//!   nodes, and subscribes to them again.
 
 use std::time::Duration;
 
@@ -31,68 +31,70 @@ use super::value::{reading, since};
 use crate::fieldbus::kinds::opcua::namespaces::NamespaceTable;
 use crate::fieldbus::wire::{NodeReading, Stamped};
 
-/// Maximum number of nodes in one call. Any server accepts a request of this size.
+/// Maximum number of nodes in one subscribe call. Any server accepts a request of this size.
 const AT_ONCE: usize = 100;
-/// Time without a request after which a server drops a subscription.
+/// Time without a Publish request after which a server deletes a subscription.
 const LIFETIME: Duration = Duration::from_secs(60);
-/// Minimum of that time, in periods.
+/// Minimum of [`LIFETIME`], in publishing intervals.
 const LEAST: u32 = 30;
-/// Pause before missing nodes are subscribed to again: the server may have them by then.
+/// Pause before the line subscribes again because some nodes were missing. The server may have them by then.
 const AGAIN: Duration = Duration::from_secs(60);
 
-/// Subscription at the server.
+/// Subscription that exists at the server.
 pub(super) struct Subscribed {
     pub(super) id: u32,
-    /// Last value of each node; for a node that the server does not have, its status.
+    /// Last value of each node; `None` before its first value. A node that the server does not have gets its status
+    /// here.
     values: Vec<Option<DataValue>>,
-    /// Number of the next message with values, once one has arrived.
+    /// Expected number of the next message with values; `None` before the first message.
     next: Option<u32>,
-    /// Last message after which the server had nothing more to send.
+    /// Last message after which the server had nothing more to send; `None` before it.
     confirmed: Option<Confirmed>,
-    /// Time of the last message. `made` is the time of the subscription.
+    /// Time of the last message. `made` is the time at which the subscription was created.
     heard: Moment,
     made: Moment,
-    /// Whether the server does not have all of the nodes.
+    /// Whether the server does not have some of the nodes.
     pub(super) lacks: bool,
-    /// Namespaces of the nodes, and their number of changes at the time of the subscription.
+    /// Namespaces of the nodes, and the number of their changes when the subscription was created.
     namespaces: (NamespaceTable, u64),
-    /// Longest time without a message that the server has promised.
+    /// Longest time between two messages that the server has promised, with an allowance for the transmission.
     pub(super) patience: Duration,
-    /// Greatest age of a value that the server reports as unchanged.
+    /// Sampling period of the server: greatest age of a value that it reports as unchanged.
     sampling: Duration,
-    /// Messages that are not acknowledged yet.
+    /// Numbers of the messages that are not acknowledged yet.
     received: Vec<u32>,
 }
 
-/// Message after which all values are known.
+/// Message after which the values of all nodes are current.
 #[derive(Clone, Copy)]
 struct Confirmed {
-    /// Time at which its request was sent.
+    /// Time at which the Publish request of the message was sent.
     asked: Moment,
-    /// Time of sending, by the server's clock. `lay` is how long the message waited before that.
+    /// Time at which the server sent the message, by the server's clock. `lay` is the time that the message waited at
+    /// the server before that.
     sent: DateTime,
     lay: Duration,
 }
 
-/// State of a subscription after a message.
+/// State of the values of a subscription after a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ValueState {
-    /// All values are known as of this message.
+    /// The server has nothing more to send: all values are current.
     All,
-    /// The server has more to send.
+    /// The server has more values to send at once.
     More,
     /// A message is missing, or the server has ended the subscription with this status.
     Lost(Option<StatusCode>),
 }
 
-/// Periods that a server has set in place of the requested ones.
+/// Periods that the server grants, which may differ from the requested ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Revised {
-    /// Publishing interval.
+    /// Publishing interval: period at which the server sends messages.
     interval: Duration,
-    /// Longest time until the server reports that there is nothing to send.
+    /// Longest time after which the server sends a message although no value has changed.
     pub(super) alive: Duration,
-    /// Longest sampling period of a node.
+    /// Longest sampling period among the nodes.
     sampling: Duration,
 }
 
@@ -103,7 +105,7 @@ impl Revised {
         Revised { interval, alive, sampling: Duration::ZERO }
     }
 
-    /// Describes a server that is slower than requested; `None` if it is not.
+    /// Returns a sentence if the server sends or samples more slowly than requested; otherwise `None`.
     pub(super) fn news(&self, asked: &Subscription) -> Option<String> {
         let is_slower = |span: Duration| span > asked.every + asked.every / 10;
         if is_slower(self.interval) {
@@ -114,8 +116,8 @@ impl Revised {
         })
     }
 
-    /// Returns the greatest age of a value without disturbances. It includes sampling, sending, and two periods of the
-    /// polls.
+    /// Returns the greatest age that a value can reach in normal operation. It includes sampling, sending, and two
+    /// periods of the polls.
     pub(super) fn oldest(&self, asked: &Subscription) -> Duration {
         let sent = if asked.by_stamp { self.interval } else { self.alive };
         self.sampling + sent + asked.every * 2
@@ -126,7 +128,7 @@ fn milliseconds(span: f64) -> Duration {
     Duration::try_from_secs_f64(span / 1000.0).unwrap_or(Duration::ZERO)
 }
 
-/// Subscribes to these nodes.
+/// Creates a subscription to these nodes. Returns it with the periods that the server grants.
 ///
 /// # Errors
 /// The server does not answer, or refuses the subscription.
@@ -213,7 +215,7 @@ fn without_value(status: StatusCode) -> DataValue {
     DataValue { status: Some(status), ..DataValue::null() }
 }
 
-/// Returns whether the server refuses the subscription, without a fault of the node.
+/// Returns whether the server refuses the subscription as a whole. Other refusals concern only one node.
 fn is_of_the_subscription(status: StatusCode) -> bool {
     matches!(
         status,
@@ -225,7 +227,7 @@ fn is_of_the_subscription(status: StatusCode) -> bool {
     )
 }
 
-/// Returns the request for the newest value of a node. `place` identifies the node in messages.
+/// Returns the request to monitor one node, with a queue of its newest value. `place` identifies the node in messages.
 fn item(node: NodeId, place: usize, asked: &Subscription) -> Option<MonitoredItemCreateRequest> {
     let trigger =
         if asked.by_stamp { DataChangeTrigger::StatusValueTimestamp } else { DataChangeTrigger::StatusValue };
@@ -243,7 +245,7 @@ fn item(node: NodeId, place: usize, asked: &Subscription) -> Option<MonitoredIte
     })
 }
 
-/// Deletes subscriptions at the server that are not used any more, for example those of an earlier connection.
+/// Deletes subscriptions at the server that are no longer used, for example those of an earlier connection.
 ///
 /// # Errors
 /// The server does not answer.
@@ -256,7 +258,7 @@ pub(super) async fn unsubscribe(link: &mut Link, session: &Session, ids: Vec<u32
 }
 
 impl Subscribed {
-    /// Processes a message. `asked` is the time at which its request was sent.
+    /// Processes a message. `asked` is the time at which the Publish request of the message was sent.
     pub(super) fn receive(&mut self, answer: PublishResponse, asked: Moment, now: Moment) -> ValueState {
         let message = answer.notification_message;
         let parts = message.notification_data.unwrap_or_default();
@@ -295,7 +297,7 @@ impl Subscribed {
         ValueState::All
     }
 
-    /// Returns the numbers of the messages since the last call.
+    /// Returns the numbers of the messages that arrived since the last call, for their acknowledgement.
     pub(super) fn received(&mut self) -> Vec<u32> {
         std::mem::take(&mut self.received)
     }
@@ -305,13 +307,14 @@ impl Subscribed {
         now.since(self.heard) > self.patience
     }
 
-    /// Returns whether to subscribe again: a missing node may exist by now, or a namespace has another index.
+    /// Returns whether the line must subscribe again, because a missing node may exist now or a namespace has another
+    /// index.
     pub(super) fn must_be_recreated(&self, now: Moment) -> bool {
         let (table, changes) = &self.namespaces;
         table.changes() != *changes || self.lacks && now.since(self.made) >= AGAIN
     }
 
-    /// Returns the latest reading of each node; `None` until all are known.
+    /// Returns the latest reading of each node; `None` until all values are known.
     pub(super) fn readings(&self, asked: &Subscription) -> Option<Vec<NodeReading>> {
         let Confirmed { asked: left, sent, lay } = self.confirmed?;
         let of_a_node = |(node, value): (&_, &Option<DataValue>)| {

@@ -8,13 +8,13 @@ use isotherm_core::reading::{Reason, Status};
 
 use crate::fieldbus::wire::{NodeReading, Stamped};
 
-/// Largest difference between two correct clocks.
+/// Largest time difference between two clocks that both count as correct.
 const APART: Duration = Duration::from_secs(1);
-/// Ticks of OPC UA time in a second; one tick is 100 ns.
+/// Number of ticks of OPC UA time in a second; one tick is 100 ns.
 const TICKS: u64 = 10_000_000;
 
-/// Returns the reading of a node. `answered` is the time of the answer by the server's clock. The server's own stamp of
-/// a value is not used, because some servers set it on arrival of the value.
+/// Returns the reading of a node. `answered` is the time of the answer by the server's clock. The server time stamp of
+/// the value is not used, because some servers set it when the value arrives at them.
 pub(super) fn reading(node: &Node, value: &DataValue, answered: DateTime) -> NodeReading {
     let status = value.status.unwrap_or_default();
     let stamped = match value.source_timestamp {
@@ -29,7 +29,8 @@ pub(super) fn reading(node: &Node, value: &DataValue, answered: DateTime) -> Nod
     NodeReading { value: scalar.and_then(|scalar| node.registers(scalar)), stamped, asked: None }
 }
 
-/// Returns the time between two stamps in ticks. `source` may be slightly later, because clocks differ.
+/// Returns the time between two stamps, which are in ticks. `source` may be slightly later than `server`, because their
+/// clocks differ.
 pub(super) fn since(source: i64, server: i64) -> Stamped {
     let ticks = source.abs_diff(server);
     let apart = Duration::from_secs(ticks / TICKS) + Duration::from_nanos(100 * (ticks % TICKS));
@@ -40,7 +41,7 @@ pub(super) fn since(source: i64, server: i64) -> Stamped {
     }
 }
 
-/// Returns the number in a value; `None` if it is no number.
+/// Returns the number in a value of OPC UA; `None` if it is no number.
 fn scalar(value: &Variant) -> Option<Scalar> {
     let (data_type, bits) = match value {
         Variant::Boolean(value) => (DataType::Bool, u64::from(*value)),
@@ -59,7 +60,7 @@ fn scalar(value: &Variant) -> Option<Scalar> {
     Some(Scalar { data_type, bits })
 }
 
-/// Formats a value for display.
+/// Formats a value as text for users.
 pub(super) fn for_people(value: &Variant) -> String {
     match value {
         Variant::LocalizedText(text) => text.to_string(),
@@ -87,7 +88,7 @@ pub(super) fn number_type(kind: VariantScalarTypeId) -> Option<DataType> {
     })
 }
 
-/// Returns a value in the type of its node; `None` if OPC UA has no such type.
+/// Returns a number as a value of OPC UA with the type of its node; `None` if OPC UA has no such type.
 pub(super) fn variant(Scalar { data_type, bits }: Scalar) -> Option<Variant> {
     let [a, b, c, d, ..] = bits.to_le_bytes();
     let (byte, word, double) = (a, u16::from_le_bytes([a, b]), u32::from_le_bytes([a, b, c, d]));

@@ -55,7 +55,7 @@ impl OpcUa {
         }
     }
 
-    /// Returns the values that the server has sent, if all are known. Otherwise reads the nodes.
+    /// Returns the values that the server has sent by subscription, if all are known. Otherwise reads the nodes.
     async fn latest(&mut self, asked: &Subscription, send_guard: &mut SendGuard) -> Result<Answer, Fault> {
         let now = send_guard.leave()?;
         let OpcUa { link, session, publishing, .. } = self;
@@ -76,7 +76,7 @@ impl OpcUa {
     }
 
     /// Reads nodes, in as many calls as the limit of the server requires. The age of all values counts from the first
-    /// call. Nodes whose namespace the server does not have are not sent.
+    /// call. A node whose namespace the server does not have is not requested.
     async fn read(&mut self, nodes: &[Node], send_guard: &mut SendGuard) -> Result<Answer, Fault> {
         let namespaces = self.session.namespaces();
         let known: Result<Vec<Option<NodeId>>, Fault> =
@@ -103,8 +103,8 @@ impl OpcUa {
         Ok(Answer::Nodes(each.collect()))
     }
 
-    /// Writes each value in the type of its node, all in one call. Values have no time and no quality, because many
-    /// servers accept none.
+    /// Writes each value with the type of its node, all in one call. The values are sent without a time and a quality,
+    /// because many servers accept neither.
     async fn write(
         &mut self,
         nodes: &[Node],
@@ -155,8 +155,8 @@ impl OpcUa {
         Ok((answer.results.unwrap_or_default(), answer.response_header.timestamp))
     }
 
-    /// Renews the keys of the channel. The library does so before a request, if it is due. A separate request avoids a
-    /// delay between the last clock sample and the actual request.
+    /// Renews the keys of the channel, if that is due. The library would otherwise renew them after the last clock
+    /// sample, and so delay the request itself.
     async fn renew_keys(&mut self) -> Result<(), Fault> {
         let state = value_of(VariableId::Server_ServerStatus_State.into());
         self.call(vec![state], TimestampsToReturn::Neither).await.map(|_| ())
@@ -170,7 +170,7 @@ impl OpcUa {
     }
 }
 
-/// Returns the reading of a node whose namespace the server does not have.
+/// Returns the reading of a node whose namespace the server does not have: its status is "no such node".
 fn not_there() -> NodeReading {
     NodeReading { value: Err(Reason::Status(Status::NO_SUCH_NODE.0)), stamped: Stamped::Unknown, asked: None }
 }
@@ -200,7 +200,8 @@ impl Wire for OpcUa {
         self.publishing.news()
     }
 
-    /// An exchanged or restarted server does not have the session, which shows the break.
+    /// Returns [`Ending::Kept`]: if the server was exchanged or restarted, it does not have the session any more. The
+    /// next connection detects this break.
     fn ending(&mut self) -> Ending {
         Ending::Kept
     }
