@@ -11,6 +11,7 @@
 //! - [`host_and_port`]: addresses. [`safe_file`]: files named by a user. `control_chars`: safe display of foreign
 //!   texts.
 //! - `template`, `dbc`: device templates and DBC files.
+//! - `key_context`: a key that is being checked, with its errors and warnings.
 //! - `tables`: one file for each table of the profile: its keys, checks, resolved form, and preview.
 //! - `written_places`: the places that a gateway writes to.
 //! - [`plan`], [`preview`]: read requests of a device; the document of `isotherm check`.
@@ -29,6 +30,7 @@ mod duration;
 mod error;
 mod files;
 mod host_port;
+mod key_context;
 mod load;
 mod merge;
 mod overridden_keys;

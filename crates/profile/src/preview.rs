@@ -8,6 +8,7 @@ use std::fmt;
 use serde::Serialize;
 
 use crate::document::{Section, entries};
+use crate::plan::summary;
 use crate::tables::axis::model::uniform_temperature::UniformTemperature;
 use crate::tables::bus::Transport;
 use crate::tables::label::labelled;
@@ -34,7 +35,10 @@ impl Preview {
         let devices = profile.devices.iter().enumerate();
         let preview = |(place, device): (usize, &Device)| {
             let id = DeviceId(place);
-            (device.bus, device.preview(profile, id, checks::preview(profile, id, device)))
+            let requests = profile.register_requests(id);
+            let polled = requests.iter().map(|request| request.preview(profile)).collect();
+            let polls = (summary(&requests), polled);
+            (device.bus, device.preview(profile, id, polls, checks::preview(profile, id, device)))
         };
         let devices: Vec<(BusId, Section)> = devices.map(preview).collect();
         let mut section = Section::default();

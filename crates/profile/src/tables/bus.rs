@@ -259,13 +259,13 @@ impl Bus {
 }
 
 impl RawBus {
-    pub(super) fn resolve(&self, at: &KeyContext<'_>, name: &str) -> Option<Bus> {
+    pub(super) fn resolve(&self, check: &Check<'_>, at: &KeyContext<'_>, name: &str) -> Option<Bus> {
         let quirks =
             self.quirks.as_ref().map_or_else(Quirks::default, |quirks| quirks.over(Quirks::default()));
         let timeout = at.key("timeout").duration(self.timeout);
         let timeout = timeout.unwrap_or_else(|| match self.kind {
             Some(BusType::Sysfs) => sysfs::TIMEOUT,
-            _ => at.check.periods.timeout(name),
+            _ => check.periods.timeout(name),
         });
         let Some(kind) = self.kind else {
             // The type has an error. The other keys are checked nevertheless.

@@ -108,19 +108,22 @@ pub(super) enum Sender {
 }
 
 impl RawPdo {
-    /// Resolves process data of a device: identifier, and bits of the value.
-    pub(super) fn resolve(&self, at: &KeyContext<'_>, device: &str, sender: Sender) -> Option<Field> {
+    /// Resolves process data of a device with this name and node: identifier, and bits of the value.
+    pub(super) fn resolve(
+        &self,
+        at: &KeyContext<'_>,
+        (device, node): (&str, Option<u8>),
+        sender: Sender,
+    ) -> Option<Field> {
         let bits = bits(at, (self.start, self.length), ByteOrder::Intel, (self.signed, self.float), CLASSIC);
         let id = match (self.cob_id, self.number) {
             (Some(id), None) => CanId::standard(id),
             (None, Some(number)) => {
-                let node = at.check.at("device").key(device).key("node");
-                if !node.is_written() {
+                if !at.top("device").key(device).key("node").is_written() {
                     let help = format!("write node = 5 at device `{device}`, or `cob_id` here");
                     at.key("number").invalid("`number` needs a CANopen node", help);
                 }
-                let node = at.check.raw.device.get(device)?.node?;
-                CanId::standard(sender.usual_identifier(number, node))
+                CanId::standard(sender.usual_identifier(number, node?))
             }
             (Some(_), Some(_)) => {
                 let message = "`cob_id` and `number` exclude each other: both name the frame";
@@ -279,7 +282,7 @@ pub(super) fn object(
 
 /// Reports an object whose device is not a CANopen node.
 pub(super) fn needs_node(at: &KeyContext<'_>, device: &str) {
-    if !at.check.at("device").key(device).key("node").is_written() {
+    if !at.top("device").key(device).key("node").is_written() {
         let help = format!("write node = 5 at device `{device}`, the node number set there");
         at.invalid(format!("an object needs a CANopen node, but `{device}` has no `node`"), help);
     }

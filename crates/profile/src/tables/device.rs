@@ -14,7 +14,6 @@ use super::quirks::{self, Quirks, RawQuirks};
 use super::{Check, KeyContext, dbc};
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
-use crate::plan::summary;
 use crate::schema_of::schema_of;
 use crate::template::Template;
 use crate::{BusId, DeviceId, Profile};
@@ -165,10 +164,10 @@ impl Device {
         &self,
         profile: &Profile,
         id: DeviceId,
+        (summary, requests): (String, Vec<Section>),
         (checks, bounds): (Vec<Section>, Vec<String>),
     ) -> Section {
-        let requests = profile.register_requests(id);
-        let (name, unit, every, summary) = (&self.name, self.unit, shown(self.every), summary(&requests));
+        let (name, unit, every) = (&self.name, self.unit, shown(self.every));
         let can = self.can.as_ref().map(|can| can.preview(profile, id));
         let shown = labelled(name, &self.label);
         let mut section = Section::default();
@@ -195,7 +194,7 @@ impl Device {
         section.lines("    ", sent);
         entries!(section, read = sent, name, label = &self.label, bus = &profile.bus(self.bus).name, unit);
         entries!(section, every, summary);
-        section.parts("requests", requests.iter().map(|request| request.preview(profile)));
+        section.parts("requests", requests.into_iter());
         section.parts("checks", checks.into_iter());
         section.lines("    ", &bounds);
         section.entry("settings_bounds", bounds);
@@ -253,8 +252,7 @@ impl Device {
 }
 
 impl RawDevice {
-    pub(super) fn resolve(&self, at: &KeyContext<'_>, name: &str) -> Option<Device> {
-        let check = at.check;
+    pub(super) fn resolve(&self, check: &Check<'_>, at: &KeyContext<'_>, name: &str) -> Option<Device> {
         if self.template.is_none() {
             let help = "write template = \"…\" as well, or remove it";
             at.not_applicable(&["variant", "sha256", "base", "expect"], "a device template", help);
@@ -266,7 +264,7 @@ impl RawDevice {
             at.key("functions").invalid("a device without an allowed function cannot be used", help);
         }
         let functions = self.functions.as_deref().map_or(Functions::ALL, Functions::of);
-        let bus = at.key("bus").named(&check.buses, self.bus.as_ref());
+        let bus = at.key("bus").named(&check.buses.names, self.bus.as_ref());
         let line = bus.and_then(|bus| check.buses.get(bus));
         let over = line.map_or_else(Quirks::default, |line| line.quirks);
         let quirks = self.quirks.as_ref().map_or(over, |quirks| quirks.over(over));
@@ -311,7 +309,7 @@ impl RawDevice {
             node::heartbeat_produced(at, can);
         }
         if let Some(dbc) = self.dbc.as_ref().filter(|_| can.is_some()) {
-            dbc::read(&at.key("dbc"), dbc);
+            dbc::read(check, &at.key("dbc"), dbc);
         }
         let template = check.templates.get(name).cloned();
         let (bus, unit) = (BusId(bus?), unit?);

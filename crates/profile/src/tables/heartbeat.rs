@@ -8,7 +8,7 @@ use serde::Deserialize;
 use super::bus::LineKind;
 use super::opcua::{holds, written};
 use super::register::{Notation, TypeWord, holding};
-use super::{KeyContext, sysfs};
+use super::{Check, KeyContext, sysfs};
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
 use crate::{DeviceId, Profile};
@@ -78,10 +78,10 @@ impl Heartbeat {
 }
 
 impl RawHeartbeat {
-    pub(super) fn resolve(&self, at: &KeyContext<'_>) -> Option<Heartbeat> {
+    pub(super) fn resolve(&self, check: &Check<'_>, at: &KeyContext<'_>) -> Option<Heartbeat> {
         let every = at.key("every").period(self.every);
-        let index = at.key("device").named(&at.check.devices, self.device.as_ref());
-        let address = match at.check.line_kind(self.device.as_ref()) {
+        let index = at.key("device").named(&check.devices.names, self.device.as_ref());
+        let address = match check.line_kind(self.device.as_ref()) {
             Some(LineKind::OpcUa) => {
                 let help = "remove it, and write node = \"ns=2;s=…\"";
                 at.not_applicable(&["register"], "a Modbus device", help);
@@ -109,7 +109,7 @@ impl RawHeartbeat {
             }
         };
         let is_register = address.as_ref().is_some_and(|address| address.register().is_some());
-        let device = index.and_then(|index| at.check.devices.get(index));
+        let device = index.and_then(|index| check.devices.get(index));
         if let Some(device) = device.filter(|_| is_register) {
             device.must_write(&at.key("register"), 1);
         }

@@ -5,7 +5,7 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{KeyContext, label};
+use super::{Check, KeyContext, label};
 use crate::duration::Timespan;
 use crate::error::allowed;
 use crate::protected_keys::guarded_keys;
@@ -90,7 +90,7 @@ pub(super) struct Machine {
     pub(super) on_stop: OnStop,
 }
 
-pub(super) fn resolve(at: &KeyContext<'_>, raw: Option<&RawMachine>) -> Machine {
+pub(super) fn resolve(check: &Check<'_>, at: &KeyContext<'_>, raw: Option<&RawMachine>) -> Machine {
     let Some(raw) = raw else { return Machine::default() };
     let name = raw.name.clone().unwrap_or_default();
     let is_plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
@@ -118,7 +118,7 @@ pub(super) fn resolve(at: &KeyContext<'_>, raw: Option<&RawMachine>) -> Machine 
         at.key("arm_timeout").invalid(message, "write at most \"24h\"");
     }
     if let Some(keys) = &raw.allow_override {
-        only_guarded(&at.key("allow_override"), keys);
+        only_guarded(check, &at.key("allow_override"), keys);
     }
     Machine {
         name,
@@ -132,8 +132,7 @@ pub(super) fn resolve(at: &KeyContext<'_>, raw: Option<&RawMachine>) -> Machine 
 }
 
 /// Reports keys that a layer may set without permission, or that do not exist.
-fn only_guarded(at: &KeyContext<'_>, keys: &[String]) {
-    let check = at.check;
+fn only_guarded(check: &Check<'_>, at: &KeyContext<'_>, keys: &[String]) {
     let guarded = guarded_keys(&[
         ("axis", &check.axes.names),
         ("output", &check.outputs.names),

@@ -7,6 +7,7 @@ use serde::Deserialize;
 
 use super::bus::LineKind;
 use super::can::{self, RawFrame, RawPdo, Sender, Written};
+use super::device::Device;
 use super::handshake::RawHandshake;
 use super::register::{self, Notation, TypeWord, WordOrderWord, plain};
 use super::restart::RawRestart;
@@ -254,11 +255,11 @@ struct Target {
 }
 
 impl RawOutput {
-    pub(super) fn resolve(&self, at: &KeyContext<'_>, name: &str) -> Option<Output> {
-        let check = at.check;
-        let axis = at.key("axis").named(&check.axes, self.axis.as_ref());
-        self.keeps_pace(at);
-        let device = at.key("device").named(&check.devices, self.device.as_ref());
+    pub(super) fn resolve(&self, check: &Check<'_>, at: &KeyContext<'_>, name: &str) -> Option<Output> {
+        let axis = at.key("axis").named(&check.axes.names, self.axis.as_ref());
+        self.keeps_pace(check, at);
+        let index = at.key("device").named(&check.devices.names, self.device.as_ref());
+        let device = index.and_then(|index| check.devices.get(index));
         let writes = writes::resolve(self, at);
         let refresh = at.key("refresh").period(self.refresh);
         let when = expression::condition(&at.key("when"), self.when.as_ref(), None);
@@ -269,7 +270,7 @@ impl RawOutput {
         }
         self.foreign_keys(at, kind);
         let Target { address, encoding, verify, share, applied, display } = match kind {
-            Some(LineKind::Can) => self.on_can(at, name, device)?,
+            Some(LineKind::Can) => self.on_can(check, at, (name, index))?,
             Some(LineKind::OpcUa) => self.in_a_node(at, device)?,
             _ => self.in_registers(at, device)?,
         };
@@ -282,7 +283,7 @@ impl RawOutput {
         Some(Output {
             name: name.to_owned(),
             axis: AxisId(axis?),
-            device: DeviceId(device?),
+            device: DeviceId(index?),
             address,
             encoding,
             writes: writes?,
@@ -344,7 +345,7 @@ impl RawOutput {
         self.verify == Some(VerifyWord::Echo)
     }
 
-    fn in_registers(&self, at: &KeyContext<'_>, device: Option<usize>) -> Option<Target> {
+    fn in_registers(&self, at: &KeyContext<'_>, device: Option<&Device>) -> Option<Target> {
         if !["pdo", "sdo", "frame"].into_iter().any(|key| at.has(key)) {
             let help = "write a holding register, as \"holding:104\" or \"40105\"";
             at.key("register").missing("`register` is missing: where is the value written?", help);
@@ -361,7 +362,7 @@ impl RawOutput {
         let (address, data_type) = (address?, data_type?);
         register::fits(&place, address, data_type);
         let verify = if self.is_accepted_by_echo() { Verify::Echo } else { Verify::ReadBack };
-        if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
+        if let Some(device) = device {
             device.must_write(&place, data_type.registers());
             if verify == Verify::ReadBack {
                 device.must_read(&place, Table::Holding);
@@ -380,7 +381,7 @@ impl RawOutput {
         Some(Target { address: address.into(), encoding, verify, share, applied, display })
     }
 
-    fn in_a_node(&self, at: &KeyContext<'_>, device: Option<usize>) -> Option<Target> {
+    fn in_a_node(&self, at: &KeyContext<'_>, device: Option<&Device>) -> Option<Target> {
         let node = opcua::written(at, self.node.as_ref(), self.kind);
         let data_type = node.as_ref().map(Node::taken_as);
         not_one_bit(&at.key("type"), data_type);
@@ -418,8 +419,9 @@ impl RawOutput {
         bias
     }
 
-    fn on_can(&self, at: &KeyContext<'_>, name: &str, device: Option<usize>) -> Option<Target> {
-        let target = self.target_on_can(at, name, device);
+    /// Resolves an output with this name, on the device with this index.
+    fn on_can(&self, check: &Check<'_>, at: &KeyContext<'_>, own: (&str, Option<usize>)) -> Option<Target> {
+        let target = self.target_on_can(check, at, own);
         let data_type = target.as_ref().map(|(address, _)| register::type_at(address));
         let scale = self.scale(&at.key("scale"), data_type);
         let ((address, verify), data_type) = target.zip(data_type)?;
@@ -432,9 +434,9 @@ impl RawOutput {
 
     fn target_on_can(
         &self,
+        check: &Check<'_>,
         at: &KeyContext<'_>,
-        name: &str,
-        device: Option<usize>,
+        (name, device): (&str, Option<usize>),
     ) -> Option<(Address, Verify)> {
         let places = ["pdo", "sdo", "frame"];
         match places.into_iter().filter(|key| at.has(key)).count() {
@@ -471,7 +473,8 @@ impl RawOutput {
         }
         let (place, field, fill) = if let Some(pdo) = &self.pdo {
             let place = at.key("pdo");
-            let field = pdo.resolve(&place, owner, Sender::Gateway)?;
+            let node = check.raw.device.get(owner).and_then(|raw| raw.node);
+            let field = pdo.resolve(&place, (owner, node), Sender::Gateway)?;
             (place, field, &pdo.fill)
         } else {
             let (place, frame) = (at.key("frame"), self.frame.as_ref()?);
@@ -485,18 +488,18 @@ impl RawOutput {
         let fill = optional(fill.as_ref(), |text| can::fill(&place.key("fill"), text, &field))?;
         let verify = verify::of_a_frame(self, at, field.bits.data_type(), owner);
         let written = Written::of(&place, device?, name, &field, fill);
-        at.check.written_frames.borrow_mut().push(written);
+        check.written_frames.borrow_mut().push(written);
         Some((Address::Frame(field), verify?))
     }
 
     /// Reports an axis that is faster than the control can follow. The control would lag unnoticed.
-    fn keeps_pace(&self, at: &KeyContext<'_>) {
+    fn keeps_pace(&self, check: &Check<'_>, at: &KeyContext<'_>) {
         let most = at.key("largest_step").positive(self.largest_step);
         let least = at.key("shortest_every").duration(self.shortest_every);
         let Some(name) = &self.axis else { return };
-        let Some(axis) = at.check.raw.axis.get(name) else { return };
+        let Some(axis) = check.raw.axis.get(name) else { return };
         let device = self.device.as_deref().unwrap_or_default();
-        let of_axis = at.check.at("axis").key(name);
+        let of_axis = at.top("axis").key(name);
         if let Some((most, step)) = most.zip(axis.step).filter(|(most, step)| step > most) {
             let message =
                 format!("a step of {step} µm is larger than `{device}` can follow at once, {most} µm");
@@ -524,7 +527,7 @@ pub(super) fn note_counts(check: &mut Check<'_>) {
     for output in check.outputs.valid() {
         let at = check.at("output").key(&output.name);
         if let Some(axis) = check.axes.get(output.axis.0) {
-            writes::can_move(&at, output, axis);
+            writes::can_move(check, &at, output, axis);
         }
     }
     for output in check.outputs.resolved.iter().flatten() {

@@ -7,9 +7,10 @@ use serde::Deserialize;
 
 use super::bus::LineKind;
 use super::can::{self, RawFrame, RawPdo, Sender};
+use super::device::Device;
 use super::label::{self, labelled};
 use super::register::{self, Flag, Notation, TypeWord, WordOrderWord, plain};
-use super::{KeyContext, dbc, expression, opcua, sysfs};
+use super::{Check, KeyContext, dbc, expression, opcua, sysfs};
 use crate::dbc::Described;
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
@@ -234,9 +235,8 @@ struct Located {
 }
 
 impl RawSignal {
-    pub(super) fn resolve(&self, at: &KeyContext<'_>, name: &str) -> Option<Signal> {
-        let check = at.check;
-        let index = at.key("device").named(&check.devices, self.device.as_ref());
+    pub(super) fn resolve(&self, check: &Check<'_>, at: &KeyContext<'_>, name: &str) -> Option<Signal> {
+        let index = at.key("device").named(&check.devices.names, self.device.as_ref());
         let device = index.and_then(|index| check.devices.get(index));
         let places = ["register", "dbc", "sdo", "pdo", "frame", "node", "sensor"];
         if places.into_iter().filter(|key| at.has(key)).count() > 1 {
@@ -245,7 +245,7 @@ impl RawSignal {
         }
         let kind = check.line_kind(self.device.as_ref());
         self.foreign_keys(at, kind);
-        let max_age = self.max_age(at, index);
+        let max_age = self.max_age(check, at, device);
         let range = self.range.map(|[low, high]| {
             if low >= high {
                 let message = format!("the range {low} to {high} is empty");
@@ -268,10 +268,10 @@ impl RawSignal {
             return None;
         }
         let Located { address, encoding, unit } = match kind {
-            Some(LineKind::Can) => self.on_can(at)?,
+            Some(LineKind::Can) => self.on_can(check, at)?,
             Some(LineKind::OpcUa) => self.in_a_node(at)?,
             Some(LineKind::Sysfs) => self.of_this_computer(at)?,
-            Some(LineKind::Modbus) | None => self.in_registers(at, index)?,
+            Some(LineKind::Modbus) | None => self.in_registers(at, device)?,
         };
         let unit = match self.unit.as_deref() {
             Some(unit) => Unit::named(unit),
@@ -284,7 +284,7 @@ impl RawSignal {
             max_age.filter(|_| on_can && self.comes_by_itself()).map_or(every, |age| every.min(age / 2));
         let (place, has_max_rate) = (at.key("counter"), self.max_rate.is_some());
         let counter = self.counter.as_ref();
-        let counter = counter.map(|raw| raw.resolve(&place, &encoding, index, apart, has_max_rate));
+        let counter = counter.map(|raw| raw.resolve(&place, &encoding, device, apart, has_max_rate));
         let (counter, capture) = counter.unwrap_or_default();
         Some(Signal {
             name: name.to_owned(),
@@ -364,7 +364,7 @@ impl RawSignal {
         Some(Located { address: Address::Sensor(sensor?), encoding, unit: Some(Unit("degC")) })
     }
 
-    fn in_registers(&self, at: &KeyContext<'_>, device: Option<usize>) -> Option<Located> {
+    fn in_registers(&self, at: &KeyContext<'_>, device: Option<&Device>) -> Option<Located> {
         let place = at.key("register");
         let help = "write a zero-based protocol address (\"input:0\") or a Modicon number (\"30001\")";
         place.missing("`register` is missing: where is the signal read?", help);
@@ -378,7 +378,7 @@ impl RawSignal {
         let scale = register::scale(&at.key("scale"), self.scale.unwrap_or(1.0));
         let (Flag { address, .. }, data_type) = (cell?, data_type?);
         register::fits(&place, address, data_type);
-        if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
+        if let Some(device) = device {
             device.must_read(&place, address.table);
             // A value in two answers could consist of parts of different values.
             let most = device.quirks.max_registers_per_request;
@@ -420,18 +420,19 @@ impl RawSignal {
         kind
     }
 
-    fn on_can(&self, at: &KeyContext<'_>) -> Option<Located> {
+    fn on_can(&self, check: &Check<'_>, at: &KeyContext<'_>) -> Option<Located> {
         let device = self.device.as_deref()?;
         let own = (self.scale.unwrap_or(1.0), self.offset.unwrap_or(0.0));
         let (address, (scale, offset), unit) = if let Some(name) = &self.dbc {
             self.no_type(at, "remove it: the DBC file defines the bits and their type");
-            let found = dbc::described(&at.key("dbc"), name, device)?;
+            let found = dbc::described(check, &at.key("dbc"), name, device)?;
             let scale = self.scale_over(at, &found)?;
             self.agrees_with_unit(at, found.unit);
             (Address::Frame(found.field), scale, found.unit)
         } else if let Some(pdo) = &self.pdo {
             self.no_type(at, OF_BITS);
-            let field = pdo.resolve(&at.key("pdo"), device, Sender::Device)?;
+            let node = check.raw.device.get(device).and_then(|raw| raw.node);
+            let field = pdo.resolve(&at.key("pdo"), (device, node), Sender::Device)?;
             no_fill(&at.key("pdo").key("fill"), pdo.fill.is_some());
             (Address::Frame(field), own, None)
         } else if let Some(sdo) = &self.sdo {
@@ -497,13 +498,13 @@ impl RawSignal {
         self.dbc.is_some() || self.pdo.is_some() || self.frame.is_some()
     }
 
-    fn max_age(&self, at: &KeyContext<'_>, device: Option<usize>) -> Option<Duration> {
+    fn max_age(&self, check: &Check<'_>, at: &KeyContext<'_>, device: Option<&Device>) -> Option<Duration> {
         let at = at.key("max_age");
         let given = at.duration(self.max_age);
-        let device = at.check.devices.get(device?)?;
+        let device = device?;
         let every = device.every;
         let Some(age) = given else {
-            let timeout = at.check.bus_of(device).map_or(Duration::ZERO, |bus| bus.timeout);
+            let timeout = check.bus_of(device).map_or(Duration::ZERO, |bus| bus.timeout);
             return Some((5 * every).max(3 * timeout));
         };
         if self.comes_by_itself() {

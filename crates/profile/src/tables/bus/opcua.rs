@@ -195,7 +195,7 @@ pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>) -> Option<OpcUa> {
     at.key("security").missing("`security` is missing: what protects the messages?", help);
     let user = raw.user.as_ref().map_or(Some(User::Anonymous), |user| user.resolve(&at.key("user")));
     let security = raw.security?;
-    let type_at = at.check.spans.at_value(&at.key("type").path, "", None);
+    let type_at = at.report.spans.at_value(&at.key("type").path, "", None);
     if security == Security::None {
         let help = "remove it, or write security = \"sign-and-encrypt\"";
         at.not_applicable(&["cert", "key", "trusted"], "a secured line", help);
@@ -244,7 +244,7 @@ fn trusted(at: &KeyContext<'_>, directory: Option<&String>) -> Option<Vec<NamedF
     let directory = directory?;
     let mut found = Vec::new();
     for end in [".der", ".crt", ".pem"] {
-        for name in at.check.files.names(directory, end) {
+        for name in at.report.files.names(directory, end) {
             let name = format!("{directory}/{name}{end}");
             found.push(NamedFile::read(&at, &name, help)?);
         }

@@ -82,11 +82,11 @@ impl Tls {
 impl NamedFile {
     /// Reads the file that this key names.
     pub(in crate::tables) fn read(at: &KeyContext<'_>, name: &str, help: &str) -> Option<NamedFile> {
-        let bytes = match at.check.files.is_to_be_made(name) {
+        let bytes = match at.report.files.is_to_be_made(name) {
             true => Vec::new(),
             false => at.file(name, help)?,
         };
-        let named_at = Box::new(at.check.spans.at_value(&at.path, "", Some(help.to_owned())));
+        let named_at = Box::new(at.report.spans.at_value(&at.path, "", Some(help.to_owned())));
         Some(NamedFile { name: name.to_owned(), bytes, named_at })
     }
 
@@ -112,7 +112,7 @@ impl RawTls {
             None => (host, "ca"),
         };
         let help = "write name = \"…\", a DNS name or an IP address that the device's certificate has";
-        let name_at = at.check.spans.at_value(&at.key(key).path, "", Some(help.to_owned()));
+        let name_at = at.report.spans.at_value(&at.key(key).path, "", Some(help.to_owned()));
         let help = "name a PEM file beside the profile with the certificate of the device, or of the \
                     authority that signed it";
         let ca = file(at, "ca", self.ca.as_ref(), help);

@@ -35,7 +35,7 @@ impl Written {
     }
 
     pub(super) fn at<'c>(&self, check: &'c Check<'c>) -> KeyContext<'c> {
-        KeyContext { check, path: self.path.clone() }
+        KeyContext { report: &check.report, path: self.path.clone() }
     }
 
     /// Number of bytes that the frame needs for the value.

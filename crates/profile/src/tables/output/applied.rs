@@ -9,6 +9,7 @@ use super::RawOutput;
 use super::share::Share;
 use crate::duration::Timespan;
 use crate::tables::KeyContext;
+use crate::tables::device::Device;
 use crate::tables::register::{self, TypeWord, WordOrderWord, plain};
 use isotherm_core::codec::{Encoding, Register, Scale};
 
@@ -68,7 +69,7 @@ pub(super) fn resolve(
     at: &KeyContext<'_>,
     share: Share,
     written: (Register, &Encoding),
-    device: Option<usize>,
+    device: Option<&Device>,
 ) -> Option<Applied> {
     let at = at.key("read_back");
     let table = match raw.read_back.as_ref()? {
@@ -107,7 +108,7 @@ pub(super) fn resolve(
         (_, given) => register::word_order(&at.key("word_order"), Some(data_type), given)?,
     };
     register::fits(&place, address, data_type);
-    if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
+    if let Some(device) = device {
         device.must_read(&place, address.table);
     }
     let scale = match table.scale {
