@@ -12,14 +12,18 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::Profile;
+use crate::dbc::Dbcs;
 use crate::error::Findings;
 use crate::files::Files;
 use crate::key_context::{Names, Report};
+use crate::kinds::can::frame_writes::Written;
+use crate::protected_keys::guarded_keys;
 use crate::source_map::SourceMap;
 use crate::template::Templates;
 use axis::{Axis, RawAxis};
 use bus::periods::Periods;
-use bus::{Bus, LineKind, RawBus};
+use bus::{Bus, RawBus};
+use bus_kind::BusKind;
 use device::{Device, RawDevice};
 use heartbeat::RawHeartbeat;
 use history::RawHistory;
@@ -36,9 +40,8 @@ pub(crate) use crate::key_context::{KeyContext, optional};
 
 pub(crate) mod axis;
 pub(crate) mod bus;
-pub(crate) mod can;
+pub(crate) mod bus_kind;
 mod claims;
-pub(crate) mod dbc;
 pub(crate) mod device;
 mod expression;
 pub(crate) mod handshake;
@@ -46,19 +49,15 @@ pub(crate) mod heartbeat;
 pub(crate) mod history;
 mod incomplete_parts;
 pub(crate) mod label;
-mod line_time;
 pub(crate) mod machine;
 pub(crate) mod mqtt;
 pub(crate) mod notify;
-pub(crate) mod opcua;
 pub(crate) mod output;
-pub(crate) mod quirks;
 pub(crate) mod register;
 mod restart;
 pub(crate) mod schema;
 pub(crate) mod set;
 pub(crate) mod signal;
-mod sysfs;
 pub(crate) mod web;
 
 /// One machine: its buses, devices, signals, axes and outputs.
@@ -81,7 +80,7 @@ pub(crate) struct RawProfile {
     bus: BTreeMap<String, RawBus>,
     /// Devices on the lines, by name.
     #[serde(default)]
-    device: BTreeMap<String, RawDevice>,
+    pub(crate) device: BTreeMap<String, RawDevice>,
     /// Values that are read from devices, by name.
     #[serde(default)]
     signal: BTreeMap<String, RawSignal>,
@@ -123,18 +122,20 @@ pub(crate) struct Tables<T> {
 
 /// State of a check in progress.
 pub(crate) struct Check<'a> {
-    raw: &'a RawProfile,
+    pub(crate) raw: &'a RawProfile,
     pub(crate) report: Report<'a>,
     templates: &'a Templates,
-    buses: Tables<Bus>,
-    devices: Tables<Device>,
-    signals: Tables<Signal>,
+    /// All kinds of buses. A line whose type has an error counts as one of the first kind.
+    kinds: &'static [&'static dyn BusKind],
+    pub(crate) buses: Tables<Bus>,
+    pub(crate) devices: Tables<Device>,
+    pub(crate) signals: Tables<Signal>,
     axes: Tables<Axis>,
-    outputs: Tables<Output>,
+    pub(crate) outputs: Tables<Output>,
     sets: Tables<OutputSet>,
     /// Frames that outputs write on CAN lines.
-    written_frames: RefCell<Vec<can::Written>>,
-    dbcs: RefCell<dbc::Dbcs>,
+    pub(crate) written_frames: RefCell<Vec<Written>>,
+    pub(crate) dbcs: RefCell<Dbcs>,
     /// Periods of reads and writes on each line.
     periods: Periods,
 }
@@ -147,11 +148,13 @@ impl RawProfile {
         path: PathBuf,
         files: &Files<'_>,
         templates: &Templates,
+        kinds: &'static [&'static dyn BusKind],
     ) -> Checked {
         let mut check = Check {
             raw: self,
             report: Report::new(spans, files, Names::of("signal", &self.signal, spans)),
             templates,
+            kinds,
             buses: Tables::of("bus", &self.bus, spans),
             devices: Tables::of("device", &self.device, spans),
             signals: Tables::of("signal", &self.signal, spans),
@@ -174,12 +177,12 @@ impl<T> Tables<T> {
     }
 
     /// Returns the resolved table at this index. `None` if it has errors.
-    fn get(&self, place: usize) -> Option<&T> {
+    pub(crate) fn get(&self, place: usize) -> Option<&T> {
         self.resolved.get(place)?.as_ref()
     }
 
     /// Iterates over the tables without errors.
-    fn valid(&self) -> impl Iterator<Item = &T> {
+    pub(crate) fn valid(&self) -> impl Iterator<Item = &T> {
         self.resolved.iter().flatten()
     }
 
@@ -194,7 +197,7 @@ impl Check<'_> {
     fn profile(&mut self, path: PathBuf) -> Option<Profile> {
         let raw = self.raw;
         self.check_names();
-        let machine = machine::resolve(self, &self.at("machine"), raw.machine.as_ref());
+        let machine = machine::resolve(&self.at("machine"), raw.machine.as_ref(), || self.guarded_keys());
         self.buses.resolved = self.each(&self.buses, &raw.bus, RawBus::resolve);
         bus::one_owner_each(self);
         bus::none_waits_for_a_period(self);
@@ -213,12 +216,11 @@ impl Check<'_> {
         let mqtt = raw.mqtt.as_ref().and_then(|raw| raw.resolve(&self.at("mqtt")));
         let notify = notify::resolve(&self.at("notify"), &raw.notify);
         let history = raw.history.as_ref().map(|raw| raw.resolve(&self.at("history"))).unwrap_or_default();
-        can::written_frames(self);
-        can::conflicts(self);
+        let kinds = self.kinds;
+        kinds.iter().for_each(|kind| kind.complete(self));
+        kinds.iter().for_each(|kind| kind.check(self));
         claims::one_writer_each(self, heartbeat.as_ref());
         claims::check(self, heartbeat.as_ref());
-        line_time::check(self);
-        sysfs::too_quick(self);
         incomplete_parts::warn(self);
         let only_recorded = incomplete_parts::only_recorded(self);
         let profile = Profile {
@@ -259,6 +261,19 @@ impl Check<'_> {
         tables.names.iter().map(|name| resolve(raw.get(name)?, self, &all.key(name), name)).collect()
     }
 
+    /// Lists the keys that a layer may only set with permission.
+    fn guarded_keys(&self) -> Vec<String> {
+        guarded_keys(&[
+            ("axis", &self.axes.names),
+            ("output", &self.outputs.names),
+            ("set", &self.sets.names),
+            ("heartbeat", &[]),
+            ("bus", &self.buses.names),
+            ("device", &self.devices.names),
+            ("signal", &self.signals.names),
+        ])
+    }
+
     fn check_names(&self) {
         let kinds = [
             &self.buses.names,
@@ -285,17 +300,35 @@ impl Check<'_> {
     }
 
     /// Returns a key at the top of the profile.
-    fn at(&self, key: &str) -> KeyContext<'_> {
+    pub(crate) fn at(&self, key: &str) -> KeyContext<'_> {
         self.report.at(key)
     }
 
     /// Returns the kind of a device's line. `None` if the device or its line is unknown.
-    fn line_kind(&self, device: Option<&String>) -> Option<LineKind> {
-        self.raw.device.get(device?)?.line_kind(self)
+    fn line_kind(&self, device: Option<&String>) -> Option<&'static dyn BusKind> {
+        self.line_kind_of(self.raw.device.get(device?)?)
+    }
+
+    /// Returns the kind of a device's line. `None` if the line is unknown.
+    fn line_kind_of(&self, device: &RawDevice) -> Option<&'static dyn BusKind> {
+        self.kind_of_line(self.raw.bus.get(device.bus.as_ref()?)?)
+    }
+
+    /// Returns the kind of a line. If its type has an error, other keys may show it.
+    fn kind_of_line(&self, line: &RawBus) -> Option<&'static dyn BusKind> {
+        self.kinds.iter().copied().find(|kind| match line.kind {
+            Some(of) => kind.line_type(of).is_some(),
+            None => kind.recognises(line),
+        })
+    }
+
+    /// Iterates over the other kinds than this one.
+    fn kinds_beside(&self, own: &'static dyn BusKind) -> impl Iterator<Item = &'static dyn BusKind> {
+        self.kinds.iter().copied().filter(move |kind| !kind.is_same(own))
     }
 
     /// Returns the bus of a device.
-    fn bus_of(&self, device: &Device) -> Option<&Bus> {
+    pub(crate) fn bus_of(&self, device: &Device) -> Option<&Bus> {
         self.buses.get(device.bus.0)
     }
 }

@@ -8,10 +8,10 @@ use serde::Deserialize;
 
 use super::KeyContext;
 use super::device::Device;
-use super::opcua::{Place, read};
 use super::register::{Flag, Notation};
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
+use crate::kinds::opcua::nodes::{Place, read};
 use isotherm_core::codec::{Address, Node, Table};
 
 /// Handshake with a strobe and its acknowledgement.

@@ -10,12 +10,12 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::handshake::{Handshake, RawHandshake};
-use super::opcua::Place;
 use super::output::Output;
 use super::output::share::Share;
 use super::register::{Notation, holding};
 use super::{Check, KeyContext};
 use crate::document::{Json, Section, entries};
+use crate::kinds::opcua::nodes::Place;
 use crate::wording::duration_text;
 use crate::{DeviceId, OutputId, Profile, SetId};
 use isotherm_core::codec::{Address, DataType, Node, Register, Table};

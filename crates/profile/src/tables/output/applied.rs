@@ -20,7 +20,7 @@ const SETTLE: Duration = Duration::from_secs(1);
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(untagged)]
 #[schemars(rename = "ReadBackPlace", description = "")]
-pub(super) enum ReadBackValue {
+pub(crate) enum ReadBackValue {
     Object(#[schemars(regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))] String),
     Register(RawReadBack),
 }
@@ -30,7 +30,7 @@ pub(super) enum ReadBackValue {
 #[serde(deny_unknown_fields)]
 // Inlined, because the walk selects an alternative by its type, which a `$ref` hides.
 #[schemars(rename = "ReadBack", inline)]
-pub(super) struct RawReadBack {
+pub(crate) struct RawReadBack {
     /// Input or holding register, for example "input:12" or "30013".
     #[schemars(required)]
     register: Option<String>,
@@ -64,7 +64,7 @@ pub struct Applied {
 }
 
 /// Resolves the applied value. `written` is the register of the output, with its encoding.
-pub(super) fn resolve(
+pub(crate) fn resolve(
     raw: &RawOutput,
     at: &KeyContext<'_>,
     share: Share,

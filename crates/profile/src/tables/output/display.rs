@@ -146,7 +146,7 @@ impl Display {
 }
 
 /// Resolves the further words and the text of a display.
-pub(super) fn resolve(raw: &RawOutput, at: &KeyContext<'_>, device: Option<&Device>) -> Display {
+pub(crate) fn resolve(raw: &RawOutput, at: &KeyContext<'_>, device: Option<&Device>) -> Display {
     for key in ["beside", "stale"].into_iter().filter(|key| at.has(key) && raw.is_written_as_cz()) {
         let help = "remove it, or write writes = \"corrected\"";
         at.key(key).wrong_key("this key is only for a display of a corrected position", help);
@@ -161,7 +161,7 @@ pub(super) fn resolve(raw: &RawOutput, at: &KeyContext<'_>, device: Option<&Devi
 }
 
 /// Returns the type of an output at the key `type`. The type of a digit display has the number of decimals of `scale`.
-pub(super) fn digits(raw: &RawOutput, at: &KeyContext<'_>) -> Option<DataType> {
+pub(crate) fn digits(raw: &RawOutput, at: &KeyContext<'_>) -> Option<DataType> {
     let TypeWord(kind) = raw.kind?;
     match (kind, raw.scale) {
         (DataType::Decimal24(_), Some(scale)) => decimals(&at.key("scale"), scale).map(DataType::Decimal24),

@@ -32,7 +32,7 @@ impl Share {
 }
 
 /// Checks the requirements of a shared register.
-pub(super) fn resolve(
+pub(crate) fn resolve(
     raw: &RawOutput,
     at: &KeyContext<'_>,
     data_type: DataType,

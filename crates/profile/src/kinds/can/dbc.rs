@@ -1,16 +1,12 @@
 //! DBC files of a profile. Each is read once.
 
-use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use super::{Check, KeyContext};
 use crate::dbc::{self, DbcFile, Described, Wrong};
 use crate::error::ProfileError;
 use crate::source_map::around;
+use crate::tables::{Check, KeyContext};
 use crate::template;
-
-/// Files by name. `None` if a file cannot be read, which has been reported.
-pub(super) type Dbcs = BTreeMap<String, Option<Rc<DbcFile>>>;
 
 /// Returns the description of a signal in the DBC file of its device.
 pub(super) fn described(
