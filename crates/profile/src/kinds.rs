@@ -3,6 +3,7 @@
 //!
 //! A new kind is a file next to the others and a line in [`KINDS`].
 
+use crate::tables::bus::LineType;
 use crate::tables::bus::transport::Transport;
 use crate::tables::bus_kind::BusKind;
 
@@ -12,10 +13,10 @@ pub(crate) mod opcua;
 mod sysfs;
 
 /// All kinds of buses. A line whose type has an error counts as one of the first kind.
-pub(crate) static KINDS: [&dyn BusKind; 4] = [&modbus::Modbus, &can::Can, &opcua::OpcUaServer, &sysfs::Sysfs];
+pub(crate) static KINDS: [&BusKind; 4] = [&modbus::KIND, &can::KIND, &opcua::KIND, &sysfs::KIND];
 
-/// Kind of a line with this transport.
-pub(crate) fn of(transport: Transport) -> &'static dyn BusKind {
-    let known = KINDS.into_iter().find(|kind| kind.line_type(transport.bus_type()).is_some());
-    known.unwrap_or(KINDS[0])
+/// Returns the kind of a line with this transport, and its type.
+pub(crate) fn of(transport: Transport) -> (&'static BusKind, &'static LineType) {
+    let typed = |kind: &'static BusKind| Some((kind, kind.line_type(transport.bus_type())?));
+    KINDS.into_iter().find_map(typed).unwrap_or((KINDS[0], &KINDS[0].types[0]))
 }

@@ -19,7 +19,7 @@ pub fn plan<'a>(
     signals: impl IntoIterator<Item = (SignalId, &'a Signal)>,
 ) -> Vec<ReadRequest> {
     let signals: Vec<(SignalId, &Signal)> = signals.into_iter().collect();
-    let requests = KINDS.iter().flat_map(|kind| kind.requests(device, &signals));
+    let requests = KINDS.iter().flat_map(|kind| (kind.requests)(device, &signals));
     let mut requests: Vec<ReadRequest> = requests.collect();
     requests.sort_by_key(ReadRequest::rank);
     requests

@@ -36,8 +36,8 @@ impl Preview {
             let requests = profile.register_requests(id);
             let polled = requests.iter().map(|request| request.preview(profile)).collect();
             let (every, summary) = (shown(device.every), summary(&requests));
-            let kind = kinds::of(profile.bus(device.bus).transport);
-            let described = kind.device_preview(device, &every, &summary);
+            let (kind, _) = kinds::of(profile.bus(device.bus).transport);
+            let described = (kind.device_preview)(device, &every, &summary);
             let checks = checks::preview(profile, id, device);
             (device.bus, device.preview((profile, id), &described, (summary, polled), checks))
         };
@@ -57,9 +57,8 @@ impl Preview {
         let buses = profile.buses.iter().enumerate().map(|(place, bus)| {
             let id = BusId(place);
             let load = Load::of(profile, id).map(|load| load.preview());
-            let kind = kinds::of(bus.transport);
-            let late_writes = kind.late_writes(&shown(bus.late));
-            let bus = bus.preview((kind.title(bus), &late_writes), kind.preview(profile, id), load);
+            let (kind, line) = kinds::of(bus.transport);
+            let bus = bus.preview((line.title, kind.line_preview), (kind.preview)(profile, id), load);
             section.lines_of(&bus);
             devices.iter().filter(|(bus, _)| *bus == id).for_each(|(_, device)| section.lines_of(device));
             bus

@@ -126,7 +126,7 @@ pub(crate) struct Check<'a> {
     pub(crate) report: Report<'a>,
     templates: &'a Templates,
     /// All kinds of buses. A line whose type has an error counts as one of the first kind.
-    kinds: &'static [&'static dyn BusKind],
+    kinds: &'static [&'static BusKind],
     pub(crate) buses: Tables<Bus>,
     pub(crate) devices: Tables<Device>,
     pub(crate) signals: Tables<Signal>,
@@ -148,7 +148,7 @@ impl RawProfile {
         path: PathBuf,
         files: &Files<'_>,
         templates: &Templates,
-        kinds: &'static [&'static dyn BusKind],
+        kinds: &'static [&'static BusKind],
     ) -> Checked {
         let mut check = Check {
             raw: self,
@@ -217,8 +217,8 @@ impl Check<'_> {
         let notify = notify::resolve(&self.at("notify"), &raw.notify);
         let history = raw.history.as_ref().map(|raw| raw.resolve(&self.at("history"))).unwrap_or_default();
         let kinds = self.kinds;
-        kinds.iter().for_each(|kind| kind.complete(self));
-        kinds.iter().for_each(|kind| kind.check(self));
+        kinds.iter().for_each(|kind| (kind.complete)(self));
+        kinds.iter().for_each(|kind| (kind.check)(self));
         claims::one_writer_each(self, heartbeat.as_ref());
         claims::check(self, heartbeat.as_ref());
         incomplete_parts::warn(self);
@@ -305,26 +305,26 @@ impl Check<'_> {
     }
 
     /// Returns the kind of a device's line. `None` if the device or its line is unknown.
-    fn line_kind(&self, device: Option<&String>) -> Option<&'static dyn BusKind> {
+    fn line_kind(&self, device: Option<&String>) -> Option<&'static BusKind> {
         self.line_kind_of(self.raw.device.get(device?)?)
     }
 
     /// Returns the kind of a device's line. `None` if the line is unknown.
-    fn line_kind_of(&self, device: &RawDevice) -> Option<&'static dyn BusKind> {
+    fn line_kind_of(&self, device: &RawDevice) -> Option<&'static BusKind> {
         self.kind_of_line(self.raw.bus.get(device.bus.as_ref()?)?)
     }
 
     /// Returns the kind of a line. If its type has an error, other keys may show it.
-    fn kind_of_line(&self, line: &RawBus) -> Option<&'static dyn BusKind> {
+    fn kind_of_line(&self, line: &RawBus) -> Option<&'static BusKind> {
         self.kinds.iter().copied().find(|kind| match line.kind {
             Some(of) => kind.line_type(of).is_some(),
-            None => kind.recognises(line),
+            None => (kind.recognises)(line),
         })
     }
 
     /// Iterates over the other kinds than this one.
-    fn kinds_beside(&self, own: &'static dyn BusKind) -> impl Iterator<Item = &'static dyn BusKind> {
-        self.kinds.iter().copied().filter(move |kind| !kind.is_same(own))
+    fn kinds_beside(&self, own: &'static BusKind) -> impl Iterator<Item = &'static BusKind> {
+        self.kinds.iter().copied().filter(move |kind| !std::ptr::eq(*kind, own))
     }
 
     /// Returns the bus of a device.

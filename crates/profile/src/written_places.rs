@@ -61,7 +61,7 @@ impl Written<'_> {
         if device.bus != self.bus {
             return;
         }
-        let kind = kinds::of(self.profile.bus(self.bus).transport);
-        self.places.extend(kind.written(device.unit, address, count));
+        let (kind, _) = kinds::of(self.profile.bus(self.bus).transport);
+        self.places.extend((kind.written)(device.unit, address, count));
     }
 }

@@ -1,17 +1,13 @@
 //! CAN: frames that devices send by themselves, and objects of CANopen nodes.
 
-use crate::document::Section;
+use crate::Signal;
 use crate::plan::{Field, ReadRequest, ReadTarget};
 use crate::tables::bus::transport::{BusType, Transport};
 use crate::tables::bus::{Bus, LineSettings, LineType, RawBus, Sync};
 use crate::tables::bus_kind::{BusKind, SignalKeys};
-use crate::tables::device::verify::{Expected, RawVerify};
 use crate::tables::device::{Device, DeviceParts, RawDevice};
-use crate::tables::heartbeat::RawHeartbeat;
-use crate::tables::output::{RawOutput, Target};
-use crate::tables::signal::{Located, RawSignal};
+use crate::tables::signal::RawSignal;
 use crate::tables::{Check, KeyContext};
-use crate::{BusId, Functions, Profile, Signal};
 use emergency::Emergency;
 use isotherm_core::codec::{Address, CanId};
 use isotherm_core::reading::SignalId;
@@ -34,175 +30,107 @@ const SYNC: u32 = 0x80;
 /// Owner of the keys of this kind in messages.
 const OWNER: &str = "a device on a CAN line";
 
-static TYPES: [LineType; 1] =
-    [LineType { word: BusType::Can, keys: &["late", "interface", "sync"], exclusive: Some("interface") }];
-
 /// CAN interface of this computer.
-pub(super) struct Can;
-
-impl BusKind for Can {
-    fn types(&self) -> &'static [LineType] {
-        &TYPES
-    }
-
-    fn line(&self, raw: &RawBus, at: &KeyContext<'_>, _of: BusType) -> Option<(Transport, Option<String>)> {
-        Some((Transport::Can, interface(raw, at)))
-    }
-
-    fn line_without_type(&self, raw: &RawBus, at: &KeyContext<'_>, _is_known: bool) {
+pub(super) static KIND: BusKind = BusKind {
+    types: &[LineType {
+        word: BusType::Can,
+        title: "CAN",
+        keys: &["late", "interface", "sync"],
+        exclusive: Some("interface"),
+        answer: LineType::ANSWER,
+    }],
+    line: |raw, at, _| Some((Transport::Can, interface(raw, at))),
+    line_without_type: |raw, at, _| {
         if raw.interface.is_some() {
             interface(raw, at);
         }
-    }
-
-    fn settings(
-        &self,
-        raw: &RawBus,
-        at: &KeyContext<'_>,
-        _own: (BusType, Option<&str>),
-    ) -> Option<LineSettings> {
+    },
+    settings: |raw, at, _| {
         let sync = raw.sync.as_ref().and_then(|sync| {
             let every = at.key("sync").key("every").period(sync.every);
             Some(Sync { id: CanId::standard(sync.cob_id.unwrap_or(SYNC))?, every: every? })
         });
         Some(LineSettings { sync, ..LineSettings::default() })
-    }
-
-    fn device(
-        &self,
-        check: &Check<'_>,
-        raw: &RawDevice,
-        at: &KeyContext<'_>,
-        _line: Option<&Bus>,
-    ) -> DeviceParts {
-        let can = settings(raw, at);
-        node::heartbeat_produced(at, &can);
-        if let Some(file) = &raw.dbc {
-            dbc::read(check, &at.key("dbc"), file);
-        }
-        DeviceParts { unit: Some(raw.node.unwrap_or(0)), can: Some(can), ..DeviceParts::default() }
-    }
-
-    fn foreign_device_keys(&self, at: &KeyContext<'_>) {
-        let help =
-            "remove it; a CANopen device has a `node`, and other devices are identified by their frames";
-        at.not_applicable(&["unit", "functions", "quirks"], "a Modbus device", help);
-    }
-
-    fn device_keys_elsewhere(&self, raw: &RawDevice, at: &KeyContext<'_>) {
-        let keys = ["dbc", "source_address", "node", "start", "heartbeat", "setup", "emergency"];
-        let help = "remove it, or put the device on a bus of type \"can\"";
-        at.not_applicable(&keys, OWNER, help);
-        if raw.verify.iter().flatten().any(|verify| verify.sdo.is_some()) {
-            let help = "write `register`, as \"coil:268\" or \"holding:256\"";
-            at.key("verify").wrong_key("a Modbus device has no CANopen objects", help);
-        }
-    }
-
-    fn verify(&self, raw: &RawVerify, at: &KeyContext<'_>, _functions: Functions) -> Option<Expected> {
-        raw.object(at)
-    }
-
-    fn signal_keys(&self) -> SignalKeys {
-        SignalKeys { keys: &["dbc", "pdo", "sdo", "frame"], owner: OWNER, help: None }
-    }
-
-    fn signal_help(&self, device: &str) -> String {
+    },
+    device,
+    foreign_device_keys: &[(
+        &["unit", "functions", "quirks"],
+        "a Modbus device",
+        "remove it; a CANopen device has a `node`, and other devices are identified by their frames",
+    )],
+    device_keys_elsewhere,
+    verify: |raw, at, _| raw.object(at),
+    signal_keys: SignalKeys { keys: &["dbc", "pdo", "sdo", "frame"], owner: OWNER, help: None },
+    signal_help: |device| {
         format!(
             "`{device}` is on a CAN line: remove it, and write dbc, pdo, sdo or frame for the place of the \
              value"
         )
-    }
-
-    fn check_signal(&self, _raw: &RawSignal, at: &KeyContext<'_>, _device: &str) -> &'static [&'static str] {
+    },
+    check_signal: |_, at, _| {
         let help = "remove it: a CAN device sends its count by itself";
         at.key("counter").not_applicable(&["capture"], "a Modbus device", help);
         &[]
-    }
-
-    fn has_place(&self, raw: &RawSignal) -> bool {
-        raw.register.is_some() || raw.sdo.is_some() || self.comes_by_itself(raw)
-    }
-
-    fn comes_by_itself(&self, raw: &RawSignal) -> bool {
-        raw.dbc.is_some() || raw.pdo.is_some() || raw.frame.is_some()
-    }
-
-    fn signal(
-        &self,
-        check: &Check<'_>,
-        raw: &RawSignal,
-        at: &KeyContext<'_>,
-        _device: Option<&Device>,
-    ) -> Option<Located> {
-        signal::resolve(check, raw, at)
-    }
-
-    fn foreign_output_keys(&self, raw: &RawOutput, at: &KeyContext<'_>, device: &str) {
-        output::foreign_keys(raw, at, device);
-    }
-
-    fn output(
-        &self,
-        check: &Check<'_>,
-        raw: &RawOutput,
-        at: &KeyContext<'_>,
-        own: (&str, Option<usize>),
-    ) -> Option<Target> {
-        output::resolve(check, raw, at, own)
-    }
-
-    fn heartbeat(&self, _raw: &RawHeartbeat, at: &KeyContext<'_>) -> Option<Address> {
+    },
+    has_place: |raw| raw.register.is_some() || raw.sdo.is_some() || is_in_frames(raw),
+    comes_by_itself: is_in_frames,
+    signal: |check, raw, at, _| signal::resolve(check, raw, at),
+    foreign_output_keys: output::foreign_keys,
+    output: output::resolve,
+    heartbeat: |_, at| {
         let help = "name a Modbus device; a CANopen node has a heartbeat consumer of its own, object 1016";
         let message = "the heartbeat is written to a register, and this device has no registers";
         at.key("device").reject(message, help)
-    }
+    },
+    complete: frame_writes::resolve,
+    check: conflicts::check,
+    requests,
+    device_preview: |device, _, _| match device.can.as_ref().and_then(|can| can.node) {
+        Some(node) => format!("CANopen node {node}"),
+        None => "sends frames by itself".to_owned(),
+    },
+    preview: |profile, bus| vec![("can", line::preview(profile, bus))],
+    can_be_identified: |device| device.can.as_ref().is_some_and(|can| can.node.is_some()),
+    written: |unit, address, _| match address {
+        Address::Object(object) => vec![format!("node {unit} object {}", object.entry)],
+        // The gateway sends a whole frame, with all its values.
+        Address::Frame(field) => vec![format!("frame {}", field.frames.id)],
+        _ => Vec::new(),
+    },
+    ..BusKind::POLLED
+};
 
-    fn complete(&self, check: &mut Check<'_>) {
-        frame_writes::resolve(check);
+/// Resolves the settings of a device, and reads its DBC file.
+fn device(check: &Check<'_>, raw: &RawDevice, at: &KeyContext<'_>, _: Option<&Bus>) -> DeviceParts {
+    let can = settings(raw, at);
+    node::heartbeat_produced(at, &can);
+    if let Some(file) = &raw.dbc {
+        dbc::read(check, &at.key("dbc"), file);
     }
+    DeviceParts { unit: Some(raw.node.unwrap_or(0)), can: Some(can), ..DeviceParts::default() }
+}
 
-    fn check(&self, check: &Check<'_>) {
-        conflicts::check(check);
+fn device_keys_elsewhere(raw: &RawDevice, at: &KeyContext<'_>) {
+    let keys = ["dbc", "source_address", "node", "start", "heartbeat", "setup", "emergency"];
+    at.not_applicable(&keys, OWNER, "remove it, or put the device on a bus of type \"can\"");
+    if raw.verify.iter().flatten().any(|verify| verify.sdo.is_some()) {
+        let help = "write `register`, as \"coil:268\" or \"holding:256\"";
+        at.key("verify").wrong_key("a Modbus device has no CANopen objects", help);
     }
+}
 
-    /// Plans one request for each object. Values in frames arrive without a request.
-    fn requests(&self, _device: &Device, signals: &[(SignalId, &Signal)]) -> Vec<ReadRequest> {
-        let request = |(id, signal): &(SignalId, &Signal)| {
-            let Address::Object(object) = &signal.address else { return None };
-            let field = Field { signal: *id, at: 0, len: signal.encoding.data_type.registers() };
-            Some(ReadRequest { asks: ReadTarget::Object(*object), fields: vec![field] })
-        };
-        signals.iter().filter_map(request).collect()
-    }
+fn is_in_frames(raw: &RawSignal) -> bool {
+    raw.dbc.is_some() || raw.pdo.is_some() || raw.frame.is_some()
+}
 
-    fn title(&self, _bus: &Bus) -> &'static str {
-        "CAN"
-    }
-
-    fn device_preview(&self, device: &Device, _every: &str, _summary: &str) -> String {
-        match device.can.as_ref().and_then(|can| can.node) {
-            Some(node) => format!("CANopen node {node}"),
-            None => "sends frames by itself".to_owned(),
-        }
-    }
-
-    fn preview(&self, profile: &Profile, bus: BusId) -> Vec<(&'static str, Section)> {
-        vec![("can", line::preview(profile, bus))]
-    }
-
-    fn can_be_identified(&self, device: &Device) -> bool {
-        device.can.as_ref().is_some_and(|can| can.node.is_some())
-    }
-
-    fn written(&self, unit: u8, address: &Address, _count: u16) -> Vec<String> {
-        match address {
-            Address::Object(object) => vec![format!("node {unit} object {}", object.entry)],
-            // The gateway sends a whole frame, with all its values.
-            Address::Frame(field) => vec![format!("frame {}", field.frames.id)],
-            _ => Vec::new(),
-        }
-    }
+/// Plans one request for each object. Values in frames arrive without a request.
+fn requests(_: &Device, signals: &[(SignalId, &Signal)]) -> Vec<ReadRequest> {
+    let request = |(id, signal): &(SignalId, &Signal)| {
+        let Address::Object(object) = &signal.address else { return None };
+        let field = Field { signal: *id, at: 0, len: signal.encoding.data_type.registers() };
+        Some(ReadRequest { asks: ReadTarget::Object(*object), fields: vec![field] })
+    };
+    signals.iter().filter_map(request).collect()
 }
 
 /// Checks the network interface of a line.

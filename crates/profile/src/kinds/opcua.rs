@@ -2,12 +2,12 @@
 
 use std::time::Duration;
 
+use crate::Signal;
 use crate::plan::{Field, ReadRequest, ReadTarget, Subscription, numbered};
 use crate::tables::bus::transport::{BusType, Transport};
-use crate::tables::bus::{Bus, LineSettings, LineType, RawBus};
+use crate::tables::bus::{LineSettings, LineType};
 use crate::tables::bus_kind::{BusKind, SignalKeys};
-use crate::tables::device::verify::{Expected, RawVerify};
-use crate::tables::device::{Device, DeviceParts, RawDevice};
+use crate::tables::device::{Device, DeviceParts};
 use crate::tables::heartbeat::{FEW, RawHeartbeat};
 use crate::tables::output::display::Display;
 use crate::tables::output::{RawOutput, Target, not_one_bit, share};
@@ -16,7 +16,6 @@ use crate::tables::signal::bad::sentinels;
 use crate::tables::signal::unit::Unit;
 use crate::tables::signal::{Located, RawSignal};
 use crate::tables::{Check, KeyContext};
-use crate::{Functions, Signal};
 use isotherm_core::codec::{Address, DataType, Encoding, Node};
 use isotherm_core::reading::SignalId;
 use nodes::{ReadBy, SourceTime};
@@ -25,146 +24,86 @@ pub(crate) mod connection;
 mod line;
 pub(crate) mod nodes;
 
-static TYPES: [LineType; 1] = [LineType {
-    word: BusType::OpcUa,
-    keys: &["address", "late", "security", "user", "cert", "key", "trusted"],
-    exclusive: None,
-}];
-
 /// OPC UA server.
-pub(super) struct OpcUaServer;
-
-impl BusKind for OpcUaServer {
-    fn types(&self) -> &'static [LineType] {
-        &TYPES
-    }
-
-    fn recognises(&self, raw: &RawBus) -> bool {
-        raw.address.as_ref().is_some_and(|address| address.starts_with(connection::SCHEME))
-    }
-
-    fn line(&self, raw: &RawBus, at: &KeyContext<'_>, _of: BusType) -> Option<(Transport, Option<String>)> {
-        Some((Transport::OpcUa, line::address(raw, at)))
-    }
-
-    fn settings(
-        &self,
-        raw: &RawBus,
-        at: &KeyContext<'_>,
-        _own: (BusType, Option<&str>),
-    ) -> Option<LineSettings> {
+pub(super) static KIND: BusKind = BusKind {
+    types: &[LineType {
+        word: BusType::OpcUa,
+        title: "OPC UA",
+        keys: &["address", "late", "security", "user", "cert", "key", "trusted"],
+        exclusive: None,
+        answer: LineType::ANSWER,
+    }],
+    recognises: |raw| raw.address.as_ref().is_some_and(|address| address.starts_with(connection::SCHEME)),
+    line: |raw, at, _| Some((Transport::OpcUa, line::address(raw, at))),
+    settings: |raw, at, _| {
         Some(LineSettings { opcua: Some(line::resolve(raw, at)?), ..LineSettings::default() })
-    }
-
-    fn device(
-        &self,
-        _check: &Check<'_>,
-        raw: &RawDevice,
-        _at: &KeyContext<'_>,
-        _line: Option<&Bus>,
-    ) -> DeviceParts {
+    },
+    device: |_, raw, _, _| {
         let source_time = Some(raw.source_time.unwrap_or_default());
         DeviceParts { unit: Some(0), source_time, ..DeviceParts::default() }
-    }
-
-    fn foreign_device_keys(&self, at: &KeyContext<'_>) {
-        let help = "remove it: an OPC UA server has nodes";
-        at.not_applicable(&["unit", "functions", "quirks", "base"], "a Modbus device", help);
-    }
-
-    fn device_keys_elsewhere(&self, _raw: &RawDevice, at: &KeyContext<'_>) {
+    },
+    foreign_device_keys: &[(
+        &["unit", "functions", "quirks", "base"],
+        "a Modbus device",
+        "remove it: an OPC UA server has nodes",
+    )],
+    device_keys_elsewhere: |_, at| {
         at.not_applicable(&["source_time", "read"], "a device on an OPC UA line", nodes::ELSEWHERE);
-    }
-
-    fn verify(&self, raw: &RawVerify, at: &KeyContext<'_>, _functions: Functions) -> Option<Expected> {
-        raw.node(at)
-    }
-
-    fn signal_keys(&self) -> SignalKeys {
-        SignalKeys { keys: &["node"], owner: nodes::OWNER, help: Some(nodes::ELSEWHERE) }
-    }
-
-    fn signal_help(&self, device: &str) -> String {
-        format!("`{device}` is an OPC UA server: write node = \"ns=2;s=…\"")
-    }
-
-    fn check_signal(&self, _raw: &RawSignal, at: &KeyContext<'_>, _device: &str) -> &'static [&'static str] {
+    },
+    verify: |raw, at, _| raw.node(at),
+    signal_keys: SignalKeys { keys: &["node"], owner: nodes::OWNER, help: Some(nodes::ELSEWHERE) },
+    signal_help: |device| format!("`{device}` is an OPC UA server: write node = \"ns=2;s=…\""),
+    check_signal: |_, at, _| {
         let help = "remove it: a node needs no command before a read";
         at.key("counter").not_applicable(&["capture"], "a Modbus device", help);
         &[]
-    }
-
-    fn has_place(&self, raw: &RawSignal) -> bool {
-        raw.register.is_some() || raw.node.is_some()
-    }
-
-    fn signal(
-        &self,
-        _check: &Check<'_>,
-        raw: &RawSignal,
-        at: &KeyContext<'_>,
-        _device: Option<&Device>,
-    ) -> Option<Located> {
-        signal(raw, at)
-    }
-
-    fn foreign_output_keys(&self, _raw: &RawOutput, at: &KeyContext<'_>, device: &str) {
+    },
+    has_place: |raw| raw.register.is_some() || raw.node.is_some(),
+    signal,
+    foreign_output_keys: |_, at, device| {
         let help = format!("`{device}` is an OPC UA server: remove it; a value is written by node");
         let of_modbus = ["register", "word_order", "byte_swap", "beside", "stale", "read_back"];
         at.not_applicable(&of_modbus, "a Modbus device", &help);
         at.not_applicable(&["pdo", "sdo", "frame"], "a device on a CAN line", &help);
-    }
+    },
+    output,
+    heartbeat,
+    requests,
+    written: |_, address, _| address.node().map(|node| format!("node {}", node.id)).into_iter().collect(),
+    ..BusKind::POLLED
+};
 
-    fn output(
-        &self,
-        check: &Check<'_>,
-        raw: &RawOutput,
-        at: &KeyContext<'_>,
-        (_, device): (&str, Option<usize>),
-    ) -> Option<Target> {
-        output(raw, at, device.and_then(|device| check.devices.get(device)))
-    }
+fn heartbeat(raw: &RawHeartbeat, at: &KeyContext<'_>) -> Option<Address> {
+    let help = "remove it, and write node = \"ns=2;s=…\"";
+    at.not_applicable(&["register"], "a Modbus device", help);
+    let node = nodes::written(at, raw.node.as_ref(), raw.kind)?;
+    nodes::holds(at, &node, FEW)?;
+    Some(Address::Node(node))
+}
 
-    fn heartbeat(&self, raw: &RawHeartbeat, at: &KeyContext<'_>) -> Option<Address> {
-        let help = "remove it, and write node = \"ns=2;s=…\"";
-        at.not_applicable(&["register"], "a Modbus device", help);
-        let node = nodes::written(at, raw.node.as_ref(), raw.kind)?;
-        nodes::holds(at, &node, FEW)?;
-        Some(Address::Node(node))
+/// Plans one request or subscription for all nodes.
+fn requests(device: &Device, signals: &[(SignalId, &Signal)]) -> Vec<ReadRequest> {
+    let mut nodes: Vec<(Field, Node)> = Vec::new();
+    let mut max_age = Duration::MAX;
+    for (id, signal) in signals {
+        let Some(node) = signal.address.node() else { continue };
+        let field = Field { signal: *id, at: 0, len: signal.encoding.data_type.registers() };
+        nodes.push((field, node.clone()));
+        max_age = max_age.min(signal.max_age);
     }
-
-    /// Plans one request or subscription for all nodes.
-    fn requests(&self, device: &Device, signals: &[(SignalId, &Signal)]) -> Vec<ReadRequest> {
-        let mut nodes: Vec<(Field, Node)> = Vec::new();
-        let mut max_age = Duration::MAX;
-        for (id, signal) in signals {
-            let Some(node) = signal.address.node() else { continue };
-            let field = Field { signal: *id, at: 0, len: signal.encoding.data_type.registers() };
-            nodes.push((field, node.clone()));
-            max_age = max_age.min(signal.max_age);
+    let (fields, nodes) = numbered(nodes);
+    let by_stamp = device.source_time == Some(SourceTime::Sampled);
+    let asks = match device.read {
+        ReadBy::Poll => ReadTarget::Nodes(nodes),
+        ReadBy::Subscription => {
+            ReadTarget::Subscription(Subscription { nodes, every: device.every, max_age, by_stamp })
         }
-        let (fields, nodes) = numbered(nodes);
-        let by_stamp = device.source_time == Some(SourceTime::Sampled);
-        let asks = match device.read {
-            ReadBy::Poll => ReadTarget::Nodes(nodes),
-            ReadBy::Subscription => {
-                ReadTarget::Subscription(Subscription { nodes, every: device.every, max_age, by_stamp })
-            }
-        };
-        (!fields.is_empty()).then_some(ReadRequest { asks, fields }).into_iter().collect()
-    }
-
-    fn title(&self, _bus: &Bus) -> &'static str {
-        "OPC UA"
-    }
-
-    fn written(&self, _unit: u8, address: &Address, _count: u16) -> Vec<String> {
-        address.node().map(|node| format!("node {}", node.id)).into_iter().collect()
-    }
+    };
+    (!fields.is_empty()).then_some(ReadRequest { asks, fields }).into_iter().collect()
 }
 
 /// Resolves the node of a signal.
-fn signal(raw: &RawSignal, at: &KeyContext<'_>) -> Option<Located> {
+fn signal(_: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>, _: Option<&Device>) -> Option<Located> {
     let node = nodes::read(at, raw.node.as_ref(), raw.kind);
     let scale = register::scale(&at.key("scale"), raw.scale.unwrap_or(1.0));
     let bad = sentinels(raw.bad.as_ref(), &at.key("bad"));
@@ -177,7 +116,13 @@ fn signal(raw: &RawSignal, at: &KeyContext<'_>) -> Option<Located> {
 }
 
 /// Resolves the node of an output.
-fn output(raw: &RawOutput, at: &KeyContext<'_>, device: Option<&Device>) -> Option<Target> {
+fn output(
+    check: &Check<'_>,
+    raw: &RawOutput,
+    at: &KeyContext<'_>,
+    (_, device): (&str, Option<usize>),
+) -> Option<Target> {
+    let device = device.and_then(|device| check.devices.get(device));
     let node = nodes::written(at, raw.node.as_ref(), raw.kind);
     let data_type = node.as_ref().map(Node::taken_as);
     not_one_bit(&at.key("type"), data_type);

@@ -5,10 +5,10 @@ use std::time::Duration;
 use crate::Signal;
 use crate::duration::shown;
 use crate::plan::{Field, ReadRequest, ReadTarget, numbered};
+use crate::tables::bus::LineType;
 use crate::tables::bus::transport::{BusType, Transport};
-use crate::tables::bus::{Bus, LineType, RawBus};
 use crate::tables::bus_kind::{BusKind, SignalKeys};
-use crate::tables::device::{Device, DeviceParts, RawDevice};
+use crate::tables::device::{Device, DeviceParts};
 use crate::tables::register::{self, plain};
 use crate::tables::signal::unit::Unit;
 use crate::tables::signal::{Located, RawSignal};
@@ -40,115 +40,78 @@ static FOREIGN: [&str; 13] = [
     "counter",
 ];
 
-static TYPES: [LineType; 1] = [LineType { word: BusType::Sysfs, keys: &["address"], exclusive: None }];
-
 /// Sensors of this computer.
-pub(super) struct Sysfs;
-
-impl BusKind for Sysfs {
-    fn types(&self) -> &'static [LineType] {
-        &TYPES
-    }
-
-    fn line(&self, raw: &RawBus, at: &KeyContext<'_>, _of: BusType) -> Option<(Transport, Option<String>)> {
-        Some((Transport::Sysfs, root(at, raw.address.as_ref())))
-    }
-
-    fn timeout(&self) -> Option<Duration> {
-        Some(TIMEOUT)
-    }
-
-    fn only_read(&self) -> Option<&'static str> {
-        Some("sensors of this computer are only read: nothing is written to a sysfs line")
-    }
-
-    fn device(
-        &self,
-        _check: &Check<'_>,
-        _raw: &RawDevice,
-        _at: &KeyContext<'_>,
-        _line: Option<&Bus>,
-    ) -> DeviceParts {
-        DeviceParts { unit: Some(0), is_pc: true, ..DeviceParts::default() }
-    }
-
-    fn foreign_device_keys(&self, at: &KeyContext<'_>) {
-        let help = "remove it: the sensors of this computer are named at their signals";
-        at.not_applicable(&["unit", "functions", "quirks", "template"], "a Modbus device", help);
-        at.not_applicable(&["verify"], "a device with settings that can change", help);
-    }
-
-    fn signal_keys(&self) -> SignalKeys {
-        let help = Some("remove it, or put the device on a sysfs line");
-        SignalKeys { keys: &["sensor"], owner: "a sensor of this computer", help }
-    }
-
-    fn signal_help(&self, device: &str) -> String {
-        format!(
-            "`{device}` is for sensors of this computer: write sensor = \"w1:28-…\" or \"hwmon:NAME/LABEL\""
-        )
-    }
-
-    fn check_signal(&self, _raw: &RawSignal, at: &KeyContext<'_>, device: &str) -> &'static [&'static str] {
+pub(super) static KIND: BusKind = BusKind {
+    types: &[LineType {
+        word: BusType::Sysfs,
+        title: "sensors of this computer",
+        keys: &["address"],
+        exclusive: None,
+        answer: LineType::ANSWER,
+    }],
+    line: |raw, at, _| Some((Transport::Sysfs, root(at, raw.address.as_ref()))),
+    timeout: Some(TIMEOUT),
+    only_read: Some("sensors of this computer are only read: nothing is written to a sysfs line"),
+    has_load: false,
+    device: |_, _, _, _| DeviceParts { unit: Some(0), is_pc: true, ..DeviceParts::default() },
+    foreign_device_keys: &[
+        (
+            &["unit", "functions", "quirks", "template"],
+            "a Modbus device",
+            "remove it: the sensors of this computer are named at their signals",
+        ),
+        (
+            &["verify"],
+            "a device with settings that can change",
+            "remove it: the sensors of this computer are named at their signals",
+        ),
+    ],
+    signal_keys: SignalKeys {
+        keys: &["sensor"],
+        owner: "a sensor of this computer",
+        help: Some("remove it, or put the device on a sysfs line"),
+    },
+    signal_help,
+    check_signal: |_, at, device| {
         let owner = "a device on another kind of line";
         let (places, of_registers) = FOREIGN.split_at(7);
-        at.not_applicable(places, owner, &self.signal_help(device));
+        at.not_applicable(places, owner, &signal_help(device));
         let help = "remove it: the kernel gives a temperature, and reports itself if there is none";
         at.not_applicable(of_registers, owner, help);
         &FOREIGN
-    }
-
-    /// Returns true, because a missing sensor is reported in any case.
-    fn has_place(&self, _raw: &RawSignal) -> bool {
-        true
-    }
-
-    fn signal(
-        &self,
-        _check: &Check<'_>,
-        raw: &RawSignal,
-        at: &KeyContext<'_>,
-        _device: Option<&Device>,
-    ) -> Option<Located> {
-        let sensor = sensor(at, raw.sensor.as_ref());
-        unit(&at.key("unit"), raw.unit.as_deref());
-        let scale = register::scale(&at.key("scale"), raw.scale.unwrap_or(1.0))?;
-        let encoding = Encoding { scale, offset: raw.offset.unwrap_or(0.0), ..plain(DataType::F64) };
-        Some(Located { address: Address::Sensor(sensor?), encoding, unit: Some(Unit("degC")) })
-    }
-
-    fn check(&self, check: &Check<'_>) {
-        too_quick(check);
-    }
-
-    /// Plans one request for all sensors, which are read at the same time.
-    fn requests(&self, _device: &Device, signals: &[(SignalId, &Signal)]) -> Vec<ReadRequest> {
-        let sensors = signals.iter().filter_map(|(id, signal)| {
-            let field = Field { signal: *id, at: 0, len: signal.encoding.data_type.registers() };
-            Some((field, signal.address.sensor()?.clone()))
-        });
-        let (fields, sensors) = numbered(sensors.collect());
-        let asks = ReadTarget::Sensors(sensors);
-        (!fields.is_empty()).then_some(ReadRequest { asks, fields }).into_iter().collect()
-    }
-
-    fn title(&self, _bus: &Bus) -> &'static str {
-        "sensors of this computer"
-    }
-
-    fn late_writes(&self, _late: &str) -> String {
+    },
+    signal,
+    check: too_quick,
+    requests,
+    line_preview: Some(
         "only read; all sensors of a device at the same time; a sensor that does not answer is read again when \
-         the driver has returned"
-            .to_owned()
-    }
+         the driver has returned",
+    ),
+    can_be_identified: |_| false,
+    ..BusKind::POLLED
+};
 
-    fn has_load(&self) -> bool {
-        false
-    }
+fn signal_help(device: &str) -> String {
+    format!("`{device}` is for sensors of this computer: write sensor = \"w1:28-…\" or \"hwmon:NAME/LABEL\"")
+}
 
-    fn can_be_identified(&self, _device: &Device) -> bool {
-        false
-    }
+fn signal(_: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>, _: Option<&Device>) -> Option<Located> {
+    let sensor = sensor(at, raw.sensor.as_ref());
+    unit(&at.key("unit"), raw.unit.as_deref());
+    let scale = register::scale(&at.key("scale"), raw.scale.unwrap_or(1.0))?;
+    let encoding = Encoding { scale, offset: raw.offset.unwrap_or(0.0), ..plain(DataType::F64) };
+    Some(Located { address: Address::Sensor(sensor?), encoding, unit: Some(Unit("degC")) })
+}
+
+/// Plans one request for all sensors, which are read at the same time.
+fn requests(_: &Device, signals: &[(SignalId, &Signal)]) -> Vec<ReadRequest> {
+    let sensors = signals.iter().filter_map(|(id, signal)| {
+        let field = Field { signal: *id, at: 0, len: signal.encoding.data_type.registers() };
+        Some((field, signal.address.sensor()?.clone()))
+    });
+    let (fields, sensors) = numbered(sensors.collect());
+    let asks = ReadTarget::Sensors(sensors);
+    (!fields.is_empty()).then_some(ReadRequest { asks, fields }).into_iter().collect()
 }
 
 /// Checks the directory of a sysfs line.

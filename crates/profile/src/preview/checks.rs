@@ -37,7 +37,10 @@ pub fn period(check: &Expected, stretch: f64) -> Duration {
 /// Returns the names of the devices without identification. They answer requests or are written to, but have no
 /// `verify`.
 pub(super) fn unidentified(profile: &Profile) -> Vec<&str> {
-    let is_asked = |device: &Device| kinds::of(profile.bus(device.bus).transport).can_be_identified(device);
+    let is_asked = |device: &Device| {
+        let (kind, _) = kinds::of(profile.bus(device.bus).transport);
+        (kind.can_be_identified)(device)
+    };
     let devices = profile.devices.iter().filter(|device| is_asked(device) && device.verify.is_empty());
     devices.map(|device| device.name.as_str()).collect()
 }

@@ -72,7 +72,8 @@ fn cost(bus: &Bus, device: &Device, asked: &Exchange) -> Cost {
 /// Returns the time of one exchange, including the assumed answer time of the device.
 pub(super) fn exchange_time(bus: &Bus, device: &Device, asked: &Exchange) -> Duration {
     let Cost { known, waits } = cost(bus, device, asked);
-    known + kinds::of(bus.transport).answer_time(bus.transport).mul_f64(waits)
+    let (_, line) = kinds::of(bus.transport);
+    known + line.answer.mul_f64(waits)
 }
 
 /// Warns about lines that have less time than their exchanges require.
@@ -100,15 +101,15 @@ impl Load {
     /// send by themselves. Returns `None` for sensors of this computer too, because all are read at the same time.
     pub fn of(profile: &Profile, id: BusId) -> Option<Load> {
         let bus = profile.bus(id);
-        let kind = kinds::of(bus.transport);
-        if !kind.has_load() {
+        let (kind, line) = kinds::of(bus.transport);
+        if !kind.has_load {
             return None;
         }
         let asked = traffic(profile, id);
         if asked.is_empty() {
             return None;
         }
-        let answer = kind.answer_time(bus.transport);
+        let answer = line.answer;
         let (mut known, mut waits, mut percent) = (0.0, 0.0, [0.0; 2]);
         for asked in &asked {
             let cost = cost(bus, profile.device(asked.device), asked);

@@ -108,11 +108,20 @@ pub(crate) struct RawSync {
 pub(crate) struct LineType {
     /// Word in the key `type`.
     pub(crate) word: BusType,
+    /// Name of the line in the preview.
+    pub(crate) title: &'static str,
     /// Keys of `OWNERS` that lines of this type have.
     pub(crate) keys: &'static [&'static str],
     /// Key of a line that only one bus may have, because two would receive each other's answers. `None` for a line that
     /// several clients can use.
     pub(crate) exclusive: Option<&'static str>,
+    /// Assumed time until a current device begins its answer, including its network.
+    pub(crate) answer: Duration,
+}
+
+impl LineType {
+    /// Answer time of a device without a slow part of the line.
+    pub(crate) const ANSWER: Duration = Duration::from_millis(10);
 }
 
 /// Settings that only some types of lines have.
@@ -158,19 +167,21 @@ pub struct Sync {
 }
 
 impl Bus {
-    /// Preview of the line: its kind, the effect of late writes, the sections of its kind, and its load.
+    /// Preview of the line: its type, the effect of late writes, the sections of its kind, and its load.
     pub(crate) fn preview(
         &self,
-        (kind, late_writes): (&str, &str),
+        (title, reads_only): (&str, Option<&str>),
         mut sections: Vec<(&'static str, Section)>,
         load: Option<Section>,
     ) -> Section {
+        let kind = if self.tls.is_some() { "Modbus TCP inside TLS (Modbus/TCP Security)" } else { title };
         let (name, address, timeout, late) =
             (&self.name, &self.address, shown(self.timeout), shown(self.late));
+        let late_writes = || format!("a write that is not answered may still arrive for {late}");
         let mut section = Section::default();
         section.line("");
         section.line(format!("bus {name}: {kind} at {address}, timeout {timeout}"));
-        section.line(format!("  {late_writes}"));
+        section.line(format!("  {}", reads_only.map_or_else(late_writes, str::to_owned)));
         entries!(section, name, kind, address);
         section.part("tls", self.tls.as_ref().map(Tls::preview));
         section.part("opcua", self.opcua.as_ref().map(OpcUa::preview));
@@ -197,18 +208,18 @@ impl RawBus {
             self.quirks.as_ref().map_or_else(Quirks::default, |quirks| quirks.over(Quirks::default()));
         let timeout = at.key("timeout").duration(self.timeout);
         let kind = check.kind_of_line(self);
-        let usual = kind.filter(|_| self.kind.is_some()).and_then(|kind| kind.timeout());
+        let usual = kind.filter(|_| self.kind.is_some()).and_then(|kind| kind.timeout);
         let timeout = timeout.or(usual).unwrap_or_else(|| check.periods.timeout(name));
         let Some((of, kind)) = self.kind.zip(kind) else {
             // The type has an error. The other keys are checked nevertheless.
-            check.kinds.iter().for_each(|other| other.line_without_type(self, at, kind.is_some()));
+            check.kinds.iter().for_each(|other| (other.line_without_type)(self, at, kind.is_some()));
             self.late(&at.key("late"), timeout, LATE.max(timeout));
             return None;
         };
         foreign_keys(at, kind.line_type(of).map_or(&[], |known| known.keys));
-        let (transport, address) = kind.line(self, at, of)?;
+        let (transport, address) = (kind.line)(self, at, of)?;
         let late = self.late(&at.key("late"), timeout, transport.late(timeout));
-        let LineSettings { tls, opcua, sync } = kind.settings(self, at, (of, address.as_deref()))?;
+        let LineSettings { tls, opcua, sync } = (kind.settings)(self, at, (of, address.as_deref()))?;
         let pipeline = self.pipeline(&at.key("pipeline"), quirks);
         Some(Bus {
             name: name.to_owned(),

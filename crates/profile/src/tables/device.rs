@@ -272,14 +272,16 @@ impl RawDevice {
         }
         let known = check.line_kind_of(self);
         if let Some(kind) = known {
-            kind.foreign_device_keys(at);
-            check.kinds_beside(kind).for_each(|other| other.device_keys_elsewhere(self, at));
+            for (keys, owner, help) in kind.foreign_device_keys {
+                at.not_applicable(keys, owner, help);
+            }
+            check.kinds_beside(kind).for_each(|other| (other.device_keys_elsewhere)(self, at));
         }
         let kind = known.unwrap_or(check.kinds[0]);
-        let DeviceParts { unit, can, source_time, is_pc } = kind.device(check, self, at, line);
+        let DeviceParts { unit, can, source_time, is_pc } = (kind.device)(check, self, at, line);
         let list = at.key("verify");
         let verify = self.verify.iter().flatten().enumerate();
-        let verify = verify.filter_map(|(place, raw)| kind.verify(raw, &list.item(place), functions));
+        let verify = verify.filter_map(|(place, raw)| (kind.verify)(raw, &list.item(place), functions));
         let verify = verify.collect();
         let template = check.templates.get(name).cloned();
         let (bus, unit) = (BusId(bus?), unit?);

@@ -80,10 +80,10 @@ impl RawHeartbeat {
         let every = at.key("every").period(self.every);
         let index = at.key("device").named(&check.devices.names, self.device.as_ref());
         let known = check.line_kind(self.device.as_ref());
-        if let Some(why) = known.and_then(|kind| kind.only_read()) {
+        if let Some(why) = known.and_then(|kind| kind.only_read) {
             return at.key("device").reject(why, "name the device of the control that watches the gateway");
         }
-        let address = known.unwrap_or(check.kinds[0]).heartbeat(self, at);
+        let address = (known.unwrap_or(check.kinds[0]).heartbeat)(self, at);
         let is_register = address.as_ref().is_some_and(|address| address.register().is_some());
         let device = index.and_then(|index| check.devices.get(index));
         if let Some(device) = device.filter(|_| is_register) {

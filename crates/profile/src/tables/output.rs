@@ -258,16 +258,16 @@ impl RawOutput {
         let refresh = at.key("refresh").period(self.refresh);
         let when = expression::condition(&at.key("when"), self.when.as_ref(), None);
         let known = check.line_kind(self.device.as_ref());
-        if let Some(why) = known.and_then(|kind| kind.only_read()) {
+        if let Some(why) = known.and_then(|kind| kind.only_read) {
             let help = "name the device of the control that receives the value";
             return at.key("device").reject(why, help);
         }
         if let Some((kind, device)) = known.zip(self.device.as_ref()) {
-            kind.foreign_output_keys(self, at, device);
+            (kind.foreign_output_keys)(self, at, device);
         }
         let kind = known.unwrap_or(check.kinds[0]);
         let Target { address, encoding, verify, share, applied, display } =
-            kind.output(check, self, at, (name, index))?;
+            (kind.output)(check, self, at, (name, index))?;
         if share == Share::Ledger && refresh.is_some() {
             let message = "a shared register is not refreshed: writing the same value again could overwrite \
                            a change by the operator";

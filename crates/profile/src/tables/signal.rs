@@ -245,12 +245,12 @@ impl RawSignal {
         }
         let known = check.line_kind(self.device.as_ref());
         if let Some((kind, device)) = known.zip(self.device.as_ref()) {
-            let reported = kind.check_signal(self, at, device);
+            let reported = (kind.check_signal)(self, at, device);
             for other in check.kinds_beside(kind) {
-                let own = other.signal_keys();
+                let own = &other.signal_keys;
                 let keys: Vec<&str> =
                     own.keys.iter().copied().filter(|key| !reported.contains(key)).collect();
-                let help = own.help.map_or_else(|| kind.signal_help(device), str::to_owned);
+                let help = own.help.map_or_else(|| (kind.signal_help)(device), str::to_owned);
                 at.not_applicable(&keys, own.owner, &help);
             }
         }
@@ -265,11 +265,11 @@ impl RawSignal {
         let max_rate = at.key("max_rate").positive(self.max_rate);
         let fault_when = expression::condition(&at.key("fault_when"), self.fault_when.as_ref(), Some(name));
         let kind = known.unwrap_or(check.kinds[0]);
-        if !kind.has_place(self) && at.key("channel").is_written() {
+        if !(kind.has_place)(self) && at.key("channel").is_written() {
             // A channel without an address has been reported.
             return None;
         }
-        let Located { address, encoding, unit } = kind.signal(check, self, at, device)?;
+        let Located { address, encoding, unit } = (kind.signal)(check, self, at, device)?;
         let unit = match self.unit.as_deref() {
             Some(unit) => Unit::named(unit),
             None => unit.or(Some(Unit("1"))),
@@ -277,7 +277,7 @@ impl RawSignal {
         sentinels_fit(&at.key("bad"), &encoding);
         let every = device.map_or(Duration::ZERO, |device| device.every);
         // A value that arrives without a request must arrive twice before it is stale.
-        let apart = max_age.filter(|_| kind.comes_by_itself(self)).map_or(every, |age| every.min(age / 2));
+        let apart = max_age.filter(|_| (kind.comes_by_itself)(self)).map_or(every, |age| every.min(age / 2));
         let (place, has_max_rate) = (at.key("counter"), self.max_rate.is_some());
         let counter = self.counter.as_ref();
         let counter = counter.map(|raw| raw.resolve(&place, &encoding, device, apart, has_max_rate));
@@ -293,9 +293,9 @@ impl RawSignal {
             max_rate,
             max_age: max_age?,
             fault_when,
-            merge: !kind.has_registers() || self.merge.unwrap_or(true),
+            merge: !kind.has_registers || self.merge.unwrap_or(true),
             counter,
-            capture: capture.filter(|_| kind.has_registers()),
+            capture: capture.filter(|_| kind.has_registers),
         })
     }
 
@@ -308,7 +308,7 @@ impl RawSignal {
             let timeout = check.bus_of(device).map_or(Duration::ZERO, |bus| bus.timeout);
             return Some((5 * every).max(3 * timeout));
         };
-        if check.kinds.iter().any(|kind| kind.comes_by_itself(self)) {
+        if check.kinds.iter().any(|kind| (kind.comes_by_itself)(self)) {
             return Some(age);
         }
         let figures =

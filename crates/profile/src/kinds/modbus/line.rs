@@ -1,5 +1,7 @@
 //! `[bus.*]` of Modbus lines: address, serial port, and security.
 
+use std::time::Duration;
+
 use crate::host_port::host_and_port;
 use crate::kinds::modbus::quirks;
 use crate::kinds::modbus::serial::Serial;
@@ -8,6 +10,9 @@ use crate::tables::bus::transport::{BusType, Transport};
 use crate::tables::bus::{LineSettings, LineType, RawBus};
 use crate::tables::{KeyContext, optional};
 
+/// Assumed answer time through a plain serial server. It includes two short frames at 9600 baud, because profiles do
+/// not state the baud rate.
+const ANSWER_THROUGH_SERVER: Duration = Duration::from_millis(30);
 /// Default port of Modbus TCP.
 const USUAL: u16 = 502;
 /// Example of host and port.
@@ -17,18 +22,24 @@ const EXAMPLE: &str = "192.168.0.10:502";
 pub(super) static TYPES: [LineType; 3] = [
     LineType {
         word: BusType::ModbusTcp,
+        title: "Modbus TCP",
         keys: &["address", "late", "tls", "pipeline", "quirks"],
         exclusive: None,
+        answer: LineType::ANSWER,
     },
     LineType {
         word: BusType::ModbusRtu,
+        title: "Modbus RTU",
         keys: &["late", "port", "baud", "parity", "stop_bits", "quirks"],
         exclusive: Some("port"),
+        answer: LineType::ANSWER,
     },
     LineType {
         word: BusType::ModbusRtuOverTcp,
+        title: "RTU over TCP",
         keys: &["address", "late", "quirks"],
         exclusive: Some("address"),
+        answer: ANSWER_THROUGH_SERVER,
     },
 ];
 
