@@ -147,7 +147,7 @@ pub struct Device {
     pub source_time: Option<SourceTime>,
     /// Way of reading the signals of an OPC UA server. Other devices are polled.
     pub read: ReadBy,
-    /// Whether the device is sensors of this computer.
+    /// Whether the device has neither a unit nor a node number, and is no server: sensors of this computer.
     pub is_pc: bool,
 }
 
