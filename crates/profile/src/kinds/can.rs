@@ -13,6 +13,7 @@ use isotherm_core::codec::{Address, CanId};
 use isotherm_core::reading::SignalId;
 use node::CanDevice;
 
+pub(crate) mod channel;
 mod conflicts;
 mod dbc;
 pub(crate) mod emergency;

@@ -11,6 +11,7 @@ use crate::tables::{Check, KeyContext};
 use crate::{BusId, Profile};
 use isotherm_core::codec::{Address, Register};
 
+pub(crate) mod channel;
 pub(crate) mod frames;
 pub(crate) mod functions;
 mod gateway;
