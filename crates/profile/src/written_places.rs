@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use crate::kinds;
+use crate::kinds::KINDS;
 use crate::{BusId, DeviceId, Profile};
 use isotherm_core::codec::{Address, Register, Table};
 
@@ -61,7 +61,6 @@ impl Written<'_> {
         if device.bus != self.bus {
             return;
         }
-        let (kind, _) = kinds::of(self.profile.bus(self.bus).transport);
-        self.places.extend((kind.written)(device.unit, address, count));
+        self.places.extend(KINDS.iter().flat_map(|kind| (kind.written)(device.unit, address, count)));
     }
 }

@@ -90,7 +90,8 @@ pub(crate) struct BusKind {
     pub(crate) preview: fn(&Profile, BusId) -> Vec<(&'static str, Section)>,
     /// Returns whether a check could detect that another device has replaced this one.
     pub(crate) can_be_identified: fn(&Device) -> bool,
-    /// Returns the places of a written value of this many registers, at the unit with this number, as texts.
+    /// Returns the places of a written value of this many registers, at the unit with this number, as texts. Empty for an
+    /// address of another kind.
     pub(crate) written: fn(u8, &Address, u16) -> Vec<String>,
 }
 
