@@ -4,7 +4,7 @@ use crate::Signal;
 use crate::plan::{Field, ReadRequest, ReadTarget};
 use crate::tables::bus::transport::{BusType, Transport};
 use crate::tables::bus::{Bus, LineSettings, LineType, RawBus, Sync};
-use crate::tables::bus_kind::{BusKind, SignalKeys};
+use crate::tables::bus_kind::{BusKind, SignalKeys, SignalsOf};
 use crate::tables::device::{Device, DeviceParts, RawDevice};
 use crate::tables::signal::RawSignal;
 use crate::tables::{Check, KeyContext};
@@ -46,7 +46,7 @@ pub(super) static KIND: BusKind = BusKind {
             interface(raw, at);
         }
     },
-    settings: |raw, at, _| {
+    settings: |raw, at, _, _| {
         let sync = raw.sync.as_ref().and_then(|sync| {
             let every = at.key("sync").key("every").period(sync.every);
             Some(Sync { id: CanId::standard(sync.cob_id.unwrap_or(SYNC))?, every: every? })
@@ -125,7 +125,7 @@ fn is_in_frames(raw: &RawSignal) -> bool {
 }
 
 /// Plans one request for each object. Values in frames arrive without a request.
-fn requests(_: &Device, signals: &[(SignalId, &Signal)]) -> Vec<ReadRequest> {
+fn requests(_: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
     let request = |(id, signal): &(SignalId, &Signal)| {
         let Address::Object(object) = &signal.address else { return None };
         let field = Field { signal: *id, at: 0, len: signal.encoding.data_type.registers() };

@@ -50,7 +50,7 @@ pub(super) static KIND: BusKind = BusKind {
     signal: |_, raw, at, device| signal::resolve(raw, at, device),
     has_registers: true,
     foreign_output_keys: output::foreign_keys,
-    output: |check, raw, at, (_, device)| {
+    output: |check, raw, at, _, device| {
         output::resolve(raw, at, device.and_then(|device| check.devices.get(device)))
     },
     heartbeat,

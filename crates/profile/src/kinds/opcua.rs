@@ -2,11 +2,10 @@
 
 use std::time::Duration;
 
-use crate::Signal;
 use crate::plan::{Field, ReadRequest, ReadTarget, Subscription, numbered};
 use crate::tables::bus::transport::{BusType, Transport};
 use crate::tables::bus::{LineSettings, LineType};
-use crate::tables::bus_kind::{BusKind, SignalKeys};
+use crate::tables::bus_kind::{BusKind, SignalKeys, SignalsOf};
 use crate::tables::device::{Device, DeviceParts};
 use crate::tables::heartbeat::{FEW, RawHeartbeat};
 use crate::tables::output::display::Display;
@@ -17,7 +16,6 @@ use crate::tables::signal::unit::Unit;
 use crate::tables::signal::{Located, RawSignal};
 use crate::tables::{Check, KeyContext};
 use isotherm_core::codec::{Address, DataType, Encoding, Node};
-use isotherm_core::reading::SignalId;
 use nodes::{ReadBy, SourceTime};
 
 pub(crate) mod connection;
@@ -35,7 +33,7 @@ pub(super) static KIND: BusKind = BusKind {
     }],
     recognises: |raw| raw.address.as_ref().is_some_and(|address| address.starts_with(connection::SCHEME)),
     line: |raw, at, _| Some((Transport::OpcUa, line::address(raw, at))),
-    settings: |raw, at, _| {
+    settings: |raw, at, _, _| {
         Some(LineSettings { opcua: Some(line::resolve(raw, at)?), ..LineSettings::default() })
     },
     device: |_, raw, _, _| {
@@ -82,7 +80,7 @@ fn heartbeat(raw: &RawHeartbeat, at: &KeyContext<'_>) -> Option<Address> {
 }
 
 /// Plans one request or subscription for all nodes.
-fn requests(device: &Device, signals: &[(SignalId, &Signal)]) -> Vec<ReadRequest> {
+fn requests(device: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
     let mut nodes: Vec<(Field, Node)> = Vec::new();
     let mut max_age = Duration::MAX;
     for (id, signal) in signals {
@@ -120,7 +118,8 @@ fn output(
     check: &Check<'_>,
     raw: &RawOutput,
     at: &KeyContext<'_>,
-    (_, device): (&str, Option<usize>),
+    _: &str,
+    device: Option<usize>,
 ) -> Option<Target> {
     let device = device.and_then(|device| check.devices.get(device));
     let node = nodes::written(at, raw.node.as_ref(), raw.kind);

@@ -2,19 +2,17 @@
 
 use std::time::Duration;
 
-use crate::Signal;
 use crate::duration::shown;
 use crate::plan::{Field, ReadRequest, ReadTarget, numbered};
 use crate::tables::bus::LineType;
 use crate::tables::bus::transport::{BusType, Transport};
-use crate::tables::bus_kind::{BusKind, SignalKeys};
+use crate::tables::bus_kind::{BusKind, SignalKeys, SignalsOf};
 use crate::tables::device::{Device, DeviceParts};
 use crate::tables::register::{self, plain};
 use crate::tables::signal::unit::Unit;
 use crate::tables::signal::{Located, RawSignal};
 use crate::tables::{Check, KeyContext};
 use isotherm_core::codec::{Address, DataType, Encoding, PcSensor};
-use isotherm_core::reading::SignalId;
 
 /// Default directory of the kernel's sensors.
 const ROOT: &str = "/sys";
@@ -104,7 +102,7 @@ fn signal(_: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>, _: Option<&Device
 }
 
 /// Plans one request for all sensors, which are read at the same time.
-fn requests(_: &Device, signals: &[(SignalId, &Signal)]) -> Vec<ReadRequest> {
+fn requests(_: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
     let sensors = signals.iter().filter_map(|(id, signal)| {
         let field = Field { signal: *id, at: 0, len: signal.encoding.data_type.registers() };
         Some((field, signal.address.sensor()?.clone()))

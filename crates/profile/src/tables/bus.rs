@@ -219,7 +219,7 @@ impl RawBus {
         foreign_keys(at, kind.line_type(of).map_or(&[], |known| known.keys));
         let (transport, address) = (kind.line)(self, at, of)?;
         let late = self.late(&at.key("late"), timeout, transport.late(timeout));
-        let LineSettings { tls, opcua, sync } = (kind.settings)(self, at, (of, address.as_deref()))?;
+        let LineSettings { tls, opcua, sync } = (kind.settings)(self, at, of, address.as_deref())?;
         let pipeline = self.pipeline(&at.key("pipeline"), quirks);
         Some(Bus {
             name: name.to_owned(),

@@ -22,6 +22,12 @@ use isotherm_core::reading::SignalId;
 /// Keys, their owner in messages, and the hint for them.
 pub(crate) type ForeignKeys = (&'static [&'static str], &'static str, &'static str);
 
+/// Transport of a line, and its address. The address is `None` if it has an error.
+pub(crate) type TransportAddress = (Transport, Option<String>);
+
+/// Signals of one device, with their indices.
+pub(crate) type SignalsOf<'a> = [(SignalId, &'a Signal)];
+
 /// Keys of a signal that only one kind of bus has.
 pub(crate) struct SignalKeys {
     pub(crate) keys: &'static [&'static str],
@@ -47,9 +53,9 @@ pub(crate) struct BusKind {
     /// Checks the keys of a line whose type has an error. The flag is set if the line was recognised.
     pub(crate) line_without_type: fn(&RawBus, &KeyContext<'_>, bool),
     /// Resolves transport and address of a line. `None` if the transport has an error.
-    pub(crate) line: fn(&RawBus, &KeyContext<'_>, BusType) -> Option<(Transport, Option<String>)>,
+    pub(crate) line: fn(&RawBus, &KeyContext<'_>, BusType) -> Option<TransportAddress>,
     /// Resolves the settings that only some types of lines have. The text is the address.
-    pub(crate) settings: fn(&RawBus, &KeyContext<'_>, (BusType, Option<&str>)) -> Option<LineSettings>,
+    pub(crate) settings: fn(&RawBus, &KeyContext<'_>, BusType, Option<&str>) -> Option<LineSettings>,
     /// Resolves the parts of a device that depend on the kind of its line. The line is `None` if it has an error.
     pub(crate) device: fn(&Check<'_>, &RawDevice, &KeyContext<'_>, Option<&Bus>) -> DeviceParts,
     /// Keys that a device of this kind does not have.
@@ -73,7 +79,7 @@ pub(crate) struct BusKind {
     /// Reports the keys of an output on this device that outputs of this kind do not have.
     pub(crate) foreign_output_keys: fn(&RawOutput, &KeyContext<'_>, &str),
     /// Resolves the target of an output with this name, on the device with this index.
-    pub(crate) output: fn(&Check<'_>, &RawOutput, &KeyContext<'_>, (&str, Option<usize>)) -> Option<Target>,
+    pub(crate) output: fn(&Check<'_>, &RawOutput, &KeyContext<'_>, &str, Option<usize>) -> Option<Target>,
     /// Resolves the register or node of the heartbeat.
     pub(crate) heartbeat: fn(&RawHeartbeat, &KeyContext<'_>) -> Option<Address>,
     /// Completes the devices with what their outputs need.
@@ -81,7 +87,7 @@ pub(crate) struct BusKind {
     /// Checks all tables for conflicts on lines of this kind.
     pub(crate) check: fn(&Check<'_>),
     /// Plans the requests that read these signals of one device. Skips the signals of other kinds.
-    pub(crate) requests: fn(&Device, &[(SignalId, &Signal)]) -> Vec<ReadRequest>,
+    pub(crate) requests: fn(&Device, &SignalsOf<'_>) -> Vec<ReadRequest>,
     /// Description of a device in the preview, from its period and the summary of its requests.
     pub(crate) device_preview: fn(&Device, &str, &str) -> String,
     /// Description of reads and writes in the preview, if writes without an answer cannot arrive later.
@@ -112,14 +118,14 @@ impl BusKind {
         has_load: true,
         recognises: |_| false,
         line_without_type: |_, _, _| {},
-        settings: |_, _, _| Some(LineSettings::default()),
+        settings: |_, _, _, _| Some(LineSettings::default()),
         foreign_device_keys: &[],
         device_keys_elsewhere: |_, _| {},
         verify: |_, _, _| None,
         check_signal: |_, _, _| &[],
         comes_by_itself: |_| false,
         foreign_output_keys: |_, _, _| {},
-        output: |_, _, _, _| None,
+        output: |_, _, _, _, _| None,
         heartbeat: |_, _| None,
         complete: |_| {},
         check: |_| {},

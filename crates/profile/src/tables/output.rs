@@ -267,7 +267,7 @@ impl RawOutput {
         }
         let kind = known.unwrap_or(check.kinds[0]);
         let Target { address, encoding, verify, share, applied, display } =
-            (kind.output)(check, self, at, (name, index))?;
+            (kind.output)(check, self, at, name, index)?;
         if share == Share::Ledger && refresh.is_some() {
             let message = "a shared register is not refreshed: writing the same value again could overwrite \
                            a change by the operator";

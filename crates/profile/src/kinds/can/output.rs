@@ -32,9 +32,10 @@ pub(super) fn resolve(
     check: &Check<'_>,
     raw: &RawOutput,
     at: &KeyContext<'_>,
-    own: (&str, Option<usize>),
+    name: &str,
+    device: Option<usize>,
 ) -> Option<Target> {
-    let target = target(check, raw, at, own);
+    let target = target(check, raw, at, (name, device));
     let data_type = target.as_ref().map(|(address, _)| fields::data_type(address));
     let scale = raw.scale(&at.key("scale"), data_type);
     let ((address, verify), data_type) = target.zip(data_type)?;

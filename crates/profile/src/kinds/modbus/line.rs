@@ -60,7 +60,8 @@ pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>, of: BusType) -> Option<
 pub(super) fn settings(
     raw: &RawBus,
     at: &KeyContext<'_>,
-    (of, address): (BusType, Option<&str>),
+    of: BusType,
+    address: Option<&str>,
 ) -> Option<LineSettings> {
     let tls = optional(raw.tls.as_ref().filter(|_| of == BusType::ModbusTcp), |tls| {
         // The files are checked even if the address is wrong.

@@ -7,13 +7,13 @@
 
 use super::quirks::Quirks;
 use crate::plan::{Field, ReadRequest, ReadTarget};
-use crate::{Device, Signal};
-use isotherm_core::reading::SignalId;
+use crate::tables::bus_kind::SignalsOf;
+use crate::tables::device::Device;
 
 /// Largest number of coils or discrete inputs in one request of the protocol.
 pub(crate) const MAX_BITS: u16 = 2000;
 
-pub(super) fn of(device: &Device, signals: &[(SignalId, &Signal)]) -> Vec<ReadRequest> {
+pub(super) fn of(device: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
     let quirks = &device.quirks;
     let mut requests: Vec<ReadRequest> = Vec::new();
     let mut together: Vec<ReadRequest> = Vec::new();
