@@ -1,5 +1,8 @@
 //! DBC files: from the name of a signal to its frames and bits.
 
+use std::collections::BTreeMap;
+use std::rc::Rc;
+
 use can_dbc::{
     AttributeDefinition, AttributeValue, AttributeValueType, ByteOrder as DbcOrder, Dbc, Message, MessageId,
     MultiplexIndicator, Signal, SignalExtendedValueType, ValueType,
@@ -12,6 +15,9 @@ use isotherm_core::codec::{BitField, BitKind, ByteOrder, CanId, CanMatch, Field,
 
 /// Largest depth of nested multiplexers.
 const DEEPEST: usize = 8;
+
+/// Files by name. `None` if a file cannot be read, which has been reported.
+pub(crate) type Dbcs = BTreeMap<String, Option<Rc<DbcFile>>>;
 
 /// Parsed DBC file with its text.
 #[derive(Clone, Debug)]

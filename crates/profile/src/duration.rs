@@ -35,3 +35,8 @@ schema_of!(Timespan as "Duration": {
 pub(crate) fn shown(span: Duration) -> String {
     duration_text(span)
 }
+
+/// Returns a duration in milliseconds.
+pub(crate) fn ms(span: Duration) -> f64 {
+    1000.0 * span.as_secs_f64()
+}

@@ -11,6 +11,8 @@
 //! - [`host_and_port`]: addresses. [`safe_file`]: files named by a user. `control_chars`: safe display of foreign
 //!   texts.
 //! - `template`, `dbc`: device templates and DBC files.
+//! - `key_context`: a key that is being checked, with its errors and warnings.
+//! - `kinds`: one folder or file for each kind of bus: its keys, addresses, read requests and preview.
 //! - `tables`: one file for each table of the profile: its keys, checks, resolved form, and preview.
 //! - `written_places`: the places that a gateway writes to.
 //! - [`plan`], [`preview`]: read requests of a device; the document of `isotherm check`.
@@ -29,6 +31,8 @@ mod duration;
 mod error;
 mod files;
 mod host_port;
+mod key_context;
+mod kinds;
 mod load;
 mod merge;
 mod overridden_keys;
@@ -50,6 +54,13 @@ mod written_places;
 pub use control_chars::{lines, one_line};
 pub use error::{Errors, ProfileError, allowed, nearest};
 pub use host_port::{NoPlace, host_and_port};
+pub use kinds::can::emergency::Emergency;
+pub use kinds::can::node::{CanDevice, Setup};
+pub use kinds::modbus::functions::{Functions, WriteFunction};
+pub use kinds::modbus::quirks::{Gateway, Quirks};
+pub use kinds::modbus::serial::{Parity, Serial};
+pub use kinds::opcua::connection::{OpcUa, Security, User, server_url};
+pub use kinds::opcua::nodes::{ReadBy, SourceTime};
 pub use load::{
     Loaded, environment, load, load_and_keep, load_before_certificates, load_from, parse, parse_with,
 };
@@ -59,14 +70,10 @@ pub use tables::axis::model::network;
 pub use tables::axis::model::seals::{sha256, sha256_of};
 pub use tables::axis::probe::ProbeInput;
 pub use tables::axis::{Axis, Purpose};
-pub use tables::bus::opcua::{OpcUa, Security, User, server_url};
-pub use tables::bus::serial::{Parity, Serial};
 pub use tables::bus::tls::{NamedFile, TLS_PORT, Tls};
-pub use tables::bus::{Bus, Sync, Transport};
+pub use tables::bus::transport::Transport;
+pub use tables::bus::{Bus, Sync};
 pub use tables::device::Device;
-pub use tables::device::emergency::Emergency;
-pub use tables::device::functions::{Functions, WriteFunction};
-pub use tables::device::node::{CanDevice, Setup};
 pub use tables::device::verify::Expected;
 pub use tables::handshake::{Bit, Handshake};
 pub use tables::heartbeat::Heartbeat;
@@ -77,7 +84,6 @@ pub use tables::mqtt::broker::BrokerUrl;
 pub use tables::mqtt::{Mqtt, MqttFormat, MqttUser};
 pub use tables::notify::url::Url;
 pub use tables::notify::{ALARM, ALARM_OVER, AXIS_OFF, CLOCK, Notify, TRIGGERS, UNVERIFIED};
-pub use tables::opcua::{ReadBy, SourceTime};
 pub use tables::output::Output;
 pub use tables::output::applied::Applied;
 pub use tables::output::display::{Display, ExtraWord, Shown, Stale};
@@ -85,7 +91,6 @@ pub use tables::output::share::Share;
 pub use tables::output::stated::Stated;
 pub use tables::output::verify::Verify;
 pub use tables::output::writes::Writes;
-pub use tables::quirks::{Gateway, Quirks};
 pub use tables::register::Flag;
 pub use tables::schema::schema;
 pub use tables::set::{OutputSet, OwnWord, Stretch};

@@ -9,6 +9,7 @@ use toml::de::DeValue;
 
 use crate::error::{Errors, Findings, ProfileError, allowed};
 use crate::files::{Certificates, Disk, Files, Reads};
+use crate::kinds::KINDS;
 use crate::overridden_keys::Above;
 use crate::protected_keys::{self, Refusal};
 use crate::safe_file::without_numbers;
@@ -369,7 +370,7 @@ impl Loader<'_> {
             // Consumed, so that a large machine is not in memory twice.
             match RawProfile::deserialize(merged) {
                 Ok(raw) => {
-                    let checked = raw.check(&self.spans, path, files, &templates);
+                    let checked = raw.check(&self.spans, path, files, &templates, &KINDS);
                     self.errors.append(checked.errors);
                     (profile, warnings) = (checked.profile, checked.warnings);
                 }

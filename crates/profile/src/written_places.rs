@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use crate::kinds::KINDS;
 use crate::{BusId, DeviceId, Profile};
 use isotherm_core::codec::{Address, Register, Table};
 
@@ -60,23 +61,6 @@ impl Written<'_> {
         if device.bus != self.bus {
             return;
         }
-        let unit = device.unit;
-        match address {
-            Address::Modbus(Register { table, offset }) => {
-                let offsets = (0..count).map(|place| offset.saturating_add(place));
-                self.places.extend(offsets.map(|offset| format!("unit {unit} {}:{offset}", table.name())));
-            }
-            Address::Object(object) => {
-                self.places.insert(format!("node {unit} object {}", object.entry));
-            }
-            // The gateway sends a whole frame, with all its values.
-            Address::Frame(field) => {
-                self.places.insert(format!("frame {}", field.frames.id));
-            }
-            Address::Node(node) => {
-                self.places.insert(format!("node {}", node.id));
-            }
-            Address::Sensor(_) => {}
-        }
+        self.places.extend(KINDS.iter().flat_map(|kind| (kind.written)(device.unit, address, count)));
     }
 }

@@ -3,9 +3,11 @@
 use std::time::Duration;
 
 use super::load::exchange_time;
-use super::traffic::{Exchange, read_cells};
+use super::traffic::Exchange;
 use crate::document::Section;
 use crate::duration::shown;
+use crate::kinds;
+use crate::kinds::modbus::frames::read_cells;
 use crate::tables::device::verify::Expected;
 use crate::{BusId, Device, DeviceId, Profile};
 use isotherm_core::compensation::model::Model;
@@ -35,9 +37,9 @@ pub fn period(check: &Expected, stretch: f64) -> Duration {
 /// Returns the names of the devices without identification. They answer requests or are written to, but have no
 /// `verify`.
 pub(super) fn unidentified(profile: &Profile) -> Vec<&str> {
-    let is_asked = |device: &Device| match &device.can {
-        Some(can) => can.node.is_some(),
-        None => !device.is_pc,
+    let is_asked = |device: &Device| {
+        let (kind, _) = kinds::of(profile.bus(device.bus).transport);
+        (kind.can_be_identified)(device)
     };
     let devices = profile.devices.iter().filter(|device| is_asked(device) && device.verify.is_empty());
     devices.map(|device| device.name.as_str()).collect()

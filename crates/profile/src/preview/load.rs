@@ -9,14 +9,11 @@ use serde::Serialize;
 
 use super::traffic::{Exchange, traffic};
 use crate::document::{Section, entries};
+use crate::duration::ms;
+use crate::kinds;
 use crate::wording::counted;
-use crate::{Bus, BusId, Device, Profile, ProfileError, Transport};
+use crate::{Bus, BusId, Device, Profile, ProfileError};
 
-/// Assumed time until a current device begins its answer, including its network.
-const ANSWER: Duration = Duration::from_millis(10);
-/// Assumed answer time through a plain serial server. It includes two short frames at 9600 baud, because profiles do
-/// not state the baud rate.
-const ANSWER_THROUGH_SERVER: Duration = Duration::from_millis(30);
 /// Load in percent above which a line has no reserve for lost answers and repetitions.
 const TIGHT: f64 = 80.0;
 const FULL: f64 = 100.0;
@@ -62,12 +59,8 @@ struct Cost {
 
 fn cost(bus: &Bus, device: &Device, asked: &Exchange) -> Cost {
     let quirks = &device.quirks;
-    let bytes = match bus.transport {
-        Transport::Serial(serial) => serial.exchange(asked.question, asked.answer),
-        Transport::Tcp | Transport::RtuOverTcp | Transport::Can | Transport::OpcUa | Transport::Sysfs => {
-            Duration::ZERO
-        }
-    };
+    let serial = bus.transport.serial();
+    let bytes = serial.map_or(Duration::ZERO, |serial| serial.exchange(asked.question, asked.answer));
     let known = bytes + quirks.pause_between_requests;
     if quirks.close_after_each {
         // The next request requires a new connection first.
@@ -79,21 +72,8 @@ fn cost(bus: &Bus, device: &Device, asked: &Exchange) -> Cost {
 /// Returns the time of one exchange, including the assumed answer time of the device.
 pub(super) fn exchange_time(bus: &Bus, device: &Device, asked: &Exchange) -> Duration {
     let Cost { known, waits } = cost(bus, device, asked);
-    known + answer_time(bus.transport).mul_f64(waits)
-}
-
-/// Returns the assumed answer time of a device on such a line.
-fn answer_time(transport: Transport) -> Duration {
-    match transport {
-        Transport::RtuOverTcp => ANSWER_THROUGH_SERVER,
-        Transport::Tcp | Transport::Serial(_) | Transport::Can | Transport::OpcUa | Transport::Sysfs => {
-            ANSWER
-        }
-    }
-}
-
-pub(super) fn ms(span: Duration) -> f64 {
-    1000.0 * span.as_secs_f64()
+    let (_, line) = kinds::of(bus.transport);
+    known + line.answer.mul_f64(waits)
 }
 
 /// Warns about lines that have less time than their exchanges require.
@@ -121,14 +101,15 @@ impl Load {
     /// send by themselves. Returns `None` for sensors of this computer too, because all are read at the same time.
     pub fn of(profile: &Profile, id: BusId) -> Option<Load> {
         let bus = profile.bus(id);
-        if bus.transport == Transport::Sysfs {
+        let (kind, line) = kinds::of(bus.transport);
+        if !kind.has_load {
             return None;
         }
         let asked = traffic(profile, id);
         if asked.is_empty() {
             return None;
         }
-        let answer = answer_time(bus.transport);
+        let answer = line.answer;
         let (mut known, mut waits, mut percent) = (0.0, 0.0, [0.0; 2]);
         for asked in &asked {
             let cost = cost(bus, profile.device(asked.device), asked);
@@ -153,7 +134,7 @@ impl Load {
                 _ => Verdict::Fits,
             },
             timeout_ms: ms(bus.timeout),
-            is_serial: matches!(bus.transport, Transport::Serial(_)),
+            is_serial: bus.transport.serial().is_some(),
         })
     }
 

@@ -2,11 +2,12 @@
 
 use std::time::Duration;
 
-use crate::plan::{ReadRequest, ReadTarget};
-use crate::{
-    Bit, BusId, Capture, Device, DeviceId, Output, OutputSet, Profile, Share, Stretch, WriteFunction, Writes,
+use crate::kinds::modbus::frames::{
+    cells_read, holding, read_frames, register_for, registers_read, write_frames,
 };
-use isotherm_core::codec::{Address, Register, Table};
+use crate::plan::{ReadRequest, ReadTarget};
+use crate::{Bit, BusId, Capture, DeviceId, Output, OutputSet, Profile, Share, Stretch, Writes};
+use isotherm_core::codec::Address;
 use isotherm_core::reading::SignalId;
 
 /// Reads of the acknowledge in one handshake: once before the strobe, twice for its rise, twice for its fall. The
@@ -203,15 +204,6 @@ fn is_asked_for(address: &Address) -> bool {
     !address.is_in_frames()
 }
 
-/// Returns the register of a value. A value without a register, such as a node, counts as the shortest request.
-fn register_for(address: &Address) -> Register {
-    address.register().unwrap_or(holding(0))
-}
-
-const fn holding(offset: u16) -> Register {
-    Register { table: Table::Holding, offset }
-}
-
 /// Number of exchanges for one value. A CANopen object of more than four bytes is transferred in segments of seven.
 fn transfers(address: &Address, registers: u16) -> usize {
     if matches!(address, Address::Object(_)) { segments(registers) } else { 1 }
@@ -246,30 +238,4 @@ fn together(periods: &[Duration]) -> f64 {
         periods[..*place].iter().all(|shorter| !period.as_nanos().is_multiple_of(shorter.as_nanos()))
     });
     own.map(|(_, period)| per(*period)).sum()
-}
-
-/// Lengths of a read request and its answer in bytes, with unit and checksum.
-pub(super) fn read_frames(request: &ReadRequest) -> (usize, usize) {
-    request.span().map_or((0, 0), |(from, count)| cells_read(from.table, count))
-}
-
-/// Lengths of the request and the answer that read this many registers, in bytes, with unit and checksum.
-pub(super) fn read_cells(address: &Address, registers: u16) -> (usize, usize) {
-    cells_read(register_for(address).table, registers)
-}
-
-fn registers_read(count: u16) -> (usize, usize) {
-    cells_read(Table::Holding, count)
-}
-
-fn cells_read(table: Table, count: u16) -> (usize, usize) {
-    let count = usize::from(count);
-    (8, 5 + if table.is_bits() { count.div_ceil(8) } else { 2 * count })
-}
-
-fn write_frames(device: &Device, at: Register, registers: u16) -> (usize, usize) {
-    match device.functions.writes(registers) {
-        Some(WriteFunction::Multiple) if !at.table.is_bits() => (9 + 2 * usize::from(registers), 8),
-        _ => (8, 8),
-    }
 }

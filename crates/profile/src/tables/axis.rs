@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::label::{self, labelled};
-use super::{KeyContext, optional};
+use super::{Check, KeyContext, optional};
 use crate::Profile;
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
@@ -199,7 +199,7 @@ impl Axis {
 }
 
 impl RawAxis {
-    pub(super) fn resolve(&self, at: &KeyContext<'_>, name: &str) -> Option<Axis> {
+    pub(super) fn resolve(&self, check: &Check<'_>, at: &KeyContext<'_>, name: &str) -> Option<Axis> {
         let guard = self.guard(at);
         let every = at.key("every").period(self.every);
         let on_fault = self.on_fault.as_ref().and_then(|action| action.resolve(&at.key("on_fault")));
@@ -215,8 +215,9 @@ impl RawAxis {
         let datum = self.datum(&at.key("datum"));
         let probe = optional(self.probe.as_ref(), |probe| probe.resolve(&at.key("probe"), self));
         // All models are checked, even after one with an error.
-        let models: Vec<Option<Model>> =
-            models.iter().enumerate().map(|(index, model)| model.resolve(&list.item(index))).collect();
+        let settle = check.raw.machine.as_ref().and_then(|machine| machine.settle);
+        let models = models.iter().enumerate().map(|(index, model)| model.resolve(&list.item(index), settle));
+        let models: Vec<Option<Model>> = models.collect();
         let (probe, probe_input) = probe?.unzip();
         let settings = AxisSettings {
             name: name.to_owned(),

@@ -56,7 +56,7 @@ impl Claim<'_> {
 pub(super) fn check(check: &Check<'_>, heartbeat: Option<&Heartbeat>) {
     let mut claims = claims(check, heartbeat);
     // The later one of two keys gets the error.
-    claims.sort_by_key(|claim| check.spans.rank(&claim.at.path));
+    claims.sort_by_key(|claim| check.report.spans.rank(&claim.at.path));
     let mut claimed: HashMap<(&str, u8, Register), Vec<usize>> = HashMap::new();
     for (index, later) in claims.iter().enumerate() {
         let mut earlier = BTreeSet::new();
@@ -192,7 +192,7 @@ struct Written<'c> {
 pub(super) fn one_writer_each(check: &Check<'_>, heartbeat: Option<&Heartbeat>) {
     let mut written = written(check, heartbeat);
     // The later one of two keys gets the error.
-    written.sort_by_key(|written| check.spans.rank(&written.at.path));
+    written.sort_by_key(|written| check.report.spans.rank(&written.at.path));
     for (place, later) in written.iter().enumerate() {
         let is_same = |first: &&Written<'_>| (&first.server, &first.node) == (&later.server, &later.node);
         if let Some(first) = written[..place].iter().find(is_same) {

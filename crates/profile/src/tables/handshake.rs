@@ -7,10 +7,11 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::KeyContext;
-use super::opcua::{Place, read};
+use super::device::Device;
 use super::register::{Flag, Notation};
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
+use crate::kinds::opcua::nodes::{Place, read};
 use isotherm_core::codec::{Address, Node, Table};
 
 /// Handshake with a strobe and its acknowledgement.
@@ -79,7 +80,7 @@ impl RawHandshake {
     pub(super) fn resolve(
         &self,
         at: &KeyContext<'_>,
-        device: Option<usize>,
+        device: Option<&Device>,
         is_in_nodes: bool,
     ) -> Option<Handshake> {
         let timeout = at.key("timeout").duration(self.timeout);
@@ -107,7 +108,7 @@ impl RawHandshake {
         if strobe.address == acknowledge.address {
             return itself(&at_acknowledge, &acknowledge.address);
         }
-        if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
+        if let Some(device) = device {
             if strobe.address.table == Table::Coil && !device.functions.write_coil {
                 let message = format!(
                     "writing this needs write-coil, which is not among the `functions` of `{}`",

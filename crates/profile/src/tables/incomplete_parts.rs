@@ -11,7 +11,7 @@ pub(super) fn only_recorded(check: &Check<'_>) -> Vec<String> {
     if check.axes.names.iter().any(|name| lacks_model(check, name)) {
         return Vec::new();
     }
-    let names = check.signals.names.iter().zip(check.used.borrow().clone());
+    let names = check.signals.names.iter().zip(check.report.used());
     names.filter(|(_, is_used)| !is_used).map(|(name, _)| name.clone()).collect()
 }
 

@@ -8,7 +8,6 @@ use serde::{Deserialize, Serialize};
 use super::{KeyContext, label};
 use crate::duration::Timespan;
 use crate::error::allowed;
-use crate::protected_keys::guarded_keys;
 use isotherm_core::compensation::settings::MachineSettings;
 
 /// Settings of the whole machine.
@@ -90,7 +89,12 @@ pub(super) struct Machine {
     pub(super) on_stop: OnStop,
 }
 
-pub(super) fn resolve(at: &KeyContext<'_>, raw: Option<&RawMachine>) -> Machine {
+/// Resolves the table. `guarded` lists the keys that a layer may only set with permission.
+pub(super) fn resolve(
+    at: &KeyContext<'_>,
+    raw: Option<&RawMachine>,
+    guarded: impl Fn() -> Vec<String>,
+) -> Machine {
     let Some(raw) = raw else { return Machine::default() };
     let name = raw.name.clone().unwrap_or_default();
     let is_plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
@@ -118,7 +122,7 @@ pub(super) fn resolve(at: &KeyContext<'_>, raw: Option<&RawMachine>) -> Machine 
         at.key("arm_timeout").invalid(message, "write at most \"24h\"");
     }
     if let Some(keys) = &raw.allow_override {
-        only_guarded(&at.key("allow_override"), keys);
+        only_guarded(&at.key("allow_override"), keys, &guarded());
     }
     Machine {
         name,
@@ -132,17 +136,7 @@ pub(super) fn resolve(at: &KeyContext<'_>, raw: Option<&RawMachine>) -> Machine 
 }
 
 /// Rejects the keys of `allow_override` that a layer may set without this permission, and those that do not exist.
-fn only_guarded(at: &KeyContext<'_>, keys: &[String]) {
-    let check = at.check;
-    let guarded = guarded_keys(&[
-        ("axis", &check.axes.names),
-        ("output", &check.outputs.names),
-        ("set", &check.sets.names),
-        ("heartbeat", &[]),
-        ("bus", &check.buses.names),
-        ("device", &check.devices.names),
-        ("signal", &check.signals.names),
-    ]);
+fn only_guarded(at: &KeyContext<'_>, keys: &[String], guarded: &[String]) {
     for (place, key) in keys.iter().enumerate().filter(|(_, key)| !guarded.contains(key)) {
         let help = allowed(key, guarded.iter().map(String::as_str));
         at.item(place).invalid(format!("`{key}` is not a key that needs this permission"), help);

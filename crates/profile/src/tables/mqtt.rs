@@ -205,7 +205,7 @@ impl RawMqtt {
             buffer,
             takes_measured: self.commands.contains(&MqttCommand::Measured),
             home_assistant: self.home_assistant.unwrap_or(false),
-            table_at: at.check.spans.at_key(&at.path, "", None),
+            table_at: at.report.spans.at_key(&at.path, "", None),
         })
     }
 

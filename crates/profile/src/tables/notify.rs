@@ -124,7 +124,7 @@ impl RawNotify {
             let help = "write https:// in `url`, if the server supports it";
             at.key("token_file").warn("the token goes over the network in plain text", help);
         }
-        let token_file = self.token_file.as_ref().map(|name| PathBuf::from(at.check.files.path(name)));
+        let token_file = self.token_file.as_ref().map(|name| PathBuf::from(at.report.files.path(name)));
         Some(Notify { name: element("notify", place), url: url?, on: on?, token_file, ca: ca? })
     }
 }

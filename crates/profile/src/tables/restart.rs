@@ -7,12 +7,12 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::device::Device;
-use super::opcua::{Place, read};
 use super::register::{plain, register};
 use super::signal::Signal;
 use super::signal::unit::Unit;
 use super::{Check, KeyContext};
 use crate::DeviceId;
+use crate::kinds::opcua::nodes::{Place, read};
 use isotherm_core::codec::{Address, DataType, Node};
 use isotherm_core::reading::SignalId;
 

@@ -10,12 +10,12 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::handshake::{Handshake, RawHandshake};
-use super::opcua::Place;
 use super::output::Output;
 use super::output::share::Share;
 use super::register::{Notation, holding};
 use super::{Check, KeyContext};
 use crate::document::{Json, Section, entries};
+use crate::kinds::opcua::nodes::Place;
 use crate::wording::duration_text;
 use crate::{DeviceId, OutputId, Profile, SetId};
 use isotherm_core::codec::{Address, DataType, Node, Register, Table};
@@ -331,7 +331,7 @@ pub(super) fn resolve(check: &mut Check<'_>) {
             members.iter().filter(|(_, set)| *set == place).map(|(output, _)| *output).collect();
         let is_whole = of_set.iter().all(|output| check.outputs.get(*output).is_some());
         let raw = check.raw.set.get(name);
-        let set = raw.and_then(|raw| raw.resolve(&check.at("set").key(name), name, &of_set));
+        let set = raw.and_then(|raw| raw.resolve(check, &check.at("set").key(name), name, &of_set));
         sets.push(set.filter(|_| is_whole));
     }
     for (place, name) in check.outputs.names.iter().enumerate() {
@@ -343,9 +343,9 @@ pub(super) fn resolve(check: &mut Check<'_>) {
             continue;
         }
         let Some(output) = check.outputs.get(place) else { continue };
-        can_be_exchanged(&at, "handshake", output);
-        let handshake =
-            raw.resolve(&at.key("handshake"), Some(output.device.0), output.address.node().is_some());
+        can_be_exchanged(check, &at, "handshake", output);
+        let device = check.devices.get(output.device.0);
+        let handshake = raw.resolve(&at.key("handshake"), device, output.address.node().is_some());
         sets.push(handshake.map(|handshake| OutputSet {
             name: name.clone(),
             is_named: false,
@@ -380,9 +380,9 @@ fn members(check: &Check<'_>) -> Vec<(usize, usize)> {
     for (place, name) in check.outputs.names.iter().enumerate() {
         let Some(set) = check.raw.output.get(name).and_then(|raw| raw.set.as_ref()) else { continue };
         let at = check.at("output").key(name);
-        let found = at.key("set").named(&check.sets, Some(set));
+        let found = at.key("set").named(&check.sets.names, Some(set));
         if let Some(output) = check.outputs.get(place) {
-            can_be_exchanged(&at, "set", output);
+            can_be_exchanged(check, &at, "set", output);
         }
         members.extend(found.map(|set| (place, set)));
     }
@@ -390,12 +390,12 @@ fn members(check: &Check<'_>) -> Vec<(usize, usize)> {
 }
 
 /// Reports an output that cannot be in a set or handshake, because its register must be read and not be shared.
-fn can_be_exchanged(at: &KeyContext<'_>, key: &str, output: &Output) {
+fn can_be_exchanged(check: &Check<'_>, at: &KeyContext<'_>, key: &str, output: &Output) {
     if output.writes.position().is_some() {
         let help = format!("remove `{key}`: the corrected position is written as soon as its scale is read");
         at.key(key).wrong_key("a corrected position is written at each reading of the scale", help);
     }
-    if at.check.raw.output.get(&output.name).is_some_and(|raw| raw.is_accepted_by_echo()) {
+    if check.raw.output.get(&output.name).is_some_and(|raw| raw.is_accepted_by_echo()) {
         let message = format!("with a {key} the register is read before and after each write");
         at.key("verify").invalid(message, "write verify = \"read-back\"");
     }
@@ -406,8 +406,13 @@ fn can_be_exchanged(at: &KeyContext<'_>, key: &str, output: &Output) {
 }
 
 impl RawSet {
-    fn resolve(&self, at: &KeyContext<'_>, name: &str, members: &[usize]) -> Option<OutputSet> {
-        let check = at.check;
+    fn resolve(
+        &self,
+        check: &Check<'_>,
+        at: &KeyContext<'_>,
+        name: &str,
+        members: &[usize],
+    ) -> Option<OutputSet> {
         let of_set: Vec<&Output> = members.iter().filter_map(|output| check.outputs.get(*output)).collect();
         let is_in_nodes = of_set.iter().any(|output| output.address.node().is_some());
         if is_in_nodes {
@@ -432,8 +437,7 @@ impl RawSet {
         let id = of_set.first().map(|output| output.device);
         let device = id.and_then(|id| check.devices.get(id.0));
         let handshake = self.handshake.as_ref();
-        let handshake =
-            handshake.map(|raw| raw.resolve(&at.key("handshake"), id.map(|id| id.0), is_in_nodes));
+        let handshake = handshake.map(|raw| raw.resolve(&at.key("handshake"), device, is_in_nodes));
         let is_wrong = handshake == Some(None);
         for output in of_set.iter().filter(|output| Some(output.device) != id) {
             let there = device.map_or("", |device| device.name.as_str());

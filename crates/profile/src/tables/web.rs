@@ -155,7 +155,8 @@ impl RawWeb {
             Some(_) => {}
         }
         self.check_tokens(at);
-        let file = |name: &Option<String>| name.as_ref().map(|name| PathBuf::from(at.check.files.path(name)));
+        let file =
+            |name: &Option<String>| name.as_ref().map(|name| PathBuf::from(at.report.files.path(name)));
         for (place, host) in self.hosts.iter().enumerate() {
             if !is_name(host) {
                 let help = "write the name alone, as \"gw7.plant.example\": no scheme, no port, no path";
@@ -210,7 +211,7 @@ impl RawWebTls {
             let help =
                 format!("name a PEM file beside the profile with {what} (docs/page.md says how to make it)");
             at.key(key).missing(format!("`{key}` is missing: https needs it"), help);
-            name.map(|name| PathBuf::from(at.check.files.path(name)))
+            name.map(|name| PathBuf::from(at.report.files.path(name)))
         };
         at.key("key").secret(self.key.as_ref());
         let cert = file("cert", self.cert.as_ref(), "the web page's certificate");

@@ -7,6 +7,7 @@ use serde::Deserialize;
 
 use crate::Profile;
 use crate::document::{Section, entries};
+use crate::duration::Timespan;
 use crate::tables::{KeyContext, optional};
 use envelope::OutsideWord;
 use expected::RawExpected;
@@ -124,7 +125,8 @@ fn kinds(_: &mut SchemaGenerator) -> Schema {
 }
 
 impl RawModel {
-    pub(super) fn resolve(&self, at: &KeyContext<'_>) -> Option<Model> {
+    /// Resolves a model. `settle` is the averaging time of the machine's references.
+    pub(super) fn resolve(&self, at: &KeyContext<'_>, settle: Option<Timespan>) -> Option<Model> {
         let own = KINDS.into_iter().find(|known| Some(known.word) == self.kind.as_deref())?;
         for kind in KINDS {
             for key in kind.keys.iter().filter(|key| !own.keys.contains(key)) {
@@ -135,7 +137,7 @@ impl RawModel {
             }
         }
         if let Some(identified_with) = &self.identified_with {
-            identified_with.doubt(&at.key("identified_with"));
+            identified_with.doubt(&at.key("identified_with"), settle);
         }
         if let Some(seals) = &self.sha256 {
             seals.check(self, at);

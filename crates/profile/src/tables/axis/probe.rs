@@ -153,7 +153,7 @@ impl RawProbe {
                 "remove `trigger`: then each change of the error is a probing; or name a flag or a counter";
             at.key("trigger").invalid("the error cannot be its own trigger", help);
         }
-        let of_unit = match at.check.signals.get(signal.0)?.unit.0 {
+        let of_unit = match at.unit_of(signal)?.0 {
             "um" => 1.0,
             "mm" => 1000.0,
             unit => {

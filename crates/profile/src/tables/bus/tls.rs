@@ -81,12 +81,12 @@ impl Tls {
 
 impl NamedFile {
     /// Reads the file that this key names.
-    pub(in crate::tables) fn read(at: &KeyContext<'_>, name: &str, help: &str) -> Option<NamedFile> {
-        let bytes = match at.check.files.is_to_be_made(name) {
+    pub(crate) fn read(at: &KeyContext<'_>, name: &str, help: &str) -> Option<NamedFile> {
+        let bytes = match at.report.files.is_to_be_made(name) {
             true => Vec::new(),
             false => at.file(name, help)?,
         };
-        let named_at = Box::new(at.check.spans.at_value(&at.path, "", Some(help.to_owned())));
+        let named_at = Box::new(at.report.spans.at_value(&at.path, "", Some(help.to_owned())));
         Some(NamedFile { name: name.to_owned(), bytes, named_at })
     }
 
@@ -105,14 +105,14 @@ impl fmt::Debug for NamedFile {
 
 impl RawTls {
     /// Resolves the security of a line to this host.
-    pub(super) fn resolve(&self, at: &KeyContext<'_>, host: &str) -> Option<Tls> {
+    pub(crate) fn resolve(&self, at: &KeyContext<'_>, host: &str) -> Option<Tls> {
         let host = host.trim_start_matches('[').trim_end_matches(']');
         let (name, key) = match &self.name {
             Some(name) => (name.as_str(), "name"),
             None => (host, "ca"),
         };
         let help = "write name = \"…\", a DNS name or an IP address that the device's certificate has";
-        let name_at = at.check.spans.at_value(&at.key(key).path, "", Some(help.to_owned()));
+        let name_at = at.report.spans.at_value(&at.key(key).path, "", Some(help.to_owned()));
         let help = "name a PEM file beside the profile with the certificate of the device, or of the \
                     authority that signed it";
         let ca = file(at, "ca", self.ca.as_ref(), help);
@@ -134,7 +134,7 @@ pub(in crate::tables) fn own_pair(
 }
 
 /// Reads the certificate and the private key that the keys `cert` and `key` name, each with its hint.
-pub(super) fn pair(
+pub(crate) fn pair(
     at: &KeyContext<'_>,
     (cert, of_cert): (Option<&String>, &str),
     (key, of_key): (Option<&String>, &str),
@@ -145,7 +145,7 @@ pub(super) fn pair(
 }
 
 /// Reads the file with a password that the key `password_file` names.
-pub(in crate::tables) fn password(at: &KeyContext<'_>, name: Option<&String>) -> Option<NamedFile> {
+pub(crate) fn password(at: &KeyContext<'_>, name: Option<&String>) -> Option<NamedFile> {
     let help = "name a file that holds the password alone, readable for the gateway only";
     let password = file(at, "password_file", name, help);
     at.key("password_file").secret(name);

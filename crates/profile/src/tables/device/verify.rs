@@ -6,11 +6,13 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::functions::Functions;
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
+use crate::kinds::can::fields;
+use crate::kinds::modbus::functions::Functions;
+use crate::kinds::opcua::nodes;
+use crate::tables::KeyContext;
 use crate::tables::register::{TypeWord, WordOrderWord, cell, fits, plain, word_order};
-use crate::tables::{KeyContext, can, opcua};
 use isotherm_core::codec::{Address, DataType, Encoding, Object};
 use isotherm_core::continuity::{CheckFailure, Difference};
 use isotherm_core::reading::Reason;
@@ -22,13 +24,13 @@ const EVERY: Duration = Duration::from_secs(60);
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Verify")]
-pub(super) struct RawVerify {
+pub(crate) struct RawVerify {
     /// Register, coil, discrete input, or one bit of a register, for example "holding:256", "coil:268",
     /// "holding:116.5".
     register: Option<String>,
     /// CANopen: index and sub-index in hexadecimal, for example "6110:01".
     #[schemars(regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
-    pub(super) sdo: Option<String>,
+    pub(crate) sdo: Option<String>,
     /// OPC UA: node, for example "ns=2;s=/Nck/State". Requires `type`.
     node: Option<String>,
     /// Type of the value. Default: "bool" for a single bit, otherwise "u16". Required for a node.
@@ -116,7 +118,7 @@ impl fmt::Display for Expected {
 
 impl RawVerify {
     /// Resolves a check of a Modbus device.
-    pub(super) fn register(&self, at: &KeyContext<'_>, functions: Functions) -> Option<Expected> {
+    pub(crate) fn register(&self, at: &KeyContext<'_>, functions: Functions) -> Option<Expected> {
         if self.sdo.is_some() {
             return None;
         }
@@ -146,25 +148,25 @@ impl RawVerify {
     }
 
     /// Resolves a check of a CANopen node.
-    pub(super) fn object(&self, at: &KeyContext<'_>) -> Option<Expected> {
+    pub(crate) fn object(&self, at: &KeyContext<'_>) -> Option<Expected> {
         let help = "remove it, and write sdo = \"6110:01\"";
         at.not_applicable(&["register", "word_order"], "a Modbus device", help);
         if self.register.is_none() {
             at.key("sdo").missing("`sdo` is missing: what is to be read?", "write `sdo`, as \"6110:01\"");
         }
-        let entry = can::entry(&at.key("sdo"), self.sdo.as_ref()?);
+        let entry = fields::entry(&at.key("sdo"), self.sdo.as_ref()?);
         let kind = self.kind.unwrap_or(TypeWord(DataType::U16));
-        let data_type = can::object_type(&at.key("type"), kind)?;
+        let data_type = fields::object_type(&at.key("type"), kind)?;
         let equals = self.equal(at, data_type)?;
         let address = Address::Object(Object { entry: entry?, data_type });
         Some(self.expected(at, address, plain(data_type), equals))
     }
 
     /// Resolves a check of an OPC UA server.
-    pub(super) fn node(&self, at: &KeyContext<'_>) -> Option<Expected> {
+    pub(crate) fn node(&self, at: &KeyContext<'_>) -> Option<Expected> {
         let help = "remove it, and write node = \"ns=2;s=…\"";
         at.not_applicable(&["register", "word_order", "sdo"], "a device on another kind of line", help);
-        let node = opcua::compared(at, self.node.as_ref(), self.kind)?;
+        let node = nodes::compared(at, self.node.as_ref(), self.kind)?;
         let data_type = node.taken_as();
         let equals = self.equal(at, data_type)?;
         Some(self.expected(at, Address::Node(node), plain(data_type), equals))

@@ -9,6 +9,7 @@ use super::RawOutput;
 use super::share::Share;
 use crate::duration::Timespan;
 use crate::tables::KeyContext;
+use crate::tables::device::Device;
 use crate::tables::register::{self, TypeWord, WordOrderWord, plain};
 use isotherm_core::codec::{Encoding, Register, Scale};
 
@@ -19,7 +20,7 @@ const SETTLE: Duration = Duration::from_secs(1);
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(untagged)]
 #[schemars(rename = "ReadBackPlace", description = "")]
-pub(super) enum ReadBackValue {
+pub(crate) enum ReadBackValue {
     Object(#[schemars(regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))] String),
     Register(RawReadBack),
 }
@@ -29,7 +30,7 @@ pub(super) enum ReadBackValue {
 #[serde(deny_unknown_fields)]
 // Inlined, because the walk selects an alternative by its type, which a `$ref` hides.
 #[schemars(rename = "ReadBack", inline)]
-pub(super) struct RawReadBack {
+pub(crate) struct RawReadBack {
     /// Input or holding register, for example "input:12" or "30013".
     #[schemars(required)]
     register: Option<String>,
@@ -63,12 +64,12 @@ pub struct Applied {
 }
 
 /// Resolves the applied value. `written` is the register of the output, with its encoding.
-pub(super) fn resolve(
+pub(crate) fn resolve(
     raw: &RawOutput,
     at: &KeyContext<'_>,
     share: Share,
     written: (Register, &Encoding),
-    device: Option<usize>,
+    device: Option<&Device>,
 ) -> Option<Applied> {
     let at = at.key("read_back");
     let table = match raw.read_back.as_ref()? {
@@ -107,7 +108,7 @@ pub(super) fn resolve(
         (_, given) => register::word_order(&at.key("word_order"), Some(data_type), given)?,
     };
     register::fits(&place, address, data_type);
-    if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
+    if let Some(device) = device {
         device.must_read(&place, address.table);
     }
     let scale = match table.scale {

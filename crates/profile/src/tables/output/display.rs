@@ -5,6 +5,7 @@ use serde::Deserialize;
 
 use super::RawOutput;
 use crate::tables::KeyContext;
+use crate::tables::device::Device;
 use crate::tables::register::{Notation, TypeWord, holding};
 use isotherm_core::codec::{DataType, Register, Table};
 
@@ -145,7 +146,7 @@ impl Display {
 }
 
 /// Resolves the further words and the text of a display.
-pub(super) fn resolve(raw: &RawOutput, at: &KeyContext<'_>, device: Option<usize>) -> Display {
+pub(crate) fn resolve(raw: &RawOutput, at: &KeyContext<'_>, device: Option<&Device>) -> Display {
     for key in ["beside", "stale"].into_iter().filter(|key| at.has(key) && raw.is_written_as_cz()) {
         let help = "remove it, or write writes = \"corrected\"";
         at.key(key).wrong_key("this key is only for a display of a corrected position", help);
@@ -160,7 +161,7 @@ pub(super) fn resolve(raw: &RawOutput, at: &KeyContext<'_>, device: Option<usize
 }
 
 /// Returns the type of an output at the key `type`. The type of a digit display has the number of decimals of `scale`.
-pub(super) fn digits(raw: &RawOutput, at: &KeyContext<'_>) -> Option<DataType> {
+pub(crate) fn digits(raw: &RawOutput, at: &KeyContext<'_>) -> Option<DataType> {
     let TypeWord(kind) = raw.kind?;
     match (kind, raw.scale) {
         (DataType::Decimal24(_), Some(scale)) => decimals(&at.key("scale"), scale).map(DataType::Decimal24),
@@ -179,9 +180,9 @@ fn decimals(at: &KeyContext<'_>, scale: f64) -> Option<u8> {
 }
 
 impl RawBeside {
-    fn resolve(&self, at: &KeyContext<'_>, scale: Option<f64>, device: Option<usize>) -> Option<ExtraWord> {
+    fn resolve(&self, at: &KeyContext<'_>, scale: Option<f64>, device: Option<&Device>) -> Option<ExtraWord> {
         let register = holding(&at.key("register"), self.register.as_ref())?.offset;
-        if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
+        if let Some(device) = device {
             device.must_write(&at.key("register"), 1);
         }
         let by_state = self.good.zip(self.fault);
@@ -203,7 +204,7 @@ impl RawBeside {
 }
 
 impl RawStale {
-    fn resolve(&self, at: &KeyContext<'_>, device: Option<usize>) -> Option<Stale> {
+    fn resolve(&self, at: &KeyContext<'_>, device: Option<&Device>) -> Option<Stale> {
         let register = holding(&at.key("register"), self.register.as_ref())?.offset;
         let text = self.text.clone()?;
         if text.is_empty() || !text.bytes().all(|byte| (0x20..0x7f).contains(&byte)) {
@@ -211,7 +212,7 @@ impl RawStale {
             return at.key("text").reject(format!("`{text}` cannot be shown"), help);
         }
         let words = Stale::words(&text, self.characters.unwrap_or(2));
-        if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
+        if let Some(device) = device {
             device.must_write(&at.key("register"), u16::try_from(words.len()).unwrap_or(u16::MAX));
         }
         Some(Stale { text, register, words })

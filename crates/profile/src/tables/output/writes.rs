@@ -11,8 +11,8 @@ use super::share::Share;
 use super::{Output, RawOutput};
 use crate::Profile;
 use crate::document::figure;
-use crate::tables::KeyContext;
 use crate::tables::axis::Axis;
+use crate::tables::{Check, KeyContext};
 use isotherm_core::quantity::Micron;
 use isotherm_core::reading::SignalId;
 
@@ -178,10 +178,10 @@ fn reach(output: &Output, axis: &Axis, range: Option<(f64, f64)>) -> Option<(f64
 }
 
 /// Reports a register that cannot hold every value of the axis, or a step that is smaller than one count.
-pub(super) fn can_move(at: &KeyContext<'_>, output: &Output, axis: &Axis) {
+pub(super) fn can_move(check: &Check<'_>, at: &KeyContext<'_>, output: &Output, axis: &Axis) {
     let encoding = &output.encoding;
     let Some((low, high)) = encoding.data_type.integer_range() else { return };
-    let position = output.writes.position().and_then(|position| at.check.signals.get(position.0));
+    let position = output.writes.position().and_then(|position| check.signals.get(position.0));
     if let Some((from, to)) = reach(output, axis, position.and_then(|signal| signal.range))
         && (encoding.encode(from).saturated || encoding.encode(to).saturated)
     {

@@ -3,8 +3,8 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use crate::kinds::opcua::nodes::{holds, written};
 use crate::tables::KeyContext;
-use crate::tables::opcua::{holds, written};
 use crate::tables::register::{TypeWord, holding};
 use isotherm_core::codec::Address;
 

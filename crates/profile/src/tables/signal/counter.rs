@@ -7,6 +7,7 @@ use serde::Deserialize;
 
 use crate::duration::shown;
 use crate::tables::KeyContext;
+use crate::tables::device::Device;
 use crate::tables::register::register;
 use isotherm_core::codec::{Counter, Encoding, Register, Table};
 
@@ -49,7 +50,7 @@ impl RawCounter {
         &self,
         at: &KeyContext<'_>,
         encoding: &Encoding,
-        device: Option<usize>,
+        device: Option<&Device>,
         every: Duration,
         has_max_rate: bool,
     ) -> (Option<Counter>, Option<Capture>) {
@@ -81,10 +82,10 @@ impl RawCounter {
 }
 
 impl RawCapture {
-    fn resolve(&self, at: &KeyContext<'_>, device: Option<usize>) -> Option<Capture> {
+    fn resolve(&self, at: &KeyContext<'_>, device: Option<&Device>) -> Option<Capture> {
         let at = at.key("register");
         let address = register(&at, self.register.as_ref())?;
-        if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
+        if let Some(device) = device {
             match address.table {
                 Table::Coil if !device.functions.write_coil => {
                     device.lacks(&at, "this command needs write-coil", "\"write-coil\"");

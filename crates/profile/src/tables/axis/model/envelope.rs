@@ -108,7 +108,7 @@ pub(super) fn resolve(
     let bytes = bytes(raw, "envelope", &place, name)?;
     let file: EnvelopeFile = taken(&place, name, read(&bytes, "isotherm-envelope"))?;
     let signals = model?.signals();
-    let names = &at.check.signals.names;
+    let names = &at.report.signals;
     let mut known = Vec::new();
     for input in &file.inputs {
         let Some(signal) = signals.iter().copied().find(|id| names[id.0] == input.signal) else {

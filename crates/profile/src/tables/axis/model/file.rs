@@ -69,6 +69,6 @@ pub(super) fn bytes(raw: &RawModel, key: &str, at: &KeyContext<'_>, name: &str) 
 
 /// Returns the content of a named file, or reports why there is none.
 pub(super) fn taken<T>(at: &KeyContext<'_>, name: &str, result: Result<T, String>) -> Option<T> {
-    let report = |why| at.error(at.check.spans.at_value(&at.path, format!("{name}: {why}"), None));
+    let report = |why| at.error(at.report.spans.at_value(&at.path, format!("{name}: {why}"), None));
     result.map_err(report).ok()
 }

@@ -44,7 +44,7 @@ struct HalfTerm {
 pub(super) fn resolve(raw: &RawModel, at: &KeyContext<'_>, name: &str, model: &Model) -> Option<Vec<f64>> {
     let bytes = bytes(raw, "halves", at, name)?;
     let file: HalvesFile = taken(at, name, read(&bytes, "isotherm-halves"))?;
-    let apart = file.of(model.sum(), &at.check.signals.names);
+    let apart = file.of(model.sum(), &at.report.signals);
     taken(at, name, apart)
 }
 

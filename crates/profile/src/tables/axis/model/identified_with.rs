@@ -16,9 +16,8 @@ pub(super) struct RawIdentifiedWith {
 }
 
 impl RawIdentifiedWith {
-    pub(super) fn doubt(&self, at: &KeyContext<'_>) {
+    pub(super) fn doubt(&self, at: &KeyContext<'_>, machine: Option<Timespan>) {
         let Some(Timespan(own)) = self.settle else { return };
-        let machine = at.check.raw.machine.as_ref().and_then(|machine| machine.settle);
         let of_machine = machine.map(|Timespan(span)| span);
         if of_machine.unwrap_or_default() == own {
             return;

@@ -58,20 +58,20 @@ struct TermOfFile {
 pub(super) fn resolve(raw: &RawModel, at: &KeyContext<'_>, name: &str) -> Option<StandIns> {
     let bytes = bytes(raw, "stand_ins", at, name)?;
     let file: StandInsFile = taken(at, name, read(&bytes, "isotherm-stand-ins"))?;
-    let described = taken(at, name, file.described(&at.check.signals.names))?;
+    let described = taken(at, name, file.described(&at.report.signals))?;
     for sensor in &described {
         doubt(at, name, sensor.signal);
         let predictors = sensor.terms.iter().map(|(input, _)| input.signal);
-        predictors.chain([sensor.signal]).for_each(|id| at.check.used.borrow_mut()[id.0] = true);
+        predictors.chain([sensor.signal]).for_each(|id| at.uses(id));
     }
     Some(StandIns::new(described, fingerprint(&bytes)))
 }
 
 /// Warns about a sensor that is not a temperature. For other quantities a constant reading has no meaning.
 fn doubt(at: &KeyContext<'_>, file: &str, id: SignalId) {
-    let Some(signal) = at.check.signals.get(id.0) else { return };
-    if !matches!(signal.unit.0, "degC" | "K") {
-        let (name, unit) = (&signal.name, &signal.unit);
+    let Some(unit) = at.unit_of(id) else { return };
+    if !matches!(unit.0, "degC" | "K") {
+        let name = &at.report.signals[id.0];
         at.warn(
             format!(
                 "{file}: {name} is checked for a frozen reading, but is no temperature (its unit is {unit})"

@@ -5,12 +5,12 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::RawDevice;
 use super::emergency::Emergency;
+use super::fields;
 use crate::document::{Section, grouped};
 use crate::duration::shown;
+use crate::tables::KeyContext;
 use crate::tables::register::TypeWord;
-use crate::tables::{KeyContext, can};
 use crate::{DeviceId, Profile};
 use isotherm_core::codec::{Address, CanId, Frame, Object};
 
@@ -18,7 +18,7 @@ use isotherm_core::codec::{Address, CanId, Frame, Object};
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Setup")]
-pub(super) struct RawSetup {
+pub(crate) struct RawSetup {
     /// Index and sub-index in hexadecimal, for example "1800:05".
     #[schemars(required, regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
     sdo: Option<String>,
@@ -37,16 +37,16 @@ pub(super) struct RawSetup {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Emergency")]
-pub(super) struct RawEmergency {
+pub(crate) struct RawEmergency {
     /// Emergency code.
     #[schemars(required, range(min = 0, max = 65535))]
-    code: Option<u16>,
+    pub(super) code: Option<u16>,
     /// Bits of the code that are compared: 0xFF00 for a class of codes. Default 0xFFFF.
     #[schemars(range(min = 0, max = 65535))]
-    mask: Option<u16>,
+    pub(super) mask: Option<u16>,
     /// Meaning of the code.
     #[schemars(required)]
-    means: Option<String>,
+    pub(super) means: Option<String>,
 }
 
 /// Settings of a device on a CAN line, in addition to those of every device.
@@ -175,9 +175,9 @@ impl Setup {
 }
 
 impl RawSetup {
-    fn resolve(&self, at: &KeyContext<'_>) -> Option<Setup> {
-        let entry = can::entry(&at.key("sdo"), self.sdo.as_ref()?);
-        let data_type = can::object_type(&at.key("type"), self.kind?);
+    pub(super) fn resolve(&self, at: &KeyContext<'_>) -> Option<Setup> {
+        let entry = fields::entry(&at.key("sdo"), self.sdo.as_ref()?);
+        let data_type = fields::object_type(&at.key("type"), self.kind?);
         let (entry, data_type, value) = (entry?, data_type?, self.value?);
         let Some((low, high)) = data_type.integer_range() else {
             let help = "use an integer type: u8, u16, i16, u32, i32, …";
@@ -193,50 +193,6 @@ impl RawSetup {
             what: self.what.clone().unwrap_or_default(),
         })
     }
-}
-
-/// Resolves the settings of a device on a CAN line. `None` on any other line.
-pub(super) fn resolve(raw: &RawDevice, at: &KeyContext<'_>, on_can: Option<bool>) -> Option<CanDevice> {
-    if on_can? {
-        let help =
-            "remove it; a CANopen device has a `node`, and other devices are identified by their frames";
-        at.not_applicable(&["unit", "functions", "quirks"], "a Modbus device", help);
-    } else {
-        let keys = ["dbc", "source_address", "node", "start", "heartbeat", "setup", "emergency"];
-        let help = "remove it, or put the device on a bus of type \"can\"";
-        at.not_applicable(&keys, "a device on a CAN line", help);
-        if raw.verify.iter().flatten().any(|verify| verify.sdo.is_some()) {
-            let help = "write `register`, as \"coil:268\" or \"holding:256\"";
-            at.key("verify").wrong_key("a Modbus device has no CANopen objects", help);
-        }
-        return None;
-    }
-    if !at.key("node").is_written() {
-        let of_node = ["start", "heartbeat", "setup", "emergency", "verify"];
-        for key in of_node.into_iter().filter(|key| at.has(key)) {
-            let help = "write node = 5, the node number set at the device, 1 to 127";
-            at.key(key).invalid(format!("`{key}` needs a CANopen node"), help);
-        }
-    }
-    if raw.source_address.is_some() && raw.dbc.is_none() {
-        let help = "write dbc = \"…\" as well: parameter groups come from a DBC file";
-        at.key("source_address").wrong_key("`source_address` needs a DBC file", help);
-    }
-    let setup = at.key("setup");
-    let setup =
-        raw.setup.iter().flatten().enumerate().filter_map(|(place, raw)| raw.resolve(&setup.item(place)));
-    let emergencies = raw.emergency.iter().flatten().filter_map(|raw| {
-        let mask = raw.mask.unwrap_or(u16::MAX);
-        Some(Emergency { code: raw.code?, mask, meaning: raw.means.clone()? })
-    });
-    Some(CanDevice {
-        node: raw.node,
-        start: raw.start.unwrap_or(true),
-        heartbeat: at.key("heartbeat").duration(raw.heartbeat),
-        setup: setup.collect(),
-        emergencies: emergencies.collect(),
-        written: Vec::new(),
-    })
 }
 
 /// Reports a heartbeat that the node sends too rarely for its timeout, if both are known.

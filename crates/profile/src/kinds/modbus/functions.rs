@@ -12,7 +12,7 @@ macro_rules! functions {
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
         #[serde(rename_all = "kebab-case")]
         #[schemars(rename = "FunctionWord", description = "")]
-        pub(super) enum Function {
+        pub(crate) enum Function {
             $($word,)+
         }
 
@@ -31,7 +31,7 @@ macro_rules! functions {
             pub const ALL: Functions = Functions { $($permission: true,)+ };
 
             /// Returns the permissions for the named functions.
-            pub(super) fn of(named: &[Function]) -> Functions {
+            pub(crate) fn of(named: &[Function]) -> Functions {
                 Functions { $($permission: named.contains(&Function::$word),)+ }
             }
 
@@ -92,8 +92,7 @@ impl Functions {
     pub const fn reads_at(self, address: &Address) -> bool {
         match address {
             Address::Modbus(register) => self.reads(register.table),
-            Address::Object(_) | Address::Node(_) | Address::Sensor(_) => true,
-            Address::Frame(_) => false,
+            _ => !address.is_in_frames(),
         }
     }
 

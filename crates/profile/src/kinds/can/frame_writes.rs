@@ -5,7 +5,7 @@ use isotherm_core::codec::{CanId, Field, Frame};
 
 /// Frame with the value of an output.
 #[derive(Clone, Debug)]
-pub(in crate::tables) struct Written {
+pub(crate) struct Written {
     pub(super) device: usize,
     pub(super) output: String,
     /// Path of the key `pdo` or `frame`.
@@ -16,7 +16,7 @@ pub(in crate::tables) struct Written {
 
 impl Written {
     /// Creates the value of an output at its key `pdo` or `frame`.
-    pub(in crate::tables) fn of(
+    pub(super) fn of(
         at: &KeyContext<'_>,
         device: usize,
         output: &str,
@@ -35,7 +35,7 @@ impl Written {
     }
 
     pub(super) fn at<'c>(&self, check: &'c Check<'c>) -> KeyContext<'c> {
-        KeyContext { check, path: self.path.clone() }
+        KeyContext { report: &check.report, path: self.path.clone() }
     }
 
     /// Number of bytes that the frame needs for the value.
@@ -49,7 +49,7 @@ impl Written {
 }
 
 /// Parses the bytes of a frame without the value, at the key `fill`.
-pub(in crate::tables) fn fill(at: &KeyContext<'_>, text: &str, field: &Field) -> Option<Vec<u8>> {
+pub(super) fn fill(at: &KeyContext<'_>, text: &str, field: &Field) -> Option<Vec<u8>> {
     let digits: String = text.split_whitespace().collect();
     let is_hex = digits.bytes().all(|byte| byte.is_ascii_hexdigit()) && digits.len().is_multiple_of(2);
     let byte = |place: usize| u8::from_str_radix(digits.get(2 * place..2 * place + 2)?, 16).ok();
@@ -76,7 +76,7 @@ pub(in crate::tables) fn fill(at: &KeyContext<'_>, text: &str, field: &Field) ->
 }
 
 /// Adds the written frames to each device. A frame has space for the values of all its outputs.
-pub(in crate::tables) fn resolve(check: &mut Check<'_>) {
+pub(super) fn resolve(check: &mut Check<'_>) {
     let written = check.written_frames.borrow().clone();
     for (place, one) in written.iter().enumerate() {
         let is_same = |other: &&Written| one.is_in_one_frame_with(other);

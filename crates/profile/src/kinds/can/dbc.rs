@@ -1,21 +1,22 @@
 //! DBC files of a profile. Each is read once.
 
-use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use super::KeyContext;
 use crate::dbc::{self, DbcFile, Described, Wrong};
 use crate::error::ProfileError;
 use crate::source_map::around;
+use crate::tables::{Check, KeyContext};
 use crate::template;
 
-/// Files by name. `None` if a file cannot be read, which has been reported.
-pub(super) type Dbcs = BTreeMap<String, Option<Rc<DbcFile>>>;
-
 /// Returns the description of a signal in the DBC file of its device.
-pub(super) fn described(at: &KeyContext<'_>, name: &str, device: &str) -> Option<Described> {
-    let key = at.check.at("device").key(device).key("dbc");
-    let raw = at.check.raw.device.get(device)?;
+pub(super) fn described(
+    check: &Check<'_>,
+    at: &KeyContext<'_>,
+    name: &str,
+    device: &str,
+) -> Option<Described> {
+    let key = at.top("device").key(device).key("dbc");
+    let raw = check.raw.device.get(device)?;
     let Some(file) = &raw.dbc else {
         if !key.is_written() {
             let help = format!("write dbc = \"….dbc\" at device `{device}`, a file beside the profile");
@@ -23,7 +24,7 @@ pub(super) fn described(at: &KeyContext<'_>, name: &str, device: &str) -> Option
         }
         return None;
     };
-    let dbc = read(&key, file)?;
+    let dbc = read(check, &key, file)?;
     match dbc.signal(name, raw.source_address) {
         Ok(described) => return Some(described),
         Err(Wrong { at: None, message, help }) => at.invalid(message, help),
@@ -36,18 +37,18 @@ pub(super) fn described(at: &KeyContext<'_>, name: &str, device: &str) -> Option
 }
 
 /// Reads the named file. It is read even if no signal uses it, so that its errors are reported.
-pub(super) fn read(at: &KeyContext<'_>, name: &str) -> Option<Rc<DbcFile>> {
-    if let Some(known) = at.check.dbcs.borrow().get(name) {
+pub(super) fn read(check: &Check<'_>, at: &KeyContext<'_>, name: &str) -> Option<Rc<DbcFile>> {
+    if let Some(known) = check.dbcs.borrow().get(name) {
         return known.clone();
     }
     let read = parse(at, name).map(Rc::new);
-    at.check.dbcs.borrow_mut().insert(name.to_owned(), read.clone());
+    check.dbcs.borrow_mut().insert(name.to_owned(), read.clone());
     read
 }
 
 fn parse(at: &KeyContext<'_>, name: &str) -> Option<DbcFile> {
     // The user's file takes precedence over the shipped one.
-    let bytes = match (at.check.files.read(name), template::dbc(name)) {
+    let bytes = match (at.report.files.read(name), template::dbc(name)) {
         (Ok(bytes), _) => bytes,
         (Err(_), Some(shipped)) => shipped.as_bytes().to_vec(),
         (Err(why), None) => {
@@ -69,6 +70,6 @@ fn wrong_in_file(at: &KeyContext<'_>, file: &str, wrong: Wrong, excerpt: Option<
         around(&text, byte)
     };
     let (excerpt, caret) = excerpt.map(in_line).unzip();
-    let whole = ProfileError::about(at.check.files.path(file), wrong.message, Some(wrong.help));
+    let whole = ProfileError::about(at.report.files.path(file), wrong.message, Some(wrong.help));
     at.error(ProfileError { line, column, excerpt, caret: caret.unwrap_or_default(), ..whole });
 }

@@ -13,7 +13,7 @@ struct Node {
 }
 
 /// Checks all lines for conflicts.
-pub(in crate::tables) fn check(check: &Check<'_>) {
+pub(super) fn check(check: &Check<'_>) {
     for bus in 0..check.buses.resolved.len() {
         let nodes = nodes(check, bus);
         sync_identifier(check, bus, &nodes);

@@ -5,12 +5,12 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::bus::Transport;
 use crate::duration::Timespan;
+use crate::tables::bus::transport::Transport;
 
 /// Owner of `gateway`, and the hint for it on a line of RTU frames.
-pub(super) const OF_TCP: &str = "a modbus-tcp line";
-pub(super) const WAITS: &str =
+pub(crate) const OF_TCP: &str = "a modbus-tcp line";
+pub(crate) const WAITS: &str =
     "remove it: on a line with RTU frames the gateway always waits for late answers";
 
 /// Special requirements of a device.
@@ -107,7 +107,7 @@ impl Quirks {
 
 impl RawQuirks {
     /// Returns the quirks with the written keys in place of those `below`.
-    pub(super) fn over(&self, below: Quirks) -> Quirks {
+    pub(crate) fn over(&self, below: Quirks) -> Quirks {
         let span = |raw: Option<Timespan>, below| raw.map_or(below, |Timespan(span)| span);
         let most = self.max_registers_per_request;
         let gateway = self.gateway.map(|is_there| if is_there { Gateway::Present } else { Gateway::Absent });

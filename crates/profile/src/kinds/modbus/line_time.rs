@@ -1,12 +1,15 @@
-//! Check that the polls of a serial line fit into its time.
+//! Time of a serial line: the check that its polls fit into it, and the preview of their share.
 
 use std::collections::BTreeSet;
 
-use super::Check;
-use super::bus::Transport;
-use super::bus::serial::Serial;
-use super::device::Device;
-use super::signal::Signal;
+use super::frames::read_frames;
+use super::serial::Serial;
+use crate::document::{Section, entries};
+use crate::duration::ms;
+use crate::tables::Check;
+use crate::tables::device::Device;
+use crate::tables::signal::Signal;
+use crate::{BusId, Profile};
 use isotherm_core::codec::Table;
 
 /// Lengths of a read request, and of its answer without data, in bytes: unit, function, byte count, checksum.
@@ -19,7 +22,7 @@ const FULL: f64 = 0.8;
 pub(super) fn check(check: &Check<'_>) {
     for (place, bus) in check.buses.resolved.iter().enumerate() {
         let Some(bus) = bus else { continue };
-        let Transport::Serial(serial) = bus.transport else { continue };
+        let Some(serial) = bus.transport.serial() else { continue };
         let load = |(index, device): (usize, &Option<Device>)| {
             let device = device.as_ref().filter(|device| device.bus.0 == place)?;
             let signals: Vec<&Signal> =
@@ -67,4 +70,40 @@ fn least_time(serial: Serial, device: &Device, signals: &[&Signal]) -> f64 {
         }
     }
     seconds
+}
+
+/// Settings of a serial port, and the time of its polls without the answer times of the devices.
+pub(super) fn preview(profile: &Profile, id: BusId, serial: Serial) -> Section {
+    let (settings, character, silence) = (serial.to_string(), ms(serial.character()), ms(serial.silence()));
+    let mut section = Section::default();
+    section.line(format!(
+        "  {settings}: {character:.2} ms a character, {silence:.2} ms silence before a request"
+    ));
+    entries!(section, settings, character_ms = character, silence_ms = silence);
+    let mut loads: Vec<f64> = Vec::new();
+    let polls = profile.devices_on(id).filter_map(|(id, device)| {
+        let requests = profile.requests(id);
+        let frames = requests.iter().map(read_frames);
+        let bytes: usize = frames.clone().map(|(question, answer)| question + answer).sum();
+        let takes = frames.map(|(question, answer)| {
+            serial.exchange(question, answer) + device.quirks.pause_between_requests
+        });
+        let (name, takes, every) = (&device.name, ms(takes.sum()), ms(device.every));
+        if requests.is_empty() {
+            return None;
+        }
+        loads.push(takes / every);
+        let mut section = Section::default();
+        section.line(format!("  {name}: {bytes} bytes take {takes:.0} ms of every {every:.0} ms"));
+        entries!(section, device = name, bytes, takes_ms = takes, every_ms = every);
+        Some(section)
+    });
+    section.parts("polls", polls);
+    let load = 100.0 * loads.iter().sum::<f64>();
+    section.line(format!(
+        "  polls take {load:.0} % of the line's time, without writes and without the answer times of the \
+         devices"
+    ));
+    section.entry("load_percent", load);
+    section
 }

@@ -3,17 +3,11 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::KeyContext;
-use super::register::TypeWord;
+use crate::tables::KeyContext;
+use crate::tables::register::TypeWord;
 use isotherm_core::codec::{
     Address, BitField, BitKind, ByteOrder, CanId, CanMatch, DataType, Entry, Field, Object, Selector,
 };
-
-mod conflicts;
-mod frame_writes;
-
-pub(super) use conflicts::check as conflicts;
-pub(super) use frame_writes::{Written, fill, resolve as written_frames};
 
 /// Length of a classic frame in bytes.
 const CLASSIC: usize = 8;
@@ -22,7 +16,7 @@ const CLASSIC: usize = 8;
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Pdo")]
-pub(super) struct RawPdo {
+pub(crate) struct RawPdo {
     /// CAN identifier. Alternative: `number`.
     #[schemars(range(min = 1, max = 2047))]
     cob_id: Option<u32>,
@@ -42,14 +36,14 @@ pub(super) struct RawPdo {
     float: Option<bool>,
     /// For writing: the whole frame in hexadecimal without the value, for example "00 00 00 00 00 00 01 00". Default:
     /// zeros, as many bytes as the values need.
-    pub(super) fill: Option<String>,
+    pub(crate) fill: Option<String>,
 }
 
 /// Value in a raw CAN frame.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Frame")]
-pub(super) struct RawFrame {
+pub(crate) struct RawFrame {
     /// CAN identifier. Above 0x7FF it has 29 bits.
     #[schemars(required, range(min = 0, max = 536_870_911))]
     id: Option<u32>,
@@ -73,7 +67,7 @@ pub(super) struct RawFrame {
     /// Multiplexer: only frames in which it has a certain value contain this value.
     multiplex: Option<RawMultiplex>,
     /// For writing: the whole frame in hexadecimal without the value. Default: zeros, as many bytes as the values need.
-    pub(super) fill: Option<String>,
+    pub(crate) fill: Option<String>,
 }
 
 /// Multiplexer of a frame. Its value selects which values the frame contains.
@@ -102,25 +96,28 @@ enum ByteOrderWord {
 
 /// Sender of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Sender {
+pub(crate) enum Sender {
     Device,
     Gateway,
 }
 
 impl RawPdo {
-    /// Resolves process data of a device: identifier, and bits of the value.
-    pub(super) fn resolve(&self, at: &KeyContext<'_>, device: &str, sender: Sender) -> Option<Field> {
+    /// Resolves process data of a device with this name and node: identifier, and bits of the value.
+    pub(crate) fn resolve(
+        &self,
+        at: &KeyContext<'_>,
+        (device, node): (&str, Option<u8>),
+        sender: Sender,
+    ) -> Option<Field> {
         let bits = bits(at, (self.start, self.length), ByteOrder::Intel, (self.signed, self.float), CLASSIC);
         let id = match (self.cob_id, self.number) {
             (Some(id), None) => CanId::standard(id),
             (None, Some(number)) => {
-                let node = at.check.at("device").key(device).key("node");
-                if !node.is_written() {
+                if !at.top("device").key(device).key("node").is_written() {
                     let help = format!("write node = 5 at device `{device}`, or `cob_id` here");
                     at.key("number").invalid("`number` needs a CANopen node", help);
                 }
-                let node = at.check.raw.device.get(device)?.node?;
-                CanId::standard(sender.usual_identifier(number, node))
+                CanId::standard(sender.usual_identifier(number, node?))
             }
             (Some(_), Some(_)) => {
                 let message = "`cob_id` and `number` exclude each other: both name the frame";
@@ -141,7 +138,7 @@ impl RawPdo {
 
 impl RawFrame {
     /// Resolves a frame, and the bits of the value.
-    pub(super) fn resolve(&self, at: &KeyContext<'_>) -> Option<Field> {
+    pub(crate) fn resolve(&self, at: &KeyContext<'_>) -> Option<Field> {
         let is_long = self.id.is_some_and(|id| id > CanId::LARGEST_STANDARD);
         if is_long && self.extended == Some(false) {
             let message = "an identifier above 0x7FF has 29 bits";
@@ -234,7 +231,7 @@ fn bits(
 }
 
 /// Parses the object at this key: index and sub-index, for example "1800:05".
-pub(super) fn entry(at: &KeyContext<'_>, text: &str) -> Option<Entry> {
+pub(crate) fn entry(at: &KeyContext<'_>, text: &str) -> Option<Entry> {
     let parsed = text.split_once(':').and_then(|(index, sub)| {
         let is_plain =
             |part: &str, length| part.len() == length && part.bytes().all(|byte| byte.is_ascii_hexdigit());
@@ -250,7 +247,7 @@ pub(super) fn entry(at: &KeyContext<'_>, text: &str) -> Option<Entry> {
 }
 
 /// Returns the type at this key as an object has it.
-pub(super) fn object_type(at: &KeyContext<'_>, TypeWord(kind): TypeWord) -> Option<DataType> {
+pub(crate) fn object_type(at: &KeyContext<'_>, TypeWord(kind): TypeWord) -> Option<DataType> {
     match kind {
         // A BOOLEAN occupies a whole byte.
         DataType::Bool => Some(DataType::unsigned(8)),
@@ -263,7 +260,7 @@ pub(super) fn object_type(at: &KeyContext<'_>, TypeWord(kind): TypeWord) -> Opti
 }
 
 /// Resolves the object at the key `sdo` of a signal or an output.
-pub(super) fn object(
+pub(crate) fn object(
     at: &KeyContext<'_>,
     sdo: &str,
     kind: Option<TypeWord>,
@@ -278,9 +275,18 @@ pub(super) fn object(
 }
 
 /// Reports an object whose device is not a CANopen node.
-pub(super) fn needs_node(at: &KeyContext<'_>, device: &str) {
-    if !at.check.at("device").key(device).key("node").is_written() {
+pub(crate) fn needs_node(at: &KeyContext<'_>, device: &str) {
+    if !at.top("device").key(device).key("node").is_written() {
         let help = format!("write node = 5 at device `{device}`, the node number set there");
         at.invalid(format!("an object needs a CANopen node, but `{device}` has no `node`"), help);
+    }
+}
+
+/// Returns the type of the value at this address.
+pub(super) fn data_type(address: &Address) -> DataType {
+    match address {
+        Address::Frame(field) => field.bits.data_type(),
+        Address::Object(object) => object.data_type,
+        _ => DataType::U16,
     }
 }

@@ -7,9 +7,6 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::RawBus;
-use crate::tables::KeyContext;
-
 /// Highest baud rate at which the silence between frames is measured in characters. Above, it is a fixed time.
 const FASTEST_BY_CHARACTERS: u32 = 19_200;
 
@@ -98,32 +95,6 @@ impl fmt::Display for Serial {
         };
         write!(f, "{} baud 8{parity}{}", self.baud, self.stop_bits)
     }
-}
-
-/// Resolves the settings of a modbus-rtu line.
-pub(super) fn settings(raw: &RawBus, at: &KeyContext<'_>) -> Option<Serial> {
-    let help = "write the baud rate that is set at the devices: 9600 and 19200 are usual";
-    at.key("baud").missing("`baud` is missing: how fast is the line?", help);
-    let (parity, stop_bits) = (raw.parity.unwrap_or_default(), raw.stop_bits.unwrap_or(1));
-    Some(Serial { baud: raw.baud?, parity, stop_bits })
-}
-
-/// Checks the serial port of a modbus-rtu line.
-pub(super) fn port(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
-    let at = at.key("port");
-    let help = "write the port's path; `ls /dev/serial/by-id` shows the names that do not change when an \
-                adapter is replugged";
-    at.missing("`port` is missing: where is the line?", help);
-    let port = raw.port.as_ref()?;
-    if !port.starts_with('/') {
-        let help = format!("write the whole path, as \"/dev/{port}\" or one of /dev/serial/by-id");
-        return at.reject(format!("`{port}` is no path of a port"), help);
-    }
-    if ["/dev/ttyUSB", "/dev/ttyACM"].iter().any(|numbered| port.starts_with(numbered)) {
-        let message = format!("`{port}` may be another adapter after a replug or a restart");
-        at.warn(message, "use its name below /dev/serial/by-id");
-    }
-    Some(port.clone())
 }
 
 #[cfg(test)]

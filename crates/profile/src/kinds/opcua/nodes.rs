@@ -3,8 +3,8 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::KeyContext;
-use super::register::{TypeWord, holding};
+use crate::tables::KeyContext;
+use crate::tables::register::{TypeWord, holding};
 use isotherm_core::codec::{Address, DataType, Node, NodeId};
 
 /// Meaning of a server's timestamps.
@@ -35,7 +35,7 @@ pub enum ReadBy {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(untagged)]
 #[schemars(rename = "WordPlace", description = "")]
-pub(super) enum Place {
+pub(crate) enum Place {
     Register(String),
     Node(RawNode),
 }
@@ -45,18 +45,18 @@ pub(super) enum Place {
 #[serde(deny_unknown_fields)]
 // Inlined, because the walk selects an alternative by its type, which a `$ref` hides.
 #[schemars(rename = "NodePlace", inline)]
-pub(super) struct RawNode {
+pub(crate) struct RawNode {
     /// Node of an OPC UA server, for example "ns=2;s=…".
     #[schemars(required)]
-    pub(super) node: Option<String>,
+    pub(crate) node: Option<String>,
     /// Type of the node. Required for writing.
     #[serde(rename = "type")]
-    pub(super) kind: Option<TypeWord>,
+    pub(crate) kind: Option<TypeWord>,
 }
 
 impl Place {
     /// Resolves the register or node of a word that is written. `most` is its largest value.
-    pub(super) fn word(&self, at: &KeyContext<'_>, is_in_nodes: bool, most: u16) -> Option<Address> {
+    pub(crate) fn word(&self, at: &KeyContext<'_>, is_in_nodes: bool, most: u16) -> Option<Address> {
         match (self, is_in_nodes) {
             (Place::Register(text), false) => holding(at, Some(text)).map(Address::Modbus),
             (Place::Node(raw), true) => Some(Address::Node(raw.word(at, most)?)),
@@ -65,7 +65,7 @@ impl Place {
     }
 
     /// Reports a place on the other kind of line.
-    pub(super) fn is_foreign<T>(&self, at: &KeyContext<'_>, is_in_nodes: bool) -> Option<T> {
+    pub(crate) fn is_foreign<T>(&self, at: &KeyContext<'_>, is_in_nodes: bool) -> Option<T> {
         match is_in_nodes {
             true => at.reject(
                 "registers are only for Modbus, but this device is an OPC UA server",
@@ -78,7 +78,7 @@ impl Place {
 
 impl RawNode {
     /// Resolves the node of a word that is written. `most` is its largest value.
-    pub(super) fn word(&self, at: &KeyContext<'_>, most: u16) -> Option<Node> {
+    pub(crate) fn word(&self, at: &KeyContext<'_>, most: u16) -> Option<Node> {
         let node = written(at, self.node.as_ref(), self.kind)?;
         holds(at, &node, most)?;
         Some(node)
@@ -86,7 +86,7 @@ impl RawNode {
 }
 
 /// Checks that a node can hold integers up to `most`.
-pub(super) fn holds(at: &KeyContext<'_>, node: &Node, most: u16) -> Option<()> {
+pub(crate) fn holds(at: &KeyContext<'_>, node: &Node, most: u16) -> Option<()> {
     let name = node.taken_as().name();
     let message = match node.taken_as().integer_range() {
         Some((_, highest)) if highest >= i128::from(most) => return Some(()),
@@ -97,20 +97,16 @@ pub(super) fn holds(at: &KeyContext<'_>, node: &Node, most: u16) -> Option<()> {
     at.key("type").reject(message, help)
 }
 
-/// Unit to which a scale applies. A node with a float has no counts.
-pub(super) fn one_of(address: &Address) -> &'static str {
-    match address.node().map(|node| node.taken_as().integer_range()) {
-        Some(None) => "unit",
-        _ => "count",
-    }
-}
+/// Owner of the key `node`, and the hint for it on another kind of line.
+pub(super) const OWNER: &str = "an OPC UA server";
+pub(super) const ELSEWHERE: &str = "remove it, or put the device on an opcua line";
 
 /// Types of a node, as named in a profile.
-pub(super) const TYPES: &str =
+pub(crate) const TYPES: &str =
     "allowed: bool, u8, i8, u16, i16, u32, i32, u64, i64, f32, f64; an OPC UA browser shows the node's type";
 
 /// Parses the node at the key `node`.
-pub(super) fn id(at: &KeyContext<'_>, text: Option<&String>, what: &str) -> Option<NodeId> {
+pub(crate) fn id(at: &KeyContext<'_>, text: Option<&String>, what: &str) -> Option<NodeId> {
     let at = at.key("node");
     let help = "write the server's name of the node, as \"ns=2;s=/Nck/State\" or \
                 \"nsu=http://plc.example;s=/Nck/State\"; `isotherm read --browse` shows it";
@@ -119,7 +115,7 @@ pub(super) fn id(at: &KeyContext<'_>, text: Option<&String>, what: &str) -> Opti
 }
 
 /// Checks the type at the key `type` for a node.
-pub(super) fn node_type(at: &KeyContext<'_>, kind: Option<TypeWord>) -> Result<Option<DataType>, ()> {
+pub(crate) fn node_type(at: &KeyContext<'_>, kind: Option<TypeWord>) -> Result<Option<DataType>, ()> {
     match kind {
         Some(TypeWord(DataType::Decimal24(_))) => {
             at.key("type").invalid("decimal24 is a type of Modbus displays", TYPES);
@@ -131,18 +127,18 @@ pub(super) fn node_type(at: &KeyContext<'_>, kind: Option<TypeWord>) -> Result<O
 }
 
 /// Resolves the node of a signal. Without a type, any number is accepted.
-pub(super) fn read(at: &KeyContext<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
+pub(crate) fn read(at: &KeyContext<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
     let (id, data_type) = (id(at, text, "which node is read?"), node_type(at, kind));
     Some(Node { id: id?, data_type: data_type.ok()? })
 }
 
 /// Resolves the node of an output, which is written in its own type.
-pub(super) fn written(at: &KeyContext<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
+pub(crate) fn written(at: &KeyContext<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
     typed(at, text, kind, ("which node is written?", "a server accepts a value only in the node's own type"))
 }
 
 /// Resolves the node of a check, which is compared in its own type.
-pub(super) fn compared(at: &KeyContext<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
+pub(crate) fn compared(at: &KeyContext<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
     typed(at, text, kind, ("which node is read?", "the value is compared in the node's own type"))
 }
 
@@ -155,4 +151,9 @@ fn typed(
     at.key("type").missing(format!("`type` is missing: {why}"), TYPES);
     let (id, data_type) = (id(at, text, which), node_type(at, kind));
     Some(Node { id: id?, data_type: Some(data_type.ok()??) })
+}
+
+/// Reports the key `node` of an output on another kind of line.
+pub(crate) fn not_here(at: &KeyContext<'_>) {
+    at.not_applicable(&["node"], OWNER, ELSEWHERE);
 }
