@@ -1,9 +1,10 @@
-//! Plan of the requests that read a device: from its signals to the fewest read requests. Pure.
+//! Plan of the requests that read a device: the fewest read requests for its signals. The calculation has no side
+//! effects.
 //!
 //! Registers that are close to each other in one table share a request, even if a few registers in between are not
-//! needed. A request costs a round trip, a register only two bytes. A device that refuses registers that it does not
-//! have needs `max_gap = 0`. A device that serves a register wrongly together with others has signals with `merge =
-//! false`.
+//! needed. A request costs a round trip, a register only two bytes. A device that rejects requests with unused
+//! registers needs `max_gap = 0`. If a device returns a wrong value when a register is read together with others, the
+//! signal needs `merge = false`.
 //!
 //! Other kinds of devices are planned as follows:
 //! - Each CANopen object has its own request.
@@ -20,7 +21,7 @@ use crate::{Device, Profile, Quirks, ReadBy, Signal, SourceTime};
 use isotherm_core::codec::{Address, Node, Object, PcSensor, Register};
 use isotherm_core::reading::SignalId;
 
-/// Largest number of coils or discrete inputs in one request of the protocol.
+/// Largest number of coils or discrete inputs in one Modbus read request.
 const MAX_BITS: u16 = 2000;
 
 /// Read request with the position of each signal in its answer.
@@ -52,14 +53,14 @@ pub enum ReadTarget {
     Sensors(Vec<PcSensor>),
 }
 
-/// Nodes that an OPC UA server sends by itself. Each is a field of the answer.
+/// Subscribed nodes, whose values an OPC UA server sends without a request. Each node is a field of the answer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Subscription {
     /// Subscribed nodes.
     pub nodes: Vec<Node>,
     /// Sampling interval of the server, which sends changed values.
     pub every: Duration,
-    /// Smallest `max_age` of the signals.
+    /// Smallest `max_age` (age at which a reading becomes stale) of the signals.
     pub max_age: Duration,
     /// Whether the server also sends a value if only its timestamp changed. The timestamp then shows when the value was
     /// measured.
@@ -71,7 +72,7 @@ pub struct Subscription {
 pub struct Field {
     /// Signal at this position.
     pub signal: SignalId,
-    /// First register, bit or node, counted from the beginning of the answer.
+    /// Index of the first register, bit or node of the signal in the answer, from 0.
     pub at: u16,
     /// Number of registers or bits. For a node, those of its value.
     pub len: u16,
@@ -146,13 +147,14 @@ fn all_sensors(sensors: Vec<(Field, PcSensor)>) -> Option<ReadRequest> {
     (!fields.is_empty()).then_some(ReadRequest { asks: ReadTarget::Sensors(sensors), fields })
 }
 
-/// Assigns each part its position in the answer.
+/// Numbers the nodes or sensors of one request, and stores each number in its field as the position in the answer.
 fn numbered<T>(parts: Vec<(Field, T)>) -> (Vec<Field>, Vec<T>) {
     parts.into_iter().zip(0..).map(|((field, part), at)| (Field { at, ..field }, part)).unzip()
 }
 
 impl ReadRequest {
-    /// First register or bit, and their number. `None` for an object, nodes and sensors.
+    /// First register or bit of the request, and the number of registers or bits. `None` for an object, nodes and
+    /// sensors.
     pub const fn span(&self) -> Option<(Register, u16)> {
         if let ReadTarget::Registers { from, count } = self.asks { Some((from, count)) } else { None }
     }
@@ -179,8 +181,8 @@ impl ReadRequest {
         (self.span(), self.fields[0].signal)
     }
 
-    /// Merges the next request by address into this one. Returns `false` if it is too far away, or if the merged
-    /// request would be too long.
+    /// Merges `next`, the request that follows in the order of addresses, into this request. Returns `false` if its
+    /// registers are in another table or too far away, or if the merged request would be too long.
     fn takes(&mut self, next: &ReadRequest, quirks: &Quirks) -> bool {
         let (ReadTarget::Registers { from, count }, Some((start, len))) = (&mut self.asks, next.span())
         else {

@@ -2,7 +2,7 @@
 //! check`.
 //!
 //! A table that cannot be resolved leaves a gap in its list. The indices of the other tables, and the checks on them,
-//! then stay correct. With a single error there is no profile.
+//! then stay correct. If any table has an error, the result is no profile.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, HashMap};
@@ -64,8 +64,8 @@ pub(crate) mod web;
 /// One machine: its buses, devices, signals, axes and outputs.
 ///
 /// The JSON schema is generated from the `Raw…` types, and each layer is checked against it. Editors and error messages
-/// show the doc comments of the fields. Every key is an `Option`, even if it is required. The walk reports missing and
-/// wrong keys and leaves them out, so that the rest can still be checked.
+/// show the doc comments of the fields. Every key is an `Option`, even if it is required. The schema check reports
+/// missing and wrong keys and leaves them out, so that the other keys can still be checked.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(
@@ -111,7 +111,7 @@ pub(crate) struct RawProfile {
 /// second, and occupy the whole computer.
 const SHORTEST_PERIOD: Duration = Duration::from_millis(1);
 
-/// Result of the check.
+/// Result of checking a profile. `profile` is `None` if there are errors.
 pub(crate) struct Checked {
     pub(crate) profile: Option<Profile>,
     pub(crate) errors: Findings,
@@ -141,7 +141,7 @@ pub(crate) struct Check<'a> {
     sets: Tables<OutputSet>,
     errors: RefCell<Findings>,
     warnings: RefCell<Findings>,
-    /// Whether each signal is used, by its index.
+    /// For each signal, by its index: whether a model, condition, output or machine state uses it.
     used: RefCell<Vec<bool>>,
     /// Frames that outputs write on CAN lines.
     written_frames: RefCell<Vec<can::Written>>,
@@ -190,7 +190,7 @@ impl RawProfile {
     }
 }
 
-/// Resolves an optional part. `Some(None)` if it is not written; `None` if it has errors.
+/// Resolves an optional part of the profile. Returns `Some(None)` if the part is absent, and `None` if it has errors.
 fn optional<R, T>(raw: Option<R>, resolve: impl FnOnce(R) -> Option<T>) -> Option<Option<T>> {
     raw.map_or(Some(None), |raw| resolve(raw).map(Some))
 }
@@ -217,7 +217,7 @@ impl<T> Tables<T> {
         self.resolved.iter().flatten()
     }
 
-    /// Takes all resolved tables. `None` if one of them has errors.
+    /// Moves all resolved tables out of the list. `None` if one of them has errors.
     fn whole(&mut self) -> Option<Vec<T>> {
         std::mem::take(&mut self.resolved).into_iter().collect()
     }
@@ -316,7 +316,7 @@ impl Check<'_> {
         }
     }
 
-    /// Returns a key at the top of the profile.
+    /// Returns the context of a key at the top of the profile.
     fn at(&self, key: &str) -> KeyContext<'_> {
         KeyContext { check: self, path: String::new() }.key(key)
     }
@@ -333,12 +333,12 @@ impl Check<'_> {
 }
 
 impl<'c> KeyContext<'c> {
-    /// Returns a key of this table.
+    /// Returns the context of a key in this table.
     fn key(&self, key: &str) -> KeyContext<'c> {
         KeyContext { check: self.check, path: child(&self.path, key) }
     }
 
-    /// Returns an entry of this list.
+    /// Returns the context of an entry in this list.
     fn item(&self, index: usize) -> KeyContext<'c> {
         KeyContext { check: self.check, path: element(&self.path, index) }
     }
@@ -353,12 +353,12 @@ impl<'c> KeyContext<'c> {
         self.check.spans.contains(&self.path)
     }
 
-    /// Returns the place for messages, for example `profiles/x.toml:41`.
+    /// Returns file and line of this key for messages, for example `profiles/x.toml:41`.
     fn line(&self) -> String {
         self.check.spans.line_of(&self.path)
     }
 
-    /// Reports an error at the value.
+    /// Reports an error at the value of this key.
     fn invalid(&self, message: impl Into<String>, help: impl Into<String>) {
         if self.is_enough() {
             return;
@@ -366,13 +366,14 @@ impl<'c> KeyContext<'c> {
         self.error(self.check.spans.at_value(&self.path, message, Some(help.into())));
     }
 
-    /// Reports an error at the value. Returns `None`.
+    /// Reports an error at the value of this key. Returns `None`.
     fn reject<T>(&self, message: impl Into<String>, help: impl Into<String>) -> Option<T> {
         self.invalid(message, help);
         None
     }
 
-    /// Returns whether an error is only counted, because the limit of described errors is reached. It is counted here.
+    /// Returns whether the limit of described errors is reached. If so, counts one more error, and the caller describes
+    /// none.
     fn is_enough(&self) -> bool {
         let mut errors = self.check.errors.borrow_mut();
         let is_full = errors.is_full();
@@ -382,7 +383,7 @@ impl<'c> KeyContext<'c> {
         is_full
     }
 
-    /// Reports an error at the key, which should not be present.
+    /// Reports an error at the name of this key, for example because the key should not be present.
     fn wrong_key(&self, message: impl Into<String>, help: impl Into<String>) {
         if self.is_enough() {
             return;
@@ -390,15 +391,14 @@ impl<'c> KeyContext<'c> {
         self.error(self.check.spans.at_key(&self.path, message, Some(help.into())));
     }
 
-    /// Reports a key that this combination requires, if it is missing. If it has a wrong value, that has been reported
-    /// already.
+    /// Reports this key as missing, because other keys require it. A key with a wrong value has been reported already.
     fn missing(&self, message: impl Into<String>, help: impl Into<String>) {
         if !self.is_written() && !self.check.spans.is_right(&self.path) {
             self.wrong_key(message, help);
         }
     }
 
-    /// Reports keys of this table that belong to something else.
+    /// Reports those of `keys` that this table has, although they are only for `owner`.
     fn not_applicable(&self, keys: &[&str], owner: &str, help: &str) {
         for key in keys.iter().filter(|key| self.has(key)) {
             self.key(key).wrong_key(format!("`{key}` is only for {owner}"), help);
@@ -409,7 +409,7 @@ impl<'c> KeyContext<'c> {
         self.check.errors.borrow_mut().push(error);
     }
 
-    /// Reports a warning at the value.
+    /// Reports a warning at the value of this key.
     fn warn(&self, message: impl Into<String>, help: impl Into<String>) {
         let warning = self.check.spans.at_value(&self.path, message, Some(help.into()));
         self.check.warnings.borrow_mut().push(warning);
@@ -420,18 +420,18 @@ impl<'c> KeyContext<'c> {
         if let Some(name) = name.filter(|name| self.check.files.is_open_to_all(name)) {
             let file = self.check.files.path(name);
             let message =
-                format!("every user of this computer can read {file}, and act as the gateway with it");
+                format!("every user of this computer can read {file}, and use it to act as the gateway");
             self.warn(message, format!("remove the permission of other users: `chmod o= {file}`"));
         }
     }
 
-    /// Reports a warning at the key.
+    /// Reports a warning at the name of this key.
     fn warn_key(&self, message: impl Into<String>, help: Option<&str>) {
         let warning = self.check.spans.at_key(&self.path, message, help.map(str::to_owned));
         self.check.warnings.borrow_mut().push(warning);
     }
 
-    /// Returns the index of the table with this name.
+    /// Returns the index of the table with this name. Reports an unknown name.
     fn named<T>(&self, tables: &Tables<T>, name: Option<&String>) -> Option<usize> {
         let name = name?;
         let found = tables.place(name);
@@ -471,7 +471,7 @@ impl<'c> KeyContext<'c> {
         signal.is_some_and(|signal| matches!(signal.unit.0, "degC" | "K"))
     }
 
-    /// Returns a duration, which must not be zero.
+    /// Returns a duration. Reports a duration of zero, and returns `None`.
     fn duration(&self, raw: Option<Timespan>) -> Option<Duration> {
         let Timespan(span) = raw?;
         if span.is_zero() {
@@ -480,7 +480,7 @@ impl<'c> KeyContext<'c> {
         Some(span)
     }
 
-    /// Returns the period of a read or write. A shorter period than allowed would occupy the line and the computer.
+    /// Returns the period of a read or write. Reports a period so short that it would occupy the line and the computer.
     fn period(&self, raw: Option<Timespan>) -> Option<Duration> {
         let span = self.duration(raw)?;
         if span < SHORTEST_PERIOD {
@@ -491,7 +491,7 @@ impl<'c> KeyContext<'c> {
         Some(span)
     }
 
-    /// Returns a number, which must be positive.
+    /// Returns a positive number. Reports any other number, and returns `None`.
     fn positive(&self, number: Option<f64>) -> Option<f64> {
         let number = number?;
         if number <= 0.0 {

@@ -5,7 +5,7 @@ use super::traffic::read_frames;
 use crate::document::{Section, entries};
 use crate::{BusId, Profile, Serial};
 
-/// Settings of a serial port, and the time of its polls without the answer times of the devices.
+/// Preview of the settings of a serial port, and of the time that polls take without the answer times of the devices.
 pub(super) fn preview(profile: &Profile, id: BusId, serial: Serial) -> Section {
     let (settings, character, silence) = (serial.to_string(), ms(serial.character()), ms(serial.silence()));
     let mut section = Section::default();

@@ -58,15 +58,15 @@ pub(crate) struct RawBus {
     late: Option<Timespan>,
     /// Certificate files of a modbus-tcp line with Modbus/TCP Security.
     tls: Option<RawTls>,
-    /// Largest number of requests under way on a modbus-tcp line, 1 or 2. Default 1. With 2, a corrected position is
-    /// written together with the request for the next one.
+    /// Largest number of requests that wait for an answer at the same time on a modbus-tcp line, 1 or 2. Default 1.
+    /// With 2, a corrected position is written together with the request for the next position.
     #[schemars(range(min = 1, max = 2))]
     pipeline: Option<u8>,
-    /// Quirks of all devices on the line.
+    /// Quirks: special requirements of all devices on the line.
     quirks: Option<RawQuirks>,
     /// Serial port of a modbus-rtu line, for example "/dev/serial/by-id/usb-…".
     port: Option<String>,
-    /// Baud rate of a modbus-rtu line, in bits per second. Required there.
+    /// Baud rate of a modbus-rtu line, in bits per second. Required on such a line.
     #[schemars(range(min = 300, max = 4_000_000))]
     baud: Option<u32>,
     /// Parity of a modbus-rtu line. Default "none".
@@ -79,8 +79,8 @@ pub(crate) struct RawBus {
     /// SYNC that the gateway sends on a CAN line. Default: none.
     #[schemars(extend("x-layers" = "arrives"))]
     sync: Option<RawSync>,
-    /// Protection of the messages on an opcua line. The strongest policy that both ends support is used. Required
-    /// there.
+    /// Protection of the messages on an opcua line. The strongest security policy that both ends support is used.
+    /// Required on such a line.
     security: Option<Security>,
     /// User of the gateway on an opcua line: { name = "isotherm", password_file = "opcua.password" }, or { cert =
     /// "user.der", key = "user.pem" }. Default: anonymous.
@@ -160,9 +160,9 @@ pub struct Bus {
     pub timeout: Duration,
     /// Time during which a write without an answer may still arrive. Never less than `timeout`.
     pub late: Duration,
-    /// Largest number of requests under way, 1 or 2.
+    /// Largest number of requests that wait for an answer at the same time, 1 or 2.
     pub pipeline: u8,
-    /// Quirks of the devices.
+    /// Quirks: special requirements of the devices on the line.
     pub quirks: Quirks,
     /// SYNC that the gateway sends on a CAN line.
     pub sync: Option<Sync>,
@@ -213,7 +213,7 @@ impl Transport {
 }
 
 impl Bus {
-    /// Preview of the line: its kind, its port or CAN interface, a gateway on it, and its load.
+    /// Preview of the line: its kind, its serial port or CAN interface, a Modbus gateway on it, and its load.
     pub(crate) fn preview(
         &self,
         (serial, can): (Option<Section>, Option<Section>),
@@ -313,7 +313,8 @@ impl RawBus {
         })
     }
 
-    /// Returns the protocol family from the type. If that is wrong, the address may show an OPC UA server.
+    /// Returns the protocol family of the line. If `type` is missing or wrong, an address with `opc.tcp://` means OPC
+    /// UA.
     pub(super) fn line_kind(&self) -> Option<LineKind> {
         self.kind.map(BusType::kind).or_else(|| self.is_at_a_server().then_some(LineKind::OpcUa))
     }
@@ -414,15 +415,15 @@ fn foreign_keys(at: &KeyContext<'_>, kind: BusType) {
         (&["quirks"], "a Modbus line", &modbus),
     ];
     for (keys, owner, _) in owners.into_iter().filter(|(.., kinds)| !kinds.contains(&kind)) {
-        at.not_applicable(keys, owner, "remove it, or change `type`");
+        at.not_applicable(keys, owner, "remove this key, or change `type`");
     }
     if matches!(kind, BusType::ModbusRtu | BusType::ModbusRtuOverTcp) {
         at.key("quirks").not_applicable(&["gateway"], quirks::OF_TCP, quirks::WAITS);
     }
 }
 
-/// Warns if the timeout is as long as the shortest period on the line. A lost answer then costs more than one exchange.
-/// It is only a warning, because overdue exchanges are skipped.
+/// Warns if the timeout is as long as the shortest period on the line, because a lost answer then delays further
+/// exchanges. The profile stays valid, because overdue exchanges are skipped.
 pub(super) fn none_waits_for_a_period(check: &Check<'_>) {
     for (name, bus) in &check.raw.bus {
         let at = check.at("bus").key(name).key("timeout");
@@ -436,15 +437,15 @@ pub(super) fn none_waits_for_a_period(check: &Check<'_>) {
             due.into_iter().map(|(what, every)| format!("{what} {}", shown(*every))).collect();
         let message = format!("`timeout` is {}, but {}", shown(timeout), due.join(", "));
         let help = format!(
-            "write a `timeout` shorter than {shortest}, or remove it (default: half the shortest period, at \
-             most {}). During the wait for a lost answer, due reads and writes are skipped",
+            "write a `timeout` shorter than {shortest}, or remove this key (default: half the shortest \
+             period, at most {}). During the wait for a lost answer, due reads and writes are skipped",
             shown(TIMEOUT)
         );
         at.warn(message, help);
     }
 }
 
-/// Reports two buses on one line. They would send at the same time, and receive each other's answers.
+/// Reports two buses on one physical line, which would send at the same time and receive each other's answers.
 pub(super) fn one_owner_each(check: &Check<'_>) {
     let is_shared = |transport| matches!(transport, Transport::Tcp | Transport::OpcUa | Transport::Sysfs);
     let lines: Vec<&Bus> = check.buses.valid().filter(|bus| !is_shared(bus.transport)).collect();

@@ -25,7 +25,7 @@ pub(crate) struct RawHeartbeat {
     /// Device to which the heartbeat is written.
     #[schemars(required)]
     pub(super) device: Option<String>,
-    /// Holding register of 16 bits.
+    /// Holding register of 16 bits in which the heartbeat counts.
     register: Option<String>,
     /// Node of an OPC UA server, for example "ns=2;s=…".
     node: Option<String>,
@@ -40,7 +40,7 @@ pub(crate) struct RawHeartbeat {
 /// Heartbeat of the profile, after its keys were checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Heartbeat {
-    /// Device to which it is written.
+    /// Device to which the heartbeat is written.
     pub device: DeviceId,
     /// Holding register or node.
     pub address: Address,
@@ -54,7 +54,7 @@ impl Heartbeat {
         self.address.node().map_or(DataType::U16, Node::taken_as)
     }
 
-    /// Returns the largest count: that of the type, at most 65535.
+    /// Returns the largest value of the counter: that of its type, at most 65535.
     pub fn highest(&self) -> u16 {
         let highest = self.data_type().integer_range().map_or(0, |(_, highest)| highest);
         u16::try_from(highest).unwrap_or(u16::MAX)
@@ -83,7 +83,7 @@ impl RawHeartbeat {
         let index = at.key("device").named(&at.check.devices, self.device.as_ref());
         let address = match at.check.line_kind(self.device.as_ref()) {
             Some(LineKind::OpcUa) => {
-                let help = "remove it, and write node = \"ns=2;s=…\"";
+                let help = "remove this key, and write node = \"ns=2;s=…\"";
                 at.not_applicable(&["register"], "a Modbus device", help);
                 let node = written(at, self.node.as_ref(), self.kind)?;
                 holds(at, &node, FEW)?;
@@ -100,7 +100,7 @@ impl RawHeartbeat {
                 return at.key("device").reject(sysfs::ONLY_READ, help);
             }
             _ => {
-                let help = "remove it, and write register = \"holding:100\"";
+                let help = "remove this key, and write register = \"holding:100\"";
                 at.not_applicable(&["node", "type"], "an OPC UA server", help);
                 let place = at.key("register");
                 let help = "write a holding register, as \"holding:100\"";

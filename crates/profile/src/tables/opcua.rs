@@ -12,7 +12,7 @@ use isotherm_core::codec::{Address, DataType, Node, NodeId};
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "SourceTimeWord", description = "")]
 pub enum SourceTime {
-    /// Time of measurement: the age of the reading.
+    /// Time of measurement, from which the gateway calculates the age of the reading.
     #[default]
     Sampled,
     /// Time of the last change, which does not affect the age of the reading.
@@ -24,10 +24,10 @@ pub enum SourceTime {
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "ReadWord", description = "")]
 pub enum ReadBy {
-    /// The gateway requests them.
+    /// The gateway requests the values in each poll period.
     #[default]
     Poll,
-    /// The server sends changes.
+    /// The server sends changed values without a request.
     Subscription,
 }
 
@@ -43,7 +43,7 @@ pub(super) enum Place {
 /// Node of an OPC UA server.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-// Inlined, because the walk selects an alternative by its type, which a `$ref` hides.
+// Inlined, because the schema check selects an alternative by its type, which a `$ref` hides.
 #[schemars(rename = "NodePlace", inline)]
 pub(super) struct RawNode {
     /// Node of an OPC UA server, for example "ns=2;s=…".
@@ -64,7 +64,7 @@ impl Place {
         }
     }
 
-    /// Reports a place on the other kind of line.
+    /// Reports a register for an OPC UA server (`is_in_nodes`), or a node for a Modbus device.
     pub(super) fn is_foreign<T>(&self, at: &KeyContext<'_>, is_in_nodes: bool) -> Option<T> {
         match is_in_nodes {
             true => at.reject(
@@ -97,7 +97,8 @@ pub(super) fn holds(at: &KeyContext<'_>, node: &Node, most: u16) -> Option<()> {
     at.key("type").reject(message, help)
 }
 
-/// Unit to which a scale applies. A node with a float has no counts.
+/// Returns the noun for the quantity that `scale` multiplies: "count", or "unit" for a floating-point node, which has
+/// no counts.
 pub(super) fn one_of(address: &Address) -> &'static str {
     match address.node().map(|node| node.taken_as().integer_range()) {
         Some(None) => "unit",
@@ -109,7 +110,7 @@ pub(super) fn one_of(address: &Address) -> &'static str {
 pub(super) const TYPES: &str =
     "allowed: bool, u8, i8, u16, i16, u32, i32, u64, i64, f32, f64; an OPC UA browser shows the node's type";
 
-/// Parses the node at the key `node`.
+/// Parses the node at the key `node`. `what` completes the message if the key is missing.
 pub(super) fn id(at: &KeyContext<'_>, text: Option<&String>, what: &str) -> Option<NodeId> {
     let at = at.key("node");
     let help = "write the server's name of the node, as \"ns=2;s=/Nck/State\" or \
@@ -118,7 +119,8 @@ pub(super) fn id(at: &KeyContext<'_>, text: Option<&String>, what: &str) -> Opti
     text?.parse().map_err(|why: String| at.invalid(why, help)).ok()
 }
 
-/// Checks the type at the key `type` for a node.
+/// Checks the type of a node at the key `type`. `None` if the profile states none, `Err` if an impossible type was
+/// reported.
 pub(super) fn node_type(at: &KeyContext<'_>, kind: Option<TypeWord>) -> Result<Option<DataType>, ()> {
     match kind {
         Some(TypeWord(DataType::Decimal24(_))) => {

@@ -51,7 +51,7 @@ pub(crate) struct RawOutput {
     /// (µm), tanβ (µm/mm) and P0 (mm), for a control that applies K0 + tanβ·(P − P0) itself.
     #[schemars(required)]
     writes: Option<WritesWord>,
-    /// corrected: signal of the scale, in mm.
+    /// corrected: signal with the position that the linear scale measures, in mm.
     position: Option<String>,
     /// Holding register, for example "holding:104" or "40105".
     register: Option<String>,
@@ -69,7 +69,7 @@ pub(crate) struct RawOutput {
     frame: Option<RawFrame>,
     /// Other place for verification. Modbus: the register in which the control reports the applied value. Process data
     /// and frames: the CANopen object that reads the written value, of the same length, for example "6004:00". Required
-    /// for them, except for a display.
+    /// for process data and frames, except for a display.
     read_back: Option<ReadBackValue>,
     /// Order of the registers. Required for 32 bits and more.
     word_order: Option<WordOrderWord>,
@@ -93,7 +93,7 @@ pub(crate) struct RawOutput {
     share: Option<Share>,
     /// Set of the output: outputs of one device that the control receives together.
     pub(super) set: Option<String>,
-    /// Strobe and acknowledgement around each write.
+    /// Handshake for each write: the gateway sets a strobe, and the control acknowledges it.
     pub(super) handshake: Option<RawHandshake>,
     /// Detection of a CNC restart, in addition to the register becoming zero.
     pub(super) restart: Option<RawRestart>,
@@ -138,18 +138,20 @@ pub struct Output {
     pub applied: Option<Applied>,
     /// Further words of a display, and its text without a value.
     pub display: Display,
-    /// Values of the profile file itself, if there are layers above it.
+    /// Settings as the profile file itself states them, without the layers above it. `None` if there are no such
+    /// layers.
     pub stated: Option<Stated>,
 }
 
 impl Output {
-    /// Returns whether this is an offset that is written separately, without a set.
+    /// Returns whether the output belongs to no set, and writes another quantity than a corrected position.
     pub fn is_single_offset(&self) -> bool {
         let is_offset = self.writes.is_scheduled();
         is_offset && self.set.is_none()
     }
 
-    /// Pairs these values with the registers in which they are. Empty for an output that is not in registers.
+    /// Pairs register values with their register numbers, from the first register of the output. Empty if the output is
+    /// not in registers.
     pub fn cells(&self, contents: &[u16]) -> impl Iterator<Item = (u16, u16)> {
         let first = self.address.register().map(|register| register.offset..);
         first.into_iter().flatten().zip(contents.iter().copied())
@@ -304,7 +306,7 @@ impl RawOutput {
         if kind == LineKind::OpcUa {
             return self.foreign_to_a_server(at, device);
         }
-        at.not_applicable(&["node"], "an OPC UA server", "remove it, or put the device on an opcua line");
+        at.not_applicable(&["node"], "an OPC UA server", "remove `node`, or put the device on an opcua line");
         if kind == LineKind::Modbus {
             let help = format!("`{device}` is on a Modbus line: write register = \"holding:100\"");
             at.not_applicable(&["pdo", "sdo", "frame"], "a device on a CAN line", &help);
@@ -312,7 +314,8 @@ impl RawOutput {
             return;
         }
         let of_modbus = ["register", "word_order", "byte_swap", "beside", "stale", "set", "handshake"];
-        let help = format!("`{device}` is on a CAN line: remove it; a value is written by pdo, sdo or frame");
+        let help =
+            format!("`{device}` is on a CAN line: remove this key; a value is written by pdo, sdo or frame");
         at.not_applicable(&of_modbus, "a Modbus device", &help);
         if at.key("restart").has("boot_counter") {
             at.not_applicable(&["restart"], "a Modbus device", &help);
@@ -324,7 +327,7 @@ impl RawOutput {
     }
 
     fn foreign_to_a_server(&self, at: &KeyContext<'_>, device: &str) {
-        let help = format!("`{device}` is an OPC UA server: remove it; a value is written by node");
+        let help = format!("`{device}` is an OPC UA server: remove this key; a value is written by node");
         let of_modbus = ["register", "word_order", "byte_swap", "beside", "stale", "read_back"];
         at.not_applicable(&of_modbus, "a Modbus device", &help);
         at.not_applicable(&["pdo", "sdo", "frame"], "a device on a CAN line", &help);
@@ -456,7 +459,7 @@ impl RawOutput {
         let owner = self.device.as_deref()?;
         if let Some(sdo) = &self.sdo {
             if self.read_back.is_some() {
-                let help = "remove it: the gateway reads back the object that it has written";
+                let help = "remove this key: the gateway reads back the object that it has written";
                 at.key("read_back")
                     .wrong_key("on a CAN line, `read_back` is allowed only with `pdo` and `frame`", help);
             }
@@ -466,7 +469,7 @@ impl RawOutput {
             return Some((address, verify));
         }
         if self.kind.is_some() {
-            let help = "remove it: `length`, `signed` and `float` define the type";
+            let help = "remove this key: `length`, `signed` and `float` define the type";
             at.key("type").wrong_key("on a CAN line, `type` is allowed only with `sdo`", help);
         }
         let (place, field, fill) = if let Some(pdo) = &self.pdo {
@@ -519,7 +522,8 @@ fn not_one_bit(at: &KeyContext<'_>, data_type: Option<DataType>) {
     }
 }
 
-/// Checks each output with its axis, and gives each axis the coarsest count of its outputs.
+/// Checks that each output can hold every value of its axis. Sets for each axis the coarsest count of its outputs,
+/// which is the smallest change that they can show.
 pub(super) fn note_counts(check: &mut Check<'_>) {
     for output in check.outputs.valid() {
         let at = check.at("output").key(&output.name);

@@ -67,16 +67,16 @@ pub(crate) struct RawSignal {
     #[serde(default)]
     #[schemars(schema_with = "units")]
     unit: Option<String>,
-    /// Smallest and largest plausible value, in the unit. A value outside is bad.
+    /// Smallest and largest plausible value, in the unit of the signal. Values outside of this range are bad.
     #[schemars(extend("x-layers" = "free"))]
     range: Option<[f64; 2]>,
-    /// Largest plausible rate of change, units per second. A faster change is bad.
+    /// Largest plausible rate of change, units per second. A reading that changes faster is bad.
     #[schemars(extend("x-layers" = "free"))]
     max_rate: Option<f64>,
     /// Largest age of a reading. An older one is stale. Default: five polls, and at least three timeouts.
     #[schemars(extend("x-layers" = "free"))]
     max_age: Option<Timespan>,
-    /// Condition on other signals under which this one is bad, for example "bed_open == 1".
+    /// Condition on other signals under which this signal is bad, for example "bed_open == 1".
     #[schemars(extend("x-layers" = "free"))]
     fault_when: Option<String>,
     /// Whether a read request may include adjacent registers of other signals. Default true.
@@ -118,7 +118,7 @@ pub struct Signal {
     pub name: String,
     /// Display name. Empty if the profile has none.
     pub label: String,
-    /// Device from which it is read.
+    /// Device from which the signal is read.
     pub device: DeviceId,
     /// First register, bit, object, node, sensor, or place in frames.
     pub address: Address,
@@ -132,7 +132,7 @@ pub struct Signal {
     pub max_rate: Option<f64>,
     /// Largest age of a reading. An older one is stale.
     pub max_age: Duration,
-    /// Condition on other signals under which this one is bad.
+    /// Condition on other signals under which this signal is bad.
     pub fault_when: Option<Condition>,
     /// Whether a read request may include adjacent registers of other signals.
     pub merge: bool,
@@ -191,7 +191,7 @@ impl Signal {
         section
     }
 
-    /// Describes the command before each read: `holding:132 (40133) = 1`.
+    /// Describes the command before each read: `holding:132 (40133) = 1`. `None` if there is no command.
     pub(crate) fn shown_capture(&self) -> Option<String> {
         self.capture.map(|capture| format!("{} = {}", Notation::from(capture.address), capture.value))
     }
@@ -313,21 +313,21 @@ impl RawSignal {
             );
             let owner = "a device on another kind of line";
             at.not_applicable(&["register", "node", "dbc", "pdo", "sdo", "frame", "channel"], owner, &help);
-            let help = "remove it: the kernel gives a temperature, and reports itself if there is none";
+            let help = "remove this key: the kernel gives a temperature, and reports itself if there is none";
             let of_registers = ["type", "word_order", "byte_swap", "merge", "bad", "counter"];
             return at.not_applicable(&of_registers, owner, help);
         }
-        let help = "remove it, or put the device on a sysfs line";
+        let help = "remove this key, or put the device on a sysfs line";
         at.not_applicable(&["sensor"], "a sensor of this computer", help);
         if kind == LineKind::OpcUa {
             let help = format!("`{device}` is an OPC UA server: write node = \"ns=2;s=…\"");
             at.not_applicable(&["register", "word_order", "byte_swap", "merge"], "a Modbus device", &help);
             at.not_applicable(&["dbc", "pdo", "sdo", "frame"], "a device on a CAN line", &help);
-            let help = "remove it: a node needs no command before a read";
+            let help = "remove this key: a node needs no command before a read";
             at.key("counter").not_applicable(&["capture"], "a Modbus device", help);
             return;
         }
-        at.not_applicable(&["node"], "an OPC UA server", "remove it, or put the device on an opcua line");
+        at.not_applicable(&["node"], "an OPC UA server", "remove `node`, or put the device on an opcua line");
         if kind == LineKind::Modbus {
             let help = format!("`{device}` is on a Modbus line: write register = \"input:0\"");
             at.not_applicable(&["dbc", "pdo", "sdo", "frame"], "a device on a CAN line", &help);
@@ -336,11 +336,11 @@ impl RawSignal {
             return;
         }
         let help = format!(
-            "`{device}` is on a CAN line: remove it, and write dbc, pdo, sdo or frame for the place of the \
-             value"
+            "`{device}` is on a CAN line: remove this key, and write dbc, pdo, sdo or frame for the place of \
+             the value"
         );
         at.not_applicable(&["register", "word_order", "byte_swap", "merge"], "a Modbus device", &help);
-        let help = "remove it: a CAN device sends its count by itself";
+        let help = "remove this key: a CAN device sends its count by itself";
         at.key("counter").not_applicable(&["capture"], "a Modbus device", help);
     }
 
@@ -424,7 +424,7 @@ impl RawSignal {
         let device = self.device.as_deref()?;
         let own = (self.scale.unwrap_or(1.0), self.offset.unwrap_or(0.0));
         let (address, (scale, offset), unit) = if let Some(name) = &self.dbc {
-            self.no_type(at, "remove it: the DBC file defines the bits and their type");
+            self.no_type(at, "remove this key: the DBC file defines the bits and their type");
             let found = dbc::described(&at.key("dbc"), name, device)?;
             let scale = self.scale_over(at, &found)?;
             self.agrees_with_unit(at, found.unit);
@@ -462,7 +462,8 @@ impl RawSignal {
         }
     }
 
-    /// Resolves scale and offset, which belong together. Replacing only one of them would give wrong values.
+    /// Resolves scale and offset of a signal in a DBC file. The profile must replace both, because only one of them
+    /// would give wrong values.
     fn scale_over(&self, at: &KeyContext<'_>, found: &Described) -> Option<(f64, f64)> {
         let (missing, there, is_plain) = match (self.scale, self.offset) {
             (None, None) => return Some((found.scale, found.offset)),
@@ -529,15 +530,16 @@ impl RawSignal {
     }
 }
 
-/// Largest age of a value from a subscription, in periods: sampled, sent, requested in one round, used in the next.
+/// Largest age of a value from a subscription, in poll periods. A value needs up to one period each to be sampled,
+/// sent, requested and used.
 const SENT_WITHIN: u32 = 4;
 
 /// Hint for `type` of a value in frames.
-const OF_BITS: &str = "remove it: `length`, `signed` and `float` define the type";
+const OF_BITS: &str = "remove this key: `length`, `signed` and `float` define the type";
 
 fn no_fill(at: &KeyContext<'_>, is_there: bool) {
     if is_there {
-        let help = "remove it: `fill` is only for an output";
+        let help = "remove this key: `fill` is only for an output";
         at.wrong_key("a frame that is read is filled by its sender", help);
     }
 }

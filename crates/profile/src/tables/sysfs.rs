@@ -22,8 +22,8 @@ pub(super) const ONLY_READ: &str =
 pub(super) fn root(at: &KeyContext<'_>, address: Option<&String>) -> Option<String> {
     let Some(address) = address else { return Some(ROOT.to_owned()) };
     if !address.starts_with('/') {
-        let help = "remove it (default \"/sys\"); in a container, write the directory where the host's /sys \
-                    is mounted: \"/host/sys\"";
+        let help = "remove this key (default \"/sys\"); in a container, write the directory where the host's \
+                    /sys is mounted: \"/host/sys\"";
         return at.key("address").reject(format!("`{address}` is no absolute path of a directory"), help);
     }
     if let Some(inside) = ["/class", "/bus/"].iter().find_map(|inside| address.find(inside)) {
@@ -55,7 +55,7 @@ pub(super) fn sensor(signal: &KeyContext<'_>, text: Option<&String>) -> Option<P
     text.parse().map_err(report).ok()
 }
 
-/// Checks the unit of a sensor, which the kernel fixes.
+/// Reports a unit other than °C, because the kernel returns all temperatures in °C.
 pub(super) fn unit(at: &KeyContext<'_>, unit: Option<&str>) {
     if let Some(unit) = unit.filter(|unit| *unit != "degC") {
         at.invalid(format!("a sensor of this computer is read in °C, not in \"{unit}\""), "leave `unit` out");

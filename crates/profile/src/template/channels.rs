@@ -1,4 +1,5 @@
-//! Expansion of groups into `count` similar channels. `{n}` is the number; the registers follow each other. Pure.
+//! Expansion of groups into `count` similar channels. `{n}` is the number; the registers follow each other. The
+//! calculation has no side effects.
 
 use serde_json::{Map, Value};
 
@@ -20,11 +21,11 @@ pub(super) struct Channel {
     pub(super) place: u16,
     /// Keys that the profile must set.
     pub(super) asks: Vec<String>,
-    /// Keys that it adds to a signal or an output.
+    /// Keys that the channel adds to a signal or an output.
     pub(super) keys: Map<String, Value>,
 }
 
-/// Expands a group into its channels. The register number `base` is added to all register numbers.
+/// Expands a group into its channels. The number `base` is added to all register numbers.
 ///
 /// # Errors
 /// A sentence: a register is invalid, or beyond the last one.
@@ -79,7 +80,8 @@ fn farther(mut frame: Value, bits: u64) -> Value {
     frame
 }
 
-/// Returns the object of the channel with this index. The sub-indices follow each other.
+/// Returns the CANopen object of the channel with this index. `object` is that of the first channel; the sub-indices
+/// follow each other.
 pub(super) fn of_member(object: &str, place: u16, stride: u16) -> Result<String, String> {
     let far = u32::from(place) * u32::from(stride);
     let (index, sub) = object.split_once(':').ok_or_else(|| format!("`{object}` is no CANopen object"))?;
@@ -95,7 +97,7 @@ fn numbered(value: &Value, label: &str) -> Value {
     }
 }
 
-/// Moves every `register` in a value, including tables and lists, to that of this channel.
+/// Replaces every register in a value, also inside tables and lists, by the register of the channel with this index.
 fn moved(value: Value, key: &str, place: u16, stride: u16, base: u16) -> Result<Value, String> {
     let inner = |(key, value): (String, Value)| Ok((key.clone(), moved(value, &key, place, stride, base)?));
     Ok(match value {
@@ -116,7 +118,8 @@ fn is_register(key: &str) -> bool {
     matches!(key, "register" | "sequence" | "complement" | "heartbeat" | "control" | "strobe" | "acknowledge")
 }
 
-/// Returns the register of the channel with this index. If the register is a single bit, the bits follow each other.
+/// Returns the register of the channel with this index. `register` is that of the first channel. If it is a single bit,
+/// the bits follow each other.
 pub(super) fn shifted(register: &str, place: u16, stride: u16, base: u16) -> Result<String, String> {
     let mut flag: Flag = register.parse()?;
     let far = u32::from(place) * u32::from(stride);

@@ -45,10 +45,10 @@ fn made() -> Value {
         "source": text("Source of the registers: a manual or a public page."),
         "notes": list("Notes for users of the device."),
         "unverified": list("Facts that are not verified against the manual or on the device."),
-        "movable": { "description": "Whether `base` of the device moves the registers.", "type": "boolean" },
+        "movable": { "description": "Whether `base` is added to all register numbers.", "type": "boolean" },
         "functions": device.get("functions"),
         "quirks": device.get("quirks"),
-        "dbc": text("CAN: DBC file that describes the frames, beside the template."),
+        "dbc": text("CAN: DBC file that describes the frames, next to the template."),
         "node": node(&device),
         "channel": channels,
         "target": targets,
@@ -94,7 +94,7 @@ fn groups(mut keys: Map<String, Value>, what: &str) -> Value {
     named(what, &closed(&Value::Object(keys), &[]))
 }
 
-/// Schema of tables by name, each with this schema.
+/// Schema of a table that contains named tables with the schema `table`. `what` is its description.
 fn named(what: &str, table: &Value) -> Value {
     json!({ "description": what, "type": "object", "additionalProperties": table })
 }

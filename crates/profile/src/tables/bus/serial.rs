@@ -10,7 +10,8 @@ use serde::Deserialize;
 use super::RawBus;
 use crate::tables::KeyContext;
 
-/// Highest baud rate at which the silence between frames is measured in characters. Above, it is a fixed time.
+/// Highest baud rate at which the silence between frames is measured in characters. At higher rates, the silence is a
+/// fixed time.
 const FASTEST_BY_CHARACTERS: u32 = 19_200;
 
 /// Settings of a serial port. There are always eight data bits, because Modbus RTU allows nothing else.
@@ -121,7 +122,7 @@ pub(super) fn port(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
     }
     if ["/dev/ttyUSB", "/dev/ttyACM"].iter().any(|numbered| port.starts_with(numbered)) {
         let message = format!("`{port}` may be another adapter after a replug or a restart");
-        at.warn(message, "use its name below /dev/serial/by-id");
+        at.warn(message, "use the adapter's name below /dev/serial/by-id");
     }
     Some(port.clone())
 }

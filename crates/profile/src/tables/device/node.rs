@@ -56,14 +56,15 @@ pub struct CanDevice {
     pub node: Option<u8>,
     /// Whether the gateway starts the node by NMT, at the beginning and after each boot-up.
     pub start: bool,
-    /// Timeout of the heartbeat, also at the start. `None` if it is not monitored.
+    /// Timeout of the node's heartbeat, which also applies if none was ever received. `None` if the heartbeat is not
+    /// monitored.
     pub heartbeat: Option<Duration>,
     /// Objects written before each start, in this order.
     pub setup: Vec<Setup>,
-    /// Meanings of emergency codes, in addition to those of every device.
+    /// Meanings of the device's own emergency codes. They take precedence over those of CiA 301.
     pub emergencies: Vec<Emergency>,
-    /// Frames that are written, without the values of outputs. Two outputs may share a frame. It is sent when each of
-    /// them has a value.
+    /// Frames that are written, before the values of outputs are inserted. Outputs may share a frame, which is sent
+    /// when each of them has a value.
     pub written: Vec<Frame>,
 }
 
@@ -72,7 +73,7 @@ pub struct CanDevice {
 pub struct Setup {
     /// Entry of the object dictionary that is written.
     pub object: Object,
-    /// Value to write. It fits the type.
+    /// Value to write, within the range of the object's type.
     pub value: i64,
     /// Meaning of the value, for messages. May be empty.
     pub what: String,
@@ -154,7 +155,7 @@ impl CanDevice {
         section
     }
 
-    /// Returns the written frame with this identifier, without the values of its outputs.
+    /// Returns the written frame with this identifier, before the values of its outputs are inserted.
     pub fn written(&self, id: CanId) -> Option<&Frame> {
         self.written.iter().find(|frame| frame.id() == id)
     }
@@ -168,7 +169,7 @@ impl CanDevice {
 }
 
 impl Setup {
-    /// Bytes of the value.
+    /// Returns the bytes of the value, least significant first.
     pub fn bytes(&self) -> Vec<u8> {
         self.value.to_le_bytes()[..self.object.size().min(8)].to_vec()
     }
@@ -198,12 +199,12 @@ impl RawSetup {
 /// Resolves the settings of a device on a CAN line. `None` on any other line.
 pub(super) fn resolve(raw: &RawDevice, at: &KeyContext<'_>, on_can: Option<bool>) -> Option<CanDevice> {
     if on_can? {
-        let help =
-            "remove it; a CANopen device has a `node`, and other devices are identified by their frames";
+        let help = "remove this key; a CANopen device has a `node`, and other devices are identified by \
+                    their frames";
         at.not_applicable(&["unit", "functions", "quirks"], "a Modbus device", help);
     } else {
         let keys = ["dbc", "source_address", "node", "start", "heartbeat", "setup", "emergency"];
-        let help = "remove it, or put the device on a bus of type \"can\"";
+        let help = "remove this key, or put the device on a bus of type \"can\"";
         at.not_applicable(&keys, "a device on a CAN line", help);
         if raw.verify.iter().flatten().any(|verify| verify.sdo.is_some()) {
             let help = "write `register`, as \"coil:268\" or \"holding:256\"";
@@ -219,7 +220,7 @@ pub(super) fn resolve(raw: &RawDevice, at: &KeyContext<'_>, on_can: Option<bool>
         }
     }
     if raw.source_address.is_some() && raw.dbc.is_none() {
-        let help = "write dbc = \"…\" as well: parameter groups come from a DBC file";
+        let help = "write dbc = \"…\" as well: a DBC file describes the parameter groups";
         at.key("source_address").wrong_key("`source_address` needs a DBC file", help);
     }
     let setup = at.key("setup");
@@ -239,7 +240,7 @@ pub(super) fn resolve(raw: &RawDevice, at: &KeyContext<'_>, on_can: Option<bool>
     })
 }
 
-/// Reports a heartbeat that the node sends too rarely for its timeout, if both are known.
+/// Reports a timeout of the heartbeat that is shorter than two periods of the node, if `setup` sets this period.
 pub(super) fn heartbeat_produced(at: &KeyContext<'_>, can: &CanDevice) {
     let produced = can.setup.iter().find(|setup| setup.object.entry.index == 0x1017);
     let Some((heartbeat, produced)) = can.heartbeat.zip(produced) else { return };
