@@ -68,7 +68,7 @@ fn a_matrix_becomes_gains_of_cz_along_the_guideway() {
     }
     let reported = reported(&loaded);
     for words in [
-        "Cz = P·ΔT µm at scale_z, P of c.json from 0 to 400 mm (beyond the ends as at the end)",
+        "Cz = P·ΔT µm at scale_z, P of c.json from 0 to 400 mm (beyond an end, the value at this end)",
         "over (bed − 20), (wheelhead − its value at machine start)",
         "when bed rises by 1 °C (at scale_z = 200 mm), Cz changes by −2 µm",
     ] {
@@ -200,7 +200,8 @@ fn an_input_may_lag_behind_its_signal_and_begins_at_rest_on_its_reference() {
     let reported = reported(&loaded);
     for words in [
         "over bed, (wheelhead − its value at machine start) lagged by 12m",
-        "when wheelhead rises by 1 °C (from 35) (63 % of it 12m after wheelhead has risen), Cz changes by",
+        "when wheelhead rises by 1 °C (from 35) (63 % of the effect 12m after wheelhead has risen), Cz changes \
+         by",
     ] {
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }

@@ -95,7 +95,7 @@ fn check_says_what_is_asked_and_written_and_how_the_messages_are_protected() {
         "bed: node ns=2;s=/Plc/DB100.DBD4 of cnc, the node's own type, 1 °C per unit",
         "scale_z: node ns=3;i=1005 of cnc, i32, 0.0005 mm per count",
         "k0: node ns=2;s=/Sinumerik/SEA/offset of cnc, f64, 1 µm per unit",
-        "accepted once the node reads back what was written",
+        "accepted once the node was read and contains the written value",
     ] {
         assert!(text.contains(said), "`{said}` is not in:\n{text}");
     }

@@ -36,7 +36,7 @@ use table::Table;
 pub struct Dataset {
     /// Columns of the runs, in the order of the first file, without the time.
     pub columns: Vec<Column>,
-    /// Columns of the files that nothing uses. Their values are not kept.
+    /// Unused columns of the files. Their values are not stored.
     pub unread: Vec<Column>,
     /// One run for each warm-up, in the order of files and time.
     pub runs: Vec<Run>,
@@ -74,11 +74,11 @@ pub struct Split {
     pub column: Option<String>,
     /// Time without a row after which a new run begins.
     pub gap: Option<Duration>,
-    /// Time zone of times without an offset from UTC; without it, such times are rejected.
+    /// Time zone of times without an offset from UTC. Without a time zone, such times are rejected.
     pub zone: Option<TimeZone>,
 }
 
-/// All errors of the logs, each with its place.
+/// All errors found in the logs. Each message names the file, and the line if it is known.
 #[derive(Clone, Debug, Default, PartialEq, Eq, thiserror::Error)]
 #[error("{}", .0.join("\n"))]
 pub struct BadLog(pub Vec<String>);
@@ -90,24 +90,24 @@ impl BadLog {
     }
 }
 
-/// Returns the unit of a column, if a profile contains it.
+/// Function that returns the unit of a column in the profile; `None` if the profile does not contain the column.
 pub type Units<'a> = &'a dyn Fn(&str) -> Option<&'static str>;
 
-/// Returns whether a column of this name is used. Of other columns, little more than the name is read: a log may have
-/// hundreds of columns, of which a model requires ten.
+/// Function that returns whether a column is used, by its name. Unused columns are not read completely, because a log
+/// may have hundreds of columns, of which a model requires ten.
 pub type Uses<'a> = &'a dyn Fn(&str) -> bool;
 
-/// Selects all columns; see [`Uses`].
+/// Selects all columns; for use as [`Uses`].
 #[must_use]
 pub fn every_column(_: &str) -> bool {
     true
 }
 
 impl Dataset {
-    /// Reads the logs, or those in a directory, and divides them into runs.
+    /// Reads log files, and all logs in directories, and divides them into runs.
     ///
     /// # Errors
-    /// Everything that cannot be read, with file, line and column.
+    /// Something cannot be read. Each message contains file, line and column.
     pub fn read(
         files: &[PathBuf],
         split: &Split,
@@ -173,45 +173,45 @@ impl Dataset {
         Ok(Dataset { columns, unread, remarks, runs })
     }
 
-    /// Names of the used columns, then of the unused ones.
+    /// Returns the names of the used columns, then of the unused ones.
     pub(crate) fn names(&self) -> Vec<&str> {
         self.columns.iter().chain(&self.unread).map(|column| column.name.as_str()).collect()
     }
 
-    /// Indexes of the columns of this kind.
+    /// Returns the indices of the columns of this kind.
     pub(crate) fn of_kind(&self, kind: Kind) -> impl Iterator<Item = usize> {
         (0..self.columns.len()).filter(move |place| self.columns[*place].kind == kind)
     }
 
-    /// Total duration of all runs, s.
+    /// Returns the total duration of all runs, s.
     pub(crate) fn seconds(&self) -> f64 {
         self.runs.iter().map(|run| run.lasts().as_secs_f64()).sum()
     }
 
-    /// Index of the column with this name.
+    /// Returns the index of the column with this name; `None` if there is no such column.
     pub fn column(&self, name: &str) -> Option<usize> {
         self.columns.iter().position(|column| column.name == name)
     }
 }
 
 impl Run {
-    /// Hours since the first row of the run.
+    /// Returns the time of each row, in hours since the first row of the run.
     pub(crate) fn hours(&self) -> impl Iterator<Item = f64> + '_ {
         self.seconds().map(|second| second / 3600.0)
     }
 
-    /// Seconds since the first row of the run.
+    /// Returns the time of each row, in seconds since the first row of the run.
     pub fn seconds(&self) -> impl Iterator<Item = f64> + '_ {
         let first = self.times.first().copied().unwrap_or_default();
         self.times.iter().map(move |time| time.since(first).as_secs_f64())
     }
 
-    /// Range (maximum minus minimum) of a column; 0 if it is empty.
+    /// Returns the range (maximum minus minimum) of a column; 0 if the column has no values.
     pub(crate) fn range(&self, column: usize) -> f64 {
         range(&self.values[column])
     }
 
-    /// Time from the first row to the last.
+    /// Returns the time from the first row to the last.
     pub fn lasts(&self) -> Duration {
         match (self.times.first(), self.times.last()) {
             (Some(first), Some(last)) => last.since(*first),
@@ -220,7 +220,7 @@ impl Run {
     }
 }
 
-/// Unused columns of all files, each once, in the order of their first occurrence.
+/// Returns the unused columns of all files, each once, in the order of their first occurrence.
 fn unread(tables: &[Table], units: Units<'_>) -> Vec<Column> {
     let mut found: Vec<Column> = Vec::new();
     let mut seen = HashSet::new();

@@ -1,5 +1,5 @@
 //! Drift in a log, in the terms of ISO 230-3: how much and when each displacement changed, and which movements warmed
-//! the machine meanwhile. This is a description: it applies no duration and no limit of the standard.
+//! the machine in the same period. This is a description: it applies no duration and no limit of the standard.
 
 use serde::Serialize;
 
@@ -28,11 +28,11 @@ pub enum Test {
     Rotary,
 }
 
-/// Range below which a displacement does not change, µm.
+/// Range of a displacement, µm, below which the displacement is treated as constant.
 const STILL: f64 = 1e-6;
 
 impl Test {
-    /// Title in the words of the standard.
+    /// Returns the name of the test in the words of the standard.
     pub fn title(self) -> &'static str {
         match self {
             Test::Etve => "environmental temperature variation error (ETVE)",
@@ -50,7 +50,7 @@ pub struct Drift {
     pub name: String,
     /// Test to which the log corresponds.
     pub test: Test,
-    /// Reason for this choice.
+    /// Reason for the choice of `test`.
     pub because: String,
     /// Time from the first row to the last, h.
     pub hours: f64,
@@ -79,7 +79,7 @@ pub struct Displacement {
     pub last_hour_um: Option<f64>,
     /// Largest range of the displacement within any 60 min, µm; `None` if the log is shorter.
     pub largest_60min_um: Option<f64>,
-    /// Begin of the 60 min with the largest range, h.
+    /// Begin of the 60 min with the largest range, h since the first row; `None` if the log is shorter.
     pub largest_60min_from_h: Option<f64>,
     /// Change from the first minutes to the last, µm.
     pub drift_um: f64,
@@ -109,7 +109,7 @@ pub struct Temperature {
 /// column in the profile.
 ///
 /// # Errors
-/// Messages that say what to do.
+/// A displacement column is missing or has no values, or a run has no duration. Each message says what to do.
 pub fn drift(
     dataset: &Dataset,
     displacements: &[String],
@@ -203,7 +203,7 @@ fn displacement(name: String, minutes: &Minutes, stages: &[Stage]) -> Displaceme
     }
 }
 
-/// Change of a temperature; `None` if the column is empty.
+/// Returns the change of a temperature; `None` if the column has no values.
 fn temperature(name: String, minutes: &Minutes) -> Option<Temperature> {
     (!minutes.values.is_empty()).then(|| Temperature {
         name,

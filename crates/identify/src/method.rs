@@ -1,4 +1,4 @@
-//! Identification methods. Each of them identifies a [`Learned`] model from some runs of a campaign.
+//! Identification methods. Each method identifies a [`Learned`] model from some runs of a campaign.
 
 use std::fmt;
 use std::time::Duration;
@@ -62,13 +62,13 @@ pub struct Settings {
     pub terms: Option<usize>,
     /// whitened: maximum number of sensors; `None` for no limit.
     pub sensors: Option<usize>,
-    /// whitened: terms of an existing model, which is the prior.
+    /// whitened: terms of an existing model, towards which the gains shrink (prior). `None` shrinks them towards zero.
     pub prior: Option<Vec<PriorTerm>>,
-    /// two-source: runs in which only the first source is active.
+    /// two-source: runs in which only the first source of heat is active.
     pub waiting: Vec<String>,
-    /// two-source: inputs of the first source.
+    /// two-source: inputs of the first source of heat.
     pub first: Vec<String>,
-    /// two-source: inputs of the second source.
+    /// two-source: inputs of the second source of heat.
     pub second: Vec<String>,
     /// Time between independent samples. Partial F tests count one sample per this time, because closer rows are not
     /// independent.
@@ -86,7 +86,7 @@ pub struct Settings {
 pub struct PriorTerm {
     /// Name of the signal.
     pub signal: String,
-    /// Time constant of the lag.
+    /// Time constant of the lag; `None` for no lag.
     pub lag: Option<Duration>,
     /// Whether the term uses the square of the reading.
     pub squared: bool,
@@ -117,7 +117,7 @@ impl Settings {
     /// Checks that the method supports each option that is set.
     ///
     /// # Errors
-    /// Message that names the option and the method.
+    /// Returns a message that names the option and the method.
     pub(crate) fn check(&self) -> Result<(), String> {
         use Method::{Lag, Network, Position, Rbf, RidgeLag, SparseLag, Stepwise, TwoSource, Whitened};
         let sources = [&self.waiting, &self.first, &self.second];
@@ -137,7 +137,7 @@ impl Settings {
         {
             let takers: Vec<&str> = takers.iter().map(|method| method.name()).collect();
             return Err(format!(
-                "--method {} does not use {option}: leave it out, or use {}",
+                "--method {} does not use {option}: leave this option out, or use {}",
                 self.method,
                 takers.join(", ")
             ));
@@ -191,29 +191,29 @@ impl Method {
             "difference",
             "One gain for the difference of two sensors, and each of them alone with the time since machine start (JP H07-61598 B2)",
         ),
-        (Method::Rbf, "rbf", "Radial basis functions about --centres that k-means finds"),
+        (Method::Rbf, "rbf", "Radial basis functions around --centres points that k-means finds"),
         (
             Method::Network,
             "network",
-            "A network of --neurons in one layer, by back-propagation that stops by the error of held-out \
-             days",
+            "A network of --neurons in one layer, trained by back-propagation until the error of held-out days \
+             is smallest",
         ),
         (Method::None, "none", "No model: the uncompensated machine, or a probe alone"),
     ];
 
-    /// Name on the command line and in JSON.
+    /// Returns the name on the command line and in JSON.
     pub fn name(self) -> &'static str {
         Method::ALL.iter().find(|(method, ..)| *method == self).map_or("", |(_, name, _)| *name)
     }
 
-    /// Returns whether the method shrinks or selects gains. Their uncertainty then follows from their spread between
-    /// fits, because there is no normal equation for it.
+    /// Returns whether the method shrinks or selects gains. The standard errors of the gains then follow from their
+    /// spread between fits, because no formula gives them.
     pub(super) fn is_penalized(self) -> bool {
         matches!(self, Method::Whitened | Method::SparseLag | Method::RidgeLag | Method::Position)
     }
 
-    /// Method of the substitute model for a lost sensor: this method without that sensor. For a network it is a linear
-    /// method, because a network is least reliable on unknown days.
+    /// Returns the method of the fallback model for a lost sensor: this method, used without that sensor. For a
+    /// network, it is a linear method, because a network is least reliable on unknown days.
     pub(super) fn stand_in(self) -> Method {
         match self {
             Method::Rbf | Method::Network => Method::Whitened,
@@ -224,7 +224,7 @@ impl Method {
     /// Combines the method with the data.
     ///
     /// # Errors
-    /// Message that says what the method lacks.
+    /// Returns a message if the campaign or the settings do not fit the method.
     pub(crate) fn prepare<'a>(
         self,
         campaign: &'a Campaign<'a>,

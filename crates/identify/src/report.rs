@@ -1,9 +1,11 @@
-//! Reports of results, as one HTML file without scripts and external resources. It can be sent to a customer.
+//! Reports of results, as one HTML file without scripts and external resources. The file can be sent to a customer.
 //!
 //! ```text
-//! identified ─┬─ logs      runs, sensors, correlation map      selected
-//!             ├─ judged    charts and figures of each run
-//!             └─ terms     the model, its substitutes, its envelope, the limits in force
+//! identified ─┬─ logs              runs, sensors, correlation map
+//!             ├─ validation_page   charts and figures of each run
+//!             └─ terms             the model, its stand-ins, its envelope, the limits in force
+//! selection_page                   uses logs and validation_page, too
+//! drift_page                       drift in the terms of ISO 230-3
 //! ```
 
 use maud::{Markup, html};
@@ -28,19 +30,20 @@ fn page(title: &str, made: Moment, content: &Markup) -> String {
     isotherm_html::page(title, made, "the logs named here", content)
 }
 
-/// Machine, in the facts at the head of an HTML report.
+/// Renders the machine for the list of facts at the head of a report.
 fn machine(profile: &Profile) -> Markup {
     html! {
         dt { "machine" } dd { (profile.name) @if !profile.description.is_empty() { ": " (profile.description) } }
     }
 }
 
-/// Number of runs and their total duration in seconds, in the facts at the head of an HTML report.
+/// Renders the number of runs and their total duration for the list of facts at the head of a report. `seconds` is the
+/// duration.
 fn runs(count: usize, seconds: f64) -> Markup {
     html! { dt { "runs" } dd { (count) ", " (duration(seconds)) " together" } }
 }
 
-/// List of sentences; nothing if it is empty.
+/// Renders a list of sentences; nothing if there are none.
 fn list(items: &[Markup]) -> Markup {
     html! { @if !items.is_empty() { ul { @for item in items { li { (item) } } } } }
 }

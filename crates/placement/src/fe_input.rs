@@ -6,11 +6,11 @@
 //! keywords ─ known cards, and the order in which they are read: each after all that it may name
 //! reader ─── data read so far; mesh, material and load read their cards into it
 //! ```
-//! A Gmsh mesh names surfaces by flat elements (`CPS3`, `CPS6`). The nodes of such a set can be used as a node set. Its
-//! faces can be used in `*FILM` and `*DFLUX`, with the side `F` or `S` without a number.
+//! A Gmsh mesh names surfaces by flat elements (`CPS3`, `CPS6`). The nodes of such a set can be used as a node set. The
+//! faces of the set can be used in `*FILM` and `*DFLUX`, with the side `F` or `S` without a number.
 //!
-//! Nothing is skipped: an unknown card is an error. If a solver ignores a card, it computes another structure, and its
-//! results look plausible.
+//! Nothing is skipped: an unknown card is an error. A solver that ignores a card computes another structure, and its
+//! wrong results look plausible.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -47,7 +47,7 @@ pub struct FeInput {
     pub supports: Vec<usize>,
 }
 
-/// Names of surfaces or sets in small letters; the name of a single element is its number.
+/// Names of the surfaces or sets of the loads, in small letters. The name of a single element is its number.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct SurfaceNames {
     /// Name for each film of the load case.
@@ -70,7 +70,7 @@ pub struct Fault {
 }
 
 impl Fault {
-    /// Makes an error that concerns the whole file.
+    /// Creates an error that concerns the whole file.
     fn of_file(path: &Path, message: impl Into<String>) -> Fault {
         Fault { file: path.to_path_buf(), line: None, card: String::new(), message: message.into() }
     }
@@ -89,7 +89,7 @@ impl fmt::Display for Fault {
     }
 }
 
-/// All errors in an FE input file. The first ones are described, the others are counted.
+/// All errors in an FE input file. The first errors are stored with their messages; further errors are only counted.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Faults {
     /// Described errors, in the order in which they were found.
@@ -100,9 +100,10 @@ pub struct Faults {
 
 /// Maximum number of errors in the message.
 const SHOWN: usize = 20;
-/// Maximum number of described errors; further ones are counted. A mesh without its nodes has an error in every line.
+/// Maximum number of described errors; further errors are only counted. A mesh without its nodes has an error in every
+/// line.
 const MOST_DESCRIBED: usize = 10_000;
-/// Maximum length of a message in characters. It quotes text of a file.
+/// Maximum length of a message in characters. A message may quote a long text of a file.
 const LONGEST_SENTENCE: usize = 800;
 
 impl Faults {
@@ -152,7 +153,7 @@ impl std::error::Error for Faults {}
 /// Reads an FE input file and all included files.
 ///
 /// # Errors
-/// All errors in the files, with file, line and card.
+/// Returns all errors in the files, with file, line and card.
 pub fn read(path: &Path) -> Result<FeInput, Faults> {
     let mut faults = Faults::default();
     let cards = card::read(path, &mut faults);

@@ -192,7 +192,7 @@ impl<'c> KeyContext<'c> {
         if let Some(name) = name.filter(|name| self.report.files.is_open_to_all(name)) {
             let file = self.report.files.path(name);
             let message =
-                format!("every user of this computer can read {file}, and act as the gateway with it");
+                format!("every user of this computer can read {file}, and use it to act as the gateway");
             self.warn(message, format!("remove the permission of other users: `chmod o= {file}`"));
         }
     }

@@ -1,6 +1,16 @@
-//! Plan of the requests that read a device: from its signals to the fewest read requests. Pure.
+//! Plan of the requests that read a device: the fewest read requests for its signals. The calculation has no side
+//! effects.
 //!
-//! Each kind of bus plans the requests for its own signals.
+//! Registers that are close to each other in one table share a request, even if a few registers in between are not
+//! needed. A request costs a round trip, a register only two bytes. A device that rejects requests with unused
+//! registers needs `max_gap = 0`. If a device returns a wrong value when a register is read together with others, the
+//! signal needs `merge = false`.
+//!
+//! Other kinds of devices are planned as follows:
+//! - Each CANopen object has its own request.
+//! - Values in CAN frames arrive without a request.
+//! - All nodes of an OPC UA server share one request or subscription.
+//! - All sensors of this computer in one device are read at the same time.
 
 use crate::kinds::KINDS;
 use crate::{Device, Signal};

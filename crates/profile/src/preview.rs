@@ -1,7 +1,8 @@
 //! Preview of a valid profile in sentences and figures: what the gateway reads, what it writes, and how each axis
 //! moves.
 //!
-//! The operator reads it before the gateway touches a machine. Programs read the same as one JSON document.
+//! The operator reads the preview before the gateway is connected to a machine. For programs, the same content is
+//! available as one JSON document.
 
 use std::fmt;
 

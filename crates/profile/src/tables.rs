@@ -2,7 +2,7 @@
 //! check`.
 //!
 //! A table that cannot be resolved leaves a gap in its list. The indices of the other tables, and the checks on them,
-//! then stay correct. With a single error there is no profile.
+//! then stay correct. If any table has an error, the result is no profile.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -63,8 +63,8 @@ pub(crate) mod web;
 /// One machine: its buses, devices, signals, axes and outputs.
 ///
 /// The JSON schema is generated from the `Raw…` types, and each layer is checked against it. Editors and error messages
-/// show the doc comments of the fields. Every key is an `Option`, even if it is required. The walk reports missing and
-/// wrong keys and leaves them out, so that the rest can still be checked.
+/// show the doc comments of the fields. Every key is an `Option`, even if it is required. The schema check reports
+/// missing and wrong keys and leaves them out, so that the other keys can still be checked.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(
@@ -186,7 +186,7 @@ impl<T> Tables<T> {
         self.resolved.iter().flatten()
     }
 
-    /// Takes all resolved tables. `None` if one of them has errors.
+    /// Moves all resolved tables out of the list. `None` if one of them has errors.
     fn whole(&mut self) -> Option<Vec<T>> {
         std::mem::take(&mut self.resolved).into_iter().collect()
     }
@@ -299,7 +299,7 @@ impl Check<'_> {
         }
     }
 
-    /// Returns a key at the top of the profile.
+    /// Returns the context of a key at the top of the profile.
     pub(crate) fn at(&self, key: &str) -> KeyContext<'_> {
         self.report.at(key)
     }

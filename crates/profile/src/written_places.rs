@@ -1,4 +1,4 @@
-//! Places that a gateway writes to, as texts, for comparing two profiles.
+//! Registers, nodes, objects and frames that a gateway writes, as texts, for comparing two profiles.
 
 use std::collections::BTreeSet;
 
@@ -7,8 +7,9 @@ use crate::{BusId, DeviceId, Profile};
 use isotherm_core::codec::{Address, Register, Table};
 
 impl Profile {
-    /// Returns every place on this bus that a gateway with this profile writes to: `unit 1 holding:104`, `node
-    /// ns=2;i=5`, `node 5 object 6110:01`, `frame 0x20c`. Each register of a value is a separate place.
+    /// Returns every register, node, object and frame on this bus that a gateway with this profile writes: `unit 1
+    /// holding:104`, `node ns=2;i=5`, `node 5 object 6110:01`, `frame 0x20c`. Each register of a value is a separate
+    /// entry.
     pub fn written_on(&self, bus: BusId) -> BTreeSet<String> {
         let mut written = Written { profile: self, bus, places: BTreeSet::new() };
         for output in &self.outputs {

@@ -1,4 +1,4 @@
-//! HTML report of the verb `select`.
+//! HTML report of the command `isotherm select`.
 
 use maud::{Markup, html};
 
@@ -65,7 +65,7 @@ fn recommended(found: &Selected) -> Markup {
             }
         }
     };
-    table(&["point", "chosen in held-out fits", "much the same:"], &rows)
+    table(&["point", "chosen in held-out fits", "similar points:"], &rows)
 }
 
 fn by_count(found: &Selected) -> Markup {
@@ -99,7 +99,7 @@ fn by_count(found: &Selected) -> Markup {
             (figure("Mean range of the residual error in a run", &of(|row| row.means.mean_range_um), ""))
             (figure("Mean RMS of the residual error in a run", &of(|row| row.means.mean_rmse_um), ""))
         }
-        (table(&["points", "mean RMS, µm", "mean range, µm", "worst run, µm", "comes in (on all runs):"], &rows))
+        (table(&["points", "mean RMS, µm", "mean range, µm", "worst run, µm", "point added (on all runs):"], &rows))
     }
 }
 
@@ -115,8 +115,8 @@ fn points(found: &Selected) -> Markup {
         h2 { "Each point alone" }
         div .gallery {
             (figure("Correlation with the error", &bars("correlation of each point with the error", |point| point.correlation),
-                "Over the rows of all runs, of rises since the start of a run. Below zero, the point falls \
-                 as the error rises."))
+                "Over the rows of all runs, of rises since the start of a run. If it is negative, the \
+                 point falls while the error rises."))
             (figure("Grey relational grade", &bars("grey relational grade of each point", |point| point.grey_grade),
                 "After Deng, ζ = 0.5: 1 if the course of a point is that of the error."))
         }
@@ -148,15 +148,15 @@ fn stepwise(found: &Selected) -> Markup {
         }
     };
     let rows = html! {
-        @for step in &found.stepwise.steps { (row(step, if step.comes_in { "comes in" } else { "leaves" })) }
+        @for step in &found.stepwise.steps { (row(step, if step.comes_in { "added" } else { "removed" })) }
         @if let Some(next) = &found.stepwise.next { (row(next, "not significant")) }
     };
     html! {
         h2 { "Stepwise, by partial F tests" }
         p {
-            "In the order in which points come in, on rises without lags, counting " (decimals(found.stepwise.samples, 0))
-            " independent samples. The chance is the probability of such an F if the point has nothing to do \
-             with the error."
+            "In the order in which points are added, on rises without lags, with " (decimals(found.stepwise.samples, 0))
+            " independent samples. The chance is the probability of such an F if the point has no effect on \
+             the error."
         }
         (table(&["point", "step:", "partial F", "chance"], &rows))
     }

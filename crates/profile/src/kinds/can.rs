@@ -57,19 +57,19 @@ pub(super) static KIND: BusKind = BusKind {
     foreign_device_keys: &[(
         &["unit", "functions", "quirks"],
         "a Modbus device",
-        "remove it; a CANopen device has a `node`, and other devices are identified by their frames",
+        "remove this key; a CANopen device has a `node`, and other devices are identified by their frames",
     )],
     device_keys_elsewhere,
     verify: |raw, at, _| raw.object(at),
     signal_keys: SignalKeys { keys: &["dbc", "pdo", "sdo", "frame"], owner: OWNER, help: None },
     signal_help: |device| {
         format!(
-            "`{device}` is on a CAN line: remove it, and write dbc, pdo, sdo or frame for the place of the \
-             value"
+            "`{device}` is on a CAN line: remove this key, and write dbc, pdo, sdo or frame for the place \
+             of the value"
         )
     },
     check_signal: |_, at, _| {
-        let help = "remove it: a CAN device sends its count by itself";
+        let help = "remove this key: a CAN device sends its count by itself";
         at.key("counter").not_applicable(&["capture"], "a Modbus device", help);
         &[]
     },
@@ -113,7 +113,7 @@ fn device(check: &Check<'_>, raw: &RawDevice, at: &KeyContext<'_>, _: Option<&Bu
 
 fn device_keys_elsewhere(raw: &RawDevice, at: &KeyContext<'_>) {
     let keys = ["dbc", "source_address", "node", "start", "heartbeat", "setup", "emergency"];
-    at.not_applicable(&keys, OWNER, "remove it, or put the device on a bus of type \"can\"");
+    at.not_applicable(&keys, OWNER, "remove this key, or put the device on a bus of type \"can\"");
     if raw.verify.iter().flatten().any(|verify| verify.sdo.is_some()) {
         let help = "write `register`, as \"coil:268\" or \"holding:256\"";
         at.key("verify").wrong_key("a Modbus device has no CANopen objects", help);
@@ -159,7 +159,7 @@ fn settings(raw: &RawDevice, at: &KeyContext<'_>) -> CanDevice {
         }
     }
     if raw.source_address.is_some() && raw.dbc.is_none() {
-        let help = "write dbc = \"…\" as well: parameter groups come from a DBC file";
+        let help = "write dbc = \"…\" as well: a DBC file describes the parameter groups";
         at.key("source_address").wrong_key("`source_address` needs a DBC file", help);
     }
     let setup = at.key("setup");

@@ -85,7 +85,7 @@ fn device(_: &Check<'_>, raw: &RawDevice, at: &KeyContext<'_>, line: Option<&Bus
 }
 
 fn heartbeat(raw: &RawHeartbeat, at: &KeyContext<'_>) -> Option<Address> {
-    let help = "remove it, and write register = \"holding:100\"";
+    let help = "remove this key, and write register = \"holding:100\"";
     at.not_applicable(&["node", "type"], "an OPC UA server", help);
     let place = at.key("register");
     let help = "write a holding register, as \"holding:100\"";

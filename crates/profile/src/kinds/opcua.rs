@@ -43,7 +43,7 @@ pub(super) static KIND: BusKind = BusKind {
     foreign_device_keys: &[(
         &["unit", "functions", "quirks", "base"],
         "a Modbus device",
-        "remove it: an OPC UA server has nodes",
+        "remove this key: an OPC UA server has nodes",
     )],
     device_keys_elsewhere: |_, at| {
         at.not_applicable(&["source_time", "read"], "a device on an OPC UA line", nodes::ELSEWHERE);
@@ -52,14 +52,14 @@ pub(super) static KIND: BusKind = BusKind {
     signal_keys: SignalKeys { keys: &["node"], owner: nodes::OWNER, help: Some(nodes::ELSEWHERE) },
     signal_help: |device| format!("`{device}` is an OPC UA server: write node = \"ns=2;s=…\""),
     check_signal: |_, at, _| {
-        let help = "remove it: a node needs no command before a read";
+        let help = "remove this key: a node needs no command before a read";
         at.key("counter").not_applicable(&["capture"], "a Modbus device", help);
         &[]
     },
     has_place: |raw| raw.register.is_some() || raw.node.is_some(),
     signal,
     foreign_output_keys: |_, at, device| {
-        let help = format!("`{device}` is an OPC UA server: remove it; a value is written by node");
+        let help = format!("`{device}` is an OPC UA server: remove this key; a value is written by node");
         let of_modbus = ["register", "word_order", "byte_swap", "beside", "stale", "read_back"];
         at.not_applicable(&of_modbus, "a Modbus device", &help);
         at.not_applicable(&["pdo", "sdo", "frame"], "a device on a CAN line", &help);
@@ -72,7 +72,7 @@ pub(super) static KIND: BusKind = BusKind {
 };
 
 fn heartbeat(raw: &RawHeartbeat, at: &KeyContext<'_>) -> Option<Address> {
-    let help = "remove it, and write node = \"ns=2;s=…\"";
+    let help = "write node = \"ns=2;s=…\" instead of `register`";
     at.not_applicable(&["register"], "a Modbus device", help);
     let node = nodes::written(at, raw.node.as_ref(), raw.kind)?;
     nodes::holds(at, &node, FEW)?;

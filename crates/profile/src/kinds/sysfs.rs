@@ -56,25 +56,25 @@ pub(super) static KIND: BusKind = BusKind {
         (
             &["unit", "functions", "quirks", "template"],
             "a Modbus device",
-            "remove it: the sensors of this computer are named at their signals",
+            "remove this key: the sensors of this computer are named at their signals",
         ),
         (
             &["verify"],
             "a device with settings that can change",
-            "remove it: the sensors of this computer are named at their signals",
+            "remove this key: the sensors of this computer are named at their signals",
         ),
     ],
     signal_keys: SignalKeys {
         keys: &["sensor"],
         owner: "a sensor of this computer",
-        help: Some("remove it, or put the device on a sysfs line"),
+        help: Some("remove this key, or put the device on a sysfs line"),
     },
     signal_help,
     check_signal: |_, at, device| {
         let owner = "a device on another kind of line";
         let (places, of_registers) = FOREIGN.split_at(7);
         at.not_applicable(places, owner, &signal_help(device));
-        let help = "remove it: the kernel gives a temperature, and reports itself if there is none";
+        let help = "remove this key: the kernel gives a temperature, and reports itself if there is none";
         at.not_applicable(of_registers, owner, help);
         &FOREIGN
     },
@@ -82,7 +82,8 @@ pub(super) static KIND: BusKind = BusKind {
     check: too_quick,
     requests,
     line_preview: Some(
-        "only read; all sensors of a device at the same time; a sensor that does not answer is read again when \
+        "only read; all sensors of a device at the same time; a sensor that does not answer is read again \
+         when \
          the driver has returned",
     ),
     can_be_identified: |_| false,
@@ -116,8 +117,8 @@ fn requests(_: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
 fn root(at: &KeyContext<'_>, address: Option<&String>) -> Option<String> {
     let Some(address) = address else { return Some(ROOT.to_owned()) };
     if !address.starts_with('/') {
-        let help = "remove it (default \"/sys\"); in a container, write the directory where the host's /sys \
-                    is mounted: \"/host/sys\"";
+        let help = "remove this key (default \"/sys\"); in a container, write the directory where the \
+                    host's /sys is mounted: \"/host/sys\"";
         return at.key("address").reject(format!("`{address}` is no absolute path of a directory"), help);
     }
     if let Some(inside) = ["/class", "/bus/"].iter().find_map(|inside| address.find(inside)) {
@@ -136,7 +137,8 @@ fn sensor(signal: &KeyContext<'_>, text: Option<&String>) -> Option<PcSensor> {
         let is_elsewhere =
             ["register", "node", "dbc", "pdo", "sdo", "frame"].iter().any(|key| signal.has(key));
         if !is_elsewhere {
-            let help = "write \"w1:28-0316a2794f01\", \"hwmon:NAME/LABEL\" or \"iio:NAME/LABEL\"; `isotherm scan --bus /sys` lists \
+            let help = "write \"w1:28-0316a2794f01\", \"hwmon:NAME/LABEL\" or \"iio:NAME/LABEL\"; `isotherm \
+                        scan --bus /sys` lists \
                         what this computer has";
             at.missing("`sensor` is missing: which sensor is read?", help);
         }
@@ -171,7 +173,8 @@ fn too_quick(check: &Check<'_>) {
             at.warn(message, "write \"2s\", or remove the key");
         } else if device.every < ONE_WIRE {
             let message = format!("{takes}, but is read every {}", shown(device.every));
-            let help = "write every = \"1s\" or longer at this device. Give faster sensors another device in the \
+            let help = "write every = \"1s\" or longer at this device. Give faster sensors another device \
+                        in the \
                         profile";
             check.at("device").key(&device.name).key("every").warn(message, help);
         } else {

@@ -1,7 +1,8 @@
-//! Load of a line: the exchanges per second, and the share of its time that they take.
+//! Load of a line: the exchanges per second, and the share of the line's time that they take.
 //!
-//! The load is that of the busiest time without a fault: every axis moves at each update. Profiles do not state the
-//! answer time of devices, so it is assumed. The answer time at which the line would be full is shown with it.
+//! The load assumes the busiest time without a fault, when every axis moves at each update. Profiles do not state the
+//! answer time of devices, so a typical one is assumed. The preview also shows the answer time at which the line would
+//! be full.
 
 use std::time::Duration;
 
@@ -18,18 +19,18 @@ use crate::{Bus, BusId, Device, Profile, ProfileError};
 const TIGHT: f64 = 80.0;
 const FULL: f64 = 100.0;
 
-/// Load of a line.
+/// Load of a line: the share of its time that the exchanges take.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Load {
     /// Exchanges per second while every axis moves at each update.
     pub exchanges_per_second: f64,
     /// Share of the line's time for reading signals, in percent.
     pub polls_percent: f64,
-    /// Share for writing, including the reads for it, in percent.
+    /// Share of the line's time for writing, including the reads before and after a write, in percent.
     pub writes_percent: f64,
     /// Share of the line's time for all exchanges, in percent.
     pub percent: f64,
-    /// Assumed answer time of a device in milliseconds, on a serial port without the transfer of the bytes.
+    /// Assumed answer time of a device in milliseconds. On a serial port, the transfer of the bytes is not included.
     pub answer_ms: f64,
     /// Answer time at which the line would be full, in milliseconds. `None` if it is full with any answer time.
     pub full_at_answer_ms: Option<f64>,
@@ -47,11 +48,11 @@ pub enum Verdict {
     Fits,
     /// The exchanges fit, but without reserve for lost answers.
     Tight,
-    /// The exchanges do not fit.
+    /// The exchanges take more time than the line has.
     Full,
 }
 
-/// Time of an exchange: the known part, and the number of answer times.
+/// Time of an exchange: a known time, plus a number of answer times of the device.
 struct Cost {
     known: Duration,
     waits: f64,
@@ -85,11 +86,14 @@ pub fn warnings(profile: &Profile) -> Vec<ProfileError> {
         let help = if load.polls_percent > load.writes_percent {
             "poll its devices less often (`every`), or put some of them on another line"
         } else {
-            "update the axes less often (`every`; `refresh` of their outputs), or put the outputs on another line"
+            "update the axes less often (`every`; `refresh` of their outputs), or put the outputs on \
+             another line"
         };
-        let message =
-            format!("{}: readings will be older, and corrections later, than the profile \
-                     requires", load.asked_of_it());
+        let message = format!(
+            "{}: readings will be older, and corrections later, than the profile \
+                     requires",
+            load.asked_of_it()
+        );
         let about = ProfileError::about(profile.path.display().to_string(), message, Some(help.to_owned()));
         ProfileError { key: format!("bus.{}", bus.name), ..about }
     });
@@ -172,7 +176,7 @@ impl Load {
     }
 }
 
-/// Formats a number with one decimal below 10, and without decimals from there on.
+/// Formats a number with at most one decimal below 10, and without decimals from 10.
 fn figure(number: f64) -> String {
     if number < 9.95 && number.fract().abs() > 0.0 {
         let text = format!("{number:.1}");

@@ -1,4 +1,4 @@
-//! Preview of a stop: its effect on the registers, and its longest duration.
+//! Preview of a stop of the gateway: its effect on the registers, and its longest duration.
 
 use std::time::Duration;
 

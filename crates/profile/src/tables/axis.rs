@@ -27,7 +27,7 @@ pub(crate) mod probe;
 pub(crate) struct RawAxis {
     /// Display name of the axis in any script, shown next to its name.
     label: Option<String>,
-    /// Largest absolute value of Cz, µm.
+    /// Largest absolute value of Cz, the compensation of the axis, µm.
     #[schemars(required, extend("x-layers" = "less"))]
     limit: Option<f64>,
     /// Largest change of Cz in one update, µm.
@@ -36,21 +36,22 @@ pub(crate) struct RawAxis {
     /// Largest rate of change of Cz, µm/s.
     #[schemars(required, extend("x-layers" = "less"))]
     rate: Option<f64>,
-    /// Smallest change of Cz that is made, µm. Default 0.
+    /// Smallest change of Cz that is made, µm. Smaller changes are ignored. Default 0.
     deadband: Option<f64>,
-    /// Period of the updates.
+    /// Period in which Cz is updated.
     #[schemars(required)]
     pub(super) every: Option<Timespan>,
     /// Action if no model or no output can be used.
     #[schemars(required, extend("x-layers" = "same"))]
     on_fault: Option<FaultAction>,
-    /// Level of |Cz| for a warning, µm; at most `limit`. Each time it is exceeded is reported once.
+    /// Absolute value of Cz above which the gateway warns, µm; at most `limit`. Each crossing of this level is reported
+    /// once.
     warn: Option<f64>,
-    /// Level of the model's value for an error, µm; at least `limit`. Beyond it, the axis executes its fault action,
-    /// and stays off until it is armed.
+    /// Absolute value of the model's result above which the axis executes its fault action, µm; at least `limit`. The
+    /// axis then stays off until it is armed.
     error: Option<f64>,
-    /// Zero point of Cz. With "zero", Cz is measured from the model's value at the last zero. Default: the model's own
-    /// zero.
+    /// Zero point of Cz. With "zero", Cz is the change of the model's value since the last zero (time at which the
+    /// operator set the zero). Default: the model's own zero.
     datum: Option<DatumWord>,
     /// Whether the offset is a diameter, as for X of a lathe. Cz is then doubled when written. Default false.
     #[schemars(extend("x-layers" = "arrives"))]
@@ -95,21 +96,21 @@ pub enum Purpose {
     /// The axis compensates the error of its machine axis.
     #[default]
     Compensation,
-    /// The axis returns a released register to its base value. Such a register belongs to no output any more. No
-    /// profile file has such an axis.
+    /// The axis only returns a register that no output uses any more to its base value, which is its value without Cz.
+    /// A profile file cannot contain such an axis.
     Release,
 }
 
 /// Axis of the profile, after all its keys were checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
-    /// Settings for the pure step.
+    /// Settings for the calculation of Cz in each update.
     pub settings: AxisSettings,
     /// Display name. Empty if the profile has none.
     pub label: String,
     /// Whether the offset is a diameter, as for X of a lathe. Cz is then doubled when written.
     pub diameter: bool,
-    /// Input of measured errors. `None` if errors are only given by command, or not at all.
+    /// Signal from which measured errors are read. `None` if errors come only by command, or not at all.
     pub probe_input: Option<ProbeInput>,
     /// Purpose of the axis.
     pub purpose: Purpose,
@@ -138,7 +139,7 @@ impl Axis {
             sign += "; the position is a diameter, so twice Cz is written";
         }
         if self.settings.datum == Datum::Zero {
-            sign += "; Cz counts from the last zero";
+            sign += "; Cz is measured from the last zero";
         }
         let (limit, step, every, rate) =
             (guard.limit.get(), guard.step.get(), shown(self.settings.every), guard.rate.get());
@@ -148,7 +149,9 @@ impl Axis {
         if guard.deadband.get() > 0.0 {
             bounds += &format!("; a change of up to {} µm is not made", guard.deadband.get());
         }
-        bounds.extend(guard.count.map(|count| format!("; Cz moves in counts of {} µm", count.get())));
+        bounds.extend(
+            guard.count.map(|count| format!("; Cz changes in steps of {} µm, one count", count.get())),
+        );
         bounds.extend(levels.warn.map(|warn| format!("; beyond ±{} µm the gateway warns", warn.get())));
         bounds.extend(levels.error.map(|error| {
             format!("; a model value beyond ±{} µm switches the axis off until it is armed", error.get())
@@ -187,7 +190,7 @@ impl Axis {
             || self.settings.models.iter().flat_map(Model::rises).any(|input| input.reference == reference)
     }
 
-    /// Returns whether a model of the axis states its expected error.
+    /// Returns whether a model of the axis states how large its error probably is.
     pub fn says_how_wrong(&self) -> bool {
         self.settings.models.iter().any(|model| model.expected.is_some())
     }
@@ -248,11 +251,11 @@ impl RawAxis {
         if let Some(limit) = limit {
             if deadband >= limit {
                 let message = format!("the deadband of {deadband} µm is as large as the limit of {limit} µm");
-                at.key("deadband").invalid(message, "the axis would never move: make `deadband` smaller");
+                at.key("deadband").invalid(message, "Cz would never change: make `deadband` smaller");
             }
             if let Some(step) = step.filter(|step| *step > 2.0 * limit) {
                 let message =
-                    format!("a step of {step} µm is more than from one limit of {limit} µm to the other");
+                    format!("a step of {step} µm is more than the whole range from −{limit} to +{limit} µm");
                 at.key("step")
                     .invalid(message, "`step` is the largest change of one update: up to twice `limit`");
             }
@@ -266,8 +269,8 @@ impl RawAxis {
         })
     }
 
-    /// Resolves the datum (zero point of Cz). The datum must not be "zero" if a reference is captured at zero: the same
-    /// drift would be subtracted twice.
+    /// Resolves the datum (zero point of Cz). Reports the datum "zero" if a reference of a model is also captured at
+    /// zero, because the same drift would be subtracted twice.
     fn datum(&self, at: &KeyContext<'_>) -> Datum {
         let Some(DatumWord::Zero) = self.datum else { return Datum::Model };
         let models = || self.model.iter().flatten();
@@ -324,7 +327,7 @@ impl FaultAction {
     }
 }
 
-/// Resolves an optional level. `Some(None)` if there is none.
+/// Resolves an optional level. Returns `Some(None)` if the profile has none, and `None` if the level is invalid.
 fn level(at: &KeyContext<'_>, level: Option<f64>) -> Option<Option<Micron>> {
     match level {
         Some(_) => at.positive(level).map(Micron::new),

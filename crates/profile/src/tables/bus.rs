@@ -56,15 +56,15 @@ pub(crate) struct RawBus {
     pub(crate) late: Option<Timespan>,
     /// Certificate files of a modbus-tcp line with Modbus/TCP Security.
     pub(crate) tls: Option<RawTls>,
-    /// Largest number of requests under way on a modbus-tcp line, 1 or 2. Default 1. With 2, a corrected position is
-    /// written together with the request for the next one.
+    /// Largest number of requests that wait for an answer at the same time on a modbus-tcp line, 1 or 2. Default 1.
+    /// With 2, a corrected position is written together with the request for the next position.
     #[schemars(range(min = 1, max = 2))]
     pub(crate) pipeline: Option<u8>,
-    /// Quirks of all devices on the line.
+    /// Quirks: special requirements of all devices on the line.
     pub(crate) quirks: Option<RawQuirks>,
     /// Serial port of a modbus-rtu line, for example "/dev/serial/by-id/usb-…".
     pub(crate) port: Option<String>,
-    /// Baud rate of a modbus-rtu line, in bits per second. Required there.
+    /// Baud rate of a modbus-rtu line, in bits per second. Required on such a line.
     #[schemars(range(min = 300, max = 4_000_000))]
     pub(crate) baud: Option<u32>,
     /// Parity of a modbus-rtu line. Default "none".
@@ -77,8 +77,8 @@ pub(crate) struct RawBus {
     /// SYNC that the gateway sends on a CAN line. Default: none.
     #[schemars(extend("x-layers" = "arrives"))]
     pub(crate) sync: Option<RawSync>,
-    /// Protection of the messages on an opcua line. The strongest policy that both ends support is used. Required
-    /// there.
+    /// Protection of the messages on an opcua line. The strongest security policy that both ends support is used.
+    /// Required on such a line.
     pub(crate) security: Option<Security>,
     /// User of the gateway on an opcua line: { name = "isotherm", password_file = "opcua.password" }, or { cert =
     /// "user.der", key = "user.pem" }. Default: anonymous.
@@ -149,9 +149,9 @@ pub struct Bus {
     pub timeout: Duration,
     /// Time during which a write without an answer may still arrive. Never less than `timeout`.
     pub late: Duration,
-    /// Largest number of requests under way, 1 or 2.
+    /// Largest number of requests that wait for an answer at the same time, 1 or 2.
     pub pipeline: u8,
-    /// Quirks of the devices.
+    /// Quirks: special requirements of the devices on the line.
     pub quirks: Quirks,
     /// SYNC that the gateway sends on a CAN line.
     pub sync: Option<Sync>,
@@ -167,7 +167,7 @@ pub struct Sync {
 }
 
 impl Bus {
-    /// Preview of the line: its type, the effect of late writes, the sections of its kind, and its load.
+    /// Preview of the line: its kind, its serial port or CAN interface, a Modbus gateway on it, and its load.
     pub(crate) fn preview(
         &self,
         (title, reads_only): (&str, Option<&str>),
@@ -267,12 +267,12 @@ impl RawBus {
 fn foreign_keys(at: &KeyContext<'_>, own: &[&str]) {
     for (keys, owner) in OWNERS {
         let foreign: Vec<&str> = keys.iter().copied().filter(|key| !own.contains(key)).collect();
-        at.not_applicable(&foreign, owner, "remove it, or change `type`");
+        at.not_applicable(&foreign, owner, "remove this key, or change `type`");
     }
 }
 
-/// Warns if the timeout is as long as the shortest period on the line. A lost answer then costs more than one exchange.
-/// It is only a warning, because overdue exchanges are skipped.
+/// Warns if the timeout is as long as the shortest period on the line, because a lost answer then delays further
+/// exchanges. The profile stays valid, because overdue exchanges are skipped.
 pub(super) fn none_waits_for_a_period(check: &Check<'_>) {
     for (name, bus) in &check.raw.bus {
         let at = check.at("bus").key(name).key("timeout");
@@ -286,15 +286,15 @@ pub(super) fn none_waits_for_a_period(check: &Check<'_>) {
             due.into_iter().map(|(what, every)| format!("{what} {}", shown(*every))).collect();
         let message = format!("`timeout` is {}, but {}", shown(timeout), due.join(", "));
         let help = format!(
-            "write a `timeout` shorter than {shortest}, or remove it (default: half the shortest period, at \
-             most {}). During the wait for a lost answer, due reads and writes are skipped",
+            "write a `timeout` shorter than {shortest}, or remove this key (default: half the shortest \
+             period, at most {}). During the wait for a lost answer, due reads and writes are skipped",
             shown(TIMEOUT)
         );
         at.warn(message, help);
     }
 }
 
-/// Reports two buses on one line. They would send at the same time, and receive each other's answers.
+/// Reports two buses on one physical line, which would send at the same time and receive each other's answers.
 pub(super) fn one_owner_each(check: &Check<'_>) {
     let exclusive = |bus: &Bus| {
         let of = bus.transport.bus_type();

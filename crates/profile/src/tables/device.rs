@@ -24,7 +24,7 @@ use verify::{Expected, RawVerify};
 
 pub(crate) mod verify;
 
-/// Unit on a line.
+/// Device on a line: a Modbus unit, a CAN device, an OPC UA server, or sensors of this computer.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Device", extend("x-layers" = "arrives"))]
@@ -40,7 +40,8 @@ pub(crate) struct RawDevice {
     /// Poll period of the device's signals. Default "1s".
     #[schemars(extend("x-layers" = "free"))]
     pub(crate) every: Option<Timespan>,
-    /// Device template with the registers, types and sentinels of its channels.
+    /// Device template, which sets registers, types and sentinels (raw values that mean "no measurement") of its
+    /// channels.
     template: Option<String>,
     /// Variant of the template, for example "T" for a thermocouple type.
     #[allow(dead_code, reason = "resolved before the profile is checked")]
@@ -49,15 +50,15 @@ pub(crate) struct RawDevice {
     /// Default: any template is accepted.
     #[allow(dead_code, reason = "resolved before the profile is checked")]
     sha256: Option<String>,
-    /// Number added to every register of the template, if the manufacturer lets the first register be set.
+    /// Number added to every register of the template, for a device on which the first register can be set.
     #[allow(dead_code, reason = "resolved before the profile is checked")]
     base: Option<u16>,
-    /// Expected results of the template's checks on this device, by name. "unchecked" omits a check.
+    /// Expected values for checks of the template on this device, by the name of the check. "unchecked" omits a check.
     #[allow(dead_code, reason = "resolved before the profile is checked")]
     expect: Option<BTreeMap<String, ExpectValue>>,
     /// Function codes that the gateway may send to the device. Default: all.
     functions: Option<Vec<Function>>,
-    /// Quirks of the device. They take precedence over those of the bus.
+    /// Quirks: special requirements of the device. They take precedence over those of the bus.
     #[schemars(extend("x-layers" = "free"))]
     quirks: Option<RawQuirks>,
     /// CAN: DBC file next to the profile that describes the frames of the device.
@@ -68,8 +69,8 @@ pub(crate) struct RawDevice {
     /// CANopen node number.
     #[schemars(range(min = 1, max = 127))]
     pub(crate) node: Option<u8>,
-    /// OPC UA: meaning of the server's timestamps. "sampled": time of measurement, which is the age of the reading.
-    /// "changed": time of the last change, which does not affect the age. Default "sampled".
+    /// OPC UA: meaning of the server's timestamps. "sampled": time of measurement, from which the age of the reading is
+    /// calculated. "changed": time of the last change, which does not affect the age. Default "sampled".
     #[schemars(extend("x-layers" = "free"))]
     pub(crate) source_time: Option<SourceTime>,
     /// OPC UA: way of reading signals. "poll": the gateway requests them. "subscription": the server samples them once
@@ -92,7 +93,7 @@ pub(crate) struct RawDevice {
     pub(crate) verify: Option<Vec<RawVerify>>,
 }
 
-/// Expected result of a check of the template.
+/// Expected value for a check of the template.
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
 #[allow(dead_code, reason = "resolved before the profile is checked")]
@@ -107,7 +108,8 @@ enum ExpectWord {
     Unchecked,
 }
 
-schema_of!(ExpectValue as "Expect": { "anyOf": [{ "type": "integer" }, { "type": "string", "enum": ["unchecked"] }] });
+schema_of!(ExpectValue as "Expect": { "anyOf": [{ "type": "integer" }, { "type": "string", "enum": \
+                           ["unchecked"] }] });
 
 /// Parts of a device that depend on the kind of its line.
 #[derive(Default)]
@@ -135,7 +137,7 @@ pub struct Device {
     pub every: Duration,
     /// Function codes that may be sent.
     pub functions: Functions,
-    /// Quirks of the bus, replaced by those of the device.
+    /// Quirks: special requirements of the device, from the device or otherwise from its bus.
     pub quirks: Quirks,
     /// Registers, objects or nodes that are read before arming.
     pub verify: Vec<Expected>,
@@ -147,7 +149,7 @@ pub struct Device {
     pub source_time: Option<SourceTime>,
     /// Way of reading the signals of an OPC UA server. Other devices are polled.
     pub read: ReadBy,
-    /// Whether the device has neither a unit nor a node number, and is no server: sensors of this computer.
+    /// Whether the device consists of sensors of this computer.
     pub is_pc: bool,
 }
 
@@ -161,7 +163,7 @@ impl Device {
         }
     }
 
-    /// Returns whether the device has `verify`, or the setup list of a CANopen node.
+    /// Returns whether the gateway checks or sets up the device before arming: it has `verify`, or a CANopen `setup`.
     pub fn is_checked(&self) -> bool {
         !self.verify.is_empty() || self.can.as_ref().is_some_and(|can| !can.setup.is_empty())
     }
@@ -203,7 +205,7 @@ impl Device {
     }
 
     /// Describes the channel of a signal or an output with this name: `channel 0 of icp-das-m7019r; the profile itself
-    /// says scale`.
+    /// sets scale`.
     pub(crate) fn channel(&self, user: &str) -> Option<String> {
         let template = self.template.as_ref()?;
         let used = template.uses.iter().find(|used| used.name == user)?;
@@ -214,7 +216,7 @@ impl Device {
         Some(format!("channel {} of {}{own}", used.channel, template.name))
     }
 
-    /// Returns the largest number of registers that one request can write and read.
+    /// Returns the largest number of registers that the device accepts in one read as well as in one write.
     pub fn longest_request(&self) -> u16 {
         // Function 16 writes 123 registers, function 06 one.
         let most = if self.functions.write_multiple { 123 } else { 1 };
@@ -239,11 +241,11 @@ impl Device {
                 Table::Holding => "read-holding",
                 Table::Input => "read-input",
             };
-            self.lacks(at, &format!("reading this needs {function}"), &format!("\"{function}\""));
+            self.lacks(at, &format!("reading this address needs {function}"), &format!("\"{function}\""));
         }
     }
 
-    /// Reports functions that the device does not allow.
+    /// Reports that the device does not allow the necessary `functions`. `needs` begins the message.
     pub(crate) fn lacks(&self, at: &KeyContext<'_>, needs: &str, functions: &str) {
         let help = format!("add {functions} to `functions` of the device, if the device supports it");
         at.invalid(format!("{needs}, which is not among the `functions` of `{}`", self.name), help);
@@ -253,7 +255,7 @@ impl Device {
 impl RawDevice {
     pub(super) fn resolve(&self, check: &Check<'_>, at: &KeyContext<'_>, name: &str) -> Option<Device> {
         if self.template.is_none() {
-            let help = "write template = \"…\" as well, or remove it";
+            let help = "write template = \"…\" as well, or remove this key";
             at.not_applicable(&["variant", "sha256", "base", "expect"], "a device template", help);
         }
         let every = at.key("every").period(self.every).unwrap_or(EVERY);

@@ -1,4 +1,4 @@
-//! Conditions and formulas. Errors have a position within the text.
+//! Parsing of conditions and formulas in a profile. Errors state the position in the text.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
@@ -69,7 +69,7 @@ pub(super) fn formula(
             let given = inputs.keys().map(|name| ("inputs", name));
             for (table, name) in given.chain(constants.keys().map(|name| ("constants", name))) {
                 if !seen.contains(name) {
-                    let help = format!("the formula is `{text}`: use `{name}` in it, or remove it");
+                    let help = format!("use `{name}` in the formula `{text}`, or remove `{name}`");
                     at.key(table).key(name).wrong_key(format!("the formula does not use `{name}`"), help);
                 }
             }

@@ -27,7 +27,7 @@ pub(super) struct RawHandshake {
     /// bit of a register ("input:16.0"). On an OPC UA server a node (0 or not): { node = "ns=2;s=…" }.
     #[schemars(required)]
     acknowledge: Option<Place>,
-    /// Timeout for the acknowledge to rise, and again for it to drop.
+    /// Timeout for the acknowledge bit to rise after the strobe, and again for the bit to drop.
     #[schemars(required)]
     timeout: Option<Timespan>,
 }
@@ -37,7 +37,7 @@ pub(super) struct RawHandshake {
 pub enum Bit {
     /// Bit of a Modbus device.
     Flag(Flag),
-    /// Node of an OPC UA server: 0 or not.
+    /// Node of an OPC UA server. The bit is set if the value of the node is not 0.
     Node(Node),
 }
 
@@ -48,12 +48,13 @@ pub struct Handshake {
     pub strobe: Bit,
     /// Acknowledgement, read from the control.
     pub acknowledge: Bit,
-    /// Timeout for the acknowledge to rise, and again for it to drop.
+    /// Timeout for the acknowledge bit to rise after the strobe, and again for the bit to drop.
     pub timeout: Duration,
 }
 
 impl Handshake {
-    /// Preview of both exchanges. `function` writes one register of the device.
+    /// Preview of the handshake: strobe and acknowledge on, then off. `function` is the Modbus function that writes one
+    /// register.
     pub(super) fn preview(&self, function: u8) -> Section {
         let function = match &self.strobe {
             Bit::Flag(flag) if flag.address.table.is_bits() => 5,
@@ -111,7 +112,7 @@ impl RawHandshake {
         if let Some(device) = device {
             if strobe.address.table == Table::Coil && !device.functions.write_coil {
                 let message = format!(
-                    "writing this needs write-coil, which is not among the `functions` of `{}`",
+                    "writing a coil needs write-coil, which is not among the `functions` of `{}`",
                     device.name
                 );
                 let help = "add \"write-coil\" to `functions` of the device, or use a holding register";

@@ -23,7 +23,7 @@ pub(crate) struct RawHeartbeat {
     /// Device to which the heartbeat is written.
     #[schemars(required)]
     pub(super) device: Option<String>,
-    /// Holding register of 16 bits.
+    /// Holding register of 16 bits in which the heartbeat counts.
     pub(crate) register: Option<String>,
     /// Node of an OPC UA server, for example "ns=2;s=…".
     pub(crate) node: Option<String>,
@@ -38,7 +38,7 @@ pub(crate) struct RawHeartbeat {
 /// Heartbeat of the profile, after its keys were checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Heartbeat {
-    /// Device to which it is written.
+    /// Device to which the heartbeat is written.
     pub device: DeviceId,
     /// Holding register or node.
     pub address: Address,
@@ -52,7 +52,7 @@ impl Heartbeat {
         self.address.node().map_or(DataType::U16, Node::taken_as)
     }
 
-    /// Returns the largest count: that of the type, at most 65535.
+    /// Returns the largest value of the counter: that of its type, at most 65535.
     pub fn highest(&self) -> u16 {
         let highest = self.data_type().integer_range().map_or(0, |(_, highest)| highest);
         u16::try_from(highest).unwrap_or(u16::MAX)

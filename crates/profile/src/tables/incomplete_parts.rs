@@ -50,7 +50,8 @@ pub(super) fn warn(check: &Check<'_>) {
     }
 }
 
-/// Warns about `pipeline` on a line without a corrected position, or without a read that could be sent with it.
+/// Warns about `pipeline` on a line without a corrected position, or without a signal whose read request could be sent
+/// at the same time.
 fn two_at_a_time(check: &Check<'_>) {
     let line = |device: usize| check.devices.get(device).map(|device| device.bus.0);
     let corrected = check.outputs.valid().filter(|output| output.writes.position().is_some());
@@ -61,7 +62,7 @@ fn two_at_a_time(check: &Check<'_>) {
         if is_two && !(written.contains(&place) && read.contains(&place)) {
             let message = "`pipeline` has no effect here: this line has no written corrected position, or no \
                            read signal";
-            check.at("bus").key(name).key("pipeline").warn_key(message, Some("remove it"));
+            check.at("bus").key(name).key("pipeline").warn_key(message, Some("remove `pipeline`"));
         }
     }
 }

@@ -30,23 +30,24 @@ pub(crate) struct RawMachine {
     zero: Option<String>,
     /// Averaging time of captured references. Default "0s": the first good reading.
     pub(super) settle: Option<Timespan>,
-    /// Arming of the axes. "auto": by itself, once all devices are verified and all readings are good. "manual": by the
-    /// operator. Default "auto".
+    /// Arming of the axes. "auto": automatically, once all devices are verified and all readings are good. "manual": by
+    /// the operator. Default "auto".
     arm: Option<Arm>,
     /// Timeout of a request to arm that cannot be executed yet. The request is shown while it waits. Default "10min".
     arm_timeout: Option<Timespan>,
-    /// Action on the registers at a stop. "fault-action": the fault actions of the axes. "hold": the register values
-    /// stay. Default "fault-action".
+    /// Action on the registers when the gateway stops. "fault-action": the fault actions of the axes. "hold": the
+    /// register values stay. Default "fault-action".
     on_stop: Option<OnStop>,
-    /// Keys that a layer above this file may set, although they protect an axis or change what arrives at the machine.
-    /// These keys are marked in this chapter, for example "axis.z.limit", "machine.arm" and "output.cnc_z.scale".
-    /// Default: none. Layers may always reduce `limit`, `step` and `rate`, and set `arm` to "manual".
+    /// Keys that a layer above this file may set, although they protect an axis or change the data that the machine
+    /// receives. The manual's chapter on the profile marks these keys, for example "axis.z.limit", "machine.arm" and
+    /// "output.cnc_z.scale". Default: none. Layers may always reduce `limit`, `step` and `rate`, and set `arm` to
+    /// "manual".
     allow_override: Option<Vec<String>>,
 }
 
 /// Version of the profile's format that this program supports.
 const FORM: u64 = 1;
-/// Longest name. With a date and an extension it must be a valid file name.
+/// Longest name of a machine, in characters. With a date and an extension, the name must be a valid file name.
 const LONGEST_NAME: usize = 64;
 /// Default timeout of a request to arm.
 const ARM_TIMEOUT: Duration = Duration::from_secs(600);
@@ -58,10 +59,10 @@ const LONGEST_ARM_TIMEOUT: Duration = Duration::from_secs(24 * 3600);
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "ArmWord", description = "")]
 pub enum Arm {
-    /// By itself, once its devices are verified and its readings are good.
+    /// The axis is armed automatically, once its devices are verified and its readings are good.
     #[default]
     Auto,
-    /// By the operator.
+    /// Only the operator arms the axis.
     Manual,
 }
 
@@ -70,10 +71,10 @@ pub enum Arm {
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "OnStopWord", description = "")]
 pub enum OnStop {
-    /// The fault actions of the axes, without their waiting time.
+    /// The axes execute their fault actions, without the waiting time before a ramp.
     #[default]
     FaultAction,
-    /// None: the register values stay, and the next start resumes from them.
+    /// The register values stay, and the next start resumes from them.
     Hold,
 }
 

@@ -1,7 +1,7 @@
 //! `[mqtt]`: publication to a broker.
 //!
-//! The files are read with the profile, so that a missing one is reported at its key. The module that connects checks
-//! their content, because it has TLS.
+//! The files are read with the profile, so that a missing file is reported at its key. The module that connects checks
+//! their content, because only that module has a TLS library.
 
 use std::time::Duration;
 
@@ -21,13 +21,14 @@ mod preview;
 
 /// Default period of publication.
 const EVERY: Duration = Duration::from_secs(1);
-/// Shortest period. The state is copied for each publication.
+/// Shortest allowed period of publication. A shorter one would cost too much time, because the state is copied for each
+/// publication.
 const SHORTEST: Duration = Duration::from_millis(100);
 /// Default time after which unchanged values are published again.
 const REFRESH: Duration = Duration::from_secs(60);
 /// Default size of the buffer on disk in bytes, while the broker is unreachable.
 const BUFFER: u64 = 100_000_000;
-/// Longest group. Every message contains its topic.
+/// Largest length of a group in bytes. The length is limited because every message contains its topic.
 const LONGEST_GROUP: usize = 100;
 
 /// Publication to a broker.
@@ -46,7 +47,7 @@ pub(crate) struct RawMqtt {
     user: Option<RawMqttUser>,
     /// Trusted certificates, and the certificate of the gateway. Only with mqtts://.
     tls: Option<RawMqttTls>,
-    /// Shortest period of each topic, at least "100ms". Default "1s".
+    /// Shortest time between two messages of one topic, at least "100ms". Default "1s".
     every: Option<Timespan>,
     /// Time after which an unchanged value is published again. Default "1min".
     refresh: Option<Timespan>,
@@ -102,7 +103,7 @@ pub enum MqttFormat {
 #[serde(rename_all = "lowercase")]
 #[schemars(rename = "MqttCommandWord", description = "")]
 enum MqttCommand {
-    /// Measured error of an axis, from which it learns.
+    /// Measured error of an axis, which corrects its models.
     Measured,
 }
 
@@ -119,15 +120,15 @@ pub struct Mqtt {
     pub user: Option<MqttUser>,
     /// Trusted certificate. `None` for the authorities that this computer trusts.
     pub ca: Option<NamedFile>,
-    /// Certificate and private key of the gateway.
+    /// Certificate and private key of the gateway. `None` if the profile names none.
     pub own: Option<(NamedFile, NamedFile)>,
-    /// Shortest period of each topic.
+    /// Shortest time between two messages of one topic.
     pub every: Duration,
     /// Time after which an unchanged value is published again.
     pub refresh: Duration,
     /// Size of the buffer on disk in bytes, while the broker is unreachable.
     pub buffer: u64,
-    /// Whether measured errors are accepted.
+    /// Whether measured errors are accepted from the broker.
     pub takes_measured: bool,
     /// Whether discovery topics for Home Assistant are published.
     pub home_assistant: bool,
@@ -172,11 +173,11 @@ impl RawMqtt {
         let tls = self.tls.as_ref().map(|tls| tls.resolve(&at.key("tls")));
         let (ca, own) = tls.unwrap_or((Some(None), Some(None)));
         if format == MqttFormat::SparkplugB {
-            let help = "remove it: the birth message of a Sparkplug node lists all values";
+            let help = "remove this key: the birth message of a Sparkplug node lists all values";
             at.not_applicable(&["home_assistant"], "format = \"json\"", help);
         } else {
-            let help = "remove it: after a lost connection only the newest values are published; events wait \
-                        in memory";
+            let help = "remove this key: after a lost connection only the newest values are published; \
+                        events wait in memory";
             at.not_applicable(&["buffer"], "format = \"sparkplug-b\"", help);
         }
         let every = self.every(at);
@@ -229,7 +230,7 @@ impl RawMqtt {
         let is_meant =
             |one: char| one.is_control() || matches!(one, '+' | '#') || (one == '/' && is_sparkplug);
         if is_sparkplug && group == "STATE" {
-            let message = "the group `STATE` is reserved: hosts publish their own state there";
+            let message = "the group `STATE` is reserved: hosts publish their own state in this group";
             return at.reject(message, "give the group another name");
         }
         let is_whole = !group.is_empty() && group.split('/').all(|part| !part.is_empty());
@@ -247,7 +248,7 @@ impl RawMqtt {
         if broker.tls {
             return;
         }
-        let help = "remove it, or write mqtts:// in `broker`";
+        let help = "remove this key, or write mqtts:// in `broker`";
         at.not_applicable(&["tls"], "mqtts://", help);
         if is_loopback(&broker.host) {
             return;
@@ -274,12 +275,13 @@ impl RawMqttUser {
     }
 }
 
-/// Trusted certificate, and certificate with private key of the gateway. The outer `None` means an error.
+/// Trusted certificate, and certificate with private key of the gateway. The inner `None` means that the profile names
+/// none, the outer `None` means an error.
 type Files = (Option<Option<NamedFile>>, Option<Option<(NamedFile, NamedFile)>>);
 
 impl RawMqttTls {
     fn resolve(&self, at: &KeyContext<'_>) -> Files {
-        let help = "name a PEM file beside the profile with the certificate of the broker, or of the \
+        let help = "name a PEM file next to the profile with the certificate of the broker, or of the \
                     authority that signed it";
         let ca = optional(self.ca.as_ref(), |name| file(at, "ca", Some(name), help));
         let named = (self.cert.is_some() || self.key.is_some()).then_some((&self.cert, &self.key));

@@ -27,10 +27,10 @@ pub const ALARM_OVER: &str = "alarm-over";
 /// Trigger: an axis that followed a model does not follow it any more, and the gateway is not being stopped.
 pub const AXIS_OFF: &str = "axis-off";
 
-/// Triggers that are no kinds of events.
+/// Triggers that are not the name of a single kind of event.
 const WORDS: [&str; 5] = [ALARM, ALARM_OVER, AXIS_OFF, UNVERIFIED, CLOCK];
 
-/// Words for `on`: the five words above, and every kind of event of the catalogue.
+/// Words for the key `on`: the triggers that are not a single kind of event, and the name of every kind of event.
 pub const TRIGGERS: [&str; WORDS.len() + EventKind::ALL.len()] = {
     let mut all = [""; WORDS.len() + EventKind::ALL.len()];
     let mut place = 0;
@@ -110,9 +110,9 @@ impl RawNotify {
         });
         let on = self.on.as_ref().and_then(|on| triggers(&at.key("on"), on));
         if self.ca.is_some() && url.as_ref().is_some_and(|url| !url.tls) {
-            at.not_applicable(&["ca"], "https", "remove it, or write https:// in `url`");
+            at.not_applicable(&["ca"], "https", "remove this key, or write https:// in `url`");
         }
-        let help = "name a PEM file beside the profile with the certificate of the server, or of the \
+        let help = "name a PEM file next to the profile with the certificate of the server, or of the \
                     authority that signed it";
         let ca = optional(self.ca.as_ref(), |name| NamedFile::read(&at.key("ca"), name, help));
         if self.token_file.is_none() && url.as_ref().is_some_and(Url::has_token) {
@@ -149,7 +149,7 @@ fn triggers(at: &KeyContext<'_>, written: &[String]) -> Option<Vec<&'static str>
 }
 
 impl Notify {
-    /// Returns the text of `check`: the server and what is posted to it.
+    /// Preview of one server: its address, token file, trusted certificates, and the events that are posted.
     pub(crate) fn preview(&self) -> Section {
         let mut section = Section::default();
         let (to, on) = (self.url.to_string(), self.on.join(", "));

@@ -50,7 +50,7 @@ pub(crate) struct RawOutput {
     /// (µm), tanβ (µm/mm) and P0 (mm), for a control that applies K0 + tanβ·(P − P0) itself.
     #[schemars(required)]
     writes: Option<WritesWord>,
-    /// corrected: signal of the scale, in mm.
+    /// corrected: signal with the position that the linear scale measures, in mm.
     position: Option<String>,
     /// Holding register, for example "holding:104" or "40105".
     pub(crate) register: Option<String>,
@@ -68,7 +68,7 @@ pub(crate) struct RawOutput {
     pub(crate) frame: Option<RawFrame>,
     /// Other place for verification. Modbus: the register in which the control reports the applied value. Process data
     /// and frames: the CANopen object that reads the written value, of the same length, for example "6004:00". Required
-    /// for them, except for a display.
+    /// for process data and frames, except for a display.
     pub(crate) read_back: Option<ReadBackValue>,
     /// Order of the registers. Required for 32 bits and more.
     pub(crate) word_order: Option<WordOrderWord>,
@@ -92,7 +92,7 @@ pub(crate) struct RawOutput {
     pub(crate) share: Option<Share>,
     /// Set of the output: outputs of one device that the control receives together.
     pub(super) set: Option<String>,
-    /// Strobe and acknowledgement around each write.
+    /// Handshake for each write: the gateway sets a strobe, and the control acknowledges it.
     pub(super) handshake: Option<RawHandshake>,
     /// Detection of a CNC restart, in addition to the register becoming zero.
     pub(super) restart: Option<RawRestart>,
@@ -137,18 +137,20 @@ pub struct Output {
     pub applied: Option<Applied>,
     /// Further words of a display, and its text without a value.
     pub display: Display,
-    /// Values of the profile file itself, if there are layers above it.
+    /// Settings as the profile file itself states them, without the layers above it. `None` if there are no such
+    /// layers.
     pub stated: Option<Stated>,
 }
 
 impl Output {
-    /// Returns whether this is an offset that is written separately, without a set.
+    /// Returns whether the output belongs to no set, and writes another quantity than a corrected position.
     pub fn is_single_offset(&self) -> bool {
         let is_offset = self.writes.is_scheduled();
         is_offset && self.set.is_none()
     }
 
-    /// Pairs these values with the registers in which they are. Empty for an output that is not in registers.
+    /// Pairs register values with their register numbers, from the first register of the output. Empty if the output is
+    /// not in registers.
     pub fn cells(&self, contents: &[u16]) -> impl Iterator<Item = (u16, u16)> {
         let first = self.address.register().map(|register| register.offset..);
         first.into_iter().flatten().zip(contents.iter().copied())
@@ -367,7 +369,8 @@ pub(crate) fn not_one_bit(at: &KeyContext<'_>, data_type: Option<DataType>) {
     }
 }
 
-/// Checks each output with its axis, and gives each axis the coarsest count of its outputs.
+/// Checks that each output can hold every value of its axis. Sets for each axis the coarsest count of its outputs,
+/// which is the smallest change that they can show.
 pub(super) fn note_counts(check: &mut Check<'_>) {
     for output in check.outputs.valid() {
         let at = check.at("output").key(&output.name);

@@ -32,7 +32,7 @@ struct BootCounter {
     device: DeviceId,
     address: Address,
     signal: SignalId,
-    /// Place where the first output names it, for example `profiles/x.toml:41`.
+    /// Place where the first output names the boot counter, for example `profiles/x.toml:41`.
     line: String,
 }
 

@@ -66,16 +66,16 @@ pub(crate) struct RawSignal {
     #[serde(default)]
     #[schemars(schema_with = "units")]
     pub(crate) unit: Option<String>,
-    /// Smallest and largest plausible value, in the unit. A value outside is bad.
+    /// Smallest and largest plausible value, in the unit of the signal. Values outside of this range are bad.
     #[schemars(extend("x-layers" = "free"))]
     range: Option<[f64; 2]>,
-    /// Largest plausible rate of change, units per second. A faster change is bad.
+    /// Largest plausible rate of change, units per second. A reading that changes faster is bad.
     #[schemars(extend("x-layers" = "free"))]
     max_rate: Option<f64>,
     /// Largest age of a reading. An older one is stale. Default: five polls, and at least three timeouts.
     #[schemars(extend("x-layers" = "free"))]
     max_age: Option<Timespan>,
-    /// Condition on other signals under which this one is bad, for example "bed_open == 1".
+    /// Condition on other signals under which this signal is bad, for example "bed_open == 1".
     #[schemars(extend("x-layers" = "free"))]
     fault_when: Option<String>,
     /// Whether a read request may include adjacent registers of other signals. Default true.
@@ -104,7 +104,8 @@ pub(super) enum ChannelValue {
     Name(String),
 }
 
-schema_of!(ChannelValue as "Channel": { "anyOf": [{ "type": "integer", "minimum": 0, "maximum": 65535 }, { "type": "string" }] });
+schema_of!(ChannelValue as "Channel": { "anyOf": [{ "type": "integer", "minimum": 0, "maximum": 65535 }, { \
+                            "type": "string" }] });
 
 fn units(_: &mut SchemaGenerator) -> Schema {
     schemars::json_schema!({ "type": "string", "enum": Unit::WORDS })
@@ -117,7 +118,7 @@ pub struct Signal {
     pub name: String,
     /// Display name. Empty if the profile has none.
     pub label: String,
-    /// Device from which it is read.
+    /// Device from which the signal is read.
     pub device: DeviceId,
     /// First register, bit, object, node, sensor, or place in frames.
     pub address: Address,
@@ -131,7 +132,7 @@ pub struct Signal {
     pub max_rate: Option<f64>,
     /// Largest age of a reading. An older one is stale.
     pub max_age: Duration,
-    /// Condition on other signals under which this one is bad.
+    /// Condition on other signals under which this signal is bad.
     pub fault_when: Option<Condition>,
     /// Whether a read request may include adjacent registers of other signals.
     pub merge: bool,
@@ -190,7 +191,7 @@ impl Signal {
         section
     }
 
-    /// Describes the command before each read: `holding:132 (40133) = 1`.
+    /// Describes the command before each read: `holding:132 (40133) = 1`. `None` if there is no command.
     pub(crate) fn shown_capture(&self) -> Option<String> {
         self.capture.map(|capture| format!("{} = {}", Notation::from(capture.address), capture.value))
     }
@@ -331,5 +332,6 @@ impl RawSignal {
     }
 }
 
-/// Largest age of a value from a subscription, in periods: sampled, sent, requested in one round, used in the next.
+/// Largest age of a value from a subscription, in poll periods. A value needs up to one period each to be sampled,
+/// sent, requested and used.
 const SENT_WITHIN: u32 = 4;

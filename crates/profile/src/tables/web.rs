@@ -16,16 +16,16 @@ pub(crate) struct RawWeb {
     /// Host and port. Default "127.0.0.1:8080". Port 0 selects any free port.
     listen: Option<String>,
     /// File next to the profile with the operator's token, for viewing and for commands. At least 16 characters, not
-    /// readable by others; `isotherm token` creates one. Beyond loopback, this file or `viewer_token_file` is required.
-    /// A changed file is read again.
+    /// readable by others; `isotherm token` creates one. If `listen` is reachable from other computers, this file or
+    /// `viewer_token_file` is required. A changed file is read again.
     token_file: Option<String>,
     /// Certificate and key of the web page, which is then only served over https. Changed files are read again.
     tls: Option<RawWebTls>,
-    /// Whether the web page may be served beyond loopback without `tls`. Only for a network without other listeners.
-    /// Default false.
+    /// Whether the web page may be served to other computers without `tls`. Only for a network on which nobody else can
+    /// listen. Default false.
     plain: Option<bool>,
-    /// File with the token for viewing only: web page, API, metrics. Without it, viewing needs no token on loopback,
-    /// and the operator's token from elsewhere.
+    /// File with the token for viewing only: web page, API, metrics. Without this file, viewing needs no token on this
+    /// computer, and the operator's token from other computers.
     viewer_token_file: Option<String>,
     /// File with the token of a collector such as Prometheus. It gives access to /metrics only.
     scrape_token_file: Option<String>,
@@ -45,7 +45,7 @@ pub(crate) struct RawWeb {
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "WebTls")]
 struct RawWebTls {
-    /// Certificate for the name that browsers use, followed by those that lead to its authority.
+    /// Certificate for the name that browsers use, followed by the intermediate certificates up to its authority.
     #[schemars(required)]
     cert: Option<String>,
     /// Private key of the certificate.
@@ -101,7 +101,7 @@ pub struct Web {
     pub token_file: Option<PathBuf>,
     /// Certificate and key for https. `None` for http.
     pub tls: Option<WebTls>,
-    /// Whether http is allowed beyond loopback.
+    /// Whether http without encryption is allowed for other computers.
     pub plain: bool,
     /// File with the token for viewing only.
     pub viewer_token_file: Option<PathBuf>,
@@ -129,7 +129,7 @@ pub struct WebTls {
 const USUAL: u16 = 8080;
 const LISTEN: &str = "write host and port, as \"127.0.0.1:8080\"; port 0 selects any free port";
 
-/// Hint for a web page that listens beyond loopback without encryption.
+/// Hint for a web page that other computers can open without encryption.
 pub const PLAIN: &str = "every computer on this network can read the token: write \
                          `tls = { cert = …, key = … }` in [web]. Write `plain = true` in [web] only if no \
                          other computer is on the network";
@@ -209,7 +209,7 @@ impl RawWebTls {
     fn resolve(&self, at: &KeyContext<'_>) -> Option<WebTls> {
         let file = |key: &str, name: Option<&String>, what: &str| {
             let help =
-                format!("name a PEM file beside the profile with {what} (docs/page.md says how to make it)");
+                format!("name a PEM file next to the profile with {what} (docs/page.md says how to make it)");
             at.key(key).missing(format!("`{key}` is missing: https needs it"), help);
             name.map(|name| PathBuf::from(at.report.files.path(name)))
         };

@@ -1,4 +1,5 @@
-//! Expansion of groups into `count` similar channels. `{n}` is the number; the registers follow each other. Pure.
+//! Expansion of groups into `count` similar channels. `{n}` is the number; the registers follow each other. The
+//! calculation has no side effects.
 
 use serde_json::{Map, Value};
 
@@ -21,11 +22,11 @@ pub(super) struct Channel {
     pub(super) place: u16,
     /// Keys that the profile must set.
     pub(super) asks: Vec<String>,
-    /// Keys that it adds to a signal or an output.
+    /// Keys that the channel adds to a signal or an output.
     pub(super) keys: Map<String, Value>,
 }
 
-/// Expands a group into its channels. The register number `base` is added to all register numbers.
+/// Expands a group into its channels. The number `base` is added to all register numbers.
 ///
 /// # Errors
 /// A sentence: a register is invalid, or beyond the last one.
@@ -82,7 +83,8 @@ mod tests {
     #[test]
     fn the_channels_of_a_group_follow_each_other_by_the_width_of_their_type() {
         let pairs = group(json!({
-            "name": "tc{n}", "from": 1, "count": 3, "register": "input:2048", "type": "i32", "fault_when": "s{n} != 0",
+            "name": "tc{n}", "from": 1, "count": 3, "register": "input:2048", "type": "i32", "fault_when": \
+             "s{n} != 0",
         }));
         let channels = of_group("temperature", &pairs, 10).unwrap();
         let reported: Vec<_> =

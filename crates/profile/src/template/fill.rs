@@ -1,5 +1,5 @@
-//! Addition of the keys of a template to a profile, as if they had been written there. In errors, an added key has the
-//! place where the profile named the template or the channel.
+//! Addition of the keys of a template to a profile, as if the profile itself contained them. In errors, an added key
+//! has the place where the profile named the template or the channel.
 
 use std::collections::BTreeMap;
 
@@ -306,7 +306,7 @@ impl<'a> Filling<'a> {
             let template = &self.templates[&name].name;
             let message = format!(
                 "`{template}` expects a heartbeat in {register}, but the profile sends none: `{name}` would \
-                 detect a failed gateway"
+                 report that the gateway has failed"
             );
             let help = format!("add [heartbeat] with device = \"{name}\" and every = \"500ms\"");
             self.invalid(&child(&child("device", &name), "template"), message, help);

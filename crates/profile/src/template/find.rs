@@ -16,7 +16,7 @@ use crate::tables::signal::unit::Scaling;
 /// Directory of the user's own templates, next to the profile.
 const DIRECTORY: &str = "devices";
 
-/// Template as a device uses it: with the chosen variant and the moved registers.
+/// Template as a device uses it: with the chosen variant, and with `base` added to the register numbers.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Definition {
     /// Template before it is used: with title, source and notes.
@@ -37,7 +37,7 @@ pub(super) struct Definition {
     pub(super) node: Option<Group>,
 }
 
-/// Mistake in a choice: key of the device, message, and hint.
+/// Error in the choice of a template, variant or base: key of the device, message, and hint.
 pub(super) type Wrong = (&'static str, String, String);
 
 /// Text of a template that was found.
@@ -48,7 +48,7 @@ pub(super) struct Written {
     pub(super) body: Option<Group>,
 }
 
-/// Finds the template with this name.
+/// Finds the template with this name. `Err` if there is none, or if the user's file cannot be read.
 pub(super) fn find(name: &str, files: &Files<'_>, errors: &mut Findings) -> Result<Written, Wrong> {
     let plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
     let file = format!("{DIRECTORY}/{name}.toml");
@@ -62,7 +62,7 @@ pub(super) fn find(name: &str, files: &Files<'_>, errors: &mut Findings) -> Resu
         known.sort();
         known.dedup();
         let help = format!(
-            "{}; a template of your own must be in {} beside the profile",
+            "{}; a template of your own must be in {} next to the profile",
             nearest_names(name, &known),
             format_args!("{DIRECTORY}/NAME.toml")
         );

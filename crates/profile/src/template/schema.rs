@@ -45,10 +45,10 @@ fn made() -> Value {
         "source": text("Source of the registers: a manual or a public page."),
         "notes": list("Notes for users of the device."),
         "unverified": list("Facts that are not verified against the manual or on the device."),
-        "movable": { "description": "Whether `base` of the device moves the registers.", "type": "boolean" },
+        "movable": { "description": "Whether `base` is added to all register numbers.", "type": "boolean" },
         "functions": device.get("functions"),
         "quirks": device.get("quirks"),
-        "dbc": text("CAN: DBC file that describes the frames, beside the template."),
+        "dbc": text("CAN: DBC file that describes the frames, next to the template."),
         "node": node(&device),
         "channel": channels,
         "target": targets,
@@ -80,7 +80,8 @@ fn node(device: &Map<String, Value>) -> Value {
 fn groups(mut keys: Map<String, Value>, what: &str) -> Value {
     let whole =
         |what: &str| json!({ "description": what, "type": "integer", "minimum": 0, "maximum": 65535 });
-    let stride = "Distance between members in registers, bits of a frame or subindexes. Default: the length of \
+    let stride = "Distance between members in registers, bits of a frame or subindexes. Default: the length \
+                  of \
                   one value.";
     let own = [
         ("name", text("Name of the members; `{n}` is the number. Default: the group's name.")),
@@ -94,7 +95,7 @@ fn groups(mut keys: Map<String, Value>, what: &str) -> Value {
     named(what, &closed(&Value::Object(keys), &[]))
 }
 
-/// Schema of tables by name, each with this schema.
+/// Schema of a table that contains named tables with the schema `table`. `what` is its description.
 fn named(what: &str, table: &Value) -> Value {
     json!({ "description": what, "type": "object", "additionalProperties": table })
 }

@@ -47,7 +47,7 @@ fn sync(check: &Check<'_>, bus: usize) -> Option<CanId> {
 fn sync_identifier(check: &Check<'_>, bus: usize, nodes: &[Node]) {
     let Some((bus, id)) = check.buses.get(bus).zip(sync(check, bus)) else { return };
     if let Some((what, _)) = taken(id, None, nodes, true).or_else(|| sent_by_a_node(id, nodes)) {
-        let help = "remove it: SYNC is 0x80 unless the nodes are set otherwise";
+        let help = "remove `cob_id`: SYNC is 0x80 unless the nodes are set otherwise";
         check.at("bus").key(&bus.name).key("sync").key("cob_id").invalid(format!("{id} is {what}"), help);
     }
 }
@@ -119,7 +119,7 @@ fn objects_written(check: &Check<'_>) {
         known.push((own, &output.name));
         let can = check.devices.get(output.device.0).and_then(|device| device.can.as_ref());
         if can.is_some_and(|can| can.setup.iter().any(|setup| setup.object.entry == entry)) {
-            let message = "`setup` of its device writes this object before each start";
+            let message = "`setup` of the device writes this object before each start";
             at.invalid(
                 message,
                 "remove the object from `setup`: the value would jump at each restart of the node",
@@ -138,10 +138,11 @@ fn objects_written(check: &Check<'_>) {
     }
 }
 
-/// Other use of an identifier, and the hint.
+/// Description of another use of an identifier, and a hint.
 type Blame = (String, &'static str);
 
-/// Returns the use of an identifier that carries no values on a line with these nodes.
+/// Returns the use of an identifier that is reserved for messages without values, such as SYNC. `None` if the
+/// identifier may carry values.
 fn taken(id: CanId, sync: Option<CanId>, nodes: &[Node], is_pdo: bool) -> Option<Blame> {
     const CORRECT: &str = "correct the identifier; process data is at 0x180 to 0x57F";
     if id.is_extended() {
@@ -175,7 +176,7 @@ fn taken(id: CanId, sync: Option<CanId>, nodes: &[Node], is_pdo: bool) -> Option
 }
 
 /// Returns the default use of an identifier: number of the process data object, its node, and whether the node sends
-/// it.
+/// it. `None` if no node uses the identifier by default.
 fn usual(id: CanId, nodes: &[Node]) -> Option<(u32, &Node, bool)> {
     let raw = id.raw();
     if id.is_extended() || !(0x181..=0x57f).contains(&raw) {

@@ -1,4 +1,4 @@
-//! DBC files of a profile. Each is read once.
+//! DBC files of a profile, which describe CAN frames. Each file is read once.
 
 use std::rc::Rc;
 
@@ -19,7 +19,7 @@ pub(super) fn described(
     let raw = check.raw.device.get(device)?;
     let Some(file) = &raw.dbc else {
         if !key.is_written() {
-            let help = format!("write dbc = \"….dbc\" at device `{device}`, a file beside the profile");
+            let help = format!("write dbc = \"….dbc\" at device `{device}`, a file next to the profile");
             at.invalid(format!("device `{device}` has no DBC file"), help);
         }
         return None;
@@ -36,7 +36,8 @@ pub(super) fn described(
     None
 }
 
-/// Reads the named file. It is read even if no signal uses it, so that its errors are reported.
+/// Reads a DBC file at its first use. The loader also reads a file that no signal uses, so that its errors are
+/// reported.
 pub(super) fn read(check: &Check<'_>, at: &KeyContext<'_>, name: &str) -> Option<Rc<DbcFile>> {
     if let Some(known) = check.dbcs.borrow().get(name) {
         return known.clone();
@@ -52,7 +53,7 @@ fn parse(at: &KeyContext<'_>, name: &str) -> Option<DbcFile> {
         (Ok(bytes), _) => bytes,
         (Err(_), Some(shipped)) => shipped.as_bytes().to_vec(),
         (Err(why), None) => {
-            return at.reject(why, "give the path of a DBC file beside the profile, as \"module.dbc\"");
+            return at.reject(why, "give the path of a DBC file next to the profile, as \"module.dbc\"");
         }
     };
     let report = |wrong: Wrong| {

@@ -11,7 +11,8 @@ pub struct Emergency {
     pub meaning: String,
 }
 
-/// Error codes of CiA 301 (table of emergency error codes). The most specific entry that matches is the meaning.
+/// Error codes of CiA 301 (table of emergency error codes). The most specific entry that matches a code gives its
+/// meaning.
 const GENERIC: [(u16, u16, &str); 34] = [
     (0x0000, 0xff00, "no error, or error gone"),
     (0x1000, 0xff00, "generic error"),

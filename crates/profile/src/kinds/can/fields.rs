@@ -17,14 +17,14 @@ const CLASSIC: usize = 8;
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Pdo")]
 pub(crate) struct RawPdo {
-    /// CAN identifier. Alternative: `number`.
+    /// CAN identifier of the process data object. Alternative: `number`.
     #[schemars(range(min = 1, max = 2047))]
     cob_id: Option<u32>,
     /// Number of the process data object, if it has the default identifier of its node. Number 1 is 0x180 + node for
     /// reading, and 0x200 + node for writing.
     #[schemars(range(min = 1, max = 4))]
     number: Option<u8>,
-    /// First and least significant bit: byte · 8 + bit.
+    /// First bit of the value, which is the least significant one: byte · 8 + bit.
     #[schemars(required)]
     start: Option<u16>,
     /// Number of bits.
@@ -34,8 +34,8 @@ pub(crate) struct RawPdo {
     signed: Option<bool>,
     /// Whether the value is a float (IEEE 754, 32 or 64 bits). Default false.
     float: Option<bool>,
-    /// For writing: the whole frame in hexadecimal without the value, for example "00 00 00 00 00 00 01 00". Default:
-    /// zeros, as many bytes as the values need.
+    /// For writing: the bytes of the frame before the value is inserted, in hexadecimal, for example "00 00 00 00 00 00
+    /// 01 00". Default: zeros, as many bytes as the values need.
     pub(crate) fill: Option<String>,
 }
 
@@ -47,7 +47,8 @@ pub(crate) struct RawFrame {
     /// CAN identifier. Above 0x7FF it has 29 bits.
     #[schemars(required, range(min = 0, max = 536_870_911))]
     id: Option<u32>,
-    /// Whether a small identifier has 29 bits. Default: true above 0x7FF.
+    /// Whether an identifier up to 0x7FF has 29 bits. Larger identifiers always have 29 bits. Default: false up to
+    /// 0x7FF.
     extended: Option<bool>,
     /// Whether the frame is a CAN FD frame of up to 64 bytes. Default false.
     fd: Option<bool>,
@@ -64,18 +65,19 @@ pub(crate) struct RawFrame {
     signed: Option<bool>,
     /// Whether the value is a float (IEEE 754, 32 or 64 bits). Default false.
     float: Option<bool>,
-    /// Multiplexer: only frames in which it has a certain value contain this value.
+    /// Multiplexer: a number in the frame that selects whether the frame contains this value.
     multiplex: Option<RawMultiplex>,
-    /// For writing: the whole frame in hexadecimal without the value. Default: zeros, as many bytes as the values need.
+    /// For writing: the bytes of the frame before the value is inserted, in hexadecimal. Default: zeros, as many bytes
+    /// as the values need.
     pub(crate) fill: Option<String>,
 }
 
-/// Multiplexer of a frame. Its value selects which values the frame contains.
+/// Multiplexer of a frame: a number that selects which values the frame contains.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Multiplex")]
 struct RawMultiplex {
-    /// First bit, counted like that of the frame's value.
+    /// First bit of the multiplexer, counted as for the value of the frame.
     #[schemars(required)]
     start: Option<u16>,
     /// Number of bits.
@@ -121,7 +123,7 @@ impl RawPdo {
             }
             (Some(_), Some(_)) => {
                 let message = "`cob_id` and `number` exclude each other: both name the frame";
-                at.key("number").wrong_key(message, "keep one of them");
+                at.key("number").wrong_key(message, "keep one of the two keys");
                 None
             }
             (None, None) => {
@@ -137,19 +139,20 @@ impl RawPdo {
 }
 
 impl RawFrame {
-    /// Resolves a frame, and the bits of the value.
+    /// Resolves a raw frame: its identifier, and the bits of the value.
     pub(crate) fn resolve(&self, at: &KeyContext<'_>) -> Option<Field> {
         let is_long = self.id.is_some_and(|id| id > CanId::LARGEST_STANDARD);
         if is_long && self.extended == Some(false) {
             let message = "an identifier above 0x7FF has 29 bits";
-            at.key("extended").invalid(message, "remove it, or correct `id`");
+            at.key("extended").invalid(message, "remove `extended = false`, or correct `id`");
         }
         let needs_order = self.length.is_some_and(|length| length > 1);
         let order = match self.order {
             Some(ByteOrderWord::Big) => ByteOrder::Motorola,
             None if needs_order => {
                 let message = "`order` is missing: which end of the value comes first?";
-                let help = "write \"little\" (Intel, `start` is the least significant bit) or \"big\" (Motorola, `start` is the most significant one)";
+                let help = "write \"little\" (Intel, `start` is the least significant bit) or \"big\" \
+                            (Motorola, `start` is the most significant one)";
                 at.key("order").missing(message, help);
                 return None;
             }
@@ -227,7 +230,7 @@ fn bits(
         CLASSIC => "bits are numbered from 0 to 63; write fd = true if it is a CAN FD frame",
         _ => "bits are numbered from 0 to 511",
     };
-    at.key("length").reject(format!("the frame needs {needed} bytes, and has at most {most}"), help)
+    at.key("length").reject(format!("the value needs {needed} bytes, but a frame has at most {most}"), help)
 }
 
 /// Parses the object at this key: index and sub-index, for example "1800:05".
@@ -246,7 +249,7 @@ pub(crate) fn entry(at: &KeyContext<'_>, text: &str) -> Option<Entry> {
     parsed
 }
 
-/// Returns the type at this key as an object has it.
+/// Returns the type of a CANopen object for the word at this key. Reports a type that no object has.
 pub(crate) fn object_type(at: &KeyContext<'_>, TypeWord(kind): TypeWord) -> Option<DataType> {
     match kind {
         // A BOOLEAN occupies a whole byte.
@@ -277,7 +280,7 @@ pub(crate) fn object(
 /// Reports an object whose device is not a CANopen node.
 pub(crate) fn needs_node(at: &KeyContext<'_>, device: &str) {
     if !at.top("device").key(device).key("node").is_written() {
-        let help = format!("write node = 5 at device `{device}`, the node number set there");
+        let help = format!("write node = 5 at device `{device}`, the node number that is set at the device");
         at.invalid(format!("an object needs a CANopen node, but `{device}` has no `node`"), help);
     }
 }

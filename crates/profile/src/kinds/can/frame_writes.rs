@@ -15,7 +15,7 @@ pub(crate) struct Written {
 }
 
 impl Written {
-    /// Creates the value of an output at its key `pdo` or `frame`.
+    /// Creates the entry for an output that writes its value into a frame. `at` is its key `pdo` or `frame`.
     pub(super) fn of(
         at: &KeyContext<'_>,
         device: usize,
@@ -48,7 +48,7 @@ impl Written {
     }
 }
 
-/// Parses the bytes of a frame without the value, at the key `fill`.
+/// Parses the key `fill`: the bytes of a frame before the value of an output is inserted.
 pub(super) fn fill(at: &KeyContext<'_>, text: &str, field: &Field) -> Option<Vec<u8>> {
     let digits: String = text.split_whitespace().collect();
     let is_hex = digits.bytes().all(|byte| byte.is_ascii_hexdigit()) && digits.len().is_multiple_of(2);

@@ -1,12 +1,12 @@
-//! Preview of a CAN line: the filters in the kernel, and the frames sent to all nodes. The kernel discards all other
-//! frames.
+//! Preview of a CAN line: the SYNC messages that the gateway sends, and the filters in the kernel. The kernel discards
+//! received frames that no filter matches.
 
 use crate::document::{Section, entries, grouped};
 use crate::duration::shown;
 use crate::{BusId, Profile};
 use isotherm_core::codec::{Address, CanId, CanMatch};
 
-/// Services of a CANopen node, each with the identifier to which the node number is added.
+/// Services of a CANopen node. The node sends each service with this identifier plus its node number.
 const SERVICES: [(u32, &str); 3] =
     [(0x80, "emergencies"), (0x580, "SDO answers"), (0x700, "boot-up and heartbeat")];
 
@@ -38,7 +38,7 @@ pub(super) fn preview(profile: &Profile, id: BusId) -> Section {
     section.lines("  sends ", &sync);
     section.line(match filters.is_empty() {
         true => "  the kernel passes no frames",
-        false => "  the kernel passes only",
+        false => "  the kernel passes only these frames:",
     });
     section.lines("    ", &filters);
     entries!(section, sync, filters);

@@ -56,14 +56,15 @@ pub struct CanDevice {
     pub node: Option<u8>,
     /// Whether the gateway starts the node by NMT, at the beginning and after each boot-up.
     pub start: bool,
-    /// Timeout of the heartbeat, also at the start. `None` if it is not monitored.
+    /// Timeout of the node's heartbeat, which also applies if none was ever received. `None` if the heartbeat is not
+    /// monitored.
     pub heartbeat: Option<Duration>,
     /// Objects written before each start, in this order.
     pub setup: Vec<Setup>,
-    /// Meanings of emergency codes, in addition to those of every device.
+    /// Meanings of the device's own emergency codes. They take precedence over those of CiA 301.
     pub emergencies: Vec<Emergency>,
-    /// Frames that are written, without the values of outputs. Two outputs may share a frame. It is sent when each of
-    /// them has a value.
+    /// Frames that are written, before the values of outputs are inserted. Outputs may share a frame, which is sent
+    /// when each of them has a value.
     pub written: Vec<Frame>,
 }
 
@@ -72,7 +73,7 @@ pub struct CanDevice {
 pub struct Setup {
     /// Entry of the object dictionary that is written.
     pub object: Object,
-    /// Value to write. It fits the type.
+    /// Value to write, within the range of the object's type.
     pub value: i64,
     /// Meaning of the value, for messages. May be empty.
     pub what: String,
@@ -154,7 +155,7 @@ impl CanDevice {
         section
     }
 
-    /// Returns the written frame with this identifier, without the values of its outputs.
+    /// Returns the written frame with this identifier, before the values of its outputs are inserted.
     pub fn written(&self, id: CanId) -> Option<&Frame> {
         self.written.iter().find(|frame| frame.id() == id)
     }
@@ -168,7 +169,7 @@ impl CanDevice {
 }
 
 impl Setup {
-    /// Bytes of the value.
+    /// Returns the bytes of the value, least significant first.
     pub fn bytes(&self) -> Vec<u8> {
         self.value.to_le_bytes()[..self.object.size().min(8)].to_vec()
     }

@@ -16,7 +16,10 @@ use isotherm_core::codec::{Address, DataType, Encoding, Object};
 pub(super) fn foreign_keys(raw: &RawOutput, at: &KeyContext<'_>, device: &str) {
     not_here(at);
     let of_modbus = ["register", "word_order", "byte_swap", "beside", "stale", "set", "handshake"];
-    let help = format!("`{device}` is on a CAN line: remove it; a value is written by pdo, sdo or frame");
+    let help = format!(
+        "`{device}` is on a CAN line: remove this key; a value is written by pdo, sdo or \
+                        frame"
+    );
     at.not_applicable(&of_modbus, "a Modbus device", &help);
     if at.key("restart").has("boot_counter") {
         at.not_applicable(&["restart"], "a Modbus device", &help);
@@ -72,7 +75,7 @@ fn target(
     let owner = raw.device.as_deref()?;
     if let Some(sdo) = &raw.sdo {
         if raw.read_back.is_some() {
-            let help = "remove it: the gateway reads back the object that it has written";
+            let help = "remove this key: the gateway reads back the object that it has written";
             at.key("read_back")
                 .wrong_key("on a CAN line, `read_back` is allowed only with `pdo` and `frame`", help);
         }
@@ -81,7 +84,7 @@ fn target(
         return Some((address, raw.verification()));
     }
     if raw.kind.is_some() {
-        let help = "remove it: `length`, `signed` and `float` define the type";
+        let help = "remove this key: `length`, `signed` and `float` define the type";
         at.key("type").wrong_key("on a CAN line, `type` is allowed only with `sdo`", help);
     }
     let (place, field, fill) = if let Some(pdo) = &raw.pdo {
@@ -113,8 +116,8 @@ fn of_a_frame(raw: &RawOutput, at: &KeyContext<'_>, data_type: DataType, owner: 
     if let Some(verify) = raw.verify.filter(|verify| !kept(verify)) {
         let word = if verify == VerifyWord::Echo { "echo" } else { "read-back" };
         let message = format!("a frame has no answer: verify = \"{word}\" is not possible");
-        let help =
-            "remove it, and write read_back = \"6004:00\", the CANopen object that returns the written value";
+        let help = "remove this key, and write read_back = \"6004:00\", the CANopen object that returns the \
+             written value";
         at.key("verify").invalid(message, help);
     }
     let text = match &raw.read_back {

@@ -15,7 +15,7 @@ pub(super) fn resolve(check: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>) -
     let device = raw.device.as_deref()?;
     let own = (raw.scale.unwrap_or(1.0), raw.offset.unwrap_or(0.0));
     let (address, (scale, offset), unit) = if let Some(name) = &raw.dbc {
-        no_type(raw, at, "remove it: the DBC file defines the bits and their type");
+        no_type(raw, at, "remove this key: the DBC file defines the bits and their type");
         let found = dbc::described(check, &at.key("dbc"), name, device)?;
         let scale = scale_over(raw, at, &found)?;
         agrees_with_unit(raw, at, found.unit);
@@ -86,11 +86,11 @@ fn agrees_with_unit(raw: &RawSignal, at: &KeyContext<'_>, of_file: Option<Unit>)
 }
 
 /// Hint for `type` of a value in frames.
-const OF_BITS: &str = "remove it: `length`, `signed` and `float` define the type";
+const OF_BITS: &str = "remove this key: `length`, `signed` and `float` define the type";
 
 fn no_fill(at: &KeyContext<'_>, is_there: bool) {
     if is_there {
-        let help = "remove it: `fill` is only for an output";
+        let help = "remove this key: `fill` is only for an output";
         at.wrong_key("a frame that is read is filled by its sender", help);
     }
 }

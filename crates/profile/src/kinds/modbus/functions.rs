@@ -68,7 +68,7 @@ pub enum WriteFunction {
 }
 
 impl WriteFunction {
-    /// Function code on the wire.
+    /// Number of the function in a Modbus request.
     pub const fn code(self) -> u8 {
         match self {
             WriteFunction::Single => 6,
@@ -88,7 +88,8 @@ impl Functions {
         }
     }
 
-    /// Returns whether this address may be read. A value in frames is not requested.
+    /// Returns whether this address may be read. Always `false` for a value in CAN frames, which arrives without a
+    /// request.
     pub const fn reads_at(self, address: &Address) -> bool {
         match address {
             Address::Modbus(register) => self.reads(register.table),

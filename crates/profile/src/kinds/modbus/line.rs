@@ -128,7 +128,7 @@ fn port(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
     }
     if ["/dev/ttyUSB", "/dev/ttyACM"].iter().any(|numbered| port.starts_with(numbered)) {
         let message = format!("`{port}` may be another adapter after a replug or a restart");
-        at.warn(message, "use its name below /dev/serial/by-id");
+        at.warn(message, "use the adapter's name below /dev/serial/by-id");
     }
     Some(port.clone())
 }

@@ -12,13 +12,14 @@ use crate::tables::signal::Signal;
 use crate::{BusId, Profile};
 use isotherm_core::codec::Table;
 
-/// Lengths of a read request, and of its answer without data, in bytes: unit, function, byte count, checksum.
+/// Length of a read request, in bytes. `AROUND_DATA` is the length of an answer without its data: unit, function, byte
+/// count, checksum.
 const READ: usize = 8;
 const AROUND_DATA: usize = 5;
-/// Share of its time above which a line has no reserve for writes, slow devices and repetitions.
+/// Fraction of a line's time for polls above which the line has no reserve for writes, slow devices and repetitions.
 const FULL: f64 = 0.8;
 
-/// Reports lines whose polls take more time than there is, before the first poll.
+/// Reports serial lines whose polls take longer than their periods. Warns about lines that are almost full.
 pub(super) fn check(check: &Check<'_>) {
     for (place, bus) in check.buses.resolved.iter().enumerate() {
         let Some(bus) = bus else { continue };

@@ -8,10 +8,10 @@ use serde::Deserialize;
 use crate::duration::Timespan;
 use crate::tables::bus::transport::Transport;
 
-/// Owner of `gateway`, and the hint for it on a line of RTU frames.
+/// Kind of line on which the quirk `gateway` is allowed. `WAITS` is the hint on a line with RTU frames.
 pub(crate) const OF_TCP: &str = "a modbus-tcp line";
 pub(crate) const WAITS: &str =
-    "remove it: on a line with RTU frames the gateway always waits for late answers";
+    "remove this key: on a line with RTU frames the gateway always waits for late answers";
 
 /// Special requirements of a device.
 #[derive(Debug, Default, Deserialize, JsonSchema)]
@@ -27,8 +27,8 @@ pub(crate) struct RawQuirks {
     /// Largest number of registers in one read. Default 125.
     #[schemars(range(min = 1, max = 125))]
     max_registers_per_request: Option<u16>,
-    /// Largest number of unused registers in between that a merged read includes. 0 for a device that refuses registers
-    /// that it does not have. Default 8.
+    /// Largest number of unused registers between two signals that are read with one request. 0 for a device that
+    /// rejects requests with unused registers. Default 8.
     #[schemars(range(max = 124))]
     max_gap: Option<u16>,
     /// Whether the connection is closed after each answer, for a device that accepts only one client at a time. Default
@@ -50,7 +50,7 @@ pub struct Quirks {
     pub one_request_per_field: bool,
     /// Largest number of registers in one read, 1 to 125.
     pub max_registers_per_request: u16,
-    /// Largest number of unused registers in between that a merged read includes.
+    /// Largest number of unused registers between two signals that are read with one request.
     pub max_gap: u16,
     /// Whether the connection is closed after each answer.
     pub close_after_each: bool,
@@ -99,14 +99,15 @@ impl Default for Quirks {
 }
 
 impl Quirks {
-    /// Returns whether two requests may be under way: neither a pause nor a new connection separates them.
+    /// Returns whether two requests may wait for their answers at the same time: neither a pause nor a new connection
+    /// separates them.
     pub const fn support_two(self) -> bool {
         self.pause_between_requests.is_zero() && !self.close_after_each
     }
 }
 
 impl RawQuirks {
-    /// Returns the quirks with the written keys in place of those `below`.
+    /// Returns the quirks `below`, in which the keys of this table replace the values.
     pub(crate) fn over(&self, below: Quirks) -> Quirks {
         let span = |raw: Option<Timespan>, below| raw.map_or(below, |Timespan(span)| span);
         let most = self.max_registers_per_request;

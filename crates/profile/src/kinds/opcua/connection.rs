@@ -1,6 +1,6 @@
 //! OPC UA connection: endpoint of the server, security, and user of the gateway.
 //!
-//! The files are read with the profile, so that a missing one is reported at its key. The module that opens the line
+//! The files are read with the profile, so that a missing file is reported at its key. The module that opens the line
 //! checks their content.
 
 use std::net::Ipv4Addr;
@@ -143,7 +143,7 @@ impl OpcUa {
 /// Parses the URL of a server, and adds the default port.
 ///
 /// # Errors
-/// A message and a hint.
+/// The text is not the URL of a server. The error is a message and a hint.
 pub fn server_url(text: &str) -> Result<String, (String, String)> {
     let example = format!("\"{SCHEME}192.168.214.241:{PORT}\"");
     let Some(rest) = text.strip_prefix(SCHEME) else {

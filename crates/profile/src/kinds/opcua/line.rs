@@ -15,13 +15,14 @@ pub(super) fn address(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
 
 /// Resolves the OPC UA settings of a line.
 pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>) -> Option<OpcUa> {
-    let help = "write \"sign-and-encrypt\", or \"sign\", or \"none\" on a network of this machine only";
+    let help = "write \"sign-and-encrypt\" or \"sign\"; write \"none\" only if the network connects nothing \
+                but this machine";
     at.key("security").missing("`security` is missing: what protects the messages?", help);
     let user = raw.user.as_ref().map_or(Some(User::Anonymous), |user| user.resolve(&at.key("user")));
     let security = raw.security?;
     let type_at = at.report.spans.at_value(&at.key("type").path, "", None);
     if security == Security::None {
-        let help = "remove it, or write security = \"sign-and-encrypt\"";
+        let help = "remove this key, or write security = \"sign-and-encrypt\"";
         at.not_applicable(&["cert", "key", "trusted"], "a secured line", help);
         if let Some(User::Named { .. }) = user {
             let message = "nothing is encrypted: every computer on the network can read the password, and \
@@ -30,9 +31,10 @@ pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>) -> Option<OpcUa> {
         }
         return Some(OpcUa { user: user?, type_at, ..OpcUa::plain() });
     }
-    let of_cert = "name the gateway's own certificate, in DER or PEM form; `isotherm opcua certificate PROFILE` makes it";
-    let of_key =
-        "name the private key of `cert`, in PEM form; `isotherm opcua certificate PROFILE` makes both";
+    let of_cert = "name the gateway's own certificate, in DER or PEM form; `isotherm opcua certificate \
+                   PROFILE` creates this file";
+    let of_key = "name the private key of `cert`, in PEM form; `isotherm opcua certificate PROFILE` creates both \
+         files";
     let own = pair(at, (raw.cert.as_ref(), of_cert), (raw.key.as_ref(), of_key));
     let trusted = trusted(at, raw.trusted.as_ref());
     let (own, trusted, trusted_in) = (Some(own?), trusted?, raw.trusted.clone());

@@ -12,7 +12,7 @@ use isotherm_core::codec::{Address, DataType, Node, NodeId};
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "SourceTimeWord", description = "")]
 pub enum SourceTime {
-    /// Time of measurement: the age of the reading.
+    /// Time of measurement, from which the gateway calculates the age of the reading.
     #[default]
     Sampled,
     /// Time of the last change, which does not affect the age of the reading.
@@ -24,10 +24,10 @@ pub enum SourceTime {
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "ReadWord", description = "")]
 pub enum ReadBy {
-    /// The gateway requests them.
+    /// The gateway requests the values in each poll period.
     #[default]
     Poll,
-    /// The server sends changes.
+    /// The server sends changed values without a request.
     Subscription,
 }
 
@@ -43,7 +43,7 @@ pub(crate) enum Place {
 /// Node of an OPC UA server.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-// Inlined, because the walk selects an alternative by its type, which a `$ref` hides.
+// Inlined, because the schema check selects an alternative by its type, which a `$ref` hides.
 #[schemars(rename = "NodePlace", inline)]
 pub(crate) struct RawNode {
     /// Node of an OPC UA server, for example "ns=2;s=…".
@@ -64,7 +64,7 @@ impl Place {
         }
     }
 
-    /// Reports a place on the other kind of line.
+    /// Reports a register for an OPC UA server (`is_in_nodes`), or a node for a Modbus device.
     pub(crate) fn is_foreign<T>(&self, at: &KeyContext<'_>, is_in_nodes: bool) -> Option<T> {
         match is_in_nodes {
             true => at.reject(
@@ -99,13 +99,13 @@ pub(crate) fn holds(at: &KeyContext<'_>, node: &Node, most: u16) -> Option<()> {
 
 /// Owner of the key `node`, and the hint for it on another kind of line.
 pub(super) const OWNER: &str = "an OPC UA server";
-pub(super) const ELSEWHERE: &str = "remove it, or put the device on an opcua line";
+pub(super) const ELSEWHERE: &str = "remove `node`, or put the device on an opcua line";
 
 /// Types of a node, as named in a profile.
 pub(crate) const TYPES: &str =
     "allowed: bool, u8, i8, u16, i16, u32, i32, u64, i64, f32, f64; an OPC UA browser shows the node's type";
 
-/// Parses the node at the key `node`.
+/// Parses the node at the key `node`. `what` completes the message if the key is missing.
 pub(crate) fn id(at: &KeyContext<'_>, text: Option<&String>, what: &str) -> Option<NodeId> {
     let at = at.key("node");
     let help = "write the server's name of the node, as \"ns=2;s=/Nck/State\" or \
@@ -114,7 +114,8 @@ pub(crate) fn id(at: &KeyContext<'_>, text: Option<&String>, what: &str) -> Opti
     text?.parse().map_err(|why: String| at.invalid(why, help)).ok()
 }
 
-/// Checks the type at the key `type` for a node.
+/// Checks the type of a node at the key `type`. `None` if the profile states none, `Err` if an impossible type was
+/// reported.
 pub(crate) fn node_type(at: &KeyContext<'_>, kind: Option<TypeWord>) -> Result<Option<DataType>, ()> {
     match kind {
         Some(TypeWord(DataType::Decimal24(_))) => {

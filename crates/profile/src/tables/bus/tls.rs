@@ -1,8 +1,8 @@
 //! Modbus/TCP Security: files with which the two ends of a line authenticate each other.
 //!
-//! The files are read with the profile, so that a missing one is reported at its key. The module that opens the line
-//! checks their content, because it has TLS. Each file stores its place in the profile, so that an error is reported
-//! there.
+//! The files are read with the profile, so that a missing file is reported at its key. The module that opens the line
+//! checks their content, because only that module has a TLS library. Each file stores its place in the profile, so that
+//! an error can be reported at this place.
 
 use std::fmt;
 
@@ -34,7 +34,7 @@ pub(crate) struct RawTls {
 /// Port registered for Modbus/TCP Security by the Modbus Organization.
 pub const TLS_PORT: u16 = 802;
 
-/// Security of a line.
+/// Settings of Modbus/TCP Security on a line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tls {
     /// Certificates that the gateway trusts on this line.
@@ -45,7 +45,7 @@ pub struct Tls {
     pub key: NamedFile,
     /// Name that the device's certificate must have.
     pub name: String,
-    /// Place of that name in the profile.
+    /// Place of the name in the profile, for errors.
     name_at: ProfileError,
 }
 
@@ -80,7 +80,7 @@ impl Tls {
 }
 
 impl NamedFile {
-    /// Reads the file that this key names.
+    /// Reads the file that this key names. A missing certificate that is created later counts as empty.
     pub(crate) fn read(at: &KeyContext<'_>, name: &str, help: &str) -> Option<NamedFile> {
         let bytes = match at.report.files.is_to_be_made(name) {
             true => Vec::new(),
@@ -113,7 +113,7 @@ impl RawTls {
         };
         let help = "write name = \"…\", a DNS name or an IP address that the device's certificate has";
         let name_at = at.report.spans.at_value(&at.key(key).path, "", Some(help.to_owned()));
-        let help = "name a PEM file beside the profile with the certificate of the device, or of the \
+        let help = "name a PEM file next to the profile with the certificate of the device, or of the \
                     authority that signed it";
         let ca = file(at, "ca", self.ca.as_ref(), help);
         let (cert, key) = own_pair(at, self.cert.as_ref(), self.key.as_ref())?;
@@ -127,9 +127,9 @@ pub(in crate::tables) fn own_pair(
     cert: Option<&String>,
     key: Option<&String>,
 ) -> Option<(NamedFile, NamedFile)> {
-    let of_cert = "name a PEM file beside the profile with the gateway's certificate, followed by the \
+    let of_cert = "name a PEM file next to the profile with the gateway's certificate, followed by the \
                    certificates of its authorities";
-    let of_key = "name a PEM file beside the profile with the private key of the certificate in `cert`";
+    let of_key = "name a PEM file next to the profile with the private key of the certificate in `cert`";
     pair(at, (cert, of_cert), (key, of_key))
 }
 

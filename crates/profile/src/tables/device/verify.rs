@@ -45,8 +45,8 @@ pub(crate) struct RawVerify {
     what: Option<String>,
     /// Remedy for a different value, for messages.
     remedy: Option<String>,
-    /// Period of the check in operation. It is longer if the checks of a line would take more than 1 % of its time.
-    /// Default "1min".
+    /// Period of the check in operation. The gateway extends the period if the checks would take more than 1 % of the
+    /// line's time. Default "1min".
     every: Option<Timespan>,
 }
 
@@ -64,7 +64,7 @@ pub struct Expected {
     pub what: String,
     /// Remedy for a different value, for messages.
     pub remedy: String,
-    /// Period in operation, before the extension for the line.
+    /// Period of the check in operation. The gateway extends it if the checks would take too much of the line's time.
     pub every: Duration,
 }
 
@@ -79,7 +79,7 @@ impl Expected {
         section
     }
 
-    /// Returns the difference if the registers do not have the expected value.
+    /// Returns the difference between the read registers and the expected value. `None` if they agree.
     pub fn mismatch(&self, registers: &[u16]) -> Option<Difference> {
         match self.encoding.counts(registers) {
             Some(counts) if counts.0 == self.equals => None,
@@ -88,12 +88,12 @@ impl Expected {
         }
     }
 
-    /// Creates the difference for a missing register: the device answered that it does not have it.
+    /// Creates the difference for a register that does not exist, as the device has answered.
     pub fn absent(&self, why: impl fmt::Display) -> Difference {
         self.differs(CheckFailure::Absent(why.to_string()))
     }
 
-    /// Creates the difference for a value that cannot be read, for this reason.
+    /// Creates the difference for a value that cannot be read. `why` is the reason.
     pub fn unreadable(&self, why: impl fmt::Display) -> Difference {
         self.differs(CheckFailure::Unreadable(why.to_string()))
     }
@@ -129,7 +129,7 @@ impl RawVerify {
         let table = cell.address.table;
         if !functions.reads(table) {
             let message = format!(
-                "{} cannot be read: reading {} registers is not among its `functions`",
+                "{} cannot be read: reading {} registers is not among the `functions` of the device",
                 cell.address,
                 table.name()
             );
@@ -149,7 +149,7 @@ impl RawVerify {
 
     /// Resolves a check of a CANopen node.
     pub(crate) fn object(&self, at: &KeyContext<'_>) -> Option<Expected> {
-        let help = "remove it, and write sdo = \"6110:01\"";
+        let help = "remove this key, and write sdo = \"6110:01\"";
         at.not_applicable(&["register", "word_order"], "a Modbus device", help);
         if self.register.is_none() {
             at.key("sdo").missing("`sdo` is missing: what is to be read?", "write `sdo`, as \"6110:01\"");
@@ -164,7 +164,7 @@ impl RawVerify {
 
     /// Resolves a check of an OPC UA server.
     pub(crate) fn node(&self, at: &KeyContext<'_>) -> Option<Expected> {
-        let help = "remove it, and write node = \"ns=2;s=…\"";
+        let help = "write node = \"ns=2;s=…\" instead of `register`";
         at.not_applicable(&["register", "word_order", "sdo"], "a device on another kind of line", help);
         let node = nodes::compared(at, self.node.as_ref(), self.kind)?;
         let data_type = node.taken_as();

@@ -9,7 +9,7 @@ use crate::host_port::{host_and_port, in_url, is_host};
 pub struct BrokerUrl {
     /// Whether the connection uses TLS (`mqtts`).
     pub tls: bool,
-    /// Name or address, without brackets.
+    /// Host name or IP address of the broker, without brackets.
     pub host: String,
     /// Port of the broker.
     pub port: u16,
@@ -22,13 +22,13 @@ impl fmt::Display for BrokerUrl {
     }
 }
 
-const EXAMPLE: &str = "write it as \"mqtts://broker.plant.example:8883\"";
+const EXAMPLE: &str = "write the address as \"mqtts://broker.plant.example:8883\"";
 
 impl BrokerUrl {
-    /// Parses an address.
+    /// Parses the address of a broker.
     ///
     /// # Errors
-    /// A message and a hint. They do not quote a user or password.
+    /// The text is not the address of a broker. The message and the hint do not quote a user or password.
     pub(super) fn parse(text: &str) -> Result<BrokerUrl, (String, String)> {
         let wrong = |message: &str, help: &str| Err((message.to_owned(), help.to_owned()));
         let (scheme, place) = text.split_once("://").unwrap_or_default();

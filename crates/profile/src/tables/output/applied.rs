@@ -28,7 +28,7 @@ pub(crate) enum ReadBackValue {
 /// Register in which a control reports the applied value of an offset.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-// Inlined, because the walk selects an alternative by its type, which a `$ref` hides.
+// Inlined, because the schema check selects an alternative by its type, which a `$ref` hides.
 #[schemars(rename = "ReadBack", inline)]
 pub(crate) struct RawReadBack {
     /// Input or holding register, for example "input:12" or "30013".
@@ -75,15 +75,15 @@ pub(crate) fn resolve(
     let table = match raw.read_back.as_ref()? {
         ReadBackValue::Register(table) => table,
         ReadBackValue::Object(_) => {
-            let help = "write read_back = { register = \"input:12\" }, or remove it: the gateway reads back \
-                        the register that it writes";
+            let help = "write read_back = { register = \"input:12\" }, or remove `read_back`: the gateway \
+                        reads back the register that it writes";
             let device = raw.device.as_deref().unwrap_or_default();
             return at.reject(format!("`{device}` is on a Modbus line, but an object is only for CAN"), help);
         }
     };
     if share == Share::Ledger {
         let message =
-            "the control applies the sum: the gateway share of a shared register cannot be read there";
+            "this register would contain the operator offset too: the gateway share cannot be read in it";
         at.invalid(message, "remove `read_back`, or write share = \"whole\"");
     }
     if raw.is_no_offset() {

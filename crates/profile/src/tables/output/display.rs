@@ -12,17 +12,17 @@ use isotherm_core::codec::{DataType, Register, Table};
 /// Largest number of decimals of a digit display.
 const MOST_DECIMALS: u8 = 5;
 
-/// Further word of a display.
+/// Word that a display receives in addition to its value, for example its colour.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Beside")]
 pub(super) struct RawBeside {
-    /// Holding register.
+    /// Holding register of the word.
     #[schemars(required)]
     register: Option<String>,
-    /// Constant word.
+    /// Value of the word, if it is constant.
     value: Option<u16>,
-    /// Factor for the number of decimals in `scale`. The word is their product.
+    /// Factor by which the number of decimals of `scale` is multiplied. The word is the product.
     decimals: Option<u16>,
     /// Word while the axis follows its first model.
     good: Option<u16>,
@@ -32,7 +32,7 @@ pub(super) struct RawBeside {
     fault: Option<u16>,
 }
 
-/// Text of a display without a value.
+/// Text that a display shows if there is no value.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Stale")]
@@ -48,7 +48,7 @@ pub(super) struct RawStale {
     characters: Option<u8>,
 }
 
-/// Words of a display, apart from its value. Other outputs have none.
+/// Words of a display, apart from its value. Empty for other outputs.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Display {
     /// Words that are written with each value.
@@ -57,7 +57,7 @@ pub struct Display {
     pub stale: Option<Stale>,
 }
 
-/// Further word of a display.
+/// Word that a display receives in addition to its value, for example its colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ExtraWord {
     /// Holding register of the word.
@@ -70,10 +70,10 @@ pub struct ExtraWord {
     pub fault: u16,
 }
 
-/// Text of a display without a value.
+/// Text that a display shows if there is no value.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stale {
-    /// Text as written.
+    /// Text as the profile states it.
     pub text: String,
     /// First holding register of the text.
     pub register: u16,
@@ -148,7 +148,7 @@ impl Display {
 /// Resolves the further words and the text of a display.
 pub(crate) fn resolve(raw: &RawOutput, at: &KeyContext<'_>, device: Option<&Device>) -> Display {
     for key in ["beside", "stale"].into_iter().filter(|key| at.has(key) && raw.is_written_as_cz()) {
-        let help = "remove it, or write writes = \"corrected\"";
+        let help = "remove this key, or write writes = \"corrected\"";
         at.key(key).wrong_key("this key is only for a display of a corrected position", help);
     }
     let list = at.key("beside");

@@ -21,8 +21,8 @@ pub enum Share {
 }
 
 impl Share {
-    /// Least number of counts of a step. The sum in a shared register must not become zero, the value of a restarted
-    /// CNC, so it may have to skip a count.
+    /// Returns the smallest number of counts that a step must have. A shared register needs two: its sum skips zero,
+    /// because zero is the value of a restarted CNC.
     pub const fn counts_of_a_step(self) -> u32 {
         match self {
             Share::Whole => 1,

@@ -20,13 +20,13 @@ pub(crate) enum VerifyWord {
 /// Verification of a write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verify {
-    /// The register is read again.
+    /// The register is read after the write.
     ReadBack,
-    /// The answer repeats address and value.
+    /// The answer of the device to the write repeats address and value.
     Echo,
-    /// This object is read. It has the same type as the written value.
+    /// This CANopen object is read, which has the same type as the written value.
     ReadBackAt(Object),
-    /// None: only a display shows the value.
+    /// The write is not verified, because the value is only displayed.
     Shown,
 }
 
@@ -53,13 +53,13 @@ pub(super) fn preview(output: &Output, device: &Device) -> String {
             "once the value is read back: the register is read before and after each write, whatever the \
              answer is"
         }
-        Verify::ReadBack if is_node => "once the node reads back what was written",
+        Verify::ReadBack if is_node => "once the node was read and contains the written value",
         Verify::Echo if is_node => "once the server has answered Good; the node is not read back",
-        Verify::ReadBack if is_object => "once the object reads back what was written",
+        Verify::ReadBack if is_object => "once the object was read and contains the written value",
         Verify::Echo if is_object => "once the node has accepted the value; the object is not read back",
-        Verify::ReadBack => "once the register reads back what was written",
+        Verify::ReadBack => "once the register was read and contains the written value",
         Verify::Echo => "once the answer repeats what was written; the register is not read back",
-        Verify::ReadBackAt(object) => return format!("once object {object} reads back what was written"),
+        Verify::ReadBackAt(object) => return format!("once object {object} was read and contains the value"),
         Verify::Shown => "as soon as the value is sent: it is only displayed, and not verified",
     };
     accepted.to_owned()

@@ -16,7 +16,7 @@ use isotherm_core::codec::{Counter, Encoding, Register, Table};
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Counter")]
 pub(super) struct RawCounter {
-    /// Largest speed of the axis, units per second. A larger step is a new reference, not a motion.
+    /// Largest speed of the axis, units per second. A faster change sets a new reference, and does not count as motion.
     #[schemars(required)]
     max_speed: Option<f64>,
     /// Command that is written before each read, for a counter that copies its count into registers only on command.

@@ -1,4 +1,4 @@
-//! `envelope`, `outside` and `half_models` of a model: the region of inputs on which it was identified.
+//! `envelope`, `outside` and `halves` of a model: the region of inputs on which it was identified.
 //!
 //! ```json
 //! { "format": "isotherm-envelope", "version": 1, "reach": 3.4, "covariance": [[4.0, 1.2], [1.2, 2.5]],
@@ -56,7 +56,7 @@ struct KnownInput {
 }
 
 impl EnvelopeFile {
-    /// Describes an error of the envelope with the names of its inputs.
+    /// Describes an error of the envelope in a sentence, with the names of the inputs.
     fn why(&self, wrong: BadEnvelope) -> String {
         let name = |place: usize| self.inputs.get(place).map_or("", |input| input.signal.as_str());
         match wrong {
@@ -88,7 +88,8 @@ impl EnvelopeFile {
     }
 }
 
-/// Resolves the envelope of a model. `Some(None)` if it has none. `model` is the rest of the model, if it is valid.
+/// Resolves the envelope of a model. `Some(None)` if the model has no envelope. `model` is the model without its
+/// envelope, or `None` if it has errors.
 pub(super) fn resolve(
     raw: &RawModel,
     at: &KeyContext<'_>,
@@ -139,7 +140,7 @@ pub(super) fn resolve(
     Some(Some(envelope?.of_halves(apart?.unwrap_or_default())))
 }
 
-/// Describes the region, and the action outside of it.
+/// Describes the envelope of a model, and the action outside of the envelope.
 pub(super) fn preview(profile: &Profile, envelope: &Envelope) -> String {
     let range = |known: &Identified| {
         let signal = profile.signal(known.input.signal);

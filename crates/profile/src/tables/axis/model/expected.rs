@@ -11,11 +11,11 @@ use isotherm_core::compensation::model::{Expected, Growth};
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Expected")]
 pub(super) struct RawExpected {
-    /// Variance since the datum as [a, b]: a in µm²/h, b in µm². The datum is the time of the references, or machine
-    /// start if they are numbers.
+    /// Variance since the datum as [a, b]: a in µm²/h, b in µm². The datum is the time at which the references were
+    /// captured, or machine start if all references are numbers.
     #[schemars(required)]
     since_datum: Option<[f64; 2]>,
-    /// Variance since the last probing from which the model learned, as [a, b].
+    /// Variance since the last probing that corrected the model, as [a, b].
     since_touch: Option<[f64; 2]>,
 }
 
@@ -27,7 +27,7 @@ impl RawExpected {
     }
 }
 
-/// Resolves a variance.
+/// Checks the two numbers of a variance, which must be 0 or more.
 fn growth(at: &KeyContext<'_>, [per_hour, at_once]: [f64; 2]) -> Option<Growth> {
     let growth = Growth::new(per_hour, at_once);
     if growth.is_none() {
@@ -38,7 +38,7 @@ fn growth(at: &KeyContext<'_>, [per_hour, at_once]: [f64; 2]) -> Option<Growth> 
     growth
 }
 
-/// Describes the expected error: `expected within ±√(0.9·h + 1.1) µm after h hours since its datum, ±√(0.8·h + 0.2) µm
+/// Describes the expected error: `expected within ±√(0.9·h + 1.1) µm after h hours since the datum, ±√(0.8·h + 0.2) µm
 /// since a probing (1 σ)`.
 pub(super) fn preview(expected: &Expected) -> String {
     let root = |growth: &Growth| format!("±√({}·h + {}) µm", growth.per_hour(), growth.at_once());

@@ -11,7 +11,7 @@ use crate::tables::KeyContext;
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "IdentifiedWith")]
 pub(super) struct RawIdentifiedWith {
-    /// Averaging time of the references. `check` warns if `settle` of `[machine]` differs.
+    /// Averaging time of the references. `isotherm check` warns if `settle` of `[machine]` differs.
     settle: Option<Timespan>,
 }
 

@@ -1,5 +1,5 @@
-//! Weights of a network in the project's own format. `names` in `inputs` is optional. Activations are `tanh`, `relu`
-//! and `linear`. `output` is in µm.
+//! `kind = "network"`: a neural network, as ONNX or in the project's own format below. `names` in `inputs` is optional.
+//! Activations are `tanh`, `relu` and `linear`. `output` is in µm.
 //!
 //! ```json
 //! { "format": "isotherm-network", "version": 1, "type": "bp",
@@ -90,7 +90,8 @@ struct RawLayer {
     activation: Activation,
 }
 
-/// Parses a network. Returns it with the names of its inputs, if the file has them.
+/// Parses a network in the project's own format. Returns the network, and the names of its inputs if the file contains
+/// them.
 pub fn parse(bytes: &[u8]) -> Result<(Net, Option<Vec<String>>), String> {
     const FORMAT: &str = "isotherm-network";
     let typed: Typed = read(bytes, FORMAT)?;
@@ -141,7 +142,7 @@ fn radial(file: RadialFile) -> Result<(Net, Option<Vec<String>>), String> {
 fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
     let help = "write inputs = [ … ], the signals in the network's order";
     at.key("inputs").missing("`inputs` is missing: a network needs them", help);
-    let help = "write file = \"spindle.onnx\", or a .json of the project's own format, beside the profile";
+    let help = "write file = \"spindle.onnx\", or a .json of the project's own format, next to the profile";
     at.key("file").missing("`file` is missing: a network needs it", help);
     let inputs = in_order(raw, at, Some(Reference::Fixed(Celsius::ZERO)));
     let (name, at) = (raw.file.as_deref()?, at.key("file"));
@@ -180,8 +181,8 @@ fn is_onnx(name: &str) -> bool {
     std::path::Path::new(name).extension().is_some_and(|extension| extension.eq_ignore_ascii_case("onnx"))
 }
 
-/// Preview of the calculation, with the effect of each signal. Every signal is in the middle of its range, and equals
-/// its reference if that is captured.
+/// Preview of the calculation, with the effect of each signal. Every signal is assumed in the middle of its range, and
+/// its rise from a captured reference is assumed as zero.
 fn preview(profile: &Profile, kind: &Kind) -> Option<Computation> {
     let Kind::Network(network) = kind else { return None };
     let reads = network.reads();
