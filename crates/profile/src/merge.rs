@@ -48,8 +48,7 @@ mod tests {
 
     #[test]
     fn keys_keep_their_case_and_their_hyphens_and_values_their_type() {
-        let layer = json!({ "axis": { "Z-1": { "Kz": 2.0, "kz": 3, "text": "3", "a.b[0]": true, "empty": \
-                             {}, "none": [] } } });
+        let layer = json!({ "axis": { "Z-1": { "Kz": 2.0, "kz": 3, "text": "3", "a.b[0]": true, "empty": {}, "none": [] } } });
         assert_eq!(merged(std::slice::from_ref(&layer)).unwrap(), layer);
     }
 }

@@ -108,8 +108,7 @@ enum ExpectWord {
     Unchecked,
 }
 
-schema_of!(ExpectValue as "Expect": { "anyOf": [{ "type": "integer" }, { "type": "string", "enum": \
-                           ["unchecked"] }] });
+schema_of!(ExpectValue as "Expect": { "anyOf": [{ "type": "integer" }, { "type": "string", "enum": ["unchecked"] }] });
 
 /// Parts of a device that depend on the kind of its line.
 #[derive(Default)]

@@ -104,8 +104,7 @@ pub(super) enum ChannelValue {
     Name(String),
 }
 
-schema_of!(ChannelValue as "Channel": { "anyOf": [{ "type": "integer", "minimum": 0, "maximum": 65535 }, { \
-                            "type": "string" }] });
+schema_of!(ChannelValue as "Channel": { "anyOf": [{ "type": "integer", "minimum": 0, "maximum": 65535 }, { "type": "string" }] });
 
 fn units(_: &mut SchemaGenerator) -> Schema {
     schemars::json_schema!({ "type": "string", "enum": Unit::WORDS })

@@ -83,8 +83,7 @@ mod tests {
     #[test]
     fn the_channels_of_a_group_follow_each_other_by_the_width_of_their_type() {
         let pairs = group(json!({
-            "name": "tc{n}", "from": 1, "count": 3, "register": "input:2048", "type": "i32", "fault_when": \
-             "s{n} != 0",
+            "name": "tc{n}", "from": 1, "count": 3, "register": "input:2048", "type": "i32", "fault_when": "s{n} != 0",
         }));
         let channels = of_group("temperature", &pairs, 10).unwrap();
         let reported: Vec<_> =

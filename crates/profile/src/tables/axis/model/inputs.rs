@@ -65,8 +65,7 @@ pub(super) enum ReferenceWord {
     Zero,
 }
 
-schema_of!(ReferenceValue as "Reference": { "anyOf": [{ "type": "number" }, { "type": "string", "enum": \
-                              ["start", "zero"] }] });
+schema_of!(ReferenceValue as "Reference": { "anyOf": [{ "type": "number" }, { "type": "string", "enum": ["start", "zero"] }] });
 
 impl ReferenceValue {
     pub(super) fn is_zero(self) -> bool {
