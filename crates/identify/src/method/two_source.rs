@@ -1,9 +1,9 @@
 //! `two-source`: C = Cw + Ch, Tachiya et al. 2013. In some runs only the first source is active, because the spindle
 //! waits. Its sensors give Cw. The residual of Cw in the other runs gives Ch, from the sensors of the second source.
 
-use super::{Gains, Settings};
+use super::Settings;
 use crate::campaign::Campaign;
-use crate::gram::Gram;
+use crate::gram::{Gains, Gram};
 use crate::solve::ridge;
 
 pub(super) struct TwoSource {
