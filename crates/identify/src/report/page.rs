@@ -1,0 +1,34 @@
+//! Parts that all reports share.
+
+use maud::{Markup, html};
+
+use isotherm_core::quantity::Moment;
+use isotherm_html::duration;
+use isotherm_profile::Profile;
+
+/// Renders a whole HTML page.
+pub(super) fn page(title: &str, made: Moment, content: &Markup) -> String {
+    isotherm_html::page(title, made, "the logs named here", content)
+}
+
+/// Machine, in the facts at the head of an HTML report.
+pub(super) fn machine(profile: &Profile) -> Markup {
+    html! {
+        dt { "machine" } dd { (profile.name) @if !profile.description.is_empty() { ": " (profile.description) } }
+    }
+}
+
+/// Number of runs and their total duration in seconds, in the facts at the head of an HTML report.
+pub(super) fn runs(count: usize, seconds: f64) -> Markup {
+    html! { dt { "runs" } dd { (count) ", " (duration(seconds)) " together" } }
+}
+
+/// List of sentences; nothing if it is empty.
+pub(super) fn list(items: &[Markup]) -> Markup {
+    html! { @if !items.is_empty() { ul { @for item in items { li { (item) } } } } }
+}
+
+/// Formats a figure; "–" if it is missing.
+pub(super) fn optional(value: Option<f64>, written: fn(f64) -> String) -> String {
+    value.map_or("–".to_owned(), written)
+}
