@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use serde::ser::SerializeMap;
-use serde::{Deserialize, Serialize, Serializer};
+use serde::{Serialize, Serializer};
 
 use super::events::file::FileItem;
 use super::events::{Alarm, Entry, Event};
@@ -17,10 +17,12 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::{Language, Overridden};
 
 mod broker;
+mod dial;
 mod former_registers;
 mod probe;
 
 pub use broker::{BrokerFigures, BrokerStatus};
+pub use dial::DialDirection;
 pub use former_registers::{FormerRegisterStatus, ReleaseProgress, ReleaseRequest};
 pub use probe::{GainStatus, ProbeStatus, ProbedStatus, WorseStatus};
 
@@ -143,44 +145,6 @@ pub enum Command {
     Sign,
     /// Reports in which direction the dial gauge has moved.
     Signed(DialDirection),
-}
-
-/// Direction in which a dial gauge moved when Cz increased.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum DialDirection {
-    /// The gauge moved in the plus direction, which is correct.
-    Plus,
-    /// The gauge moved in the minus direction, so the sign is wrong.
-    Minus,
-    /// The gauge did not move.
-    None,
-}
-
-impl DialDirection {
-    /// All directions with their names.
-    pub const ALL: [(&'static str, DialDirection); 3] =
-        [("plus", DialDirection::Plus), ("minus", DialDirection::Minus), ("none", DialDirection::None)];
-
-    /// Explains what this direction means for the axis, and what to do.
-    pub fn explained(self, axis: &str) -> Explained {
-        match self {
-            DialDirection::Plus => "the gauge moved to plus: the sign is right".into(),
-            DialDirection::Minus => Explained::new(
-                "the gauge moved to minus: the sign is WRONG, and every µm makes the error larger",
-                format!(
-                    "disarm {axis}, turn the sign of `scale` at its output (or the sign in the control), and check again"
-                ),
-            ),
-            DialDirection::None => Explained::new(
-                format!(
-                    "the gauge did not move: the control does not apply the offset, or the gauge does not \
-                     measure along {axis}"
-                ),
-                format!("disarm {axis} and look for the cause"),
-            ),
-        }
-    }
 }
 
 impl Command {
