@@ -14,7 +14,7 @@
 //! port      serial ports                                  gate      the plant's task, closed listeners
 //! journal   recorded requests, for tests                  control   strobes, acknowledges, sets accepted as a whole
 //! probing   the control's probing cycle, of the axes with a probe
-//! can       nodes of a CAN interface
+//! can       nodes of a CAN interface                      random    a random number generator for each purpose
 //! ```
 //!
 //! # Time
@@ -45,6 +45,7 @@ mod journal;
 mod modbus;
 mod port;
 mod probing;
+mod random;
 mod registers;
 mod serial_side;
 mod server;

@@ -23,15 +23,17 @@ mod measured;
 mod peer;
 mod refusal;
 mod refusals;
+mod reply;
 mod request;
 mod sessions;
+mod state;
 mod tokens;
 
 pub use admission::Admission;
 pub use tokens::{TokenFile, new_token};
 
 use std::io;
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::extract::{ConnectInfo, Path, RawQuery, State};
@@ -39,9 +41,6 @@ use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{Html, IntoResponse, Json, Response};
 use axum::routing::{get, post};
 use axum::{Extension, Router, middleware};
-use isotherm_profile::Language;
-use percent_encoding::percent_decode_str;
-use serde::Serialize;
 use tokio::sync::{Semaphore, watch};
 
 pub use self::connection_limiter::Limits;
@@ -49,13 +48,14 @@ pub use self::listener::{HttpListener, TlsReceiver};
 
 use self::access::{Access, Grant};
 use self::peer::Peer;
-use self::refusal::TOO_OFTEN;
+use self::reply::answered;
+use self::request::{parameter, words};
+use self::state::HttpState;
 use self::tokens::Role;
-use super::page::{PageAction, Words};
+use super::page::PageAction;
 use super::requester::{Requester, ServiceTimes};
-use super::status::{Answer, Command, GatewayApi, Status};
+use super::status::{Command, GatewayApi, Status};
 use super::{page, prometheus};
-use isotherm_profile::one_line;
 
 /// Time in which open requests may end when the gateway stops.
 const GRACE: Duration = Duration::from_millis(500);
@@ -73,33 +73,6 @@ const HEADERS: [(HeaderName, &str); 5] = [
     (header::REFERRER_POLICY, "same-origin"),
     (header::CACHE_CONTROL, "no-store"),
 ];
-
-#[derive(Clone)]
-struct HttpState {
-    source: Arc<dyn GatewayApi>,
-    access: Arc<Access>,
-    live: live::Live,
-    attendance: ServiceTimes,
-    /// Permits for requests that read the history.
-    readers: Arc<Semaphore>,
-    /// Permit for a request that reads the events.
-    events: Arc<Semaphore>,
-    /// Language of the profile. It is read for the first answer to a client that may not read the status.
-    language: Arc<OnceLock<Option<Language>>>,
-}
-
-impl HttpState {
-    fn requester(&self, peer: &Peer, headers: &HeaderMap) -> Arc<Requester> {
-        Arc::new(peer.requester(headers).until(self.attendance.until()))
-    }
-}
-
-/// Answer to a command. `done` is `false` while the command waits for a condition.
-#[derive(Serialize)]
-struct CommandReply {
-    done: bool,
-    answer: String,
-}
 
 /// Serves the web page at `door` until `shutdown` completes. The function then ends the live streams, and returns
 /// within a second.
@@ -139,11 +112,6 @@ pub async fn serve(
         () = Access::keep(room) => {}
     }
     Ok(())
-}
-
-/// Completes when the sender has been dropped.
-async fn ended(mut stopped: watch::Receiver<()>) {
-    while stopped.changed().await.is_ok() {}
 }
 
 fn router(room: HttpState, body_within: Duration) -> Router {
@@ -219,11 +187,6 @@ fn may(room: &HttpState, pass: &Grant) -> PageAction {
     }
 }
 
-fn words(named: Option<Language>, headers: &HeaderMap) -> &'static Words {
-    let accepted = headers.get(header::ACCEPT_LANGUAGE).and_then(|given| given.to_str().ok());
-    Words::choose(named, accepted.unwrap_or_default())
-}
-
 async fn file(Path(name): Path<String>) -> Response {
     match page::file(&name) {
         Some((kind, text)) => ([(header::CONTENT_TYPE, kind)], text).into_response(),
@@ -248,30 +211,7 @@ async fn stream(State(room): State<HttpState>, Extension(pass): Extension<Grant>
 
 fn take(room: &HttpState, command: Command, query: Option<&str>, requester: &Arc<Requester>) -> Response {
     let axis = query.and_then(|query| parameter(query, "axis"));
-    answered(room, room.source.command(command, axis.as_deref(), requester))
-}
-
-/// Returns the value of a parameter in the query; `None` if the query does not contain it.
-fn parameter(query: &str, name: &str) -> Option<String> {
-    let mut pairs = query.split('&').filter_map(|pair| pair.split_once('='));
-    let (_, given) = pairs.find(|(known, _)| *known == name)?;
-    Some(percent_decode_str(given).decode_utf8().ok()?.into_owned())
-}
-
-fn answered(room: &HttpState, said: Result<Answer, String>) -> Response {
-    let (code, done, answer) = match said {
-        Ok(Answer::Done(answer)) => (StatusCode::OK, true, answer),
-        Ok(Answer::Waits(answer)) => (StatusCode::ACCEPTED, false, answer),
-        Ok(Answer::TooSoon(answer)) => {
-            room.access.refused.count(TOO_OFTEN);
-            let said = Json(CommandReply { done: false, answer });
-            return (StatusCode::TOO_MANY_REQUESTS, [(header::RETRY_AFTER, "1")], said).into_response();
-        }
-        Err(answer) => (StatusCode::CONFLICT, false, answer),
-    };
-    // The answer quotes the request, and may be read on a terminal.
-    let answer = one_line(&answer).into_owned();
-    (code, Json(CommandReply { done, answer })).into_response()
+    answered(&room.access.refused, room.source.command(command, axis.as_deref(), requester))
 }
 
 async fn scrape(State(room): State<HttpState>) -> Response {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use serde::ser::SerializeMap;
-use serde::{Deserialize, Serialize, Serializer};
+use serde::{Serialize, Serializer};
 
 use super::events::file::FileItem;
 use super::events::{Alarm, Entry, Event};
@@ -17,10 +17,12 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::{Language, Overridden};
 
 mod broker;
+mod dial;
 mod former_registers;
 mod probe;
 
 pub use broker::{BrokerFigures, BrokerStatus};
+pub use dial::DialDirection;
 pub use former_registers::{FormerRegisterStatus, ReleaseProgress, ReleaseRequest};
 pub use probe::{GainStatus, ProbeStatus, ProbedStatus, WorseStatus};
 
@@ -145,44 +147,6 @@ pub enum Command {
     Signed(DialDirection),
 }
 
-/// Direction in which a dial gauge moved when Cz increased.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum DialDirection {
-    /// The gauge moved in the plus direction, which is correct.
-    Plus,
-    /// The gauge moved in the minus direction, so the sign is wrong.
-    Minus,
-    /// The gauge did not move.
-    None,
-}
-
-impl DialDirection {
-    /// All directions with their names.
-    pub const ALL: [(&'static str, DialDirection); 3] =
-        [("plus", DialDirection::Plus), ("minus", DialDirection::Minus), ("none", DialDirection::None)];
-
-    /// Explains what this direction means for the axis, and what to do.
-    pub fn explained(self, axis: &str) -> Explained {
-        match self {
-            DialDirection::Plus => "the gauge moved to plus: the sign is right".into(),
-            DialDirection::Minus => Explained::new(
-                "the gauge moved to minus: the sign is WRONG, and every µm makes the error larger",
-                format!(
-                    "disarm {axis}, turn the sign of `scale` at its output (or the sign in the control), and check again"
-                ),
-            ),
-            DialDirection::None => Explained::new(
-                format!(
-                    "the gauge did not move: the control does not apply the offset, or the gauge does not \
-                     measure along {axis}"
-                ),
-                format!("disarm {axis} and look for the cause"),
-            ),
-        }
-    }
-}
-
 impl Command {
     /// All commands with their names in the API and on the command socket.
     pub const ALL: [(&'static str, Command); 8] = [
@@ -248,7 +212,7 @@ pub struct Status {
     pub left: Vec<FormerRegisterStatus>,
     /// Number of log rows that were lost because the queue for the disk was full.
     pub log_dropped: u64,
-    /// Active alarms, newest first.
+    /// Returns the active alarms, newest first.
     pub alarms: Vec<Alarm>,
     /// Last events, oldest first.
     pub events: Vec<Entry>,
@@ -341,7 +305,7 @@ fn in_parts<S: Serializer>(why: &Explained, serializer: S) -> Result<S::Ok, S::E
 /// State of one axis.
 #[derive(Clone, Debug, Serialize)]
 pub struct AxisStatus {
-    /// Name in the profile.
+    /// Name of the axis in the profile.
     pub name: String,
     /// Displayed name; empty if the profile has none.
     pub label: String,
@@ -420,7 +384,7 @@ pub struct ArmingStatus {
 /// True error of an axis of a virtual machine.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct TruthStatus {
-    /// Error without compensation, µm.
+    /// Reported error without compensation, µm.
     pub error_um: f64,
     /// Residual error with the present Cz, µm.
     pub left_um: f64,
@@ -478,7 +442,7 @@ pub struct SubstitutedSensorStatus {
     pub signal: String,
     /// Whether the reading does not change. If `false`, the sensor is lost.
     pub frozen: bool,
-    /// Time at which the reading last changed, or was last good.
+    /// Time at which the sensor's reading last changed, or was last good.
     pub since: String,
     /// Number of sensors from which the stand-in is calculated.
     pub others: usize,
@@ -487,7 +451,7 @@ pub struct SubstitutedSensorStatus {
 /// State of one signal.
 #[derive(Clone, Debug, Serialize)]
 pub struct SignalStatus {
-    /// Name in the profile.
+    /// Name of the axis in the profile.
     pub name: String,
     /// Displayed name; empty if the profile has none.
     pub label: String,
@@ -508,7 +472,7 @@ pub struct SignalStatus {
 /// State of one bus.
 #[derive(Clone, Debug, Serialize)]
 pub struct BusStatus {
-    /// Name in the profile.
+    /// Name of the axis in the profile.
     pub name: String,
     /// Host and port, or the serial port or interface.
     pub address: String,
@@ -526,7 +490,7 @@ pub struct BusStatus {
 /// State of one device.
 #[derive(Clone, Debug, Serialize)]
 pub struct DeviceStatus {
-    /// Name in the profile.
+    /// Name of the axis in the profile.
     pub name: String,
     /// Displayed name; empty if the profile has none.
     pub label: String,
@@ -550,7 +514,7 @@ pub struct DeviceStatus {
 /// State of one output.
 #[derive(Clone, Debug, Serialize)]
 pub struct OutputStatus {
-    /// Name in the profile.
+    /// Name of the axis in the profile.
     pub name: String,
     /// Name of the axis in the profile.
     pub axis: String,

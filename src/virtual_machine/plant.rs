@@ -9,12 +9,10 @@
 //! Time advances in whole steps of [`STEP`], counted from the start of the run. The values at a certain time therefore
 //! do not depend on how often they were requested before.
 
-use std::time::Duration;
-
-use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg32;
 
+use super::random::stream;
 use isotherm_core::quantity::Moment;
 
 mod drive;
@@ -22,15 +20,15 @@ mod spec;
 mod structure;
 #[cfg(test)]
 mod tests;
+mod time;
 
 pub use spec::{PlantError, PlantSpec, Published, PublishedAxis};
+pub use time::STEP;
 
 use drive::{Ambient, Duty};
 use spec::SensorSpec;
 use structure::{Point, Structure, dot};
-
-/// Time step of the plant. It is short enough because the time constants of a machine are minutes and hours.
-pub const STEP: Duration = Duration::from_secs(1);
+use time::seconds;
 
 /// Simulated machine that warms up.
 #[derive(Clone, Debug)]
@@ -85,15 +83,6 @@ struct Sensor {
     felt: f64,
     noise: f64,
     random: Pcg32,
-}
-
-/// Returns a random number generator for one purpose. With separate generators, another sensor does not change the
-/// noise of the existing ones.
-pub(super) fn stream(seed: u64, purpose: &str) -> Pcg32 {
-    let hash = purpose.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
-        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
-    });
-    Pcg32::seed_from_u64(hash ^ seed.wrapping_mul(0x9e37_79b9_7f4a_7c15))
 }
 
 impl Plant {
@@ -254,10 +243,4 @@ impl SensorSpec {
     fn shows(&self, value: f64) -> f64 {
         if self.resolution > 0.0 { (value / self.resolution).round() * self.resolution } else { value }
     }
-}
-
-/// Converts a number of steps to seconds. A run never has 2^53 steps, so the result is exact.
-#[allow(clippy::cast_precision_loss)]
-fn seconds(steps: u64) -> f64 {
-    steps as f64 * STEP.as_secs_f64()
 }

@@ -16,7 +16,7 @@ use super::UnknownUnit;
 use super::fault::ReplyFault;
 use super::hardware::{Hardware, Reply};
 use super::modbus::{Framing, Header, NO_SUCH_UNIT, exception};
-use super::plant::stream;
+use super::random::stream;
 use super::serial_side::SerialSide;
 use crate::clock::{BootClock, Clock};
 use isotherm_profile::{DeviceId, Serial};

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::plant::stream;
+use super::random::stream;
 use isotherm_profile::Signal;
 
 /// Returns the value of a signal at a time in seconds since the start of the run.

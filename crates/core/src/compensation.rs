@@ -13,30 +13,34 @@
 //! - **due**: an axis computes a decision at its own period. It does so at once if its permit changes or if it must
 //!   take over a value. Any other snapshot is only used to detect a machine start or a zero command.
 
-use serde::{Deserialize, Serialize};
-
-use crate::quantity::{Micron, Millimetre, Moment, Shift};
-use crate::reading::{Quality, Reading, SignalId};
+use crate::quantity::{Micron, Moment, Shift};
+use crate::reading::SignalId;
 
 pub mod model;
 pub mod reference;
 pub mod settings;
 
 mod axis;
+mod control;
 mod datum;
+mod decision;
 mod guard;
 mod probe;
 mod remembered;
 mod running;
+mod snapshot;
 mod stand_in;
 mod state;
 mod substitution;
 
+pub use control::{Control, Permit, ReturnTo};
+pub use decision::Decision;
 pub use guard::Stages;
 pub use model::{CLEARLY_INSIDE, Extrapolation, Unusable};
 pub use probe::{Measured, MeasuredReport, Probe, Probed, Refused, Rejected, Residual, Worse};
 pub use remembered::{AxisMemory, Remembered, Stop};
 pub use running::AxisRunning;
+pub use snapshot::Snapshot;
 pub use stand_in::{RejectedSensor, SubstitutedSensor};
 pub use state::AxisState;
 
@@ -44,205 +48,6 @@ use axis::Axis;
 use model::Model;
 use reference::{Machine, MachineChange, Reference};
 use settings::{AxisSettings, MachineSettings};
-use substitution::Substitution;
-
-/// Readings of the machine at one moment, one for each signal of the profile. Readings that are too old have been
-/// marked as stale.
-#[derive(Clone, Copy, Debug)]
-pub struct Snapshot<'a> {
-    /// Time of the snapshot.
-    pub now: Moment,
-    /// Readings, indexed by [`SignalId`].
-    pub readings: &'a [Reading],
-    /// Substitutes for the readings of rejected sensors.
-    substitutions: &'a [Substitution],
-    /// Whether the lags of all models have been updated with this snapshot, from their own sensors, and no reference
-    /// was captured after that.
-    is_followed: bool,
-}
-
-impl<'a> Snapshot<'a> {
-    /// Creates a snapshot without substitutes.
-    pub fn new(now: Moment, readings: &'a [Reading]) -> Snapshot<'a> {
-        Snapshot { now, readings, substitutions: &[], is_followed: false }
-    }
-
-    /// Returns the snapshot, marked: the lags of all models have been updated with it.
-    #[must_use]
-    pub fn followed(self) -> Snapshot<'a> {
-        Snapshot { is_followed: true, ..self }
-    }
-
-    /// Returns the value of a signal, or the substitute that replaces it; `None` if there is no value that may be used.
-    pub fn value(&self, id: SignalId) -> Option<f64> {
-        match self.instead_of(id) {
-            Some(substitution) => substitution.value(),
-            None => self.reading(id),
-        }
-    }
-
-    /// Returns the sensor's own reading, even if a substitute replaces it; `None` if the reading is not good.
-    #[inline]
-    fn reading(&self, id: SignalId) -> Option<f64> {
-        self.readings.get(id.0)?.usable()
-    }
-
-    /// Returns the sensor's own reading if it is good and its absolute value is less than `limit`; else `None`.
-    #[inline]
-    fn reading_below(&self, limit: f64, id: SignalId) -> Option<f64> {
-        let Reading { value, quality, .. } = self.readings.get(id.0)?;
-        (*quality == Quality::Good && value.abs() < limit).then_some(*value)
-    }
-
-    /// Returns the substitute for the reading of this sensor; `None` if the sensor's own reading is used.
-    #[inline]
-    fn instead_of(&self, id: SignalId) -> Option<&'a Substitution> {
-        self.substitutions.iter().find(|substitution| substitution.signal == id)
-    }
-
-    /// Returns the value of a signal that is the position of an axis; `None` if it must not be used.
-    pub fn position(&self, id: SignalId) -> Option<Millimetre> {
-        Millimetre::new(self.value(id)?)
-    }
-
-    /// Returns whether the snapshot has at least one reading that may be used.
-    pub fn has_usable(&self) -> bool {
-        self.readings.iter().any(|reading| reading.usable().is_some())
-    }
-}
-
-/// Input of an axis for one step, besides the readings.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Control {
-    /// Whether the axis may decide and write.
-    pub permit: Permit,
-    /// Cz in the register, from which the axis resumes. It is set when the axis is armed, and when an output recovers.
-    pub take_over: Option<Micron>,
-    /// Effect of the slope, at the axis's largest distance from the reference position, from which the slope resumes.
-    /// It is set only if the control applies the slope itself.
-    pub take_over_slope: Option<Micron>,
-    /// Whether the axis discards its correction from probings.
-    pub forget: bool,
-    /// Measured error with which the axis corrects its models; `None` if there is no new one.
-    pub measured: Option<Measured>,
-    /// Target of Cz instead of the model's value, within the guard. It is used to check the sign with a dial gauge.
-    pub sign: Option<Micron>,
-    /// Whether the operator has disarmed the axis and checked its sensors. If so, all present readings are accepted.
-    pub trust: bool,
-    /// Verified Cz of the output register that is farthest behind the last decision. The next Cz stays within one step
-    /// of it. `None` if no register is behind.
-    pub behind: Option<Micron>,
-    /// Values to which an axis in hold returns after the settings of a sensor were changed. The decisions since the
-    /// sensor's last check are wrong.
-    pub return_to: Option<ReturnTo>,
-}
-
-/// Cz, and the effect of the slope, before the settings of a sensor were changed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ReturnTo {
-    /// Cz before the change.
-    pub cz: Micron,
-    /// Effect of the slope, at the axis's largest distance from the reference position, before the change; zero without
-    /// a slope.
-    pub slope: Micron,
-}
-
-impl Control {
-    /// Returns whether the axis must take over a register value.
-    pub fn takes_over(&self) -> bool {
-        self.take_over.is_some() || self.take_over_slope.is_some()
-    }
-}
-
-/// Permission of an axis to decide and to write.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Permit {
-    /// The axis is not armed.
-    #[default]
-    Off,
-    /// The axis is armed, and its last write was verified.
-    Armed,
-    /// The axis is armed, but its last write was not verified.
-    Unverified,
-    /// The axis is armed, but an interlock prevents writes, so the register value stays. The axis waits without a time
-    /// limit.
-    Held,
-    /// The gateway is stopping. The axis runs its fault action without the waiting time.
-    Stopping,
-}
-
-impl Permit {
-    /// Returns the name of the permit in a log.
-    pub fn name(self) -> &'static str {
-        match self {
-            Permit::Off => "off",
-            Permit::Armed => "armed",
-            Permit::Unverified => "unverified",
-            Permit::Held => "held",
-            Permit::Stopping => "stopping",
-        }
-    }
-
-    /// Returns the permit with this name in a log; `None` if there is none.
-    pub fn from_name(name: &str) -> Option<Permit> {
-        [Permit::Off, Permit::Armed, Permit::Unverified, Permit::Held, Permit::Stopping]
-            .into_iter()
-            .find(|permit| permit.name() == name)
-    }
-}
-
-/// Decision of a step for one axis.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Decision {
-    /// Time of the decision.
-    pub at: Moment,
-    /// Cz that the model requests with its correction, before the guard.
-    pub raw: Option<Micron>,
-    /// Expected residual error if the decision is applied: one standard deviation. `None` if the error is unknown, or
-    /// the machine is outside the range on which the model was identified.
-    #[serde(default)]
-    pub expected: Option<Micron>,
-    /// Correction that probings have added to the model's own Cz.
-    #[serde(default)]
-    pub correction: Micron,
-    /// Index of the model in the profile's list; `None` if no model can be used.
-    pub model: Option<usize>,
-    /// Cz after the guard. The gateway writes this value.
-    pub cz: Micron,
-    /// Effect of the slope at the axis's largest distance from the reference position, after the guard. Zero unless the
-    /// control applies the slope itself. If it does, Cz is K0, the value at the reference position.
-    pub slope: Micron,
-    /// Target of Cz within the limit: the value that the model, the fault action, the stop or the sign check requests.
-    /// Equal to Cz if nothing is requested.
-    #[serde(default)]
-    pub target: Micron,
-    /// Target of the effect of the slope, within the limit.
-    #[serde(default)]
-    pub slope_target: Micron,
-    /// State of the axis.
-    pub state: AxisState,
-    /// Guard stages that changed the requested value.
-    pub acted: Stages,
-    /// Reason why the preferred model cannot be used; `None` if it is used.
-    pub lacks: Option<Unusable>,
-    /// Sensor of the model in use whose reading is replaced by a stand-in (an estimate from other sensors); `None` if
-    /// there is none.
-    #[serde(default)]
-    pub stood_in: Option<SubstitutedSensor>,
-    /// Whether the model requested more than the error level. If so, the axis runs its fault action until it is armed
-    /// again.
-    pub tripped: bool,
-    /// Comparison which shows that the model in use is worse than no compensation; `None` if there is none. While no
-    /// model can be used, this is the comparison of the last model in use.
-    #[serde(default)]
-    pub worse: Option<Worse>,
-    /// Details about inputs outside the range on which the model in use was identified; `None` inside the range.
-    pub extrapolating: Option<Extrapolation>,
-    /// Distance from the range on which the model in use was identified: above 0 outside, negative inside. `None` if
-    /// the model has neither envelope nor guideway. Extrapolation ends below [`CLEARLY_INSIDE`].
-    pub excess: Option<f64>,
-}
 
 /// Compensation of a machine: the state of all its axes, and of the machine itself.
 #[derive(Clone, Debug)]

@@ -75,15 +75,12 @@
 //! | `NoAnswer`, `Paused`, `Interlocked`, `Restarted`, `Off` | | is dropped |
 //! | a wait for copies that may still arrive | | is dropped |
 
-use serde::{Deserialize, Serialize};
-
-use crate::quantity::{Counts, Moment, Shift, Shifted};
-
+mod action;
 mod applied;
 mod controller;
 mod demand;
 mod event;
-mod facts;
+mod fact;
 mod follow;
 mod handshake;
 mod heartbeat;
@@ -107,10 +104,13 @@ mod state_parts;
 mod strobe;
 mod transaction;
 mod turns;
+mod update;
 
+pub use action::Action;
 pub use controller::{Controller, MOST_EVENTS, Policy};
 pub use demand::{Condition, Demand, Input, Mode, NotSent, OutputDecision, SetCommit};
 pub use event::{Doubt, Event};
+pub use fact::{Fact, Who};
 pub use follow::{Cause, Follow, OutputHealth, Trouble};
 pub use handshake::HandshakeFault;
 pub use heartbeat::{Beat, HeartbeatController};
@@ -134,146 +134,4 @@ pub use state::State;
 pub use state_parts::{ArmState, OutputView, TimedValue};
 pub use strobe::{Awaited, Strobe, StrobeLevel};
 pub use transaction::CommitTrigger;
-
-/// Input of [`step`]: something that has happened to the register, its axis or its device.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Fact {
-    /// No new event: [`step`] is called at the time that it requested.
-    Look,
-    /// The axis has decided about the offset.
-    Decided {
-        /// Offset in counts, without the bias. For a shared register: the gateway share.
-        offset: Counts,
-        /// Target of the offset: the value that the model, the fault action, the stop or the sign check requests. If it
-        /// is `None`, the register may reach the offset from either side.
-        target: Option<Counts>,
-        /// Last moment at which a write of this offset may be sent.
-        not_after: Moment,
-    },
-    /// A request with the values of other outputs is about to be sent. The register value of this output may be sent
-    /// with it, unchanged.
-    PiggybackAsked,
-    /// The register value was sent unchanged, in one request with the values of other outputs.
-    Piggybacked {
-        /// Value that was sent.
-        value: Counts,
-        /// Time after the last byte of the request was sent.
-        left: Moment,
-        /// Whether the device answered that it has carried out the request. If not, the result is unknown.
-        is_done: bool,
-    },
-    /// The register was read, on request or together with others.
-    Read {
-        /// Register value that was read.
-        found: Counts,
-        /// Time before the first byte of the request was sent.
-        asked: Moment,
-    },
-    /// The device did not answer the read.
-    NoAnswer,
-    /// The device answered that it has carried out the write.
-    Done {
-        /// Time after the last byte of the request was sent.
-        left: Moment,
-    },
-    /// The write was sent, but its result is unknown.
-    Unknown {
-        /// Time after the last byte of the request was sent.
-        left: Moment,
-    },
-    /// The device answered that it did not carry out the write.
-    Refused,
-    /// No byte of the write was sent: the last moment for the write had passed, or there was no connection.
-    NotSent,
-    /// The state of the output ([`State::kept`]) was saved to disk.
-    Kept,
-    /// The state of the output was not saved to disk, or the result is unknown.
-    NotKept,
-    /// A restart of the CNC was reported: by a boot counter, by the device, or because the machine was switched on.
-    Restarted,
-    /// The interlock opened: nothing may be written.
-    Interlocked,
-    /// The interlock closed again.
-    Released,
-    /// The output was armed. The caller gives this fact after the first read of the register.
-    Armed {
-        /// Whether the operator or the profile has armed the output.
-        by: Who,
-    },
-    /// The output was disarmed. The register keeps its value.
-    Off,
-    /// The last decision must not be sent any more, for example because its last moment has passed.
-    Lapsed,
-    /// The computer was paused, so earlier decisions must not be sent. The caller gives this fact before the result of
-    /// an exchange that was pending.
-    Paused,
-}
-
-/// Who armed the output.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Who {
-    /// The operator, who has seen the register value.
-    Person,
-    /// The profile, automatically. The profile cannot arm an output that waits for the operator.
-    Policy,
-}
-
-/// Next action of an output: at most one exchange with the device or the disk. The caller gives the result as the next
-/// [`Fact`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Action {
-    /// Do nothing until another fact arrives, or until this moment.
-    Nothing {
-        /// Time of the next [`Fact::Look`].
-        until: Moment,
-    },
-    /// Read the register. [`Fact::Read`] or [`Fact::NoAnswer`] is the result.
-    Read,
-    /// Save the state of the output ([`State::kept`]) to disk.
-    Keep,
-    /// Write to the register.
-    Write {
-        /// Value to write to the register.
-        value: Counts,
-        /// Last moment for the first byte. After that moment, the write is not sent.
-        not_after: Moment,
-        /// Whether the register already holds the value, which is then only sent again.
-        is_repeat: bool,
-    },
-}
-
-impl Default for Action {
-    fn default() -> Action {
-        Action::Nothing { until: Moment::default() }
-    }
-}
-
-impl Action {
-    /// Returns a copy in which `to` has converted the moment of the action.
-    fn moved(self, to: impl Fn(Moment) -> Moment) -> Action {
-        match self {
-            Action::Nothing { until } => Action::Nothing { until: to(until) },
-            Action::Write { value, not_after, is_repeat } => {
-                Action::Write { value, not_after: to(not_after), is_repeat }
-            }
-            Action::Read | Action::Keep => self,
-        }
-    }
-}
-
-impl Shifted for Action {
-    fn shift(&mut self, by: Shift) {
-        *self = self.moved(|moment| moment.shifted(by));
-    }
-}
-
-/// Processes a fact and returns the next action. While an action is pending, the result is [`Action::Nothing`].
-pub fn step(state: &mut State, settings: &Settings, fact: Fact, now: Moment) -> Action {
-    let fresh = facts::take(state, settings, fact, now);
-    match fact {
-        Fact::PiggybackAsked => plan::piggyback(state, settings, now),
-        _ => plan::act(state, settings, fresh, now),
-    }
-}
+pub use update::step;

@@ -13,22 +13,26 @@ use std::time::Duration;
 
 use jiff::tz::TimeZone;
 
-use crate::statistics::range;
-use isotherm_core::quantity::Moment;
-
 mod active_cz;
 mod csv;
+mod error;
 mod files;
 mod gauge;
 mod kind;
 #[cfg(feature = "parquet")]
 mod parquet;
+mod run;
 mod split;
 mod table;
 #[cfg(test)]
 mod tests;
 
+pub use error::BadLog;
 pub use kind::Kind;
+pub use run::Run;
+pub use split::Split;
+pub use table::{Uses, every_column};
+
 use table::Table;
 
 /// Several runs with the same columns.
@@ -53,55 +57,8 @@ pub struct Column {
     pub kind: Kind,
 }
 
-/// One warm-up, with the rows from the cold machine to the end.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Run {
-    /// Name of the file without extension. If the file was split, a number or the value of the splitting column
-    /// follows.
-    pub name: String,
-    /// File of the run.
-    pub file: PathBuf,
-    /// Times of the rows, ascending.
-    pub times: Vec<Moment>,
-    /// Values by column and row; NaN if missing.
-    pub values: Vec<Vec<f64>>,
-}
-
-/// Division of files into runs.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Split {
-    /// Column whose changes begin a new run.
-    pub column: Option<String>,
-    /// Time without a row after which a new run begins.
-    pub gap: Option<Duration>,
-    /// Time zone of times without an offset from UTC. Without a time zone, such times are rejected.
-    pub zone: Option<TimeZone>,
-}
-
-/// All errors found in the logs. Each message names the file, and the line if it is known.
-#[derive(Clone, Debug, Default, PartialEq, Eq, thiserror::Error)]
-#[error("{}", .0.join("\n"))]
-pub struct BadLog(pub Vec<String>);
-
-impl BadLog {
-    /// Returns `good` if `wrong` is empty; otherwise the errors.
-    pub(crate) fn unless<T>(wrong: Vec<String>, good: T) -> Result<T, BadLog> {
-        if wrong.is_empty() { Ok(good) } else { Err(BadLog(wrong)) }
-    }
-}
-
 /// Function that returns the unit of a column in the profile; `None` if the profile does not contain the column.
 pub type Units<'a> = &'a dyn Fn(&str) -> Option<&'static str>;
-
-/// Function that returns whether a column is used, by its name. Unused columns are not read completely, because a log
-/// may have hundreds of columns, of which a model requires ten.
-pub type Uses<'a> = &'a dyn Fn(&str) -> bool;
-
-/// Selects all columns; for use as [`Uses`].
-#[must_use]
-pub fn every_column(_: &str) -> bool {
-    true
-}
 
 impl Dataset {
     /// Reads log files, and all logs in directories, and divides them into runs.
@@ -191,32 +148,6 @@ impl Dataset {
     /// Returns the index of the column with this name; `None` if there is no such column.
     pub fn column(&self, name: &str) -> Option<usize> {
         self.columns.iter().position(|column| column.name == name)
-    }
-}
-
-impl Run {
-    /// Returns the time of each row, in hours since the first row of the run.
-    pub(crate) fn hours(&self) -> impl Iterator<Item = f64> + '_ {
-        self.seconds().map(|second| second / 3600.0)
-    }
-
-    /// Returns the time of each row, in seconds since the first row of the run.
-    pub fn seconds(&self) -> impl Iterator<Item = f64> + '_ {
-        let first = self.times.first().copied().unwrap_or_default();
-        self.times.iter().map(move |time| time.since(first).as_secs_f64())
-    }
-
-    /// Returns the range (maximum minus minimum) of a column; 0 if the column has no values.
-    pub(crate) fn range(&self, column: usize) -> f64 {
-        range(&self.values[column])
-    }
-
-    /// Returns the time from the first row to the last.
-    pub fn lasts(&self) -> Duration {
-        match (self.times.first(), self.times.last()) {
-            (Some(first), Some(last)) => last.since(*first),
-            _ => Duration::ZERO,
-        }
     }
 }
 

@@ -6,6 +6,9 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::statistics::count;
 
+/// Columns of the bank, with their gains.
+pub(crate) type Gains = Vec<(usize, f64)>;
+
 /// Gram products of a run: X'X, X'y and y'y of its columns X and its target y. Products of several runs are added.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Gram {

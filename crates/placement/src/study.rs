@@ -39,7 +39,7 @@ pub struct Criteria {
     pub method: Method,
     /// Load case for `patent` and `bounded`; `None` for the case with the largest displacement of the guideway.
     pub case: Option<usize>,
-    /// Errors that are negligible.
+    /// Errors that are negligible, and end the calculation of a method.
     pub tolerance: Tolerance,
     /// Assumed distance of a misplaced sensor from its place, mm.
     pub misplaced: f64,
@@ -223,7 +223,7 @@ pub struct Placement {
     pub best_cut: Option<(String, f64)>,
     /// Error by number of sensors; empty without the sensitivity of the guideway to every node.
     pub by_number: Vec<SensorCount>,
-    /// Coordinates of the guideway nodes, mm.
+    /// Returns the coordinates of the guideway nodes, mm.
     pub guide_xyz: Vec<[f64; 3]>,
     /// Remarks about the result, for the reader of the report.
     pub remarks: Vec<String>,

@@ -24,12 +24,12 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use isotherm_profile::Commands;
 
-use super::HttpState;
 use super::admission::Admission;
 use super::peer::Peer;
 use super::refusal::{Counts, Refusal};
 use super::refusals::{Refusals, Reports, TokenReport};
 use super::sessions::{SessionKey, Sessions};
+use super::state::HttpState;
 use super::tokens::{Change, Role, Tokens, random};
 use crate::clock::BootClock;
 use crate::observe::events::{Event, PageToken};

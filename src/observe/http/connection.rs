@@ -30,7 +30,6 @@ use tokio_rustls::TlsAcceptor;
 use tokio_rustls::rustls::ServerConfig;
 
 use super::connection_limiter::{Limits, Permit};
-use super::ended;
 use super::peer::Peer;
 
 /// Maximum size of a request's head, and of the part of an answer that waits for the client, in bytes.
@@ -110,6 +109,11 @@ async fn overdue(mut phase: watch::Receiver<Phase>, limits: Limits) {
             return;
         }
     }
+}
+
+/// Completes when the sender has been dropped.
+pub(super) async fn ended(mut stopped: watch::Receiver<()>) {
+    while stopped.changed().await.is_ok() {}
 }
 
 impl Line {

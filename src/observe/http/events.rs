@@ -11,7 +11,8 @@ use axum::response::{IntoResponse, Json, Response};
 use serde::Serialize;
 
 use super::history::CancelFlag;
-use super::{HttpState, parameter};
+use super::request::parameter;
+use super::state::HttpState;
 use crate::observe::events::Entry;
 use crate::observe::events::file::{FileItem, begin};
 use isotherm_core::quantity::time;

@@ -18,7 +18,8 @@ use tokio::sync::mpsc::error::TrySendError;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
 use tokio_stream::wrappers::ReceiverStream;
 
-use super::{HttpState, parameter};
+use super::request::parameter;
+use super::state::HttpState;
 use crate::clock::BootClock;
 use crate::observe::decision_history::{self, Column, Question};
 use crate::observe::events::file::begin;

@@ -15,9 +15,8 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio_rustls::rustls::ServerConfig;
 
-use super::connection::{self, Line};
+use super::connection::{self, Line, ended};
 use super::connection_limiter::{ConnectionLimiter, Limits};
-use super::ended;
 use crate::clock::BootClock;
 use isotherm_profile::counted;
 

@@ -10,8 +10,10 @@ use axum::response::{Html, IntoResponse, Json, Redirect, Response};
 
 use super::peer::Peer;
 use super::refusal::Refusal;
+use super::reply::CommandReply;
+use super::request::{parameter, words};
+use super::state::HttpState;
 use super::tokens::Role;
-use super::{CommandReply, HttpState, parameter, words};
 use crate::observe::page::{self, Words};
 
 const WALL: &str = "wall";

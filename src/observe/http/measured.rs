@@ -8,7 +8,8 @@ use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 
 use super::peer::Peer;
-use super::{HttpState, answered};
+use super::reply::answered;
+use super::state::HttpState;
 use crate::observe::requester::Requester;
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_profile::one_line;
@@ -67,5 +68,5 @@ fn answer(room: &HttpState, axis: &str, report: Option<MeasuredReport>, requeste
         let text = format!("There is no axis {}; there are {}.\n", one_line(&quoted(axis)), names.join(", "));
         return (StatusCode::NOT_FOUND, text).into_response();
     }
-    answered(room, room.source.measured(axis, report, requester))
+    answered(&room.access.refused, room.source.measured(axis, report, requester))
 }

@@ -1,12 +1,17 @@
-//! Checks of a request: it names one host, and its body is received completely and in time.
+//! A request: its parameters, and the language of its client. Checks that it names one host, and that its body is
+//! received completely and in time.
 
 use std::time::Duration;
 
 use axum::body::{Body, HttpBody, to_bytes};
 use axum::extract::{Request, State};
-use axum::http::{StatusCode, header};
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use isotherm_profile::Language;
+use percent_encoding::percent_decode_str;
+
+use crate::observe::page::Words;
 
 /// Maximum size of a command's body, in bytes.
 const LARGEST_BODY: usize = 1024;
@@ -56,4 +61,17 @@ pub(super) async fn whole(State(longest): State<Duration>, request: Request, nex
             (StatusCode::REQUEST_TIMEOUT, [(header::CONNECTION, "close")], text).into_response()
         }
     }
+}
+
+/// Returns the value of a parameter in the query; `None` if the query does not contain it.
+pub(super) fn parameter(query: &str, name: &str) -> Option<String> {
+    let mut pairs = query.split('&').filter_map(|pair| pair.split_once('='));
+    let (_, given) = pairs.find(|(known, _)| *known == name)?;
+    Some(percent_decode_str(given).decode_utf8().ok()?.into_owned())
+}
+
+/// Returns the texts of the page in this language, or else in one that the client accepts.
+pub(super) fn words(named: Option<Language>, headers: &HeaderMap) -> &'static Words {
+    let accepted = headers.get(header::ACCEPT_LANGUAGE).and_then(|given| given.to_str().ok());
+    Words::choose(named, accepted.unwrap_or_default())
 }

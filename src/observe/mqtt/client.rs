@@ -118,7 +118,7 @@ struct Tally {
     unacknowledged: BTreeMap<u16, Moment>,
     /// Time of the last ping. All messages that were made before this time had been written then.
     pinged: Option<Moment>,
-    /// Time up to which all messages have reached the broker.
+    /// Returns the time up to which all messages have reached the broker.
     heard: Moment,
 }
 

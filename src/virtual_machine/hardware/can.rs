@@ -12,7 +12,7 @@ use crate::virtual_machine::can::node::{Node, NodeAction, is_own};
 use crate::virtual_machine::can::power_on;
 use crate::virtual_machine::fault::{BusError, CanFault, FaultFrame, Kind, ReplyFault};
 use crate::virtual_machine::journal::SeenRequest;
-use crate::virtual_machine::plant::stream;
+use crate::virtual_machine::random::stream;
 use isotherm_core::codec::{Address, CanMatch, Encoded, Entry, Frame, Object};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{DeviceId, Profile};

@@ -4,7 +4,8 @@ use rand::RngExt;
 use rand_pcg::Pcg32;
 
 use super::spec::{AmbientSpec, DutySpec, Span, When};
-use super::{STEP, stream};
+use super::time::STEP;
+use crate::virtual_machine::random::stream;
 use std::f64::consts::TAU;
 
 /// Air temperature of one day.

@@ -6,6 +6,8 @@
 use std::fmt;
 use std::str::FromStr;
 
+use super::data_type::integer_of;
+use super::float::float_of;
 use super::{DataType, Encoded};
 use crate::reading::Reason;
 
@@ -134,8 +136,8 @@ impl Scalar {
     #[allow(clippy::cast_precision_loss)]
     fn value(self) -> f64 {
         match self.data_type {
-            DataType::F32 | DataType::F64 => super::float_of(self.data_type, self.bits),
-            _ => super::data_type::integer_of(self.data_type, self.bits) as f64,
+            DataType::F32 | DataType::F64 => float_of(self.data_type, self.bits),
+            _ => integer_of(self.data_type, self.bits) as f64,
         }
     }
 }

@@ -1,5 +1,7 @@
 //! Scales: engineering units per count.
 
+use super::float::same;
+
 /// Scale of a value. It also stores whether one unit is a whole number of counts, because calculating this takes two
 /// divisions.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,7 +17,7 @@ impl Scale {
     /// Creates a scale from units per count, which must not be zero.
     pub fn of(per_count: f64) -> Scale {
         let counts = (1.0 / per_count).round();
-        let is_whole = counts.abs() >= 1.0 && super::same(1.0 / counts, per_count);
+        let is_whole = counts.abs() >= 1.0 && same(1.0 / counts, per_count);
         Scale { per_count, counts_per_unit: is_whole.then_some(counts) }
     }
 

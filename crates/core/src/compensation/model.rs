@@ -1,12 +1,11 @@
 //! Models, which compute a raw Cz from a snapshot of the machine. Each kind is one file with an implementation of
 //! [`Evaluate`], and one line in `Kind::model`.
 
-use crate::reading::SignalId;
-
 pub mod envelope;
 pub mod network;
 pub mod stand_ins;
 
+mod evaluate;
 mod expected;
 mod formula;
 mod input;
@@ -14,25 +13,24 @@ mod lag;
 mod linear;
 mod matrix;
 mod term;
+mod unusable;
 
 pub use super::reference::Reference;
 pub use envelope::{Beyond, CLEARLY_INSIDE, Coverage, Envelope, Extrapolation, Outside};
+pub use evaluate::{Evaluate, Outputs};
 pub use expected::{Expected, Growth};
 pub use formula::{Condition, Expression, ExpressionError, Formula, Symbol};
-pub use input::{Input, Rises};
+pub use input::{Input, Inputs, Rises};
 pub use lag::{Lag, Lagged, TimeConstant};
 pub use linear::{Linear, Slope};
 pub use matrix::Matrix;
 pub use network::Network;
 pub use stand_ins::StandIns;
 pub use term::Term;
+pub use unusable::Unusable;
 
-use serde::{Deserialize, Serialize};
-
-use super::Snapshot;
-use super::reference::Machine;
-use super::substitution::Substitution;
-use crate::quantity::{Micron, MicronPerMillimetre};
+use crate::quantity::Micron;
+use crate::reading::SignalId;
 
 /// Model with the name that the profile gives it.
 #[derive(Clone, Debug, PartialEq)]
@@ -72,95 +70,6 @@ impl Kind {
             Kind::Matrix(model) => model,
             Kind::Network(model) => model,
         }
-    }
-}
-
-/// Interface of every kind of model.
-pub trait Evaluate {
-    /// Returns the values that the model requests, from good readings only.
-    ///
-    /// # Errors
-    /// Returns which input has no value, or that the result is not finite.
-    fn evaluate(&self, inputs: &Inputs<'_>) -> Result<Outputs, Unusable>;
-
-    /// Returns the signals that the model requires.
-    fn signals(&self) -> Vec<SignalId>;
-
-    /// Returns the inputs that may lag, in the order of their [`Lag`]s.
-    fn lagging(&self) -> Rises<'_> {
-        Rises::default()
-    }
-
-    /// Returns the position of the machine relative to bounds of the kind of model itself, such as the ends of a
-    /// guideway; `None` without bounds.
-    fn coverage(&self, _: &Snapshot<'_>) -> Option<Coverage> {
-        None
-    }
-
-    /// Returns the linear model whose gains can be corrected by probings; `None` for other kinds.
-    fn correctable(&self) -> Option<&Linear> {
-        None
-    }
-}
-
-/// Reason why a model has no value now.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Unusable {
-    /// The reading of this signal cannot be used.
-    Signal(SignalId),
-    /// The reference of this signal has not been captured yet.
-    Reference(SignalId),
-    /// The gateway has not seen the machine running, so there is no time since its start.
-    MachineOff,
-    /// The reading of this signal is frozen, and no stand-in replaces it.
-    Frozen(SignalId),
-    /// This signal has a reading again after a loss, but the reading is not accepted yet.
-    Unproven(SignalId),
-    /// The result is not a finite number (a division by zero, a root of a negative number).
-    NotANumber,
-}
-
-impl From<&Substitution> for Unusable {
-    /// Returns why a model cannot be used if this substitute for one of its sensors has no value.
-    fn from(substitution: &Substitution) -> Unusable {
-        if substitution.frozen {
-            Unusable::Frozen(substitution.signal)
-        } else {
-            Unusable::Unproven(substitution.signal)
-        }
-    }
-}
-
-/// Inputs of a model.
-#[derive(Clone, Copy, Debug)]
-pub struct Inputs<'a> {
-    /// Readings of all signals, from which the model takes its inputs.
-    pub snapshot: Snapshot<'a>,
-    /// State of the machine: time since its start, and references.
-    pub machine: &'a Machine,
-    /// Lag of each input of [`Model::rises`], in the same order.
-    pub lags: &'a [Lag],
-    /// Whether the control itself multiplies the slope by the distance, and gets Cz and slope separately.
-    pub splits_slope: bool,
-}
-
-/// Values that a model requests.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Outputs {
-    /// Cz at the present position. If the control applies the slope itself, it is K0: Cz at the reference position.
-    pub cz: Micron,
-    /// Slope tanβ if the control applies the slope itself, else zero.
-    pub slope: MicronPerMillimetre,
-    /// Difference of Cz between the model's two halves; zero if the model is not the mean of two models.
-    pub apart: Micron,
-}
-
-impl Outputs {
-    /// Creates the outputs from a computed Cz in µm and slope in µm/mm. Both must be finite.
-    pub(super) fn of(cz: f64, slope: f64) -> Result<Outputs, Unusable> {
-        let outputs = Micron::new(cz).zip(MicronPerMillimetre::new(slope));
-        outputs.map(|(cz, slope)| Outputs { cz, slope, apart: Micron::ZERO }).ok_or(Unusable::NotANumber)
     }
 }
 

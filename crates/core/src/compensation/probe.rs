@@ -28,7 +28,6 @@ use std::collections::VecDeque;
 
 use serde::{Deserialize, Serialize};
 
-use super::Control;
 use super::model::Model;
 use super::settings::ProbeSettings;
 use crate::quantity::{Micron, Moment, Shift, Shifted, shifted};
@@ -187,12 +186,5 @@ impl Probe {
     /// Discards all corrections and comparisons. The history of the measurements stays.
     pub(super) fn clear(&mut self) {
         self.models.iter_mut().for_each(Learned::clear);
-    }
-}
-
-impl Control {
-    /// Returns whether the control contains a measured error, or a demand to discard the corrections.
-    pub fn teaches(&self) -> bool {
-        self.measured.is_some() || self.forget
     }
 }

@@ -25,4 +25,3 @@ pub struct AxisRunning {
 }
 
 shifted!(AxisRunning: state, stepped, due, decision);
-shifted!(Decision: at, stood_in);

@@ -72,7 +72,7 @@ const PAUSE: Duration = Duration::from_secs(2 * 60);
 /// Sensor whose reading is replaced by a stand-in, an estimate from other sensors.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SubstitutedSensor {
-    /// Signal of the sensor.
+    /// Signal of the sensor that is predicted.
     pub signal: SignalId,
     /// Time at which the sensor's reading last changed (frozen), or was last good (lost).
     pub since: Moment,
@@ -85,7 +85,7 @@ pub struct SubstitutedSensor {
 /// Sensor of an axis that is suspected, frozen or lost.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RejectedSensor {
-    /// Signal of the sensor.
+    /// Signal of the sensor that is predicted.
     pub signal: SignalId,
     /// Time at which the sensor's reading last changed (suspected or frozen), or was last good (lost).
     pub since: Moment,

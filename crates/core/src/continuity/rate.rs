@@ -12,7 +12,7 @@ const LEAST_SECONDS: f64 = 1.0;
 /// Reason why a value is implausible.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RateFault {
-    /// The value changed faster than `max_rate`.
+    /// The value changed faster than the `max_rate` of the profile.
     TooFast,
     /// The value differs too much from the last value before a break. The limit is `max_rate` times the time without a
     /// value.

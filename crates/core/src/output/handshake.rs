@@ -10,13 +10,13 @@ use crate::events::EventKind;
 pub enum HandshakeFault {
     /// The acknowledge of the control was up before the strobe was raised, and stayed up.
     AcknowledgeEarly,
-    /// The strobe could not be raised.
+    /// The gateway could not set the strobe of a handshake.
     StrobeNotWritten,
     /// The control did not raise its acknowledge in time.
     AcknowledgeMissing,
     /// The acknowledge of the control could not be read.
     AcknowledgeNotRead,
-    /// The strobe could not be dropped.
+    /// The gateway could not reset the strobe of a handshake.
     StrobeNotDropped,
     /// The control did not drop its acknowledge after the strobe was dropped.
     AcknowledgeStuck,

@@ -159,7 +159,7 @@ pub struct OutputView {
     pub verified: Option<TimedValue>,
     /// Whether the last write was acknowledged, but the register was not read.
     pub is_only_acknowledged: bool,
-    /// Operator offset and gateway share of a shared register.
+    /// Operator offset and gateway share of a shared register, if they are known.
     pub account: Option<Account>,
     /// Whether the register may be written.
     pub standing: ArmState,

@@ -22,11 +22,11 @@ use super::{FormerPlace, OutputPlace};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Bounds {
-    /// Largest absolute value of Cz, µm.
+    /// Maximum absolute value of Cz, µm.
     pub limit_um: f64,
     /// Largest change of Cz at one update, µm.
     pub step_um: f64,
-    /// Largest speed at which Cz changes, µm/s.
+    /// Maximum speed at which Cz changes, µm/s.
     pub rate_um_per_s: f64,
     /// Time between two updates, s.
     pub every_s: f64,

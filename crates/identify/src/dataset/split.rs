@@ -2,12 +2,26 @@
 
 use std::collections::HashMap;
 use std::ops::Range;
+use std::time::Duration;
+
+use jiff::tz::TimeZone;
 
 use super::table::{Cells, Table};
-use super::{BadLog, Run, Split};
+use super::{BadLog, Run};
 
 /// Maximum number of runs. A column with more changes does not identify runs.
 const MOST_RUNS: usize = 10_000;
+
+/// Division of files into runs.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Split {
+    /// Column whose changes begin a new run.
+    pub column: Option<String>,
+    /// Time without a row after which a new run begins.
+    pub gap: Option<Duration>,
+    /// Time zone of times without an offset from UTC. Without a time zone, such times are rejected.
+    pub zone: Option<TimeZone>,
+}
 
 /// Divides all tables into runs. Each run has the columns `names`, in this order.
 pub(super) fn runs(tables: Vec<Table>, names: &[String], split: &Split) -> Result<Vec<Run>, BadLog> {

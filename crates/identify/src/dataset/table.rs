@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-use super::{BadLog, Uses, active_cz};
+use super::{BadLog, active_cz};
 use isotherm_core::quantity::{Dialect, Moment, time};
 use isotherm_profile::safe_file::quoted;
 
@@ -19,6 +19,16 @@ const MOST_WORDS: usize = 100_000;
 const SAMPLED: usize = 1000;
 /// Maximum number of listed errors; further errors are only counted.
 const MOST_LISTED: usize = 20;
+
+/// Function that returns whether a column is used, by its name. Unused columns are not read completely, because a log
+/// may have hundreds of columns, of which a model requires ten.
+pub type Uses<'a> = &'a dyn Fn(&str) -> bool;
+
+/// Selects all columns; for use as [`Uses`].
+#[must_use]
+pub fn every_column(_: &str) -> bool {
+    true
+}
 
 /// Rows of one file, by column.
 #[derive(Clone, Debug, Default)]

@@ -2,6 +2,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use super::*;
+use isotherm_core::quantity::Moment;
 
 fn read(log: &str, split: &Split) -> Result<Dataset, BadLog> {
     read_used(log, split, &every_column)

@@ -5,12 +5,11 @@
 
 use std::time::Duration;
 
-use super::Gains;
 use super::sparse::{by_forward, in_columns, most_terms};
 use crate::bank::{Bank, Candidate};
 use crate::campaign::Campaign;
 use crate::folds::Inner;
-use crate::gram::Gram;
+use crate::gram::{Gains, Gram};
 use crate::statistics::range;
 
 /// Ridge penalty of the forward search, for columns of root mean square 1.

@@ -12,10 +12,9 @@
 
 use nalgebra::DVector;
 
-use super::Gains;
 use super::forward::forward;
 use crate::folds::{Inner, Scaled};
-use crate::gram::Gram;
+use crate::gram::{Gains, Gram};
 use crate::solve::{Net, ridge};
 use crate::statistics::{count, least_sum};
 

@@ -5,8 +5,7 @@
 
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
-use super::Gains;
-use crate::gram::Gram;
+use crate::gram::{Gains, Gram};
 use crate::solve::ridge;
 use crate::statistics::count;
 

@@ -2,9 +2,9 @@
 //! does not turn. The sensors of this source give Cw. The residual of Cw in the other runs gives Ch, from the sensors
 //! of the second source.
 
-use super::{Gains, Settings};
+use super::Settings;
 use crate::campaign::Campaign;
-use crate::gram::Gram;
+use crate::gram::{Gains, Gram};
 use crate::solve::ridge;
 
 pub(super) struct TwoSource {

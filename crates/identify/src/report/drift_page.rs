@@ -2,11 +2,12 @@
 
 use maud::{Markup, html};
 
-use super::chart::{self, Line, LineStyle};
-use super::{date, decimals, duration, figure, list, machine, number, optional, page, row, runs, table};
+use super::page::{list, machine, optional, page, runs};
 use crate::dataset::{Dataset, Run};
 use crate::drift::{Displacement, Drift};
 use isotherm_core::quantity::Moment;
+use isotherm_html::chart::{self, Line, LineStyle};
+use isotherm_html::{date, decimals, duration, figure, number, row, table};
 use isotherm_profile::Profile;
 
 /// Renders the report as one HTML file.

@@ -3,13 +3,15 @@
 use maud::{Markup, html};
 
 use super::drift_page::displacements;
-use super::{date, duration, list, logs, machine, number, page, runs, terms, validation_page};
+use super::page::{list, machine, page, runs};
+use super::{logs, terms, validation_page};
 use crate::drift::Drift;
 use crate::facts::of_error;
 use crate::faults::{Finding, Omission, Repaired};
 use crate::identified::Identified;
 use crate::setup::Ready;
 use isotherm_core::quantity::Moment;
+use isotherm_html::{date, duration, number};
 use isotherm_profile::Profile;
 
 /// Content of the report: the model, its machine and its logs.

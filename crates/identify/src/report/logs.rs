@@ -2,8 +2,6 @@
 
 use maud::{Markup, html};
 
-use super::chart::{self, Line, LineStyle};
-use super::{date, decimals, duration, figure, plain, table, three_digits};
 use crate::ambient::ambient_column;
 use crate::bank::Bank;
 use crate::campaign::Campaign;
@@ -11,6 +9,8 @@ use crate::dataset::{Column, Dataset, Kind, Run};
 use crate::faults::{self, Finding};
 use crate::similarity::{correlations, order};
 use crate::statistics::{count, least_and_most};
+use isotherm_html::chart::{self, Line, LineStyle};
+use isotherm_html::{date, decimals, duration, figure, plain, table, three_digits};
 
 /// Maximum number of inputs in a correlation map.
 const MOST_MAPPED: usize = 32;

@@ -2,10 +2,12 @@
 
 use maud::{Markup, html};
 
-use super::chart::{self, Bar};
-use super::{date, decimals, figure, logs, number, page, runs, table, three_digits, validation_page};
+use super::page::{page, runs};
+use super::{logs, validation_page};
 use crate::select::{Counted, Point, Pointed, Selected, Step};
 use isotherm_core::quantity::Moment;
+use isotherm_html::chart::{self, Bar};
+use isotherm_html::{date, decimals, figure, number, table, three_digits};
 
 /// Renders the report as one HTML file.
 pub fn selection_page(pointed: &Pointed<'_>, found: &Selected, made: Moment) -> String {

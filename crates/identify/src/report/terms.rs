@@ -5,8 +5,7 @@ use std::time::Duration;
 
 use maud::{Markup, html};
 
-use super::chart::{self, Bar};
-use super::{decimals, duration, figure, number, optional, row, table, three_digits};
+use super::page::optional;
 use crate::expected::Growth;
 use crate::identified::{Fallback, Identified, TermFound};
 use crate::region::Region;
@@ -14,6 +13,8 @@ use crate::select::Counted;
 use crate::stand_in::StandIn;
 use crate::validate::Means;
 use isotherm_core::compensation::settings::{AxisSettings, OnFault};
+use isotherm_html::chart::{self, Bar};
+use isotherm_html::{decimals, duration, figure, number, row, table, three_digits};
 use isotherm_profile::counted;
 
 /// Maximum number of bars. The table contains all terms.

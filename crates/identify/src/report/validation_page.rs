@@ -2,11 +2,11 @@
 
 use maud::{Markup, html};
 
-use super::chart::{self, Bar, Line, LineStyle};
-use super::{decimals, figure, number, table};
 use crate::identified::Identified;
 use crate::statistics::{count, least_and_most};
 use crate::validate::{HeldOut, Means, RunScore};
+use isotherm_html::chart::{self, Bar, Line, LineStyle};
+use isotherm_html::{decimals, figure, number, table};
 use isotherm_profile::counted;
 
 /// Renders the headline figures: range and root mean square of the error, with the model and without compensation.

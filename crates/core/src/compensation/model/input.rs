@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::{Inputs, Lag, Term, TimeConstant, Unusable};
+use super::{Lag, Term, TimeConstant, Unusable};
 use crate::compensation::Snapshot;
 use crate::compensation::reference::{CapturedReference, Machine, Reference};
 use crate::compensation::substitution::{SubstituteSource, Substitution};
@@ -23,6 +23,19 @@ pub struct Input {
     /// Whether the input is the square of the value minus the square of the reference. The lag then applies to the
     /// squares.
     pub squared: bool,
+}
+
+/// Inputs of a model.
+#[derive(Clone, Copy, Debug)]
+pub struct Inputs<'a> {
+    /// Readings of all signals, from which the model takes its inputs.
+    pub snapshot: Snapshot<'a>,
+    /// State of the machine: time since its start, and references.
+    pub machine: &'a Machine,
+    /// Lag of each input of [`Model::rises`](super::Model::rises), in the same order.
+    pub lags: &'a [Lag],
+    /// Whether the control itself multiplies the slope by the distance, and gets Cz and slope separately.
+    pub splits_slope: bool,
 }
 
 /// Inputs of a model that may lag, in the order of their lags: terms of the sum, terms of the slope, other inputs.

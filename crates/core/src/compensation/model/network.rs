@@ -17,11 +17,7 @@ pub use layers::{Activation, Layer, Layers};
 #[cfg(feature = "onnx")]
 pub use onnx::Onnx;
 pub use radial::{Node, Radial};
-pub use scaling::Scaling;
-
-/// Maximum number of inputs of a network, and of neurons of a layer. It is limited because a step stores the values in
-/// arrays of fixed size.
-pub const WIDEST: usize = 256;
+pub use scaling::{Scaling, WIDEST};
 
 /// Neural network with its input signals.
 #[derive(Clone, Debug, PartialEq)]

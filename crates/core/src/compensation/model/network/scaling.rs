@@ -1,5 +1,9 @@
 //! Scaling of the inputs of a neural network from the signals' units: `(x − mean) / scale`.
 
+/// Maximum number of inputs of a network, and of neurons of a layer. It is limited because a step stores the values in
+/// arrays of fixed size.
+pub const WIDEST: usize = 256;
+
 /// Mean and scale of each input of a neural network.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scaling {
@@ -13,13 +17,13 @@ impl Scaling {
     /// Returns a message if the numbers of means and scales differ, are zero or are too large. Also if a scale is zero,
     /// or a number is not finite.
     pub fn new(mean: &[f64], scale: &[f64]) -> Result<Scaling, String> {
-        if mean.len() != scale.len() || mean.is_empty() || mean.len() > super::WIDEST {
+        if mean.len() != scale.len() || mean.is_empty() || mean.len() > WIDEST {
             return Err(format!(
                 "the inputs have {} means and {} scales: each input needs one mean and one scale, and 1 to \
                  {} inputs are allowed",
                 mean.len(),
                 scale.len(),
-                super::WIDEST
+                WIDEST
             ));
         }
         let pairs: Vec<(f64, f64)> = mean.iter().copied().zip(scale.iter().copied()).collect();
@@ -30,7 +34,7 @@ impl Scaling {
         }
     }
 
-    /// Returns the number of inputs.
+    /// Returns the number of inputs that the network requires.
     pub fn count(&self) -> usize {
         self.pairs.len()
     }

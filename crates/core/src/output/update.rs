@@ -1,4 +1,4 @@
-//! Effect of each fact on the state of an output.
+//! Step of an output: the effect of a fact on its state, and the next action.
 
 use super::event::{Doubt, Event};
 use super::in_flight::{InFlightWrite, ReadResult};
@@ -8,12 +8,21 @@ use super::settings::{Rule, Settings, Verify};
 use super::state::{RETRY, State};
 use super::state_parts::{ArmState, PendingAction, RequiredRead, Setpoint, TimedValue, WriteFailure};
 use super::turns::Turns;
-use super::{Fact, Who};
+use super::{Action, Fact, Who, plan};
 use crate::quantity::{Counts, Moment};
+
+/// Processes a fact and returns the next action. While an action is pending, the result is [`Action::Nothing`].
+pub fn step(state: &mut State, settings: &Settings, fact: Fact, now: Moment) -> Action {
+    let fresh = take(state, settings, fact, now);
+    match fact {
+        Fact::PiggybackAsked => plan::piggyback(state, settings, now),
+        _ => plan::act(state, settings, fresh, now),
+    }
+}
 
 /// Changes the state according to a fact. If the fact is a read that showed nothing new, returns the time of its
 /// request.
-pub(super) fn take(state: &mut State, settings: &Settings, fact: Fact, now: Moment) -> Option<Moment> {
+fn take(state: &mut State, settings: &Settings, fact: Fact, now: Moment) -> Option<Moment> {
     state.disk.is_unsaved |= state.copies.expire(now);
     match fact {
         Fact::Look | Fact::PiggybackAsked => {}
