@@ -1,20 +1,16 @@
-//! The verbs, one module each. Results go to stdout, diagnostics to stderr.
+//! The verbs of the command line, one module each. Results go to stdout, diagnostics to stderr.
 
-use std::io::{IsTerminal, Write};
-use std::path::{Path, PathBuf};
+use std::io::Write;
 use std::process::ExitCode;
 
 use clap::error::{ContextKind, ContextValue};
-use clap::{Args, CommandFactory, Parser, Subcommand};
-use tracing_appender::non_blocking::{NonBlockingBuilder, WorkerGuard};
+use clap::{CommandFactory, Parser, Subcommand};
 
+use isotherm_profile::one_line;
 use isotherm_profile::safe_file::without_numbers;
-use isotherm_profile::{Axis, Errors, Loaded, Profile, one_line};
 
-use crate::cli::print::{Out, say, say_beside};
-use crate::fieldbus::{opcua_check, tls};
+use crate::cli::print::{Out, print_json, say_beside};
 use crate::gateway::control::Failure;
-use crate::gateway::how_to_find_a_model;
 use crate::observe::status::Command;
 
 mod backup;
@@ -26,6 +22,7 @@ mod confirm;
 mod connection_test;
 mod demo;
 mod descriptors;
+mod diagnostics;
 mod events;
 #[cfg(feature = "parquet")]
 mod export;
@@ -35,6 +32,7 @@ mod extra_files;
 mod identify;
 mod init;
 mod journal_stream;
+mod loading;
 mod log_rate_limit;
 mod logs;
 mod machines;
@@ -64,6 +62,7 @@ mod run_profile;
 mod running;
 #[cfg(feature = "identify")]
 mod runs;
+mod runtime;
 mod scan;
 #[cfg(feature = "identify")]
 mod select;
@@ -78,8 +77,8 @@ mod trace;
 mod values;
 mod volume;
 
-use log_rate_limit::LogRateLimit;
-use values::key_and_value;
+use loading::WrongProfile;
+use values::WrongArguments;
 
 /// Compensates the thermal error of a machine tool.
 ///
@@ -95,7 +94,7 @@ pub struct Arguments {
     /// Log filter for stderr: error, warn, info, debug, or a filter such as `isotherm=debug`
     #[arg(long, global = true, value_name = "FILTER", env = "ISOTHERM_LOG", value_parser = values::log_filter)]
     log: Option<String>,
-    /// Verb with its arguments.
+    /// Verb of the command line, with its arguments.
     #[command(subcommand)]
     verb: Verb,
 }
@@ -108,7 +107,7 @@ enum Verb {
     Run(run::Arguments),
     /// Write a first profile from a few answers
     Init(Box<init::Arguments>),
-    /// Show every error of a profile with its place, then everything that would be read and written
+    /// Show every error of a profile with its line, or else everything that the gateway would read and write
     Check(check::Arguments),
     /// Read every signal once and show its quality, or read one register without a signal
     Read(Box<read::Arguments>),
@@ -116,11 +115,11 @@ enum Verb {
     Scan(scan::Arguments),
     /// Serve the devices of a profile as virtual hardware
     Virtual(simulate::Arguments),
-    /// Log readings for a later identification, without writing to a device
+    /// Log readings for a later identification; write to no device
     Record(record::Arguments),
-    /// Compute the decisions of a recorded log again with the code of the gateway
+    /// Repeat the decisions of a recorded log with the code of the gateway, and compare them
     Replay(replay::Arguments),
-    /// Identify the model of an axis from logs with its measured error, validated on runs that were held out
+    /// Identify the model of an axis from logs with its measured error, tested on runs that were not used to find it
     #[cfg(feature = "identify")]
     Identify(Box<identify::Arguments>),
     /// Select the temperature points to keep, from logs with a measured error
@@ -132,13 +131,13 @@ enum Verb {
     /// Report the drift in logs, in the terms of ISO 230-3
     #[cfg(feature = "identify")]
     Report(report::Arguments),
-    /// Replace the running gateway by another program or profile, without moving an axis
+    /// Replace the running gateway by another program or profile; no axis moves
     Restart(restart::Arguments),
     /// Save the files of a machine in one file: profile, models, templates, state and ledger
     Backup(backup::Arguments),
     /// Restore a machine from its backup; no axis moves before an operator arms it
     Restore(restore::Arguments),
-    /// Let the running gateway write
+    /// Permit the running gateway to write to the outputs
     #[command(
         after_help = "Examples:\n  isotherm arm my-machine.toml\n  isotherm arm my-machine.toml --axis z --no-wait"
     )]
@@ -155,22 +154,22 @@ enum Verb {
     Measured(measured::Arguments),
     /// Accept a device of the running gateway that an operator has checked
     Confirm(confirm::Arguments),
-    /// Return the register of a moved or removed output to its base
+    /// Return the register of a moved or removed output to its base value, without the gateway's offset
     Release(release::Arguments),
-    /// Show the frames of a device of the running gateway as they pass
+    /// Show the frames between the running gateway and one of its devices
     Trace(trace::Arguments),
     /// Show the events of a machine, including those before the last restart
     Events(events::Arguments),
     /// Export logs and events as Parquet, one file a day, to query many machines at once
     #[cfg(feature = "parquet")]
     Export(export::Arguments),
-    /// Show the state of the running gateway, as its page does
+    /// Show the state of the running gateway, as its web page does
     Status(status::Arguments),
-    /// Make, show and trust the certificates of an OPC UA line
+    /// Create, show and trust the certificates of an OPC UA line
     #[cfg(feature = "opcua")]
     #[command(name = "opcua")]
     OpcUa(opcua::Arguments),
-    /// Make a token for the page, for viewing or for commands
+    /// Create a token for the web page, for viewing or for commands
     Token(token::Arguments),
     /// Print the JSON Schema of the profile, for editors
     #[command(after_help = "Example:\n  isotherm schema > isotherm.schema.json")]
@@ -186,24 +185,8 @@ enum Verb {
     Man(man::Arguments),
 }
 
-/// A profile and the keys that override its own.
-#[derive(Args, Clone, Debug)]
-struct ProfileArguments {
-    /// The machine's profile, or the name of a shipped one
-    #[arg(value_name = "PROFILE")]
-    path: PathBuf,
-    /// Overrides one key, may be repeated: `--set bus.cell.address=10.0.0.7:502`
-    #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value)]
-    set: Vec<(String, String)>,
-}
-
-/// The profile is wrong. All its errors have been printed.
-#[derive(Debug, thiserror::Error)]
-#[error("the profile is wrong")]
-struct WrongProfile;
-
 impl Arguments {
-    /// Log filter of `--log`, or the default filter of the verb.
+    /// Returns the log filter given by `--log`, or else the default filter of the verb.
     pub fn log_filter(&self) -> &str {
         match (&self.log, &self.verb) {
             (Some(filter), _) => filter,
@@ -214,7 +197,7 @@ impl Arguments {
     }
 }
 
-/// Verbs that need a feature of the build, each with that feature.
+/// Verbs that need a feature of the build: name of the verb, and name of the feature.
 const FEATURE_OF_VERB: [(&str, &str); 6] = [
     ("identify", "identify"),
     ("select", "identify"),
@@ -224,8 +207,8 @@ const FEATURE_OF_VERB: [(&str, &str); 6] = [
     ("opcua", "opcua"),
 ];
 
-/// Makes the error for wrong arguments, with their control characters escaped. Otherwise an argument could control the
-/// terminal or begin a new line. The error for a verb that this build lacks names its feature.
+/// Returns the error for wrong arguments, with their control characters escaped. Otherwise an argument could control
+/// the terminal or begin a new line. The error for a verb that this build lacks names the missing feature.
 #[must_use]
 pub fn escaped(refused: clap::Error) -> clap::Error {
     if let Some(ContextValue::String(verb)) = refused.get(ContextKind::InvalidSubcommand)
@@ -243,7 +226,7 @@ pub fn escaped(refused: clap::Error) -> clap::Error {
 
 /// Executes the verb, and returns the exit code.
 pub fn run(arguments: Arguments) -> ExitCode {
-    let log = start_log(arguments.log_filter());
+    let log = diagnostics::start_log(arguments.log_filter());
     let mut replacement = None;
     let done = match arguments.verb {
         Verb::Demo(arguments) => demo::run(&arguments),
@@ -287,7 +270,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
             clap_complete::generate(shell, &mut Arguments::command(), "isotherm", &mut script);
             Out.write_all(&script).map_err(Into::into)
         }
-        Verb::Man(arguments) => man::run(&arguments),
+        Verb::Man(arguments) => man::run(&arguments, Arguments::command()),
     };
     // Pending log lines are written before the last message.
     let done = match replacement {
@@ -305,6 +288,9 @@ pub fn run(arguments: Arguments) -> ExitCode {
             ExitCode::from(3)
         }
         Err(error) if is_closed_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) if error.is::<WrongArguments>() => {
+            Arguments::command().error(clap::error::ErrorKind::MissingRequiredArgument, error).exit()
+        }
         Err(error) => {
             say_beside!("isotherm: {}", without_numbers(&format!("{error:#}")));
             ExitCode::from(1)
@@ -312,141 +298,8 @@ pub fn run(arguments: Arguments) -> ExitCode {
     }
 }
 
-/// Returns whether the reader of stdout has closed the pipe, as in `isotherm check … | head`. This is not a failure.
+/// Returns whether the program that reads stdout has closed the pipe, as in `isotherm check … | head`. This is not a
+/// failure.
 fn is_closed_pipe(error: &anyhow::Error) -> bool {
     error.downcast_ref::<std::io::Error>().is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
-}
-
-/// Maximum number of log lines that wait for a slow reader. Further lines are dropped.
-const UNREAD: usize = 2048;
-/// Filter that disables the log of the OPC UA library: it may contain secrets. The gateway logs its own messages
-/// instead.
-const SILENT: &str = "opcua_client=off,opcua_core=off,opcua_crypto=off,opcua_types=off";
-
-/// Starts the log on stderr, in the format of the journal if stderr is the journal. A separate thread writes it, so
-/// that a slow reader of stderr does not block the program. Dropping the guard writes the pending lines.
-fn start_log(filter: &str) -> WorkerGuard {
-    use tracing_subscriber::field::MakeExt;
-    use tracing_subscriber::filter::{FilterExt, Targets};
-    use tracing_subscriber::fmt::format::debug_fn;
-    use tracing_subscriber::layer::{Layer, SubscriberExt};
-    use tracing_subscriber::util::SubscriberInitExt;
-    let targets = |filter: &str| format!("{filter},{SILENT}").parse::<Targets>();
-    let filter = targets(filter).or_else(|_| targets("info")).unwrap_or_default();
-    let (writer, guard) =
-        NonBlockingBuilder::default().buffered_lines_limit(UNREAD).finish(std::io::stderr());
-    // Text from outside must not end a line or control the terminal. All values except the message are quoted.
-    let fields = debug_fn(|writer, field, value| match field.name() {
-        "message" => write!(writer, "{}", one_line(&format!("{value:?}"))),
-        name => write!(writer, "{name}={}", one_line(&format!("{value:?}"))),
-    });
-    let lines = tracing_subscriber::fmt::layer()
-        .fmt_fields(fields.delimited(" "))
-        .with_writer(writer)
-        .with_ansi(std::io::stderr().is_terminal())
-        .with_target(false);
-    let lines = match journal_stream::is_stderr() {
-        true => lines.event_format(journal_stream::Prioritised::new()).boxed(),
-        false => lines.boxed(),
-    };
-    // If this process has started a log already, as in tests, that log remains.
-    let _ =
-        tracing_subscriber::registry().with(lines.with_filter(filter.and(LogRateLimit::begin()))).try_init();
-    guard
-}
-
-/// Reports arguments that exclude or require each other as clap reports single ones, and ends the program.
-fn refuse(why: &str) -> ! {
-    Arguments::command().error(clap::error::ErrorKind::MissingRequiredArgument, why).exit()
-}
-
-/// Loads a profile, or prints all its errors.
-fn load(arguments: &ProfileArguments, json: bool) -> anyhow::Result<Profile> {
-    load_with(&arguments.path, &arguments.set, json)
-}
-
-fn load_with(path: &Path, set: &[(String, String)], json: bool) -> anyhow::Result<Profile> {
-    Ok(load_quietly(path, set, json)?.profile)
-}
-
-/// Prints the warnings of a profile and returns it. Only the verbs about the profile do this: `check` and `run`.
-fn warned(loaded: Loaded) -> Profile {
-    for warning in &loaded.warnings {
-        say_beside!("warning: {warning}");
-    }
-    loaded.profile
-}
-
-/// Loads a profile that has a model for at least one axis. Without a model, a profile can be recorded and identified,
-/// but not run.
-fn load_modelled(arguments: &ProfileArguments, json: bool) -> anyhow::Result<Loaded> {
-    modelled(&arguments.path, load_quietly(&arguments.path, &arguments.set, json)?)
-}
-
-/// Returns the profile of this path if at least one of its axes has a model.
-fn modelled(path: &Path, loaded: Loaded) -> anyhow::Result<Loaded> {
-    let axes = &loaded.profile.axes;
-    let unmodelled: Vec<&str> = axes.iter().map(|axis| axis.settings.name.as_str()).collect();
-    if axes.is_empty() || axes.iter().any(Axis::has_model) {
-        return Ok(loaded);
-    }
-    anyhow::bail!(
-        "{}: axis {} has no model, so there is nothing to compensate with; {}",
-        path.display(),
-        unmodelled.join(", "),
-        how_to_find_a_model(&loaded.profile, 0)
-    )
-}
-
-/// Loads a profile without printing its warnings.
-fn load_quietly(path: &Path, set: &[(String, String)], json: bool) -> anyhow::Result<Loaded> {
-    let environment = isotherm_profile::environment();
-    load_by(path, json, || match shipped(path) {
-        Some((path, text)) => isotherm_profile::parse_with(&path, text, &machines::FILES, set, &environment),
-        None => isotherm_profile::load(path, set, &environment),
-    })
-}
-
-/// Path and text of a shipped profile; `None` if a file with this name exists.
-fn shipped(path: &Path) -> Option<(PathBuf, &'static str)> {
-    path.to_str().filter(|_| !path.exists()).and_then(machines::text)
-}
-
-/// Loads a profile with `load`, and makes the checks that need this program: TLS files, OPC UA and MQTT.
-fn load_by(path: &Path, json: bool, load: impl FnOnce() -> Result<Loaded, Errors>) -> anyhow::Result<Loaded> {
-    // A file that a profile names may be large, so that the check takes long.
-    #[cfg(any(feature = "identify", feature = "place"))]
-    let _checking = progress::Progress::begin("checking the profile");
-    let loaded = load();
-    let loaded = loaded.and_then(|loaded| tls::check(&loaded.profile).map(|()| loaded));
-    let loaded = loaded.and_then(|loaded| opcua_check::check(&loaded.profile).map(|()| loaded));
-    let loaded = loaded.and_then(|loaded| broker::check(&loaded.profile).map(|()| loaded));
-    let loaded = loaded.map_err(|mut errors| {
-        if let (Some(meant), [error]) = (machines::meant(path), errors.0.as_mut_slice()) {
-            error.help = Some(format!("did you mean the shipped machine `{meant}`?"));
-        }
-        errors
-    });
-    reported(loaded, json)
-}
-
-/// Returns the loaded profile, or prints all its errors.
-fn reported(loaded: Result<Loaded, Errors>, json: bool) -> anyhow::Result<Loaded> {
-    loaded.or_else(|errors| {
-        if json {
-            print_json(&errors)?;
-        } else {
-            say_beside!("{errors}");
-        }
-        Err(WrongProfile.into())
-    })
-}
-
-fn print_json(document: &impl serde::Serialize) -> anyhow::Result<()> {
-    Ok(say!("{}", serde_json::to_string_pretty(document)?)?)
-}
-
-/// Runtime for the verbs that connect to devices.
-fn runtime() -> std::io::Result<tokio::runtime::Runtime> {
-    tokio::runtime::Builder::new_current_thread().enable_all().build()
 }

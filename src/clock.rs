@@ -1,14 +1,14 @@
 //! Clocks of the program: wall-clock time, or virtual time in tests and in the demo.
 //!
-//! Every task that acts by the clock owns a [`Sleeper`]. The virtual clock advances only while every sleeper sleeps. It
-//! then wakes exactly one sleeper: the one with the earliest deadline. Among equal deadlines, it wakes the one that
-//! joined first. The virtual clock therefore waits for real sockets, and protocol timeouts stay in wall-clock time. One
-//! seed gives the same run at any speed. (The paused clock of tokio cannot do this: it advances while a real socket
-//! waits.)
+//! Every task that acts at certain times owns a [`Sleeper`]. The virtual clock advances only while every sleeper
+//! sleeps. It then wakes exactly one sleeper: the one with the earliest deadline. Among sleepers with equal deadlines,
+//! it wakes the one that joined first. The virtual clock therefore waits for real sockets, and protocol timeouts stay
+//! in wall-clock time. A run with the same seed has the same result at any speed. (The paused clock of tokio cannot do
+//! this: it advances while a real socket waits.)
 //!
 //! Code that needs a sleeping task to act early calls the [`Wakeup`] of its sleeper. Without that call, the clock could
 //! advance before the task notices its message. A message that comes through the kernel and gets no reply has no sender
-//! that could wake the sleeper. The reader of such messages keeps an [`SocketGate`].
+//! that could wake the sleeper. The reader of such messages therefore keeps a [`SocketGate`].
 
 use std::pin::pin;
 use std::sync::Arc;
@@ -41,12 +41,12 @@ use simulated::Simulated;
 use stamp::ClockDifference;
 use wall::Wall;
 
-/// Clock that several tasks share.
+/// Clock that several tasks share. Clones are the same clock.
 #[derive(Clone, Debug)]
 pub struct Clock {
     source: Source,
     followed: Arc<ClockDifference>,
-    /// Difference between the set time of day of a virtual clock and its counted time.
+    /// Difference between the time of day that was set on a virtual clock, and the time that this clock counts.
     set_to: Arc<ClockDifference>,
 }
 
@@ -65,12 +65,13 @@ pub struct Sleeper {
 
 #[derive(Debug)]
 enum SleeperKind {
-    /// Notification that wakes the sleeper early, and its kernel timer, once a distant deadline has needed one.
+    /// Notification that wakes the sleeper early, and the kernel timer of the sleeper. The timer is created for the
+    /// first distant deadline.
     Wall(Arc<tokio::sync::Notify>, Option<Alarm>),
     Simulated(simulated::Membership),
 }
 
-/// Wakes one sleeper before its time, from any thread.
+/// Handle that wakes one sleeper before its deadline, from any thread.
 #[derive(Clone, Debug)]
 pub struct Wakeup(WakeupOf);
 
@@ -80,15 +81,15 @@ enum WakeupOf {
     Simulated(simulated::Wakeup),
 }
 
-/// Keeps a virtual clock from advancing while a run is being set up.
+/// Guard that stops a virtual clock, for example while a run is being set up.
 #[derive(Debug)]
 pub struct Hold {
     _membership: Option<simulated::Membership>,
 }
 
 impl Clock {
-    /// Returns a clock of wall-clock time. It reads the time of day once, and then counts elapsed time. Suspension of
-    /// the computer is included.
+    /// Returns a clock of wall-clock time. It reads the time of day once, and then counts elapsed time, including any
+    /// suspension of the computer.
     pub fn wall() -> Clock {
         Clock::wall_by(BootClock::default(), TimeOfDay::default())
     }
@@ -101,7 +102,8 @@ impl Clock {
         clock
     }
 
-    /// Returns a wall clock that is at `anchor` now, correct or not, and continues as `boot_clock` counts.
+    /// Returns a wall clock that shows `anchor` now, even if that is not the correct time, and counts on with
+    /// `boot_clock`.
     pub fn set_to(anchor: Moment, boot_clock: BootClock) -> Clock {
         let (started, day) = (boot_clock.passed(), boot_clock.clone());
         let time_of_day = move || anchor.after(day.passed().saturating_sub(started));
@@ -112,12 +114,12 @@ impl Clock {
         Clock { source, followed: Arc::default(), set_to: Arc::default() }
     }
 
-    /// Returns the shift from counted time to the time of day, as of the last check.
+    /// Returns the difference from counted time to the time of day, as of the last [`Clock::check_time_of_day`].
     pub fn shift(&self) -> Shift {
         self.followed.shift()
     }
 
-    /// Converts a counted moment to the time of day, for display.
+    /// Converts a moment of counted time to the time of day, for display.
     pub fn stamp(&self, moment: Moment) -> Moment {
         moment.shifted(self.shift())
     }
@@ -127,8 +129,8 @@ impl Clock {
         self.stamp(self.now())
     }
 
-    /// Compares counted time with the computer's time of day. Stamps follow the time of day. Returns the correction if
-    /// the computer's clock was set since the last check.
+    /// Compares counted time with the computer's time of day. From then on, displayed times follow the time of day.
+    /// Returns the correction if the computer's clock was set since the last check.
     pub fn check_time_of_day(&self) -> Option<Correction> {
         match &self.source {
             Source::Wall(wall) => self.followed.check(wall.now(), wall.time_of_day.now()),
@@ -152,13 +154,13 @@ impl Clock {
         matches!(self.source, Source::Simulated(_))
     }
 
-    /// Returns a virtual clock that begins at `start`. It runs at most `speed` times as fast as wall-clock time. With
-    /// `None`, it runs as fast as its sleepers allow.
+    /// Returns a virtual clock that begins at `start`, and runs at most `speed` times as fast as wall-clock time. With
+    /// `None`, it runs as fast as the tasks with sleepers allow.
     pub fn simulated(start: Moment, speed: Option<f64>) -> Clock {
         Clock::of(Source::Simulated(Simulated::start(start, speed)))
     }
 
-    /// Returns the present moment.
+    /// Returns the present moment in counted time.
     pub fn now(&self) -> Moment {
         match &self.source {
             Source::Wall(wall) => wall.now(),
@@ -166,8 +168,8 @@ impl Clock {
         }
     }
 
-    /// Registers one more task. Call it before the task starts. Sleepers with equal deadlines act in the order in which
-    /// they joined.
+    /// Registers one more task, and returns its sleeper. Call this function before the task starts. Sleepers with equal
+    /// deadlines act in the order in which they were registered.
     pub fn join(&self) -> Sleeper {
         let place = match &self.source {
             Source::Wall(_) => SleeperKind::Wall(Arc::default(), None),
@@ -184,7 +186,8 @@ impl Clock {
         }
     }
 
-    /// Moves a virtual clock ahead at once, as after a suspension of the computer. A wall clock is not moved.
+    /// Moves a virtual clock ahead at once, as if the computer had been suspended for `span`. A wall clock is not
+    /// changed.
     pub fn skip(&self, span: Duration) {
         if let Source::Simulated(simulated) = &self.source {
             simulated.skip(span);
@@ -193,7 +196,7 @@ impl Clock {
 }
 
 impl Sleeper {
-    /// Returns the present moment.
+    /// Returns the present moment in counted time.
     pub fn now(&self) -> Moment {
         self.clock.now()
     }
@@ -211,8 +214,8 @@ impl Sleeper {
         })
     }
 
-    /// Discards the wakeups so far, so that they do not end the next sleep. Under a virtual clock this does nothing:
-    /// such wakeups still end the next sleep.
+    /// Discards the wakeups so far, so that they do not end the next sleep. Under a virtual clock this function does
+    /// nothing: earlier wakeups still end the next sleep.
     pub fn forget_wakeups(&mut self) {
         if let SleeperKind::Wall(notify, _) = &self.place {
             pin!(notify.notified()).enable();
@@ -225,7 +228,7 @@ impl Sleeper {
         self.sleep_from(self.now(), deadline).await
     }
 
-    /// Sleeps like [`Sleeper::sleep_until`], for a caller that has just read the clock. `now` is that reading.
+    /// Sleeps like [`Sleeper::sleep_until`]. The caller has just read the clock, and passes the result as `now`.
     pub async fn sleep_from(&mut self, now: Moment, deadline: Moment) -> Moment {
         match &mut self.place {
             SleeperKind::Wall(notify, alarm) => {

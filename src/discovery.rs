@@ -1,14 +1,15 @@
-//! Discovery on a line without a profile: which units answer, and which values their registers hold. It only reads.
+//! Discovery on a line without a profile: which units answer, and which values their registers contain. It only reads.
 //!
-//! - [`bus`] — address of a line as one word: `tcp://192.168.0.10:502`.
-//! - [`unit_reader`] — one request at a time, on the same [`crate::fieldbus::line`] that the gateway uses.
-//! - [`can`] — state of a CAN interface, as the kernel reports it.
-//! - [`sysfs`] — temperature sensors of this computer, and sensors of a profile that are missing.
-//! - `opcua` — an OPC UA server, by feature: its endpoints, its certificate, its nodes.
+//! - [`bus`] — address of a line as one word, for example `tcp://192.168.0.10:502`.
+//! - [`unit_reader`] — reads with one request at a time, through the same [`crate::fieldbus::line`] that the gateway
+//!   uses.
+//! - [`can`] — state of the CAN interfaces of a profile, as the kernel reports it.
+//! - [`sysfs`] — temperature sensors of this computer, and sensors of a profile that this computer does not have.
+//! - `opcua` — endpoints, certificate and nodes of an OPC UA server. This module requires the feature `opcua`.
 //! - [`mod@pipeline`] — whether a device supports two requests at a time.
-//! - [`scan`] — units that answer; [`register_search`] — registers of a unit.
-//! - [`values`] — decoded values of registers, in each word order if none is given.
-//! - [`remedy`] — advice for a fault.
+//! - [`scan`] — search for units that answer; [`register_search`] — search for the registers of a unit.
+//! - [`values`] — decoded values of registers. If the word order is unknown, they are decoded in both word orders.
+//! - [`remedy`] — advice to the user on a fault.
 
 pub mod bus;
 pub mod can;

@@ -1,8 +1,8 @@
-//! The gateway: lines, axes and outputs of one profile, wired and run.
+//! The gateway: connects the bus lines, axes and outputs of one profile, and runs them.
 //!
-//! Each line has one task that owns it. The task reads, steps the axes whose inputs it has just read, and writes the
-//! decisions. The state that the lines share is behind one lock, which is held for microseconds. Events, page, log and
-//! state file get copies. The lines never wait for them.
+//! Each bus line has one task that owns it. The task reads signals, calculates the axes whose inputs it has just read,
+//! and writes the results to the outputs. One lock protects the state that the tasks share; a task holds it for
+//! microseconds. Events, web page, log and state file work with copies, so the tasks never wait for them.
 
 use std::collections::HashMap;
 use std::future::Future;
@@ -16,178 +16,70 @@ use tokio::task::{Id, JoinError, JoinSet};
 
 use crate::clock::{Clock, Sleeper};
 use crate::fieldbus::connection::Dial;
-use crate::fieldbus::dial;
+use crate::fieldbus::kinds;
 use crate::fieldbus::line::DeviceLine;
-use crate::observe::events::{Event, EventListener, Journal, file};
-use crate::observe::status::{BrokerFigures, GatewayApi};
+use crate::observe::events::{Event, Journal, file};
+use crate::observe::status::GatewayApi;
 use isotherm_core::border::panic_message;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{AxisId, Bus, BusId, OnStop, Output, Profile, stop};
+use isotherm_profile::{AxisId, BusId, OnStop, Output, Profile, stop};
 
-mod api_backend;
-mod arming;
-pub mod backup;
-mod can;
-mod causes;
-#[cfg(feature = "opcua")]
-pub mod certificates;
+mod api;
 pub mod claims;
-mod comparison;
-mod continuity;
-pub mod control;
-mod dependents;
-mod device_health;
-mod dirty_vec;
-mod disk;
-mod execute;
-mod extrapolation;
-mod handover;
-mod inspector;
-mod ledger;
-mod line_handle;
-mod lock;
-pub mod log;
-mod memory;
-mod namespaces;
+mod lifecycle;
+mod line;
+mod line_names;
 mod output;
-mod output_faults;
-mod pause;
-mod places;
-mod poll;
-mod probing;
-mod rates;
-mod recovered_state;
-mod release;
-mod releasing;
-mod reported_conditions;
-mod restart;
-mod run_phase;
 mod shared;
-mod shutdown;
-mod sign;
-mod signal_table;
-mod signing;
-mod stand_in;
 mod state;
-mod status;
-mod storage;
 mod store;
-mod successor;
-mod systemd;
-pub mod templates;
-mod units;
-mod watchdog;
-mod wire_log;
 
-use self::state::GatewayState;
-use api_backend::ApiBackend;
-use can::CanListener;
-use ledger::Ledger;
-use line_handle::LineHandle;
-use poll::LineTask;
-use recovered_state::RecoveredState;
-use shared::{LineWork, Shared};
-use storage::Storage;
-use watchdog::Watchdog;
+use api::api_backend::ApiBackend;
+use lifecycle::recovered_state::{self, RecoveredState};
+use lifecycle::watchdog::Watchdog;
+use lifecycle::{shutdown, systemd};
+use line::can::CanListener;
+use line::poll::LineTask;
+use shared::line_handle::LineHandle;
+use shared::releasing;
+use shared::shared_state::{LineWork, Shared};
+use shared::state::GatewayState;
+use store::ledger::{Ledger, LedgerRun};
+use store::storage::Storage;
 
-pub use causes::how_to_find_a_model;
-pub(crate) use causes::why_by_decision;
-pub use disk::{Disk, Files, make_directory};
-pub use handover::{
+pub use api::control;
+pub use lifecycle::handover::{
     Arrival, Handover, KeptProfile, Prepared, answer_of_check, digest_path, memory_for_profile,
 };
-pub use recovered_state::{may_start, moved_since, with_releases};
-pub use successor::{CHECK_ONLY, Checked, Program, Successor};
-pub use wire_log::WireLog;
+pub use lifecycle::options::{Dialer, Options, Pace};
+pub use lifecycle::recovered_state::{may_start, moved_since, with_releases};
+pub use lifecycle::successor::{CHECK_ONLY, Checked, Program, Successor};
+#[cfg(feature = "opcua")]
+pub use line::certificates;
+pub use line::wire_log::WireLog;
+pub use state::causes::how_to_find_a_model;
+pub(crate) use state::causes::why_by_decision;
+pub use store::disk::{Disk, Files, make_directory};
+pub use store::{backup, log, templates};
 
-/// Reason why an axis stays off after the saved state was rejected or restored: the operator must arm it first.
-const NOT_BELIEVED: &str = "the saved state was rejected (see the events) or was put back from a backup, and \
+/// Reason shown for an axis that stays off because the saved state was rejected, or was restored from a backup.
+const NOT_BELIEVED: &str = "the saved state was rejected (see the events) or was restored from a backup, and \
                             the operator has not armed since";
-/// Longest wait at the end of a run until the state is on disk.
+/// Maximum time that the end of a run waits until the state is on disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
 
-/// Interval of reports to a service manager during a stop.
+/// Interval at which a stop reports its remaining time to the service manager (systemd).
 const TOLD_EVERY: Duration = Duration::from_secs(1);
-/// Interval of the check whether fault actions have ended.
+/// Interval at which a stop checks whether all fault actions have ended.
 const ENDED_EVERY: Duration = Duration::from_millis(100);
-/// Interval of the check whether all exchanges have ended. Nothing is decided meanwhile.
+/// Interval at which a stop without movement checks whether all exchanges have ended. The axes make no decisions during
+/// this time, so the interval is short.
 const SETTLED_EVERY: Duration = Duration::from_millis(5);
 
-/// Number of events from before the start that are shown.
+/// Number of events from before the start that the gateway shows.
 const RECALLED: usize = 100;
 
-/// Function that creates the connection of a bus.
-pub type Dialer = Arc<dyn Fn(&Bus) -> Option<Box<dyn Dial>> + Send + Sync>;
-
-/// Options of a gateway.
-pub struct Options {
-    /// Reads, computes and shows, but writes nothing.
-    pub dry_run: bool,
-    /// Directory of state and log; `None` keeps neither. Without it, the caller must ensure that no write of an earlier
-    /// run can still arrive at a register.
-    pub directory: Option<PathBuf>,
-    /// State directory of a gateway that runs elsewhere. Its stored namespaces of servers are used. Nothing is written
-    /// there.
-    pub remembered_in: Option<PathBuf>,
-    /// Access to the state in the directory.
-    pub disk: Arc<dyn Disk>,
-    /// Disk and watch have threads of their own. Without threads there is no watch and no log. Everything then runs in
-    /// one runtime, and a simulation repeats bit for bit.
-    pub has_threads: bool,
-    /// Function that creates connections. Tests use another one than the default.
-    pub dialer: Dialer,
-    /// Maximum time of a line without a turn; `None`: derived from its timeouts. Tests make it short.
-    pub watch: Option<Duration>,
-    /// Period of all polls and axes, independent of the profile. A bench is often faster than a profile may be.
-    pub pace: Option<Pace>,
-    /// Readings get the time of their answers, instead of that of their requests. Tests use it to show why the rule
-    /// exists.
-    #[doc(hidden)]
-    pub is_unchecked: bool,
-    /// State of publishing to a broker; `None` without one.
-    pub broker: Option<Arc<BrokerFigures>>,
-    /// Receiver of every event from the first on; `None` without one.
-    pub listener: Option<EventListener>,
-    /// Handover of the program before this one in the same process, or why it is rejected. `None` after an ordinary
-    /// start.
-    pub handover: Result<Option<Handover>, String>,
-    /// Whether released registers may be moved, or why not.
-    pub may_release: Result<(), String>,
-    /// Callback if a stuck gateway cannot even stop.
-    pub give_up: Arc<dyn Fn() + Send + Sync>,
-}
-
-impl Default for Options {
-    fn default() -> Options {
-        Options {
-            dry_run: false,
-            directory: None,
-            remembered_in: None,
-            disk: Arc::new(Files),
-            has_threads: true,
-            dialer: Arc::new(dial),
-            watch: None,
-            pace: None,
-            is_unchecked: false,
-            broker: None,
-            listener: None,
-            handover: Ok(None),
-            may_release: Ok(()),
-            give_up: Arc::new(|| {}),
-        }
-    }
-}
-
-/// Periods of a gateway that replace those of the profile.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Pace {
-    /// Period of every device's polls.
-    pub polls: Duration,
-    /// Period of every axis.
-    pub axes: Duration,
-}
-
-/// Gateway before its run.
+/// Gateway of one profile, before it runs.
 pub struct Gateway {
     shared: Arc<Shared>,
     options: Options,
@@ -195,22 +87,23 @@ pub struct Gateway {
     wire_log: WireLog,
 }
 
-/// Result of a run.
+/// Result of a run of the gateway.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
-    /// A task failed. The events contain the cause.
+    /// Whether a task failed. The events contain the cause.
     pub failed: bool,
-    /// The fault actions ended within their time.
+    /// Whether the fault actions ended within their time.
     pub rested: bool,
-    /// Values that stay in the registers, as a sentence.
+    /// Sentence about the values that stay in the registers after the run.
     pub left: String,
-    /// State for the program that takes over. It is `None` unless the gateway ended for a replacement, without moving
-    /// an axis.
+    /// State for the program that replaces this gateway. It is `None` unless the run ended for a replacement, which
+    /// moves no axis.
     pub handover: Option<Handover>,
 }
 
 impl Gateway {
-    /// Creates the gateway of a profile. Joins the clock with one sleeper for each line, in the order of the profile.
+    /// Creates the gateway of a profile. It registers one sleeper with the clock for each bus, in the order of the
+    /// profile.
     pub fn new(mut profile: Profile, clock: &Clock, options: Options) -> Gateway {
         if let Some(Pace { polls, axes }) = options.pace {
             profile.devices.iter_mut().for_each(|device| device.every = polls);
@@ -231,8 +124,9 @@ impl Gateway {
         let (ledger, writer) = match opened {
             None => (Ledger::of_nothing(&profile, (&journal, clock)), None),
             Some(opened) => {
+                let run = LedgerRun { dry_run: options.dry_run, has_threads: options.has_threads };
                 let (ledger, writer) =
-                    Ledger::open(&profile, &options, opened, remembers, (journal.clone(), clock));
+                    Ledger::open(&profile, run, opened, remembers, (journal.clone(), clock));
                 (ledger, Some(writer))
             }
         };
@@ -280,24 +174,24 @@ impl Gateway {
         Gateway { shared, options, sleepers, wire_log }
     }
 
-    /// Returns the log of frames on its CAN lines, for any thread.
+    /// Returns the log of the exchanges with the devices, for use in any thread.
     pub fn wire_log(&self) -> WireLog {
         self.wire_log.clone()
     }
 
-    /// Returns the source of the state, which also takes commands, for any thread.
+    /// Returns the interface that reads the state and accepts commands, for use in any thread.
     pub fn source(&self) -> Arc<dyn GatewayApi> {
         let directory = self.options.directory.clone().filter(|_| self.options.has_threads);
         Arc::new(ApiBackend::new(self.shared.clone(), directory))
     }
 
-    /// Returns the handle with which another program can take over. `socket`: path of the command socket.
+    /// Returns the handle that lets another program replace this gateway. `socket` is the path of the command socket.
     pub fn successor(&self, program: Program, socket: PathBuf) -> Successor {
         Successor::new(self.shared.clone(), program, socket)
     }
 
-    /// Runs until `shutdown` is ready, a task fails, or another program takes over. Then the fault actions run, or the
-    /// registers keep their values. Returns when that has ended or its time is over. `hurry` ends it early.
+    /// Runs until `shutdown` is ready, a task fails, or another program takes over. For a shutdown, the axes then run
+    /// their fault actions, or the registers keep their values, as the profile requires. `hurry` ends this phase early.
     pub async fn run(
         mut self,
         shutdown: impl Future<Output = ()>,
@@ -361,8 +255,8 @@ impl Gateway {
         Outcome { failed, rested, left, handover }
     }
 
-    /// Stores state, ledger, logs and events on disk. Returns the values that stay in the registers, and whether a task
-    /// failed.
+    /// Stores state, ledger, logs and events on disk. Returns a sentence about the values that stay in the registers,
+    /// and whether a task failed.
     async fn keep(&self) -> (String, bool) {
         let left = shutdown::what_is_left(&self.shared);
         self.shared.report(&Event::Stopped { left: left.clone() });
@@ -372,15 +266,16 @@ impl Gateway {
         (left, failed)
     }
 
-    /// Ends the exchanges of the outputs of all lines, and waits until none is running. Returns `false` if that takes
-    /// too long.
+    /// Prevents new exchanges of outputs, and waits until all `lines` have finished the running ones. Returns `false`
+    /// if that takes too long.
     async fn outputs_idle(&self, lines: usize) -> bool {
         self.shared.limit_lines(LineWork::WithoutOutputs);
         let within = stop::hold(&self.shared.profile);
         self.wait_until((within, SETTLED_EVERY), |shared| shared.resting_lines() >= lines).await
     }
 
-    /// Reports the changes of a newer program in its templates once, at its first start.
+    /// Reports changes that a newer program made in the templates of the profile. Each change is reported once, at the
+    /// first start.
     fn report_templates(&self) {
         let Some(directory) = self.options.directory.as_deref().filter(|_| self.options.has_threads) else {
             return;
@@ -393,14 +288,14 @@ impl Gateway {
         }
     }
 
-    /// Returns how to stop after a failed task. The fault actions run, whatever the profile says about an ordinary
-    /// stop.
+    /// Records that a task failed, and returns how to stop: with the fault actions, even if the profile keeps the
+    /// register values at an ordinary stop.
     fn failed(&self) -> Option<OnStop> {
         self.shared.core().failed = true;
         Some(OnStop::FaultAction)
     }
 
-    /// Stops in the requested way. Returns whether the fault actions ended in time.
+    /// Stops the axes, with or without fault actions. Returns whether the fault actions ended in time.
     async fn stop(&self, how: OnStop) -> bool {
         let within = shutdown::begin_stop(&self.shared, how);
         let holds = how == OnStop::Hold;
@@ -419,7 +314,7 @@ impl Gateway {
         }
     }
 
-    /// Ends all decisions, and waits for running exchanges, because another program takes over.
+    /// Stops the decisions of all axes, and waits for running exchanges, because another program takes over.
     async fn settle(&self) {
         let within = shutdown::begin_stop(&self.shared, OnStop::Hold);
         self.shared.report(&Event::Stopping { holds: true, within });
@@ -427,8 +322,8 @@ impl Gateway {
         self.settled(within).await;
     }
 
-    /// Waits until the registers have settled. If one has not, a stop without movement does not fail: the next start
-    /// waits for it.
+    /// Waits, at most for `within`, until no exchange is running for any register. A timeout is no failure: the next
+    /// start continues to wait.
     async fn settled(&self, within: Duration) {
         let _ = self.wait_until((within, SETTLED_EVERY), shutdown::has_settled).await;
     }
@@ -438,7 +333,7 @@ impl Gateway {
         Handover::of(&core, core.replaced_by.clone())
     }
 
-    /// Stores the state on disk. Returns whether a task failed.
+    /// Stores the final state on disk. Returns whether a task of the run failed.
     async fn save_last(&self) -> bool {
         let mut core = self.shared.core();
         let mut storage = std::mem::take(&mut core.storage);
@@ -470,7 +365,8 @@ impl Gateway {
         requests
     }
 
-    /// Returns the task of a line, with its listener if it is CAN. `None` if the bus kind has no connection.
+    /// Creates the task of a bus line. A CAN line also has a listener. Returns `None` if no connection exists for this
+    /// kind of bus.
     fn line_task(
         &self,
         bus: BusId,
@@ -505,7 +401,7 @@ impl Gateway {
         Watchdog::start(self.shared.clone(), self.options.watch, move || stop.notify_one(), move || give_up())
     }
 
-    /// Restarts the task of a line after a panic, so that it runs the fault actions.
+    /// Reports the failed task of a bus line, and starts it again, so that the axes can run their fault actions.
     fn line_failed(
         &self,
         ended: Result<Id, JoinError>,
@@ -529,7 +425,7 @@ impl Gateway {
         lines.insert(tasks.spawn(again.run(listener)).id(), bus);
     }
 
-    /// Waits until the lines have dropped every strobe that is still set.
+    /// Waits until no strobe output is set any more.
     async fn release_strobes(&self) {
         if !shutdown::leave(&self.shared) {
             return;
@@ -542,10 +438,13 @@ impl Gateway {
         }
     }
 
-    /// Logs off from the servers. A server for few clients then has a free place at once. A server that does not answer
-    /// is not waited for.
+    /// Closes the sessions of OPC UA servers, so that a server with few sessions is free for another client. A server
+    /// that does not answer delays the end only by its timeout.
     async fn take_leave(&self, tasks: &mut JoinSet<()>, lines: &HashMap<Id, BusId>) {
-        let kept = |bus: BusId| Some(self.shared.profile.bus(bus)).filter(|bus| bus.opcua.is_some());
+        let kept = |bus: BusId| {
+            let bus = self.shared.profile.bus(bus);
+            kinds::of(bus.transport).is_closed_in_order.then_some(bus)
+        };
         let mut open: HashMap<Id, Duration> =
             lines.iter().filter_map(|(id, bus)| Some((*id, kept(*bus)?.timeout))).collect();
         // One request may be running for its timeout. The closing request has its own timeout.
@@ -565,7 +464,8 @@ impl Gateway {
         }
     }
 
-    /// Waits until a condition is true, and checks it at this interval. Returns `false` if that takes too long.
+    /// Waits until `is_over` returns `true`, and checks it at the interval `every`. Returns `false` if it does not
+    /// within `within`.
     async fn wait_until(
         &self,
         (within, every): (Duration, Duration),

@@ -1,22 +1,25 @@
 //! Thermal compensation gateway for machine tools.
 //!
 //! # Modules
-//! The decisions are in separate crates, so that Cargo enforces their dependencies. `isotherm-core` depends on no other
-//! crate of the project, and `isotherm-profile` on core. No crate in `crates` depends on tokio, rustls or clap.
-//! `isotherm-identify` and `isotherm-placement` work offline, on logs and meshes, and draw with `isotherm-html`.
-//! `isotherm-plant` converts between the state and MQTT messages. The modules of this crate:
+//! The decisions are made in separate crates, so that Cargo enforces their dependencies. `isotherm-core` depends on no
+//! other crate of the project, and `isotherm-profile` only on `isotherm-core`. No crate in `crates` depends on tokio,
+//! rustls or clap. `isotherm-identify` and `isotherm-placement` work offline, on logs and meshes, and draw with
+//! `isotherm-html`. `isotherm-plant` converts between the state of the gateway and MQTT messages. The modules of this
+//! crate:
 //!
 //! - [`clock`] — the only source of time: wall-clock time, or virtual time in tests and in the demo.
 //! - [`tls`] — causes of failed TLS handshakes.
 //! - [`net`] — connections to servers: name lookup, TCP and TLS.
 //! - [`fieldbus`] — communication with devices over Modbus, CAN or OPC UA. One task owns each line.
-//! - [`gateway`] — polls devices, passes readings to the pure steps, executes their actions, keeps state and logs.
-//! - [`observe`] — events, status, metrics and the page, for users and programs.
-//! - [`discovery`] — a line without a profile: which units answer, and the values of registers.
-//! - [`virtual_machine`] — virtual hardware: devices, plants, and faults by script.
-//! - [`cli`] — the verbs, one file each.
+//! - [`gateway`] — polls devices, gives the readings to the functions of `isotherm-core`, executes the resulting
+//!   actions, keeps state and logs.
+//! - [`observe`] — events, status, metrics and the web page, for users and programs.
+//! - [`discovery`] — search on a line without a profile: which units answer, and the values of their registers.
+//! - [`virtual_machine`] — virtual hardware: devices, simulated machines, and scripts of faults.
+//! - [`cli`] — the verbs of the command line, one file each.
 //!
-//! An arrow points from a module to one that it uses. `tests/rules/main.rs` checks these dependencies.
+//! In this diagram, `a ← b` means that the module `b` uses the module `a`. `tests/rules/main.rs` checks these
+//! dependencies.
 //!
 //! ```text
 //! clock ← fieldbus ← gateway ← cli        clock, the CAN socket and faults of fieldbus ← virtual_machine ← cli

@@ -1,5 +1,5 @@
-//! Connections to servers: name lookup, TCP to the addresses of a name, and TLS. The module that connects adds what to
-//! do about a failure.
+//! Connections to servers: name lookup, TCP to the addresses of a name, and TLS. The calling module adds advice to a
+//! failure.
 
 use std::io;
 use std::net::SocketAddr;
@@ -18,7 +18,7 @@ use tokio_rustls::rustls::pki_types::ServerName;
 
 use crate::tls::TlsFault;
 
-/// Timeout of each address of a name except the last one, which gets the remaining time.
+/// Time limit for each address of a host name except the last one, which gets the remaining time of the caller.
 const EACH: Duration = Duration::from_secs(3);
 
 /// Reason why there is no connection.
@@ -38,10 +38,10 @@ pub enum ConnectError {
     Tls(TlsFault),
 }
 
-/// Connects to the first address that accepts.
+/// Connects to the first of the addresses that accepts a connection.
 ///
 /// # Errors
-/// Reason why none accepts.
+/// The reason why no address accepts.
 pub async fn connect(to: impl ToSocketAddrs) -> Result<TcpStream, ConnectError> {
     let found: Vec<SocketAddr> = lookup_host(to).await.map_err(|_| ConnectError::Unresolved)?.collect();
     let (last, others) = found.split_last().ok_or(ConnectError::Unresolved)?;
@@ -56,7 +56,7 @@ pub async fn connect(to: impl ToSocketAddrs) -> Result<TcpStream, ConnectError> 
 /// Performs the TLS handshake with the server `name`.
 ///
 /// # Errors
-/// Reason why there is no secured connection.
+/// The reason why the handshake failed.
 pub async fn secure<S: AsyncRead + AsyncWrite + Unpin>(
     stream: S,
     name: &ServerName<'static>,
@@ -75,26 +75,26 @@ pub trait Stream: AsyncRead + AsyncWrite + Send + Sync + Unpin {}
 
 impl<T: AsyncRead + AsyncWrite + Send + Sync + Unpin> Stream for T {}
 
-/// Server with a name or an address.
+/// Server that is reached by a host name or an address.
 pub struct Host {
     name: String,
     port: u16,
-    /// TLS settings; `None` without TLS.
+    /// TLS settings; `None`: connections without TLS.
     trust: Option<Arc<ClientConfig>>,
-    /// Name lookup in progress. There is at most one, however long it takes.
+    /// Name lookup in progress, if any. A second one is never started, however long the first one takes.
     lookup: Mutex<Option<JoinHandle<io::Result<Vec<SocketAddr>>>>>,
 }
 
 impl Host {
-    /// Makes a host of its name or address, without brackets.
+    /// Returns the host with this name or address. An IPv6 address is written without brackets.
     pub fn new(name: &str, port: u16, trust: Option<Arc<ClientConfig>>) -> Host {
         Host { name: name.to_owned(), port, trust, lookup: Mutex::default() }
     }
 
-    /// Connects up to the end of the TLS handshake. There is no time limit.
+    /// Opens a connection, including the TLS handshake. There is no time limit.
     ///
     /// # Errors
-    /// Reason why there is no connection.
+    /// The reason why no connection was opened.
     pub async fn open(&self) -> Result<Box<dyn Stream>, ConnectError> {
         let stream = connect(&self.addresses().await?[..]).await?;
         // Small messages are sent at once.

@@ -1,4 +1,5 @@
-//! Output for people and programs: events, status, the page, metrics and messages. The line tasks never wait for it.
+//! Output for people and programs: events, status, the web page, metrics and messages. The tasks of the bus lines never
+//! wait for it.
 
 mod decision_history;
 pub mod events;

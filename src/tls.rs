@@ -1,5 +1,5 @@
-//! Causes of a failed TLS handshake: what either end rejects. The remedy depends on the keys of the profile, and is
-//! added by the module that connects.
+//! Causes of a failed TLS handshake: which end rejects what. The calling module adds the remedy, because it depends on
+//! the keys of the profile.
 
 use std::io::{self, ErrorKind};
 
@@ -17,13 +17,13 @@ pub enum TlsFault {
     /// The certificate of the other end is for another name.
     #[error("the certificate of the other end is for another name")]
     OtherName,
-    /// No trusted authority has signed the certificate.
+    /// No trusted authority has signed the certificate of the other end.
     #[error("no trusted authority has signed the certificate of the other end")]
     UnknownAuthority,
-    /// The certificate is invalid for another reason.
+    /// The certificate of the other end is invalid for another reason.
     #[error("the certificate of the other end cannot be used as a server certificate")]
     BadCertificate,
-    /// The other end requires a certificate, and received none.
+    /// The other end requires a certificate of the gateway, but received none.
     #[error("the other end requires a certificate of the gateway")]
     OursMissing,
     /// The gateway's certificate has expired.
@@ -33,28 +33,30 @@ pub enum TlsFault {
     #[error("the other end rejects the gateway's certificate")]
     OursRefused,
     /// The two ends have no TLS version, cipher or signature in common.
-    #[error("no TLS version or cipher in common: the gateway supports TLS 1.2 with ECDHE, and TLS 1.3")]
+    #[error(
+        "the two ends have no TLS version or cipher in common: the gateway supports TLS 1.2 with ECDHE, and TLS 1.3"
+    )]
     NothingInCommon,
     /// The other end does not support TLS.
     #[error("the program at this port does not speak TLS")]
     NoTls,
     /// The other end closed the connection during the handshake, without a reason.
-    #[error("closed in the middle of the TLS handshake")]
+    #[error("the connection was closed in the middle of the TLS handshake")]
     Silent,
     /// The other end closed the connection after the handshake, before its first answer.
-    #[error("closed before the first answer")]
+    #[error("the connection was closed before the first answer")]
     TurnedAway,
     /// The other end ended the handshake for another reason.
     #[error("the other end has ended the TLS handshake")]
     Refused,
-    /// The files of the profile for the gateway's end are unusable.
+    /// The TLS files that the profile names for the gateway are unusable.
     #[error("the files in `tls` cannot be used")]
     OurFiles,
 }
 
 impl TlsFault {
-    /// Returns the cause if the error is an error of TLS. With TLS 1.3, the other end checks the gateway's certificate
-    /// only after the handshake. Its alert then arrives in place of the first answer.
+    /// Returns the cause, if the error is an error of TLS. With TLS 1.3, the other end checks the gateway's certificate
+    /// only after the handshake. The gateway then receives a TLS alert instead of the first answer.
     pub fn of(error: &io::Error) -> Option<TlsFault> {
         Some(match error.get_ref()?.downcast_ref::<Error>()? {
             Error::InvalidCertificate(why) => match why {
@@ -93,7 +95,8 @@ impl TlsFault {
         })
     }
 
-    /// Returns the cause of an error in the handshake, where an end without an alert is a cause as well.
+    /// Returns the cause of an error during the handshake. If the connection ends without a TLS alert, that is a cause
+    /// too.
     pub fn in_handshake(error: &io::Error) -> Option<TlsFault> {
         let is_end = matches!(
             error.kind(),
@@ -102,7 +105,7 @@ impl TlsFault {
         TlsFault::of(error).or(is_end.then_some(TlsFault::Silent))
     }
 
-    /// Returns the cause with its remedy.
+    /// Returns the cause with its remedy, as text for users.
     pub fn advised(self, remedy: Option<&str>) -> String {
         remedy.map_or(self.to_string(), |remedy| format!("{self}: {remedy}"))
     }

@@ -1,9 +1,9 @@
-//! The virtual machine: simulated hardware for a profile.
+//! Virtual machine: simulated hardware that serves the devices of a profile.
 //!
-//! It serves the Modbus servers of a profile on real sockets and pseudo-terminals, and its CAN nodes on their
-//! interface. A thermal plant warms up, drifts and bends by its own model, and knows its true error. Written offsets
-//! act on it as on a machine, so that a run shows the effect of the compensation. A fault script causes faults of
-//! answers, sensors, connections and memories.
+//! It serves the Modbus devices of a profile on real sockets and pseudo-terminals, and the CAN devices on their
+//! interface. A simulated machine (the plant) warms up, drifts and bends by its own model, and its true error is known.
+//! Offsets that a client writes act on the plant as on a real machine, so that a run shows the effect of the
+//! compensation. A fault script causes faults of answers, sensors, connections and memories.
 //!
 //! # Layout
 //! ```text
@@ -14,12 +14,12 @@
 //! port      serial ports                                  gate      the plant's task, closed listeners
 //! journal   recorded requests, for tests                  control   strobes, acknowledges, sets accepted as a whole
 //! probing   the control's probing cycle, of the axes with a probe
-//! can       nodes of a CAN interface
+//! can       nodes of a CAN interface                      random    a random number generator for each purpose
 //! ```
 //!
 //! # Time
-//! All tasks use the clock that they are given. On a virtual clock, one seed gives one run, byte for byte, at any
-//! speed. The plant advances on its own time grid, and requests are answered while the clock stands.
+//! All tasks use one clock. On a virtual clock, runs with the same seed are equal, byte for byte, at any speed. The
+//! plant advances on its own time grid. A virtual clock does not advance while a request is answered.
 
 use std::net::SocketAddr;
 use std::path::Path;
@@ -45,6 +45,7 @@ mod journal;
 mod modbus;
 mod port;
 mod probing;
+mod random;
 mod registers;
 mod serial_side;
 mod server;
@@ -69,35 +70,35 @@ use probing::Cycle;
 use serial_side::SerialSide;
 use server::{Line, OpenOrClose, Shared};
 
-/// Interval at which the truth is sampled and spontaneous faults are checked.
+/// Interval at which the true error is sampled and the start of faults is checked.
 pub const TICK: Duration = Duration::from_secs(1);
 
-/// Interval of the probing cycle of an axis with a probe.
+/// Default interval of the probing cycle of an axis with a probe.
 const PROBED_EVERY: Duration = Duration::from_secs(3600);
 
 /// Settings of a virtual machine in addition to its profile.
 #[derive(Clone, Debug, Default)]
 pub struct Setup {
-    /// The plant. Without one, signals vary in a plausible way, and there is no true error.
+    /// Simulated machine. Without one, signals vary in a plausible way, and there is no true error.
     pub plant: Option<PlantSpec>,
-    /// Seed of the simulated day.
+    /// Seed of all random numbers of the run: the day's weather and operation, and the noise.
     pub seed: u64,
-    /// Faults that begin by time or by number of requests.
+    /// Faults that begin at a time, or after a number of requests.
     pub faults: FaultScript,
-    /// Addresses to listen at.
+    /// Addresses at which the devices listen.
     pub ports: Ports,
-    /// Answer for a unit that does not exist, on lines over TCP. A serial line is silent.
+    /// Answer to a request for a unit that does not exist, on lines over TCP. A serial line does not answer.
     pub unknown_unit: UnknownUnit,
-    /// Time in the plant's day at which the machine starts.
+    /// Time that the plant has already run when the virtual machine starts.
     pub lived: Duration,
-    /// Interval of the probing cycle; `None` means once an hour.
+    /// Interval of the probing cycle; `None`: once an hour.
     pub probe_every: Option<Duration>,
-    /// Records every request that reaches a device, for [`Window::requests`].
+    /// Whether every request that reaches a device is recorded, for [`Window::requests`].
     pub journal: bool,
 }
 
 impl Setup {
-    /// Settings for this plant and seed, with free ports.
+    /// Returns the settings for this plant and seed, with free ports.
     pub fn on_free_ports(plant: PlantSpec, seed: u64) -> Setup {
         Setup { plant: Some(plant), seed, ports: Ports::Free, ..Setup::default() }
     }
@@ -106,30 +107,30 @@ impl Setup {
 /// Addresses at which the devices listen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Ports {
-    /// The addresses of the profile.
+    /// The addresses in the profile.
     #[default]
     AsInProfile,
-    /// Any free ports of the loopback; serial ports at their own paths.
+    /// Any free TCP ports of the loopback interface, and new paths of serial ports.
     Free,
 }
 
 /// Answer of a line to a request for a unit that does not exist.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum UnknownUnit {
-    /// Exception 0x0B, as gateways send it.
+    /// Exception 0x0B, as Modbus gateways send it.
     #[default]
     Exception,
-    /// The line does not answer, as a serial line.
+    /// No answer, as on a serial line.
     Silence,
 }
 
-/// Reason why a virtual machine does not run.
+/// Reason why a virtual machine does not start, or has ended.
 #[derive(Debug, thiserror::Error)]
 pub enum VirtualMachineError {
     /// The virtual machine cannot listen at an address.
     #[error("cannot listen at {address} (bus `{bus}`)")]
     Listen {
-        /// Bus of the profile.
+        /// Name of the bus in the profile.
         bus: String,
         /// Address of the bus.
         address: String,
@@ -141,7 +142,7 @@ pub enum VirtualMachineError {
     Failed(String),
 }
 
-/// A running virtual machine. Dropping it ends it at once.
+/// Running virtual machine. Dropping it ends the virtual machine at once.
 #[derive(Debug)]
 pub struct VirtualMachine {
     addresses: Vec<(BusId, String)>,
@@ -150,46 +151,48 @@ pub struct VirtualMachine {
     tasks: JoinSet<Result<(), String>>,
 }
 
-/// Access to the truth of a running machine, from any thread.
+/// Handle to read the results of a running virtual machine, from any thread.
 #[derive(Clone, Debug)]
 pub struct Window(Shared);
 
 impl Window {
-    /// Summary of the run so far.
+    /// Returns the summary of the run so far.
     pub fn summary(&self) -> Summary {
         self.0.hardware().observer.summary.clone()
     }
 
-    /// Every request that has reached a device, in order; empty without [`Setup::journal`].
+    /// Returns every request that has reached a device, in order; empty without [`Setup::journal`].
     pub fn requests(&self) -> Vec<SeenRequest> {
         self.0.hardware().journal.clone().unwrap_or_default()
     }
 
-    /// Values that controls have accepted from their sets, in order; empty without [`Setup::journal`].
+    /// Returns the values that controls have accepted from output sets, in order; empty without [`Setup::journal`].
     pub fn taken(&self) -> Vec<AcceptedSet> {
         self.0.hardware().taken.clone()
     }
 
-    /// Sets the offset in µm that a real control applies to this axis, in place of the virtual one.
+    /// Sets the offset in µm that a real control applies to this axis. From then on it replaces the offset that the
+    /// virtual control applies.
     pub fn applies_elsewhere(&self, axis: AxisId, cz_um: f64) {
         self.0.hardware().applies_elsewhere(axis, cz_um);
     }
 
-    /// Truth at the last tick; `None` before the first one, and without a plant.
+    /// Returns the true errors at the last tick; `None` before the first tick, and without a plant.
     pub fn latest_truth(&self) -> Option<TruthRow> {
         self.0.hardware().observer.latest.clone()
     }
 
-    /// Truth every ten seconds since the last call. If that is long ago, only its first day.
+    /// Returns the true errors every ten seconds since the last call, and removes them. At most 10,000 rows (about a
+    /// day) are kept; later ones are lost.
     pub fn take_course(&self) -> Vec<TruthRow> {
         std::mem::take(&mut self.0.hardware().observer.course)
     }
 }
 
 impl VirtualMachine {
-    /// Binds the listeners and starts the tasks on the current runtime. Start the virtual machine before its clients:
-    /// it joins the clock first, so that at equal times the plant advances first. Keep a virtual clock on
-    /// [`Clock::hold`] until all clients have joined. Otherwise the plant would run ahead.
+    /// Opens the listeners and starts the tasks on the current runtime. Start the virtual machine before its clients.
+    /// It then registers with the clock first, so that at equal times the plant advances first. Keep a virtual clock on
+    /// [`Clock::hold`] until all clients have registered. Otherwise the plant would run ahead of them.
     ///
     /// # Errors
     /// The virtual machine cannot listen at an address.
@@ -238,8 +241,6 @@ impl VirtualMachine {
                     machine.keep(path.clone(), port::serve(name, serial, line, switched, stop));
                     (path, gate)
                 }
-                // OPC UA servers and sensors of this computer are not simulated. Their devices are left out.
-                Transport::OpcUa | Transport::Sysfs => continue,
                 Transport::Can => {
                     let line = machine.can_line(profile, index, begin);
                     let wanted = machine.shared.hardware().can_wanted(&line.places);
@@ -249,6 +250,8 @@ impl VirtualMachine {
                     machine.addresses.push((BusId(index), bus.address.clone()));
                     continue;
                 }
+                // Lines of other types are not simulated. Their devices are left out.
+                _ => continue,
             };
             machine.addresses.push((BusId(index), address));
             gates.push(gate);
@@ -294,12 +297,12 @@ impl VirtualMachine {
         self.tasks.spawn(async move { serving.await.map_err(|error| format!("{address}: {error}")) });
     }
 
-    /// Actual address of each bus: host and port, or the path of a serial port.
+    /// Returns the actual address of each bus: host and port, path of a serial port, or CAN interface.
     pub fn addresses(&self) -> &[(BusId, String)] {
         &self.addresses
     }
 
-    /// The profile with the actual addresses of the devices.
+    /// Returns the profile with the actual addresses of the buses, for a client of this virtual machine.
     pub fn serving(&self, mut profile: Profile) -> Profile {
         for (bus, address) in &self.addresses {
             if let Some(bus) = profile.buses.get_mut(bus.0) {
@@ -309,17 +312,18 @@ impl VirtualMachine {
         profile
     }
 
-    /// Actual address of a bus over TCP.
+    /// Returns the actual address of a bus over TCP; `None` for other buses.
     pub fn address(&self, bus: BusId) -> Option<SocketAddr> {
         self.addresses.iter().find(|(id, _)| *id == bus).and_then(|(_, address)| address.parse().ok())
     }
 
-    /// Access to the truth of this machine.
+    /// Returns a handle to read the results of this virtual machine.
     pub fn window(&self) -> Window {
         Window(self.shared.clone())
     }
 
-    /// Returns only when a task has failed. Await it in parallel to the use of the machine.
+    /// Waits until a task of the virtual machine fails, and returns the failure. Call it while the virtual machine is
+    /// in use.
     pub async fn failure(&mut self) -> VirtualMachineError {
         match self.tasks.join_next().await {
             Some(Ok(Ok(()))) => VirtualMachineError::Failed("a task ended by itself".to_owned()),
@@ -329,10 +333,10 @@ impl VirtualMachine {
         }
     }
 
-    /// Ends the machine, and closes listeners and connections.
+    /// Ends the virtual machine, and closes listeners and connections. Returns the summary of the run.
     ///
     /// # Errors
-    /// A task has failed.
+    /// A task has failed during the run.
     pub async fn stop(mut self) -> Result<Summary, VirtualMachineError> {
         let _ = self.stop.send(true);
         while let Some(ended) = self.tasks.join_next().await {
@@ -344,7 +348,7 @@ impl VirtualMachine {
     }
 }
 
-/// Devices that share the address of a bus, each with its unit.
+/// Returns the devices on all buses with the address of this bus, each with its unit number.
 fn on_line(profile: &Profile, bus: usize) -> impl Iterator<Item = (u8, DeviceId)> {
     let address = &profile.buses[bus].address;
     let devices = profile.devices.iter().enumerate();
@@ -360,7 +364,7 @@ async fn listen(bus: &isotherm_profile::Bus, ports: Ports) -> Result<TcpListener
     TcpListener::bind(address).await.map_err(|source| refused(bus, source))
 }
 
-/// Name of a serial port: the path in the profile if it is free, otherwise another one.
+/// Returns the path for a serial port: the path in the profile if it is free, otherwise a new one.
 fn name(bus: &isotherm_profile::Bus, ports: Ports) -> std::io::Result<port::Name> {
     let wanted = match ports {
         Ports::AsInProfile => port::Name::wanted(Path::new(&bus.address)),

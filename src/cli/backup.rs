@@ -1,4 +1,4 @@
-//! `isotherm backup`: saves the files of a machine in one file. `restore` is the inverse.
+//! `isotherm backup`: saves the files of a machine in one file. `isotherm restore` writes them back.
 
 use std::collections::BTreeSet;
 use std::io::{ErrorKind, Write};
@@ -8,8 +8,9 @@ use std::path::{Component, Path, PathBuf};
 use anyhow::Context;
 use serde::{Deserialize, Serialize};
 
+use super::loading::load_quietly;
+use super::running;
 use super::values::key_and_value;
-use super::{load_quietly, running};
 use crate::cli::print::{say, say_beside};
 use crate::clock::Clock;
 use crate::gateway;
@@ -21,21 +22,21 @@ pub(super) const LARGEST: u64 = 128 * 1024 * 1024;
 /// Version of the archive format.
 pub(super) const FORM: u32 = 1;
 pub(super) const MANIFEST: &str = "manifest.json";
-/// Directory of the profile and its files in the archive. [`STATE`] is that of the state directory.
+/// Directory of the archive for the profile and its files. [`STATE`] is the directory for the state files.
 pub(super) const PROFILE: &str = "profile";
 pub(super) const STATE: &str = "state";
-/// File mode of an archive with secrets, and of the files with tokens and keys in it.
+/// File mode of an archive with secrets, and of the files in it that contain tokens and keys.
 pub(super) const SECRET_MODE: u32 = 0o600;
 pub(super) const MODE: u32 = 0o640;
-/// File mode of the other profile files. Any user may read them, so that the user of the gateway can.
+/// File mode of the other profile files. Any user may read them, because the gateway runs as another user.
 pub(super) const PROFILE_MODE: u32 = 0o644;
 
-/// Writes the files of a machine into one tar archive: the profile and its .local.toml, the files that they name, state
-/// and ledger. The named files are models, device templates, DBC files and certificates. A list contains the SHA-256 of
-/// each file. The gateway may run meanwhile.
+/// Writes the files of a machine into one tar archive: the profile and its .local.toml, the files that they name, the
+/// state and the ledger. The named files are models, device templates, DBC files and certificates. The archive lists
+/// the SHA-256 of each file. The gateway may run during the backup.
 ///
-/// Logs and events are not included: copy them from the state directory. Settings by --set and by the environment are
-/// not included either.
+/// Logs and events are not included: copy them from the state directory. Settings that were made with --set or by the
+/// environment are not included either.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm backup my-machine.toml my-machine.tar\n  isotherm backup my-machine.toml my-machine.tar --secrets"
@@ -50,15 +51,15 @@ pub(super) struct Arguments {
     /// Overrides one key, may be repeated: `--set bus.cell.address=10.0.0.7:502`
     #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value)]
     set: Vec<(String, String)>,
-    /// Includes tokens, passwords and private keys; only its owner may then read the archive (0600)
+    /// Includes tokens, passwords and private keys; only the owner of the archive may then read it (mode 0600)
     #[arg(long)]
     secrets: bool,
-    /// The state directory that the gateway was started with
+    /// The state directory with which the gateway was started
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
 }
 
-/// Manifest, the first file of the archive. The files of `files` follow in this order, and no other file.
+/// Manifest, the first file of the archive. Only the files that its list `files` names follow, in this order.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Manifest {
@@ -104,10 +105,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for name in &names {
         let shown = beside.join(name);
         if secrets.contains(name) && !arguments.secrets {
-            say_beside!("left out as secret: {} (--secrets includes such files)", shown.display());
+            say_beside!(
+                "left out, because it is secret: {} (--secrets includes such files)",
+                shown.display()
+            );
         } else if !is_below(Path::new(name)) {
             say_beside!(
-                "left out as outside the profile's directory: {}; copy such files yourself",
+                "left out, because it is outside the profile's directory: {}; copy this file yourself",
                 shown.display()
             );
         } else {
@@ -176,7 +180,7 @@ fn archive(manifest: &Manifest, files: &[(String, u32, Vec<u8>)]) -> anyhow::Res
     Ok(archive.into_inner()?)
 }
 
-/// Files with tokens, passwords and private keys, with the names that the profile uses.
+/// Returns the names of the files with tokens, passwords and private keys, as the profile names them.
 fn secrets(profile: &Profile, beside: &Path) -> BTreeSet<String> {
     let web = profile.web.as_ref();
     let tokens = web
@@ -195,7 +199,7 @@ fn secrets(profile: &Profile, beside: &Path) -> BTreeSet<String> {
     secrets
 }
 
-/// File of the page's certificate; `None` without TLS. The profile reader does not read it.
+/// Returns the file of the web page's certificate; `None` without TLS. The profile reader does not read this file.
 fn certificate(profile: &Profile, beside: &Path) -> Option<String> {
     let tls = profile.web.as_ref()?.tls.as_ref()?;
     Some(name_in(&tls.cert, beside))
@@ -210,8 +214,8 @@ pub(super) fn is_below(path: &Path) -> bool {
     path.components().next().is_some() && path.components().all(|part| matches!(part, Component::Normal(_)))
 }
 
-/// Writes a new file, with this user and group as its owner if given. The file is on disk when this function returns.
-/// An existing file is an error.
+/// Writes a new file and waits until it is on disk. If an owner is given, the file belongs to this user and group. An
+/// existing file is an error.
 pub(super) fn write_new(
     path: &Path,
     bytes: &[u8],

@@ -1,4 +1,4 @@
-//! The broker of `[mqtt]`: checks of its files, a test connection, and the start of publishing.
+//! The MQTT broker of `[mqtt]`: checks of its files, a test connection, and the start of publishing.
 
 use isotherm_profile::{Errors, Profile};
 #[cfg(feature = "mqtt")]
@@ -23,7 +23,7 @@ pub(super) fn check(profile: &Profile) -> Result<(), Errors> {
     Err(Errors(wrong))
 }
 
-/// Rejects a profile with `[mqtt]`.
+/// Rejects a profile with `[mqtt]`, because this program cannot publish.
 ///
 /// # Errors
 /// This program was built without MQTT.
@@ -34,10 +34,10 @@ pub(super) fn check(profile: &Profile) -> Result<(), Errors> {
     profile.mqtt.as_ref().map_or(Ok(()), |mqtt| Err(Errors(vec![wrong(mqtt)])))
 }
 
-/// Starts publishing; `None` if the profile has no `[mqtt]`.
+/// Starts publishing to the broker. Returns `None` if the profile has no `[mqtt]`.
 ///
 /// # Errors
-/// The system has no thread for it.
+/// The system cannot start a thread for the connection.
 #[cfg(feature = "mqtt")]
 pub(super) fn publish(
     profile: &Profile,
@@ -53,7 +53,7 @@ pub(super) fn publish(
     Publishing::start((profile, mqtt), trust, source, figures, state).map(Some)
 }
 
-/// Connects to the broker without publishing, and returns the result; `None` if the profile has no `[mqtt]`.
+/// Connects to the broker without publishing. Returns the result; `None` if the profile has no `[mqtt]`.
 #[cfg(feature = "mqtt")]
 pub(super) async fn test_connection(profile: &Profile) -> Option<ConnectionTest> {
     let mqtt = profile.mqtt.as_ref()?;

@@ -1,4 +1,4 @@
-//! The certificate of the page: read from its files, and read again when they change.
+//! Certificate of the web page. It is read from its files, and read again when the files change.
 
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
@@ -13,11 +13,11 @@ use crate::fieldbus::tls;
 use crate::observe::http::TlsReceiver;
 use isotherm_profile::{WebTls, safe_file};
 
-/// Interval of the check whether the files have changed. Changed files are read when two checks in a row find the same
-/// state, because certificate and key cannot be replaced at once.
+/// Interval at which the certificate files are checked for changes. Changed files are read only if two successive
+/// checks find the same state, because certificate and key cannot be replaced at the same moment.
 const LOOK_EVERY: Duration = Duration::from_secs(2);
 
-/// Server configuration of the page with its certificate, and the files that contain certificate and key.
+/// Server configuration of the web page with its certificate, and the files that contain certificate and key.
 #[derive(Debug)]
 pub(super) struct Certificate {
     files: WebTls,
@@ -29,7 +29,7 @@ pub(super) struct Certificate {
 type Stamp = [Option<(u64, u64, i64, i64)>; 2];
 
 impl Certificate {
-    /// Reads the files.
+    /// Reads the files with certificate and key.
     ///
     /// # Errors
     /// A sentence that names the file and the error in it.
@@ -38,12 +38,13 @@ impl Certificate {
         Ok(Certificate { files: files.clone(), read, show: watch::Sender::new(Arc::new(config(files)?)) })
     }
 
-    /// Receiver of the current server configuration.
+    /// Returns a receiver that always has the current server configuration.
     pub(super) fn shown(&self) -> TlsReceiver {
         self.show.subscribe()
     }
 
-    /// Reads the files again when they change. If the new files have an error, the page keeps the old certificate.
+    /// Reads the files again whenever they change. If the new files have an error, the web page continues to use the
+    /// old certificate.
     pub(super) async fn keep(mut self) {
         let mut last = self.read;
         loop {
@@ -58,9 +59,12 @@ impl Certificate {
                 match read {
                     Ok(config) => {
                         self.show.send_replace(Arc::new(config));
-                        tracing::info!("the page shows the new certificate in {}", self.files.cert.display());
+                        tracing::info!(
+                            "the web page uses the new certificate in {}",
+                            self.files.cert.display()
+                        );
                     }
-                    Err(why) => tracing::warn!("the page still shows its old certificate: {why:#}"),
+                    Err(why) => tracing::warn!("the web page still uses its old certificate: {why:#}"),
                 }
             }
             last = found;
@@ -71,7 +75,7 @@ impl Certificate {
 fn config(files: &WebTls) -> anyhow::Result<ServerConfig> {
     let read = |path: &Path| {
         safe_file::read(path, safe_file::LARGEST)
-            .with_context(|| format!("the page's {} cannot be read (web.tls)", path.display()))
+            .with_context(|| format!("the web page's {} cannot be read (web.tls)", path.display()))
     };
     let (cert, key) = (read(&files.cert)?, read(&files.key)?);
     tls::server(&cert, &key).map_err(|wrong| {
@@ -79,7 +83,7 @@ fn config(files: &WebTls) -> anyhow::Result<ServerConfig> {
             tls::Wrong::Cert(why) => (&files.cert, why),
             tls::Wrong::Key(why) => (&files.key, why),
         };
-        anyhow::anyhow!("the page's {} (web.tls): {why}", file.display())
+        anyhow::anyhow!("the web page's {} (web.tls): {why}", file.display())
     })
 }
 

@@ -1,4 +1,4 @@
-//! `isotherm check`: shows the content of a profile and its errors.
+//! `isotherm check`: shows the content of a profile, or its errors.
 
 use std::path::{Path, PathBuf};
 
@@ -6,9 +6,11 @@ use std::path::{Path, PathBuf};
 use super::broker;
 use super::certificate::Certificate;
 use super::connection_test::ConnectionTest;
+use super::loading::{ProfileArguments, load_quietly, warned};
 use super::notices;
+use super::print::print_json;
+use super::read_once;
 use super::run::known_directory;
-use super::{ProfileArguments, load_quietly, print_json, read_once, warned};
 use crate::cli::print::{say, say_all, say_beside};
 #[cfg(feature = "opcua")]
 use crate::discovery::opcua;
@@ -20,7 +22,7 @@ use crate::observe::http::Admission;
 use isotherm_profile::Profile;
 use isotherm_profile::preview::{self, Preview};
 
-/// Shows every error of the profile with its place. Without errors it shows the read plan, each register in both
+/// Shows every error of the profile with its line. Without errors it shows the read plan, each register in both
 /// notations, everything that would be written, and the sign of each model in words.
 #[derive(clap::Args, Debug)]
 #[command(
@@ -31,11 +33,11 @@ pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
     /// Also reads every signal and every output register once, and writes nothing. Connects to the broker of [mqtt] and
-    /// the servers of [[notify]], and sends them no message
+    /// to the servers of [[notify]], and sends them no message
     #[arg(long)]
     online: bool,
-    /// The state directory that the gateway is started with. The check compares templates with those of the last run
-    /// and, with --online, the places of outputs and signals
+    /// The state directory with which the gateway is started. The check compares the templates with those of the last
+    /// run. With --online it also compares the registers of outputs and the addresses of signals
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
     /// Prints one JSON document
@@ -43,7 +45,7 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-/// Maximum number of warnings about lines that are printed one by one.
+/// Maximum number of warnings about lines that are printed individually; the others are only counted.
 const MOST_WARNINGS: usize = 50;
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -55,7 +57,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         say_beside!("warning: {warning}");
     }
     if let Some(more) = warnings.len().checked_sub(MOST_WARNINGS).filter(|more| *more > 0) {
-        say_beside!("… and {more} more warnings of the lines");
+        say_beside!("… and {more} more warnings about the lines");
     }
     for warning in unlike_run(&profile, arguments.state.as_deref()) {
         say_beside!("warning: {warning}");
@@ -68,11 +70,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return Ok(say_all!("{preview}")?);
     }
     let (lines, sensors) = (can::inspect(&profile), sysfs::inspect(&profile));
-    let pairs = super::runtime()?.block_on(pipeline::tried(&profile));
+    let pairs = super::runtime::start()?.block_on(pipeline::tried(&profile));
     #[cfg(feature = "opcua")]
-    let nodes = super::runtime()?.block_on(opcua::inspect(&profile));
+    let nodes = super::runtime::start()?.block_on(opcua::inspect(&profile));
     #[cfg(feature = "mqtt")]
-    let broker = super::runtime()?.block_on(broker::test_connection(&profile));
+    let broker = super::runtime::start()?.block_on(broker::test_connection(&profile));
     let servers = notices::look(&profile)?;
     let directory = known_directory(arguments.state.as_deref().or(profile.history.directory.as_deref()));
     let moved = moved_since(&directory, &profile);
@@ -134,7 +136,7 @@ fn expiring(profile: &Profile) -> impl Iterator<Item = String> {
     certificates::expiring(profile, now).into_iter().map(|expiry| expiry.sentence())
 }
 
-/// Adds one part to the document.
+/// Returns the document with one more part under this name.
 #[cfg(any(feature = "opcua", feature = "mqtt"))]
 fn with(
     mut document: serde_json::Value,
@@ -156,7 +158,7 @@ fn tell(node: &opcua::Inspected) -> std::io::Result<()> {
     node.advice.iter().try_for_each(|advice| say!("    warning: {advice}"))
 }
 
-/// Fails if a node does not fit its output or signal.
+/// Returns an error if a node of a server contradicts the output or signal that uses it.
 #[cfg(feature = "opcua")]
 fn assess(nodes: &[opcua::Inspected]) -> anyhow::Result<()> {
     let mut unfit = nodes.iter().filter_map(|node| Some((node, node.advice.first()?)));
@@ -169,8 +171,8 @@ fn assess(nodes: &[opcua::Inspected]) -> anyhow::Result<()> {
     anyhow::bail!("{}{at}: {advice}{more}", node.of)
 }
 
-/// Warnings about this computer and state directory: files that the gateway cannot use, and templates that have
-/// changed.
+/// Returns warnings about this computer and its state directory: files that the gateway cannot use, and templates that
+/// have changed since the last run.
 fn unlike_run(profile: &Profile, state: Option<&Path>) -> Vec<String> {
     let directory = known_directory(state.or(profile.history.directory.as_deref()));
     let changed = templates::changed(&directory, profile).into_iter();
@@ -179,11 +181,13 @@ fn unlike_run(profile: &Profile, state: Option<&Path>) -> Vec<String> {
     });
     let socket = control::path(&directory, &profile.name);
     let tokens = profile.web.as_ref().and_then(|web| Admission::of(web).err());
-    let tokens = tokens.map(|why| format!("[web]: {why}; the page is not served without it"));
+    let tokens =
+        tokens.map(|why| format!("[web]: {why}; the web page is not served until this is corrected"));
     let socket = control::too_long(&socket).map(|why| format!("{}: {why}", socket.display()));
     let files = profile.web.as_ref().and_then(|web| web.tls.as_ref());
     let certificate = files.and_then(|files| Certificate::open(files).err());
-    let certificate = certificate.map(|why| format!("{why:#}: the gateway does not start without it"));
+    let certificate =
+        certificate.map(|why| format!("{why:#}: the gateway does not start until this is corrected"));
     let all = tokens.into_iter().chain(certificate).chain(socket).chain(changed);
     let all = all.chain(notices::hindered(profile));
     #[cfg(feature = "opcua")]

@@ -2,7 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{ProfileArguments, load, load_modelled, print_json, running};
+use super::loading::{ProfileArguments, load, load_modelled};
+use super::print::print_json;
+use super::running;
 use crate::cli::print::{say, say_beside};
 use crate::gateway::control::{self, Failure};
 use crate::observe::status::{Answer, Command};
@@ -22,21 +24,21 @@ pub(super) struct Arguments {
 
 /// Asks the gateway that runs this profile on this computer to arm the axes.
 ///
-/// If a condition is not met yet, the verb shows it and waits until the axes are armed. It also ends when the request
-/// is refused, is cancelled (also by Ctrl-C), or expires after `arm_timeout` of the profile.
+/// If the conditions for arming are not met yet, the verb shows them and waits until the axes are armed. It also ends
+/// when the request is refused or cancelled (also by Ctrl-C), or when it expires after `arm_timeout` of the profile.
 #[derive(clap::Args, Debug)]
 pub(super) struct ArmArguments {
     #[command(flatten)]
     command: Arguments,
-    /// Leaves the request pending, with exit code 1, if it cannot be granted at once
+    /// Does not wait: if the request cannot be granted at once, leaves it pending and ends with exit code 1
     #[arg(long)]
     no_wait: bool,
 }
 
-/// The gateway that runs a profile on this computer.
+/// Selection of the gateway that runs a profile on this computer.
 #[derive(clap::Args, Debug)]
 pub(super) struct RunningGateway {
-    /// The state directory that the gateway was started with; needed if several gateways of one machine run on this
+    /// The state directory with which the gateway was started; needed if several gateways of one machine run on this
     /// computer
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
@@ -46,17 +48,17 @@ pub(super) struct RunningGateway {
 }
 
 impl RunningGateway {
-    /// Finds the command socket of the gateway.
+    /// Returns the path of the gateway's command socket.
     pub(super) fn socket(&self, profile: &Profile) -> anyhow::Result<PathBuf> {
         running::socket(self.state.as_deref(), profile)
     }
 
-    /// State directory given as `--state`.
+    /// Returns the state directory given by `--state`; `None` without this option.
     pub(super) fn state(&self) -> Option<&Path> {
         self.state.as_deref()
     }
 
-    /// Prints the answer of the gateway. An answer other than "done" is an error.
+    /// Prints the answer of the gateway. Returns an error for any answer other than "done".
     pub(super) fn print(&self, answer: Result<Answer, Failure>) -> anyhow::Result<()> {
         let answer = answer?;
         if self.json {

@@ -1,14 +1,14 @@
 //! `isotherm confirm`: accepts a device of the running gateway that an operator has checked.
 
 use super::command::RunningGateway;
-use super::{ProfileArguments, load};
+use super::loading::{ProfileArguments, load};
 use crate::gateway::control;
 
 /// Accepts a device whose readings jumped while it was not reachable, or an OPC UA server whose namespaces are
-/// ambiguous. An operator must have checked that it is the right device with the right settings.
+/// ambiguous. Before, an operator must have checked that it is the right device with the right settings.
 ///
-/// Until then the gateway rejects a reading that differs from the last good one by more than `max_rate` allows. This
-/// verb does not replace the checks of the device (`verify`): they must pass.
+/// Until the device is accepted, the gateway rejects a reading that differs from the last good one by more than
+/// `max_rate` allows. This verb does not replace the checks of the device (`verify`): they must pass too.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Example:\n  isotherm confirm my-machine.toml module")]
 pub(super) struct Arguments {

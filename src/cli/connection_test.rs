@@ -1,14 +1,14 @@
-//! Result of a test connection to a broker or to a server of messages.
+//! Test connections to an MQTT broker or to a notification server, and their results.
 
 use serde::Serialize;
 
 /// Result of a test connection.
 #[derive(Debug, Serialize)]
 pub(super) struct ConnectionTest {
-    /// Name in the profile.
+    /// Name of the server in the profile.
     name: String,
     to: String,
-    /// Text if the connection succeeded.
+    /// Text to print if the connection succeeded.
     #[serde(skip)]
     well: &'static str,
     fault: Option<String>,
@@ -19,12 +19,12 @@ impl ConnectionTest {
         ConnectionTest { name: name.to_owned(), to, well, fault }
     }
 
-    /// Line in the output of `check --online`.
+    /// Returns the line about this connection for the output of `check --online`.
     pub(super) fn line(&self) -> String {
         format!("  {} ({}): {}", self.name, self.to, self.fault.as_deref().unwrap_or(self.well))
     }
 
-    /// Fails if the connection failed.
+    /// Returns an error if the connection failed.
     pub(super) fn assess(&self) -> anyhow::Result<()> {
         let ConnectionTest { name, to, fault, .. } = self;
         fault.as_ref().map_or(Ok(()), |fault| Err(anyhow::anyhow!("{name} ({to}): {fault}")))

@@ -1,4 +1,4 @@
-//! `isotherm demo`: the gateway with a virtual machine, without hardware.
+//! `isotherm demo`: runs the gateway with a virtual machine, without hardware.
 
 use std::cell::Cell;
 use std::io::IsTerminal;
@@ -7,10 +7,11 @@ use std::time::Duration;
 
 use serde::Serialize;
 
+use super::machines;
+use super::print::print_json;
 use super::services::Sockets;
 use super::signals::Signals;
 use super::values::{self, key_and_value};
-use super::{machines, print_json};
 use crate::cli::print::{say, say_beside};
 use crate::clock::Clock;
 use crate::discovery::can;
@@ -30,7 +31,7 @@ use table::Table;
 use truth::WithTruth;
 
 /// Demonstrates isotherm without hardware. The demo starts the devices of a virtual machine on real loopback sockets,
-/// runs the gateway with them, and serves the page. At the end it prints the error without and with compensation.
+/// runs the gateway with them, and serves the web page. At the end it prints the error without and with compensation.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  isotherm demo\n  isotherm demo sinker-edm --for 12h\n  \
                   isotherm demo --speed 3600 --for 8h --seed 7 --json\n  isotherm demo linuxcnc-mill --for 1h")]
@@ -39,7 +40,7 @@ pub(super) struct Arguments {
     /// jcs018a-vmc, screw-axis, column-hmc, linuxcnc-mill
     #[arg(default_value = "surface-grinder")]
     machine: String,
-    /// Overrides one key of its profile, may be repeated: `--set bus.field.interface=vcan1`
+    /// Overrides one key of the machine's profile, may be repeated: `--set bus.field.interface=vcan1`
     #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value)]
     set: Vec<(String, String)>,
     /// Highest ratio of machine time to wall-clock time. Default 600; with LinuxCNC, which moves in wall-clock time, 60
@@ -48,14 +49,14 @@ pub(super) struct Arguments {
     /// Duration of the demo in machine time
     #[arg(long = "for", default_value = "8h", value_name = "SPAN", value_parser = humantime::parse_duration)]
     span: Duration,
-    /// The simulated day: duty cycle, ambient temperature and noise depend on it
+    /// Seed of the simulated day: duty cycle, ambient temperature and noise depend on it
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Address of the page; port 0 selects any free port. Default 127.0.0.1:8080, or any free port if that one is in
+    /// Address of the web page; port 0 selects any free port. Default 127.0.0.1:8080, or any free port if 8080 is in
     /// use
     #[arg(long, value_name = "ADDR")]
     listen: Option<String>,
-    /// Keeps the page open after the day, with its time stopped, until Enter or Ctrl-C
+    /// Keeps the web page open after the simulated day, with its time stopped, until Enter or Ctrl-C
     #[arg(long)]
     stay: bool,
     /// Prints one JSON document at the end, and nothing else on stdout
@@ -63,7 +64,7 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-/// Result of a demo.
+/// Result of a demo, as it is printed.
 #[derive(Debug, Serialize)]
 struct Report {
     machine: String,
@@ -79,8 +80,9 @@ fn positive(text: &str) -> Result<f64, String> {
 }
 
 impl Arguments {
-    /// Default log filter. On a terminal the log is off, because it would destroy the table, which shows the events.
-    /// Otherwise only errors are logged: every demo ends with the return to zero, which needs no log lines.
+    /// Returns the default log filter of a demo. On a terminal the log is off, because it would destroy the table,
+    /// which also shows the events. Otherwise only errors are logged: the return of Cz to zero at the end of every demo
+    /// needs no log lines.
     pub(super) fn quiet_log(&self) -> &'static str {
         if std::io::stdout().is_terminal() && !self.json { "off" } else { "error" }
     }
@@ -94,10 +96,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let page = open_page(&mut sockets, arguments.listen.as_deref(), profile.web.as_ref())?;
     if !arguments.json {
         say_beside!(
-            "everybody on this computer may command this demo through its page (commands = \"local\")"
+            "everybody on this computer may command this demo through its web page (commands = \"local\")"
         );
     }
-    let outcome = super::runtime()?.block_on(show(arguments, profile, (plant, mill), sockets, page))?;
+    let outcome =
+        super::runtime::start()?.block_on(show(arguments, profile, (plant, mill), sockets, page))?;
     anyhow::ensure!(!outcome.failed, "an internal error occurred; run the demo again with --log info");
     Ok(())
 }
@@ -146,7 +149,7 @@ async fn show(
         drop(last);
         reported = report(arguments, &window.summary(), clock.now().since(begun), published.as_ref());
         if is_whole && arguments.stay && reported.is_ok() {
-            let stays = format!("the page stays open at {page} until Enter or Ctrl-C");
+            let stays = format!("the web page stays open at {page} until Enter or Ctrl-C");
             if arguments.json {
                 say_beside!("{stays}");
             } else {
@@ -170,7 +173,7 @@ async fn show(
     Ok(outcome)
 }
 
-/// Waits until Enter is pressed. If standard input ends or fails, it waits forever.
+/// Waits until the user presses Enter. If standard input ends or fails, waits forever.
 async fn enter() {
     let (tell, pressed) = tokio::sync::oneshot::channel();
     std::thread::spawn(move || {
@@ -183,7 +186,7 @@ async fn enter() {
     }
 }
 
-/// Checks that the CAN interfaces of a profile are up. A demo cannot create them.
+/// Returns an error if a CAN interface of the profile is not up. A demo cannot create CAN interfaces.
 fn usable(profile: &Profile) -> anyhow::Result<()> {
     let Some(down) = can::inspect(profile).into_iter().find(|interface| !interface.is_up) else {
         return Ok(());
@@ -198,8 +201,8 @@ fn usable(profile: &Profile) -> anyhow::Result<()> {
     )
 }
 
-/// Opens the page and returns its address. Without `--listen`, a demo uses any free port if the usual one cannot be
-/// opened.
+/// Opens the port of the web page, and returns the address of the page. Without `--listen`, a demo uses any free port
+/// if the usual one cannot be opened.
 fn open_page(sockets: &mut Sockets, listen: Option<&str>, web: Option<&Web>) -> anyhow::Result<String> {
     // Commands need no token, because a demo moves no real machine.
     let at = |listen: &str| Web { listen: listen.to_owned(), commands: Commands::Local, ..Web::default() };
@@ -210,7 +213,7 @@ fn open_page(sockets: &mut Sockets, listen: Option<&str>, web: Option<&Web>) -> 
     sockets.open_page(&at(usual)).or_else(|_| sockets.open_page(&at("127.0.0.1:0")))
 }
 
-/// Draws the table until the demo is over. Returns the error if the table cannot be written.
+/// Draws the table until the demo ends. Returns an error if the table cannot be written.
 async fn draw(
     arguments: &Arguments,
     (source, clock): (&WithTruth, &Clock),
@@ -261,14 +264,14 @@ fn report(
         say!("  {}: error range {before:.1} µm uncompensated, {after:.1} µm compensated", axis.axis)?;
     }
     if arguments.machine == linuxcnc::MACHINE {
-        say!("LinuxCNC moved Z and cut a part meanwhile. Only its offset is counted here.")?;
+        say!("During the demo, LinuxCNC moved Z and cut a part. These figures contain only its offset.")?;
     }
     say!("The machine is a simulation. The coefficients were identified on another simulated day.")?;
     published.map(source_lines).into_iter().flatten().try_for_each(|line| say!("{line}"))?;
     Ok(())
 }
 
-/// Figures of the publication about this machine, one line for each axis.
+/// Returns the results that the published source of this machine reports, one line for each axis.
 fn source_lines(published: &Published) -> Vec<String> {
     let micron = |value: Option<f64>| value.map_or("not published".to_owned(), |value| format!("{value} µm"));
     let mut lines = vec![format!("Source of the machine: {}", published.text)];
@@ -279,7 +282,7 @@ fn source_lines(published: &Published) -> Vec<String> {
     lines
 }
 
-/// Rounds to three decimals. For values in µm these are nanometres.
+/// Rounds a value in µm to three decimals, that is, to nanometres.
 fn round(value: f64) -> f64 {
     (value * 1000.0).round() / 1000.0
 }

@@ -1,16 +1,18 @@
-//! Limits on the file descriptors of page and command socket. The others are reserved for lines, logs and state, which
-//! have priority.
+//! Limits on the file descriptors of the web page and the command socket. The other descriptors of the process are
+//! reserved for lines, logs and state, which have priority.
 
 use rustix::process::{Resource, getrlimit};
 
-/// Descriptors of the program itself: its streams, runtimes, listeners, logs, state and ledger.
+/// Number of descriptors that the program itself uses: its streams, runtimes, listeners, logs, state and ledger.
 const OWN: u64 = 32;
-/// Maximum number of descriptors of a line at one time: a closing connection, its successor, and a name lookup.
+/// Maximum number of descriptors that a line uses at one time: a closing connection, the next connection, and a name
+/// lookup.
 const OF_A_LINE: u64 = 3;
-/// Descriptors of a connection of the command socket: the connection, and a copy that detects its end.
+/// Number of descriptors of a connection to the command socket: the connection, and a copy by which its end is
+/// detected.
 const OF_A_COMMAND: u64 = 2;
 
-/// Maximum number of simultaneous connections of page and command socket.
+/// Maximum numbers of simultaneous connections to the web page and to the command socket.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Shares {
     pub(super) page: usize,
@@ -18,12 +20,13 @@ pub(super) struct Shares {
 }
 
 impl Shares {
-    /// Limits of this process if it has so many lines.
+    /// Returns the limits for this process, if it has this number of lines.
     pub(super) fn now(lines: usize) -> Shares {
         Shares::of(getrlimit(Resource::Nofile).current, lines)
     }
 
-    /// Computes the limits. `limit` is the maximum number of descriptors (`ulimit -n`); `None` means no limit.
+    /// Calculates the limits. `limit` is the maximum number of descriptors of a process (`ulimit -n`); `None`: no
+    /// limit.
     fn of(limit: Option<u64>, lines: usize) -> Shares {
         let taken = OWN.saturating_add(OF_A_LINE.saturating_mul(lines as u64));
         let left = limit.unwrap_or(u64::MAX).saturating_sub(taken);

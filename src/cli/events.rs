@@ -1,20 +1,21 @@
-//! `isotherm events`: events from the state directory. No gateway needs to run.
+//! `isotherm events`: shows events from the state directory. The gateway need not run.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use super::loading::load_with;
 use super::run::known_directory;
+use super::running;
 use super::values::key_and_value;
-use super::{load_with, running};
 use crate::cli::print::{Out, say_beside};
 use crate::clock::Clock;
 use crate::observe::events::Entry;
 use crate::observe::events::file::{self, FileItem, begin};
 use isotherm_profile::one_line;
 
-/// Shows the events that are kept in the state directory, oldest first. No gateway needs to run. Times are UTC.
+/// Shows the events that are stored in the state directory, oldest first. The gateway need not run. Times are UTC.
 ///
-/// Lines that were changed, cut or removed are reported on stderr.
+/// Lines of the event log that were changed, cut or removed are reported on stderr.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm events my-machine.toml --since 12h\n  isotherm events --since 2026-01-31T18:00:00Z \
@@ -27,13 +28,13 @@ pub(super) struct Arguments {
     /// Overrides one key, may be repeated: `--set bus.cell.address=10.0.0.7:502`
     #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value, requires = "profile")]
     set: Vec<(String, String)>,
-    /// First time to show: a span before now, or a point in time
+    /// First time to show: a time span before now, such as 12h, or a time in RFC 3339
     #[arg(long, value_name = "SPAN", default_value = "12h")]
     since: String,
-    /// The state directory that the gateway was started with
+    /// The state directory with which the gateway was started
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
-    /// Prints one JSON document on each line
+    /// Prints each event as one JSON document on a line
     #[arg(long)]
     json: bool,
 }
@@ -70,7 +71,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Finds the only machine with events in this directory.
+/// Returns the name of the only machine with events in this directory. Returns an error if it has events of none or of
+/// several machines.
 fn only_machine(directory: &Path) -> anyhow::Result<String> {
     let shown = directory.display();
     let machines = file::machines(directory).map_err(|error| {

@@ -7,8 +7,10 @@ use anyhow::Context;
 use jiff::Timestamp;
 use serde::Serialize;
 
+use super::loading::load_quietly;
+use super::print::print_json;
+use super::running;
 use super::values::key_and_value;
-use super::{load_quietly, print_json, running};
 use crate::cli::print::{say, say_beside};
 use crate::fieldbus::explain::system;
 use crate::gateway::{log, make_directory};
@@ -23,8 +25,8 @@ mod table;
 /// DIR/decisions/NAME-2026-01-31.parquet and DIR/events/…. Each row has the machine's name. Times and days are UTC.
 ///
 /// A day that has not changed since the last export is skipped. The verb may therefore run every night, for many
-/// machines with one directory. It deletes no existing day, including days that [history] keep has deleted from the
-/// logs. The gateway may run meanwhile.
+/// machines with one directory. It never deletes an exported day, even if the gateway has deleted the day's logs
+/// ([history] keep). The gateway may run during the export.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm export my-machine.toml --parquet fleet\n  isotherm export my-machine.toml --parquet /mnt/fleet \
@@ -40,7 +42,7 @@ pub(super) struct Arguments {
     /// The directory to write to; it is created if it does not exist
     #[arg(long, value_name = "DIR")]
     parquet: PathBuf,
-    /// The state directory that the gateway was started with
+    /// The state directory with which the gateway was started
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
     /// Prints one JSON document
@@ -48,7 +50,7 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-/// Number of days of one kind, by result.
+/// Number of days of logs or of events, by the result of their export.
 #[derive(Debug, Default, Serialize)]
 struct Days {
     written: u64,
@@ -105,8 +107,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 impl Days {
     /// Writes a day if its logs have changed since the last export. The file gets the modification time of the newest
-    /// log. Rows that are logged during the export thus cause another export next time. An error in one day is printed,
-    /// and does not stop the others.
+    /// log. If rows are logged during the export, the day is therefore exported again next time. An error in one day is
+    /// printed, and does not stop the export of the others.
     fn take(
         &mut self,
         logs: &[PathBuf],

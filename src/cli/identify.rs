@@ -1,4 +1,4 @@
-//! The verb `isotherm identify`: from logs with a measured error to a model, its cross-validation and its block.
+//! `isotherm identify`: from logs with a measured error to a model, its cross-validation, and its block for a profile.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -6,9 +6,10 @@ use std::time::Duration;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use super::extra_files::ExtraFiles;
+use super::loading::load_quietly;
+use super::print::print_json;
 use super::progress::Progress;
 use super::runs::Runs;
-use super::{load_quietly, print_json};
 use crate::cli::print::Out;
 use crate::clock::Clock;
 use isotherm_core::compensation::model::Outside;
@@ -26,13 +27,14 @@ mod balls;
 mod prior;
 mod text;
 
-/// Finds the model of an axis from logs: coefficients with their uncertainty, and the error that remains on held-out
-/// days.
+/// Finds the model of an axis from logs: its coefficients with their uncertainty, and the remaining error on days that
+/// were not used for it.
 ///
 /// A log is CSV or Parquet with a column `time`, `time_s` or `time_min`. `time` is in seconds, RFC 3339, or `05.01.2026
 /// 06:00:10` by the clock of --zone. The other columns are the signals of the profile, and the measured displacement
-/// error in µm. One file is one run: a warm-up from a cold machine on. Faulty sensors are reported, and mended or left
-/// out. Each run is held out in turn.
+/// error in µm. One file is one run: a warm-up that begins with a cold machine. Faulty sensors are reported, and their
+/// readings are mended (repaired) or left out. Each run is once held out, that is, used only to test the model from the
+/// other runs.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm identify my-machine.toml mon.csv tue.csv wed.csv --axis z --error z_error_um\n  isotherm identify my-machine.toml week.parquet --gap 2h --axis z --write z-model.toml --report z.html\n  isotherm identify --balls touches.csv --recorded mon.csv --out mon-drift.csv"
@@ -42,14 +44,14 @@ pub(super) struct Arguments {
     #[arg(value_name = "PROFILE", required_unless_present = "balls")]
     path: Option<PathBuf>,
     /// Overrides one key, may be repeated: `--set bus.cell.address=10.0.0.7:502`
-    #[arg(long, value_name = "KEY=VALUE", value_parser = super::key_and_value)]
+    #[arg(long, value_name = "KEY=VALUE", value_parser = super::values::key_and_value)]
     set: Vec<(String, String)>,
     /// Logs
     #[arg(value_name = "LOG", required_unless_present = "balls")]
     logs: Vec<PathBuf>,
     #[command(flatten)]
     balls: balls::Touches,
-    /// The axis; needed if the profile has several
+    /// The axis; needed if the profile has several axes
     #[arg(long, value_name = "NAME")]
     axis: Option<String>,
     /// Column with the measured error e, µm [default: <axis>_error_um]
@@ -62,55 +64,56 @@ pub(super) struct Arguments {
     /// Method that finds the model
     #[arg(long, value_parser = methods(), default_value = Method::default().name())]
     method: Method,
-    /// Inputs, instead of every temperature of the profile and, for whitened, every speed
+    /// Signals that the model may use [default: every temperature of the profile; with whitened also every speed]
     #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
     inputs: Vec<String>,
-    /// Inputs to leave out
+    /// Signals that the model must not use
     #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
     without: Vec<String>,
-    /// Inputs to keep although they look faulty
+    /// Signals that the model may use although their readings look faulty
     #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
     keep: Vec<String>,
     /// Time constants that are tried [default: 0s,6min,25min,100min; ridge-lag, sparse-lag, stepwise and position:
     /// 0s,3min,6min,12min,25min,50min,100min,200min; rbf and network: 0s,12min,50min]
     #[arg(long, value_name = "TIME", value_delimiter = ',', value_parser = humantime::parse_duration)]
     lags: Vec<Duration>,
-    /// whitened: largest number of sensors in the model. Those with the smallest error of held-out runs are chosen
+    /// whitened: largest number of sensors in the model. The sensors with the smallest error on held-out runs are
+    /// chosen
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     sensors: Option<u16>,
-    /// whitened: an existing model, from --write or from a profile. The gains are drawn towards its gains instead of
-    /// towards zero. Use it for one new day of the same machine after a repair, or of a sister machine. With two or
-    /// more days it has no advantage
+    /// whitened: an existing model, from --write or from a profile. The gains are drawn towards the gains of this model
+    /// instead of towards zero. Use it for one new day of the same machine after a repair, or of a machine of the same
+    /// type. With two or more days it has no advantage
     #[arg(long, value_name = "MODEL.toml")]
     prior: Option<PathBuf>,
     /// sparse-lag, stepwise, lag and position: largest number of terms in the model
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     terms: Option<u16>,
-    /// rbf: number of radial basis functions in each of the five models that are averaged
+    /// rbf: number of radial basis functions in each of the five models whose mean is used
     #[arg(long, value_name = "N", default_value_t = 20)]
     centres: usize,
-    /// network: number of neurons in each of the five networks that are averaged
+    /// network: number of neurons in each of the five networks whose mean is used
     #[arg(long, value_name = "N", default_value_t = 8)]
     neurons: usize,
     /// rbf, network: seed of the random numbers; the same seed gives the same model
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Rows closer than this count as one sample in F tests
+    /// In F tests, rows that are closer in time than this count as one sample
     #[arg(long, value_name = "TIME", default_value = "30min", value_parser = humantime::parse_duration)]
     independent: Duration,
-    /// Judges the model with a probe that measures the error at this interval and removes it
+    /// Also tests the model together with a probe that measures the error at this interval and removes it
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
     probe: Option<Duration>,
-    /// Rows are averaged over this time, after the lags; 0s switches averaging off
+    /// Time over which rows are averaged after the lags were applied; 0s switches averaging off
     #[arg(long, value_name = "TIME", default_value = "1min", value_parser = humantime::parse_duration)]
     resample: Duration,
     /// Signal with the position of the axis, for errors measured at several positions (--method position)
     #[arg(long, value_name = "SIGNAL")]
     position: Option<String>,
-    /// Position at which the slope adds nothing to Cz, mm
+    /// position: position at which the slope adds nothing to Cz, mm
     #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true)]
     position_reference: f64,
-    /// two-source: runs in which the spindle waits
+    /// two-source: runs in which the spindle stands still
     #[arg(long, value_name = "RUN", value_delimiter = ',')]
     waiting: Vec<String>,
     /// two-source: sensors of the first source
@@ -121,21 +124,21 @@ pub(super) struct Arguments {
     second: Vec<String>,
     #[command(flatten)]
     runs: Runs,
-    /// Writes the [[axis.…model]] block, and the files that it names next to it
+    /// Writes the [[axis.…model]] block to this file, and the files that the block names to the same directory
     #[arg(long, value_name = "MODEL.toml")]
     write: Option<PathBuf>,
-    /// Also writes a block, and models for lost sensors, that make too many runs worse than without compensation. Too
+    /// Also writes a block, or models for lost sensors, that makes too many runs worse than without compensation. Too
     /// many are more than a third of six or more held-out runs
     #[arg(long, requires = "write")]
     force: bool,
-    /// Writes a page with pictures in one file, for any browser
+    /// Writes a page with diagrams as one file, for any browser
     #[arg(long, value_name = "OUT.html")]
     report: Option<PathBuf>,
-    /// Writes each run with a mended sensor as a CSV file to this directory, with the values that were used and
-    /// recorded
+    /// Writes each run with a mended sensor as a CSV file to this directory, with the values that were used and those
+    /// that were recorded
     #[arg(long, value_name = "DIR")]
     mended: Option<PathBuf>,
-    /// Action of the axis outside the envelope of the model
+    /// Action of the axis when its inputs are outside the envelope of the model
     #[arg(long, value_parser = outsides(), default_value = "agree")]
     outside: Outside,
     /// Prints one JSON document
@@ -143,7 +146,7 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-/// Returns a parser for one of these values by its name, with the help of each.
+/// Returns a parser that accepts one of these values by its name, and shows the help text of each.
 pub(super) fn one_of<T: Copy + Send + Sync + 'static, const N: usize>(
     all: [(T, &'static str, &'static str); N],
 ) -> impl TypedValueParser<Value = T> {
@@ -193,7 +196,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     beside.end(arguments.json)
 }
 
-/// Identifies the model. Also returns the JSON document if it is requested.
+/// Identifies the model. Also returns the JSON document, if it was requested.
 fn find(
     arguments: &Arguments,
     profile: &Profile,
@@ -251,7 +254,7 @@ fn find(
     Ok((found, document))
 }
 
-/// Writes a file for each of these runs. The directory is created if it does not exist.
+/// Writes a file for each of these runs into the directory, which is created if it does not exist.
 fn write_mended(directory: &Path, runs: &[(String, String)], beside: &mut ExtraFiles) {
     if runs.is_empty() {
         beside.say("no sensor was mended, so no file is written".to_owned());

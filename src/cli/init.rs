@@ -16,21 +16,21 @@ mod text;
 use answers::{Answers, Line, Module, Target};
 use questions::Questions;
 
-/// Asks for machine, bus, thermocouple module, axis and output, and writes a profile with comments, which `check`
-/// accepts.
+/// Asks for machine, bus, thermocouple module, axis and output. From the answers it writes a profile with comments,
+/// which `check` accepts.
 ///
-/// Values that are given as options are not asked for. The coefficients of the axis come later: `isotherm record` and
-/// `isotherm identify` find them.
+/// The verb does not ask for values that are given as options. The coefficients of the axis are found later, by
+/// `isotherm record` and `isotherm identify`.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm init\n  isotherm init press-7.toml --yes --machine press-7 --bus 192.168.0.10:502 --module \
                   icp-das-m7018 --signals bed,column --output plc-block --control 192.168.0.20:502"
 )]
 pub(super) struct Arguments {
-    /// The profile to be written [default: <machine>.toml]
+    /// The profile to write [default: <machine>.toml]
     #[arg(value_name = "PROFILE.toml")]
     file: Option<PathBuf>,
-    /// The machine's name, in file names and on the page
+    /// The machine's name, in file names and on the gateway's web page
     #[arg(long, value_name = "NAME")]
     machine: Option<String>,
     /// Address of the thermocouple module: 192.168.0.10:502, or a serial port: /dev/ttyUSB0
@@ -42,7 +42,7 @@ pub(super) struct Arguments {
     /// The variant of the module's template, for example the type of thermocouple
     #[arg(long, value_name = "VARIANT")]
     variant: Option<String>,
-    /// The module's unit
+    /// The unit number of the module
     #[arg(long, value_name = "N")]
     unit: Option<String>,
     /// Names of the measured temperatures, in the order of the module's channels
@@ -51,19 +51,19 @@ pub(super) struct Arguments {
     /// The axis to compensate
     #[arg(long, value_name = "AXIS")]
     axis: Option<String>,
-    /// Largest absolute value of Cz, µm
+    /// Limit of Cz: its largest permitted absolute value, µm
     #[arg(long, value_name = "UM")]
     limit: Option<String>,
-    /// Target of Cz: the control's device template, or a register, for example holding:104
+    /// Destination of Cz: the control's device template, or a register, for example holding:104
     #[arg(long, value_name = "TEMPLATE|REGISTER")]
     output: Option<String>,
-    /// Address of the control, if it is not on the module's line
+    /// Address of the control, if it is on another line than the module
     #[arg(long, value_name = "ADDRESS|PORT")]
     control: Option<String>,
-    /// The control's unit
+    /// The unit number of the control
     #[arg(long, value_name = "N")]
     control_unit: Option<String>,
-    /// Asks nothing: values that are not given get their defaults
+    /// Asks no questions: values that are not given as options get their defaults
     #[arg(long, short)]
     yes: bool,
 }
@@ -86,7 +86,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for (verb, what) in [
         ("check", "shows what the profile means, and what would be read and written"),
         ("check --online", "also reads from every device, and writes nothing"),
-        ("record --out day-1.csv", "records a day; measure the error meanwhile"),
+        ("record --out day-1.csv", "records a day; measure the error at the same time"),
         (
             "identify day-1.csv day-2.csv",
             "finds the coefficients; replace the model in comments by its output",
@@ -143,7 +143,7 @@ fn ask(arguments: &Arguments, input: &mut dyn BufRead, out: &mut dyn Write) -> a
         }
     }
     let target = |text: &str| Target::parse(text, &axis);
-    let what = "Target of Cz: the control's template, or a register";
+    let what = "Destination of Cz: the control's template, or a register";
     let target = questions.ask("output", given(&arguments.output), (what, "holding:104"), target)?;
     let what = "The control's address or serial port, or `same` for the module's line";
     let same = |text: &str| if text == "same" { Ok(None) } else { Line::parse(text).map(Some) };

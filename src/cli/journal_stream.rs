@@ -1,5 +1,5 @@
-//! Log format for the system journal on standard error. Each line begins with its priority (`<4>`) as in sd-daemon(3),
-//! and has no time, because the journal adds it.
+//! Log format for the system journal on standard error. Each line begins with its priority (`<4>`) as in sd-daemon(3).
+//! It has no time, because the journal adds one.
 
 use std::fmt;
 
@@ -11,14 +11,14 @@ use tracing_subscriber::registry::LookupSpan;
 const ERROR: u8 = 3;
 const WARNING: u8 = 4;
 
-/// Returns whether standard error is the stream that the service manager gave to this process, not a file or a pipe.
+/// Returns whether standard error leads to the system journal of the service manager, not to a file or a pipe.
 pub(super) fn is_stderr() -> bool {
     let Ok(stream) = std::env::var("JOURNAL_STREAM") else { return false };
     let Ok(stderr) = rustix::fs::fstat(std::io::stderr()) else { return false };
     stream == format!("{}:{}", stderr.st_dev, stderr.st_ino)
 }
 
-/// Format of a log line with its priority in front.
+/// Log format with the priority before each line.
 pub(super) struct Prioritised(Format<Full, ()>);
 
 impl Prioritised {
@@ -43,7 +43,7 @@ where
     }
 }
 
-/// Puts the priority in front of each line of a message on stderr.
+/// Returns a message for stderr with the priority before each of its lines.
 pub(super) fn prioritised(text: &str) -> String {
     let priority = if text.starts_with("warning") { WARNING } else { ERROR };
     text.split('\n').map(|line| format!("<{priority}>{line}")).collect::<Vec<_>>().join("\n")

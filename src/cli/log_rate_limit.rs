@@ -1,8 +1,8 @@
-//! Rate limit for the log on stderr: at most ten lines of one kind in a second. One more line then contains the number
-//! of dropped lines.
+//! Rate limit for the log on stderr: at most ten lines of one kind in a second. After that second, one line reports the
+//! number of dropped lines.
 //!
-//! The kind of a line is its place in the source. The lines of all events come from one place, so for them the kind of
-//! event counts as well. Only lines are dropped: events are always kept, counted and shown.
+//! The kind of a line is its location in the source code. All events are logged from one location, so for them the kind
+//! of event is also used. Only log lines are dropped: every event is stored, counted and shown.
 
 use std::collections::HashMap;
 use std::fmt;
@@ -17,29 +17,29 @@ use tracing_subscriber::layer::{Context, Filter};
 
 use crate::clock::BootClock;
 
-/// Maximum number of lines of one kind in [`SPAN`].
+/// Maximum number of lines of one kind within [`SPAN`].
 const MOST: u32 = 10;
 const SPAN: Duration = Duration::from_secs(1);
 
-/// Kind of a line: its place in the source, and the kind of event.
+/// Kind of a line: its location in the source code, and the kind of event.
 type Kind = (Identifier, String);
 
-/// The current second of a kind.
+/// Numbers of lines of one kind in its current second.
 #[derive(Debug)]
 struct Window {
     since: Duration,
     written: u32,
     left_out: u64,
-    /// Start of the text in the line that reports the dropped ones.
+    /// Start of the message of the dropped lines, for the line that reports their number.
     name: String,
 }
 
-/// Numbers of recent lines of each kind. The time is an argument.
+/// Numbers of recent lines of each kind. Its functions get the time as an argument.
 #[derive(Debug)]
 struct Budget<K>(HashMap<K, Window>);
 
 impl<K: Eq + Hash> Budget<K> {
-    /// Counts a line, and returns whether to write it.
+    /// Counts a line, and returns whether it may be written.
     fn take(&mut self, kind: K, name: &str, now: Duration) -> bool {
         let fresh = || Window { since: now, written: 0, left_out: 0, name: name.to_owned() };
         let window = self.0.entry(kind).or_insert_with(fresh);
@@ -56,8 +56,8 @@ impl<K: Eq + Hash> Budget<K> {
         is_written
     }
 
-    /// Dropped lines of kinds whose second is over, and whether other kinds have dropped lines. Forgets all kinds whose
-    /// second is over.
+    /// Returns the kinds whose second is over, with the numbers of their dropped lines, and forgets these kinds. Also
+    /// returns whether other kinds have dropped lines.
     fn due(&mut self, now: Duration) -> (Vec<(String, u64)>, bool) {
         let over = |window: &Window| now >= window.since + SPAN;
         let reported = self.0.values().filter(|window| over(window) && window.left_out > 0);
@@ -70,7 +70,7 @@ impl<K: Eq + Hash> Budget<K> {
 #[derive(Debug)]
 struct Shared {
     budget: Budget<Kind>,
-    /// A thread is running that will report the dropped lines.
+    /// Whether a thread is running that will report dropped lines.
     is_telling: bool,
 }
 
@@ -79,7 +79,7 @@ struct Shared {
 pub(super) struct LogRateLimit(Arc<Mutex<Shared>>);
 
 impl LogRateLimit {
-    /// Makes a filter without recent lines.
+    /// Returns a filter that has not counted any line yet.
     pub(super) fn begin() -> LogRateLimit {
         LogRateLimit(Arc::new(Mutex::new(Shared { budget: Budget(HashMap::new()), is_telling: false })))
     }
@@ -94,8 +94,8 @@ impl LogRateLimit {
         is_written
     }
 
-    /// Reports dropped lines after a second. It uses a separate thread, because the code that writes a line cannot log
-    /// another one.
+    /// Starts a thread that reports dropped lines after a second. The code that writes a log line cannot log another
+    /// line itself.
     fn tell(&self) {
         let own = self.clone();
         let telling = move || {
@@ -138,7 +138,7 @@ impl<S> Filter<S> for LogRateLimit {
     }
 }
 
-/// Kind of an event, and the start of its message.
+/// Kind of an event, and the start of its message, taken from the fields of a log line.
 #[derive(Default)]
 struct EventText {
     kind: String,

@@ -1,12 +1,12 @@
-//! Time zone of the times in a log.
+//! Time zone for times in a log that have none.
 
 use jiff::tz::TimeZone;
 
-/// Time zone of times that have none.
+/// Time zone for times that have none.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct LogZone {
-    /// Time zone of times that have none, such as 05.01.2026 06:00:10. A name such as Europe/Berlin, UTC, or +01:00 for
-    /// a clock without daylight saving time [default: this computer's]
+    /// Time zone for times without one, such as 05.01.2026 06:00:10. Write Europe/Berlin, UTC, or +01:00 for a clock
+    /// without daylight saving time [default: this computer's]
     #[arg(long, value_name = "ZONE", value_parser = zone)]
     zone: Option<TimeZone>,
 }

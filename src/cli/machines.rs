@@ -1,11 +1,11 @@
-//! The machines that are shipped inside the program: their profiles, by name.
+//! Machines that are shipped inside the program: their profiles, by name.
 
 use std::path::{Path, PathBuf};
 
 use crate::virtual_machine::PlantSpec;
 use isotherm_profile::Profile;
 
-/// Name and text of each profile, the default first.
+/// Name and text of each shipped profile; the first one is the default.
 const SHIPPED: [(&str, &str); 11] = [
     ("surface-grinder", include_str!("../../profiles/surface-grinder.toml")),
     ("sinker-edm", include_str!("../../profiles/sinker-edm.toml")),
@@ -20,28 +20,29 @@ const SHIPPED: [(&str, &str); 11] = [
     ("linuxcnc-mill", include_str!("../../profiles/linuxcnc-mill.toml")),
 ];
 
-/// Files that the shipped profiles name, such as matrices, by these names.
+/// Files that the shipped profiles name, such as matrices: name and content.
 pub(super) const FILES: [(&str, &[u8]); 1] =
     [("column-hmc.matrix.json", include_bytes!("../../profiles/column-hmc.matrix.json"))];
 
-/// Names of the shipped machines.
+/// Returns the names of the shipped machines.
 pub(super) fn names() -> impl Iterator<Item = &'static str> {
     SHIPPED.iter().map(|(name, _)| *name)
 }
 
-/// Text of a shipped profile, and the path that its errors name.
+/// Returns the text of a shipped profile, and the path that its error messages name. Returns `None` for an unknown
+/// name.
 pub(super) fn text(name: &str) -> Option<(PathBuf, &'static str)> {
     let (name, text) = SHIPPED.iter().find(|(shipped, _)| *shipped == name)?;
     Some((Path::new("profiles").join(format!("{name}.toml")), text))
 }
 
-/// Shipped machine with a similar name, if no file has this path.
+/// Returns the shipped machine with a similar name, for a hint, if neither a file nor a shipped machine has this name.
 pub(super) fn meant(path: &Path) -> Option<&'static str> {
-    let name = path.to_str().filter(|_| !path.exists())?;
+    let name = path.to_str().filter(|name| !path.exists() && text(name).is_none())?;
     isotherm_profile::nearest(name, &names().collect::<Vec<_>>())
 }
 
-/// Loads a shipped machine with these keys overridden, and its plant.
+/// Loads a shipped machine with these keys overridden. Returns its profile and its plant.
 pub(super) fn with_plant(name: &str, set: &[(String, String)]) -> anyhow::Result<(Profile, PlantSpec)> {
     let Some((path, text)) = text(name) else {
         anyhow::bail!("there is no machine `{name}`; {}", isotherm_profile::allowed(name, names()));

@@ -4,9 +4,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use clap::CommandFactory;
+use clap::Command;
 
-use super::Arguments as Program;
 use super::print::Out;
 
 /// Prints the manual page of the program, or writes all manual pages to a directory
@@ -18,20 +17,21 @@ pub(super) struct Arguments {
     dir: Option<PathBuf>,
 }
 
-pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+/// Prints or writes the manual pages of `program`.
+pub(super) fn run(arguments: &Arguments, program: Command) -> anyhow::Result<()> {
     match &arguments.dir {
-        Some(directory) => write_all(directory),
+        Some(directory) => write_all(directory, program),
         None => {
             let mut page = Vec::new();
-            clap_mangen::Man::new(Program::command()).render(&mut page)?;
+            clap_mangen::Man::new(program).render(&mut page)?;
             Ok(Out.write_all(&page)?)
         }
     }
 }
 
-fn write_all(directory: &Path) -> anyhow::Result<()> {
+fn write_all(directory: &Path, program: Command) -> anyhow::Result<()> {
     let shown = directory.display();
     let cannot = || format!("the manual pages cannot be written to {shown}");
     std::fs::create_dir_all(directory).with_context(cannot)?;
-    clap_mangen::generate_to(Program::command(), directory).with_context(cannot)
+    clap_mangen::generate_to(program, directory).with_context(cannot)
 }

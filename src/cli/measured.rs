@@ -1,17 +1,18 @@
 //! `isotherm measured`: reports the measured error of an axis to the running gateway.
 
 use super::command::RunningGateway;
-use super::{ProfileArguments, load, values};
+use super::loading::{ProfileArguments, load};
+use super::values;
 use crate::gateway::control;
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::quantity::Moment;
 
-/// Reports the measured error of an axis to the gateway that runs this profile on this computer, or discards what it
-/// learned from such errors.
+/// Reports the measured error of an axis to the gateway that runs this profile on this computer. With --clear, discards
+/// the correction that the gateway has derived from such errors.
 ///
-/// The error is the one that remains with active compensation, actual minus commanded. Measure with the machine at rest
-/// and send the error at once, because it is compared with the Cz that is active now. If a script may send it twice, it
-/// must add `--time` or `--id`: the same measurement then counts once.
+/// The error is the one that remains with active compensation: actual minus commanded position. Measure with the
+/// machine at rest, and send the error at once, because the gateway compares it with the Cz that is active now. If a
+/// script may send an error twice, it must add `--time` or `--id`: the same measurement then counts once.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm measured my-machine.toml --axis z --error 3.2\n  isotherm measured my-machine.toml \
@@ -23,16 +24,17 @@ pub(super) struct Arguments {
     /// The axis
     #[arg(long, value_name = "AXIS")]
     axis: String,
-    /// The measured error in µm; of the diameter if the axis acts on the diameter
+    /// The measured error in µm; for an axis that acts on a diameter, the error of the diameter
     #[arg(long, value_name = "UM", allow_negative_numbers = true, value_parser = finite, required_unless_present = "clear")]
     error: Option<f64>,
-    /// The time of the measurement, RFC 3339 with a zone; a measurement before the datum of the axis is rejected
+    /// The time of the measurement, RFC 3339 with a time zone. A measurement before the last zero point of the axis's
+    /// Cz (datum) is rejected
     #[arg(long, value_name = "TIME", value_parser = MeasuredReport::time, conflicts_with = "clear")]
     time: Option<Moment>,
     /// Identifier of this measurement, at most 64 characters
     #[arg(long, value_name = "ID", value_parser = MeasuredReport::id, conflicts_with = "clear")]
     id: Option<String>,
-    /// Discards what the gateway learned from measured errors
+    /// Discards the correction that the gateway has derived from measured errors
     #[arg(long, conflicts_with = "error")]
     clear: bool,
     #[command(flatten)]

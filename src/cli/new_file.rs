@@ -7,7 +7,7 @@ use std::path::Path;
 use crate::fieldbus::explain::system;
 use isotherm_profile::safe_file::without_numbers;
 
-/// Creates a file with this text, and returns it. The function removes the file if the text cannot be written.
+/// Creates a file with this text, and returns the open file. If the text cannot be written, removes the file.
 pub(super) fn create(path: &Path, text: &str) -> anyhow::Result<File> {
     let mut file = File::create_new(path).map_err(|error| cannot_be_written(path, &error))?;
     file.write_all(text.as_bytes()).map_err(|error| {
@@ -17,7 +17,7 @@ pub(super) fn create(path: &Path, text: &str) -> anyhow::Result<File> {
     Ok(file)
 }
 
-/// Makes the error of a file that cannot be written: file, cause and remedy.
+/// Returns the error for a file that cannot be written: file, cause and remedy.
 pub(super) fn cannot_be_written(path: &Path, error: &Error) -> anyhow::Error {
     let path = path.display();
     match error.kind() {

@@ -1,4 +1,4 @@
-//! The servers of `[[notify]]`: their trust roots, checks of their files, and test connections.
+//! Servers of `[[notify]]`: the certificates that they must match, checks of their files, and test connections.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -8,15 +8,15 @@ use crate::fieldbus::tls;
 use crate::observe::notify::{Server, Trust, read_token};
 use isotherm_profile::{Notify, Profile};
 
-/// Timeout of a test connection.
+/// Time limit of a test connection.
 const WITHIN: Duration = Duration::from_secs(10);
 
-/// Certificates with which the server's certificate is verified.
+/// Returns the certificates with which a server's certificate is verified.
 pub(super) fn trust(notify: &Notify) -> Trust {
     tls::plant_client(notify.ca.as_ref().map(|ca| ca.bytes.as_slice())).map(Arc::new)
 }
 
-/// Reasons why this computer cannot send messages as the profile says.
+/// Returns the reasons why this computer cannot send messages as the profile requires.
 pub(super) fn hindered(profile: &Profile) -> Vec<String> {
     let of = |notify: &Notify| {
         let token = notify.token_file.as_ref().and_then(|path| read_token(path).err());
@@ -28,12 +28,12 @@ pub(super) fn hindered(profile: &Profile) -> Vec<String> {
     profile.notify.iter().flat_map(of).collect()
 }
 
-/// Connects to all servers at once, up to the end of the TLS handshake, and sends no message.
+/// Connects to all servers at once, including the TLS handshake, and sends no message. Returns the results.
 pub(super) fn look(profile: &Profile) -> anyhow::Result<Vec<ConnectionTest>> {
     if profile.notify.is_empty() {
         return Ok(Vec::new());
     }
-    let runtime = super::runtime()?;
+    let runtime = super::runtime::start()?;
     let looked = runtime.block_on(async {
         let look = |notify: &Notify| {
             let server = Server::of(notify, trust(notify));

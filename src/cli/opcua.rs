@@ -1,19 +1,14 @@
-//! `isotherm opcua`: makes, shows and trusts the certificates of an OPC UA line.
+//! `isotherm opcua`: creates, shows and trusts the certificates of an OPC UA line.
 
-use std::fmt::Write;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
-use super::{ProfileArguments, reported};
-use crate::clock::Clock;
-use crate::discovery::opcua::Certificate;
-use isotherm_profile::counted;
+use super::loading::{ProfileArguments, reported};
 use isotherm_profile::{Bus, NamedFile, OpcUa, Profile};
 
 mod own;
 mod trust;
 
-/// Makes and shows the gateway's own certificate of an OPC UA line, or shows and trusts the server's certificate.
+/// Creates and shows the gateway's own certificate of an OPC UA line, or shows and trusts the server's certificate.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm opcua certificate my-machine.toml     makes the certificate if there \
@@ -27,18 +22,18 @@ pub(super) struct Arguments {
 
 #[derive(Debug, clap::Subcommand)]
 enum OpcuaVerb {
-    /// Shows the gateway's own certificate; makes it and its key if there are none
+    /// Shows the gateway's own certificate; if neither certificate nor key exists, creates both
     Certificate(own::Arguments),
     /// Shows the server's certificate, and trusts it after your confirmation
     Trust(trust::Arguments),
 }
 
-/// Selects an OPC UA line of a profile.
+/// Selection of an OPC UA line of a profile.
 #[derive(clap::Args, Debug)]
 struct LineArguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// The bus; needed if several are OPC UA
+    /// Name of the bus; needed if the profile has several OPC UA buses
     #[arg(long, value_name = "BUS")]
     bus: Option<String>,
     /// Prints one JSON document
@@ -46,7 +41,7 @@ struct LineArguments {
     json: bool,
 }
 
-/// A line with security, and the certificate files that its profile names.
+/// OPC UA line with security, and the certificate files that its profile names.
 struct SecuredLine {
     bus: Bus,
     machine: String,
@@ -64,7 +59,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 impl LineArguments {
-    /// Finds the line. Its certificate files need not exist.
+    /// Returns the selected line. Its certificate files need not exist.
     fn find(&self) -> anyhow::Result<SecuredLine> {
         let ProfileArguments { path, set } = &self.profile;
         let loaded = isotherm_profile::load_before_certificates(path, set, &isotherm_profile::environment());
@@ -108,31 +103,4 @@ impl LineArguments {
             },
         }
     }
-}
-
-/// Formats the content of a certificate, one item on each line.
-pub(super) fn shown(certificate: &Certificate) -> String {
-    let Certificate { subject, application, thumbprint, sha256, .. } = certificate;
-    let mut text = format!("  subject      {subject}\n");
-    if let Some(application) = application {
-        let _ = writeln!(text, "  application  {application}");
-    }
-    let _ = writeln!(text, "  thumbprint   {thumbprint} (SHA-1)");
-    let _ = writeln!(text, "  or           {sha256} (SHA-256)");
-    let _ = writeln!(text, "  valid        {}", validity(certificate));
-    text
-}
-
-/// Formats the dates of validity, and the days that are left.
-fn validity(certificate: &Certificate) -> String {
-    const DAY: Duration = Duration::from_hours(24);
-    let day =
-        |moment: isotherm_core::quantity::Moment| moment.to_string().chars().take(10).collect::<String>();
-    let (from, to, now) = (certificate.from, certificate.to, Clock::wall().time_of_day());
-    let how = match now {
-        _ if now < from => "not valid yet, or this computer's clock is wrong".to_owned(),
-        _ if now > to => "expired, or this computer's clock is wrong".to_owned(),
-        _ => format!("{} left", counted(to.since(now).as_secs() / DAY.as_secs(), "day")),
-    };
-    format!("{} to {}: {how}", day(from), day(to))
 }

@@ -1,11 +1,12 @@
-//! `isotherm place`: finds the places of the temperature sensors of a structure.
+//! `isotherm place`: finds places for the temperature sensors of a structure.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use super::extra_files::ExtraFiles;
+use super::print::print_json;
 use super::progress::Progress;
-use super::{print_json, values};
+use super::values;
 use crate::cli::print::say_all;
 use crate::clock::Clock;
 use isotherm_placement::blocks::Cut;
@@ -22,13 +23,13 @@ mod text;
 
 use text::Text;
 
-/// Finds the places of the temperature sensors of a structure, and the error of its displacement that remains with
-/// them.
+/// Finds places for the temperature sensors of a structure, and the error of its displacement that remains with them.
 ///
 /// The input is one heat-transfer FE input file (Abaqus, CalculiX) for each load case, all with one mesh. The structure
-/// is divided into blocks with one sensor each. The displacement of the guideway is P·ΔT of the temperatures of the
-/// blocks. The output lists the nodes of the sensors, the residual error of each case, and whether sensors or blocks
-/// limit it. With --write it also contains P and the model's block for the profile.
+/// is divided into blocks with one sensor each. The matrix P gives the displacement of the guideway, P·ΔT, from the
+/// temperature rises of the blocks. The output lists the nodes of the sensors and the residual error of each case. It
+/// also says whether sensors or blocks limit the result. With --write it also contains P and the model's block for the
+/// profile.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm place spindle.inp ambient.inp --report sensors.html\n  isotherm place spindle.inp \
@@ -58,46 +59,46 @@ pub(super) struct Arguments {
     /// Minimum distance of sensors from other blocks, mm
     #[arg(long, value_name = "MM", default_value_t = 20.0, value_parser = not_negative)]
     margin: f64,
-    /// The direction of displacement that is judged; several, such as `y,z`, are judged together
+    /// The direction of displacement whose error is judged; several, such as `y,z`, are judged together
     #[arg(long, value_name = "AXIS", default_value = "z", value_delimiter = ',')]
     component: Vec<AxisWord>,
     /// The direction of the guideway [default: that of its largest extent]
     #[arg(long, value_name = "AXIS")]
     along: Option<AxisWord>,
-    /// Program that computes temperatures, displacements and P: isotherm itself, or ccx
+    /// Program that calculates temperatures, displacements and P: isotherm itself, or ccx
     #[arg(long, value_name = "ENGINE", default_value = "own")]
     engine: Engine,
-    /// Method that selects the nodes
+    /// Method that selects the nodes of the sensors
     #[arg(long, value_name = "METHOD", default_value = "multi-case")]
     method: MethodWord,
-    /// The load case from which `patent` and `bounded` select the places [default: the one with the largest
+    /// patent, bounded: the load case from which the places are selected [default: the one with the largest
     /// displacement of the guideway]
     #[arg(long, value_name = "NAME")]
     case: Option<String>,
     /// Noise of a sensor, K
     #[arg(long, value_name = "K", default_value_t = 0.1, value_parser = not_negative)]
     noise: f64,
-    /// Largest distance of a sensor from its intended place, mm
+    /// Largest distance of a mounted sensor from its intended place, mm
     #[arg(long, value_name = "MM", default_value_t = 20.0, value_parser = not_negative)]
     misplaced: f64,
-    /// The patent's iteration ends below this residual error, µm RMS
+    /// patent: the iteration ends when the residual error is below this value, µm RMS
     #[arg(long, value_name = "UM", default_value_t = 1.0, value_parser = not_negative)]
     enough: f64,
     /// A part that moves on the guideway and expands by itself, with the signal of its sensor, in µm/K: `head:z=-4.95`,
-    /// `head:y=1.2/z=-4.95`. P gets a column for it
+    /// `head:y=1.2/z=-4.95`. P gets one more column for it
     #[arg(long, value_name = "SIGNAL:AXIS=UM")]
     rider: Vec<Rider>,
-    /// Writes the model's block for a profile, and P next to it
+    /// Writes the model's block for a profile to this file, and P to the same directory
     #[arg(long, value_name = "MODEL.toml")]
     write: Option<PathBuf>,
-    /// Writes a page with pictures in one file, for any browser
+    /// Writes a page with diagrams as one file, for any browser
     #[arg(long, value_name = "OUT.html")]
     report: Option<PathBuf>,
-    /// An FE input file with the heat sources and sinks of the running machine: its fluxes are ports, its films are
-    /// sinks
+    /// An FE input file with the heat sources and sinks of the running machine: its fluxes become ports, its films
+    /// become sinks
     #[arg(long, value_name = "PLANT.inp", requires = "modes")]
     plant: Option<PathBuf>,
-    /// Writes the structure of --plant, reduced to modes, for the thermal plant of a virtual machine
+    /// Writes the structure of --plant as thermal modes, for the plant of a virtual machine
     #[arg(long, value_name = "MODES.json", requires = "plant")]
     modes: Option<PathBuf>,
     /// Writes mesh and load cases of an example column into this directory, and does nothing else
@@ -116,7 +117,7 @@ enum AxisWord {
     Z,
 }
 
-/// Program that computes temperatures and displacements.
+/// Program that calculates temperatures and displacements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Engine {
     /// isotherm's own finite elements
@@ -183,7 +184,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     if let (Some(plant), Some(path), Some(adjoint)) = (&plant, &arguments.modes, &study.adjoint) {
         files.write(
-            "what the structure is reduced to",
+            "the structure as thermal modes",
             path,
             plant::modes(plant, adjoint, &placement, &line, &progress)?,
         );

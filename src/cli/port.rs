@@ -1,4 +1,4 @@
-//! The page's port: opened when the gateway starts, or as soon as it is free.
+//! Port of the web page: it is opened when the gateway starts, or as soon as it is free.
 
 use std::io::{Error, ErrorKind};
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
@@ -15,12 +15,12 @@ use crate::observe::status::GatewayApi;
 use isotherm_core::explained::Cause;
 use isotherm_profile::{PLAIN, Web, host_and_port};
 
-/// Another cause is reported after this many failures with it in a row.
+/// Number of failures in a row with another cause, after which the new cause is reported.
 const CHANGED_AFTER: u32 = 2;
 /// Interval between attempts to open the port.
 const AGAIN: Duration = Duration::from_secs(10);
 
-/// Listening address of the page, with its admission rules and its certificate.
+/// Listening address of the web page, with its rules for clients and its certificate.
 #[derive(Debug)]
 pub(super) struct Port {
     listen: String,
@@ -30,11 +30,11 @@ pub(super) struct Port {
     opened: Result<TcpListener, String>,
 }
 
-/// An open page: its listener, its admission rules, and its certificate.
+/// Open web page: its listener, its rules for clients, and its certificate.
 type Opened = (tokio::net::TcpListener, Admission, Option<Certificate>);
 
 impl Port {
-    /// Reads the tokens and the certificate of the page. Opens nothing.
+    /// Reads the tokens and the certificate of the web page. The port is not opened yet.
     pub(super) fn new(web: &Web) -> anyhow::Result<Port> {
         let admission = Admission::of(web).map_err(anyhow::Error::msg)?;
         let place = host_and_port(&web.listen);
@@ -49,13 +49,13 @@ impl Port {
         let is_local = addresses.iter().all(|address| address.ip().is_loopback());
         anyhow::ensure!(
             admission.has_token() || is_local,
-            "the page may listen on {} only with web.token_file in the profile; without this key, only on \
-             loopback",
+            "the web page may listen on {} only with web.token_file in the profile; without this key, only \
+             on loopback",
             web.listen
         );
         anyhow::ensure!(
             web.tls.is_some() || web.plain || is_local,
-            "the page would listen on {} in plain text: {PLAIN}",
+            "the web page would listen on {} in plain text: {PLAIN}",
             web.listen
         );
         let certificate = web.tls.as_ref().map(Certificate::open).transpose()?;
@@ -63,8 +63,8 @@ impl Port {
         Ok(Port { listen: web.listen.clone(), addresses, admission, certificate, opened })
     }
 
-    /// Waits until tokens and certificate of the page can be read. Returns the port, and opens it if that is possible
-    /// now.
+    /// Waits until the tokens and the certificate of the web page can be read. Returns the port, which is already open
+    /// if that was possible.
     pub(super) async fn found(web: &Web, source: &dyn GatewayApi) -> Port {
         let mut reported = None;
         loop {
@@ -89,7 +89,8 @@ impl Port {
         }
     }
 
-    /// Prints the address of the page. `source` gets the event if an earlier event reported that the page is closed.
+    /// Prints the address of the web page. If an earlier event reported that the web page is closed, `source` gets an
+    /// event that it is open.
     fn announce(&self, source: Option<&dyn GatewayApi>) {
         // A closed stdout must not stop the machine.
         let _ = say!("page {}", self.url());
@@ -115,19 +116,19 @@ impl Port {
         }
     }
 
-    /// Returns whether the port may open later: the program that has it may end, or the network of the address may come
-    /// up.
+    /// Returns whether the port may open later after this error. The program that has the port may end, or the network
+    /// of the address may come up.
     pub(super) fn may_open_later(error: &Error) -> bool {
         matches!(error.kind(), ErrorKind::AddrInUse | ErrorKind::AddrNotAvailable)
     }
 
-    /// Message about a port that cannot be opened.
+    /// Returns the message about a port that cannot be opened.
     pub(super) fn closed(&self, error: &Error) -> String {
         let why = explain::system(error);
-        format!("the page cannot listen on {} (another address: --listen): {why}", self.listen)
+        format!("the web page cannot listen on {} (another address: --listen): {why}", self.listen)
     }
 
-    /// Address of the page for a browser.
+    /// Returns the address of the web page for a browser.
     pub(super) fn url(&self) -> String {
         let scheme = if self.certificate.is_some() { "https" } else { "http" };
         let address = self.opened.as_ref().ok().and_then(|listener| listener.local_addr().ok());
@@ -155,7 +156,7 @@ impl Port {
     }
 }
 
-/// Address for a browser. A page that listens on every address gets the name of this computer.
+/// Returns the address for a browser. If the web page listens on every address, it has the name of this computer.
 fn to_open(address: SocketAddr, hostname: &str) -> String {
     match address.ip().is_unspecified() {
         true => format!("{hostname}:{}", address.port()),
@@ -163,7 +164,7 @@ fn to_open(address: SocketAddr, hostname: &str) -> String {
     }
 }
 
-/// Name of this computer.
+/// Returns the name of this computer.
 pub(super) fn hostname() -> String {
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let name = name.trim();

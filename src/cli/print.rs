@@ -1,5 +1,5 @@
-//! Output of the verbs. A failed write, for example because the reader is gone or the disk is full, is an error of the
-//! verb, never a panic. Control characters in quoted text are escaped.
+//! Output of the verbs. A failed write, for example to a closed pipe or a full disk, is an error of the verb, never a
+//! panic. Control characters in quoted text are escaped.
 
 use std::fmt::Arguments;
 use std::io::{Error, Result, Write, stdout};
@@ -7,10 +7,10 @@ use std::io::{Error, Result, Write, stdout};
 use super::journal_stream;
 use isotherm_profile::lines;
 
-/// Standard output. Its errors name it as the file that cannot be written.
+/// Standard output, with control characters escaped. Its errors say that standard output cannot be written.
 pub(crate) struct Out;
 
-/// Standard output without escaping, for control sequences of a redrawn terminal.
+/// Standard output without escaping, for the control sequences by which a terminal is redrawn.
 pub(crate) struct Screen;
 
 impl Write for Out {
@@ -34,7 +34,7 @@ impl Write for Screen {
     }
 }
 
-/// Prints a line of the result.
+/// Prints one line of the result.
 ///
 /// # Errors
 /// Standard output cannot be written.
@@ -42,12 +42,20 @@ pub(crate) fn line(text: Arguments<'_>) -> Result<()> {
     all(format_args!("{text}\n"))
 }
 
-/// Prints text of the result, without a line break.
+/// Prints text of the result, without a line break at its end.
 ///
 /// # Errors
 /// Standard output cannot be written.
 pub(crate) fn all(text: Arguments<'_>) -> Result<()> {
     Out.write_fmt(text).and_then(|()| Out.flush())
+}
+
+/// Prints a JSON document, indented.
+///
+/// # Errors
+/// The document cannot be serialised, or standard output cannot be written.
+pub(crate) fn print_json(document: &impl serde::Serialize) -> anyhow::Result<()> {
+    Ok(line(format_args!("{}", serde_json::to_string_pretty(document)?))?)
 }
 
 /// Clears the terminal.
@@ -59,22 +67,23 @@ pub(crate) fn clear() -> Result<()> {
 }
 
 fn not_taken(error: Error) -> Error {
-    Error::new(error.kind(), format!("what is printed (standard output) cannot be written: {error}"))
+    Error::new(error.kind(), format!("standard output cannot be written: {error}"))
 }
 
-/// Longest line of a diagnostic, in characters. A longer one is cut, because it quotes a file or a device.
+/// Maximum number of characters in a line of a diagnostic. A longer line is cut, because it probably quotes a file or a
+/// device.
 const LONGEST_LINE: usize = 2000;
-/// Longest diagnostic, in bytes.
+/// Maximum number of bytes in a diagnostic.
 const MOST_SAID: usize = 64_000;
 
-/// Prints a diagnostic on stderr, for example a warning or a progress line. Errors are ignored.
+/// Prints a diagnostic on stderr, for example a warning or a progress line. Write errors are ignored.
 pub(crate) fn beside(text: Arguments<'_>) {
     let text = readable(&lines(&text.to_string()));
     let text = if journal_stream::is_stderr() { journal_stream::prioritised(&text) } else { text };
     let _ = std::io::stderr().write_all(format!("{text}\n").as_bytes());
 }
 
-/// Shortens a text to a length that a person can read.
+/// Shortens a diagnostic to a length that a person can read.
 fn readable(text: &str) -> String {
     let mut said = String::new();
     let mut lines = text.split('\n');
@@ -96,7 +105,7 @@ fn readable(text: &str) -> String {
     said
 }
 
-/// Prints text without a line break on stderr. The next text overwrites it.
+/// Prints text without a line break on stderr. The next such text overwrites it.
 pub(crate) fn progress(text: Arguments<'_>) {
     let mut err = std::io::stderr();
     let _ = err.write_fmt(text).and_then(|()| err.flush());
@@ -110,11 +119,11 @@ macro_rules! say {
 macro_rules! say_all {
     ($($text:tt)*) => { $crate::cli::print::all(format_args!($($text)*)) };
 }
-/// Prints a diagnostic on stderr, and ignores errors.
+/// Prints a diagnostic on stderr, and ignores write errors.
 macro_rules! say_beside {
     ($($text:tt)*) => { $crate::cli::print::beside(format_args!($($text)*)) };
 }
-/// Prints text on stderr that the next text overwrites.
+/// Prints text on stderr, which the next such text overwrites.
 macro_rules! say_progress {
     ($($text:tt)*) => { $crate::cli::print::progress(format_args!($($text)*)) };
 }

@@ -1,4 +1,4 @@
-//! Progress of long work on stderr: a line that is redrawn on a terminal, otherwise one line every ten seconds.
+//! Progress of long work on stderr: on a terminal a line that is redrawn, otherwise one line every ten seconds.
 
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,21 +10,21 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::print::say_beside;
 use isotherm_profile::duration_text;
 
-/// Interval of the lines if stderr is no terminal. The first line comes after half of it.
+/// Interval between lines if stderr is no terminal. The first line comes after half of this time.
 const SAID_EVERY: Duration = Duration::from_secs(10);
 const DRAWN_EVERY: Duration = Duration::from_millis(200);
 
-/// Display of work in progress, until this is dropped.
+/// Display of work in progress. It ends when this value is dropped.
 pub(super) struct Progress {
     bar: ProgressBar,
     state: Arc<Mutex<String>>,
-    /// Dropping this sender ends the thread.
+    /// Sender whose drop ends the display thread.
     works: Option<Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Progress {
-    /// Begins the display with the first step of the work.
+    /// Starts the display with the name of the first step.
     pub(super) fn begin(what: &str) -> Progress {
         let bar = ProgressBar::new_spinner().with_message(what.to_owned());
         if let Ok(style) = ProgressStyle::with_template("{spinner} {msg} ({elapsed})") {
@@ -58,7 +58,7 @@ impl Progress {
         Progress { bar, state, works: Some(works), thread: Some(thread) }
     }
 
-    /// Updates the display: `done` steps of `all`.
+    /// Updates the display: `done` of `all` steps are finished.
     pub(super) fn note(&self, what: &str, done: usize, all: usize) {
         let line = format!("{what}: {done} of {all}");
         self.bar.set_message(line.clone());

@@ -1,10 +1,12 @@
-//! `isotherm read`: one reading of every signal, or of one register without a signal.
+//! `isotherm read`: reads every signal once, or one register without a signal.
 
 use std::io::IsTerminal;
 
+use super::print::print_json;
+use super::read_once;
 use super::run::known_directory;
 use super::target::Target;
-use super::{print_json, read_once};
+use super::values::wrong_arguments;
 use crate::cli::print::{clear, say_all};
 use crate::observe::status::Status;
 
@@ -12,7 +14,8 @@ use crate::observe::status::Status;
 mod nodes;
 mod register;
 
-/// Reads every signal once and shows its quality; with --register, reads one register without a signal. Writes nothing.
+/// Reads every signal once and shows its quality. With --register, reads one register that needs no signal in the
+/// profile. Writes nothing.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm read my-machine.toml\n  isotherm read my-machine.toml --watch\n  \
@@ -31,7 +34,7 @@ pub(super) struct Arguments {
     /// Reads again each second until Ctrl-C
     #[arg(long)]
     watch: bool,
-    /// Prints one JSON document; with --watch one on each line
+    /// Prints one JSON document; with --watch, one document on each line
     #[arg(long)]
     json: bool,
 }
@@ -45,13 +48,15 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return nodes::run(&arguments.target, &arguments.nodes, arguments.json);
     }
     if arguments.target.is_at_a_server() {
-        super::refuse("an OPC UA server has nodes: add --browse")
+        return Err(wrong_arguments("an OPC UA server has nodes: add --browse"));
     }
     let Some(profile) = arguments.target.load(arguments.json)? else {
-        super::refuse("name a PROFILE, or a line and what to read: --bus tcp://HOST --register holding:0")
+        return Err(wrong_arguments(
+            "name a PROFILE, or a line and what to read: --bus tcp://HOST --register holding:0",
+        ));
     };
     if arguments.target.bus.is_some() || arguments.target.timeout.is_some() {
-        super::refuse("--bus and --timeout need --register, the register to read")
+        return Err(wrong_arguments("--bus and --timeout need --register, the register to read"));
     }
     let document = |status: &Status| serde_json::json!({ "now": status.now, "signals": status.signals });
     let directory = known_directory(profile.history.directory.as_deref());

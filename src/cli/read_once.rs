@@ -1,4 +1,4 @@
-//! One reading of every device: the gateway in a dry run, until each signal has been read or has failed.
+//! One reading of every device. The gateway runs without writing until each signal was read or has failed.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -13,11 +13,11 @@ use crate::observe::status::{GatewayApi, Status};
 use isotherm_profile::Profile;
 use isotherm_profile::counted;
 
-/// Longest wait for a frame that a node sends by itself.
+/// Longest time to wait for a frame that a CAN device sends by itself.
 const LONGEST_PERIOD: Duration = Duration::from_secs(10);
 
-/// Reads every device once, and returns the state. `directory` is the state directory of the machine's gateway. It
-/// contains the known OPC UA namespaces.
+/// Reads every device once, and returns the status of the gateway. `directory` is the state directory of the machine's
+/// gateway, which contains the known OPC UA namespaces.
 pub(super) fn once(profile: Profile, directory: PathBuf) -> anyhow::Result<Status> {
     let mut last = None;
     watch(profile, directory, |status| {
@@ -40,7 +40,7 @@ pub(super) fn watch(
     // The gateway cannot request these frames: it waits for the next one.
     let comes = profile.signals.iter().filter(|signal| signal.address.is_in_frames());
     let patience = comes.map(|signal| signal.max_age.min(LONGEST_PERIOD)).fold(patience, Duration::max);
-    super::runtime()?.block_on(async {
+    super::runtime::start()?.block_on(async {
         let clock = Clock::wall();
         let options = Options { dry_run: true, remembered_in: Some(directory), ..Options::default() };
         let gateway = Gateway::new(profile, &clock, options);
@@ -60,7 +60,8 @@ pub(super) fn watch(
     Ok(())
 }
 
-/// Returns whether every signal has a value or a reason, and every requested device and offset register has been tried.
+/// Returns whether every signal has a value or a reason for having none, and every device and offset register was
+/// tried.
 fn is_complete(source: &Arc<dyn GatewayApi>) -> bool {
     let status = source.status();
     status.signals.iter().all(|signal| signal.quality != "never-read")
@@ -68,7 +69,7 @@ fn is_complete(source: &Arc<dyn GatewayApi>) -> bool {
         && status.outputs.iter().all(|output| output.writes != "offset" || output.value.is_some())
 }
 
-/// Fails if a signal cannot be used. The error lists the signals by reason.
+/// Returns an error if a signal cannot be used. The error lists such signals by reason.
 pub(super) fn assess(status: &Status) -> anyhow::Result<()> {
     let bad = status.signals.iter().filter(|signal| signal.quality != "good");
     let mut of_reason: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
@@ -84,7 +85,7 @@ pub(super) fn assess(status: &Status) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Formats the signals, one line each.
+/// Formats the signals as text, one line each.
 pub(super) fn signals(status: &Status) -> String {
     let width = status.signals.iter().map(|signal| signal.name.len()).max().unwrap_or(0).max(6);
     let lines = status.signals.iter().map(|signal| {
@@ -95,10 +96,10 @@ pub(super) fn signals(status: &Status) -> String {
     lines.collect()
 }
 
-/// Formats the buses, devices and offset registers, one line each.
+/// Formats the buses, devices and offset registers as text, one line each.
 pub(super) fn fieldbus(status: &Status) -> String {
     let buses = status.buses.iter().map(|bus| {
-        // `connected` is set at the end of a turn, which may not have come yet.
+        // `connected` is set at the end of a turn (one action of the line task), which may not have come yet.
         let answers = status.devices.iter().any(|device| device.bus == bus.name && device.state == "ok");
         let link = if bus.connected || answers { "connected" } else { "not connected" };
         format!("  bus {} ({}): {link}\n", bus.name, bus.address)

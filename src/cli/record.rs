@@ -1,16 +1,17 @@
-//! `isotherm record`: logs readings for identification. It writes to no device.
+//! `isotherm record`: logs readings for a later identification. It writes to no device.
 //!
-//! A run is one file. It has the column `time`, then every signal in its unit, empty if it could not be used. A
-//! displacement sensor is another signal of the profile. On a virtual machine, columns `<axis>_error_um` contain the
-//! true error.
+//! One file is one run. It has the column `time`, and a column for every signal in its unit; a cell is empty if the
+//! signal had no usable value. A displacement sensor is another signal of the profile. With a virtual machine, columns
+//! `<axis>_error_um` contain the true error.
 
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::time::Duration;
 
+use super::loading::{ProfileArguments, load};
 use super::run::known_directory;
 use super::signals::Signals;
-use super::{ProfileArguments, load, machines, values};
+use super::{machines, values};
 use crate::cli::print::{say_all, say_beside};
 use crate::clock::Clock;
 use crate::gateway::{Gateway, Options};
@@ -26,10 +27,11 @@ use recording::Recording;
 /// Interval of the progress lines if stderr is no terminal.
 const SHOWN_EVERY: Duration = Duration::from_secs(600);
 
-/// Logs readings, including displacement signals, for `identify` and `select`. Writes to no device.
+/// Logs readings, including those of displacement sensors, for `identify` and `select`. Writes to no device.
 ///
-/// Start it on a cold machine, let the machine warm up and cool down, and end it with Ctrl-C: that is one run. Several
-/// runs, on other days and at other speeds, make a campaign. If --out is a directory, each run gets its own file name.
+/// Start the verb on a cold machine, let the machine warm up and cool down, and end the verb with Ctrl-C: that is one
+/// run. Several runs, on other days and at other speeds, are needed for an identification. If --out is a directory,
+/// each run gets its own file name.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm record my-machine.toml --out campaign/\n  isotherm record my-machine.toml \
@@ -39,7 +41,8 @@ const SHOWN_EVERY: Duration = Duration::from_secs(600);
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// The log, or a directory for logs that are named by machine and time; existing files are never overwritten
+    /// The log file, or a directory for log files that are named by machine and time; existing files are never
+    /// overwritten
     #[arg(long, value_name = "LOG.csv")]
     out: PathBuf,
     /// Interval between rows
@@ -48,14 +51,14 @@ pub(super) struct Arguments {
     /// Duration of the recording [default: until Ctrl-C]
     #[arg(long = "for", value_name = "SPAN", value_parser = positive)]
     span: Option<Duration>,
-    /// Begins a new file, which is a separate run, after this time
+    /// Begins a new file, which counts as another run, after this time
     #[arg(long, default_value = "24h", value_name = "SPAN", value_parser = positive)]
     rotate: Duration,
     /// Uses the plant of a shipped machine instead of devices, as fast as possible, and logs its true error as
     /// <axis>_error_um
     #[arg(long = "virtual", requires = "span")]
     on_plant: bool,
-    /// The simulated day of the virtual machine
+    /// Seed of the simulated day of the virtual machine
     #[arg(long, default_value_t = 1, requires = "on_plant")]
     seed: u64,
 }
@@ -65,7 +68,7 @@ fn positive(text: &str) -> Result<Duration, String> {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let runtime = super::runtime()?;
+    let runtime = super::runtime::start()?;
     let recording = if arguments.on_plant {
         let (profile, plant) =
             machines::with_plant(&arguments.profile.path.to_string_lossy(), &arguments.profile.set)?;
@@ -89,7 +92,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Records until the span is over or Ctrl-C. `ready` is dropped when all tasks have joined the clock.
+/// Records until the requested time is over, or until Ctrl-C. `ready` is dropped when all tasks have registered with
+/// the clock.
 async fn record(
     arguments: &Arguments,
     profile: Profile,
@@ -137,7 +141,7 @@ async fn record(
     done.map(|()| recording)
 }
 
-/// Shows the progress on stderr. `shown` is the time of the last line if stderr is no terminal.
+/// Shows the progress on stderr. `shown` is the time of the last line, which is used if stderr is no terminal.
 fn show_progress(shown: &mut Duration, spent: Duration, span: Option<Duration>, recording: &Recording) {
     let of = span.map_or(String::new(), |span| format!(" of {}", duration_text(span)));
     let whole = duration_text(Duration::from_secs(spent.as_secs()));

@@ -1,4 +1,4 @@
-//! `isotherm release`: returns the register of a removed output to its base.
+//! `isotherm release`: returns the register of a moved or removed output to its base value.
 
 use std::io::IsTerminal;
 use std::time::Duration;
@@ -6,8 +6,9 @@ use std::time::Duration;
 use serde_json::Value;
 
 use super::command::RunningGateway;
+use super::loading::{ProfileArguments, load_modelled};
+use super::restart;
 use super::values::typed;
-use super::{ProfileArguments, load_modelled, restart};
 use crate::cli::print::say_beside;
 use crate::clock::BootClock;
 use crate::gateway::control;
@@ -18,9 +19,9 @@ use isotherm_profile::safe_file::quoted;
 /// Answer that confirms the release.
 const YES: &str = "yes";
 
-/// Returns the register of an output that was moved or removed in the profile to its base. The gateway removes its
-/// offset in steps, within the limit, step and rate that the output had. The operator offset in a shared register
-/// stays.
+/// Returns the register of an output that was moved or removed in the profile to its base value. The gateway removes
+/// its own offset in steps, within the limit, step and rate that the output had. An operator offset in the same
+/// register stays.
 ///
 /// The gateway is restarted as by `isotherm restart --keep`, so that the current profile takes effect; nothing else
 /// moves. The release begins only if the register holds the value that is shown here. If the gateway ends before the
@@ -84,17 +85,18 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     gateway.print(Ok(Answer::Done(restart::sentence(&status))))
 }
 
-/// Asks the operator at the terminal for confirmation. Returns true if the operator has confirmed.
+/// Asks the operator on the terminal for confirmation. Returns whether the operator has confirmed.
 fn is_wanted() -> anyhow::Result<bool> {
     anyhow::ensure!(
         std::io::stdin().is_terminal(),
         "nothing is released, because there is no terminal for the question: add --yes"
     );
-    say_beside!("Return the register to its base? Type {YES}:");
+    say_beside!("Remove the gateway's offset from the register, in steps? Type {YES}:");
     Ok(typed()?.is_some_and(|text| text.trim() == YES))
 }
 
-/// Message why nothing can be released of an output. `is_present`: the gateway still writes to it.
+/// Returns the message why nothing of an output can be released. `is_present`: the gateway still writes to the output.
+/// `left`: the registers that can be released.
 fn nothing_left(output: &str, is_present: bool, left: &[Value]) -> String {
     let mut names: Vec<&str> = left.iter().map(|one| word(&one["output"])).collect();
     names.dedup();
@@ -109,13 +111,14 @@ fn nothing_left(output: &str, is_present: bool, left: &[Value]) -> String {
              and run `isotherm restart --keep`; {others}"
         ),
         false => format!(
-            "no value of the gateway is in a register of an output {} that was moved or removed; {others}",
+            "no register of an output {} that was moved or removed holds a value of the gateway; {others}",
             quoted(output)
         ),
     }
 }
 
-/// Reason why a register of the output has not been released. `None` if each one returns to its base or has reached it.
+/// Returns the reason why a register of the output is not being released. Returns `None` if each register returns to
+/// its base value, or has reached it.
 fn not_released(status: &Value, output: &str) -> Option<String> {
     let mut left = status["left"].as_array()?.iter();
     let left = left.find(|one| one["output"] == output && one["state"] == "left")?;
@@ -129,12 +132,12 @@ fn not_released(status: &Value, output: &str) -> Option<String> {
     Some(left["obstacle"].as_str().map_or_else(holds, str::to_owned))
 }
 
-/// Offset of the gateway in a register as the operator has seen it, in µm.
+/// Returns the offset of the gateway in a register as it was shown to the operator, µm.
 fn seen(left: &Value) -> f64 {
     left["found_um"].as_f64().or(left["held_um"].as_f64()).unwrap_or_default()
 }
 
-/// Describes the offset that is left in a register, and how it returns to its base.
+/// Describes the offset that the gateway left in a register, and how the register returns to its base value.
 fn way(left: &Value) -> String {
     let figure = |key: &str| left[key].as_f64();
     let micron =
@@ -154,8 +157,8 @@ fn way(left: &Value) -> String {
     let bound = |key: &str| figure(key).map_or("unknown".to_owned(), |um| format!("{um} µm"));
     let seconds = figure("back_s").and_then(|seconds| Duration::try_from_secs_f64(seconds.ceil()).ok());
     format!(
-        "{holds}{beside}; the register returns to its base by at most {} an update and {}/s, within ±{}: \
-         this takes about {}",
+        "{holds}{beside}; the register returns to its base value by at most {} an update and {}/s, within \
+         ±{}: this takes about {}",
         bound("step_um"),
         bound("rate_um_per_s"),
         bound("limit_um"),
@@ -181,8 +184,8 @@ mod tests {
         assert_eq!(
             way(&left),
             "20.0 µm from the gateway were verified in holding:104 (40105) of unit 1 at 10.0.0.7:502; \
-             the register returns to its base by at most 1 µm an update and 0.25 µm/s, within ±40 µm: this \
-             takes about 1m 20s"
+             the register returns to its base value by at most 1 µm an update and 0.25 µm/s, within ±40 \
+             µm: this takes about 1m 20s"
         );
         left["operator"] = 3.5.into();
         assert!(

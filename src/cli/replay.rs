@@ -1,18 +1,20 @@
-//! The verb `isotherm replay`: runs the gateway's own step over a recorded log.
+//! `isotherm replay`: repeats the decisions of a recorded log with the code of the gateway.
 //!
-//! A log of the gateway gives its decisions again, bit for bit; the summary tells whether it did. The summary also
-//! lists when a sensor was replaced and by what, when one was suspected, and when and why an axis was on hold.
+//! A log of the gateway gives the same decisions again, bit for bit; the summary says whether it did. The summary also
+//! lists when a sensor was replaced and by which others, and when a sensor was suspected. It also lists when and why an
+//! axis was on hold.
 //!
-//! A log of outputs (`NAME-DATE.outputs.csv`) gives its actions again. It is replayed alone, or together with the log
-//! of decisions next to it.
+//! A log of outputs (`NAME-DATE.outputs.csv`) gives the same output actions again. It is replayed alone, or together
+//! with the log of decisions in the same directory.
 //!
-//! A log from elsewhere is replayed by the same step, row by row. The axes are armed, and their registers start at
-//! zero:
+//! A log from another source is replayed by the same code, row by row. The axes count as armed, and their registers
+//! start at zero:
 //! - An axis updates at a row only if its period has passed since its last update. If rows come faster, `z_cz_um`,
 //!   `z_state` and `z_acted` do not change until the next update. If rows come slower, there is one update per row.
 //!   Then Cz may lag more than on the machine, and a warning is given.
 //! - `z_raw_um` and `z_model` are those of the model at every row, even without an update.
-//! - `range` is applied to the values. `max_rate`, `max_age` and `fault_when` are not, because a row is always fresh.
+//! - `range` is applied to the values. `max_rate`, `max_age` and `fault_when` are not, because each row counts as a new
+//!   reading.
 
 use std::io::{BufRead, BufReader, Read, Write};
 
@@ -22,8 +24,9 @@ use std::path::PathBuf;
 use anyhow::Context;
 use jiff::tz::TimeZone;
 
+use super::loading::{ProfileArguments, load_modelled};
 use super::logs::LogZone;
-use super::{ProfileArguments, load_modelled, print_json};
+use super::print::print_json;
 use crate::cli::print::{say_all, say_beside};
 use crate::gateway::log::{LogReader, LogRow, number};
 use isotherm_core::compensation::{Compensation, Decision, Remembered, Snapshot};
@@ -44,12 +47,13 @@ pub use spans::{AxisSpans, OmittedSpans, Span};
 use summary::Tally;
 pub use summary::{AxisSummary, Difference, ErrorSummary, Range, Reproduced, Summary};
 
-/// Computes the decisions of a recorded log again with the code of the gateway.
+/// Repeats the decisions of a recorded log with the code of the gateway, and compares them.
 ///
-/// The rows have every stage of Cz, and the error before and after compensation if the log has a measured error.
+/// The rows of --out have every stage of Cz. If the log has a measured error, they also have the error before and after
+/// compensation.
 ///
-/// The summary says when a sensor was replaced and by what, and when a sensor was suspected of being frozen. It also
-/// says when and why an axis held.
+/// The summary says when a sensor was replaced and by which others, and when a sensor was suspected of being frozen. It
+/// also says when and why an axis was on hold.
 ///
 /// A log is CSV with a column `time` and one column for each signal in its unit. `time` is in seconds, RFC 3339, or
 /// `05.01.2026 06:00:10` by the clock of --zone. `<axis>_error_um` is the measured error, if there is one. Missing
@@ -114,24 +118,24 @@ fn run_outputs(arguments: &Arguments, log: impl Read, name: &str) -> anyhow::Res
     Ok(())
 }
 
-/// Number of rows between two progress messages. A log of a month takes a while.
+/// Number of rows between two progress messages. A replay of a month takes long enough to need them.
 const SAID_EVERY: u64 = 2_000_000;
 
-/// Result of one axis at one row.
+/// Decision and error of one axis at one row.
 #[derive(Clone, Debug)]
 struct Outcome<'a> {
     raw: Option<Micron>,
     model: &'a str,
     decision: Decision,
-    /// Name of a sensor that had a stand-in; empty if there was none.
+    /// Name of a sensor whose value was calculated from others; empty if there was none.
     stood_in: &'a str,
     error: Option<f64>,
 }
 
-/// Properties of a log that the log itself does not contain.
+/// Properties of a log that its file does not contain.
 #[derive(Clone, Debug)]
 pub struct Recording<'a> {
-    /// Name of the log in messages.
+    /// Name of the log, as messages show it.
     pub name: &'a str,
     /// Time zone of times without an offset from UTC; `None` rejects such times.
     pub zone: Option<TimeZone>,
@@ -143,10 +147,10 @@ impl<'a> From<&'a str> for Recording<'a> {
     }
 }
 
-/// Replays a log, writes a row for each of its rows to `out`, and returns a summary.
+/// Replays a log. Writes a row to `out` for each row of the log, and returns a summary.
 ///
 /// # Errors
-/// Returns the place in a log that cannot be read, or the output that cannot be written.
+/// The position in the log that cannot be read, or the reason why the output cannot be written.
 pub fn replay<'a>(
     profile: &Profile,
     log: impl Read,
@@ -241,7 +245,7 @@ fn outcome<'a>(
 }
 
 impl Outcome<'_> {
-    /// Returns the residual error; `None` if the log has no error at this row.
+    /// Returns the residual error, µm; `None` if the log has no measured error at this row.
     fn residual(&self) -> Option<f64> {
         self.error.map(|error| error + self.decision.cz.get())
     }

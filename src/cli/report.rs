@@ -1,4 +1,4 @@
-//! `isotherm report`: the drift in logs, in the terms of ISO 230-3.
+//! `isotherm report`: reports the thermal drift in logs, in the terms of ISO 230-3.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -7,9 +7,10 @@ use clap::builder::TypedValueParser;
 
 use super::extra_files::ExtraFiles;
 use super::identify::one_of;
+use super::loading::load_with;
+use super::print::print_json;
 use super::progress::Progress;
 use super::runs::Runs;
-use super::{load_with, print_json};
 use crate::cli::print::Out;
 use crate::clock::Clock;
 use isotherm_identify::applied::{Applied, add_without_cz};
@@ -20,12 +21,12 @@ use isotherm_identify::{report, uses};
 mod text;
 
 /// Reports the drift in logs in the terms of ISO 230-3: how far each displacement moved, when, and the state of the
-/// machine meanwhile.
+/// machine then.
 ///
-/// The report describes a log. The durations and limits of the standard are your responsibility. A log is CSV with a
-/// column `time`, `time_s` or `time_min`. `time` is in seconds, RFC 3339, or `05.01.2026 06:00:10` by the clock of
-/// --zone. Displacements are in columns that end with `_um`. Other columns are temperatures, speeds (`_rpm`), positions
-/// (`_mm`) and angles (`_deg`).
+/// The report describes a log; that the test fulfils the durations and conditions of the standard is your
+/// responsibility. A log is CSV with a column `time`, `time_s` or `time_min`. `time` is in seconds, RFC 3339, or
+/// `05.01.2026 06:00:10` by the clock of --zone. Displacements are in columns whose names end with `_um`. Other columns
+/// are temperatures, speeds (`_rpm`), positions (`_mm`) and angles (`_deg`).
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm report night.csv\n  isotherm report warm-up.csv --test spindle --displacement z_error_um\n  isotherm report day7.csv --profile surface-grinder --json"
@@ -34,17 +35,17 @@ pub(super) struct Arguments {
     /// The logs; each run is reported separately
     #[arg(value_name = "LOG", required = true)]
     logs: Vec<PathBuf>,
-    /// Test that the logs represent, instead of the one that their columns indicate
+    /// Test of the standard that the logs represent [default: the one that their columns indicate]
     #[arg(long, value_parser = tests())]
     test: Option<Test>,
-    /// The displacements, µm, instead of every column that ends with _um
+    /// The columns of displacements, µm [default: every column whose name ends with _um]
     #[arg(long, value_name = "COLUMN", value_delimiter = ',')]
     displacement: Vec<String>,
     /// The column with the Cz that acted on the displacements during the measurement, µm. `none` means that no Cz acted
     /// [default: as a log of the gateway says]
     #[arg(long, value_name = "COLUMN")]
     cz: Option<String>,
-    /// Writes a page with pictures in one file, for any browser
+    /// Writes a page with diagrams as one file, for any browser
     #[arg(long, value_name = "OUT.html")]
     report: Option<PathBuf>,
     /// The machine's profile, for the units of its signals
@@ -57,7 +58,7 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-/// Tests of ISO 230-3, with their names on the command line.
+/// Returns a parser for the tests of ISO 230-3 by their names on the command line.
 fn tests() -> impl TypedValueParser<Value = Test> {
     one_of([
         (Test::Etve, "etve", "Environmental temperature variation error: nothing turns or moves"),
@@ -78,7 +79,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut dataset = arguments.runs.read(&arguments.logs, "gauge_um", &unit, &uses)?;
     let mut displacements = arguments.displacement.clone();
     add_without_cz(&mut dataset, profile.as_ref(), &mut displacements, &applied)?;
-    let working = Progress::begin("how far each run drifted");
+    let working = Progress::begin("calculating the drift of each run");
     let drifts = drift(&dataset, &displacements, arguments.test, &unit)?;
     drop(working);
     let mut beside = ExtraFiles::default();

@@ -6,23 +6,24 @@ use std::time::Duration;
 use serde_json::Value;
 
 use super::command::RunningGateway;
-use super::{ProfileArguments, WrongProfile, load_modelled, running};
+use super::loading::{ProfileArguments, WrongProfile, load_modelled};
+use super::running;
 use crate::cli::print::say_beside;
 use crate::clock::BootClock;
 use crate::gateway::control::{self, Failure};
 use crate::observe::status::Answer;
 use isotherm_profile::safe_file;
 
-/// Time limit for the new gateway until every device has answered and every axis has decided.
+/// Time limit within which the new gateway must have an answer of every device and a decision of every axis.
 const READY_WITHIN: Duration = Duration::from_secs(15);
 const LOOK_EVERY: Duration = Duration::from_millis(100);
-/// Minimum time of the other program for its check, and again for its start. Three times the duration of this check
-/// applies if it is longer.
+/// Shortest time limit of the new program for its check, and again for its start. The limit is three times the duration
+/// of the same check in this process, if that is longer.
 const SHORTEST: Duration = Duration::from_secs(10);
 
-/// Replaces the gateway that runs this profile on this computer. The new program is the one at the path of the running
-/// one. It gets the same arguments and the current profile. No register changes: an armed axis resumes from the
-/// register value, and an axis that is off stays off.
+/// Replaces the gateway that runs this profile on this computer. The new program is the one that is now at the path of
+/// the running one. It gets the same arguments and the current profile. No register changes: an armed axis resumes from
+/// the register value, and an axis that is off stays off.
 ///
 /// This verb first checks the profile. If the profile is wrong (exit code 64), the running gateway continues.
 #[derive(clap::Args, Debug)]
@@ -30,7 +31,8 @@ const SHORTEST: Duration = Duration::from_secs(10);
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// Keeps all register values. There is no restart without it: for any other, stop the gateway and start it again
+    /// Keeps all register values. This option is required: for a restart without it, stop the gateway and start it
+    /// again
     #[arg(long, required = true)]
     keep: bool,
     #[command(flatten)]
@@ -53,11 +55,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     gateway.print(Ok(Answer::Done(sentence(&taken_over(&socket, replaced)?))))
 }
 
-/// Waits for the new gateway as [`ready`] does, and returns its state. `replaced` is its first state, or the failure of
-/// the replacement.
+/// Waits until the new gateway has taken over completely, at most for [`READY_WITHIN`], and returns its status.
+/// `replaced` is the first status of the new gateway, or the failure of the replacement.
 ///
 /// # Errors
-/// The profile is wrong, which this function prints; or the running gateway was not replaced.
+/// The profile is wrong, and its errors were printed; or the running gateway was not replaced.
 pub(super) fn taken_over(socket: &Path, replaced: Result<String, Failure>) -> anyhow::Result<Value> {
     match replaced {
         Err(Failure::WrongProfile(why)) => {
@@ -68,13 +70,14 @@ pub(super) fn taken_over(socket: &Path, replaced: Result<String, Failure>) -> an
     }
 }
 
-/// Time limit of the other program for its check, and again for its start. `own_check` is the duration of the same
-/// check in this process.
+/// Returns the time limit of the new program for its check, and again for its start. `own_check` is the duration of the
+/// same check in this process.
 pub(super) fn limit(own_check: Duration) -> Duration {
     SHORTEST.max(own_check * 3)
 }
 
-/// Polls the new gateway until it is complete or its time is over, and returns its last state.
+/// Polls the new gateway until every device has answered and every axis has decided, or the time limit is over. Returns
+/// its last status.
 fn ready(socket: &Path, first: String) -> Value {
     let until = BootClock::default().passed() + READY_WITHIN;
     let mut text = first;
@@ -89,7 +92,7 @@ fn ready(socket: &Path, first: String) -> Value {
     }
 }
 
-/// Makes the sentence that names the running version and the state of each axis.
+/// Returns the sentence that names the running version and the state of each axis.
 pub(super) fn sentence(status: &Value) -> String {
     let word = |value: &Value| value.as_str().unwrap_or_default().to_owned();
     let axis = |axis: &Value| match word(&axis["why"]) {
@@ -105,7 +108,8 @@ pub(super) fn sentence(status: &Value) -> String {
     )
 }
 
-/// Reports the wrong profile to the gateway that runs it, and returns the answer. `None` if no such gateway is found.
+/// Reports the errors of the profile to the gateway that runs it, and returns the answer. Returns `None` if no such
+/// gateway is found.
 fn report_wrong(profile: &Path, gateway: &RunningGateway) -> Option<String> {
     let text = safe_file::read_text(profile).unwrap_or_default();
     if let Some(name) = name_in(&text) {
@@ -118,7 +122,7 @@ fn report_wrong(profile: &Path, gateway: &RunningGateway) -> Option<String> {
     sockets.iter().find_map(|socket| control::restart_is_wrong(socket, Some(&profile)).ok())
 }
 
-/// Finds the machine's name in the text of a profile that may contain errors.
+/// Returns the machine's name in the text of a profile, which may contain errors; `None` if it is not found.
 fn name_in(text: &str) -> Option<&str> {
     let machine = text.lines().map(str::trim).skip_while(|line| *line != "[machine]").skip(1);
     let name =

@@ -1,5 +1,5 @@
-//! `isotherm restore`: restores a machine from the file that `backup` wrote. The file may have been manipulated. The
-//! verb therefore checks all of it before it writes anything.
+//! `isotherm restore`: restores a machine from the file that `isotherm backup` wrote. The file may have been
+//! manipulated. The verb therefore checks the whole file before it writes anything.
 
 use std::io::Read;
 use std::os::unix::fs::MetadataExt;
@@ -19,15 +19,15 @@ use crate::gateway::make_directory;
 use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::{one_line, safe_file, sha256};
 
-/// Largest size of a manifest in bytes. [`MOST_FILES`] limits its length.
+/// Largest size of a manifest in bytes. [`MOST_FILES`] is the largest number of files in it.
 const LARGEST_MANIFEST: u64 = 1024 * 1024;
 const MOST_FILES: usize = 4096;
 
 /// Restores a backup: the profile and its files to a directory, state and ledger to the state directory.
 ///
-/// The verb checks everything before it writes anything. It does not replace newer files, and it does nothing while the
-/// gateway of the machine runs. What was written to the registers since the backup is not known. Every axis is
-/// therefore off until an operator arms it.
+/// The verb checks everything before it writes anything. It does not replace newer files. It does nothing while the
+/// gateway of the machine runs. The backup does not contain what was written to the registers after it was made. Every
+/// axis is therefore off until an operator arms it.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Example:\n  isotherm restore my-machine.tar --to /etc/isotherm --state /var/lib/isotherm"
@@ -39,12 +39,12 @@ pub(super) struct Arguments {
     /// The directory of the profile and its files
     #[arg(long, value_name = "DIR", default_value = ".")]
     to: PathBuf,
-    /// The directory of state and ledger [default: the platform's state directory]
+    /// The directory for state and ledger [default: the platform's state directory]
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
 }
 
-/// A file to be written.
+/// File that is to be written.
 struct Planned {
     path: PathBuf,
     mode: u32,
@@ -97,7 +97,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let profile = arguments.to.join(&manifest.profile);
     let profile = profile.display();
     Ok(say!(
-        "{machine} as it was at {taken}: files written: {}, state in {}. What was written to its registers \
+        "{machine} is restored as it was at {taken}: files written: {}, state in {}. What was written to its registers \
          after the backup is not known. Every axis is off until an operator arms it.\nNext: isotherm check \
          {profile}",
         planned.len(),
@@ -105,7 +105,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     )?)
 }
 
-/// Reads the manifest of an archive, and the bytes of each file in it.
+/// Returns the manifest of an archive, and the bytes of each file in it.
 fn read(bytes: &[u8]) -> anyhow::Result<(Manifest, Vec<Vec<u8>>)> {
     let mut archive = tar::Archive::new(bytes);
     // With `raw`, entries that only describe the next one (a long name, a size, holes) stay visible, and are rejected.
@@ -139,7 +139,7 @@ fn read(bytes: &[u8]) -> anyhow::Result<(Manifest, Vec<Vec<u8>>)> {
     Ok((manifest, files))
 }
 
-/// Reads a regular file with this name.
+/// Reads an entry of the archive that must be a regular file with this name.
 fn plain(entry: std::io::Result<tar::Entry<'_, &[u8]>>, name: &str, largest: u64) -> anyhow::Result<Vec<u8>> {
     // The original error would quote the content, which may be secret.
     let entry = entry.map_err(|_| anyhow::anyhow!("the file is damaged, or is no tar archive"))?;
@@ -155,8 +155,8 @@ fn plain(entry: std::io::Result<tar::Entry<'_, &[u8]>>, name: &str, largest: u64
     Ok(bytes)
 }
 
-/// Checks a manifest: no path leads outside its directory, no file has another mode than in a backup, and none occurs
-/// twice.
+/// Checks a manifest: no path leads outside its directory, no file has a mode that a backup does not use, and none
+/// occurs twice.
 fn check(manifest: &Manifest) -> anyhow::Result<()> {
     ensure!(manifest.files.len() <= MOST_FILES, "the manifest lists more than {MOST_FILES} files");
     let is_plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
@@ -197,7 +197,7 @@ fn refuse_while_running(directory: &Path, machine: &str) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Returns whether the file must be written: `false` if it has the same content already. A newer file, or a link in its
+/// Returns whether the file must be written: `false` if it exists with the same content. A newer file, or a link in its
 /// path, is an error.
 fn is_to_be_written(to: &Path, name: &str, bytes: &[u8], taken: Moment) -> anyhow::Result<bool> {
     let mut path = to.to_owned();
@@ -226,7 +226,8 @@ fn is_to_be_written(to: &Path, name: &str, bytes: &[u8], taken: Moment) -> anyho
     Ok(true)
 }
 
-/// Writes a complete file, and replaces an existing one. As root, it gives the file the owner of its directory.
+/// Writes a complete file, and replaces an existing one. If the program runs as root, the file gets the owner of its
+/// directory.
 fn put(file: &Planned) -> anyhow::Result<()> {
     let directory = file.path.parent().filter(|directory| !directory.as_os_str().is_empty());
     let directory = directory.unwrap_or(Path::new("."));

@@ -1,4 +1,4 @@
-//! `isotherm run`: the gateway.
+//! `isotherm run`: runs the gateway.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -10,12 +10,13 @@ use tracing_appender::non_blocking::WorkerGuard;
 
 #[cfg(feature = "mqtt")]
 use super::broker;
+use super::loading::{ProfileArguments, warned};
 use super::notices;
 use super::port::Port;
 use super::run_profile::{self, RunProfile};
 use super::services::{Services, Sockets};
 use super::signals::Signals;
-use super::{ProfileArguments, volume, warned};
+use super::volume;
 use crate::cli::print::{say, say_beside};
 use crate::clock::Clock;
 use crate::gateway::{
@@ -27,12 +28,12 @@ use crate::observe::notify::{Outboxes, Rules};
 use crate::observe::status::BrokerFigures;
 use isotherm_profile::{DeviceId, Profile, Sources, Web, plan};
 
-/// Time for pending log lines when the gateway gives up.
+/// Time to wait for pending log lines when the program ends with an error.
 const LAST_WORDS: Duration = Duration::from_millis(200);
-/// Longest wait for pending log lines before another program starts. No line is polled meanwhile.
+/// Longest time to wait for pending log lines before another program starts. During this time no device is polled.
 const LOG_WRITTEN_WITHIN: Duration = Duration::from_millis(50);
 
-/// Runs the gateway: polls, computes and writes, until SIGTERM or Ctrl-C.
+/// Runs the gateway: polls the devices, calculates Cz and writes it, until SIGTERM or Ctrl-C.
 ///
 /// Before it stops, the gateway executes the fault actions of the axes (hold, ramp or zero). A second signal ends it at
 /// once; the registers then keep their values.
@@ -43,42 +44,44 @@ const LOG_WRITTEN_WITHIN: Duration = Duration::from_millis(50);
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// Address of the page, instead of the one in [web] of the profile; port 0 selects any free port, which is printed
+    /// Address of the web page, instead of the one in [web] of the profile; port 0 selects any free port, which is
+    /// printed
     #[arg(long, value_name = "ADDR")]
     listen: Option<String>,
     /// Directory of state and logs, instead of the one in [history] of the profile
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
-    /// Reads, computes and shows, but writes nothing
+    /// Reads, calculates and shows, but writes nothing
     #[arg(long)]
     dry_run: bool,
-    /// Only checks whether this program could replace the gateway of this command socket
+    /// Only checks whether this program could replace the gateway that has this command socket
     #[arg(long = CHECK_ONLY, value_name = "SOCKET", hide = true)]
     check_only: Option<PathBuf>,
 }
 
-/// Program that replaces this one, with the data that it receives.
+/// Program that replaces this one, with the data that is handed over to it.
 pub(super) struct Replacement {
     program: Program,
     handover: Handover,
     checked: Option<Checked>,
-    /// Profile of the running program, which starts again if the other program cannot be started.
+    /// Profile of the running program. The running program starts again with it, if the other program cannot be
+    /// started.
     own: Option<KeptProfile>,
-    /// File for the digest of the handover.
+    /// File for the digest of the data that is handed over.
     digest: PathBuf,
-    /// Page and command socket, which answer until the other program starts.
+    /// Web page and command socket, which still answer until the other program starts.
     _services: Services,
 }
 
 impl Replacement {
-    /// Starts the other program in this process. If that fails, the previous program starts again. Returns only if both
+    /// Starts the other program in this process. If that fails, starts the previous program again. Returns only if both
     /// fail.
     pub(super) fn take_over(self, log: WorkerGuard) -> anyhow::Error {
         let Replacement { program, handover, checked, own, digest, .. } = self;
         let seal = |prepared: std::io::Result<Prepared>| {
             let sealed = prepared.and_then(|prepared| handover.seal(prepared, &digest));
             let report = |error: &std::io::Error| {
-                let what = "the state is not handed over, and the new program starts as after any stop";
+                let what = "the state is not handed over; the new program starts as after a normal stop";
                 say_beside!("isotherm: {what}: {error}");
             };
             sealed.inspect_err(report).ok()
@@ -92,7 +95,7 @@ impl Replacement {
     }
 }
 
-/// Writes pending log lines. A reader that does not read delays this by [`LOG_WRITTEN_WITHIN`] at most.
+/// Writes pending log lines, and waits for that at most [`LOG_WRITTEN_WITHIN`].
 fn write_log(log: WorkerGuard) {
     let (written, is_written) = channel();
     std::thread::spawn(move || {
@@ -120,7 +123,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
     if let Some(place) = volume::volatile_mount(&directory) {
         let directory = directory.display();
         tracing::warn!(
-            "state and ledger in {directory} lie in {place}: keep them in a directory or a named volume of the host"
+            "state and ledger in {directory} are stored in {place}: keep them in a directory or a named volume of the host"
         );
     }
     let figures = profile.mqtt.as_ref().map(|mqtt| Arc::new(BrokerFigures::of(mqtt.broker.to_string())));
@@ -143,7 +146,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
     };
     let mut sockets = Sockets::default();
     match web(arguments.listen.as_deref(), &profile) {
-        // The gateway must not wait for the page. This program has checked it, but its files may be gone by now.
+        // The gateway must not wait for the web page. This program has checked it, but its files may be gone by now.
         Some(web) if takes_over => sockets.open_page_later(web),
         Some(web) => {
             if let Some(url) = sockets.open_page_now_or_later(&web)? {
@@ -165,7 +168,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
             tracing::info!("device {name}: {request}: {}", request.signals(&profile).join(", "));
         }
     }
-    let runtime = super::runtime()?;
+    let runtime = super::runtime::start()?;
     let outcome = runtime.block_on(async {
         let signals = Signals::listen()?.count();
         // An error would mean that the counting task has ended.
@@ -219,7 +222,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
     Ok(Some(Replacement { program, handover, checked, own: kept, digest, _services: services }))
 }
 
-/// Profile that the previous program in this process has handed over. `None` if there is none, or it is not accepted.
+/// Returns the profile that the previous program in this process has handed over. Returns `None` if there is none, or
+/// it is not accepted.
 fn handed_over(arguments: &Arguments, arrival: &Arrival) -> anyhow::Result<Option<RunProfile>> {
     let Some(kept) = arrival.profile() else { return Ok(None) };
     let Some(run_profile) = RunProfile::handed_over(&arguments.profile, kept)? else { return Ok(None) };
@@ -228,7 +232,8 @@ fn handed_over(arguments: &Arguments, arrival: &Arrival) -> anyhow::Result<Optio
     Ok(arrival.is_announced(&digest).then_some(run_profile))
 }
 
-/// Checks whether this program could replace the gateway with this command socket. The error is the reason why not.
+/// Checks whether this program could replace the gateway with this command socket. The error is the reason why it could
+/// not.
 fn check(arguments: &Arguments, socket: &Path) -> anyhow::Result<()> {
     let (loaded, sources) = run_profile::read(&arguments.profile, answer_of_check())?;
     let profile = &warned(loaded);
@@ -252,8 +257,9 @@ fn check(arguments: &Arguments, socket: &Path) -> anyhow::Result<()> {
     sources.map_or(Ok(()), seal).context("the profile cannot be handed over")
 }
 
-/// Claims the registers to which this gateway writes. If another gateway writes to a released register, all released
-/// registers keep their values, and this gateway runs. Returns the reason if other gateways cannot be detected.
+/// Claims the registers to which this gateway writes, against other gateways on this computer. If another gateway
+/// writes to a register that is to be released, no register is released, and this gateway runs. Returns the reason if
+/// other gateways cannot be detected.
 fn claim(profile: &Profile, directory: &Path, options: &mut Options) -> anyhow::Result<Option<String>> {
     let released = with_releases(directory, profile.clone());
     if released.outputs.len() > profile.outputs.len() {
@@ -263,15 +269,15 @@ fn claim(profile: &Profile, directory: &Path, options: &mut Options) -> anyhow::
     claims::claim(claimed, directory).map_err(anyhow::Error::msg)
 }
 
-/// Page settings of the profile, with another address if one is given.
+/// Returns the settings of the web page in the profile. If `listen` is given, it replaces the address.
 fn web(listen: Option<&str>, profile: &Profile) -> Option<Web> {
     let Some(listen) = listen else { return profile.web.clone() };
     Some(Web { listen: listen.to_owned(), ..profile.web.clone().unwrap_or_default() })
 }
 
-/// Creates the state directory if needed, and returns it. It comes from the option, from the profile, or from the
-/// platform. The path is absolute, so that others find the command socket in the kernel's list, unless such a path is
-/// too long for a socket.
+/// Creates the state directory if needed, and returns its path. It comes from the option, from the profile, or from the
+/// platform. The path is absolute, so that other verbs find the command socket in the kernel's list. It stays relative
+/// if the absolute path is too long for a socket.
 fn state_directory(option: Option<&Path>, profile: &Profile) -> anyhow::Result<PathBuf> {
     let directory = state_path(option, profile);
     make_directory(&directory).with_context(|| {
@@ -280,7 +286,7 @@ fn state_directory(option: Option<&Path>, profile: &Profile) -> anyhow::Result<P
     Ok(directory)
 }
 
-/// Path of the state directory, which need not exist.
+/// Returns the path of the state directory, which need not exist.
 fn state_path(option: Option<&Path>, profile: &Profile) -> PathBuf {
     let directory = known_directory(option.or(profile.history.directory.as_deref()));
     let from_root = std::path::absolute(&directory).ok();
@@ -288,7 +294,7 @@ fn state_path(option: Option<&Path>, profile: &Profile) -> PathBuf {
     from_root.unwrap_or(directory)
 }
 
-/// Path of the named directory, or of the platform's state directory.
+/// Returns the path of the named directory, or else of the platform's state directory.
 pub(super) fn known_directory(named: Option<&Path>) -> PathBuf {
     let home = || std::env::var_os("HOME").map(|home| PathBuf::from(home).join(".local/state"));
     let platform = || {

@@ -1,25 +1,27 @@
-//! The profile that a gateway runs. It is read from disk, and its sources are kept in memory. Alternatively, the
-//! previous program in this process has handed it over, after this program has checked it there.
+//! Profile that a gateway runs. It is read from disk, and its source files are also kept in memory. After a
+//! replacement, the previous program in this process hands those source files over, and this program has already
+//! checked them.
 
 use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 
-use super::{ProfileArguments, load_by, machines, modelled, shipped};
+use super::loading::{ProfileArguments, load_by, load_modelled, modelled, shipped};
+use super::machines;
 use crate::gateway::{KeptProfile, memory_for_profile};
 use crate::observe::events::Event;
 use crate::observe::status::GatewayApi;
 use isotherm_profile::{Errors, Loaded, Sources, environment};
 
-/// A profile and its sources.
+/// Profile with its source files.
 pub(super) struct RunProfile {
     pub(super) loaded: Loaded,
-    /// Sources; `None` if the system has no sealed memory.
+    /// Source files in sealed memory; `None` if the system has no sealed memory.
     pub(super) kept: Option<KeptProfile>,
 }
 
 impl RunProfile {
-    /// Reads the profile from disk.
+    /// Reads a profile from disk, and keeps its source files in memory.
     pub(super) fn from_disk(arguments: &ProfileArguments) -> anyhow::Result<RunProfile> {
         let (loaded, sources) = read(arguments, memory_for_profile())?;
         // Without sources, a restart is not possible, and reports the reason then.
@@ -27,7 +29,7 @@ impl RunProfile {
         Ok(RunProfile { loaded, kept })
     }
 
-    /// Loads a profile that was handed over. `None` if its sources have the format of another version.
+    /// Loads a profile that was handed over. Returns `None` if its source files have the format of another version.
     pub(super) fn handed_over(
         arguments: &ProfileArguments,
         kept: &KeptProfile,
@@ -51,8 +53,8 @@ impl RunProfile {
     }
 }
 
-/// Reports files that have changed on disk since. It uses a separate thread, because a file may be on a network that is
-/// gone.
+/// Reports source files that have changed on disk since the profile was loaded. It uses a separate thread, because a
+/// file may be on a network drive that does not answer.
 pub(super) fn report_differences(
     kept: Option<&KeptProfile>,
     arguments: &ProfileArguments,
@@ -71,13 +73,13 @@ pub(super) fn report_differences(
     let _ = std::thread::Builder::new().name("profile".to_owned()).spawn(compare);
 }
 
-/// Reads a profile from disk, and keeps its sources in `file`.
+/// Reads a profile from disk, and stores its source files in `file`.
 pub(super) fn read(
     arguments: &ProfileArguments,
     file: Option<File>,
 ) -> anyhow::Result<(Loaded, Option<Sources>)> {
     let ProfileArguments { path, set } = arguments;
-    let Some(file) = file else { return Ok((super::load_modelled(arguments, false)?, None)) };
+    let Some(file) = file else { return Ok((load_modelled(arguments, false)?, None)) };
     let mut sources = Some(Sources::create(file, &environment(), set));
     let load = || -> Result<Loaded, Errors> {
         let Some(mut kept) = sources.take() else { return isotherm_profile::load(path, set, &environment()) };

@@ -1,5 +1,5 @@
-//! Selection of a gateway on this computer. It is the one with the named state directory, or with that of the profile
-//! or of the platform. Otherwise it is the only running gateway of this machine.
+//! Selection of a gateway on this computer. It is the gateway with the state directory that is named by option, by the
+//! profile, or by the platform. If none runs there, it is the only running gateway of this machine.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -9,18 +9,19 @@ use crate::cli::print::say_beside;
 use crate::gateway::control::{self, Presence};
 use isotherm_profile::Profile;
 
-/// Command socket of the gateway that runs a profile. If none runs, it is the path that the socket would have.
+/// Returns the command socket of the gateway that runs a profile. If no gateway runs, returns the path that the socket
+/// would have.
 ///
 /// # Errors
-/// Several gateways of the machine run, and none has the expected directory.
+/// Several gateways of the machine run, and none has the expected state directory.
 pub(super) fn socket(state: Option<&Path>, profile: &Profile) -> anyhow::Result<PathBuf> {
     of_machine(state, profile.history.directory.as_deref(), &profile.name)
 }
 
-/// Command socket of a machine with this name. `directory` is the state directory of its profile.
+/// Returns the command socket of the machine with this name. `directory` is the state directory in its profile.
 ///
 /// # Errors
-/// As [`socket`].
+/// Same as for [`socket`].
 pub(super) fn of_machine(
     state: Option<&Path>,
     directory: Option<&Path>,
@@ -57,18 +58,19 @@ pub(super) fn of_machine(
     }
 }
 
-/// State directory of the gateway that runs a profile. If none runs, the directory that it would have.
+/// Returns the state directory of the gateway that runs a profile. If no gateway runs, returns the directory that it
+/// would use.
 ///
 /// # Errors
-/// As [`socket`].
+/// Same as for [`socket`].
 pub(super) fn directory(state: Option<&Path>, profile: &Profile) -> anyhow::Result<PathBuf> {
     Ok(socket(state, profile)?.parent().map(Path::to_owned).unwrap_or_default())
 }
 
-/// Command socket of the only gateway that runs with a state directory.
+/// Returns the command socket of the only gateway that runs with a state directory.
 ///
 /// # Errors
-/// No gateway, or more than one, runs with it.
+/// No gateway, or more than one, runs with this state directory.
 pub(super) fn only(state: Option<&Path>) -> anyhow::Result<PathBuf> {
     let (sockets, directory) = (all(state)?, known_directory(state));
     let shown = directory.display();
@@ -85,7 +87,7 @@ pub(super) fn only(state: Option<&Path>) -> anyhow::Result<PathBuf> {
     }
 }
 
-/// Command sockets in a state directory.
+/// Returns the command sockets in a state directory.
 ///
 /// # Errors
 /// This user may not read the directory.

@@ -1,4 +1,4 @@
-//! Logs for verbs that identify or report, and how they are divided into runs.
+//! Logs for the verbs `identify`, `select` and `report`, and their division into runs.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -10,10 +10,10 @@ use isotherm_identify::dataset::{BadLog, Dataset, Split, Units, Uses};
 /// Options that divide logs into runs.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct Runs {
-    /// A new run begins where this column changes
+    /// A new run begins at each row where this column changes
     #[arg(long, value_name = "COLUMN")]
     run_column: Option<String>,
-    /// A new run begins after a gap of this length
+    /// A new run begins after a time gap of at least this length between two rows
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
     gap: Option<Duration>,
     #[command(flatten)]
@@ -22,13 +22,13 @@ pub(super) struct Runs {
     /// to the log row that is nearest in time
     #[arg(long, value_name = "FILE")]
     gauge: Option<PathBuf>,
-    /// Largest distance in time between a reading of the gauge and its row
+    /// Largest time difference between a reading of the gauge and its log row
     #[arg(long, value_name = "TIME", default_value = "30s", value_parser = humantime::parse_duration, requires = "gauge")]
     within: Duration,
 }
 
 impl Runs {
-    /// Reads the used columns of the logs. Readings of a gauge become the column `error`.
+    /// Reads the columns of the logs that are used. Readings of a dial gauge become the column `error`.
     pub(super) fn read(
         &self,
         logs: &[PathBuf],

@@ -3,30 +3,29 @@
 use std::io::{IsTerminal, Write};
 use std::time::Duration;
 
-use super::print_json;
+use super::print::print_json;
 use super::signals::Signals;
-use super::target::{self, Target};
+use super::target::{self, Line, Target};
+use super::values::wrong_arguments;
 use crate::cli::print::{say, say_all, say_beside, say_progress};
 use crate::clock::Clock;
-use crate::discovery::bus::{LineAddress, Parity, Serial, Transport, baud};
+use crate::discovery::bus::{LineAddress, Parity, ScanKind, ScanReport, Serial, baud};
 use crate::discovery::register_search::{RegisterRange, walk};
 use crate::discovery::remedy::{Question, remedy};
 use crate::discovery::scan::{AnswerKind, Event, FailedScan, Responder, Scan};
 use crate::discovery::{Exchange, Register};
+use crate::fieldbus::explain::explain_on;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{counted, duration_text};
 
-#[cfg(feature = "opcua")]
-mod endpoints;
-mod sensors;
 mod text;
 
-/// Requests one register from every unit once, and prints the units that answer. An exception is an answer too. Writes
-/// nothing. For an OPC UA server it shows the security, users and certificate that the server offers. For this computer
-/// it lists the temperatures that its kernel reads.
+/// Requests one register from every unit once, and prints the units that answer. An exception counts as an answer too.
+/// Writes nothing. For an OPC UA server it shows the security, users and certificate that the server offers. For this
+/// computer it lists the temperatures that its kernel reads.
 ///
-/// Some devices do not answer a request for a register that they do not have. Only another --register finds such a
-/// device.
+/// Some devices do not answer a request for a register that they do not have. Such a device is found only with another
+/// --register.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  isotherm scan --bus tcp://192.168.0.10:502\n  isotherm scan --bus \
                   rtu:///dev/ttyUSB0 --baud 1200,9600,19200 --parity none,even --units 1..32\n  isotherm scan --bus \
@@ -35,10 +34,11 @@ mod text;
 pub(super) struct Arguments {
     #[command(flatten)]
     target: Target,
-    /// Units to scan, both ends included
+    /// Unit numbers to scan, both ends included
     #[arg(long, value_name = "FROM..TO", default_value = "1..247", value_parser = target::units)]
     units: (u8, u8),
-    /// Register to request from each unit; of several, the next is requested if the one before gets no answer
+    /// Register to request from each unit; if several are given, the next one is requested if the previous one gets no
+    /// answer
     #[arg(long, value_name = "REGISTER", value_delimiter = ',', default_value = "holding:0")]
     register: Vec<Register>,
     /// Baud rates to try on a serial line, one after the other
@@ -47,7 +47,7 @@ pub(super) struct Arguments {
     /// Parities to try on a serial line: none, even, odd
     #[arg(long, value_name = "PARITY", value_delimiter = ',')]
     parity: Vec<Parity>,
-    /// Then reads these registers of every unit that answers, in steps of 16, and prints those that exist
+    /// Also reads these registers of every unit that answers, in steps of 16, and prints those that exist
     #[arg(long, value_name = "holding:0..99", value_parser = target::range)]
     registers: Option<(Register, u16)>,
     /// Prints the bytes of each frame on stderr
@@ -60,21 +60,23 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.target.bus.is_none() && arguments.target.profile.is_none() {
-        super::refuse("name a line: --bus tcp://192.168.0.10:502, or a PROFILE with --bus NAME");
+        return Err(wrong_arguments(
+            "name a line: --bus tcp://192.168.0.10:502, or a PROFILE with --bus NAME",
+        ));
     }
     let line = arguments.target.any(arguments.json)?;
-    #[cfg(feature = "opcua")]
-    if line.bus.opcua.is_some() {
-        return endpoints::run(&line, arguments.json);
-    }
-    if line.address.transport == Transport::Sysfs {
-        return sensors::run(&line, arguments.target.timeout, arguments.json);
+    if let ScanKind::Other { scan: Some(scan), .. } = line.address.kind().scan {
+        let report = super::runtime::start()?.block_on(scan(&line.bus, arguments.target.timeout));
+        let report = report.map_err(|fault| {
+            anyhow::anyhow!("{}: {}", line.address, explain_on(line.bus.transport, fault))
+        })?;
+        return print_report(&line, report, arguments.json);
     }
     line.has_registers()?;
-    let is_serial = matches!(line.address.transport, Transport::Serial(_));
+    let is_serial = line.address.serial().is_some();
     let has_settings = !arguments.baud.is_empty() || !arguments.parity.is_empty();
     if has_settings && !is_serial {
-        super::refuse("--baud and --parity are for a serial line: rtu:///dev/ttyUSB0");
+        return Err(wrong_arguments("--baud and --parity are for a serial line: rtu:///dev/ttyUSB0"));
     }
     let scan = Scan {
         lines: settings(&line.address, &arguments.baud, &arguments.parity),
@@ -85,7 +87,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         trace: arguments.trace.then_some(print_exchange),
     };
     say_beside!("{}", text::plan(&scan));
-    let runtime = super::runtime()?;
+    let runtime = super::runtime::start()?;
     let (seen, stopped) = runtime.block_on(async {
         let mut signals = Signals::listen()?;
         let clock = Clock::wall();
@@ -124,9 +126,26 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
 }
 
+/// Prints the result of a scan of a line without registers.
+fn print_report(line: &Line, report: ScanReport, json: bool) -> anyhow::Result<()> {
+    if json {
+        print_json(&report.json)?;
+    } else {
+        say_all!("{}", report.text)?;
+    }
+    match report.profile {
+        Ok((name, more)) if !json && line.known.is_none() => {
+            let lines = line.address.profile_lines();
+            Ok(say_all!("\n# for a profile:\n[bus.{name}]\n{lines}{more}")?)
+        }
+        Err(why) if !json || report.is_empty => anyhow::bail!(why),
+        _ => Ok(()),
+    }
+}
+
 /// The line with every setting to try.
 fn settings(line: &LineAddress, bauds: &[u32], parities: &[Parity]) -> Vec<LineAddress> {
-    let Transport::Serial(serial) = line.transport else { return vec![line.clone()] };
+    let Some(serial) = line.serial() else { return vec![line.clone()] };
     let bauds = if bauds.is_empty() { &[serial.baud] } else { bauds };
     let parities = if parities.is_empty() { &[serial.parity] } else { parities };
     let each = bauds.iter().flat_map(|baud| parities.iter().map(move |parity| (*baud, *parity)));
@@ -137,7 +156,7 @@ fn settings(line: &LineAddress, bauds: &[u32], parities: &[Parity]) -> Vec<LineA
 struct ScanResults {
     found: Vec<(LineAddress, Responder)>,
     ranges: Vec<(u8, RegisterRange)>,
-    /// Number of requests sent. `questions` is the number of all requests.
+    /// Number of requests sent. `questions` is the number of all planned requests.
     asked: usize,
     questions: usize,
     several: bool,
@@ -164,7 +183,7 @@ impl ScanResults {
     fn take(&mut self, event: Event) {
         match event {
             Event::Line(line) => {
-                if self.several || matches!(line.transport, Transport::Serial(_)) {
+                if self.several || line.serial().is_some() {
                     clear_line();
                     say_beside!("{line}");
                 }
@@ -181,7 +200,7 @@ impl ScanResults {
         }
     }
 
-    /// Reads the registers of every unit that was found.
+    /// Reads these registers of every unit that was found.
     async fn walk(&mut self, scan: &Scan, (from, count): (Register, u16)) {
         for (line, found) in self.found.clone() {
             if matches!(found.how, AnswerKind::Garbled(_)) {
@@ -199,7 +218,7 @@ impl ScanResults {
         }
     }
 
-    /// Prints a line of the result. A closed stdout soon ends the program anyway.
+    /// Prints a line of the result. Write errors are ignored, because the program ends soon anyway.
     fn say(&self, line: &str) {
         clear_line();
         if !self.json {

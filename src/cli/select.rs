@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::extra_files::ExtraFiles;
-use super::print_json;
+use super::print::print_json;
 use super::progress::Progress;
 use super::runs::Runs;
 use crate::cli::print::Out;
@@ -16,12 +16,12 @@ use isotherm_identify::{report, uses};
 
 mod text;
 
-/// Recommends the temperature points to keep. It also shows the error that remains with each number of points on a run
-/// that was held out.
+/// Recommends which temperature points to keep. For each number of points, it also shows the error that remains on a
+/// run that was not used to fit the model (held out).
 ///
-/// A log is CSV, as for identify; no profile is needed. Each column of temperatures is a point. The verb shows its
-/// correlation with the error, its grey relational grade, and groups of points with similar values. It also shows the
-/// order in which partial F tests add points, and a recommendation from runs that were held out.
+/// A log is CSV, as for identify; no profile is needed. Each column of temperatures is a point. The verb shows for each
+/// point its correlation with the error and its grey relational grade, and groups of points with similar values. It
+/// also shows the order in which partial F tests add points, and a recommendation from held-out runs.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm select mon.csv tue.csv wed.csv --error z_error_um\n  isotherm select week.csv --gap 2h --error z_error_um --report points.html"
@@ -37,16 +37,16 @@ pub(super) struct Arguments {
     /// [default: as a log of the gateway says]
     #[arg(long, value_name = "COLUMN")]
     cz: Option<String>,
-    /// The points, instead of every column of temperatures
+    /// The columns of the points [default: every column of temperatures]
     #[arg(long, value_name = "COLUMN", value_delimiter = ',')]
     inputs: Vec<String>,
     /// Points to leave out
     #[arg(long, value_name = "COLUMN", value_delimiter = ',')]
     without: Vec<String>,
-    /// Points to keep although they look faulty
+    /// Points to keep in the selection although their readings look faulty
     #[arg(long, value_name = "COLUMN", value_delimiter = ',')]
     keep: Vec<String>,
-    /// Points form a group if every two of them have at least this correlation
+    /// Points form a group if every two of them have at least this absolute correlation
     #[arg(long, value_name = "R", value_delimiter = ',', default_value = "0.9,0.7", value_parser = correlation)]
     group: Vec<f64>,
     /// Largest number of points in one model
@@ -55,15 +55,15 @@ pub(super) struct Arguments {
     /// Time constants to apply to each point [default: 0s,6min,25min,100min]
     #[arg(long, value_name = "TIME", value_delimiter = ',', value_parser = humantime::parse_duration)]
     lags: Vec<Duration>,
-    /// Rows closer than this count as one sample in F tests
+    /// In F tests, rows that are closer in time than this count as one sample
     #[arg(long, value_name = "TIME", default_value = "30min", value_parser = humantime::parse_duration)]
     independent: Duration,
-    /// Rows are averaged over this time, after the lags; 0s switches averaging off
+    /// Time over which rows are averaged after the lags were applied; 0s switches averaging off
     #[arg(long, value_name = "TIME", default_value = "1min", value_parser = humantime::parse_duration)]
     resample: Duration,
     #[command(flatten)]
     runs: Runs,
-    /// Writes a page with pictures in one file, for any browser
+    /// Writes a page with diagrams as one file, for any browser
     #[arg(long, value_name = "OUT.html")]
     report: Option<PathBuf>,
     /// Prints one JSON document

@@ -1,4 +1,4 @@
-//! Services of the gateway on a separate thread and runtime: the page and the command socket.
+//! Services of the gateway on a separate thread and runtime: the web page and the command socket.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -14,24 +14,25 @@ use crate::observe::http::{self, HttpListener, Limits};
 use crate::observe::status::GatewayApi;
 use isotherm_profile::Web;
 
-/// Open sockets that are not served yet. Their errors are thus known before the gateway starts.
+/// Open sockets that are not served yet. They are opened before the gateway starts, so that their errors are known in
+/// time.
 #[derive(Default)]
 pub(super) struct Sockets {
     page: Option<Page>,
     control: Option<(std::os::unix::net::UnixListener, PathBuf)>,
-    /// Program that can replace this gateway.
+    /// Program that can replace this gateway; `None` if none can.
     pub(super) successor: Option<Successor>,
 }
 
-/// A page that is to be served.
+/// Web page that is to be served.
 enum Page {
-    /// Page at this port, which is open or will be opened.
+    /// Web page at this port, which is open or will be opened later.
     At(Box<Port>),
-    /// Page without a port so far. The port is opened once tokens and certificate can be read.
+    /// Web page whose port is not created yet. This happens once the tokens and the certificate can be read.
     Later(Web),
 }
 
-/// The running services. Dropping this ends them.
+/// Running services: web page and command socket. Dropping this value ends them.
 pub(super) struct Services {
     stop: Option<watch::Sender<bool>>,
     thread: Option<JoinHandle<()>>,
@@ -39,8 +40,8 @@ pub(super) struct Services {
 }
 
 impl Sockets {
-    /// Opens the port of the page, and returns its address. If the page listens on every address, it has the name of
-    /// this computer. Port 0 selects any free port.
+    /// Opens the port of the web page, and returns the address of the page. If the web page listens on every address,
+    /// the address has the name of this computer. Port 0 selects any free port.
     pub(super) fn open_page(&mut self, web: &Web) -> anyhow::Result<String> {
         let mut port = Port::new(web)?;
         port.open().map_err(|error| anyhow::anyhow!("{}", port.closed(&error)))?;
@@ -49,8 +50,9 @@ impl Sockets {
         Ok(url)
     }
 
-    /// Opens the port of the page, and returns its address. `None` if another program has the port, or this computer
-    /// does not have the address yet. This must not stop the compensation: the gateway tries again while it runs.
+    /// Opens the port of the web page, and returns the address of the page. Returns `None` if another program has the
+    /// port, or this computer does not have the address yet. Such an error must not stop the compensation: the gateway
+    /// tries again while it runs.
     pub(super) fn open_page_now_or_later(&mut self, web: &Web) -> anyhow::Result<Option<String>> {
         let mut port = Port::new(web)?;
         let opened = port.open();
@@ -64,7 +66,8 @@ impl Sockets {
         Ok(url)
     }
 
-    /// Opens the port of the page once the services run. Errors of the page do not stop the gateway.
+    /// Lets the running services open the port of the web page later. Errors of the web page then do not stop the
+    /// gateway.
     pub(super) fn open_page_later(&mut self, web: Web) {
         self.page = Some(Page::Later(web));
     }
@@ -76,7 +79,8 @@ impl Sockets {
         Ok(())
     }
 
-    /// Starts to serve the open sockets. `lines` is the number of lines, which need file descriptors too.
+    /// Starts to serve the open sockets. `lines` is the number of lines of the gateway, which need file descriptors
+    /// too.
     pub(super) fn serve(
         self,
         source: &Arc<dyn GatewayApi>,
@@ -86,7 +90,7 @@ impl Sockets {
         let (stop, stopped) = watch::channel(false);
         let source = source.clone();
         let control = self.control.as_ref().map(|(_, path)| path.clone());
-        let runtime = super::runtime()?;
+        let runtime = super::runtime::start()?;
         let shares = Shares::now(lines);
         let thread = std::thread::Builder::new().name("services".to_owned()).spawn(move || {
             runtime.block_on(self.all(source, wire_log, shares, stopped));
@@ -117,7 +121,7 @@ impl Sockets {
         };
         // A service that fails has been logged. The gateway runs without it.
         let both = async { tokio::join!(control, page) };
-        // The page ends its open streams itself, and reports in them that the gateway stops. This time is for that.
+        // The web page ends its open streams itself, and reports in them that the gateway stops. This time is for that.
         let end = async {
             until(stopped.clone()).await;
             tokio::time::sleep(std::time::Duration::from_millis(200)).await;
@@ -129,7 +133,7 @@ impl Sockets {
     }
 }
 
-/// Serves the page when its port is open.
+/// Serves the web page as soon as its port is open.
 async fn serve_page(
     port: Port,
     source: &Arc<dyn GatewayApi>,

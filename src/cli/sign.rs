@@ -1,17 +1,18 @@
 //! `isotherm sign`: a guided check with a dial gauge that an axis moves in the right direction.
 
 use super::command::RunningGateway;
+use super::loading::{ProfileArguments, load};
+use super::print::print_json;
 use super::values::typed;
-use super::{ProfileArguments, load, print_json};
 use crate::cli::print::{say, say_beside};
 use crate::gateway::control;
 use crate::observe::status::{Command, DialDirection};
 
 /// Checks with a dial gauge that an axis moves in the right direction. The running gateway moves Cz of the axis by +5
-/// µm and back, within the limits of the profile. You enter the direction in which the gauge moved.
+/// µm and back, within the limits of the profile. You enter the direction in which the pointer of the gauge moved.
 ///
-/// The axis must be armed and compensating. Nothing else moves it until you have answered. Without an answer in time,
-/// or when you leave, the gateway removes the offset.
+/// The axis must be armed and compensating. During the check nothing else changes its Cz. If you do not answer in time,
+/// or leave, the gateway removes the +5 µm.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm sign my-machine.toml --axis z\n  isotherm sign my-machine.toml --axis z --answer plus"
@@ -19,10 +20,10 @@ use crate::observe::status::{Command, DialDirection};
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// The axis; needed if there are several
+    /// The axis; needed if the profile has several axes
     #[arg(long, value_name = "AXIS")]
     axis: Option<String>,
-    /// Direction in which the gauge moved, for scripts; nothing is asked then
+    /// Direction in which the gauge moved, for scripts; the verb then asks no question
     #[arg(long, value_name = "WAY", value_parser = clap::builder::PossibleValuesParser::new(["plus", "minus", "none"]))]
     answer: Option<String>,
     #[command(flatten)]
@@ -65,7 +66,7 @@ fn moved(word: &str) -> Option<DialDirection> {
     DialDirection::ALL.into_iter().find(|(name, _)| *name == word).map(|(_, moved)| moved)
 }
 
-/// Asks until the answer is valid. `None` if the input ends.
+/// Asks for the direction until the answer is valid. Returns `None` if the input ends.
 fn ask() -> anyhow::Result<Option<DialDirection>> {
     loop {
         let minutes = control::SIGN_ANSWERED_WITHIN.as_secs() / 60;

@@ -1,9 +1,9 @@
-//! SIGTERM, SIGINT and SIGHUP. The first requests a graceful stop, the second an immediate end.
+//! Signals SIGTERM, SIGINT and SIGHUP. The first one requests an orderly stop, the second one an immediate end.
 
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::watch;
 
-/// Listener for these signals. It receives them from its creation.
+/// Listener for these signals. It also receives signals that arrive between its creation and the first wait.
 #[derive(Debug)]
 pub(super) struct Signals {
     term: Signal,
@@ -12,7 +12,7 @@ pub(super) struct Signals {
 }
 
 impl Signals {
-    /// Begins to listen. This needs a running runtime.
+    /// Starts to listen for the signals. Must be called inside a running tokio runtime.
     pub(super) fn listen() -> std::io::Result<Signals> {
         Ok(Signals {
             term: signal(SignalKind::terminate())?,
@@ -21,7 +21,8 @@ impl Signals {
         })
     }
 
-    /// Counts the signals from now on, in a separate task. Signals in quick succession are therefore not missed.
+    /// Starts a task that counts the signals from now on, and returns the count. Signals in quick succession are
+    /// therefore not missed.
     pub(super) fn count(mut self) -> watch::Receiver<u32> {
         let (counter, count) = watch::channel(0);
         tokio::spawn(async move {

@@ -1,26 +1,27 @@
-//! `isotherm virtual`: the devices of a profile as virtual hardware.
+//! `isotherm virtual`: serves the devices of a profile as virtual hardware.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::Context;
 
+use super::loading::{ProfileArguments, load};
 use super::signals::Signals;
-use super::{ProfileArguments, load};
 use crate::cli::print::say;
 use crate::clock::Clock;
+use crate::discovery::bus::{LineAddress, VirtualLine};
 use crate::virtual_machine::{FaultScript, PlantSpec, Setup, VirtualMachine};
-use isotherm_profile::{Device, Profile, Transport, safe_file};
+use isotherm_profile::{Device, Profile, safe_file};
 
 /// Serves the devices of a profile as virtual hardware. These are Modbus servers at the addresses and serial ports of
 /// the profile, and nodes on its CAN interfaces.
 ///
-/// A serial port is a pseudo-terminal at the path in the profile. If that path exists or cannot be made, it gets
-/// another path, which is printed. A CAN interface must exist: `ip link add dev vcan0 type vcan && ip link set vcan0
-/// up`.
+/// A serial port is a pseudo-terminal at the path in the profile. If that path exists already or cannot be created, the
+/// port gets another path, which is printed. A CAN interface must exist: `ip link add dev vcan0 type vcan && ip link
+/// set vcan0 up`.
 ///
-/// Values come from the plant next to the profile (`<name>.plant.toml`), or from that of the shipped machine with this
-/// name. Without a plant, the values vary in a plausible way.
+/// Values come from the plant (simulated machine) in the same directory as the profile (`<name>.plant.toml`), or from
+/// that of the shipped machine with this name. Without a plant, the values vary in a plausible way.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm virtual surface-grinder         in one terminal\n  isotherm run \
@@ -32,10 +33,10 @@ pub(super) struct Arguments {
     /// Script of faults with their times
     #[arg(long, value_name = "FILE")]
     faults: Option<PathBuf>,
-    /// The simulated day: duty cycle, ambient temperature and noise depend on it
+    /// Seed of the simulated day: duty cycle, ambient temperature and noise depend on it
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Time since the start of the machine's day; the shipped machines are switched on a few minutes after it
+    /// Time since the start of the simulated day; the shipped machines are switched on a few minutes after that start
     #[arg(long, default_value = "10min", value_name = "SPAN", value_parser = humantime::parse_duration)]
     from: Duration,
 }
@@ -51,7 +52,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         None => FaultScript::default(),
     };
-    if !profile.buses.is_empty() && profile.buses.iter().all(|bus| bus.transport == Transport::OpcUa) {
+    if !profile.buses.is_empty() && profile.buses.iter().all(|bus| bus.opcua.is_some()) {
         anyhow::bail!(
             "{} cannot be simulated: all its buses are OPC UA servers, which this verb does not simulate",
             profile.name
@@ -61,7 +62,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let with =
         if plant.is_some() { "its plant" } else { "varying values (no plant file next to the profile)" };
     let setup = Setup { plant, seed: arguments.seed, faults, lived: arguments.from, ..Setup::default() };
-    super::runtime()?.block_on(async {
+    super::runtime::start()?.block_on(async {
         let mut signals = Signals::listen()?;
         let mut machine = VirtualMachine::start(&profile, setup, &Clock::wall()).await?;
         say!("{} with {with}, seed {}", profile.name, arguments.seed)?;
@@ -70,30 +71,17 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             let devices: Vec<String> = devices.map(named).collect();
             let bus = profile.bus(*bus);
             let name = &bus.name;
-            let is = match bus.transport {
-                Transport::Serial(_) => "is the serial port",
-                Transport::Can => "is on the CAN interface",
-                Transport::OpcUa | Transport::Sysfs => "is not simulated at",
-                Transport::Tcp | Transport::RtuOverTcp => "listens on",
-            };
-            say!("bus {name} {is} {address}: {}", devices.join(", "))?;
-            if matches!(bus.transport, Transport::Serial(_)) && *address != bus.address {
+            let line = LineAddress::of(bus);
+            if let VirtualLine::Served(is) = line.kind().virtual_line {
+                say!("bus {name} {is} {address}: {}", devices.join(", "))?;
+            }
+            if line.serial().is_some() && *address != bus.address {
                 say!("  the gateway finds it with --set bus.{name}.port={address}")?;
             }
         }
         for bus in profile.buses.iter() {
-            match bus.transport {
-                Transport::OpcUa => {
-                    say!("bus {} is an OPC UA server, which this verb does not simulate", bus.name)?
-                }
-                Transport::Sysfs => say!(
-                    "bus {} is not simulated: the gateway reads the real sensors in {} (another directory: \
-                     --set bus.{}.address=DIRECTORY)",
-                    bus.name,
-                    bus.address,
-                    bus.name
-                )?,
-                _ => {}
+            if let VirtualLine::Absent(why) = LineAddress::of(bus).kind().virtual_line {
+                say!("{}", why(bus))?;
             }
         }
         say!("stop with Ctrl-C")?;
@@ -106,7 +94,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     })
 }
 
-/// Name and address of a device.
+/// Returns the name and the address of a device for display.
 fn named(device: &Device) -> String {
     let address = match &device.can {
         None => format!("unit {}", device.unit),
@@ -115,7 +103,8 @@ fn named(device: &Device) -> String {
     format!("{} ({address})", device.name)
 }
 
-/// Plant next to the profile, or of the shipped machine with this name.
+/// Returns the plant in the file next to the profile, or that of the shipped machine with this name. Returns `None` if
+/// there is neither.
 fn plant(path: &Path, profile: &Profile) -> anyhow::Result<Option<PlantSpec>> {
     let beside = path.with_extension("plant.toml");
     if beside.exists() {

@@ -1,11 +1,12 @@
-//! `isotherm status`: the content of the page, in a terminal or as JSON.
+//! `isotherm status`: shows the content of the web page, in a terminal or as JSON.
 
 use std::path::PathBuf;
 use std::time::Duration;
 
 use serde_json::{Map, Value};
 
-use super::{load_quietly, running};
+use super::loading::load_quietly;
+use super::running;
 use crate::cli::print::{clear, say, say_all};
 use crate::gateway::control;
 
@@ -14,23 +15,24 @@ mod text;
 /// Interval between updates with `--watch`.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 
-/// Shows the state of the running gateway on this computer: the content of its page.
+/// Shows the state of the running gateway on this computer, with the same content as its web page.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  isotherm status my-machine.toml\n  isotherm status --healthy\n  \
                         isotherm status --json")]
 pub(super) struct Arguments {
-    /// The machine's profile [default: that of the only gateway with this state directory]
+    /// The machine's profile [default: the profile of the only gateway with this state directory]
     profile: Option<PathBuf>,
-    /// The state directory that the gateway was started with
+    /// The state directory with which the gateway was started
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
     /// Prints one JSON document
     #[arg(long, conflicts_with = "healthy")]
     json: bool,
-    /// Repeats it every second until Ctrl-C
+    /// Shows the state again every second until Ctrl-C
     #[arg(long, conflicts_with = "healthy")]
     watch: bool,
-    /// Prints one line. Exit code 0 if everything works, except for axes that an operator has switched off; otherwise 1
+    /// Prints one line, with exit code 0 if everything works; otherwise with exit code 1. An axis that an operator has
+    /// switched off does not count as a fault
     #[arg(long)]
     healthy: bool,
 }
@@ -70,7 +72,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
 }
 
-/// Parses the status, and converts the list of axes to an object with their names as keys.
+/// Parses the status, and converts its list of axes to an object with the axis names as keys.
 fn document(text: &str) -> anyhow::Result<Value> {
     let mut status: Value = serde_json::from_str(text)?;
     let axes = status["axes"].take();

@@ -1,18 +1,18 @@
-//! Line and unit to which a verb connects: named in a profile, or given as an address.
+//! Line and unit to which a verb connects: named by a profile, or given as an address.
 
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::load_with;
+use super::loading::load_with;
 use super::values::{self, key_and_value};
 use crate::discovery::Register;
-use crate::discovery::bus::LineAddress;
-use isotherm_profile::{Bus, BusId, Profile, Quirks, Transport};
+use crate::discovery::bus::{LineAddress, ScanKind};
+use isotherm_profile::{Bus, BusId, Profile, Quirks};
 
-/// Timeout of a request if neither option nor profile gives one.
+/// Timeout of a request if neither an option nor a profile sets one.
 const TIMEOUT: Duration = Duration::from_millis(500);
 
-/// A line, with a profile or without one.
+/// Line to which a verb connects, with or without a profile.
 #[derive(clap::Args, Debug)]
 pub(super) struct Target {
     /// The machine's profile, or the name of a shipped one
@@ -21,7 +21,7 @@ pub(super) struct Target {
     /// Overrides one key, may be repeated: `--set bus.cell.address=10.0.0.7:502`
     #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value, requires = "profile")]
     pub(super) set: Vec<(String, String)>,
-    /// Line; with a profile, the name of one of its buses. Without a profile: tcp://192.168.0.10:502,
+    /// The line; with a profile, the name of one of its buses. Without a profile: tcp://192.168.0.10:502,
     /// rtu:///dev/ttyUSB0?baud=9600&parity=none, rtu+tcp://192.168.0.11:4001, opc.tcp://192.168.0.12:4840, or /sys for
     /// the sensors of this computer
     #[arg(long, value_name = "BUS")]
@@ -31,34 +31,34 @@ pub(super) struct Target {
     pub(super) timeout: Option<Duration>,
 }
 
-/// A line that has been found.
+/// Line that the options name.
 pub(super) struct Line {
     pub(super) address: LineAddress,
     pub(super) bus: Bus,
     pub(super) quirks: Quirks,
-    /// Profile that contains the line, and its bus there.
+    /// Profile that contains the line, and the bus in this profile; `None` if the line is given as an address.
     pub(super) known: Option<(Profile, BusId)>,
 }
 
 impl Target {
-    /// Loads the profile, if one is named.
+    /// Loads the profile, if the arguments name one.
     pub(super) fn load(&self, json: bool) -> anyhow::Result<Option<Profile>> {
         self.profile.as_ref().map(|path| load_with(path, &self.set, json)).transpose()
     }
 
-    /// Returns whether the line is the address of an OPC UA server.
+    /// Returns whether the line is given as the address of an OPC UA server.
     pub(super) fn is_at_a_server(&self) -> bool {
         self.profile.is_none() && self.bus.as_ref().is_some_and(|bus| bus.starts_with("opc.tcp://"))
     }
 
-    /// Finds the line. A line without registers is an error.
+    /// Returns the line that the options name. A line without registers is an error.
     pub(super) fn find(&self, json: bool) -> anyhow::Result<Line> {
         let line = self.any(json)?;
         line.has_registers()?;
         Ok(line)
     }
 
-    /// Finds the line, of any type.
+    /// Returns the line that the options name, whether it has registers or not.
     pub(super) fn any(&self, json: bool) -> anyhow::Result<Line> {
         let Some(profile) = self.load(json)? else {
             let address: LineAddress =
@@ -79,7 +79,7 @@ impl Target {
         Ok(Target::of_any(profile, bus, self.timeout))
     }
 
-    /// Line of a bus in a profile. A line without registers is an error.
+    /// Returns the line of a bus in a profile. A line without registers is an error.
     pub(super) fn of(profile: Profile, id: BusId, timeout: Option<Duration>) -> anyhow::Result<Line> {
         let line = Target::of_any(profile, id, timeout);
         line.has_registers()?;
@@ -94,26 +94,12 @@ impl Target {
 }
 
 impl Line {
-    /// Fails if devices on the line have no registers: on CAN, on an OPC UA server, and in this computer.
+    /// Returns an error if devices on the line have no registers. These are CAN lines, OPC UA servers, and the sensors
+    /// of this computer.
     pub(super) fn has_registers(&self) -> anyhow::Result<()> {
-        let (kind, instead) = match self.bus.transport {
-            Transport::Can => ("a CAN line", "`isotherm read PROFILE` reads its signals"),
-            Transport::OpcUa if cfg!(feature = "opcua") => {
-                ("an OPC UA server", "`isotherm read --browse` shows its nodes")
-            }
-            Transport::OpcUa => (
-                "an OPC UA server",
-                "this program was built without OPC UA: use a packaged program, or build one with \
-                 `cargo build --release --features opcua`",
-            ),
-            Transport::Sysfs => (
-                "sensors of this computer",
-                "`isotherm scan --bus DIRECTORY` lists them, for example of /sys",
-            ),
-            Transport::Tcp | Transport::RtuOverTcp | Transport::Serial(_) => return Ok(()),
-        };
+        let ScanKind::Other { is, instead, .. } = self.address.kind().scan else { return Ok(()) };
         let name = self.known.as_ref().map_or(self.address.to_string(), |_| format!("bus {}", self.bus.name));
-        anyhow::bail!("{name} is {kind}, without registers; {instead}")
+        anyhow::bail!("{name} is {is}, without registers; {instead}")
     }
 }
 
@@ -122,7 +108,7 @@ fn timeout(text: &str) -> Result<Duration, String> {
     values::span(text, Duration::from_secs(60), hint)
 }
 
-/// Parses `3` or `1..247`, both ends included.
+/// Parses unit numbers `3` or `1..247`, both ends included.
 pub(super) fn units(text: &str) -> Result<(u8, u8), String> {
     let (from, to) = text.split_once("..").unwrap_or((text, text));
     match (from.trim().parse(), to.trim().parse()) {
@@ -131,7 +117,8 @@ pub(super) fn units(text: &str) -> Result<(u8, u8), String> {
     }
 }
 
-/// Parses `holding:0..99` or `40001..40100`, both ends included. Returns the first register and the count.
+/// Parses a range of registers `holding:0..99` or `40001..40100`, both ends included. Returns the first register and
+/// the number of registers.
 pub(super) fn range(text: &str) -> Result<(Register, u16), String> {
     const FORM: &str = "write holding:0..99";
     let (from, to) =
@@ -152,5 +139,5 @@ pub(super) fn range(text: &str) -> Result<(Register, u16), String> {
         .ok_or_else(|| format!("`{text}` is no range of 1 to {MOST} registers; {FORM}"))
 }
 
-/// Maximum number of registers of one scan. At 9600 baud it takes some minutes.
+/// Maximum number of registers of one scan, which takes some minutes at 9600 baud.
 const MOST: u16 = 10_000;

@@ -1,10 +1,11 @@
-//! `isotherm trace`: the wire log of one device of the running gateway.
+//! `isotherm trace`: shows the frames between the running gateway and one device.
 
 use std::io::Write;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::{ProfileArguments, load, values};
+use super::loading::{ProfileArguments, load};
+use super::values;
 use super::{command::RunningGateway, new_file};
 use crate::cli::print::{Out, say_beside};
 use crate::gateway::control;
@@ -12,7 +13,7 @@ use crate::gateway::control;
 /// Shows the traffic between the running gateway and one of its devices: the bytes and meaning of each frame, and the
 /// response time. Timeouts and invalid answers are included.
 ///
-/// A trace changes nothing on the wire, and uses no processor time when it is not active. Times are UTC.
+/// A trace changes nothing on the line, and uses no processor time when no trace is active. Times are UTC.
 #[derive(clap::Args, Debug)]
 #[command(
     mut_arg("json", |json| json.help("Prints one JSON document on each line")),

@@ -3,6 +3,16 @@
 use std::io::BufRead;
 use std::time::Duration;
 
+/// Arguments that exclude or require each other. The program reports them as clap reports a single wrong argument.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub(super) struct WrongArguments(String);
+
+/// Returns the error for arguments that exclude or require each other.
+pub(super) fn wrong_arguments(why: impl Into<String>) -> anyhow::Error {
+    WrongArguments(why.into()).into()
+}
+
 /// Reads a line from stdin; `None` at its end.
 pub(super) fn typed() -> std::io::Result<Option<String>> {
     let mut text = String::new();
@@ -10,7 +20,7 @@ pub(super) fn typed() -> std::io::Result<Option<String>> {
     Ok((read > 0).then_some(text))
 }
 
-/// Parses `KEY=VALUE`, without the blanks around key and value.
+/// Parses `KEY=VALUE`, and removes blanks around key and value.
 pub(super) fn key_and_value(text: &str) -> Result<(String, String), String> {
     let (key, value) = text.split_once('=').ok_or("write it as KEY=VALUE, e.g. bus.cell.timeout=500ms")?;
     Ok((key.trim().to_owned(), value.trim().to_owned()))
@@ -28,8 +38,8 @@ pub(super) fn span(text: &str, most: Duration, hint: &str) -> Result<Duration, S
     if span.is_zero() || span > most { Err(hint.to_owned()) } else { Ok(span) }
 }
 
-/// Checks a log filter: a level, or a filter with levels. Any other word would be taken as a target, and the filter
-/// would log nothing.
+/// Checks a log filter: a level, or a filter with levels. Any other word would be taken as the name of a module, and
+/// the filter would log nothing.
 pub(super) fn log_filter(text: &str) -> Result<String, String> {
     const LEVELS: [&str; 6] = ["error", "warn", "info", "debug", "trace", "off"];
     let is_level = |text: &str| LEVELS.contains(&text.to_lowercase().as_str());

@@ -1,15 +1,16 @@
-//! Check whether state and ledger survive the container in which the gateway runs.
+//! Check whether state and ledger are kept when the container in which the gateway runs is removed.
 
 use std::path::Path;
 
-/// Place that is lost with the container and contains this directory, in words. `None` if state and ledger survive, as
-/// far as the mounts show.
+/// Returns a description of the storage that contains this directory, if it is lost when the container is removed.
+/// Returns `None` if it is kept, as far as the kernel's mounts show.
 pub(super) fn volatile_mount(directory: &Path) -> Option<&'static str> {
     let mounts = std::fs::read_to_string("/proc/self/mountinfo").ok()?;
     lost_with(&mounts, &directory.canonicalize().ok()?)
 }
 
-/// Finds the answer in the kernel's list of mounts. Of several mounts at one path, the last one is visible.
+/// Searches the kernel's list of mounts for the storage of this directory. If several mounts have one path, only the
+/// last one is visible.
 fn lost_with(mounts: &str, directory: &Path) -> Option<&'static str> {
     let mount = (mounts.lines().filter_map(Mount::of))
         .filter(|mount| directory.starts_with(mount.at))
@@ -30,10 +31,10 @@ fn lost_with(mounts: &str, directory: &Path) -> Option<&'static str> {
 
 const LAYER: &str = "this container's own layer, which the next one does not get";
 
-/// A line of /proc/self/mountinfo (proc_pid_mountinfo(5)).
+/// One line of /proc/self/mountinfo (proc_pid_mountinfo(5)).
 struct Mount<'line> {
     at: &'line Path,
-    /// Directory of the host that is mounted; for an overlay, its writable directory.
+    /// Directory of the host that is mounted; for an overlay file system, its writable directory.
     lies_in: &'line str,
 }
 

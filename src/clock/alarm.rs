@@ -1,8 +1,8 @@
 //! Kernel timers for distant deadlines.
 //!
-//! The timers of tokio are on wheels. A timer beyond the range of the first wheel wakes the computer once more, only to
-//! move to the next wheel. All of them are rounded to milliseconds. On an idle computer, such a wake-up costs more than
-//! the work after it.
+//! The timers of tokio are stored on several wheels. A timer beyond the range of the first wheel wakes the computer
+//! once more, only to move to the next wheel. Each timer is rounded to milliseconds. On an idle computer, such an
+//! additional wake-up costs more than the work of the task itself.
 
 use std::io::ErrorKind;
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use rustix::time::{
 };
 use tokio::net::unix::pipe::Receiver;
 
-/// Range of the first timer wheel of tokio.
+/// Range of the first timer wheel of tokio. Deadlines beyond it use a kernel timer.
 pub(super) const FAR: Duration = Duration::from_millis(64);
 
 /// Maximum number of alarms of one clock. With more busy sleepers the computer is rarely idle, and one timer of tokio
@@ -21,11 +21,11 @@ pub(super) const FAR: Duration = Duration::from_millis(64);
 /// descriptors that a process may have.
 const MOST: usize = 8;
 
-/// Counter of the alarms of one clock: each alarm keeps a clone.
+/// Counter of the alarms of one clock. Each alarm owns a clone of the inner value.
 #[derive(Clone, Debug, Default)]
 pub(super) struct AlarmCount(Arc<()>);
 
-/// One-shot timer of the kernel. It counts like [`super::BootClock`], which includes suspension of the computer.
+/// One-shot timer of the kernel. It counts time like [`super::BootClock`], including suspension of the computer.
 ///
 /// The kernel provides the timer as a file descriptor that becomes readable.
 #[derive(Debug)]
@@ -35,8 +35,8 @@ pub(super) struct Alarm {
 }
 
 impl Alarm {
-    /// Returns a new alarm. Returns `None` if the clock already has [`MOST`] alarms, or if the kernel provides no more.
-    /// The caller then uses a timer of tokio.
+    /// Returns a new alarm. Returns `None` if the clock already has [`MOST`] alarms, or if the kernel provides no
+    /// further timer. The caller then uses a timer of tokio.
     pub(super) fn new(given: &AlarmCount) -> Option<Alarm> {
         if Arc::strong_count(&given.0) > MOST {
             return None;
@@ -46,8 +46,8 @@ impl Alarm {
         Some(Alarm { timer, _is_counted_by_this: given.clone() })
     }
 
-    /// Waits for `span`, and discards any earlier setting. Returns at once if the timer cannot be set. The caller
-    /// checks the clock, and waits again.
+    /// Waits for `span`, and replaces any earlier setting. Returns at once if the timer cannot be set. The caller must
+    /// therefore check the clock, and wait again if necessary.
     pub(super) async fn after(&self, span: Duration) {
         let seconds = i64::try_from(span.as_secs()).unwrap_or(i64::MAX);
         let value = Timespec { tv_sec: seconds, tv_nsec: span.subsec_nanos().into() };

@@ -1,5 +1,5 @@
-//! Elapsed time. The monotonic clock stops while the computer is suspended, but the machine continues to warm up. The
-//! clock that counts from boot does not stop.
+//! Elapsed time. The monotonic clock stops while the computer is suspended, although the machine continues to warm up.
+//! The clock that counts from the boot of the computer does not stop.
 
 use std::fmt;
 use std::sync::Arc;
@@ -9,12 +9,12 @@ use rustix::time::{ClockId, clock_gettime};
 
 type Source = Arc<dyn Fn() -> Duration + Send + Sync>;
 
-/// Counter of elapsed time. Its zero point has no meaning.
+/// Counter of elapsed time. Only differences between its values have a meaning.
 #[derive(Clone, Default)]
 pub struct BootClock(Option<Source>);
 
 impl BootClock {
-    /// Returns a counter that uses `source`. Tests simulate a suspended computer with it.
+    /// Returns a counter that takes elapsed time from `source`. Tests simulate a suspended computer with it.
     pub fn by(source: impl Fn() -> Duration + Send + Sync + 'static) -> BootClock {
         BootClock(Some(Arc::new(source)))
     }

@@ -1,4 +1,4 @@
-//! Silence on a real line. Its length is always wall-clock time.
+//! Silence on a physical line. Its length is measured in wall-clock time, even under a virtual clock.
 
 #![allow(clippy::disallowed_types, reason = "silence on a wire is wall time")]
 
@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-/// Start of the silence: the end of the last transmission.
+/// Start of a silence: the end of the last transmission.
 #[derive(Clone, Copy, Debug)]
 pub struct Silence {
     since: Instant,
@@ -18,7 +18,7 @@ impl Silence {
         Silence { since: Instant::now() }
     }
 
-    /// Returns a silence that begins after `span`, at the end of the present transmission.
+    /// Returns a silence that begins after `span`, when the transmission in progress ends.
     pub fn begin_after(span: Duration) -> Silence {
         Silence { since: Instant::now() + span }
     }

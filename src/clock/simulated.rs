@@ -1,4 +1,4 @@
-//! Virtual clock. It wakes one task at a time. A sleeping task is a [`SleepingTask`] of its [`Table`].
+//! Virtual clock. It wakes one task at a time. A sleeping task has a [`SleepingTask`] in the [`Table`].
 
 #![allow(clippy::disallowed_types, reason = "pacing needs the wall's time")]
 
@@ -16,7 +16,7 @@ use isotherm_core::quantity::Moment;
 #[derive(Debug)]
 pub(super) struct Simulated {
     table: Mutex<Table>,
-    /// Signals the pacer that a sleeper waits for wall-clock time, or that the clock was dropped.
+    /// Wakes the pacer thread, when a sleeper waits for wall-clock time or the clock was dropped.
     pacing: Condvar,
     start: Moment,
     started: Instant,
@@ -28,16 +28,16 @@ struct Table {
     now: Moment,
     seats: BTreeMap<u64, SleepingTask>,
     next_seat: u64,
-    /// Sockets in which an unread message may wait.
+    /// Sockets that may contain an unread message.
     inflows: BTreeMap<u64, SocketState>,
-    /// Every sleeper (`SleepingTask`) sleeps, and wall-clock time has not reached the next deadline yet.
+    /// Whether every sleeper sleeps, and wall-clock time has not reached the next deadline yet.
     waits_for_wall: bool,
     closed: bool,
 }
 
 #[derive(Debug, Default)]
 struct SleepingTask {
-    /// Deadline of the sleep; `None` while the sleeper is awake.
+    /// Deadline of the sleep; `None` while the task is awake.
     until: Option<Moment>,
     waker: Option<Waker>,
     is_woken: bool,
@@ -46,11 +46,11 @@ struct SleepingTask {
 #[derive(Debug)]
 struct SocketState {
     from: OwnedFd,
-    /// A reader is at work on this socket.
+    /// Whether a task is reading from this socket now.
     is_taken: bool,
 }
 
-/// Registration of one sleeper. Dropping it lets the other sleepers continue.
+/// Registration of one sleeper. Dropping it removes the sleeper, so the clock no longer waits for it.
 #[derive(Debug)]
 pub(super) struct Membership {
     clock: Arc<Simulated>,
@@ -105,7 +105,7 @@ impl Simulated {
         Membership { clock: self.clone(), number }
     }
 
-    /// Registers a socket, and returns its number.
+    /// Registers a socket that the clock checks before it advances. Returns the number of the socket.
     pub(super) fn watch(&self, from: OwnedFd) -> u64 {
         let mut table = self.table();
         let number = table.next_seat;
@@ -114,7 +114,7 @@ impl Simulated {
         number
     }
 
-    /// Records whether a reader is at work on a socket.
+    /// Records whether a task is reading from the socket with this number.
     pub(super) fn take_from(&self, number: u64, is_taken: bool) {
         let mut table = self.table();
         if let Some(inflow) = table.inflows.get_mut(&number) {
@@ -129,20 +129,21 @@ impl Simulated {
         self.advance(&mut table);
     }
 
-    /// Locks the table. A panic of another thread leaves it consistent, because every change is a single assignment.
+    /// Locks the table. The lock is also used after another thread has panicked, because every change is a single
+    /// assignment.
     fn table(&self) -> MutexGuard<'_, Table> {
         self.table.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns the remaining wall-clock time until `deadline` is allowed.
+    /// Returns how much wall-clock time must pass before virtual time may reach `deadline`.
     fn wall_wait(&self, deadline: Moment) -> Duration {
         let Some(speed) = self.speed else { return Duration::ZERO };
         let due = Duration::try_from_secs_f64(deadline.since(self.start).as_secs_f64() / speed);
         due.unwrap_or(Duration::MAX).saturating_sub(self.started.elapsed())
     }
 
-    /// Wakes the sleeper with the earliest deadline if every sleeper sleeps. If wall-clock time must pass first, the
-    /// pacer wakes it later.
+    /// Wakes the sleeper with the earliest deadline, if every sleeper sleeps. If wall-clock time must pass first, the
+    /// pacer thread wakes it later.
     fn advance(&self, table: &mut Table) {
         table.waits_for_wall = false;
         let Some((number, deadline)) = table.next() else { return };
@@ -156,8 +157,8 @@ impl Simulated {
 }
 
 impl Table {
-    /// Returns the number and deadline of the next sleeper to wake; `None` while a sleeper is awake or a socket has
-    /// unread data.
+    /// Returns the number and deadline of the next sleeper to wake. Returns `None` while a sleeper is awake or a socket
+    /// has unread data.
     fn next(&self) -> Option<(u64, Moment)> {
         let mut earliest = None;
         for (number, guest) in &self.seats {
@@ -189,7 +190,7 @@ impl Drop for Simulated {
     }
 }
 
-/// Waits for wall-clock time, and then wakes the next sleeper, as long as every sleeper sleeps.
+/// Thread that waits for wall-clock time, and then wakes the next sleeper, as often as every sleeper sleeps.
 fn pace(clock: &Weak<Simulated>) {
     while let Some(clock) = clock.upgrade() {
         let mut table = clock.table();
@@ -246,7 +247,7 @@ impl Wakeup {
     }
 }
 
-/// One sleep of a sleeper. If it is dropped early, the sleeper counts as awake.
+/// Future of one sleep. If it is dropped early, the sleeper counts as awake.
 pub(super) struct SimulatedSleep<'a> {
     membership: &'a mut Membership,
     deadline: Moment,

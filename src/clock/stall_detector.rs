@@ -1,13 +1,13 @@
-//! Detection of gaps between clock samples: the computer was stopped, suspended or overloaded.
+//! Detection of gaps between clock samples, in which the computer was stopped, suspended or overloaded.
 
 use std::time::Duration;
 
 use isotherm_core::quantity::Moment;
 
-/// Shortest gap that is reported, unless `max_age` is shorter.
+/// Length up to which a gap is not reported. If `max_age` is shorter, `max_age` is used instead.
 const SHORTEST: Duration = Duration::from_secs(1);
 
-/// Time of the last clock sample, and the planned time until the next one.
+/// Detector of gaps between clock samples. It stores the last sample, and the planned time until the next one.
 #[derive(Clone, Copy, Debug)]
 pub struct StallDetector {
     /// Gaps up to this length are not reported.
@@ -17,8 +17,8 @@ pub struct StallDetector {
 }
 
 impl StallDetector {
-    /// Starts with a first sample at `now`. `max_age` is the greatest age of a reading in use. Only a gap longer than
-    /// `max_age` or one second is reported, whichever is shorter.
+    /// Returns a detector with a first sample at `now`. `max_age` is the greatest permitted age of a reading. A gap is
+    /// reported only if it is longer than the smaller of `max_age` and one second.
     pub fn begin(now: Moment, max_age: Duration) -> StallDetector {
         StallDetector { shortest: SHORTEST.min(max_age), last: now, meant: Duration::ZERO }
     }
@@ -28,12 +28,13 @@ impl StallDetector {
         self.last
     }
 
-    /// Sets the planned time until the next sample.
+    /// Sets the planned time until the next sample. A gap of up to twice this time is not reported.
     pub fn away_for(&mut self, span: Duration) {
         self.meant = span;
     }
 
-    /// Takes a sample. Returns the time of the sample before if there was a gap: more than twice the planned time.
+    /// Records a sample. Returns the time of the previous sample, if the gap is longer than twice the planned time and
+    /// than the shortest gap.
     pub fn sample(&mut self, now: Moment) -> Option<Moment> {
         let (last, meant) = (self.last, std::mem::take(&mut self.meant));
         self.last = now;

@@ -1,4 +1,4 @@
-//! Time of day as a shift of counted time. If the computer's clock is set, only the stamps follow.
+//! Time of day as a shift of counted time. If the computer's clock is set, only the displayed times change.
 
 use std::fmt;
 use std::sync::atomic::{AtomicI64, Ordering};
@@ -8,30 +8,30 @@ use serde::{Deserialize, Serialize};
 
 use isotherm_core::quantity::{Moment, Shift, Shifted};
 
-/// Differences up to this length between two checks are not reported.
+/// Difference between two checks up to which no correction of the computer's clock is reported.
 pub const SMALLEST_CORRECTION: Duration = Duration::from_secs(2);
 
 /// Difference between time of day and counted time in nanoseconds, as of the last check.
 #[derive(Debug, Default)]
 pub(super) struct ClockDifference(AtomicI64);
 
-/// Step of the computer's clock: it was set.
+/// Correction of the computer's clock: it was set to another time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Correction {
-    /// Expected time of day.
+    /// Time of day that the clock would show without the correction.
     pub from: Moment,
-    /// New time of day.
+    /// Time of day that the clock shows after the correction.
     pub to: Moment,
 }
 
-/// Formats the expected and the new time, with an arrow between them.
+/// Formats the expected and the new time of day, with an arrow between them.
 impl fmt::Display for Correction {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} → {}", self.from, self.to)
     }
 }
 
-/// Whether a time service synchronises the computer's clock.
+/// Whether a time service (such as NTP) synchronises the computer's clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Synchronised {
@@ -39,7 +39,7 @@ pub enum Synchronised {
     Yes,
     /// The kernel reports an unsynchronised clock. This is normal without a network.
     No,
-    /// The kernel does not answer.
+    /// The kernel does not report whether its clock is synchronised.
     #[default]
     NotKnown,
 }
@@ -53,7 +53,8 @@ impl ClockDifference {
         self.0.store(shift.as_nanos(), Ordering::Relaxed);
     }
 
-    /// Follows the time of day at this counted moment. Returns a correction if the clock was set since the last check.
+    /// Sets the difference to the time of day at the counted moment `now`. Returns a correction if the clock was set
+    /// since the last check.
     pub(super) fn check(&self, now: Moment, time_of_day: Moment) -> Option<Correction> {
         let from = now.shifted(self.shift());
         self.follow(Shift::between(now, time_of_day));
@@ -63,7 +64,7 @@ impl ClockDifference {
 }
 
 impl Synchronised {
-    /// Queries the kernel with `adjtimex(2)`.
+    /// Queries the kernel for its synchronisation state, with `adjtimex(2)`.
     pub fn by_the_kernel() -> Synchronised {
         let mut asked = rtime_clock::adjtime::Timex::new();
         match rtime_clock::adjtime::adjtimex(&mut asked) {
@@ -73,7 +74,7 @@ impl Synchronised {
         }
     }
 
-    /// Returns the text for display.
+    /// Returns the synchronisation state as text for display.
     pub fn display(self) -> &'static str {
         match self {
             Synchronised::Yes => "synchronised",

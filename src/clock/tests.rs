@@ -92,9 +92,9 @@ async fn a_task_that_ends_lets_the_others_go_on() {
 #[tokio::test]
 async fn a_speed_paces_the_virtual_time() {
     let wall = Clock::wall();
+    let begun = wall.now();
     let clock = Clock::simulated(noon(), Some(1000.0));
     let mut sleeper = clock.join();
-    let begun = wall.now();
     for _ in 0..10 {
         sleeper.sleep(SECOND * 5).await;
     }

@@ -1,4 +1,4 @@
-//! Wall-clock time: the time of day at the start, correct or not, plus elapsed time, suspension included.
+//! Wall-clock time: the time of day at the start, even if it is not correct, plus elapsed time including suspension.
 
 #![allow(clippy::disallowed_types, reason = "this is where time comes from")]
 
@@ -10,18 +10,18 @@ use super::BootClock;
 use super::alarm::{Alarm, AlarmCount};
 use isotherm_core::quantity::Moment;
 
-/// Earliest start of counting: 2020. A computer without a clock battery starts in 1970. Remembered state of a machine
-/// may be older than the time since then.
+/// Earliest moment at which counting starts: the year 2020. A computer without a clock battery starts in 1970. Stored
+/// states, which are older, would then be from before 1970, which a [`Moment`] cannot represent.
 const EARLIEST: Moment = Moment::from_nanos(1_577_836_800_000_000_000);
 
 type Source = Arc<dyn Fn() -> Moment + Send + Sync>;
 
-/// Source of the time of day. The computer's clock may be set at any moment.
+/// Source of the time of day. The time of day may jump, because the computer's clock can be set at any moment.
 #[derive(Clone, Default)]
 pub struct TimeOfDay(Option<Source>);
 
 impl TimeOfDay {
-    /// Returns a time of day that uses `source`. Tests simulate a wrong computer clock with it.
+    /// Returns a source that takes the time of day from `source`. Tests simulate a wrong computer clock with it.
     pub fn by(source: impl Fn() -> Moment + Send + Sync + 'static) -> TimeOfDay {
         TimeOfDay(Some(Arc::new(source)))
     }
@@ -46,7 +46,7 @@ impl fmt::Debug for TimeOfDay {
 /// Clock that counts from the time of day at its start.
 #[derive(Debug)]
 pub(super) struct Wall {
-    /// Moment at which elapsed time was zero.
+    /// Moment that corresponds to zero of the counter of elapsed time.
     beginning: Moment,
     boot_clock: BootClock,
     pub(super) time_of_day: TimeOfDay,
@@ -59,8 +59,8 @@ impl Wall {
         Wall { beginning, boot_clock, time_of_day, alarms: AlarmCount::default() }
     }
 
-    /// Returns a kernel timer. Returns `None` in tests with their own source of elapsed time, which runs at its own
-    /// pace.
+    /// Returns a kernel timer. Returns `None` if the clock has its own source of elapsed time, as in tests, because the
+    /// kernel timer does not follow that source.
     pub(super) fn alarm(&self) -> Option<Alarm> {
         self.boot_clock.is_of_the_system().then(|| Alarm::new(&self.alarms)).flatten()
     }

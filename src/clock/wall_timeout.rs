@@ -1,12 +1,13 @@
-//! Protocol timeout in wall-clock time, also under a virtual clock, because the answer comes through a real socket.
+//! Timeout of a protocol, in wall-clock time. It is so under a virtual clock too, because the answer comes through a
+//! real socket.
 //!
 //! A run with a virtual clock has its virtual devices in the same process. If the computer does not run that process
-//! for a while, no device can answer. The timeout would then depend on the load of the computer. Such a run divides the
-//! timeout into [`SLICES`](WallTimeout::SLICES). A slice that ends late counts as one, and the runtime lets every
-//! device act between two slices.
+//! for a while, no device can answer. The timeout would then depend on the load of the computer. Such a run therefore
+//! divides the timeout into [`SLICES`](WallTimeout::SLICES). A slice that ends late counts as only one slice, and the
+//! runtime lets every device act between two slices.
 //!
-//! The timer is set once, moved if it fires too early, and postponed while a line is idle. Nearly all requests are
-//! answered in time. Such a request costs no timer on a busy line, and no wake-up on an idle one.
+//! The timer is set once. It is moved if it fires too early, and postponed while a line is idle. Nearly all requests
+//! are answered in time. Such a request sets no timer on a busy line, and causes no wake-up on an idle one.
 
 #![allow(clippy::disallowed_types, reason = "timeouts are wall time")]
 
@@ -28,7 +29,7 @@ pub struct WallTimeout {
 }
 
 impl WallTimeout {
-    /// Slices of a timeout in a run with a virtual clock.
+    /// Number of slices into which a timeout is divided in a run with a virtual clock.
     pub const SLICES: u32 = 10;
 
     /// Returns a timer in wall-clock time that is not set yet.
@@ -36,12 +37,14 @@ impl WallTimeout {
         WallTimeout { timer: None, slices: 1 }
     }
 
-    /// Returns a timer that is not set yet, for a task with this clock.
+    /// Returns a timer that is not set yet, for a task with this clock. Under a virtual clock, its timeouts are divided
+    /// into slices.
     pub fn by(clock: &Clock) -> WallTimeout {
         WallTimeout { timer: None, slices: if clock.is_virtual() { WallTimeout::SLICES } else { 1 } }
     }
 
-    /// Postpones the timer: no timeout can be due within `span`, so the timer wakes no task before.
+    /// Postpones the timer by `span`, because no timeout can be due within this time. The timer then wakes no task
+    /// before.
     pub fn put_off(&mut self, span: Duration) {
         if let Some(timer) = &mut self.timer {
             let deadline = Instant::now() + span;
@@ -53,8 +56,8 @@ impl WallTimeout {
         }
     }
 
-    /// Waits for the future, at most for `span`. Returns its output, or `None` on a timeout. A future that is ready at
-    /// once costs nothing.
+    /// Waits for the future for at most `span`. Returns its output, or `None` on a timeout. If the future is ready at
+    /// once, no timer is used.
     pub async fn within<F: Future>(&mut self, span: Duration, future: F) -> Option<F::Output> {
         let mut future = pin!(future);
         let mut left = if span.is_zero() { 1 } else { self.slices };

@@ -2,7 +2,7 @@
 
 use jiff::tz::TimeZone;
 
-/// Returns the IANA name of the time zone; `UTC` if the zone is unknown or has no such name.
+/// Returns the IANA name of the computer's time zone; `UTC` if the zone is unknown or has no such name.
 pub fn zone() -> String {
     TimeZone::try_system()
         .ok()

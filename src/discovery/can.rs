@@ -1,16 +1,16 @@
-//! State of a CAN interface, and advice with the commands for it.
+//! State of the CAN interfaces of a profile, and advice with commands for them.
 
 use serde::Serialize;
 
-use crate::fieldbus::can::Interface;
 use crate::fieldbus::error::{CanFault, Fault, LinkFault};
+use crate::fieldbus::kinds::can::Interface;
 use isotherm_core::codec::{Address, Frame};
 use isotherm_profile::{Bus, Profile, Signal};
 
-/// State of one interface.
+/// State of one CAN interface.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Inspected {
-    /// Bus in the profile.
+    /// Name of the bus in the profile.
     pub bus: String,
     /// Name of the interface.
     pub interface: String,
@@ -18,11 +18,11 @@ pub struct Inspected {
     pub is_up: bool,
     /// State of the interface, for display.
     pub state: String,
-    /// Advice, each with its command; empty if nothing is wrong.
+    /// Advice to the user, each with a command; empty if nothing is wrong.
     pub advice: Vec<String>,
 }
 
-/// Inspects the interface of each CAN line of a profile. It queries the kernel and sends no frame.
+/// Inspects the interface of each CAN line of a profile. It queries the kernel, and sends no frame on the bus.
 pub fn inspect(profile: &Profile) -> Vec<Inspected> {
     let lines = profile.buses.iter().filter(|bus| bus.transport.is_can());
     lines.map(|bus| inspected(bus, requires_fd(profile, bus), Interface::query(&bus.address))).collect()

@@ -1,4 +1,4 @@
-//! Test of whether a device supports two requests at a time: it gets two reads at once.
+//! Test whether a device supports two requests at a time: it gets two reads at once.
 
 use serde::Serialize;
 
@@ -10,21 +10,22 @@ use crate::fieldbus::send_guard::SendDeadline;
 use crate::fieldbus::wire::Request;
 use isotherm_profile::{Bus, BusId, Device, DeviceId, Profile};
 
-/// Pairs of requests for each device. A device that mixes up two answers may be right by chance.
+/// Number of pairs of requests that each device gets. One pair is not enough: a device that mixes up two answers may be
+/// right by chance.
 const PAIRS: usize = 20;
 
 /// Result of the test of one device.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct PipelineTest {
-    /// Bus in the profile.
+    /// Name of the bus in the profile.
     pub bus: String,
     /// Name of the device in the profile.
     pub device: String,
-    /// Fault of the test; `None` if the device passes.
+    /// Description of the failure; `None` if the device passes the test.
     pub fault: Option<String>,
 }
 
-/// Tests each device on a bus with `pipeline = 2`. It only reads.
+/// Tests the devices on each bus with `pipeline = 2`. It only reads from the devices.
 pub async fn tried(profile: &Profile) -> Vec<PipelineTest> {
     let mut found = Vec::new();
     let pipelined = profile.buses.iter().enumerate().filter(|(_, bus)| bus.pipeline > 1);

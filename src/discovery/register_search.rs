@@ -1,4 +1,5 @@
-//! Search for the registers of a unit. It reads in steps of limited size, and divides a refused step into halves.
+//! Search for the registers of a unit. It reads in steps of limited size, and divides a range that the unit refuses
+//! into halves.
 
 use serde::Serialize;
 
@@ -7,21 +8,21 @@ use crate::fieldbus::error::Fault;
 use crate::fieldbus::wire::Answer;
 use isotherm_core::codec::Register;
 
-/// Number of consecutive timeouts after which a walk gives up: the unit is gone.
+/// Number of consecutive timeouts after which the search ends, because the unit no longer answers.
 const SILENCES: u32 = 3;
-/// Registers or bits in one step.
+/// Number of registers or bits that are read in one step.
 pub const STEP: u16 = 16;
 
 /// Range of registers of a unit, and the result of reading it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RegisterRange {
-    /// First register.
+    /// Address of the first register, zero-based, with its table.
     pub register: String,
-    /// One-based number of the first register.
+    /// Number of the first register in the one-based Modicon notation.
     pub modicon: String,
-    /// Number of registers.
+    /// Number of registers or bits.
     pub count: u16,
-    /// Values; `None` if the range cannot be read.
+    /// Values of the registers; `None` if the range cannot be read.
     pub values: Option<Vec<u16>>,
     /// Reason why the range cannot be read; empty if it can.
     pub why: String,
@@ -34,10 +35,11 @@ impl RegisterRange {
     }
 }
 
-/// Reads `count` registers from `from`. Calls `take` with each range that can or cannot be read, in ascending order.
+/// Reads `count` registers from `from`. Calls `take` with each part of this range, in ascending order: a part that
+/// could be read, or one that could not.
 ///
 /// # Errors
-/// The fault that ended the walk.
+/// The fault that ended the search.
 pub async fn walk(
     asker: &mut UnitReader,
     unit: u8,

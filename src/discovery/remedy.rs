@@ -1,14 +1,14 @@
-//! Advice for a fault, for the person at the machine.
+//! Advice on a fault, for the person at the machine.
 
 use std::time::Duration;
 
-use crate::discovery::bus::{LineAddress, Transport};
+use crate::discovery::bus::{LineAddress, ScanKind};
 use crate::fieldbus::error::{Fault, PeerFault};
 use crate::fieldbus::explain::explain;
 use isotherm_core::codec::{Register, Table};
 use isotherm_profile::duration_text;
 
-/// Request that caused the fault.
+/// Request that failed, with its details for the advice.
 #[derive(Clone, Copy, Debug)]
 pub struct Question<'a> {
     /// Line of the request.
@@ -19,11 +19,11 @@ pub struct Question<'a> {
     pub from: Register,
     /// Number of registers or bits.
     pub count: u16,
-    /// Timeout of the answer.
+    /// Time within which the answer had to arrive.
     pub timeout: Duration,
 }
 
-/// Describes the fault and what to do: the text of [`explain`], with the details of this request.
+/// Describes a fault and its remedy: the text of [`explain`], with the details of this request.
 pub fn remedy(fault: Fault, question: Question<'_>) -> String {
     let Question { line, unit, from, count, timeout } = question;
     let said = explain(fault);
@@ -49,10 +49,11 @@ pub fn remedy(fault: Fault, question: Question<'_>) -> String {
             format!("unit {unit}, {span} ({modicon}): {said}{below}")
         }
         Fault::Exception(3) => format!("unit {unit}, {count} at once: {said}. Try a smaller --count"),
-        Fault::Peer(PeerFault::Malformed) if line.transport == Transport::Tcp => {
-            format!("{line}: {said} Write rtu+tcp://")
-        }
-        Fault::Link(_) | Fault::Peer(PeerFault::Malformed) => format!("{line}: {said}"),
+        Fault::Peer(PeerFault::Malformed) => match line.kind().scan {
+            ScanKind::Units { malformed, .. } => format!("{line}: {said}{malformed}"),
+            _ => format!("{line}: {said}"),
+        },
+        Fault::Link(_) => format!("{line}: {said}"),
         _ => format!("unit {unit}: {said}"),
     }
 }

@@ -1,35 +1,37 @@
-//! Search for the units that answer on a line. Each unit gets one read of one register. An exception is an answer too.
+//! Search for the units that answer on a line. Each unit gets reads of one register. An exception counts as an answer
+//! too.
 
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
 use serde::Serialize;
 
-use crate::discovery::bus::{LineAddress, Transport};
+use crate::discovery::bus::LineAddress;
 use crate::discovery::unit_reader::{Trace, UnitReader};
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::wire::Answer;
 use isotherm_core::codec::Register;
 use isotherm_profile::{Bus, Quirks};
 
-/// Bytes of an RTU frame that reads one register, and of its answer.
+/// Length in bytes of an RTU frame that reads one register. `ANSWER` is the length of its answer.
 const REQUEST: usize = 8;
 const ANSWER: usize = 7;
 
 /// Settings of a scan.
 #[derive(Clone, Debug)]
 pub struct Scan {
-    /// Line to scan. A serial line is in the list once for each combination of settings to try.
+    /// Lines to scan, one after another. A serial line is in the list once for each combination of settings to try.
     pub lines: Vec<LineAddress>,
-    /// Timeout and quirks of the line.
+    /// Bus whose timeout and quirks apply to the scan.
     pub bus: Bus,
-    /// Quirks of each unit.
+    /// Quirks that apply to each unit.
     pub quirks: Quirks,
     /// Unit numbers to query.
     pub units: RangeInclusive<u8>,
-    /// Registers to read. The scan reads the next register of a unit only if the unit did not answer the one before.
+    /// Registers to read. The scan reads the next register of a unit only if the read of the previous one got no
+    /// answer.
     pub registers: Vec<Register>,
-    /// Callback that receives every exchange.
+    /// Callback that receives every exchange, for a log; `None`: no log.
     pub trace: Option<Trace>,
 }
 
@@ -38,7 +40,7 @@ pub struct Scan {
 pub struct Responder {
     /// Modbus unit number.
     pub unit: u8,
-    /// Register that was read.
+    /// Address of the register that was read.
     pub register: String,
     /// Kind of the answer.
     #[serde(flatten)]
@@ -51,45 +53,43 @@ pub struct Responder {
 pub enum AnswerKind {
     /// Value of the register.
     Value(u16),
-    /// Exception code. The unit exists, and does not have this register or function.
+    /// Exception with this code. The unit exists, but does not have this register or function.
     Exception(u8),
-    /// Description of an invalid answer.
+    /// Invalid answer, with a description of it.
     Garbled(String),
 }
 
 /// Progress of a scan.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
-    /// The scan continues with these settings of the line.
+    /// The scan continues with this line and these settings.
     Line(LineAddress),
-    /// This unit answers, on a line with these settings.
+    /// This unit answered on this line.
     Found(LineAddress, Responder),
-    /// Number of requests so far.
+    /// Number of requests sent so far.
     Asked(usize),
 }
 
 impl Scan {
-    /// Returns the maximum number of requests.
+    /// Returns the maximum number of requests of the scan.
     pub fn questions(&self) -> usize {
         self.lines.len() * self.units.len() * self.registers.len()
     }
 
-    /// Returns the longest duration of the scan. Each request may wait for its answer until the timeout, and for the
-    /// connection that is opened again after a timeout.
+    /// Returns the longest possible duration of the scan. In the worst case each request waits for the full timeout,
+    /// and for a new connection after it.
     pub fn at_worst(&self) -> Duration {
         let pauses = self.quirks.pause_between_requests + self.quirks.pause_after_connect;
         let each_line = self.lines.iter().map(|line| {
-            let under_way = match line.transport {
-                Transport::Serial(serial) => serial.exchange(REQUEST, ANSWER),
-                _ => Duration::ZERO,
-            };
+            let under_way = line.serial().map_or(Duration::ZERO, |serial| serial.exchange(REQUEST, ANSWER));
             self.bus.timeout * 2 + pauses + under_way
         });
         let questions = self.units.len() * self.registers.len();
         each_line.sum::<Duration>() * u32::try_from(questions).unwrap_or(u32::MAX)
     }
 
-    /// Queries all units. The scan may be dropped at any time, because it leaves nothing to undo.
+    /// Reads from all units, and calls `report` with the progress. The caller may drop the future at any time, because
+    /// a scan only reads.
     ///
     /// # Errors
     /// The line cannot be connected, or the connection is lost and cannot be opened again.
@@ -119,23 +119,23 @@ impl Scan {
         Ok(())
     }
 
-    /// Returns the requester for the units of one line.
+    /// Returns the reader for the units of one line.
     pub fn asker(&self, line: &LineAddress) -> UnitReader {
         UnitReader::new(line, &self.bus, self.quirks, self.trace)
     }
 }
 
-/// Scan that ended early because the line failed.
+/// Error of a scan that ended early because the line failed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FailedScan {
-    /// First unit without a result.
+    /// First unit that was not completely scanned.
     pub unit: u8,
     /// Fault of the line.
     pub fault: Fault,
 }
 
-/// Classifies an answer; `None` if no such unit exists. A gateway to a serial line reports this with exception 10 or
-/// 11. Some devices close the connection for a unit number that is not their own.
+/// Classifies an answer; returns `None` if the answer shows that no such unit exists. A Modbus gateway to a serial line
+/// reports this with exception 10 or 11. Some devices close the connection if the unit number is not their own.
 fn how(answer: &Result<Answer, Fault>) -> Option<AnswerKind> {
     match answer {
         Ok(Answer::Registers(registers)) => registers.first().copied().map(AnswerKind::Value),
@@ -156,8 +156,8 @@ fn how(answer: &Result<Answer, Fault>) -> Option<AnswerKind> {
     }
 }
 
-/// Returns whether the device ignores the unit number: it answers to all of them in the same way. Many TCP devices do,
-/// because they have one unit only.
+/// Returns whether the device seems to ignore the unit number: all `asked` unit numbers answered in the same way. Many
+/// TCP devices do so, because they have only one unit.
 pub fn heeds_no_number(found: &[&Responder], asked: usize) -> bool {
     asked > 3 && found.len() == asked && found.windows(2).all(|pair| pair[0].how == pair[1].how)
 }

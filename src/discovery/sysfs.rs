@@ -1,60 +1,30 @@
-//! Temperature sensors of this computer, and sensors of a profile that are missing.
+//! Temperature sensors of this computer, and sensors of a profile that this computer does not have.
 
 use std::path::Path;
-use std::time::Duration;
 
 use serde::Serialize;
 
-use crate::clock::WallTimeout;
-use crate::fieldbus::sysfs::find::{PresentSensor, all, find};
-use crate::fieldbus::sysfs::readers::Readers;
+use crate::fieldbus::kinds::sysfs::find::{PresentSensor, all, find};
 use isotherm_core::codec::PcSensor;
 use isotherm_core::reading::Reason;
 use isotherm_profile::{Profile, Transport};
 
-/// Maximum number of names in one advice.
+/// Maximum number of sensor names in one advice.
 const MOST: usize = 20;
-
-/// Temperature sensor of this computer.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Temperature {
-    /// Name of the sensor in a profile.
-    pub sensor: String,
-    /// File that holds the temperature.
-    pub read_in: String,
-    /// Temperature in °C; `None` if there is no value now.
-    pub value: Option<f64>,
-    /// Reason why there is no value; empty if there is one.
-    pub reason: String,
-}
 
 /// Sensor of a profile.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Inspected {
-    /// Bus in the profile.
+    /// Name of the bus in the profile.
     pub bus: String,
     /// Use of the sensor in the profile: `signal bed`.
     pub of: String,
     /// Name of the sensor in the profile.
     pub sensor: String,
-    /// File that holds the temperature; `None` if there is none.
+    /// Path of the file that contains the temperature; `None` if the computer does not have the sensor.
     pub read_in: Option<String>,
-    /// Problem, and which sensors exist instead.
+    /// Description of the problem, with the names of sensors that exist; `None` if the sensor was found.
     pub advice: Option<String>,
-}
-
-/// Reads every temperature below this directory once.
-pub async fn scan(root: &Path, timeout: Duration) -> Vec<Temperature> {
-    let present = all(root);
-    let sensors: Vec<PcSensor> = present.iter().map(|present| present.sensor.clone()).collect();
-    let values = Readers::default().read(root, &sensors, timeout, &mut WallTimeout::new()).await;
-    let found = present.iter().zip(values).map(|(present, value)| Temperature {
-        sensor: present.sensor.to_string(),
-        read_in: present.files.to_string(),
-        value: value.ok(),
-        reason: value.err().map(|reason| reason.to_string()).unwrap_or_default(),
-    });
-    found.collect()
 }
 
 /// Looks up the files of each sensor of a profile. It reads no temperature.

@@ -1,4 +1,4 @@
-//! One request at a time, to any unit of one line.
+//! Read requests to any unit of one line, one at a time.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use crate::fieldbus::wire::{Answer, Request};
 use isotherm_core::codec::Register;
 use isotherm_profile::{Bus, BusId, Device, DeviceId, Functions, Gateway, Quirks, ReadBy};
 
-/// Attempts to connect before discovery gives up a line.
+/// Number of attempts to connect before a read fails because of the connection.
 const DIALS: u32 = 3;
 const BETWEEN_DIALS: Duration = Duration::from_millis(300);
 
@@ -22,17 +22,17 @@ pub type Trace = fn(&Exchange);
 
 /// Sends read requests to the units of a line.
 pub struct UnitReader {
-    /// `None` for a CAN bus: it has no registers.
+    /// Line of the units; `None` for a CAN bus, which has no registers.
     line: Option<DeviceLine>,
     trace: Option<(ExchangeReceiver, Trace)>,
 }
 
 impl UnitReader {
-    /// Returns the line at this address, not connected yet, with the timeout and quirks of this bus. `trace` receives
-    /// every exchange.
+    /// Returns a reader for the units at this address. The line is not connected yet. It has the timeout and the quirks
+    /// of `bus`. `trace` receives every exchange.
     pub fn new(line: &LineAddress, bus: &Bus, quirks: Quirks, trace: Option<Trace>) -> UnitReader {
         let bus = Bus { transport: line.transport, address: line.address.clone(), ..bus.clone() };
-        // This line queries all unit numbers, so their number does not indicate a gateway.
+        // This line queries all unit numbers, so their number does not indicate a Modbus gateway.
         let quirks = match quirks.gateway {
             Gateway::ByUnits => Quirks { gateway: Gateway::Absent, ..quirks },
             _ => quirks,
@@ -66,10 +66,10 @@ impl UnitReader {
         UnitReader { line, trace: trace.and_then(|show| Some((tap.listen(None).ok()?, show))) }
     }
 
-    /// Reads registers or bits of a unit. If the connection fails, it is attempted three times in total.
+    /// Reads registers or bits of a unit. If the line cannot connect, it tries three times in total.
     ///
     /// # Errors
-    /// The fault, if there is no valid answer.
+    /// The fault for which the unit gave no valid answer.
     pub async fn read(&mut self, unit: u8, from: Register, count: u16) -> Result<Answer, Fault> {
         let line = self.line.as_mut().ok_or(Fault::Caller(CallerFault::Function))?;
         let mut dials = 1;
@@ -77,7 +77,7 @@ impl UnitReader {
             // Skip the back-off: the caller waits for the answer.
             let device = DeviceId(usize::from(unit));
             line.revive(None);
-            let request = Request::Read { from, count };
+            let request = Request::read_registers(from, count);
             let answer = line.request(device, request, SendDeadline::None).await.map(|found| found.answer);
             if let Some((listening, show)) = &mut self.trace {
                 std::iter::from_fn(|| listening.next_now()).for_each(|exchange| show(&exchange));

@@ -1,4 +1,4 @@
-//! Decoding of registers for commands that read a device without a profile signal.
+//! Decoding of registers for commands that read a device without a signal in a profile.
 
 use serde::Serialize;
 
@@ -8,9 +8,9 @@ use isotherm_core::codec::{DataType, Encoding, Register, Scale, WordOrder};
 /// Format of the values in registers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ValueFormat {
-    /// Data type. With `None`, a register is shown as unsigned 16 bits, and also as signed if that differs.
+    /// Data type. With `None`, a register is shown as unsigned 16-bit number, and also as a signed one if that differs.
     pub data_type: Option<DataType>,
-    /// Word order. With `None`, a value of several registers is shown in both orders.
+    /// Word order. With `None`, a value of several registers is shown in both word orders.
     pub word_order: Option<WordOrder>,
     /// Whether the two bytes of every register are swapped.
     pub byte_swap: bool,
@@ -20,40 +20,41 @@ pub struct ValueFormat {
     pub offset: f64,
 }
 
-/// One value with its address and its raw registers.
+/// One value with its address and its registers as read.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RegisterValue {
-    /// Zero-based address, with its table.
+    /// Zero-based address of the first register, with its table.
     pub register: String,
-    /// One-based number in Modicon notation.
+    /// Number of the first register in the one-based Modicon notation.
     pub modicon: String,
-    /// Registers in hexadecimal, lowest address first; 0 or 1 for a bit.
+    /// Registers in hexadecimal digits, lowest address first; for a bit, 0 or 1.
     pub raw: String,
-    /// Decoded value; more than one if the format is ambiguous.
+    /// Decoded value. It has several entries if the format is ambiguous.
     pub readings: Vec<Reading>,
 }
 
 /// Value decoded in one format.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Reading {
-    /// Format: `msw-first`, `lsw-first`, `u16`, `i16`; empty if it is unambiguous.
+    /// Format in which the value was decoded: `msw-first`, `lsw-first`, `u16` or `i16`; empty if only one format is
+    /// possible.
     pub way: &'static str,
-    /// Value, or the reason why there is none.
+    /// Value as text, or the reason why the registers have no value in this format.
     pub value: String,
 }
 
 impl ValueFormat {
-    /// Returns the number of registers or bits of one value.
+    /// Returns how many registers or bits one value has.
     pub fn registers(&self) -> u16 {
         self.data_type.map_or(1, DataType::registers)
     }
 
-    /// Returns whether the word order matters and is not given.
+    /// Returns whether a value has several registers and the word order is not known.
     pub fn lacks_order(&self) -> bool {
         self.registers() > 1 && self.word_order.is_none()
     }
 
-    /// Decodes the values in an answer that begins at `from`.
+    /// Decodes the values in an answer to a read that begins at the register `from`.
     pub fn values(&self, from: Register, answer: &Answer) -> Vec<RegisterValue> {
         let width = usize::from(self.registers());
         match answer {

@@ -1,4 +1,5 @@
-//! Back-off between attempts: the pause doubles with each failure, has jitter and a maximum, and ends with a success.
+//! Back-off between attempts: the pause doubles with each failure, has jitter and a maximum length, and ends with a
+//! success.
 
 use std::time::Duration;
 
@@ -7,7 +8,7 @@ use isotherm_core::quantity::Moment;
 /// Longest pause between two attempts.
 const LONGEST: Duration = Duration::from_secs(30);
 
-/// Pauses between attempts. Until the pause is over, requests fail at once.
+/// Pause after failed attempts. Until the pause is over, requests fail at once.
 #[derive(Clone, Debug)]
 pub struct Backoff {
     shortest: Duration,
@@ -33,7 +34,8 @@ impl Backoff {
         self.not_before
     }
 
-    /// Records a failed attempt. The next pause is twice as long as the last, less up to a quarter.
+    /// Records a failed attempt. The next pause is twice as long as the last one, minus a random part of up to a
+    /// quarter.
     pub fn fail(&mut self, now: Moment) {
         let doubled = self.shortest.saturating_mul(1 << self.failures.min(16)).min(LONGEST);
         self.failures = self.failures.saturating_add(1);
@@ -45,7 +47,7 @@ impl Backoff {
         self.not_before = Some(now.after(doubled.saturating_sub(less)));
     }
 
-    /// Extends the pause at least until this moment.
+    /// Extends the pause: it ends at `moment` at the earliest.
     pub fn not_before_either(&mut self, moment: Moment) {
         self.not_before = self.not_before.max(Some(moment));
     }

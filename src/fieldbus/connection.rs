@@ -1,29 +1,21 @@
-//! Open connection of any kind, and how it is opened.
+//! Open connection of any transport, and its opening.
 //!
-//! The interface ([`super::wire`]) depends on no transport. This module names those of Modbus.
+//! The trait [`super::wire::Wire`] depends on no transport. This module selects among the transports of Modbus.
 
 use std::time::Duration;
 
 use super::error::{Fault, LinkFault};
-use super::local_tcp::LocalTcp;
-use super::modbus::ModbusTcp;
-use super::namespaces::NamespaceTable;
-#[cfg(not(feature = "opcua"))]
-use super::opcua_fault::OpcUaFault;
-use super::rtu::Rtu;
+use super::kinds::modbus::tcp::ModbusTcp;
+use super::kinds::modbus::wire::ModbusWire;
+use super::kinds::opcua::namespaces::NamespaceTable;
 use super::send_guard::SendGuard;
-use super::serial::{PortHistory, SerialPort};
-use super::tcp::connected;
-use super::tls::{self, Client};
 use super::trace::Tap;
 use super::wire::{Answer, Boxed, Request, Wire};
-use crate::tls::TlsFault;
-use isotherm_profile::{Bus, Serial, Transport};
 
 /// Opens the connections of one line, one after the other.
 pub trait Dial: Send {
-    /// Opens a connection; there is no time limit. Its bytes pass the tap. A kind without this leaves the log without
-    /// bytes.
+    /// Opens a connection; there is no time limit. `tap` receives the bytes of the connection, for the log of its
+    /// frames. Some transports have no bytes to log.
     fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>>;
 
     /// Returns the fault to report if the other end closes a connection before its first answer.
@@ -31,7 +23,8 @@ pub trait Dial: Send {
         Fault::Link(LinkFault::TurnedAway)
     }
 
-    /// Returns whether the last connection resumes the one before it. If not, another device may be at its other end.
+    /// Returns whether the last opened connection continues the one before it. Returns false if the transport detects
+    /// that another device may be at its other end.
     fn resumes(&self) -> bool {
         true
     }
@@ -47,104 +40,16 @@ pub trait Dial: Send {
     }
 }
 
-/// Opens the connections of one Modbus line.
-pub(super) struct ModbusDial {
-    address: String,
-    timeout: Duration,
-    over: LineTransport,
-}
-
-/// Transport of a Modbus line.
-enum LineTransport {
-    Tcp,
-    /// `None`: the files in `tls` are unusable, as [`tls::check`] reports.
-    Tls(Option<Client>),
-    RtuOverTcp,
-    Serial(Serial, PortHistory),
-}
-
-impl ModbusDial {
-    /// Returns a dial for the address of this bus; `None` for CAN, OPC UA and the sensors of this computer. A TCP
-    /// connection ends if the other end has not confirmed data within the timeout of the bus.
-    pub(super) fn new(bus: &Bus) -> Option<ModbusDial> {
-        let over = match (&bus.transport, &bus.tls) {
-            (Transport::Tcp, None) => LineTransport::Tcp,
-            (Transport::Tcp, Some(tls)) => LineTransport::Tls(Client::new(tls).ok()),
-            (Transport::RtuOverTcp, _) => LineTransport::RtuOverTcp,
-            (Transport::Serial(serial), _) => LineTransport::Serial(*serial, PortHistory::default()),
-            (Transport::Can | Transport::OpcUa | Transport::Sysfs, _) => return None,
-        };
-        Some(ModbusDial { address: bus.address.clone(), timeout: bus.timeout, over })
-    }
-
-    async fn open(&mut self, tap: &Tap) -> Result<Connection, Fault> {
-        if let LineTransport::Serial(serial, history) = &mut self.over {
-            let opened = SerialPort::open(&self.address, *serial);
-            *history = history.and(opened.as_ref().ok().map(SerialPort::identity));
-            let port = opened.map_err(Fault::Link)?;
-            return Ok(Connection::Other(Box::new(Rtu::new(port, Some(*serial), tap))));
-        }
-        if matches!(self.over, LineTransport::Tls(None)) {
-            return Err(Fault::Link(LinkFault::Tls(TlsFault::OurFiles)));
-        }
-        let stream = connected(&self.address, self.timeout).await?;
-        Ok(match &self.over {
-            LineTransport::RtuOverTcp => Connection::Other(Box::new(Rtu::new(stream, None, tap))),
-            LineTransport::Tls(Some(client)) => {
-                Connection::Modbus(ModbusTcp::new(client.secure(stream).await?, tap))
-            }
-            _ => Connection::Modbus(ModbusTcp::new(LocalTcp::new(stream), tap)),
-        })
-    }
-}
-
-impl Dial for ModbusDial {
-    fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
-        Box::pin(self.open(tap))
-    }
-
-    fn turned_away(&self) -> Fault {
-        Fault::Link(match self.over {
-            // With TLS 1.3, a device checks the gateway's certificate after the handshake, and not every device sends
-            // the reason.
-            LineTransport::Tls(_) => LinkFault::Tls(TlsFault::TurnedAway),
-            _ => LinkFault::TurnedAway,
-        })
-    }
-
-    /// A serial port resumes unless another port has its name. The line reports a port that hangs up or cannot be
-    /// opened.
-    fn resumes(&self) -> bool {
-        match self.over {
-            LineTransport::Serial(_, history) => history.resumes(),
-            LineTransport::Tcp | LineTransport::Tls(_) | LineTransport::RtuOverTcp => true,
-        }
-    }
-
-    fn takes(&self) -> Duration {
-        if matches!(self.over, LineTransport::Tls(_)) { tls::HANDSHAKE } else { Duration::ZERO }
-    }
-}
-
-/// Dial that opens nothing, because the program was built without the feature.
-#[cfg(not(feature = "opcua"))]
-pub(super) struct NotBuiltIn;
-
-#[cfg(not(feature = "opcua"))]
-impl Dial for NotBuiltIn {
-    fn dial<'a>(&'a mut self, _: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
-        Box::pin(std::future::ready(Err(Fault::Link(LinkFault::OpcUa(OpcUaFault::NotBuiltIn)))))
-    }
-}
-
 /// An open connection of any kind.
 #[allow(
     clippy::large_enum_variant,
-    reason = "there is one for each line, and the fast one must not go through a pointer"
+    reason = "there is one value for each line, and Modbus TCP must not be called through a pointer"
 )]
 pub enum Connection {
     /// Modbus TCP, the most common kind. It is called without dynamic dispatch, which a fast loop would notice.
-    Modbus(ModbusTcp),
+    ModbusTcp(ModbusTcp),
+    /// Modbus connection of another kind, called by dynamic dispatch.
+    Modbus(Box<dyn ModbusWire>),
     /// Connection of any other kind, called by dynamic dispatch.
     Other(Box<dyn Wire>),
 }
@@ -161,6 +66,7 @@ impl Connection {
         send_guard: &mut SendGuard,
     ) -> Result<Answer, Fault> {
         match self {
+            Connection::ModbusTcp(wire) => wire.exchange(unit, request, send_guard).await,
             Connection::Modbus(wire) => wire.exchange(unit, request, send_guard).await,
             Connection::Other(wire) => wire.exchange(unit, request, send_guard).await,
         }
@@ -169,8 +75,24 @@ impl Connection {
     /// Returns the connection as a [`Wire`].
     pub fn wire(&mut self) -> &mut dyn Wire {
         match self {
-            Connection::Modbus(wire) => wire,
+            Connection::ModbusTcp(wire) => wire,
+            Connection::Modbus(wire) => &mut **wire,
             Connection::Other(wire) => wire.as_mut(),
         }
+    }
+
+    /// Returns the connection as a [`ModbusWire`]; `None` if it is not Modbus.
+    pub fn modbus(&mut self) -> Option<&mut dyn ModbusWire> {
+        match self {
+            Connection::ModbusTcp(wire) => Some(wire),
+            Connection::Modbus(wire) => Some(wire.as_mut()),
+            Connection::Other(_) => None,
+        }
+    }
+
+    /// Returns whether an answer is assigned to its request by a number or by the protocol. Without this, as on a
+    /// serial line, a late answer looks like the answer to the next request.
+    pub(super) fn has_transaction_id(&mut self) -> bool {
+        self.modbus().is_none_or(|modbus| modbus.has_transaction_id())
     }
 }

@@ -1,14 +1,15 @@
 //! Faults of the fieldbus, classified by their cause.
 
-use super::canopen::abort::AbortCode;
-use super::opcua_fault::OpcUaFault;
+use super::kinds::can::canopen::abort::AbortCode;
+use super::kinds::opcua::fault::OpcUaFault;
 use crate::tls::TlsFault;
 use isotherm_core::reading::{Reason, Status, exception};
 
-/// Reason why a request has no valid answer. The type is small, so that a check is one comparison.
+/// Reason why a request has no valid answer. The type is small, so that comparing two faults is one machine
+/// instruction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum Fault {
-    /// The gateway requested something that is not allowed.
+    /// The gateway did not send a request, because it is not allowed or not possible now.
     #[error("{0}")]
     Caller(CallerFault),
     /// The connection failed.
@@ -17,16 +18,16 @@ pub enum Fault {
     /// The device sent an invalid reply.
     #[error("{0}")]
     Peer(PeerFault),
-    /// The device refuses, with this Modbus exception code.
+    /// The device refuses the request with this Modbus exception code.
     #[error("exception {0} ({name})", name = exception(*.0))]
     Exception(u8),
-    /// The device refuses, with this SDO abort code.
+    /// The device refuses the request with this SDO abort code.
     #[error("refused: {0}")]
     Aborted(AbortCode),
-    /// The server refuses, with this OPC UA status.
+    /// The server refuses the request with this OPC UA status.
     #[error("the server answers {0}")]
     Status(Status),
-    /// The server has written some of the nodes of one call, and refuses another with this status.
+    /// The server has written some of the nodes of one call, but refuses to write another node with this status.
     #[error("the server has written only some nodes of one call, and answers {status} to node {place}")]
     Part {
         /// Status of the first node that was not written.
@@ -34,7 +35,7 @@ pub enum Fault {
         /// Number of that node within the call, counted from 1.
         place: u16,
     },
-    /// One of the nodes that are read together has no valid value.
+    /// One of several nodes that are read in one request has no valid value.
     #[error("node {place} of the nodes that are read together: {fault}", fault = Fault::of_a_node(*.reason))]
     Unreadable {
         /// Reason why the value is not valid.
@@ -51,23 +52,25 @@ pub enum Fault {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum CallerFault {
     /// No registers, more registers than a request can have, or registers beyond the last address.
-    #[error("request outside what the protocol allows")]
+    #[error("the request exceeds the limits of the protocol")]
     Extent,
     /// A function code that the profile does not allow for this device.
     #[error("function code not allowed by the profile")]
     Function,
     /// Another value of the same frame is not known yet.
-    #[error("another value in the same frame is not known yet; the frame is sent when it is known")]
+    #[error("another value in the same frame is not known yet; the frame is sent when that value is known")]
     Incomplete,
-    /// The answer to an earlier request may still arrive, and could not be distinguished from the answer to this one.
+    /// An answer to an earlier request may still arrive, and could not be distinguished from the answer to this
+    /// request.
     #[error(
-        "waits: the answer to an earlier request may still arrive, and would look like the answer to this one"
+        "waits: the answer to an earlier request may still arrive, and would look like the answer to this request"
     )]
     Owed,
-    /// Values on which the request depends became too old before it was sent.
+    /// The values from which the request was calculated became too old before it was sent.
     #[error("too late: the values on which the request depends are too old")]
     TooLate,
-    /// The request has more nodes than the server accepts in one call, and they must be written together.
+    /// The server accepts only this number of nodes in one call. The request has more nodes, which must be written
+    /// together.
     #[error(
         "the server accepts {0} nodes in one call (MaxNodesPerWrite), and a set must be written in one call"
     )]
@@ -78,7 +81,7 @@ pub enum CallerFault {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum LinkFault {
     /// No program listens at the port.
-    #[error("nothing listens there")]
+    #[error("no program listens at this port")]
     Refused,
     /// The host name is not known.
     #[error("no such host name")]
@@ -105,10 +108,10 @@ pub enum LinkFault {
     #[error("no serial port, or one that does not support these settings")]
     Unsuited,
     /// The connection was closed before its first answer.
-    #[error("closed before the first answer")]
+    #[error("the connection was closed before the first answer")]
     TurnedAway,
     /// The connection is closed repeatedly, soon after it was opened.
-    #[error("closed again and again")]
+    #[error("the other end closes the connection again and again")]
     Contested,
     /// The TLS handshake failed.
     #[error("{0}")]
@@ -116,13 +119,15 @@ pub enum LinkFault {
     /// The CAN interface failed.
     #[error("{0}")]
     Can(CanFault),
-    /// No session with the OPC UA server, because of the server or of the gateway's own checks.
+    /// The gateway has no session with the OPC UA server, because the server refused it or a check of the gateway
+    /// failed.
     #[error("{0}")]
     OpcUa(OpcUaFault),
-    /// The line is down, and backs off until the next attempt.
+    /// The line has no connection, and waits before its next attempt to open one.
     #[error("no connection")]
     Down,
-    /// Nothing was sent: another device may answer now, so its checks must pass first.
+    /// The request was not sent. The connection was lost, so another device may answer; the checks of the device must
+    /// pass first.
     #[error("waits for the checks of the device: the connection was lost, and another device may answer")]
     Unverified,
 }
@@ -148,7 +153,7 @@ pub enum CanFault {
     /// The send queue is full: no frame leaves the interface.
     #[error("the interface's queue is full")]
     Full,
-    /// The interface does not support CAN FD, or CAN cannot carry the frame.
+    /// The interface does not support CAN FD, or the frame is too long for CAN.
     #[error("the interface does not support this frame")]
     TooLong,
 }
@@ -156,7 +161,8 @@ pub enum CanFault {
 /// Fault of a reply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum PeerFault {
-    /// Reply of another transaction or unit: a late reply to an earlier request, or the reply to another master.
+    /// Reply with the number of another transaction or unit: a late reply to an earlier request, or a reply to another
+    /// master.
     #[error("reply of another transaction or unit")]
     Foreign,
     /// Reply with another function code.
@@ -168,32 +174,32 @@ pub enum PeerFault {
     /// Reply to a write with another address, value or count.
     #[error("write answered with another address or value")]
     Echo,
-    /// Object whose width differs from its type.
+    /// CANopen object whose width differs from its type in the profile.
     #[error("the object has another width than its type in the profile")]
     Width,
-    /// Node whose type differs from the profile.
+    /// OPC UA node whose type differs from the profile.
     #[error("the node has another type than the profile says")]
     Type,
     /// Reply that violates the protocol.
     #[error("the reply violates the protocol")]
     Malformed,
-    /// Subscription without data and without keep-alive messages.
+    /// Subscription on which the server sends neither data nor keep-alive messages in time.
     #[error("the subscription is silent: the server sends neither values nor keep-alive messages in time")]
     Silent,
-    /// Reply without a request.
+    /// Data that arrived while no request was open.
     #[error("data arrived without a request")]
     Unasked,
-    /// Reply of a gateway to an earlier request.
+    /// Reply of a Modbus gateway that answers an earlier request instead of the present one.
     #[error("out of order: a request received the answer to the request before it")]
     OutOfOrder,
 }
 
-/// Outcome of a write that failed.
+/// Whether a write that failed was executed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Outcome {
-    /// The write was not executed, and will not be.
+    /// The device has not executed the write, and will not execute it.
     NotDone,
-    /// The write may have been executed, or may still be.
+    /// The device may have executed the write, or may execute it later.
     Unknown,
 }
 
@@ -203,7 +209,7 @@ impl Fault {
     pub(super) const UNVERIFIED: Fault = Fault::Link(LinkFault::Unverified);
     pub(super) const UNASKED: Fault = Fault::Peer(PeerFault::Unasked);
 
-    /// Returns the class of the fault in one word, for counters and programs.
+    /// Returns the class of the fault in one word. Counters and programs use the word.
     pub const fn blame(self) -> &'static str {
         match self {
             Fault::Caller(_) => "caller",
@@ -218,7 +224,7 @@ impl Fault {
     /// All words of [`Fault::blame`].
     pub const BLAMES: [&'static str; 5] = ["caller", "link", "peer", "exception", "timeout"];
 
-    /// Returns whether the device answered with a refusal.
+    /// Returns whether the device answered, but refused the request.
     pub const fn is_refusal(self) -> bool {
         match self {
             Fault::Unreadable { reason, .. } => Fault::of_a_node(reason).is_refusal(),
@@ -229,7 +235,8 @@ impl Fault {
         }
     }
 
-    /// Returns whether the device reports that it does not have the requested item. Other refusals may be temporary.
+    /// Returns whether the device reports that it does not have the requested register, object or node. Other refusals
+    /// may be temporary.
     pub const fn is_absence(self) -> bool {
         match self {
             Fault::Unreadable { reason, .. } => Fault::of_a_node(reason).is_absence(),
@@ -240,16 +247,16 @@ impl Fault {
         }
     }
 
-    /// Returns whether a gateway has answered instead of the device, which did not.
+    /// Returns whether a Modbus gateway reports, with exception 10 or 11, that the device behind it did not answer.
     pub const fn is_of_a_gateway(self) -> bool {
         matches!(self, Fault::Exception(10 | 11))
     }
 
     /// Returns the outcome of a write that failed with this fault.
     ///
-    /// Only a refusal whose definition excludes execution counts as not done. A TCP-to-RTU gateway reports 11 for a
-    /// write that its device has executed. Exception 5 means "accepted, takes long". A full queue or bus-off of CAN
-    /// proves nothing.
+    /// A refusal counts as [`Outcome::NotDone`] only if its definition excludes that the write was executed. Exceptions
+    /// 11 and 5 do not: a Modbus gateway sends 11 if the device did not answer, even if it executed the write.
+    /// Exception 5 means "accepted, takes long". A full queue or bus-off of CAN proves nothing.
     pub const fn outcome(self) -> Outcome {
         match self {
             // The request was not sent.
@@ -274,7 +281,7 @@ impl Fault {
         }
     }
 
-    /// Returns the fault for a node whose value is not valid.
+    /// Returns the fault of an OPC UA node whose value is invalid for this reason.
     pub(crate) const fn of_a_node(reason: Reason) -> Fault {
         match reason {
             Reason::Status(code) => Fault::Status(Status(code)),
@@ -282,8 +289,8 @@ impl Fault {
         }
     }
 
-    /// Returns whether nothing was sent, without an error of the device. The deadline has passed, an earlier answer is
-    /// awaited, or the connection on which the request was decided is lost.
+    /// Returns whether the request was not sent, although the device reported no error. Its deadline has passed, an
+    /// earlier answer is awaited, or the connection on which the request was decided is lost.
     pub const fn has_lapsed(self) -> bool {
         matches!(
             self,
@@ -292,7 +299,8 @@ impl Fault {
         )
     }
 
-    /// Returns whether the connection is unusable after this fault: later data on it may answer an earlier request.
+    /// Returns whether the connection is unusable after this fault, because later data on it may answer an earlier
+    /// request.
     pub const fn spoils_connection(self) -> bool {
         match self {
             // The answer belongs to the request; the profile has the wrong type.
@@ -302,12 +310,12 @@ impl Fault {
         }
     }
 
-    /// Returns whether there is no connection: the fault is of the line, not of one of its devices.
+    /// Returns whether the line has no connection, so that the fault does not concern a single device.
     pub const fn is_of_the_line(self) -> bool {
         matches!(self, Fault::Link(fault) if !matches!(fault, LinkFault::Broken))
     }
 
-    /// Returns the reason that a reading gets from this fault.
+    /// Returns the reason for which a reading that failed with this fault is not good.
     pub const fn reason(self) -> Reason {
         match self {
             Fault::Exception(code) => Reason::Exception(code),
@@ -323,12 +331,12 @@ impl Fault {
     }
 }
 
-/// SDO abort codes for an object that the node does not have. Source: CiA 301, 7.2.4.3.17.
+/// SDO abort codes by which a node reports that it does not have the object. Source: CiA 301, 7.2.4.3.17.
 const NO_SUCH_OBJECT: u32 = 0x0602_0000;
 const NO_SUCH_SUBINDEX: u32 = 0x0609_0011;
 
-/// Returns whether the status proves that a write was not executed. With any other status, the server may have passed
-/// the value on already.
+/// Returns whether the status proves that the server did not execute a write. With any other status, the server may
+/// already have passed the value on.
 const fn is_not_done(status: Status) -> bool {
     status.is(Status::ACCESS_DENIED)
         || status.is(Status::NO_SUCH_NODE)

@@ -1,19 +1,20 @@
-//! Causes and remedies of faults. All texts for users take them from here: `scan`, `read`, `check --online`, events,
-//! the log and the page.
+//! Causes and remedies of faults. The commands `scan`, `read` and `check --online`, the events, the log and the web
+//! page take them from here.
 //!
-//! The text of a [`Fault`] is its cause. [`remedy`] has what to do, and [`explain`] joins both.
+//! The `Display` text of a [`Fault`] is its cause. [`remedy`] returns what the user can do, and [`explain`] joins the
+//! two.
 
 use std::io::{Error, ErrorKind};
 
 use isotherm_core::explained::Explained;
-use isotherm_core::reading::{Reason, Status};
+use isotherm_core::reading::Reason;
 use isotherm_profile::Transport;
 use isotherm_profile::safe_file::without_numbers;
 
-use super::error::{CallerFault, CanFault, Fault, LinkFault, PeerFault};
-use crate::tls::TlsFault;
+use super::error::{CallerFault, Fault, LinkFault, PeerFault};
+use super::kinds::{self, can, modbus, opcua};
 
-/// Returns what to do about a fault; `None` if the text of its cause is sufficient.
+/// Returns what the user can do about a fault; `None` if the text of its cause is sufficient.
 pub const fn remedy(fault: Fault) -> Option<&'static str> {
     Some(match fault {
         Fault::Timeout => {
@@ -21,30 +22,7 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
              also check baud rate, parity, termination, and whether A and B are exchanged. Some devices do \
              not answer at all if they do not have the register"
         }
-        Fault::Exception(1) => {
-            "the device does not know this function: is the register in another table (input, holding)?"
-        }
-        Fault::Exception(2) => {
-            "the device has no such register: is the register number in its manual one-based? Then subtract \
-             1 from it"
-        }
-        Fault::Exception(3) => {
-            "the device does not accept this value, or not so many registers in one request"
-        }
-        Fault::Exception(4) => {
-            "the device could not execute the request: the display or log of the device says why"
-        }
-        Fault::Exception(5) => {
-            "the device has accepted the request and needs more time for it: try again later"
-        }
-        Fault::Exception(6) => "the device is busy: try again later, or poll it less often",
-        Fault::Exception(8) => "the device's memory is faulty: switch it off and on, then have it repaired",
-        Fault::Exception(10 | 11) => {
-            "the Modbus gateway answers, but not the device behind it. Is the unit number right \
-             (`isotherm scan` finds it)? Is the device powered? Are baud rate and wiring behind the Modbus \
-             gateway right?"
-        }
-        Fault::Exception(_) => "the device's manual says what this exception code means",
+        Fault::Exception(code) => modbus::hint::exception(code),
         Fault::Link(LinkFault::Refused) => {
             "is the port right (Modbus TCP: 502, OPC UA: 4840)? Is the protocol switched on in the device? \
              Does another master use the only connection of the device?"
@@ -76,8 +54,8 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
             "the device may accept one client only: does another master use the connection? The gateway \
              waits longer each time. With quirks.close_after_each both masters can use the device"
         }
-        Fault::Link(LinkFault::Can(fault)) => return remedy_of_an_interface(fault),
-        Fault::Link(LinkFault::Tls(fault)) => return remedy_inside_tls(fault),
+        Fault::Link(LinkFault::Can(fault)) => can::hint(fault),
+        Fault::Link(LinkFault::Tls(fault)) => return modbus::hint::inside_tls(fault),
         Fault::Peer(PeerFault::Malformed) => {
             "on a serial line, check baud rate and parity, and that no two units have one number; over TCP: \
              is it RTU over TCP?"
@@ -97,47 +75,9 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
         Fault::Peer(PeerFault::Type) => {
             "write the node's own `type`. Without `type`, a signal accepts any number"
         }
-        Fault::Status(status) if status.is(Status::ACCESS_DENIED) => {
-            "the user of the line lacks the permission: grant it at the server, or write another `user`"
-        }
-        Fault::Status(status) if status.is(Status::NOT_WRITABLE) => {
-            "the server lets no client write this node: is it the right node, is writing switched on at the \
-             server?"
-        }
-        Fault::Status(status) if status.is(Status::WRITE_NOT_SUPPORTED) => {
-            "the server does not let this node be written with a value alone, without a time and a quality. \
-             Is it the right node? Is writing it over OPC UA switched on at the server?"
-        }
-        Fault::Status(status) if status.is(Status::TYPE_MISMATCH) => {
-            "the node has another type: write the node's own `type` at the output. An OPC UA browser shows it"
-        }
-        Fault::Status(status) if status.is(Status::NO_SUCH_NODE) => {
-            "there is no such node. Is the name of the node right? Is its namespace still the same after an \
-             update of the server (`isotherm read --browse` shows the namespaces)?"
-        }
-        Fault::Status(status) if status.is(Status::OUT_OF_RANGE) => {
-            "the server does not accept this value for the node: are `scale`, the axis's `limit` and the \
-             node's range right?"
-        }
-        Fault::Status(_) => "the server's own log or display says why",
-        Fault::Part { status, .. } => return remedy(Fault::Status(status)),
+        Fault::Status(status) | Fault::Part { status, .. } => opcua::status_hint(status),
         Fault::Unreadable { reason, .. } => return remedy(Fault::of_a_node(reason)),
         _ => return None,
-    })
-}
-
-/// Returns what to do about a fault of a CAN interface.
-const fn remedy_of_an_interface(fault: CanFault) -> Option<&'static str> {
-    Some(match fault {
-        CanFault::NoInterface => "is the adapter plugged in? (`ip -details link` lists the interfaces)",
-        CanFault::NotCan => "`ip -details link show type can` lists the CAN interfaces",
-        CanFault::NoKernel => "run `modprobe can-raw` as root",
-        CanFault::Forbidden => "run the gateway as a user who may open raw sockets of CAN",
-        CanFault::Down => "`ip link set … up` as root brings it up",
-        CanFault::Full => {
-            "does another node on the bus acknowledge? If yes, `txqueuelen` of the interface is too small"
-        }
-        CanFault::TooLong => "CAN FD needs an interface with mtu 72",
     })
 }
 
@@ -188,85 +128,24 @@ pub const fn remedy_of_a_reading(reason: Reason) -> &'static str {
     }
 }
 
-/// Returns what to do about a fault of Modbus inside TLS.
-const fn remedy_inside_tls(fault: TlsFault) -> Option<&'static str> {
-    Some(match fault {
-        TlsFault::OtherName => {
-            "write the name in the device's certificate into `tls.name`, or put the certificate itself into \
-             the file of `tls.ca`"
-        }
-        TlsFault::UnknownAuthority => {
-            "put the certificate of the authority that signed it into the file of `tls.ca`"
-        }
-        TlsFault::BadCertificate => {
-            "if the device has signed its certificate itself, put this certificate into the file of `tls.ca`"
-        }
-        TlsFault::OursExpired => "renew the certificate in `tls.cert`",
-        TlsFault::OursMissing | TlsFault::OursRefused => {
-            "does the device know the authority that signed the certificate in `tls.cert`, and the role in \
-             it?"
-        }
-        TlsFault::NoTls => "the port of the device for Modbus inside TLS is usually 802",
-        TlsFault::Silent => "does the device support TLS, and does it accept another client?",
-        TlsFault::TurnedAway => {
-            "does the device accept the certificate in `tls.cert`, and does it accept another client?"
-        }
-        TlsFault::OurFiles => "`isotherm check` says why",
-        TlsFault::Expired | TlsFault::NotYetValid | TlsFault::NothingInCommon | TlsFault::Refused => {
-            return None;
-        }
-    })
-}
-
-/// Returns what to do about a fault of an OPC UA server, where some faults have other remedies.
-const fn remedy_at_a_server(fault: Fault) -> Option<&'static str> {
-    Some(match fault {
-        Fault::Timeout => {
-            "is the server busy, or its computer? Then write a longer `timeout` of the bus, or read fewer \
-             nodes less often. Is the control powered and connected to the network?"
-        }
-        Fault::Link(LinkFault::Refused) => {
-            "is the port right (OPC UA has usually 4840), is the control's OPC UA server switched on, and does it run?"
-        }
-        Fault::Link(LinkFault::Broken) => {
-            "the server or a network device has closed the connection: was the server restarted? The \
-             server's own log says why"
-        }
-        Fault::Peer(PeerFault::Malformed) => {
-            "the answer is not OPC UA: does a network device change it? The server's own log may say more"
-        }
-        _ => return remedy(fault),
-    })
-}
-
-/// Remedy for the sensors of this computer, where only the drivers as a whole can fail.
-const AT_THIS_COMPUTER: &str = "the kernel driver of the sensors does not return. Is an adapter or a cable \
-                                unplugged? Does a 1-Wire sensor answer with a wrong checksum, so that the \
-                                kernel repeats the reading for seconds? `dmesg` says more. The gateway reads \
-                                each sensor again when its driver has returned";
-
 /// Returns cause and remedy of a fault in one sentence.
 pub fn explain(fault: Fault) -> String {
     Explained { cause: fault.to_string(), hint: remedy(fault).map(Into::into) }.to_string()
 }
 
-/// Returns cause and remedy of a fault. The remedy fits the kind of line.
+/// Returns cause and remedy of a fault. The remedy depends on the transport of the line.
 pub fn explain_on(line: Transport, fault: Fault) -> Explained {
     advised_on(line, fault, fault.to_string())
 }
 
-/// Returns `cause` with the remedy of a fault. The remedy fits the kind of line.
+/// Returns `cause` with the remedy of a fault. The remedy depends on the transport of the line.
 pub fn advised_on(line: Transport, fault: Fault, cause: String) -> Explained {
-    let hint = match line {
-        Transport::OpcUa => remedy_at_a_server(fault),
-        Transport::Sysfs => Some(AT_THIS_COMPUTER),
-        _ => remedy(fault),
-    };
+    let hint = (kinds::of(line).hint)(fault).or_else(|| remedy(fault));
     Explained { cause, hint: hint.map(Into::into) }
 }
 
-/// Describes an error of a file, a socket or a port, without its number, with a remedy. Errors with a text of their own
-/// keep it.
+/// Describes an error of a file, a socket or a port in one sentence, with a remedy and without the error number. An
+/// error that has its own text keeps that text.
 pub fn system(error: &Error) -> String {
     explain_system(error).to_string()
 }
@@ -299,7 +178,8 @@ pub fn explain_system(error: &Error) -> Explained {
 mod tests {
     use super::*;
     use crate::fieldbus::error::CanFault;
-    use isotherm_core::reading::Reason;
+    use crate::tls::TlsFault;
+    use isotherm_core::reading::Status;
 
     /// Each remedy asks a question, names a command, or says what to do.
     #[test]

@@ -1,6 +1,6 @@
-//! One physical line. It sends one request at a time, with a timeout and a send deadline, and connects again after a
-//! failure. Each device has its own back-off. [`DeviceLine::request`] is the only way to send a request to a device,
-//! over Modbus, CAN or OPC UA.
+//! One physical line. The line sends one request at a time, with a timeout and a send deadline, and connects again
+//! after a failure. Each device has its own back-off. [`DeviceLine::request`] is the only way to send a request to a
+//! device, over Modbus, CAN or OPC UA.
 //!
 //! ```text
 //! request ─► ready: connected, quiet, paused ─► exchange: clock sample, request, answer ─► checked
@@ -8,22 +8,23 @@
 //!    └──── back-off, retry, reconnection, report to the observer ◄────────────────────────────┘
 //! ```
 //!
-//! The age of an answer counts from its request. An answer that is found after its timeout is discarded.
+//! The age of an answer counts from the time at which its request was sent. An answer that arrives after its timeout is
+//! discarded.
 //!
-//! After a timeout or a wrong answer the line drops the connection. Otherwise every later request on it could get the
-//! answer to the one before. On RTU, answers have no transaction number, and a new connection does not help, because a
-//! late answer may arrive on it. There the unit gets no request until [`GRACE`] further timeouts have passed, under any
-//! device name. Input that arrives until then is discarded. A unit that is known to answer promptly waits less, see
-//! [`super::pending_replies`].
+//! After a timeout or a wrong answer the line drops the connection. Otherwise every later request on the connection
+//! could get the answer to the request before. On RTU, answers have no transaction number, and a new connection does
+//! not help, because a late answer may also arrive on it. On such a line the unit gets no request, under any device
+//! name, until [`GRACE`] further timeouts have passed. Input that arrives until then is discarded. A unit that is known
+//! to answer promptly waits less, see [`super::pending_replies`].
 //!
-//! An even later answer cannot be distinguished from the next one. The timeout must therefore be at least a quarter of
-//! the longest answer time of a device. After two timeouts in a row the line opens the port again, because an adapter
-//! may hang. A unit behind a gateway from Modbus TCP to a serial line waits in the same way, see
-//! `line/late_replies.rs`. It must also prove that its answers are in order, see `line/control.rs`.
+//! An answer that arrives even later cannot be distinguished from the answer to the next request. The timeout must
+//! therefore be at least a quarter of the longest answer time of a device. After two timeouts in a row the line opens
+//! the port again, because an adapter may hang. A unit behind a Modbus gateway (from TCP to a serial line) waits in the
+//! same way, see `line/late_replies.rs`. The unit must also prove that its answers are in order, see `line/control.rs`.
 //!
-//! A device that failed gets no request during a pause that doubles with each failure. The line serves its other
-//! devices meanwhile. A dead unit therefore costs them at most one timeout per pause. A line that cannot be connected
-//! backs off in the same way. `line/retry.rs` decides which requests are repeated.
+//! A device that failed gets no request during a pause that doubles with each failure. During the pause the line serves
+//! its other devices. A dead unit therefore costs them at most one timeout per pause. A line that cannot connect backs
+//! off in the same way. `line/retry.rs` decides which requests are repeated.
 
 use std::pin::pin;
 use std::sync::Arc;
@@ -32,12 +33,12 @@ use std::time::Duration;
 use super::backoff::Backoff;
 use super::connection::{Connection, Dial};
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
-use super::pending_replies::{PendingReplies, Spans};
-use super::pipeline::Pipeline;
-use super::reply_signature::ReplySignature;
+use super::kinds::modbus::pending_replies::{PendingReplies, Spans};
+use super::kinds::modbus::pipeline::Pipeline;
+use super::kinds::modbus::reply_signature::ReplySignature;
 use super::send_guard::{SendDeadline, SendGuard};
 use super::trace::Tap;
-use super::wire::{Answer, NodeRequest, Request};
+use super::wire::{Answer, Request};
 use crate::clock::{Clock, WallTimeout};
 use continuity::Evidence;
 use isotherm_core::quantity::Moment;
@@ -56,15 +57,16 @@ mod units;
 
 pub use request_observer::RequestObserver;
 
-/// Further timeouts after the first during which a late answer may arrive, before its unit gets a request again.
+/// Number of timeouts after the first one, during which a late answer may still arrive. The unit gets no request until
+/// they have passed.
 pub const GRACE: u32 = 3;
-/// Timeouts in a row after which a line without transaction numbers is opened again.
+/// Number of timeouts in a row after which the line opens the port again, if answers have no transaction number.
 const MISSES: u32 = 2;
 
 /// One physical line. Its owner task is the only sender.
 pub struct DeviceLine {
     dial: Box<dyn Dial>,
-    /// Clock samples, and the send deadline of the present request.
+    /// Clock samples, and the deadline for sending the present request.
     pub send_guard: SendGuard,
     observer: Option<Arc<dyn RequestObserver>>,
     wire: Option<Connection>,
@@ -74,19 +76,20 @@ pub struct DeviceLine {
     redial: Backoff,
     refused: Fault,
     units: Units,
-    /// Whether answers have no transaction number.
+    /// Whether the transport has no transaction numbers, so that answers do not name their request.
     is_nameless: bool,
     pipeline: Pipeline,
-    /// Duration of the last exchange.
+    /// Duration of the last exchange, from the request to the end of its answer.
     took: Duration,
     misses: u32,
-    /// Whether the gateway closed the connection after an answer.
+    /// Whether the gateway itself closed the connection after an answer, because the device accepts one client at a
+    /// time.
     is_put_down: bool,
     tap: Tap,
     history: ConnectionHistory,
-    /// Connections in a row that the other end closed soon.
+    /// Number of connections in a row that the other end closed soon after they were opened.
     short_lives: u32,
-    /// Back-off in favour of another client of the device.
+    /// Back-off that leaves the device to another client, which seems to compete for the only connection.
     yielding: Backoff,
     evidence: Evidence,
     others: OtherMasters,
@@ -99,7 +102,7 @@ struct ConnectionHistory {
     opened_at: Moment,
     /// Whether the next request must keep the pause of its unit, because another one was sent before.
     needs_pause: bool,
-    /// Whether a request has ended.
+    /// Whether a request on the connection has ended.
     has_answered: bool,
 }
 
@@ -110,23 +113,25 @@ pub struct CheckedAnswer {
     pub answer: Answer,
     /// Time at which the request was sent. The age of the answer counts from here.
     pub asked: Moment,
-    /// Whether the answer could belong to a request of another master.
+    /// Whether the answer may be an answer to another master.
     pub attribution: Attribution,
 }
 
-/// Attribution of an answer to a request, as far as its frame shows it.
+/// Master to whose request an answer belongs, as far as the frame of the answer shows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Attribution {
     /// The answer belongs to the gateway's request.
     Ours,
-    /// The answer belongs to the gateway or to another master, which requests the same unit, function and length.
+    /// The answer belongs to the gateway or to another master, because that master requests the same function and
+    /// length from the same unit.
     Ambiguous,
-    /// Unknown: another such answer of the unit followed. Either may belong to the gateway.
+    /// Unknown: a second answer of the same unit and form followed, and either of the two may be the answer to the
+    /// gateway.
     Contested,
 }
 
 impl DeviceLine {
-    /// Returns a line for these devices of a profile, not connected yet.
+    /// Returns a line for these devices of a profile. The line is not connected yet.
     pub fn new(bus: &Bus, devices: &[(DeviceId, &Device)], dial: Box<dyn Dial>, clock: &Clock) -> DeviceLine {
         let pauses = devices.iter().map(|(_, device)| device.quirks.pause_after_connect);
         let pause_after_connect = pauses.fold(bus.quirks.pause_after_connect, Duration::max);
@@ -157,39 +162,40 @@ impl DeviceLine {
         }
     }
 
-    /// Sets the tap that logs the exchanges of the line.
+    /// Sets the tap, which logs the exchanges of the line.
     pub fn tapped(mut self, tap: &Tap) -> DeviceLine {
         self.tap = tap.clone();
         self
     }
 
-    /// Sets the observer of each request.
+    /// Sets the observer, which gets the result of each request.
     pub fn witnessed(mut self, observer: Arc<dyn RequestObserver>) -> DeviceLine {
         self.observer = Some(observer);
         self
     }
 
-    /// Sets the age at which readings of the machine are too old. A longer gap between two clock samples counts as a
-    /// stop of the computer.
+    /// Sets the age at which readings are too old to be used. If two clock samples are further apart than this age, the
+    /// computer counts as stopped in between.
     pub fn aged(mut self, max_age: Duration) -> DeviceLine {
         self.send_guard = self.send_guard.aged(max_age);
         self
     }
 
-    /// Switches off the rule that the age of an answer counts from its request. Tests use it to show why the rule
-    /// exists.
+    /// Switches off the rule that the age of an answer counts from its request. Tests use this to show what the rule
+    /// prevents.
     #[doc(hidden)]
     pub fn unchecked(mut self) -> DeviceLine {
         self.send_guard = self.send_guard.unchecked();
         self
     }
 
-    /// Takes a clock sample.
+    /// Reads the clock, and returns the present moment.
     pub fn sample(&mut self) -> Moment {
         self.send_guard.sample()
     }
 
-    /// Announces that no request follows for this time.
+    /// Announces that the line gets no request for this time. The gap between clock samples then does not count as a
+    /// stop of the computer.
     pub fn idle_for(&mut self, span: Duration) {
         self.send_guard.away_for(span);
         self.patience.put_off(span + self.timeout);
@@ -200,12 +206,13 @@ impl DeviceLine {
         self.send_guard.last_sample()
     }
 
-    /// Returns true if there is a connection, or the gateway itself closed it after an answer.
+    /// Returns whether the line has a connection. A connection that the gateway itself closed after an answer also
+    /// counts.
     pub fn is_connected(&self) -> bool {
         self.wire.is_some() || self.is_put_down
     }
 
-    /// Ends the back-off of a device; with `None`, of the line and of all its devices.
+    /// Ends the back-off of a device. `None` ends the back-off of the line and of all its devices.
     pub fn revive(&mut self, device: Option<DeviceId>) {
         self.units.revive(device);
         if device.is_none() {
@@ -214,7 +221,8 @@ impl DeviceLine {
         }
     }
 
-    /// Returns the failed attempts to connect since the last success, and the last fault.
+    /// Returns the number of failed attempts to connect since the last success, and the fault of the last failed
+    /// attempt.
     pub fn refusals(&self) -> (u32, Fault) {
         (self.redial.failures(), self.refused)
     }
@@ -224,14 +232,14 @@ impl DeviceLine {
         self.units.get(device).is_some_and(|unit| !unit.breaker.allows(now))
     }
 
-    /// Returns the end of the expected exchange if a request is sent now. Reads that are due by then may be sent
-    /// together with it. Returns `None` if the line sends one request at a time.
+    /// Returns the moment at which an exchange would end if a request were sent now. Reads that are due by then may be
+    /// sent together with the request. Returns `None` if the line sends one request at a time.
     pub fn follow_up_until(&self, now: Moment) -> Option<Moment> {
         self.pipeline.is_on().then(|| now.after(self.took))
     }
 
-    /// Sets the read to send directly after the next request, if that request finds an open connection. The next
-    /// request for the same read receives its answer. `None` means no such read.
+    /// Sets the read that is sent directly after the next request, if that request finds an open connection. A later
+    /// request for the same read returns its answer. `None`: no read is sent.
     pub fn set_follow_up(&mut self, read: Option<(DeviceId, Request<'static>)>) {
         let now = self.send_guard.last_sample();
         let allowed = |device: DeviceId, request: Request<'_>| {
@@ -252,13 +260,13 @@ impl DeviceLine {
         Spans { timeout: self.timeout, grace: self.timeout * GRACE }
     }
 
-    /// Sends a request to a device and waits for its answer, at most for the timeout of the line. Connecting may take a
-    /// second timeout, and a control question (see `line/control.rs`) another one. Immediately before the first byte,
-    /// the line checks the deadline in `leave`.
+    /// Sends a request to a device, and waits for its answer for at most the timeout of the line. Connecting may take a
+    /// second timeout, and a control question (see `line/control.rs`) another one. Immediately before the first byte is
+    /// sent, the line checks the deadline `leave`.
     ///
     /// # Errors
-    /// See [`Fault`]; [`Fault::outcome`] is the outcome of a write. A device that backs off fails at once, with its
-    /// last fault. A device whose checks have not passed gets no request.
+    /// See [`Fault`]; [`Fault::outcome`] tells whether a failed write was executed. While a device backs off, the call
+    /// fails at once with the device's last fault. A device whose checks have not passed gets no request.
     pub async fn request(
         &mut self,
         device: DeviceId,
@@ -268,8 +276,8 @@ impl DeviceLine {
         self.ask(device, request, leave, false).await
     }
 
-    /// Sends a request to a device whose checks may not have passed. The checks themselves use it, and polls whose
-    /// readings are discarded until then.
+    /// Sends a request to a device even if its checks have not passed. The checks themselves use this function. Polls
+    /// use it too, and discard their readings until the checks have passed.
     ///
     /// # Errors
     /// Same as for [`DeviceLine::request`].
@@ -310,7 +318,7 @@ impl DeviceLine {
         }
         let (number, is_behind_gateway) =
             (self.units.at(place).number, self.units.at(place).is_behind_gateway);
-        // Exception 10 or 11 of a gateway: the unit itself may still answer late.
+        // Exception 10 or 11 of a Modbus gateway: the unit itself may still answer late.
         let is_missing = |fault: Fault| is_behind_gateway && fault.is_of_a_gateway();
         let not_before =
             self.units.pending.get(number).and_then(|pending| pending.not_before(request, self.spans()));
@@ -337,19 +345,21 @@ impl DeviceLine {
             if answer.is_ok()
                 && let Some(connection) = &mut self.wire
             {
-                if self.pipeline.is_on() {
+                if self.pipeline.is_on()
+                    && let Some(modbus) = connection.modbus()
+                {
                     // Either this request was already sent after the one before, or another read is sent after this
                     // one.
-                    is_second = connection.wire().has_follow_up();
-                    // Two requests whose answers a gateway could confuse are not sent together.
+                    is_second = modbus.has_follow_up();
+                    // Two requests whose answers a Modbus gateway could confuse are not sent together.
                     let is_like_it = |(unit, read): &(u8, Request<'_>)| {
                         is_behind_gateway
                             && *unit == number
                             && ReplySignature::of(*read) == ReplySignature::of(request)
                     };
                     let read = self.pipeline.take().filter(|read| control.is_none() && !is_like_it(read));
-                    connection.wire().set_follow_up(read);
-                    are_two = is_second || connection.wire().has_follow_up();
+                    modbus.set_follow_up(read);
+                    are_two = is_second || modbus.has_follow_up();
                 }
                 let span = self.timeout + connection.wire().time_under_way(sent);
                 self.send_guard.begins(span);
@@ -360,7 +370,7 @@ impl DeviceLine {
                 };
                 let took = self.send_guard.took();
                 self.took = took;
-                for late in connection.wire().received_late() {
+                for late in connection.modbus().into_iter().flat_map(|modbus| modbus.received_late()) {
                     self.units.pending.of(late).reset_timing();
                 }
                 let pending = self.units.pending.of(number);
@@ -381,14 +391,15 @@ impl DeviceLine {
                 };
                 if is_behind_gateway && self.send_guard.asked().is_some() {
                     let outcome = answer.as_ref().map(|_| ()).map_err(|fault| *fault);
-                    let (received, may_be_late) = (connection.wire().received_form(), pending.has_pending());
+                    let received = connection.modbus().and_then(|modbus| modbus.received_form());
+                    let may_be_late = pending.has_pending();
                     if pending.order.assess(sent, outcome, received, may_be_late) {
                         answer = Err(Fault::Peer(PeerFault::OutOfOrder));
                     }
                 }
                 match answer {
                     Err(fault) if is_missing(fault) => {}
-                    // An answered control question says nothing about the read that waits for it.
+                    // The answer to a control question shows nothing about the read that waits for it.
                     Ok(_) | Err(Fault::Exception(_)) if control.is_none() => pending.answers(sent, took),
                     _ => {}
                 }
@@ -402,9 +413,8 @@ impl DeviceLine {
             {
                 observer.gives_up_pipeline(*fault);
             }
-            if matches!(request, Request::Nodes(NodeRequest::Latest(_)))
-                && let (Some(observer), Some(connection)) = (&self.observer, &mut self.wire)
-                && let Some(what) = connection.wire().subscription_news()
+            if let (Some(observer), Some(connection)) = (&self.observer, &mut self.wire)
+                && let Some(what) = connection.wire().news()
             {
                 observer.subscribes(device, what);
             }
@@ -423,11 +433,12 @@ impl DeviceLine {
                     self.units.at_mut(place).breaker = breaker;
                 }
                 self.report(device, sent, &answer);
-                // Some gateways close the connection after an answer. The request may then need another one.
+                // Some Modbus gateways close the connection after an answer. The request may then need another
+                // connection.
                 (is_controlled, was_connected, now) = (true, true, self.send_guard.last_sample());
                 continue;
             }
-            let has_ids = self.wire.as_mut().is_some_and(|wire| wire.wire().has_transaction_id());
+            let has_ids = self.wire.as_mut().is_some_and(Connection::has_transaction_id);
             self.drop_connection();
             // It is unknown whether a write that was sent was executed. This is more important than the back-off of the
             // line.
@@ -460,7 +471,7 @@ impl DeviceLine {
         Ok(CheckedAnswer { answer: answer?, asked, attribution })
     }
 
-    /// Applies an answer, or its absence, to the state of the connection and the unit.
+    /// Updates the state of the connection and of the unit with the result of a request: its answer, or the fault.
     fn settle(
         &mut self,
         place: usize,
@@ -469,7 +480,7 @@ impl DeviceLine {
         now: Moment,
     ) -> Result<Answer, Fault> {
         let Some(connection) = &mut self.wire else { return answer };
-        let has_ids = connection.wire().has_transaction_id();
+        let has_ids = connection.has_transaction_id();
         self.is_nameless = !has_ids;
         let is_behind_gateway = self.units.at(place).is_behind_gateway;
         let has_left = self.send_guard.asked().is_some();
@@ -482,7 +493,7 @@ impl DeviceLine {
         match &answer {
             // The request was not sent, so the result says nothing about the device.
             Err(Fault::Caller(_)) => {}
-            // The gateway has answered instead of the unit.
+            // The Modbus gateway has answered instead of the unit.
             Err(fault) if is_behind_gateway && fault.is_of_a_gateway() => {
                 self.misses = 0;
                 self.evidence.answered();
@@ -525,7 +536,8 @@ impl DeviceLine {
         answer
     }
 
-    /// Connects if necessary, discards late input, and keeps the pause of the unit. Returns `Done` on success.
+    /// Prepares the connection for a request: connects if necessary, discards late input, and waits for the pause of
+    /// the unit. Returns [`Answer::Done`] on success.
     async fn make_ready(&mut self, place: usize, request: Request<'_>, now: Moment) -> Result<Answer, Fault> {
         if self.wire.is_none() {
             self.connect(now).await?;
@@ -543,7 +555,7 @@ impl DeviceLine {
     }
 }
 
-/// Returns a seed for the jitter of pauses: the same for the same name, and different for different names.
+/// Returns a seed for the jitter of pauses, calculated from a name. The same name always gives the same seed.
 fn seed(name: &str) -> u64 {
     name.bytes().fold(14_695_981_039_346_656_037, |hash: u64, byte| {
         (hash ^ u64::from(byte)).wrapping_mul(1_099_511_628_211)

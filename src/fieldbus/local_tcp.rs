@@ -1,9 +1,9 @@
-//! TCP stream that tries to read the answer once more before it waits.
+//! TCP stream that tries to read the answer at once, before it waits in the event queue.
 //!
 //! A control on the same computer (a software PLC, LinuxCNC) answers within microseconds once it gets the processor.
-//! Waiting in the event queue costs more than such an answer. The stream therefore first yields the processor once.
-//! With another computer this would be wasted time, so the stream does not do it. It also stops doing it if the answers
-//! do not arrive in time, and then only tries it now and then.
+//! Waiting in the event queue takes longer than such an answer. The stream therefore first yields the processor once,
+//! and reads again. If the peer is another computer, this would waste time, so the stream does not do it. If answers
+//! repeatedly do not arrive in that time, the stream tries it only for one request in [`SELDOM`].
 
 use std::io::{self, Read, Write};
 use std::pin::Pin;
@@ -15,7 +15,7 @@ use tokio::net::TcpStream;
 
 use super::port::Port;
 
-/// Requests per attempt, after [`IN_VAIN`] attempts in a row without an answer.
+/// Number of requests for each attempt to read at once, after [`IN_VAIN`] attempts in a row without an answer.
 const SELDOM: u32 = 64;
 const IN_VAIN: u32 = 8;
 
@@ -24,10 +24,10 @@ const IN_VAIN: u32 = 8;
 pub(super) struct LocalTcp {
     stream: TcpStream,
     is_local: bool,
-    /// Attempts in a row without an answer.
+    /// Number of attempts in a row to read at once that found no answer.
     in_vain: u32,
-    /// Whether a request was sent without an attempt to read since. After one attempt, the stream waits in the event
-    /// queue. A peer that never stops sending therefore blocks no other task.
+    /// Whether a request was sent, and no attempt to read its answer at once was made yet. After one attempt the stream
+    /// waits in the event queue, so that a peer that never stops sending blocks no other task.
     has_asked: bool,
 }
 
@@ -41,7 +41,8 @@ impl LocalTcp {
         LocalTcp { stream, is_local, in_vain: 0, has_asked: false }
     }
 
-    /// Returns whether to try a read before waiting: at most once per request, while that finds answers.
+    /// Returns whether to try a read at once, before waiting. This is true at most once per request, and rarely if such
+    /// attempts found no answer.
     fn looks(&mut self) -> bool {
         if !self.is_local || !std::mem::take(&mut self.has_asked) {
             return false;
@@ -54,7 +55,7 @@ impl LocalTcp {
     }
 }
 
-/// Returns whether the error only requires waiting or another attempt.
+/// Returns whether the error only means that the caller must wait or try again.
 fn is_passing(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted)
 }

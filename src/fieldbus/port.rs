@@ -1,5 +1,5 @@
-//! Streams that carry Modbus. Waiting input can be read without the runtime, which may not have been notified yet. A
-//! tap can log all bytes.
+//! Streams that carry Modbus. Input in the system's buffer can be read without the async runtime, which may not know of
+//! it yet. A tap can log all bytes.
 
 use std::io::{self, Read};
 use std::pin::Pin;
@@ -11,13 +11,13 @@ use tokio::net::TcpStream;
 
 use super::trace::Tap;
 
-/// Stream of a line.
+/// Stream of bytes to and from a device.
 pub trait Port: AsyncRead + AsyncWrite + Send + Unpin {
-    /// Reads input that waits in the buffer of the system. The default reads only input that the runtime was notified
-    /// of.
+    /// Reads input that is in the system's buffer, without waiting. The default implementation reads only input of
+    /// which the async runtime was notified.
     ///
     /// # Errors
-    /// [`io::ErrorKind::WouldBlock`] if no input waits, or any other error of the stream.
+    /// [`io::ErrorKind::WouldBlock`] if there is no input, or any other error of the stream.
     fn take_waiting(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         let mut buffer = ReadBuf::new(bytes);
         // The caller polls the stream again if it waits.
@@ -28,7 +28,7 @@ pub trait Port: AsyncRead + AsyncWrite + Send + Unpin {
         }
     }
 
-    /// Discards output that has not left this computer yet, if the system supports it.
+    /// Discards output that has not left this computer yet. Does nothing if the system does not support that.
     fn discard_unsent(&mut self) {}
 }
 
@@ -40,14 +40,14 @@ impl Port for TcpStream {
 
 impl Port for DuplexStream {}
 
-/// Returns whether the other end closed an idle stream in order. A device that is switched off does not close its
-/// connections. It resets them when it runs again.
+/// Returns whether the other end closed an idle stream in an orderly way. A device that is switched off does not close
+/// its connections; it resets them when it runs again.
 pub(super) fn is_in_order(error: Option<&io::Error>) -> bool {
     // A reset after a close is a broken pipe. Many devices close TLS without its closing message, an unexpected end.
     error.is_none_or(|error| matches!(error.kind(), io::ErrorKind::BrokenPipe | io::ErrorKind::UnexpectedEof))
 }
 
-/// Port whose bytes pass a tap.
+/// Port whose bytes are copied to a tap.
 pub(super) struct Tapped {
     port: Box<dyn Port>,
     tap: Tap,
@@ -78,8 +78,8 @@ impl Tapped {
         Ok(count)
     }
 
-    /// Reads waiting input, see [`Port::take_waiting`]. Input that is then discarded passes the tap too, because it
-    /// helps to find late answers.
+    /// Reads input without waiting, see [`Port::take_waiting`]. The tap also gets input that is then discarded, because
+    /// a user who reads the log can find late answers in it.
     pub(super) fn take_waiting(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         let count = self.port.take_waiting(bytes)?;
         self.tap.pass(&bytes[..count], false);

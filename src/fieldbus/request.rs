@@ -1,71 +1,31 @@
 //! Requests to devices over any transport, and their answers.
 
+use std::fmt;
 use std::time::Duration;
 
 use super::error::Fault;
-use isotherm_core::codec::{
-    Address, BitField, CanId, DataType, Encoded, Encoding, Field, Node, Object, PcSensor, Register,
-};
+use isotherm_core::codec::{Address, DataType, Encoded, Encoding, Field, Node, Object, Register};
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
 use isotherm_profile::Functions;
-use isotherm_profile::plan::{self, ReadTarget, Subscription};
+use isotherm_profile::plan::{self, ReadTarget};
 
-/// One request to one unit.
+pub use super::kinds::can::request::CanRequest;
+pub use super::kinds::modbus::request::ModbusRequest;
+pub use super::kinds::opcua::request::NodeRequest;
+pub use super::kinds::sysfs::request::SensorRequest;
+
+/// One request to one device, in the form of its type of bus. Code above a driver does not look into it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request<'a> {
-    /// Read with function 01 to 04, by table.
-    Read {
-        /// First register or bit.
-        from: Register,
-        /// Number of registers or bits.
-        count: u16,
-    },
-    /// Write with function 05.
-    WriteCoil {
-        /// Zero-based address of the coil.
-        at: u16,
-        /// New state of the coil: on or off.
-        value: bool,
-    },
-    /// Write with function 06.
-    WriteSingle {
-        /// Zero-based address of the holding register.
-        at: u16,
-        /// New value of the register.
-        value: u16,
-    },
-    /// Write with function 16.
-    WriteMultiple {
-        /// Zero-based address of the first holding register.
-        at: u16,
-        /// New values, lowest address first.
-        values: &'a [u16],
-    },
+    /// Request to a Modbus unit.
+    Modbus(ModbusRequest<'a>),
     /// Request on a CAN line, which has no registers.
     Can(CanRequest<'a>),
     /// Request to an OPC UA server.
     Nodes(NodeRequest<'a>),
-    /// Read of these sensors of this computer.
-    Sensors(&'a [PcSensor]),
-}
-
-/// One request to an OPC UA server.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NodeRequest<'a> {
-    /// Read of the values of these nodes.
-    Read(&'a [Node]),
-    /// Latest values of nodes with a subscription.
-    Latest(&'a Subscription),
-    /// Read of the namespaces of the server.
-    Namespaces,
-    /// Write of the values of several nodes, in one call.
-    Write {
-        /// Nodes to write.
-        nodes: &'a [Node],
-        /// New values in the order of the nodes, each with its most significant register first.
-        values: &'a [u16],
-    },
+    /// Read of sensors of this computer.
+    Sensors(SensorRequest<'a>),
 }
 
 /// Reading of one node of a server, or of one sensor of this computer.
@@ -73,47 +33,22 @@ pub enum NodeRequest<'a> {
 pub struct NodeReading {
     /// Value as registers, the most significant first; or the reason why there is none.
     pub value: Result<Encoded, Reason>,
-    /// Time stamp of the value.
+    /// Time stamp of the value, as an age.
     pub stamped: Stamped,
-    /// Time of an earlier request that the value answers. `None` if the value answers this request.
+    /// Time of the earlier request from which the age of the value counts, as in a subscription. `None`: the age counts
+    /// from this request.
     pub asked: Option<Moment>,
 }
 
-/// Age of a value by its time stamp: the difference between stamp and answer, both by the clock of the server.
+/// Age of a value by its time stamp: the time from the stamp to the answer, both by the clock of the server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stamped {
     /// The value has no time stamp.
     Unknown,
     /// Age of the value.
     Ago(Duration),
-    /// The stamp is later than the answer: one of the clocks is wrong.
+    /// The stamp is later than the answer, so one of the clocks is wrong.
     Ahead,
-}
-
-/// One request to one device on a CAN line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CanRequest<'a> {
-    /// Read of an object of a node by SDO.
-    Read {
-        /// Object to read.
-        object: Object,
-    },
-    /// Write of an object of a node by SDO.
-    Write {
-        /// Object to write.
-        object: Object,
-        /// New value, the most significant register first.
-        values: &'a [u16],
-    },
-    /// Value to send in a frame, together with the other values of the frame.
-    Send {
-        /// Identifier of the frame.
-        id: CanId,
-        /// Bits of the value in the frame.
-        bits: BitField,
-        /// New value, the most significant register first.
-        values: &'a [u16],
-    },
 }
 
 /// Content of a checked answer.
@@ -125,24 +60,25 @@ pub enum Answer {
     Bits(Vec<bool>),
     /// Readings of nodes or sensors, as many as requested and in the same order.
     Nodes(Vec<NodeReading>),
-    /// Confirmation of a write, equal to the request.
+    /// Confirmation of a write. It repeats the request correctly.
     Done,
 }
 
 impl<'a> From<&'a ReadTarget> for Request<'a> {
     fn from(asked: &'a ReadTarget) -> Request<'a> {
         match asked {
-            ReadTarget::Registers { from, count } => Request::Read { from: *from, count: *count },
-            ReadTarget::Object(object) => Request::Can(CanRequest::Read { object: *object }),
-            ReadTarget::Nodes(nodes) => Request::Nodes(NodeRequest::Read(nodes)),
+            ReadTarget::Registers { from, count } => Request::read_registers(*from, *count),
+            ReadTarget::Object(object) => Request::read_object(*object),
+            ReadTarget::Nodes(nodes) => Request::read_nodes(nodes),
             ReadTarget::Subscription(sent) => Request::Nodes(NodeRequest::Latest(sent)),
-            ReadTarget::Sensors(sensors) => Request::Sensors(sensors),
+            ReadTarget::Sensors(sensors) => Request::Sensors(SensorRequest(sensors)),
         }
     }
 }
 
 impl Answer {
-    /// Returns the registers of the answer, or those of its only node; an empty slice for other answers.
+    /// Returns the registers of the answer. For an answer with one node, returns the value of that node as registers;
+    /// for other answers, an empty slice.
     pub fn registers(&self) -> &[u16] {
         match self {
             Answer::Registers(registers) => registers,
@@ -154,7 +90,7 @@ impl Answer {
         }
     }
 
-    /// Returns the answer if every node in it has a valid value.
+    /// Returns the answer unchanged, if every node in it has a valid value.
     ///
     /// # Errors
     /// The fault of the first node without a valid value.
@@ -166,7 +102,8 @@ impl Answer {
         }
     }
 
-    /// Returns whether the answer has any requested data. An answer with nodes needs at least one good value.
+    /// Returns whether the answer contains any of the requested data. An answer with nodes contains data if at least
+    /// one node has a valid value.
     pub fn is_of_use(&self) -> bool {
         match self {
             Answer::Nodes(nodes) => nodes.iter().any(|node| node.value.is_ok()),
@@ -174,12 +111,13 @@ impl Answer {
         }
     }
 
-    /// Returns the time stamp of this part of the answer.
+    /// Returns the time stamp of the part of the answer in which this field is.
     pub fn stamped(&self, field: &plan::Field) -> Stamped {
         self.node(field).map_or(Stamped::Unknown, |node| node.stamped)
     }
 
-    /// Returns the time of an earlier request that this part answers. `None` if it answers the present request.
+    /// Returns the time of the earlier request from which the age of this field counts. `None`: it counts from the
+    /// present request.
     pub fn asked(&self, field: &plan::Field) -> Option<Moment> {
         self.node(field)?.asked
     }
@@ -188,10 +126,10 @@ impl Answer {
         if let Answer::Nodes(nodes) = self { nodes.get(usize::from(field.at)) } else { None }
     }
 
-    /// Decodes the value of a signal from its part of the answer.
+    /// Decodes the value of a signal from the part of the answer in which its field is.
     ///
     /// # Errors
-    /// The reason why there is no value.
+    /// The reason why the signal has no valid value.
     pub fn decode(&self, field: &plan::Field, encoding: &Encoding) -> Result<f64, Reason> {
         let (from, to) = (usize::from(field.at), usize::from(field.at) + usize::from(field.len));
         match self {
@@ -206,99 +144,120 @@ impl Answer {
 }
 
 impl<'a> Request<'a> {
+    /// Returns the read of registers or bits of a Modbus unit.
+    pub const fn read_registers(from: Register, count: u16) -> Request<'a> {
+        Request::Modbus(ModbusRequest::Read { from, count })
+    }
+
+    /// Returns the read of an object of a CANopen node.
+    pub const fn read_object(object: Object) -> Request<'a> {
+        Request::Can(CanRequest::Read { object })
+    }
+
+    /// Returns the read of nodes of a server.
+    pub const fn read_nodes(nodes: &'a [Node]) -> Request<'a> {
+        Request::Nodes(NodeRequest::Read(nodes))
+    }
+
+    /// Returns the read of the namespaces of a server.
+    pub const fn read_namespaces() -> Request<'a> {
+        Request::Nodes(NodeRequest::Namespaces)
+    }
+
     /// Returns the request that reads a value of this type; `None` if the address cannot be read by request.
     pub fn read(at: &'a Address, data_type: DataType) -> Option<Request<'a>> {
         match at {
-            Address::Modbus(from) => Some(Request::Read { from: *from, count: data_type.registers() }),
-            Address::Object(object) => Some(Request::Can(CanRequest::Read { object: *object })),
+            Address::Modbus(from) => Some(Request::read_registers(*from, data_type.registers())),
+            Address::Object(object) => Some(Request::read_object(*object)),
             Address::Frame(_) => None,
-            Address::Node(node) => Some(Request::Nodes(NodeRequest::Read(std::slice::from_ref(node)))),
-            Address::Sensor(sensor) => Some(Request::Sensors(std::slice::from_ref(sensor))),
+            Address::Node(node) => Some(Request::read_nodes(std::slice::from_ref(node))),
+            Address::Sensor(sensor) => Some(Request::Sensors(SensorRequest(std::slice::from_ref(sensor)))),
         }
     }
 
-    /// Returns a read of registers, which may be sent together with another request; `None` for other targets.
+    /// Returns the read of these registers, which may be sent together with another request. Returns `None` for targets
+    /// that are not registers.
     pub const fn in_registers(asked: &ReadTarget) -> Option<Request<'static>> {
         match asked {
-            ReadTarget::Registers { from, count } => Some(Request::Read { from: *from, count: *count }),
-            ReadTarget::Object(_)
-            | ReadTarget::Nodes(_)
-            | ReadTarget::Subscription(_)
-            | ReadTarget::Sensors(_) => None,
+            ReadTarget::Registers { from, count } => Some(Request::read_registers(*from, *count)),
+            _ => None,
         }
     }
 
-    /// Returns the request that writes these values to the address, with a function that the device supports.
+    /// Returns the request that writes these values to the address, with one of the functions that the device supports.
     pub fn write(at: &'a Address, values: &'a [u16], functions: Functions) -> Request<'a> {
         match at {
             Address::Modbus(Register { offset, .. }) => Request::write_holding(*offset, values, functions),
-            Address::Object(object) => Request::Can(CanRequest::Write { object: *object, values }),
+            Address::Object(object) => Request::write_object(*object, values),
             Address::Frame(Field { frames, bits, .. }) => {
                 Request::Can(CanRequest::Send { id: frames.id, bits: *bits, values })
             }
-            Address::Node(node) => {
-                Request::Nodes(NodeRequest::Write { nodes: std::slice::from_ref(node), values })
-            }
+            Address::Node(node) => Request::write_nodes(std::slice::from_ref(node), values),
             // Sensors cannot be written: this request never fits.
-            Address::Sensor(_) => Request::Nodes(NodeRequest::Write { nodes: &[], values }),
+            Address::Sensor(_) => Request::write_nodes(&[], values),
         }
+    }
+
+    /// Returns the request that writes a coil.
+    pub const fn write_coil(at: u16, value: bool) -> Request<'a> {
+        Request::Modbus(ModbusRequest::WriteCoil { at, value })
     }
 
     /// Returns the request that writes holding registers from `at`.
     pub const fn write_holding(at: u16, values: &'a [u16], functions: Functions) -> Request<'a> {
-        match values {
-            [value] if functions.write_single => Request::WriteSingle { at, value: *value },
-            values => Request::WriteMultiple { at, values },
-        }
+        Request::Modbus(ModbusRequest::write_holding(at, values, functions))
     }
 
-    /// Returns the Modbus function code; 0 for other requests.
+    /// Returns the write of an object of a CANopen node.
+    pub const fn write_object(object: Object, values: &'a [u16]) -> Request<'a> {
+        Request::Can(CanRequest::Write { object, values })
+    }
+
+    /// Returns the write of nodes of a server, all in one call.
+    pub const fn write_nodes(nodes: &'a [Node], values: &'a [u16]) -> Request<'a> {
+        Request::Nodes(NodeRequest::Write { nodes, values })
+    }
+
+    /// Returns the Modbus function code; 0 for requests that are not Modbus.
     pub const fn function(self) -> u8 {
-        match self {
-            Request::Read { from, .. } => from.table.read_function(),
-            Request::WriteCoil { .. } => 5,
-            Request::WriteSingle { .. } => 6,
-            Request::WriteMultiple { .. } => 16,
-            Request::Can(_) | Request::Nodes(_) | Request::Sensors(_) => 0,
-        }
+        if let Request::Modbus(request) = self { request.function() } else { 0 }
     }
 
-    /// Returns whether the device answers. A sent frame has no answer.
+    /// Returns whether the device answers this request. A CAN frame with values has no answer.
     pub const fn is_answered(self) -> bool {
         !matches!(self, Request::Can(CanRequest::Send { .. }))
     }
 
-    /// Returns whether the request changes nothing.
+    /// Returns whether the request only reads.
     pub const fn is_read(self) -> bool {
-        matches!(
-            self,
-            Request::Read { .. }
-                | Request::Can(CanRequest::Read { .. })
-                | Request::Nodes(NodeRequest::Read(_) | NodeRequest::Latest(_) | NodeRequest::Namespaces)
-                | Request::Sensors(_)
-        )
+        match self {
+            Request::Modbus(request) => request.is_read(),
+            Request::Can(request) => matches!(request, CanRequest::Read { .. }),
+            Request::Nodes(request) => !matches!(request, NodeRequest::Write { .. }),
+            Request::Sensors(_) => true,
+        }
     }
 
-    /// Returns whether one message can carry the request.
+    /// Returns whether one protocol message can carry the request. It must have at least one register, node or sensor,
+    /// and no more registers than the protocol allows.
     pub fn fits(self) -> bool {
-        let (at, count, most) = match self {
-            Request::Read { from, count } => {
-                (from.offset, count, if from.table.is_bits() { 2000 } else { 125 })
-            }
-            Request::WriteCoil { at, .. } | Request::WriteSingle { at, .. } => (at, 1, 1),
-            Request::WriteMultiple { at, values } => {
-                (at, u16::try_from(values.len()).unwrap_or(u16::MAX), 123)
-            }
-            Request::Nodes(NodeRequest::Read(nodes)) => return !nodes.is_empty(),
-            Request::Nodes(NodeRequest::Latest(sent)) => return !sent.nodes.is_empty(),
-            Request::Sensors(sensors) => return !sensors.is_empty(),
-            Request::Nodes(NodeRequest::Write { nodes, values }) => {
-                let registers: usize =
-                    nodes.iter().map(|node| usize::from(node.taken_as().registers())).sum();
-                return !nodes.is_empty() && registers == values.len();
-            }
-            Request::Can(_) | Request::Nodes(NodeRequest::Namespaces) => return true,
-        };
-        (1..=most).contains(&count) && u32::from(at) + u32::from(count) <= 65536
+        match self {
+            Request::Modbus(request) => request.fits(),
+            Request::Can(_) => true,
+            Request::Nodes(request) => request.fits(),
+            Request::Sensors(SensorRequest(sensors)) => !sensors.is_empty(),
+        }
+    }
+}
+
+/// Formats the request: `read input:0..7`, `write holding:104 = 1 65535`.
+impl fmt::Display for Request<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Request::Modbus(request) => fmt::Display::fmt(request, f),
+            Request::Can(request) => fmt::Display::fmt(request, f),
+            Request::Nodes(request) => fmt::Display::fmt(request, f),
+            Request::Sensors(request) => fmt::Display::fmt(request, f),
+        }
     }
 }

@@ -1,4 +1,4 @@
-//! Send deadline of a request: the last check of the clock before its first byte.
+//! Deadline for sending a request, and the last check of the clock before its first byte is sent.
 
 use std::time::Duration;
 
@@ -7,39 +7,41 @@ use super::request::Request;
 use crate::clock::{Clock, StallDetector};
 use isotherm_core::quantity::Moment;
 
-/// Send deadline of a request, and the connection that it requires.
+/// Latest time at which a request may be sent, and the connection that it requires.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SendDeadline {
-    /// No deadline: the request depends on no value that grows old.
+    /// The request has no deadline, because it depends on no value that can become too old.
     None,
-    /// Until this moment. After it, the request is not sent.
+    /// The request must not be sent after this moment.
     By(Moment),
-    /// Until this moment, and only on the present connection: the request depends on a value that was read there.
+    /// The request must not be sent after this moment, nor on another connection, because it depends on a value that
+    /// was read on the present one.
     OnConnection(Moment),
 }
 
-/// Clock samples of a line, and the send deadline of its present request. A wire calls [`SendGuard::leave`] immediately
-/// before the first byte of a request, after any wait.
+/// Clock samples of a line, and the deadline for sending its present request. A wire calls [`SendGuard::leave`] after
+/// any wait, immediately before the first byte of a request.
 #[derive(Debug)]
 pub struct SendGuard {
     clock: Clock,
     stall_detector: StallDetector,
-    /// Whether gaps between clock samples are recorded.
+    /// Whether a gap between clock samples counts as a stop of the computer. Not under a virtual clock.
     is_watched: bool,
-    /// Last clock sample before the computer was stopped, until the owner of the line has read it.
+    /// Last clock sample before the computer was stopped; `None` if there was no stop, or the owner of the line has
+    /// read it.
     stalled_at: Option<Moment>,
     is_read: bool,
     not_after: Moment,
     asked: Option<Moment>,
     /// Timeout of the answer.
     timeout: Duration,
-    /// Switches off two rules, for tests that show their purpose: age then counts from the answer, and no answer is
-    /// late.
+    /// Switches off two rules, for tests that show the purpose of the rules: age then counts from the answer, and no
+    /// answer is late.
     is_unchecked: bool,
 }
 
 impl SendGuard {
-    /// Returns a guard for requests without a deadline.
+    /// Returns a guard whose next request has no deadline.
     pub fn without_deadline(clock: &Clock) -> SendGuard {
         SendGuard {
             clock: clock.clone(),
@@ -64,7 +66,7 @@ impl SendGuard {
         SendGuard { stall_detector: StallDetector::begin(self.clock.now(), max_age), is_watched, ..self }
     }
 
-    /// Begins the next request.
+    /// Prepares the guard for the next request: `leave` is its deadline, and it counts as not sent.
     pub(super) fn next(&mut self, request: Request<'_>, leave: SendDeadline) {
         let not_after = match leave {
             SendDeadline::None => Moment::END,
@@ -73,10 +75,10 @@ impl SendGuard {
         (self.is_read, self.not_after, self.asked) = (request.is_read(), not_after, None);
     }
 
-    /// Checks the clock immediately before the request is sent. Returns the time of sending.
+    /// Checks the deadline immediately before the request is sent. Returns the time of sending.
     ///
     /// # Errors
-    /// The deadline has passed, or a write was decided before the computer was stopped. The request must not be sent.
+    /// The deadline has passed, or the computer was stopped after a write was decided. The request must not be sent.
     pub fn leave(&mut self) -> Result<Moment, Fault> {
         let now = self.sample();
         self.stall_detector.away_for(self.timeout);
@@ -87,17 +89,17 @@ impl SendGuard {
         Ok(now)
     }
 
-    /// Records that the request was already sent at `asked`, together with another one.
+    /// Records that the request was already sent at `asked`, together with the request before it.
     pub(super) fn left(&mut self, asked: Moment) {
         self.asked = Some(asked);
     }
 
-    /// Returns whether the timeout of a request that was sent at `asked` has not expired yet.
+    /// Returns whether the timeout has not expired yet for a request that was sent at `asked`.
     pub(super) fn is_within_timeout(&mut self, asked: Moment) -> bool {
         self.sample().since(asked) <= self.timeout
     }
 
-    /// Announces that the request is about to be sent. `timeout` is the timeout of its answer.
+    /// Announces that the request is about to be sent, and that its answer may take `timeout`.
     pub(super) fn begins(&mut self, timeout: Duration) {
         self.timeout = timeout;
         self.stall_detector.away_for(timeout);
@@ -119,19 +121,19 @@ impl SendGuard {
         }
     }
 
-    /// Sets the planned time until the next clock sample.
+    /// Announces that no clock sample follows for this time, so that the gap does not count as a stop of the computer.
     pub fn away_for(&mut self, span: Duration) {
         self.stall_detector.away_for(span);
     }
 
-    /// Takes a clock sample.
+    /// Reads the clock, and returns the present moment.
     pub(super) fn sample(&mut self) -> Moment {
         let now = self.clock.now();
         self.record_sample(now);
         now
     }
 
-    /// Records a clock sample.
+    /// Records a clock sample that was taken at `now`, and detects a stop of the computer before it.
     pub fn record_sample(&mut self, now: Moment) {
         let gap = self.stall_detector.sample(now);
         if self.is_watched && !self.is_unchecked {
@@ -149,7 +151,8 @@ impl SendGuard {
         self.stalled_at.is_some()
     }
 
-    /// Returns the last clock sample before the computer was stopped, once.
+    /// Returns the last clock sample before the computer was stopped, and resets it. `None` if there was no stop since
+    /// the last call.
     pub fn stalled_at(&mut self) -> Option<Moment> {
         self.stalled_at.take()
     }

@@ -1,8 +1,8 @@
-//! Serial ports of this computer, by system calls. No other library needs to be installed.
+//! Serial ports of this computer, by system calls. The program therefore needs no other library.
 //!
 //! A port is opened by its path each time. An adapter that was unplugged is found again under the same name below
-//! /dev/serial/by-id. The port is locked while it is open. Its [`PortIdentity`] distinguishes it from another port
-//! under that name.
+//! /dev/serial/by-id. The port is locked while it is open. Its [`PortIdentity`] distinguishes it from another port that
+//! has got the same name.
 
 use std::fs::File;
 use std::io;
@@ -22,9 +22,10 @@ use isotherm_profile::{Parity, Serial};
 mod identity;
 
 pub(crate) use identity::PortHistory;
-pub use identity::{PortIdentity, device_number};
+pub use identity::PortIdentity;
+pub(in crate::fieldbus) use identity::place;
 
-/// Open serial port with eight data bits and without interpretation of bytes.
+/// Open serial port: eight data bits, and all bytes are passed unchanged.
 #[derive(Debug)]
 pub struct SerialPort {
     reader: Receiver,
@@ -33,7 +34,7 @@ pub struct SerialPort {
 }
 
 impl SerialPort {
-    /// Opens, locks and configures the port, and discards waiting bytes. Requires a tokio runtime.
+    /// Opens, locks and configures the port, and discards its waiting input. Must be called inside a tokio runtime.
     ///
     /// # Errors
     /// The reason why the port cannot be opened.
@@ -57,15 +58,15 @@ impl SerialPort {
         })
     }
 
-    /// Returns the identity of the port, which distinguishes it from another one under the same name.
+    /// Returns the identity of the port, which distinguishes it from another port under the same name.
     pub fn identity(&self) -> PortIdentity {
         self.identity
     }
 }
 
 impl Drop for SerialPort {
-    /// Discards unsent bytes, which a closed port would still send, and unlocks the port. A pseudo-terminal would
-    /// otherwise stay locked while its other end is open.
+    /// Discards unsent bytes, which the system would still send after the close, and unlocks the port. The lock of a
+    /// pseudo-terminal would otherwise last while its other end is open.
     fn drop(&mut self) {
         self.discard_unsent();
         let _ = rustix::termios::ioctl_tiocnxcl(&self.reader);

@@ -1,7 +1,7 @@
-//! TCP connections without send delay, for Modbus TCP and other protocols of a line.
+//! TCP connections that send every write at once (`TCP_NODELAY`), for Modbus TCP and the other protocols of a line.
 //!
-//! Closing a connection discards its unsent bytes. Otherwise the system could send them for minutes, after newer bytes
-//! on the next connection.
+//! Closing a connection discards its unsent bytes. Otherwise the system could send them for minutes, even after newer
+//! bytes on the next connection.
 
 use std::io::ErrorKind;
 use std::time::Duration;
@@ -12,8 +12,8 @@ use tokio::net::TcpStream;
 use super::error::{Fault, LinkFault};
 use crate::net::{ConnectError, connect};
 
-/// Opens a TCP connection to `host:port`. It breaks if the other end has not confirmed data within the timeout. Closing
-/// it discards unsent and unconfirmed data.
+/// Opens a TCP connection to `host:port`. The system closes it if the other end does not acknowledge data within the
+/// timeout. Closing it discards data that is unsent or not acknowledged.
 pub(super) async fn connected(address: &str, timeout: Duration) -> Result<TcpStream, Fault> {
     let stream = connect(address).await.map_err(|error| Fault::Link(fault(&error)))?;
     let socket = SockRef::from(&stream);

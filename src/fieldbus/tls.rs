@@ -17,5 +17,6 @@ pub use client::check;
 pub use plant_client::plant_client;
 pub use server::{Wrong, server};
 
-/// Longest time of a handshake. Controllers without a processor for signatures need a second or two for its two.
+/// Longest time of a TLS handshake. A handshake needs two signatures, and a slow controller calculates them in a second
+/// or two.
 pub(super) const HANDSHAKE: Duration = Duration::from_secs(5);

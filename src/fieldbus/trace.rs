@@ -1,10 +1,11 @@
-//! Log of the frames on a line, while it has a listener.
+//! Log of the frames on a line, active while it has a listener.
 //!
-//! The bytes are copied as they pass a [port](super::port). Their description comes from [`super::line`], which knows
-//! the request and the checked answer. An invalid answer is therefore shown as it arrived, with its fault.
+//! The bytes are copied when they pass a [port](super::port). Their description comes from [`super::line`], which knows
+//! the request and the checked answer. An invalid answer is therefore logged as it arrived, with its fault.
 //!
-//! Without a listener, a port checks one flag per read and write. With a listener, the line still never waits. If the
-//! queue of a listener is full, the exchange is counted and left out. A dropped listener is removed at once.
+//! Without a listener, a port only checks one flag per read and write. With a listener, the line still never waits: if
+//! the queue of a listener is full, the exchange is left out and counted. A listener that was dropped is removed at
+//! once.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -22,44 +23,44 @@ mod exchange;
 
 pub use exchange::Exchange;
 
-/// Capacity of a listener's queue, in exchanges. More are left out.
+/// Capacity of a listener's queue, in exchanges. Exchanges beyond it are left out.
 const UNHEARD: usize = 1024;
-/// Maximum number of bytes that are kept for each direction of an exchange: two of the longest frames.
+/// Maximum number of bytes that are stored for each direction of an exchange: two of the longest frames.
 const LONGEST: usize = 520;
 /// Maximum number of listeners of one line.
 const MOST_LISTENERS: usize = 4;
 
-/// Access to the frames of a line.
+/// Tap of a line: copies its frames to the listeners. Clones share the listeners.
 #[derive(Clone, Debug)]
 pub struct Tap(Arc<Shared>);
 
 #[derive(Debug)]
 struct Shared {
-    /// Wall clock: under a virtual clock, an answer would take no time.
+    /// Wall clock. Under a virtual clock every answer would take no time.
     clock: Clock,
     is_on: AtomicBool,
     passed: Mutex<PassedBytes>,
     listeners: Mutex<Vec<Listener>>,
 }
 
-/// Bytes since the start of the present request.
+/// Bytes that were sent and received since the start of the present request.
 #[derive(Debug, Default)]
 struct PassedBytes {
     sent: Vec<u8>,
     received: Vec<u8>,
-    /// Number of bytes that were not kept.
+    /// Number of bytes beyond [`LONGEST`], which were not stored.
     more: usize,
 }
 
 #[derive(Debug)]
 struct Listener {
-    /// Device to listen to; `None`: all devices on the line.
+    /// Device whose exchanges are wanted; `None`: all devices on the line.
     device: Option<DeviceId>,
     to: mpsc::Sender<Exchange>,
     dropped: Arc<AtomicU64>,
 }
 
-/// Receiver of exchanges, until it is dropped.
+/// Receiver of the exchanges of a line. Dropping it ends the listening.
 #[derive(Debug)]
 pub struct ExchangeReceiver {
     tap: Tap,
@@ -79,10 +80,10 @@ impl Default for Tap {
 }
 
 impl Tap {
-    /// Listens to one device, or to all on the line.
+    /// Starts listening to the exchanges of one device; with `None`, of all devices on the line.
     ///
     /// # Errors
-    /// A sentence, if the line already has the maximum number of listeners.
+    /// A sentence for the user, if the line already has the maximum number of listeners.
     pub fn listen(&self, device: Option<DeviceId>) -> Result<ExchangeReceiver, String> {
         let mut listeners = locked(&self.0.listeners);
         if listeners.len() >= MOST_LISTENERS {
@@ -95,12 +96,12 @@ impl Tap {
         Ok(ExchangeReceiver { tap: self.clone(), heard, dropped })
     }
 
-    /// Returns whether there is a listener.
+    /// Returns whether the line has a listener.
     pub fn is_on(&self) -> bool {
         self.0.is_on.load(Ordering::Relaxed)
     }
 
-    /// Begins an exchange, and returns its time; `None` without a listener.
+    /// Begins to record an exchange, and returns its start; `None` if there is no listener.
     pub(super) fn begin(&self) -> Option<Moment> {
         self.is_on().then(|| {
             *self.passed() = PassedBytes::default();
@@ -108,7 +109,7 @@ impl Tap {
         })
     }
 
-    /// Ends an exchange with its result, and sends it to the listeners.
+    /// Ends the recording of an exchange, and sends it with its result to the listeners.
     pub(super) fn tell(
         &self,
         asked_at: Moment,
@@ -126,7 +127,7 @@ impl Tap {
             asked_at,
             took,
             unit,
-            asked: exchange::asked(request),
+            asked: request.to_string(),
             sent,
             received,
             more,
@@ -153,7 +154,7 @@ impl Tap {
         }
     }
 
-    /// Records bytes that pass.
+    /// Records bytes that were sent or received.
     pub(super) fn pass(&self, bytes: &[u8], is_sent: bool) {
         if self.is_on() {
             self.passed().keep(bytes, is_sent);
@@ -165,7 +166,7 @@ impl Tap {
     }
 }
 
-/// Locks a mutex. A panic of another thread leaves its data consistent.
+/// Locks a mutex. The lock is also used after another thread has panicked, because the data stays consistent.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -180,17 +181,17 @@ impl PassedBytes {
 }
 
 impl ExchangeReceiver {
-    /// Waits for the next exchange.
+    /// Waits for the next exchange; returns `None` if the line logs no further exchange.
     pub async fn next(&mut self) -> Option<Exchange> {
         self.heard.recv().await
     }
 
-    /// Returns the next exchange, if there is one.
+    /// Returns the next exchange, if one is in the queue.
     pub fn next_now(&mut self) -> Option<Exchange> {
         self.heard.try_recv().ok()
     }
 
-    /// Returns the number of exchanges that were left out because the queue was full.
+    /// Returns the number of exchanges that were left out because the queue of this receiver was full.
     pub fn dropped(&self) -> u64 {
         self.dropped.load(Ordering::Relaxed)
     }

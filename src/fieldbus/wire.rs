@@ -1,45 +1,35 @@
-//! Interface of a transport: a wire sends one request and returns one answer.
+//! Interface of a transport: a wire sends one request and returns its answer.
 //!
 //! Only the implementations of [`Wire`] and [`Dial`](super::connection::Dial) depend on a transport. A new transport,
-//! or the simulated device of a test, implements these two traits.
+//! or the simulated device of a test, implements these two traits. A Modbus connection also implements
+//! [`ModbusWire`](super::kinds::modbus::wire::ModbusWire).
 
 use std::future::Future;
 use std::pin::Pin;
 use std::time::Duration;
 
 use super::error::Fault;
-use super::reply_signature::ReplySignature;
 use super::send_guard::SendGuard;
-use isotherm_core::quantity::Moment;
 
-pub use super::request::{Answer, CanRequest, NodeReading, NodeRequest, Request, Stamped};
+pub use super::request::{
+    Answer, CanRequest, ModbusRequest, NodeReading, NodeRequest, Request, SensorRequest, Stamped,
+};
 
-/// Future that a method of a trait object can return.
+/// Boxed future, which a method of a trait object can return.
 pub type Boxed<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 
-/// Future of the answer to a request.
+/// Future that resolves to the answer to a request.
 pub type Call<'a> = Boxed<'a, Result<Answer, Fault>>;
 
-/// End of a connection.
+/// How a connection ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
-    /// Reset, broken in the middle of an answer, or unknown.
+    /// The connection was reset, or broken in the middle of an answer, or the end is unknown.
     Lost,
-    /// Closed in order by the other end, between two answers.
+    /// The other end closed the connection in an orderly way, between two answers.
     Closed,
-    /// Not relevant: an exchanged device is detected by other means, as for OPC UA and CAN frames.
+    /// Not relevant, because the gateway detects an exchanged device by other means. This is so for OPC UA and for CAN.
     Kept,
-}
-
-/// Whole frame that is neither a request nor an answer of this line: another master uses the line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ForeignFrame {
-    /// Unit that the frame addresses, or that sent it.
-    pub unit: u8,
-    /// Form of the answer; `None` if it is no read.
-    pub form: Option<ReplySignature>,
-    /// Whether the frame is a request.
-    pub is_question: bool,
 }
 
 /// Open connection of one line, of any protocol.
@@ -48,75 +38,28 @@ pub trait Wire: Send {
     /// transaction, unit, function, length, echo.
     fn exchange<'a>(&'a mut self, unit: u8, request: Request<'a>, send_guard: &'a mut SendGuard) -> Call<'a>;
 
-    /// Returns whether an answer has a transaction number. Without one, as on a serial line, a late answer looks like
-    /// the answer to the next request.
-    fn has_transaction_id(&self) -> bool {
-        true
-    }
-
     /// Returns the transmission time of the request and its answer, without the time that the device needs.
     fn time_under_way(&self, _request: Request<'_>) -> Duration {
         Duration::ZERO
     }
 
-    /// Cancels the last exchange after its timeout. Returns the timeout, or the fault of the input that arrived.
+    /// Cancels the last exchange after its timeout. Returns [`Fault::Timeout`], or the fault of input that arrived but
+    /// was no answer.
     fn missed(&mut self) -> Fault {
         Fault::Timeout
     }
 
-    /// Sets the forms of late answers that may still arrive. The wire discards them.
-    fn pass_over(&mut self, _owed: Vec<(u8, ReplySignature)>) {}
-
-    /// Returns the units whose late answers have arrived since the last call.
-    fn received_late(&mut self) -> Vec<u8> {
-        Vec::new()
-    }
-
-    /// Returns the frames of other masters since the last call.
-    fn overheard(&mut self) -> Vec<ForeignFrame> {
-        Vec::new()
-    }
-
-    /// Discards all input for `span`, and until the unit has sent nothing for `quiet`.
-    ///
-    /// # Errors
-    /// The unit does not stop sending, or the connection has ended.
-    fn listen(&mut self, _unit: u8, _span: Duration, _quiet: Duration) -> Boxed<'_, Result<(), Fault>> {
-        Box::pin(std::future::ready(Ok(())))
-    }
-
-    /// Sets a read to send together with the next request. The next request for the same read receives its answer. A
-    /// wire without transaction numbers ignores it.
-    fn set_follow_up(&mut self, _read: Option<(u8, Request<'static>)>) {}
-
-    /// Returns true if a read that was set by [`Wire::set_follow_up`] waits to be sent, or was sent and is unanswered.
-    fn has_follow_up(&self) -> bool {
-        false
-    }
-
-    /// Returns the read that was set by [`Wire::set_follow_up`], if it was sent and is unanswered: its unit, the read,
-    /// and its time of sending. The next request for the same read takes it over.
-    fn unanswered_behind(&self) -> Option<(u8, Request<'static>, Moment)> {
+    /// Returns news about a subscription of the device, once.
+    fn news(&mut self) -> Option<String> {
         None
     }
 
-    /// Returns the form of the answer to the last request, valid or not; `None` if it is not that of a read, or if the
-    /// wire does not record it.
-    fn received_form(&self) -> Option<ReplySignature> {
-        None
-    }
-
-    /// Returns news about a subscription, once.
-    fn subscription_news(&mut self) -> Option<String> {
-        None
-    }
-
-    /// Returns how the connection ended, as far as the wire knows.
+    /// Returns how the connection ended, as far as the wire knows it.
     fn ending(&mut self) -> Ending {
         Ending::Lost
     }
 
-    /// Closes the connection properly, if the other end keeps state for it.
+    /// Closes the connection in an orderly way, if the other end keeps state for it.
     fn close(&mut self) -> Boxed<'_, ()> {
         Box::pin(std::future::ready(()))
     }

@@ -1,11 +1,12 @@
-//! Claims: which gateway of this computer writes to which places, so that no second one writes to the same.
+//! Claims: each gateway of this computer claims the registers that it writes to, so that no second gateway writes to
+//! the same registers.
 //!
-//! Each gateway that writes listens on an abstract socket of its network namespace. It sends its claim to each client
-//! (`sockets`). Such a socket needs no directory and no permission, every user can see it, and it vanishes with its
-//! process. A bus address means the same to all programs of a network namespace, so a claim need not be visible beyond
-//! it.
+//! A gateway that writes listens on an abstract socket of its network namespace, and sends its claim to each client
+//! (module `sockets`). An abstract socket needs no directory and no permission. Every user can see it, and it vanishes
+//! with its process. A bus address means the same device to all programs of one network namespace, so the claim need
+//! not be visible outside.
 //!
-//! A gateway that starts opens its own socket first and then compares its claim with the others. If two gateways start
+//! A gateway that starts opens its own socket first, and then compares its claim with the others. If two gateways start
 //! at the same moment, the one with the lower random number continues.
 
 use std::collections::BTreeSet;
@@ -14,40 +15,38 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::control::{self, Presence};
 use crate::clock::BootClock;
+use crate::gateway::api::control::{self, Presence};
+use crate::gateway::line_names;
 use isotherm_profile::{BusId, Profile};
 use sockets::{Answer, Listener};
 
-mod names;
 mod sockets;
 
-pub(super) use names::same_lines;
-
-/// Longest wait for a gateway that starts at the same moment.
+/// Maximum time to wait until another gateway that starts at the same moment has given way.
 const PATIENCE: Duration = Duration::from_secs(5);
 const LOOK_AGAIN: Duration = Duration::from_millis(20);
 
-/// Claim of one gateway, as it is sent to others.
+/// Claim of one gateway, in the form in which other gateways receive it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Claim {
     process: u32,
     /// Random number: if two gateways start at the same moment, the lower one continues.
     order: u32,
     machine: String,
-    /// State directory of the gateway.
+    /// State directory of the gateway that makes the claim.
     state: PathBuf,
-    /// Whether the gateway has found no rival, and writes.
+    /// Whether the gateway has compared its claim with the others, and writes.
     is_held: bool,
     lines: Vec<Line>,
 }
 
-/// Claimed places on one bus.
+/// Claimed registers on one bus.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Line {
-    /// Address as in the profile.
+    /// Address of the bus, as in the profile.
     address: String,
-    /// Canonical names, by which addresses are compared.
+    /// Canonical names of the bus address. Two buses with a common name are the same.
     names: Vec<String>,
     places: BTreeSet<String>,
 }
@@ -61,10 +60,8 @@ impl Claim {
             .map(|(bus, settings)| (settings, profile.written_on(BusId(bus))));
         let written: Vec<_> = written.filter(|(_, places)| !places.is_empty()).collect();
         let buses: Vec<_> = written.iter().map(|(bus, _)| *bus).collect();
-        let lines = names::of_each(&buses).into_iter().zip(&written).map(|(names, (bus, places))| Line {
-            address: bus.address.clone(),
-            names,
-            places: places.clone(),
+        let lines = line_names::of_each(&buses).into_iter().zip(&written).map(|(names, (bus, places))| {
+            Line { address: bus.address.clone(), names, places: places.clone() }
         });
         Claim {
             process: std::process::id(),
@@ -76,12 +73,12 @@ impl Claim {
         }
     }
 
-    /// Canonical names of all lines of the claim.
+    /// Returns the canonical names of all buses of the claim.
     fn names(&self) -> BTreeSet<&str> {
         self.lines.iter().flat_map(|line| &line.names).map(String::as_str).collect()
     }
 
-    /// Finds a place that both gateways write to, as text for a message.
+    /// Returns a register that both gateways write to, as text for a message. `None` if there is none.
     fn shares_with(&self, other: &Claim) -> Option<String> {
         self.lines.iter().find_map(|own| {
             let same = |line: &&Line| line.names.iter().any(|name| own.names.contains(name));
@@ -92,11 +89,11 @@ impl Claim {
     }
 }
 
-/// Claims every place that a gateway with this profile writes to, until the process ends. Returns why other gateways
-/// cannot be seen, if they cannot.
+/// Claims every register that a gateway with this profile writes to, until the process ends. Returns a reason if some
+/// other gateways cannot be checked.
 ///
 /// # Errors
-/// Another gateway of this computer writes to one of the places. The error is a message for the operator.
+/// Another gateway of this computer writes to one of the registers. The error is a message for the operator.
 pub fn claim(profile: &Profile, directory: &Path) -> Result<Option<String>, String> {
     let claim = Claim::of(profile, directory);
     if claim.lines.is_empty() {
@@ -111,7 +108,7 @@ pub fn claim(profile: &Profile, directory: &Path) -> Result<Option<String>, Stri
     Ok(unseen)
 }
 
-/// Checks that a gateway with this profile can replace the one that runs in the parent of this process.
+/// Checks that a gateway with this profile can replace the gateway that runs in the parent of this process.
 ///
 /// # Errors
 /// Those of [`claim`].
@@ -121,8 +118,8 @@ pub fn could_claim(profile: &Profile, directory: &Path) -> Result<(), String> {
     compare_with_others(&claim, |other| other.process == parent && other.state == directory).map(drop)
 }
 
-/// Compares a claim with those of all other gateways, except the ignored ones. Waits while a rival that starts at the
-/// same moment has not given way. Returns why some gateway cannot be seen.
+/// Compares a claim with those of all other gateways, except the ignored ones. If another gateway starts at the same
+/// moment, waits until it has given way. Returns a reason if some gateway cannot be checked.
 fn compare_with_others(own: &Claim, is_ignored: impl Fn(&Claim) -> bool) -> Result<Option<String>, String> {
     let begun = BootClock::default().passed();
     loop {
@@ -169,8 +166,8 @@ fn compare_with_others(own: &Claim, is_ignored: impl Fn(&Claim) -> bool) -> Resu
     }
 }
 
-/// Returns whether both have the same machine name and state directory. Opening the command socket then refuses the
-/// second one.
+/// Returns whether both claims have the same machine name and state directory, and the gateway answers on its command
+/// socket. Opening the command socket then refuses the second gateway.
 fn is_same_gateway(own: &Claim, other: &Claim) -> bool {
     let socket = control::path(&own.state, &own.machine);
     socket == control::path(&other.state, &other.machine) && control::presence(&socket) != Presence::Absent

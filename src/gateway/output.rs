@@ -1,236 +1,28 @@
-//! State of an output as the gateway knows it: the register value, and whether it was verified.
+//! Execution of the actions of the output controllers. The controllers decide; this module exchanges messages with the
+//! devices, and returns the results to the controllers.
+//!
+//! The task of a bus line owns an executor for each of its outputs: a [`Single`] for an output with its own register, a
+//! [`Position`] for a corrected position, and one [`Set`] for outputs that are written together. A [`Single`] has a
+//! [`register::OutputRegister`] and a [`Controller`](isotherm_core::output::Controller). A [`Set`] has a register for
+//! each output, and a [`SetController`](isotherm_core::output::SetController). A turn is the work of the line task on
+//! one executor. It begins with the value that the axis requires. Each action is one exchange, and its result is the
+//! next input of the controller, until the controller has no action. A reference position is treated as an output
+//! without a step limit.
 
-use std::ops::{Index, IndexMut};
-use std::sync::Arc;
-use std::time::Duration;
+mod demand;
+mod failures;
+mod position;
+mod register;
+mod report;
+mod set;
+mod set_io;
+mod set_modbus;
+mod set_opcua;
+mod single;
+mod strobe;
+mod turn;
 
-use super::device_health::DeviceHealth;
-use super::dirty_vec::DirtyVec;
-use super::units::{cz_factor, is_near};
-use crate::fieldbus::error::Fault;
-use crate::observe::events::HandshakeFault;
-use isotherm_core::compensation::AxisState;
-use isotherm_core::display::{Display, Intent, KnownCz};
-use isotherm_core::output::Awaited;
-use isotherm_core::quantity::{Micron, Moment};
-use isotherm_profile::{Handshake, Output, OutputId, Profile, Writes};
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub(super) enum RegisterHealth {
-    /// The register has not been read since the connection was made.
-    #[default]
-    Unknown,
-    /// The register value is known, and is the value of the gateway.
-    Verified,
-    /// The last write failed, or the value read back was different.
-    Unverified,
-    Interlocked,
-    /// Another client wrote to the register.
-    Foreign,
-}
-
-/// State of one output, for the axes and for the display.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct OutputState {
-    pub(super) standing: RegisterHealth,
-    /// Last verified Cz in the register. For a slope it is the effect at the reach of the axis. For a corrected
-    /// position it is the Cz that the position contains. For a reference position it shows only that the register is
-    /// known.
-    pub(super) cz: Option<Micron>,
-    /// Register value, in the unit of the output.
-    pub(super) value: Option<f64>,
-    /// Operator offset and gateway share of that value, if the register is shared.
-    pub(super) shares: Option<(f64, f64)>,
-    pub(super) verified_at: Option<Moment>,
-    /// Value that the control reports as applied, in the unit of the output, and the time of the request that read it.
-    pub(super) applied: Option<(f64, Moment)>,
-    /// Time after which no unanswered write can arrive any more.
-    pub(super) waits_until: Option<Moment>,
-    /// Whether a change waits for that time, `waits_until`.
-    pub(super) is_waiting: bool,
-    /// The write was only acknowledged, and the register is not read.
-    pub(super) is_only_acknowledged: bool,
-    pub(super) writes: u64,
-    /// Failures since the last verified write.
-    pub(super) failures: u64,
-    pub(super) cause: Option<Fault>,
-    pub(super) handshake: HandshakeStatus,
-}
-
-#[derive(Clone, Debug)]
-pub(super) struct Outputs {
-    profile: Arc<Profile>,
-    states: DirtyVec<OutputState>,
-    /// Outputs of each axis, in the order of the profile.
-    of_axis: Arc<Vec<Vec<OutputId>>>,
-}
-
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct HandshakeStatus {
-    pub(super) waits: Option<Awaited>,
-    /// Failure of the last handshake, until one succeeds.
-    pub(super) failed: Option<HandshakeFault>,
-    /// The strobe is up, or may be.
-    pub(super) strobe_up: bool,
-    /// The control word next to the strobe may report that every axis is armed.
-    pub(super) says_enabled: bool,
-    /// The control has not taken the register value yet.
-    pub(super) is_untaken: bool,
-}
-
-impl Outputs {
-    pub(super) fn new(profile: &Arc<Profile>) -> Outputs {
-        let mut of_axis = vec![Vec::new(); profile.axes.len()];
-        for (place, output) in profile.outputs.iter().enumerate() {
-            of_axis[output.axis.0].push(OutputId(place));
-        }
-        Outputs {
-            profile: profile.clone(),
-            states: DirtyVec::new(vec![OutputState::default(); profile.outputs.len()]),
-            of_axis: Arc::new(of_axis),
-        }
-    }
-
-    /// Outputs of an axis.
-    pub(super) fn ids(&self, axis: usize) -> &[OutputId] {
-        &self.of_axis[axis]
-    }
-
-    pub(super) fn of_axis(&self, axis: usize) -> impl Iterator<Item = (&Output, &OutputState)> {
-        self.of_axis[axis].iter().map(|id| (self.profile.output(*id), &self.states[id.0]))
-    }
-
-    /// Displayed state of an axis.
-    pub(super) fn display(
-        &self,
-        axis: usize,
-        (state, intent): (AxisState, Intent),
-        (device_health, dry_run): (&DeviceHealth, bool),
-    ) -> Display {
-        Display::of(state, intent, self.held(axis, device_health, dry_run))
-    }
-
-    /// Cz of an axis in the control, as far as the gateway knows it.
-    fn held(&self, axis: usize, device_health: &DeviceHealth, dry_run: bool) -> KnownCz {
-        if dry_run {
-            return KnownCz::Unknown;
-        }
-        let mut held = KnownCz::Unknown;
-        for (output, state) in self.of_axis(axis).filter(|(output, _)| output.writes.is_cz()) {
-            let Some(cz) = state.cz else { continue };
-            if device_health.devices[output.device.0].does_not_answer() {
-                return KnownCz::Unreachable;
-            }
-            let is_zero = state.is_near(&self.profile, output, cz, Micron::ZERO);
-            held = if is_zero && held != KnownCz::Other { KnownCz::Zero } else { KnownCz::Other };
-        }
-        held
-    }
-
-    pub(super) fn states(&self) -> &[OutputState] {
-        self.states.as_slice()
-    }
-
-    /// Returns an output whose state may have changed since the last call.
-    pub(super) fn next_changed(&mut self) -> Option<OutputId> {
-        self.states.next_changed().map(OutputId)
-    }
-}
-
-impl Index<usize> for Outputs {
-    type Output = OutputState;
-
-    fn index(&self, place: usize) -> &OutputState {
-        &self.states[place]
-    }
-}
-
-impl IndexMut<usize> for Outputs {
-    fn index_mut(&mut self, place: usize) -> &mut OutputState {
-        &mut self.states[place]
-    }
-}
-
-impl HandshakeStatus {
-    /// Message for the page. It is empty if there is nothing to report.
-    pub(super) fn message(self, handshake: Option<&Handshake>) -> String {
-        let Some(Handshake { strobe, acknowledge, .. }) = handshake else { return String::new() };
-        match (self.failed, self.waits) {
-            (Some(failed), _) => failed.message().to_owned(),
-            (None, Some(Awaited::Acknowledge)) => format!("waits for the acknowledge ({acknowledge})"),
-            (None, Some(Awaited::Clear | Awaited::Release)) => {
-                format!("waits for the acknowledge to drop ({acknowledge})")
-            }
-            (None, None) if self.strobe_up => format!("the strobe may be up ({strobe})"),
-            (None, None) => String::new(),
-        }
-    }
-}
-
-impl OutputState {
-    /// Returns the maximum remaining time for which a change waits for a late write; `None` if no change waits.
-    pub(super) fn waits(&self, now: Moment) -> Option<Duration> {
-        self.waits_until.filter(|_| self.is_waiting).map(|until| until.since(now))
-    }
-
-    /// Note about the value, for the page.
-    pub(super) fn note(&self, now: Moment) -> String {
-        match self.waits(now) {
-            Some(span) => format!("waiting for a late write, {} s", span.as_secs()),
-            None if self.is_only_acknowledged && self.verified_at.is_some() => {
-                "acknowledged, not read back".to_owned()
-            }
-            None => String::new(),
-        }
-    }
-
-    /// Returns whether this verified Cz is `wanted`, to half a count of the register.
-    pub(super) fn is_near(&self, profile: &Profile, output: &Output, cz: Micron, wanted: Micron) -> bool {
-        let settings = &profile.axis(output.axis).settings;
-        let grain = match (output.writes, settings.intercept_slope) {
-            (Writes::Slope, Some(apart)) => apart.count.unwrap_or(Micron::ZERO),
-            // A floating-point register is written in thousandths of a step.
-            _ => settings
-                .guard
-                .count
-                .or_else(|| Micron::new(settings.guard.step.get() * 1e-3))
-                .unwrap_or_default(),
-        };
-        let base = self.shares.map(|(base, _)| base / cz_factor(profile, output));
-        is_near(cz, wanted, grain.get(), base.unwrap_or_default())
-    }
-
-    /// Marks the register value as uncertain, for example after a failed write.
-    pub(super) fn doubt(&mut self) {
-        if self.standing != RegisterHealth::Unknown {
-            self.standing = RegisterHealth::Unverified;
-        }
-    }
-}
-
-impl RegisterHealth {
-    /// Name of the state on the page and in the metrics.
-    pub(super) const fn name(self) -> &'static str {
-        match self {
-            RegisterHealth::Unknown => "unknown",
-            RegisterHealth::Verified => "verified",
-            RegisterHealth::Unverified => "unverified",
-            RegisterHealth::Interlocked => "interlocked",
-            RegisterHealth::Foreign => "foreign",
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::RegisterHealth;
-    use crate::observe::status::OutputStatus;
-
-    #[test]
-    fn an_output_that_is_off_or_stands_somehow_is_in_one_of_the_states_that_are_counted() {
-        use RegisterHealth::{Foreign, Interlocked, Unknown, Unverified, Verified};
-        let standing = [Unknown, Verified, Unverified, Interlocked, Foreign].map(RegisterHealth::name);
-        assert_eq!(OutputStatus::STATES[0], "off");
-        assert_eq!(OutputStatus::STATES[1..], standing);
-    }
-}
+pub(super) use position::Position;
+pub(super) use set::Set;
+pub(super) use single::Single;
+pub(super) use turn::LineTurn;

@@ -1,7 +1,8 @@
-//! History: the gateway's own logs of decisions, read in the background within limits, regardless of their size.
+//! Reader of the decision logs, for charts and downloads of the web page. It reads in the background, and limits memory
+//! and time even if the logs are large.
 //!
-//! For a chart, the range is divided into as many intervals as there are points. The smallest and the largest value of
-//! each are kept, so that no peak is lost. A download contains the rows as they are.
+//! A chart divides the time range into as many intervals as it has points. It shows the smallest and the largest value
+//! of each interval, so that no peak is lost. A download contains the original rows.
 
 mod rows;
 #[cfg(test)]
@@ -16,7 +17,7 @@ use serde::Serialize;
 use isotherm_core::quantity::Moment;
 use rows::{Row, rows};
 
-/// Requested range and columns.
+/// Requested time range and columns.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Question {
     pub(super) from: Moment,
@@ -24,24 +25,24 @@ pub(super) struct Question {
     pub(super) columns: Vec<Column>,
 }
 
-/// A column of the logs, with the unit of its values.
+/// Column of the logs, with the unit of its values.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Column {
     pub(super) name: String,
     pub(super) unit: &'static str,
 }
 
-/// Values of some columns over time.
+/// Values of the requested columns over time, for a chart.
 #[derive(Debug, Serialize)]
 pub(super) struct Course {
-    /// Seconds since 1970. A gap between rows is one point at which every column is null.
+    /// Times of the points, in seconds since 1970. At a gap between rows, every column is null.
     time: Vec<f64>,
     columns: Vec<Extremes>,
-    /// Number of rows found.
+    /// Number of rows in the time range.
     rows: u64,
 }
 
-/// Smallest and largest value at each time; null if there is none.
+/// Smallest and largest value of one column at each point; null if there is none.
 #[derive(Debug, Serialize)]
 struct Extremes {
     name: String,
@@ -50,7 +51,7 @@ struct Extremes {
     max: Vec<f64>,
 }
 
-/// One interval of the range, with the times of its first and last row in nanoseconds.
+/// Interval of the time range, with the times of its first and last row in nanoseconds.
 #[derive(Clone, Copy)]
 struct Stretch {
     first: u64,
@@ -59,7 +60,7 @@ struct Stretch {
 
 const EMPTY: Stretch = Stretch { first: u64::MAX, last: 0 };
 
-/// Histogram of the distances between rows, by powers of two in nanoseconds.
+/// Histogram of the times between two rows, in nanoseconds, by powers of two.
 struct Distances([u64; 64]);
 
 impl Distances {
@@ -68,8 +69,8 @@ impl Distances {
         self.0[power as usize] += 1;
     }
 
-    /// Returns the largest distance of two rows that is no gap. It is at least four times the distance that nine in ten
-    /// pairs of rows do not exceed.
+    /// Returns the time between two rows above which there is a gap, in nanoseconds. Nine in ten times are at most a
+    /// quarter of it.
     fn gap(&self) -> u64 {
         let most = self.0.iter().sum::<u64>() * 9 / 10;
         let mut seen = 0;
@@ -83,11 +84,11 @@ impl Distances {
     }
 }
 
-/// Reads the values in the range, in at most `points` points. `continues` is called for each row; `false` ends with an
-/// error.
+/// Reads the values in the time range, and reduces them to at most `points` points. `continues` is called for each row;
+/// if it returns `false`, reading ends with an error.
 ///
 /// # Errors
-/// A log cannot be read.
+/// A log cannot be read, or `continues` has returned `false`.
 pub(super) fn course(
     logs: &[PathBuf],
     question: &Question,
@@ -166,7 +167,7 @@ impl Extremes {
     }
 }
 
-/// Sends the rows in the range as CSV, in pieces, until `take` returns `false`.
+/// Passes the rows in the time range to `take`, as CSV in pieces, until `take` returns `false`.
 ///
 /// # Errors
 /// A log cannot be read.
@@ -196,7 +197,7 @@ pub(super) fn download(
     Ok(())
 }
 
-/// Calls `each` for every complete row in the range, with the positions of the columns in it.
+/// Calls `each` for every complete row in the time range, with the indices of the requested columns.
 fn each_row(
     log: &Path,
     question: &Question,

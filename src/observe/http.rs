@@ -1,13 +1,13 @@
-//! HTTP server of the gateway: page, status, live stream, metrics, health and commands.
+//! HTTP server of the gateway: web page, status, live stream, metrics, health and commands.
 //!
 //! ```text
-//! door (how many) ──► request (for one host) ──► access (who may) ──► request (whole) ──► route
-//!                                                                                           │
-//!                                              Source::status / Source::command  ◄──────────┤
-//!                      live: one status a second, shared by every open page  ◄──────────────┘
+//! listener (limits) ──► request (one host) ──► access (permission) ──► request (complete) ──► route
+//!                                                                                             │
+//!                                                status and commands (GatewayApi)  ◄──────────┤
+//!                        live: one status a second, shared by every open page  ◄──────────────┘
 //! ```
 //!
-//! The line tasks never wait for this server. A slow client delays only itself.
+//! The tasks of the bus lines never wait for this server. A slow client delays only itself.
 
 mod access;
 mod admission;
@@ -23,15 +23,17 @@ mod measured;
 mod peer;
 mod refusal;
 mod refusals;
+mod reply;
 mod request;
 mod sessions;
+mod state;
 mod tokens;
 
 pub use admission::Admission;
 pub use tokens::{TokenFile, new_token};
 
 use std::io;
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::extract::{ConnectInfo, Path, RawQuery, State};
@@ -39,9 +41,6 @@ use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{Html, IntoResponse, Json, Response};
 use axum::routing::{get, post};
 use axum::{Extension, Router, middleware};
-use isotherm_profile::Language;
-use percent_encoding::percent_decode_str;
-use serde::Serialize;
 use tokio::sync::{Semaphore, watch};
 
 pub use self::connection_limiter::Limits;
@@ -49,19 +48,20 @@ pub use self::listener::{HttpListener, TlsReceiver};
 
 use self::access::{Access, Grant};
 use self::peer::Peer;
-use self::refusal::TOO_OFTEN;
+use self::reply::answered;
+use self::request::{parameter, words};
+use self::state::HttpState;
 use self::tokens::Role;
-use super::page::{PageAction, Words};
+use super::page::PageAction;
 use super::requester::{Requester, ServiceTimes};
-use super::status::{Answer, Command, GatewayApi, Status};
+use super::status::{Command, GatewayApi, Status};
 use super::{page, prometheus};
-use isotherm_profile::one_line;
 
-/// Time for open requests to end when the gateway stops.
+/// Time in which open requests may end when the gateway stops.
 const GRACE: Duration = Duration::from_millis(500);
 
-/// Headers of every answer. The page loads nothing from other sites, runs only its own scripts, and cannot be framed.
-/// Therefore no other site can place something over its buttons.
+/// Headers of every answer. The web page loads nothing from other sites and runs only its own scripts. It cannot be
+/// shown in a frame of another site, which could lay something over its buttons.
 const HEADERS: [(HeaderName, &str); 5] = [
     (
         header::CONTENT_SECURITY_POLICY,
@@ -74,39 +74,13 @@ const HEADERS: [(HeaderName, &str); 5] = [
     (header::CACHE_CONTROL, "no-store"),
 ];
 
-#[derive(Clone)]
-struct HttpState {
-    source: Arc<dyn GatewayApi>,
-    access: Arc<Access>,
-    live: live::Live,
-    attendance: ServiceTimes,
-    /// Permits to read the history.
-    readers: Arc<Semaphore>,
-    /// Permit to read the events.
-    events: Arc<Semaphore>,
-    /// Language of the profile, read for the first answer to a client without access to the status.
-    language: Arc<OnceLock<Option<Language>>>,
-}
-
-impl HttpState {
-    fn requester(&self, peer: &Peer, headers: &HeaderMap) -> Arc<Requester> {
-        Arc::new(peer.requester(headers).until(self.attendance.until()))
-    }
-}
-
-/// Answer to a command. `done` is false if the command still waits.
-#[derive(Serialize)]
-struct CommandReply {
-    done: bool,
-    answer: String,
-}
-
-/// Serves at `door` until `shutdown` completes. It then ends the live streams, and returns within a second.
+/// Serves the web page at `door` until `shutdown` completes. The function then ends the live streams, and returns
+/// within a second.
 ///
-/// The table at the top of `http/access.rs` lists who may view and who may command.
+/// The table at the top of `http/access.rs` shows who may view and who may command.
 ///
 /// # Errors
-/// The listener has no address.
+/// The address of the listener cannot be determined.
 pub async fn serve(
     door: impl Into<HttpListener>,
     source: Arc<dyn GatewayApi>,
@@ -140,11 +114,6 @@ pub async fn serve(
     Ok(())
 }
 
-/// Completes when the sender has been dropped.
-async fn ended(mut stopped: watch::Receiver<()>) {
-    while stopped.changed().await.is_ok() {}
-}
-
 fn router(room: HttpState, body_within: Duration) -> Router {
     let guard = middleware::from_fn_with_state(room.clone(), access::check);
     let commands = Command::ALL.into_iter().fold(Router::new(), |router, (name, command)| {
@@ -171,7 +140,9 @@ fn router(room: HttpState, body_within: Duration) -> Router {
         .route("/metrics", get(scrape))
         .route("/healthz", get(|| async { "ok" }))
         .route("/readyz", get(ready))
-        .fallback(|| async { (StatusCode::NOT_FOUND, "There is nothing here. The page is at /.\n") })
+        .fallback(|| async {
+            (StatusCode::NOT_FOUND, "This address does not exist. The web page is at /.\n")
+        })
         .method_not_allowed_fallback(|| async {
             (
                 StatusCode::METHOD_NOT_ALLOWED,
@@ -207,7 +178,7 @@ async fn front(
     Html(shell.into_string()).into_response()
 }
 
-/// Actions that the page offers to this browser.
+/// Returns the actions that the web page offers to this client.
 fn may(room: &HttpState, pass: &Grant) -> PageAction {
     match pass.role {
         Role::Operator => PageAction::Command,
@@ -216,15 +187,10 @@ fn may(room: &HttpState, pass: &Grant) -> PageAction {
     }
 }
 
-fn words(named: Option<Language>, headers: &HeaderMap) -> &'static Words {
-    let accepted = headers.get(header::ACCEPT_LANGUAGE).and_then(|given| given.to_str().ok());
-    Words::choose(named, accepted.unwrap_or_default())
-}
-
 async fn file(Path(name): Path<String>) -> Response {
     match page::file(&name) {
         Some((kind, text)) => ([(header::CONTENT_TYPE, kind)], text).into_response(),
-        None => (StatusCode::NOT_FOUND, "The page has no such file.\n").into_response(),
+        None => (StatusCode::NOT_FOUND, "The web page has no such file.\n").into_response(),
     }
 }
 
@@ -237,7 +203,7 @@ async fn stream(State(room): State<HttpState>, Extension(pass): Extension<Grant>
     match room.live.stream(move || access.is_still(&pass)) {
         Some(stream) => stream.into_response(),
         None => {
-            let text = "Too many clients watch this machine. Close a page, or ask for /api/status.\n";
+            let text = "Too many clients watch this machine. Close a web page, or request /api/status.\n";
             (StatusCode::SERVICE_UNAVAILABLE, [(header::RETRY_AFTER, "10")], text).into_response()
         }
     }
@@ -245,30 +211,7 @@ async fn stream(State(room): State<HttpState>, Extension(pass): Extension<Grant>
 
 fn take(room: &HttpState, command: Command, query: Option<&str>, requester: &Arc<Requester>) -> Response {
     let axis = query.and_then(|query| parameter(query, "axis"));
-    answered(room, room.source.command(command, axis.as_deref(), requester))
-}
-
-/// Value of a parameter in the query.
-fn parameter(query: &str, name: &str) -> Option<String> {
-    let mut pairs = query.split('&').filter_map(|pair| pair.split_once('='));
-    let (_, given) = pairs.find(|(known, _)| *known == name)?;
-    Some(percent_decode_str(given).decode_utf8().ok()?.into_owned())
-}
-
-fn answered(room: &HttpState, said: Result<Answer, String>) -> Response {
-    let (code, done, answer) = match said {
-        Ok(Answer::Done(answer)) => (StatusCode::OK, true, answer),
-        Ok(Answer::Waits(answer)) => (StatusCode::ACCEPTED, false, answer),
-        Ok(Answer::TooSoon(answer)) => {
-            room.access.refused.count(TOO_OFTEN);
-            let said = Json(CommandReply { done: false, answer });
-            return (StatusCode::TOO_MANY_REQUESTS, [(header::RETRY_AFTER, "1")], said).into_response();
-        }
-        Err(answer) => (StatusCode::CONFLICT, false, answer),
-    };
-    // The answer quotes the request, and may be read on a terminal.
-    let answer = one_line(&answer).into_owned();
-    (code, Json(CommandReply { done, answer })).into_response()
+    answered(&room.access.refused, room.source.command(command, axis.as_deref(), requester))
 }
 
 async fn scrape(State(room): State<HttpState>) -> Response {

@@ -1,8 +1,8 @@
-//! Publishes the state of a machine to the broker of `[mqtt]`, as readable messages or as Sparkplug B.
+//! Publisher of the state of a machine to the MQTT broker of `[mqtt]`, as JSON messages or as Sparkplug B.
 //!
-//! A separate thread reads the state that the page shows, at the interval `every`. The crate `isotherm-plant` makes
-//! messages of the changes. No line task, step or page waits for this thread, which holds only the state's lock, as the
-//! page does. Queues for a slow or unreachable broker are bounded. Messages without room are counted and reported.
+//! A separate thread reads the state that the web page shows, at the interval `every`. The crate `isotherm-plant` makes
+//! messages from the changes. No bus line and no web page waits for this thread. The queues for a slow or unreachable
+//! broker are bounded. Messages that do not fit are dropped, counted and reported.
 //!
 //! # Layout
 //! - `snapshot`, `event_queue`: the state and the events, as metrics.
@@ -46,26 +46,27 @@ mod snapshot;
 
 pub use broker::Fault;
 
-/// Maximum number of threads for name lookups.
+/// Maximum number of threads that resolve host names.
 const LOOKUPS: usize = 1;
 
-/// TLS configuration of the broker: trusted certificates, and the gateway's own. `None` for a broker without TLS.
+/// TLS configuration for the broker: trusted certificates, and the gateway's own certificate. `None` for a broker
+/// without TLS.
 pub type Trust = Option<Arc<ClientConfig>>;
 
-/// The thread that publishes.
+/// Running thread that publishes the state.
 #[derive(Debug)]
 pub struct Publishing {
     stop: watch::Sender<bool>,
     ended: oneshot::Receiver<()>,
-    /// Never joined, because [`Publishing::finish`] limits the wait.
+    /// Handle of the thread. Nothing joins the thread, because [`Publishing::finish`] limits the wait for it.
     _thread: JoinHandle<()>,
 }
 
 impl Publishing {
-    /// Starts to publish the state of a machine.
+    /// Starts the thread that publishes the state of a machine. `state` is the state directory.
     ///
     /// # Errors
-    /// The system has no thread for it.
+    /// The system cannot start a thread.
     pub fn start(
         (profile, mqtt): (&Profile, &Mqtt),
         trust: Trust,
@@ -109,8 +110,8 @@ impl Publishing {
         Ok(Publishing { stop, ended, _thread: thread })
     }
 
-    /// Publishes the last state and the end of the gateway. It ends after [`stop::BROKER`] at most, or when `hurry` is
-    /// ready.
+    /// Publishes the last state, and that the gateway has ended. Returns when the broker has both, after
+    /// [`stop::BROKER`] at the latest, or as soon as `hurry` is ready.
     pub async fn finish(self, hurry: impl Future<Output = ()>) {
         self.stop.send_replace(true);
         tokio::select! {
@@ -121,7 +122,7 @@ impl Publishing {
     }
 }
 
-/// Makes the publisher, its memory of earlier runs, and the queue of unpublished records. `state` is the state
+/// Creates the message format, its memory of earlier runs, and the queue of unpublished records. `state` is the state
 /// directory.
 fn publisher(
     profile: &Profile,
@@ -154,7 +155,7 @@ fn publisher(
 /// Connects to the broker and disconnects, without publishing.
 ///
 /// # Errors
-/// Reason why the broker does not accept the gateway.
+/// The connection fails, or the broker does not accept the gateway.
 pub async fn probe(profile: &Profile, mqtt: &Mqtt, trust: Trust) -> Result<(), Fault> {
     // A second client with the gateway's identifier would disconnect the running gateway.
     let id = format!("isotherm-{}-check-{}", profile.name, std::process::id());
@@ -163,12 +164,12 @@ pub async fn probe(profile: &Profile, mqtt: &Mqtt, trust: Trust) -> Result<(), F
     Ok(())
 }
 
-/// Directory of a machine's unpublished records, in its state directory.
+/// Returns the directory for the unpublished records of a machine.
 pub fn kept_in(state: &Path, machine: &str) -> PathBuf {
     state.join(format!("{machine}-mqtt"))
 }
 
-/// Parses a time as the status contains it.
+/// Parses a time in the format of the status. Returns `None` if it is invalid.
 fn moment(text: &str) -> Option<Moment> {
     let stamp: jiff::Timestamp = text.parse().ok()?;
     u64::try_from(stamp.as_nanosecond()).ok().map(Moment::from_nanos)

@@ -1,9 +1,9 @@
-//! Posts events to the servers of `[[notify]]`, one JSON document in each message, over HTTP.
+//! Delivery of events to the servers of `[[notify]]` over HTTP. Each message is one JSON document.
 //!
 //! Each server has an [`Outbox`]. Code that reports an event adds a message to it without waiting. If the outbox is
-//! full, the oldest message is dropped. A separate thread sends the messages in order. No line task and no page waits
-//! for it. A failed message is sent again after growing pauses, a few times, and then given up. The start of failures,
-//! their end, and the number of lost messages are events.
+//! full, the oldest message is dropped. A separate thread sends the messages in order; no bus line and no web page
+//! waits for it. A failed message is sent again a few times, after growing pauses, and then given up. Events report
+//! when deliveries begin to fail, when they succeed again, and how many messages were lost.
 //!
 //! # Layout
 //! - `outbox`: the queue, and the selection of events. `message`: the document.
@@ -33,24 +33,24 @@ pub use outbox::Outbox;
 pub use post::{Failure, Post, Server};
 pub use token::read as read_token;
 
-/// TLS configuration with the trusted certificates, or the reason why there is none.
+/// TLS configuration with the trusted certificates. The error is the reason why there is none.
 pub type Trust = Result<Arc<ClientConfig>, String>;
 
-/// Callback for the results of deliveries.
+/// Function that receives the events about deliveries.
 pub type Report = Arc<dyn Fn(Delivery) + Send + Sync>;
 
-/// Outboxes of a profile. They fill from the first event on.
+/// Outboxes of all servers of a profile. They collect messages from the first event on.
 #[derive(Debug)]
 pub struct Outboxes(Vec<Arc<Outbox>>);
 
 impl Outboxes {
-    /// Makes one outbox for each server.
+    /// Creates one outbox for each server of the profile.
     pub fn of(profile: &Profile, dry_run: bool) -> Outboxes {
         let machine = &profile.name;
         Outboxes(profile.notify.iter().map(|notify| Arc::new(Outbox::of(notify, machine, dry_run))).collect())
     }
 
-    /// Listener for events; `None` if the profile has no servers.
+    /// Returns the listener that passes events to the outboxes. `None` if the profile has no servers.
     pub fn listener(&self) -> Option<EventListener> {
         let outboxes = self.0.clone();
         let listener =
@@ -58,11 +58,11 @@ impl Outboxes {
         (!self.0.is_empty()).then(|| Arc::new(listener) as EventListener)
     }
 
-    /// Starts to send the messages. `trust` gives the trusted certificates for a server. Returns `None` if there are no
-    /// servers.
+    /// Starts the thread that sends the messages. `trust` returns the trusted certificates for a server. Returns `None`
+    /// if there are no servers.
     ///
     /// # Errors
-    /// The system has no thread for it.
+    /// The system cannot start a thread.
     pub fn posted(
         self,
         report: Report,
@@ -94,19 +94,19 @@ impl Outboxes {
     }
 }
 
-/// The thread that sends messages.
+/// Running thread that sends the messages.
 pub struct Posting {
     outboxes: Vec<Arc<Outbox>>,
     report: Report,
     stop: watch::Sender<bool>,
     ended: oneshot::Receiver<()>,
-    /// Never joined, because [`Posting::finish`] limits the wait.
+    /// Handle of the thread. Nothing joins the thread, because [`Posting::finish`] limits the wait for it.
     _thread: JoinHandle<()>,
 }
 
 impl Posting {
-    /// Tries waiting messages once more. It ends after [`stop::MESSAGES`] at most, or when `hurry` is ready. Messages
-    /// that have not arrived by then are reported.
+    /// Tries to send the waiting messages once more. Returns after [`stop::MESSAGES`] at most, or when `hurry` is
+    /// ready. Messages that were not delivered until then are reported.
     pub async fn finish(self, hurry: impl Future<Output = ()>) {
         self.stop.send_replace(true);
         tokio::select! {
@@ -120,7 +120,7 @@ impl Posting {
     }
 }
 
-/// Sends all messages until `stopped` is set. The rest then has [`stop::MESSAGES`].
+/// Sends all messages until `stopped` is set. The remaining messages then have [`stop::MESSAGES`].
 async fn all(
     routes: Vec<(Arc<Outbox>, Server)>,
     rules: Rules,

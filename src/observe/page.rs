@@ -1,6 +1,6 @@
-//! The status page: static HTML, and files that fill it from the live stream.
+//! Web page with the status: static HTML, and files that fill the page from the live stream.
 //!
-//! All files are part of the program, so that the page works in a network without internet access.
+//! All files are part of the program, so the page works in a network without internet access.
 
 mod login;
 mod words;
@@ -14,7 +14,7 @@ pub(super) use words::Words;
 const STYLE: &str = "text/css; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
-/// Name, content type and text of each file under `/page/`.
+/// Name, content type and content of each file under `/page/`.
 const FILES: [(&str, &str, &str); 21] = [
     ("page.css", STYLE, include_str!("page/page.css")),
     ("axis.css", STYLE, include_str!("page/axis.css")),
@@ -39,27 +39,27 @@ const FILES: [(&str, &str, &str); 21] = [
     ("icon.svg", "image/svg+xml", include_str!("page/icon.svg")),
 ];
 
-/// Content type and text of a file of the page.
+/// Returns content type and content of a file of the web page. `None` if there is no such file.
 pub(super) fn file(name: &str) -> Option<(&'static str, &'static str)> {
     FILES.iter().find(|(known, ..)| *known == name).map(|(_, kind, text)| (*kind, *text))
 }
 
-/// Actions that the page offers to its user.
+/// Actions that the web page offers to its user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum PageAction {
     /// The user may send commands.
     Command,
-    /// Viewing; commands after signing in with the operator's token.
+    /// The user may only view, and can command after signing in with the operator's token.
     SignIn,
-    /// Viewing; there is no operator's token.
+    /// The user may only view, and the profile has no operator's token.
     MakeToken,
 }
 
-/// Command that makes a token, and its line for the profile.
+/// Example of a command that creates a token, and of the line for the profile.
 const TOKEN_LINES: &str = "isotherm token --out /etc/isotherm/operator.token\n\
                            token_file = \"/etc/isotherm/operator.token\"   # below [web]";
 
-/// Makes the page. Its buttons are disabled if commands would be refused.
+/// Makes the front page. Its buttons are disabled if commands would be refused.
 pub(super) fn front(words: &Words, status: &Status, may: PageAction, is_signed_in: bool) -> Markup {
     let files = html! {
         link rel="stylesheet" href="/page/page.css";
@@ -92,7 +92,7 @@ pub(super) fn front(words: &Words, status: &Status, may: PageAction, is_signed_i
     )
 }
 
-/// Makes the wall view, which is readable from three metres and has no buttons.
+/// Makes the wall view: a page that is readable from three metres, and has no buttons.
 pub(super) fn wall(words: &Words, status: &Status) -> Markup {
     let files = html! {
         link rel="stylesheet" href="/page/wall.css";
@@ -146,7 +146,7 @@ fn document(words: &Words, status: &Status, files: &Markup, body: &Markup) -> Ma
     }
 }
 
-/// Label of the machine, or its name.
+/// Returns the displayed name of the machine, or its name if it has none.
 fn title(status: &Status) -> &str {
     if status.label.is_empty() { &status.machine } else { &status.label }
 }
@@ -227,7 +227,7 @@ fn main(words: &Words, may: PageAction, is_signed_in: bool) -> Markup {
     }
 }
 
-/// Makes a table. Its id is the key of its title.
+/// Makes a table. The key of its title is also its id.
 fn table(words: &Words, id: &'static str, columns: &[&'static str]) -> Markup {
     html! {
         section .list {
@@ -240,7 +240,7 @@ fn table(words: &Words, id: &'static str, columns: &[&'static str]) -> Markup {
     }
 }
 
-/// Makes the dialog that asks before every command.
+/// Makes the dialog that asks the user before every command.
 fn question(words: &Words) -> Markup {
     html! {
         dialog #question aria-labelledby="question-title" {

@@ -1,7 +1,7 @@
-//! State as Prometheus text. It is computed for each request, so that reading a device counts nothing.
+//! State of the gateway as Prometheus metrics. They are made from the status for each request.
 //!
-//! An unknown value has no line, neither NaN nor zero. Lengths are in meters, because Prometheus uses base units.
-//! Counters exist from the start, so that their first count is an increase.
+//! A value that is not known has no line; it is neither NaN nor zero. Lengths are in meters, because Prometheus uses
+//! base units. Counters exist from the start of the gateway, so that their first count is an increase.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -13,10 +13,10 @@ use isotherm_core::display::Display;
 
 /// Gauges, with their help texts.
 const GAUGES: [(&str, &str); 36] = [
-    ("isotherm_axis_verified_cz_meters", "Compensation last verified in the control."),
+    ("isotherm_axis_verified_cz_meters", "Compensation that was last verified in the control."),
     ("isotherm_axis_verified_age_seconds", "Time since the compensation was verified."),
     ("isotherm_axis_unreachable", "1 while the value in the control cannot be read."),
-    ("isotherm_axis_cz_meters", "Compensation after the guard."),
+    ("isotherm_axis_cz_meters", "Compensation after the guard has limited it."),
     ("isotherm_axis_raw_meters", "Compensation as the model computes it."),
     ("isotherm_axis_expected_meters", "Expected residual error, as one standard deviation."),
     ("isotherm_axis_state", "1 for the state the axis is in, 0 for the others."),
@@ -31,25 +31,28 @@ const GAUGES: [(&str, &str); 36] = [
         "isotherm_probe_residual_rms_meters",
         "Root mean square of the residual errors of the last probings, 48 at most.",
     ),
-    ("isotherm_probe_residuals", "Number of probings in that root mean square."),
-    ("isotherm_probe_warn_meters", "Size of a residual error beyond which there is a warning."),
+    ("isotherm_probe_residuals", "Number of probings in isotherm_probe_residual_rms_meters."),
+    ("isotherm_probe_warn_meters", "Absolute residual error above which there is a warning."),
     ("isotherm_probe_worse", "1 while probings show that the model is worse than no compensation."),
     ("isotherm_probe_gain_change", "Relative change of a gain by measured errors."),
-    ("isotherm_axis_limit_meters", "Largest size of the compensation."),
+    ("isotherm_axis_limit_meters", "Limit of the compensation: its largest permitted absolute value."),
     ("isotherm_axis_warned", "1 while the compensation lies beyond its warning level."),
-    ("isotherm_axis_tripped", "1 when a model requested more than the error level."),
+    ("isotherm_axis_tripped", "1 when a model has requested more than the error level since arming."),
     (
         "isotherm_axis_extrapolating",
         "1 when the inputs are outside the range on which the model in use was identified.",
     ),
-    ("isotherm_axis_excess_ratio", "Distance of the inputs from the edge of that range; below 0 inside."),
-    ("isotherm_guard_acting", "1 when the stage changed the last value."),
-    ("isotherm_signal_value", "Last usable value, in the unit of its label."),
+    (
+        "isotherm_axis_excess_ratio",
+        "Distance of the inputs from the edge of the model's range; below 0 inside.",
+    ),
+    ("isotherm_guard_acting", "1 when this guard stage changed the last compensation."),
+    ("isotherm_signal_value", "Last usable value of the signal, in the unit of its label."),
     ("isotherm_signal_good", "1 when the signal may be used."),
-    ("isotherm_signal_age_seconds", "Time since the value was taken."),
+    ("isotherm_signal_age_seconds", "Time since the signal was measured."),
     ("isotherm_device_up", "1 when the device answers."),
-    ("isotherm_bus_connected", "1 when there is a connection."),
-    ("isotherm_output_value", "Last verified value, in the unit of its label."),
+    ("isotherm_bus_connected", "1 when the bus has a connection."),
+    ("isotherm_output_value", "Last verified value of the output, in the unit of its label."),
     (
         "isotherm_output_late_write_wait_seconds",
         "Longest remaining wait of a change for a write that may arrive late.",
@@ -69,20 +72,20 @@ const GAUGES: [(&str, &str); 36] = [
 /// Counters, with their help texts.
 const COUNTERS: [(&str, &str); 11] = [
     ("isotherm_device_requests_total", "Requests sent."),
-    ("isotherm_device_failures_total", "Requests that failed, by blame."),
-    ("isotherm_bus_cycles_total", "Cycles run."),
+    ("isotherm_device_failures_total", "Requests that failed, by cause."),
+    ("isotherm_bus_cycles_total", "Cycles of the bus."),
     ("isotherm_bus_overruns_total", "Cycles that ended too late."),
     ("isotherm_output_writes_total", "Writes that were verified."),
     ("isotherm_events_total", "Events, by kind."),
-    ("isotherm_refused_total", "Rejected requests, by reason."),
+    ("isotherm_refused_total", "Requests that the web page rejected, by reason."),
     ("isotherm_mqtt_published_total", "Messages sent on a connection to the broker."),
     ("isotherm_mqtt_dropped_total", "Messages dropped because the queue was full."),
     ("isotherm_mqtt_connections_total", "Connections that the broker has accepted."),
-    ("isotherm_log_dropped_total", "Rows and states lost because the queue to the disk was full."),
+    ("isotherm_log_dropped_total", "Log rows lost because the queue to the disk was full."),
 ];
 
-/// Returns the text in Prometheus' exposition format 0.0.4. `refused`: number of requests that the page rejected, by
-/// reason.
+/// Returns the metrics in the exposition format 0.0.4. `refused` contains the number of requests that the web page
+/// refused, by reason.
 pub(super) fn exposition(status: &Status, refused: &[(&'static str, u64)]) -> String {
     let mut samples = Samples::default();
     record(status, &mut samples);
@@ -95,12 +98,12 @@ pub(super) fn exposition(status: &Status, refused: &[(&'static str, u64)]) -> St
     text
 }
 
-/// Samples by the name of their metric: labels and value of each line.
+/// Lines of the metrics, by the name of their metric. Each line contains labels and value.
 #[derive(Default)]
 struct Samples(BTreeMap<&'static str, String>);
 
 impl Samples {
-    /// Adds a gauge. An unknown or infinite value has no line.
+    /// Adds a gauge. A value that is not known or infinite has no line.
     fn set(&mut self, name: &'static str, labels: &str, value: Option<f64>) {
         if let Some(value) = value.filter(|value| value.is_finite()) {
             self.add(name, labels, &value);
@@ -163,7 +166,7 @@ fn record(status: &Status, samples: &mut Samples) {
     }
 }
 
-/// Function that returns the labels of a sample: the machine, and the given ones.
+/// Function that formats the labels of a line: the machine, and the labels in the argument.
 type Labels<'a> = &'a dyn Fn(&[(&'static str, &str)]) -> String;
 
 fn record_alarms(alarms: &[Alarm], of: Labels<'_>, samples: &mut Samples) {
@@ -291,7 +294,8 @@ fn labels(machine: &str, more: &[(&'static str, &str)]) -> String {
     text
 }
 
-/// Writes the jitter of each bus. A `_sum` is missing, because the gateway keeps counts and not single delays.
+/// Writes the histogram of the delays of each bus. The line `_sum` is missing, because the gateway counts delays and
+/// does not add them up.
 fn write_jitter(text: &mut String, status: &Status) {
     const NAME: &str = "isotherm_bus_jitter_seconds";
     if status.buses.is_empty() {
@@ -328,8 +332,8 @@ fn head(text: &mut String, name: &str, help: &str, kind: &str) {
     ));
 }
 
-/// Writes buckets. Each has its upper bound in seconds, and the count of values that exceed all lower bounds but not
-/// this one.
+/// Writes the buckets of a histogram. Each has its upper bound in seconds, and the number of values between the
+/// previous bound and this one.
 fn write_buckets(text: &mut String, name: &str, named: &str, buckets: impl Iterator<Item = (f64, u64)>) {
     let mut total = 0_u64;
     for (bound, count) in buckets {

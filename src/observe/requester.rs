@@ -1,9 +1,9 @@
-//! The requester of a command: its channel, its deadline, and whether it still waits.
+//! Requester of a command: its channel, its deadline, and whether it still waits for the answer.
 //!
-//! **A command begins within its deadline or never.** A requester waits [`ANSWER_TIMEOUT`] for an answer. While the
-//! gateway does not run, its request may stay in a socket for longer, and is then dropped. The verbs of this program
-//! send their deadline, on a clock that they share with the gateway. Other requesters are checked by their connection,
-//! and by how long the sockets were not served ([`ServiceTimes`]).
+//! **A command begins within its deadline or never.** A requester waits [`ANSWER_TIMEOUT`] for an answer. If the
+//! gateway is suspended, a request may wait in a socket for longer, and is then dropped. The commands of isotherm send
+//! their deadline, by a clock that they share with the gateway. For other requesters, the gateway checks their
+//! connection, and for how long it did not serve the sockets ([`ServiceTimes`]).
 
 use std::fmt;
 use std::os::fd::AsFd;
@@ -21,30 +21,30 @@ pub const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 /// Interval at which [`ServiceTimes`] records that the sockets are served.
 const LOOK_EVERY: Duration = Duration::from_millis(250);
 
-/// Channel of a command.
+/// Channel over which a command was received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Channel {
-    /// The buttons of the page.
+    /// The buttons of the web page.
     Page,
     /// The command socket, for example `isotherm arm`.
     Socket,
-    /// HTTP, from a program other than the page.
+    /// HTTP request of a program other than the web page.
     Api,
-    /// A message from the broker of `[mqtt]`.
+    /// Message from the MQTT broker of `[mqtt]`.
     Broker,
-    /// The profile, which arms by itself.
+    /// Setting `arm = "auto"` of the profile, which arms without a command.
     Auto,
-    /// The state before a restart, which continues.
+    /// State before a restart: an armed axis is armed again.
     Restart,
 }
 
 impl Channel {
-    /// Requester and channel, as part of a sentence.
+    /// Describes requester and channel as part of a sentence, for example `by 10.0.0.5 on the web page`.
     pub fn by(self, who: &str) -> String {
         match self {
-            Channel::Page => format!("by {who} on the page"),
-            Channel::Socket => format!("by {who} over the socket"),
+            Channel::Page => format!("by {who} on the web page"),
+            Channel::Socket => format!("by {who} over the command socket"),
             Channel::Api => format!("by {who} over the API"),
             Channel::Broker => format!("over the broker {who}"),
             Channel::Auto => format!("by itself ({who})"),
@@ -53,19 +53,19 @@ impl Channel {
     }
 }
 
-/// Connection whose state shows whether the requester is still there.
+/// Connection that shows whether the requester still waits.
 pub type Connection = dyn AsFd + Send + Sync;
 
-/// The requester of a command.
+/// Requester of a command.
 pub struct Requester {
     /// Channel of the request.
     pub way: Channel,
-    /// An address, or a user with its number.
+    /// Address of the requester, or name and uid of a user.
     pub who: String,
-    /// Deadline of the request, in time since the computer was started.
+    /// Deadline of the request, as time since the start of the computer. `None` if the request has none.
     until: Option<Duration>,
-    /// Connection of the requester. The requester has gone if either end is closed. The weak reference keeps no file
-    /// descriptor open.
+    /// Connection of the requester. The requester has disconnected if either end is closed. The weak reference keeps no
+    /// file descriptor open.
     connection: Option<Weak<Connection>>,
     stays: bool,
 }
@@ -77,31 +77,31 @@ impl fmt::Debug for Requester {
 }
 
 impl Requester {
-    /// Makes a requester without a deadline.
+    /// Creates a requester without a deadline and without a connection.
     pub fn new(way: Channel, who: impl Into<String>) -> Requester {
         Requester { way, who: who.into(), until: None, connection: None, stays: false }
     }
 
-    /// Sets the deadline, in time since the computer was started. It is never later than [`ANSWER_TIMEOUT`] from now.
+    /// Sets the deadline, as time since the start of the computer. It is at most [`ANSWER_TIMEOUT`] from now.
     #[must_use]
     pub fn until(self, until: Duration) -> Requester {
         let longest = BootClock::default().passed() + ANSWER_TIMEOUT;
         Requester { until: Some(until.min(longest)), ..self }
     }
 
-    /// Sets the connection over which the requester waits.
+    /// Sets the connection over which the requester waits for the answer.
     #[must_use]
     pub fn at(self, connection: &Arc<Connection>) -> Requester {
         Requester { connection: Some(Arc::downgrade(connection)), ..self }
     }
 
-    /// Makes the request end when the requester goes, however late that is.
+    /// Lets the request end as soon as the requester disconnects, even if it has begun.
     #[must_use]
     pub fn staying(self) -> Requester {
         Requester { stays: true, ..self }
     }
 
-    /// Reason why the request must not begin any more, as a sentence. `None` if it may begin.
+    /// Returns the reason why the request must not begin any more, as a sentence. `None` if it may begin.
     pub fn has_lapsed(&self) -> Option<String> {
         if self.until.is_some_and(|until| BootClock::default().passed() >= until) {
             return Some(format!("the request had to wait longer than {} s", ANSWER_TIMEOUT.as_secs()));
@@ -109,13 +109,14 @@ impl Requester {
         self.is_gone().then(|| "the client that sent the request has disconnected".to_owned())
     }
 
-    /// Returns whether the request must end because its requester has gone. See [`Requester::staying`].
+    /// Returns whether the request must end because its requester has disconnected. Always `false` without
+    /// [`Requester::staying`].
     pub fn has_left(&self) -> bool {
         self.stays && self.is_gone()
     }
 
-    /// Returns whether the requester has closed its connection. On the command socket, a requester that only stops
-    /// sending still waits: `echo arm | nc -U`. Over TCP the two cases look the same, and both count as closed.
+    /// Returns whether the requester has closed its connection. On the command socket, a requester that has only
+    /// finished sending still waits, as in `echo arm | nc -U`. Over TCP, both cases look the same, and count as closed.
     fn is_gone(&self) -> bool {
         let Some(connection) = &self.connection else { return false };
         let Some(connection) = connection.upgrade() else { return true };
@@ -129,15 +130,15 @@ impl Requester {
     }
 }
 
-/// Record of the times at which the sockets are served. It limits how long a request can have waited in a socket.
+/// Record of when the gateway served its sockets. It limits for how long a request can have waited in a socket.
 #[derive(Clone, Debug, Default)]
 pub struct ServiceTimes(Arc<SampleTimes>);
 
 #[derive(Debug, Default)]
 struct SampleTimes {
-    /// Last time at which the sockets were served, in milliseconds since the computer was started.
+    /// Last time at which the sockets were served, in milliseconds since the start of the computer.
     last: AtomicU64,
-    /// Times before the last gap of more than a second, and at its end.
+    /// Start and end (`after`) of the last gap of more than a second in which the sockets were not served.
     before: AtomicU64,
     after: AtomicU64,
 }
@@ -147,7 +148,7 @@ fn now() -> u64 {
 }
 
 impl ServiceTimes {
-    /// Records the times, forever.
+    /// Records that the sockets are served, in an endless loop.
     pub async fn keep(&self) {
         loop {
             self.record(now());
@@ -163,8 +164,8 @@ impl ServiceTimes {
         }
     }
 
-    /// Returns the maximum time for which a request received now may have waited in its socket. Within a second after a
-    /// gap, the request may have come before the gap.
+    /// Returns the maximum time for which a request that is received at `now` may have waited in its socket. Within a
+    /// second after a gap, the request may have come before the gap.
     fn longest_wait(&self, now: u64) -> Duration {
         let [last, before, after] =
             [&self.0.last, &self.0.before, &self.0.after].map(|moment| moment.load(Ordering::Relaxed));
@@ -172,7 +173,7 @@ impl ServiceTimes {
         Duration::from_millis(if since == 0 { 0 } else { now.saturating_sub(since) })
     }
 
-    /// Deadline of a requester that sends none.
+    /// Returns the deadline of a requester that sends none, as time since the start of the computer.
     pub fn until(&self) -> Duration {
         let now = now();
         (Duration::from_millis(now) + ANSWER_TIMEOUT).saturating_sub(self.longest_wait(now))

@@ -1,11 +1,11 @@
-//! State of the gateway at one moment, for `/api/status`, the page, the metrics and the table of the demo.
+//! State of the gateway at one moment, for `/api/status`, the web page, the metrics and the table of the demo.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use serde::ser::SerializeMap;
-use serde::{Deserialize, Serialize, Serializer};
+use serde::{Serialize, Serializer};
 
 use super::events::file::FileItem;
 use super::events::{Alarm, Entry, Event};
@@ -17,24 +17,26 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::{Language, Overridden};
 
 mod broker;
+mod dial;
 mod former_registers;
 mod probe;
 
 pub use broker::{BrokerFigures, BrokerStatus};
+pub use dial::DialDirection;
 pub use former_registers::{FormerRegisterStatus, ReleaseProgress, ReleaseRequest};
 pub use probe::{GainStatus, ProbeStatus, ProbedStatus, WorseStatus};
 
-/// Source of the state of a running gateway, and receiver of commands. It can be used from any thread, and never makes
-/// the gateway wait.
+/// Interface that returns the state of a running gateway and accepts commands. It can be used from any thread, and
+/// never makes the bus lines wait.
 pub trait GatewayApi: Send + Sync + 'static {
     /// Returns the present state.
     fn status(&self) -> Status;
 
-    /// Carries out a command for one axis, or for all. The answer is a sentence for display. A command that has expired
-    /// by then is dropped.
+    /// Carries out a command for one axis, or for all if `axis` is `None`. The answer contains a sentence for display.
+    /// A command whose deadline is over is dropped.
     ///
     /// # Errors
-    /// Returns a sentence on why it was refused.
+    /// The command is refused; the error is a sentence.
     fn command(
         &self,
         command: Command,
@@ -45,19 +47,20 @@ pub trait GatewayApi: Send + Sync + 'static {
     /// Returns the progress of the last [`Command::Arm`].
     ///
     /// # Errors
-    /// Returns a sentence on why an axis is not armed, and will not be.
+    /// An axis is not armed, and no request is waiting; the error is a sentence.
     fn arming(&self, axis: Option<&str>) -> Result<Answer, String>;
 
-    /// Returns the progress of the last [`Command::Sign`]. It is done when the offset is reached.
+    /// Returns the progress of the last [`Command::Sign`]: [`Answer::Done`] when the register holds the offset.
     ///
     /// # Errors
-    /// Returns a sentence on why the check has ended.
+    /// The check has ended; the error is a sentence.
     fn signing(&self, axis: Option<&str>) -> Result<Answer, String>;
 
-    /// Learns from a measured error of an axis; `None` discards everything that was learned. The answer is a sentence.
+    /// Uses a measured error for the correction of an axis. With `None`, removes the correction that earlier errors
+    /// have made. The answer contains a sentence.
     ///
     /// # Errors
-    /// Returns a sentence on why it was refused.
+    /// The error is refused, for the reason in a sentence.
     fn measured(
         &self,
         axis: &str,
@@ -65,24 +68,25 @@ pub trait GatewayApi: Send + Sync + 'static {
         requester: &Requester,
     ) -> Result<Answer, String>;
 
-    /// Acknowledges an alarm, or all active alarms. The answer is a sentence.
+    /// Acknowledges an alarm, or all active alarms if `alarm` is `None`. The answer contains a sentence.
     ///
     /// # Errors
-    /// Returns a sentence on why it was refused.
+    /// There is no such alarm; the error is a sentence.
     fn acknowledge(&self, alarm: Option<&str>, requester: &Requester) -> Result<Answer, String>;
 
-    /// Accepts a device although it differs from the one before, because the operator has checked it. The answer is a
+    /// Accepts a device that differs from its earlier state, because the operator has checked it. The answer contains a
     /// sentence.
     ///
     /// # Errors
-    /// Returns a sentence on why it was refused.
+    /// The confirmation is refused; the error is a sentence.
     fn confirm(&self, device: &str, requester: &Requester) -> Result<Answer, String>;
 
-    /// Takes the operator's request to release the registers of an output that was moved or removed, or to withdraw it.
-    /// The registers return to their base from the next start on. The answer is a sentence.
+    /// Requests to release the registers of an output that was moved or removed in the profile, or withdraws this
+    /// request. At the next start, the gateway begins to return the registers to their base values. The answer contains
+    /// a sentence.
     ///
     /// # Errors
-    /// Returns a sentence on why it was refused.
+    /// The request is refused; the error is a sentence.
     fn release(
         &self,
         output: &str,
@@ -90,31 +94,31 @@ pub trait GatewayApi: Send + Sync + 'static {
         requester: &Requester,
     ) -> Result<Answer, String>;
 
-    /// Returns the logs of decisions that may contain rows of this time span; `None` if no logs are stored.
+    /// Returns the decision logs that may contain rows of this time range. `None` if no logs are stored.
     fn logs(&self, from: Moment, to: Moment) -> Option<Vec<PathBuf>>;
 
-    /// Reports a command that was rejected before it reached the gateway.
+    /// Reports a command that was rejected before the gateway received it.
     fn turned_away(&self, command: &str, requester: &Requester, why: &str);
 
-    /// Reports an event of a server that shows the state.
+    /// Reports an event of the web server or of the publisher.
     fn report(&self, event: &Event);
 
-    /// Passes on the events since this time, oldest first, including those of earlier runs. Stops when `found` returns
-    /// `false`.
+    /// Passes the events since `since` to `found`, oldest first, including those of earlier runs. Stops when `found`
+    /// returns `false`.
     ///
     /// # Errors
-    /// Returns the error of reading stored events.
+    /// Stored events cannot be read.
     fn events(&self, since: Moment, found: &mut dyn FnMut(FileItem) -> bool) -> std::io::Result<()>;
 }
 
-/// Answer to a command.
+/// Answer to a command, with a sentence.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Answer {
-    /// The command was carried out.
+    /// The command was carried out. The sentence describes the result.
     Done(String),
-    /// The command waits for a condition that the sentence names.
+    /// The command waits for the condition in the sentence.
     Waits(String),
-    /// The command was not carried out, because the same one came a moment before.
+    /// The command was not carried out, because the same command was sent less than a second before.
     TooSoon(String),
 }
 
@@ -131,58 +135,20 @@ impl Answer {
 pub enum Command {
     /// Arms axes.
     Arm,
-    /// Disarms axes. The register values stay.
+    /// Disarms axes. The registers keep their values.
     Disarm,
     /// Captures the "zero" references.
     Zero,
-    /// Withdraws a request to arm that still waits, and ends a check of a sign.
+    /// Withdraws a waiting request to arm, and ends a sign check.
     Cancel,
-    /// Increases the Cz of one axis a little, for a dial gauge.
+    /// Increases the Cz of one axis a little, for a sign check with a dial gauge.
     Sign,
-    /// Reports in which direction the gauge has moved.
+    /// Reports in which direction the dial gauge has moved.
     Signed(DialDirection),
 }
 
-/// Direction in which a dial gauge moved when Cz increased.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum DialDirection {
-    /// The gauge moved in the correct direction.
-    Plus,
-    /// The gauge moved in the opposite direction.
-    Minus,
-    /// The gauge did not move.
-    None,
-}
-
-impl DialDirection {
-    /// Each direction with its name.
-    pub const ALL: [(&'static str, DialDirection); 3] =
-        [("plus", DialDirection::Plus), ("minus", DialDirection::Minus), ("none", DialDirection::None)];
-
-    /// Returns the meaning for an axis, and what to do.
-    pub fn explained(self, axis: &str) -> Explained {
-        match self {
-            DialDirection::Plus => "the gauge moved to plus: the sign is right".into(),
-            DialDirection::Minus => Explained::new(
-                "the gauge moved to minus: the sign is WRONG, and every µm makes the error larger",
-                format!(
-                    "disarm {axis}, turn the sign of `scale` at its output (or the sign in the control), and check again"
-                ),
-            ),
-            DialDirection::None => Explained::new(
-                format!(
-                    "the gauge did not move: the control does not apply the offset, or the gauge does not \
-                     measure along {axis}"
-                ),
-                format!("disarm {axis} and look for the cause"),
-            ),
-        }
-    }
-}
-
 impl Command {
-    /// Each command with its name in the API and on the socket.
+    /// All commands with their names in the API and on the command socket.
     pub const ALL: [(&'static str, Command); 8] = [
         ("arm", Command::Arm),
         ("disarm", Command::Disarm),
@@ -194,13 +160,13 @@ impl Command {
         ("sign-none", Command::Signed(DialDirection::None)),
     ];
 
-    /// Returns the name in the API and on the socket.
+    /// Returns the name of the command in the API and on the command socket.
     pub fn name(self) -> &'static str {
         Command::ALL.into_iter().find(|(_, known)| *known == self).map_or("", |(name, _)| name)
     }
 }
 
-/// The state of a gateway.
+/// State of a gateway.
 #[derive(Clone, Debug, Serialize)]
 pub struct Status {
     /// Name of the machine.
@@ -209,9 +175,9 @@ pub struct Status {
     pub label: String,
     /// Description of the machine.
     pub description: String,
-    /// Version of the program.
+    /// Version of isotherm.
     pub version: &'static str,
-    /// Time of the machine, RFC 3339. In a demo it differs from the wall-clock time.
+    /// Time of the machine, RFC 3339. In a demo it differs from the time of the computer.
     pub now: String,
     /// Time zone of the computer, by its IANA name.
     pub zone: String,
@@ -219,18 +185,18 @@ pub struct Status {
     pub clock: &'static str,
     /// Seconds since the gateway started.
     pub uptime_s: f64,
-    /// Seconds since machine start; `None` before the first one.
+    /// Seconds since machine start; `None` if the machine has not started since the gateway knows it.
     pub machine_on_s: Option<f64>,
-    /// Language of the page; `None` means that of the browser.
+    /// Language of the web page; with `None`, the page uses that of the browser.
     #[serde(skip)]
     pub language: Option<Language>,
-    /// Settings from layers above the profile.
+    /// Settings that a layer above the profile has changed.
     pub overridden: Vec<Overridden>,
-    /// The gateway writes nothing.
+    /// Whether the gateway writes nothing to a device.
     pub dry_run: bool,
-    /// The gateway was asked to stop. States of the axes are no faults then.
+    /// Whether the gateway is stopping. States of the axes are then no faults.
     pub stopping: bool,
-    /// Every device has answered at least once, and every axis has decided.
+    /// Whether every device has answered at least once, and every axis has made a decision.
     pub ready: bool,
     /// Axes, in the profile's order.
     pub axes: Vec<AxisStatus>,
@@ -242,25 +208,27 @@ pub struct Status {
     pub devices: Vec<DeviceStatus>,
     /// Outputs, in the profile's order.
     pub outputs: Vec<OutputStatus>,
-    /// Registers that belong to no output any more and contain a value of the gateway.
+    /// Registers that no output uses any more, but that still contain a value of the gateway.
     pub left: Vec<FormerRegisterStatus>,
-    /// Number of log rows and states that were lost because the queue to the disk was full.
+    /// Number of log rows that were lost because the queue for the disk was full.
     pub log_dropped: u64,
-    /// Active alarms, newest first.
+    /// Returns the active alarms, newest first.
     pub alarms: Vec<Alarm>,
     /// Last events, oldest first.
     pub events: Vec<Entry>,
     /// Number of events of each kind.
     pub event_counts: BTreeMap<&'static str, u64>,
-    /// State of publishing; `None` if nothing is published.
+    /// State of publishing to an MQTT broker; `None` if nothing is published.
     pub mqtt: Option<BrokerStatus>,
-    /// Times for which the lock of the shared state was held: upper bounds in seconds, with their counts.
+    /// Histogram of the times for which the lock of the shared state was held: upper bounds in seconds, with their
+    /// counts.
     #[serde(skip)]
     pub lock_held: Vec<(f64, u64)>,
 }
 
 impl Status {
-    /// Returns what prevents compensation now, against the operator's intention; empty if nothing does.
+    /// Returns the reasons why the machine is not compensated at present, although the operator intends it. The list is
+    /// empty if there are none.
     pub fn missing(&self) -> Vec<String> {
         let sentence = |kind: &str, name: &str, state: &str, why: &str| match why {
             "" => format!("{kind} {name}: {state}"),
@@ -276,7 +244,7 @@ impl Status {
         if !self.ready {
             missing.insert(
                 0,
-                "since the start, not all devices have answered or not all axes have decided".into(),
+                "a device has not answered since the start, or an axis has not made a decision".into(),
             );
         }
         missing
@@ -284,34 +252,34 @@ impl Status {
 }
 
 impl AxisStatus {
-    /// Returns whether the axis should compensate. An axis without a model should not, and neither should one that the
-    /// operator keeps off or that releases a register.
+    /// Returns whether the axis should compensate. `false` for an axis without a model, for one that the operator has
+    /// switched off, and for one that releases a register.
     pub fn is_wanted(&self) -> bool {
         self.has_model && !self.arming.left_off && !self.arming.release
     }
 
-    /// Returns the displayed words for the state.
+    /// Returns the text that is displayed for the state.
     pub fn display(&self) -> &'static str {
         self.shown.words()
     }
 }
 
 impl DeviceStatus {
-    /// Words for the cause of a failed request.
+    /// Causes of failed requests, as they are named in the status and in the metrics.
     pub const BLAMES: [&'static str; 5] = ["caller", "link", "peer", "exception", "timeout"];
 }
 
 impl OutputStatus {
-    /// Words for the state of an output.
+    /// States of an output, as they are named in the status and in the metrics.
     pub const STATES: [&'static str; 6] =
         ["off", "unknown", "verified", "unverified", "interlocked", "foreign"];
 
-    /// Returns the unit of the value.
+    /// Returns the unit of the output's value.
     pub fn unit(&self) -> &'static str {
         OutputStatus::unit_of(self.writes)
     }
 
-    /// Returns the unit of this kind of output.
+    /// Returns the unit of the values of this kind of output.
     pub fn unit_of(writes: &str) -> &'static str {
         match writes {
             "corrected" | "reference" => "mm",
@@ -321,7 +289,7 @@ impl OutputStatus {
     }
 }
 
-/// Serializes one sentence, and its parts if it is not empty.
+/// Serializes an explanation as one sentence, and as its parts if it is not empty.
 fn in_parts<S: Serializer>(why: &Explained, serializer: S) -> Result<S::Ok, S::Error> {
     let mut fields = serializer.serialize_map(None)?;
     fields.serialize_entry("why", why)?;
@@ -337,55 +305,55 @@ fn in_parts<S: Serializer>(why: &Explained, serializer: S) -> Result<S::Ok, S::E
 /// State of one axis.
 #[derive(Clone, Debug, Serialize)]
 pub struct AxisStatus {
-    /// Name in the profile.
+    /// Name of the axis in the profile.
     pub name: String,
     /// Displayed name; empty if the profile has none.
     pub label: String,
-    /// State of the decision: off, waiting, active, degraded, holding, ramping, zeroed.
+    /// State of the axis's decision: off, waiting, active, degraded, holding, ramping, zeroed.
     pub state: &'static str,
-    /// Displayed state, from the decision and the verified value. `shown`: the states above, and unmodelled,
-    /// sign-check, unreachable. `tone`: good, warn, bad or off.
+    /// Displayed state, from the decision and the verified value. `shown` is one of the states in `state`, or
+    /// unmodelled, sign-check or unreachable. `tone` is good, warn, bad or off.
     #[serde(flatten)]
     pub shown: Display,
-    /// The profile has a model for the axis. Without a model it stays off.
+    /// Whether the profile has a model for the axis. Without a model the axis stays off.
     pub has_model: bool,
-    /// Condition for which the axis waits, or why the preferred model cannot be used. `why` is one sentence, empty if
-    /// there is none; `cause` and `hint` are its parts.
+    /// Condition for which the axis waits, or reason why the preferred model cannot be used. `why` is one sentence,
+    /// empty if there is none; `cause` and `hint` are its parts.
     #[serde(flatten, serialize_with = "in_parts")]
     pub why: Explained,
-    /// Request to arm that waits; `None` without one.
+    /// Waiting request to arm; `None` if there is none.
     pub waiting: Option<WaitingStatus>,
-    /// Name of the model in use; `None` if no model is in use.
+    /// Name of the model in use; `None` if no model is used.
     pub model: Option<String>,
     /// Cz that the model requests, µm.
     pub raw_um: Option<f64>,
-    /// Expected residual error if the model is followed: one standard deviation, µm. `None` if the profile does not
-    /// give it, and outside the range on which the model was identified.
+    /// Expected residual error if the axis follows its model: one standard deviation, µm. `None` if the profile does
+    /// not contain it, and outside the range on which the model was identified.
     pub expected_um: Option<f64>,
-    /// Cz after the guard, µm. It is the target of the register.
+    /// Cz after the guard has limited it, µm. It is the target of the register.
     pub cz_um: f64,
-    /// Last verified Cz in the register, µm; `None` before the first one.
+    /// Last verified Cz in the register, µm; `None` if none was verified yet.
     pub verified_um: Option<f64>,
-    /// Seconds since the request that verified it.
+    /// Seconds since the request that read the verified value.
     pub verified_age_s: Option<f64>,
     /// Guard stages that changed the value: limit, deadband, step, rate, round.
     pub acted: Vec<&'static str>,
-    /// Largest absolute value of Cz, µm.
+    /// Maximum absolute value of Cz, µm.
     pub limit_um: f64,
-    /// Warning level of |Cz|, µm.
+    /// Absolute Cz above which the axis has a warning, µm; `None` if the profile has no warning level.
     pub warn_um: Option<f64>,
     /// Whether |Cz| is above the warning level.
     pub warned: bool,
-    /// Error level of a model's Cz, µm.
+    /// Error level of the Cz that a model requests, µm; `None` if the profile has none.
     pub error_um: Option<f64>,
-    /// A model has requested more than the error level since the axis was armed.
+    /// Whether a model has requested more than the error level since the axis was armed.
     pub tripped: bool,
-    /// Arming: `armed`, `left_off`, `release`.
+    /// Arming state: `armed`, `left_off`, `release`.
     #[serde(flatten)]
     pub arming: ArmingStatus,
-    /// Running check of the sign with a dial gauge; `None` without one.
+    /// Running sign check with a dial gauge; `None` if there is none.
     pub sign: Option<SignStatus>,
-    /// Time of the last check of the sign, RFC 3339, and direction in which the gauge moved.
+    /// Time of the last sign check, RFC 3339, and direction in which the gauge moved.
     pub sign_checked: Option<(String, DialDirection)>,
     /// True error of the axis, which only a virtual machine knows.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -394,99 +362,100 @@ pub struct AxisStatus {
     pub probe: Option<ProbeStatus>,
     /// Position of the inputs outside the range on which the model in use was identified; `None` inside.
     pub extrapolating: Option<ExtrapolationStatus>,
-    /// Distance from that range as a share: above 0 outside, negative inside. `None` if the model has no region.
+    /// Distance from the range on which the model was identified, as a share of its size: above 0 outside, negative
+    /// inside. `None` if the model has no such range.
     pub excess: Option<f64>,
-    /// Sensor of the model in use that has a stand-in; `None` if there is none.
+    /// Sensor of the model in use whose reading a stand-in replaces; `None` if there is none.
     pub stood_in: Option<SubstitutedSensorStatus>,
 }
 
-/// Arming of one axis. Its fields are fields of the axis in JSON.
+/// Arming state of one axis. Its fields are fields of the axis in JSON.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct ArmingStatus {
-    /// The axis may write.
+    /// Whether the axis is armed, so that it may write.
     pub armed: bool,
-    /// The axis is off because the operator has switched it off, or must arm it first.
+    /// Whether the axis is off because the operator has switched it off, or must arm it first.
     pub left_off: bool,
-    /// The axis does not compensate. It only returns a register to its base, because no output uses that register any
-    /// more. The logs have no columns for this axis.
+    /// Whether the axis only returns a register to its base value, because no output uses the register any more. Such
+    /// an axis does not compensate, and the logs have no columns for it.
     pub release: bool,
 }
 
 /// True error of an axis of a virtual machine.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct TruthStatus {
-    /// Error without compensation, µm.
+    /// Reported error without compensation, µm.
     pub error_um: f64,
     /// Residual error with the present Cz, µm.
     pub left_um: f64,
 }
 
-/// Check of the sign of an axis.
+/// Running sign check of an axis.
 #[derive(Clone, Debug, Serialize)]
 pub struct SignStatus {
-    /// Person or program that requested it, and channel.
+    /// Requester of the check, with its channel.
     pub asked: String,
     /// Change of Cz for the check, µm.
     pub by_um: f64,
-    /// The offset is reached. The operator may read the gauge.
+    /// Whether the register holds the changed Cz, so that the operator may read the gauge.
     pub there: bool,
-    /// Seconds until the offset is withdrawn.
+    /// Seconds until the check ends, and the change of Cz is withdrawn.
     pub expires_s: f64,
-    /// Expected movement, in words.
+    /// Movement of the gauge that is expected, in words.
     pub must: String,
 }
 
-/// Request to arm that waits.
+/// Request to arm that waits for a condition.
 #[derive(Clone, Debug, Serialize)]
 pub struct WaitingStatus {
-    /// Person or program that requested it, and channel.
+    /// Requester, with its channel.
     pub asked: String,
-    /// Seconds until it expires.
+    /// Seconds until the request expires.
     pub expires_s: f64,
 }
 
-/// Position of a model's inputs outside the range on which it was identified.
+/// Position of a model's inputs outside the range on which the model was identified.
 #[derive(Clone, Debug, Serialize)]
 pub struct ExtrapolationStatus {
-    /// Mahalanobis distance of all inputs together; `None` beyond the end of a guideway.
+    /// Mahalanobis distance of all inputs together from the center of the range; `None` beyond the end of a guideway.
     pub distance: Option<f64>,
-    /// Largest distance that is inside.
+    /// Mahalanobis distance at the edge of the range.
     pub reach: Option<f64>,
-    /// Signal that is farthest beyond its range; `None` if only the combination of the inputs is new.
+    /// Signal that is farthest outside its range; `None` if only the combination of the inputs is outside.
     pub signal: Option<String>,
-    /// Distance beyond the range, in the signal's unit; negative below the smallest value.
+    /// Distance of this signal from its range, in its unit; negative below the smallest value.
     pub beyond: Option<f64>,
-    /// Action of the axis: `agree`, `warn`, `hold` or `shrink`.
+    /// Setting of the axis for inputs outside the range: `agree`, `warn`, `hold` or `shrink`.
     pub outside: &'static str,
-    /// Factor of the model's Cz.
+    /// Factor by which the model's Cz is multiplied.
     pub gain: f64,
-    /// Difference of the Cz of the two models whose mean is the model in use, µm; `None` if it has no effect.
+    /// Difference between the Cz of the two models whose mean is used, µm; `None` if it has no effect.
     pub apart_um: Option<f64>,
     /// Description of the extrapolation, for display.
     pub text: String,
 }
 
-/// Sensor that has a stand-in.
+/// Sensor whose reading a stand-in replaces.
 #[derive(Clone, Debug, Serialize)]
 pub struct SubstitutedSensorStatus {
     /// Name of the signal.
     pub signal: String,
-    /// The reading does not change; else the sensor is lost.
+    /// Whether the reading does not change. If `false`, the sensor is lost.
     pub frozen: bool,
-    /// Time at which its reading last changed, or was last good.
+    /// Time at which the sensor's reading last changed, or was last good.
     pub since: String,
-    /// Number of predictors of the stand-in.
+    /// Number of sensors from which the stand-in is calculated.
     pub others: usize,
 }
 
 /// State of one signal.
 #[derive(Clone, Debug, Serialize)]
 pub struct SignalStatus {
-    /// Name in the profile.
+    /// Name of the axis in the profile.
     pub name: String,
     /// Displayed name; empty if the profile has none.
     pub label: String,
-    /// Device in the profile.
+    /// Name of the device in the profile.
     pub device: String,
     /// Last value; `None` if it must not be used.
     pub value: Option<f64>,
@@ -494,80 +463,81 @@ pub struct SignalStatus {
     pub unit: &'static str,
     /// Quality: `good`, or the code of the reason.
     pub quality: &'static str,
-    /// Reason, for display.
+    /// Reason of the quality, for display.
     pub reason: String,
-    /// Seconds since the measurement; `None` before the first one.
+    /// Seconds since the measurement; `None` if nothing was measured yet.
     pub age_s: Option<f64>,
 }
 
 /// State of one bus.
 #[derive(Clone, Debug, Serialize)]
 pub struct BusStatus {
-    /// Name in the profile.
+    /// Name of the axis in the profile.
     pub name: String,
     /// Host and port, or the serial port or interface.
     pub address: String,
-    /// The bus has a connection.
+    /// Whether the bus has a connection.
     pub connected: bool,
     /// Number of cycles since the start.
     pub cycles: u64,
-    /// Number of cycles that ended later than their period allows.
+    /// Number of cycles that took longer than their period allows.
     pub overruns: u64,
-    /// Delays of cycle starts: counts for each upper bound in milliseconds, without those of lower bounds. The last
-    /// bound is infinite, which JSON shows as null.
+    /// Histogram of the delays of cycle starts: number of delays between the previous upper bound and this one, in
+    /// milliseconds. The last bound is infinite, which JSON shows as null.
     pub jitter_ms: Vec<(f64, u64)>,
 }
 
 /// State of one device.
 #[derive(Clone, Debug, Serialize)]
 pub struct DeviceStatus {
-    /// Name in the profile.
+    /// Name of the axis in the profile.
     pub name: String,
     /// Displayed name; empty if the profile has none.
     pub label: String,
-    /// Bus in the profile.
+    /// Name of the bus in the profile.
     pub bus: String,
     /// Modbus unit, or CANopen node.
     pub unit: u8,
-    /// Unit or node as a suffix: ` (unit 3)`, ` (node 5)`; empty for a device that only sends CAN frames.
+    /// Unit or node as text after the name: ` (unit 3)`, ` (node 5)`. Empty for a device that only sends CAN frames.
     #[serde(skip)]
     pub at: String,
     /// State: `ok`, `never-answered` or `lost`.
     pub state: &'static str,
-    /// Fault, for display; empty without one.
+    /// Fault, for display; empty if there is none.
     pub fault: String,
     /// Number of requests since the start.
     pub requests: u64,
-    /// Number of failed requests by cause: timeout, link, peer, exception.
+    /// Number of failed requests by cause: caller, link, peer, exception, timeout.
     pub failures: BTreeMap<&'static str, u64>,
 }
 
 /// State of one output.
 #[derive(Clone, Debug, Serialize)]
 pub struct OutputStatus {
-    /// Name in the profile.
+    /// Name of the axis in the profile.
     pub name: String,
-    /// Axis in the profile.
+    /// Name of the axis in the profile.
     pub axis: String,
-    /// Device in the profile.
+    /// Name of the device in the profile.
     pub device: String,
-    /// Register in both notations.
+    /// Register of the output, in both notations.
     pub register: String,
-    /// Kind of the output: `offset` or `corrected`.
+    /// Kind of the output: `offset`, `intercept`, `slope`, `reference` or `corrected`.
     pub writes: &'static str,
     /// State: `off`, `unknown`, `verified`, `unverified`, `interlocked` or `foreign`.
     pub state: &'static str,
-    /// Condition for which its handshake waits, or its last failure; empty if there is neither.
+    /// Condition for which the handshake of the output waits, or its last failure; empty if there is neither.
     pub handshake: String,
-    /// Last verified value, in the output's unit (µm for an offset, mm for a corrected position).
+    /// Last verified value, in the output's unit (µm or µm/mm for an offset or slope, mm for a position).
     pub value: Option<f64>,
-    /// Operator offset and gateway share in the value, if the register is shared with the operator.
+    /// Operator offset and gateway share in the value; `None` if the register is not shared with an operator.
     pub shares: Option<SharesStatus>,
     /// Value that the control reports as applied, in the output's unit; `None` if it reports none.
     pub applied: Option<f64>,
-    /// Note on the value: it waits for a late write, or it is acknowledged and not read back. Empty without a note.
+    /// Note on the value: it waits for a late write, or the device acknowledges it without read-back. Empty without a
+    /// note.
     pub note: String,
-    /// Maximum remaining time for which a change waits for a late write, s.
+    /// Maximum remaining time, in seconds, for which a change waits for a late write.
     pub waits_s: Option<f64>,
     /// Number of verified writes.
     pub writes_done: u64,
@@ -575,7 +545,7 @@ pub struct OutputStatus {
     pub age_s: Option<f64>,
 }
 
-/// Parts of a shared register value.
+/// Shares in the value of a register that the gateway shares with an operator.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct SharesStatus {
     /// Operator offset, in the unit of the output.

@@ -1,6 +1,6 @@
-//! Virtual nodes of a CAN interface.
+//! Virtual devices on a CAN interface.
 //!
-//! A device of a profile is either a node that only sends its frames periodically, or a CANopen node.
+//! A CAN device of a profile is either a CANopen node, or a device that only sends its frames periodically.
 //!
 //! ```text
 //! dictionary  the objects of a node and its SDO server                    pure: bytes and a time in, frames out

@@ -1,6 +1,6 @@
-//! Control side of sets and handshakes. With a handshake, the control acknowledges a strobe after a delay, and then
-//! accepts the values. If the set has a sequence number, that number must have changed. Without a handshake, it accepts
-//! the values when the sequence number changes. Without either, it accepts them at once.
+//! Control side of output sets and handshakes. With a handshake, the control acknowledges a strobe after a delay, and
+//! then accepts the values. If the set has a sequence number, that number must have changed. Without a handshake, the
+//! control accepts the values when the sequence number changes. Without either, it accepts them at once.
 
 use std::time::Duration;
 
@@ -10,33 +10,33 @@ use isotherm_core::codec::{Address, Register};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Flag, OutputId, OutputSet, Profile, SetId};
 
-/// Reaction time of a control to its strobe.
+/// Time from a change of the strobe until the control reacts.
 const REACTS_AFTER: Duration = Duration::from_millis(30);
 
-/// Values that a control has accepted from a set.
+/// Values that a control has accepted from an output set.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AcceptedSet {
     /// Time at which the control accepted the values.
     pub at: Moment,
-    /// Set that the values belong to.
+    /// Output set of the values.
     pub set: SetId,
-    /// Words of each output, in the order of the set.
+    /// Register values of each output, in the order of the set.
     pub words: Vec<Vec<u16>>,
 }
 
-/// Control of one set.
+/// Virtual control of one output set.
 #[derive(Clone, Debug)]
 pub(super) struct Control {
     pub(super) set: SetId,
-    /// Index of its unit in the hardware's list.
+    /// Position of the set's unit in the list of the hardware.
     pub(super) place: usize,
     outputs: Vec<(OutputId, Address, u16)>,
-    /// Strobe and acknowledge flags.
+    /// Flags of the handshake: strobe and acknowledge; `None` if the set has no handshake.
     handshake: Option<[Flag; 2]>,
     sequence: Option<Register>,
     last_sequence: u16,
     strobe_up: bool,
-    /// Time of the strobe's last change.
+    /// Time at which the strobe last changed.
     changed: Moment,
     acknowledges: bool,
     taken: Vec<Vec<u16>>,
@@ -63,19 +63,20 @@ impl Control {
         control
     }
 
-    /// Registers and bits of the set itself, without its outputs.
+    /// Returns the registers and bits of the set itself, without those of its outputs.
     pub(super) fn own(set: &OutputSet) -> impl Iterator<Item = Register> {
         let flags = flags(set).into_iter().flatten();
         set.own_registers().chain(flags.map(|flag| flag.address))
     }
 
-    /// Words that act for an output of this set.
+    /// Returns the register values of an output that the control accepted last; `None` if the output is not in this
+    /// set.
     pub(super) fn taken(&self, output: OutputId) -> Option<&[u16]> {
         let place = self.outputs.iter().position(|(id, ..)| *id == output)?;
         self.taken.get(place).map(Vec::as_slice)
     }
 
-    /// Processes a write to the unit. Returns values that are accepted at once.
+    /// Processes a write to the unit. Returns the values that the control accepts at once; `None` if it accepts none.
     pub(super) fn check(&mut self, bank: &Bank, now: Moment) -> Option<AcceptedSet> {
         if let Some([strobe, _]) = self.handshake {
             let up = word(bank, strobe.address).is_some_and(|word| strobe.is_up(word));
@@ -89,19 +90,22 @@ impl Control {
         is_new.then(|| self.take(bank, now))
     }
 
-    /// Returns whether the sequence number has changed, or there is none.
+    /// Returns whether the sequence number has changed since the last call. Without a sequence number, always returns
+    /// true.
     fn is_another(&mut self, bank: &Bank) -> bool {
         let sequence = self.sequence.and_then(|at| word(bank, at));
         sequence.is_none_or(|sequence| std::mem::replace(&mut self.last_sequence, sequence) != sequence)
     }
 
-    /// Returns whether the sequence has the number after the last one that was taken.
+    /// Returns whether the sequence number follows the last accepted one. Without a sequence number, always returns
+    /// true.
     fn is_next(&self, bank: &Bank) -> bool {
         let next = self.last_sequence.checked_add(1).unwrap_or(1);
         self.sequence.and_then(|at| word(bank, at)).is_none_or(|number| number == next)
     }
 
-    /// Advances the time. Returns values that were acknowledged and accepted now.
+    /// Advances the handshake to `now`. Returns the values that the control has acknowledged and accepted by that;
+    /// `None` if none.
     pub(super) fn advance(
         &mut self,
         bank: &mut Bank,
@@ -127,7 +131,7 @@ impl Control {
         (self.acknowledges && self.is_another(bank)).then(|| self.take(bank, now))
     }
 
-    /// Restarts the control: it loses its state, and accepts the current content of its registers.
+    /// Restarts the control. It loses its state, and accepts the present content of its registers.
     pub(super) fn restart(&mut self, bank: &Bank, now: Moment) -> AcceptedSet {
         (self.strobe_up, self.acknowledges, self.changed, self.last_sequence) = (false, false, now, 0);
         self.take(bank, now)

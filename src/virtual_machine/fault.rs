@@ -1,5 +1,5 @@
-//! Faults by a script, for example: "From two hours on, the thermocouples do not answer twenty times; then they work
-//! again."
+//! Faults by a script, for example: "After two hours, the device `thermocouples` does not answer twenty requests; then
+//! it works again."
 //!
 //! ```toml
 //! [[fault]]
@@ -11,7 +11,7 @@
 //! # for_time = "10min"
 //! ```
 //!
-//! `docs/virtual.md` describes the effect of each kind on Modbus and on CAN, and its further keys.
+//! `docs/virtual.md` describes each kind of fault, its effect on Modbus and on CAN, and its further keys.
 
 use std::time::Duration;
 
@@ -27,7 +27,7 @@ mod tests;
 pub(crate) use running::{FaultFrame, Faults};
 pub use script::FaultError;
 
-/// Faults of one run, checked against a profile.
+/// Faults of one run, which were checked against a profile.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FaultScript {
     faults: Vec<Fault>,
@@ -43,7 +43,7 @@ struct Fault {
     kind: Kind,
 }
 
-/// Duration of a fault.
+/// How long a fault lasts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum FaultDuration {
     Replies(u64),
@@ -53,34 +53,33 @@ enum FaultDuration {
 
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Kind {
-    /// Wrong answers.
+    /// The device sends wrong answers.
     Reply(ReplyFault),
-    /// Wrong values of a signal.
+    /// A signal has wrong values.
     Signal { signal: SignalId, reads: Reads },
-    /// The listener is closed.
+    /// The listener of the device is closed.
     Refuse,
-    /// Another client writes.
+    /// Another client writes these values to the device, from this register on.
     Register { address: Register, words: Vec<u16> },
-    /// The device restarts, and loses everything that was written.
+    /// The device restarts, and loses everything that was written to it.
     Restart,
-    /// Wrong handshakes.
+    /// The device acknowledges a handshake wrongly.
     Acknowledge(AcknowledgeFault),
-    /// A fault that exists only on CAN.
+    /// Fault that exists only on a CAN line.
     Can(CanFault),
 }
 
-/// Faults of an acknowledge.
+/// Wrong behaviour of a control in a handshake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum AcknowledgeFault {
     Never,
     Stuck,
     Late(Duration),
-    /// The acknowledge comes only if the set has the number after the last one that the control took. No other set is
-    /// taken.
+    /// The control acknowledges only if the sequence number follows the last accepted one. It accepts no other values.
     NextNumber,
 }
 
-/// Value of a broken signal.
+/// Value that a broken signal shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Reads {
     Raw(i64),
@@ -88,7 +87,7 @@ pub(crate) enum Reads {
     Value(f64),
 }
 
-/// Faults of an answer.
+/// Fault of an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ReplyFault {
     Silent,
@@ -109,38 +108,38 @@ pub(crate) enum ReplyFault {
     OneBehind {
         stale_transaction: bool,
     },
-    /// A gateway before the unit times out, with this code or silently. It sends the late answer with the transaction
-    /// of the open request.
+    /// A Modbus gateway in front of the unit times out, and answers with this exception code or not at all. It sends
+    /// the late answer with the transaction number of the request that is open then.
     Shift {
         delay: Duration,
         code: Option<u8>,
     },
-    /// A gateway before the unit times out once, with this code or silently, and keeps the late answer. Each later
-    /// request gets the kept answer, and its own answer is kept in turn.
+    /// A Modbus gateway in front of the unit times out once, answers with this exception code or not at all, and keeps
+    /// the late answer. Each later request gets the kept answer, and its own answer is kept instead.
     Keep {
         delay: Duration,
         code: Option<u8>,
     },
 }
 
-/// Faults that only devices on a CAN line can have.
+/// Fault that only devices on a CAN line can have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum CanFault {
-    /// Frames end before the last byte that is needed.
+    /// The device sends frames that are one byte too short for their values.
     ShortFrame,
-    /// SDO requests are aborted with this code.
+    /// The device aborts SDO requests with this code.
     Refusal(u32),
-    /// SDO answers name another index.
+    /// The device's SDO answers name another index than the request.
     WrongIndex,
-    /// The device sends frames that were not requested.
+    /// The device sends frames with this identifier periodically, which no profile requires.
     Babbling { id: CanId, every: Duration },
-    /// The device sends an emergency, and reports its end.
+    /// The device sends an emergency message with this code, and later reports the end of the error.
     Emergency(u16),
-    /// The controller reports bus errors, once or repeatedly.
+    /// The CAN controller reports a bus error, once or repeatedly.
     Errors { error: BusError, every: Option<Duration> },
 }
 
-/// Bus error of a controller: class and data of an error frame (linux/can/error.h).
+/// Bus error that a CAN controller reports: class and data of an error frame (linux/can/error.h).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct BusError {
     pub(crate) class: u32,
@@ -148,7 +147,7 @@ pub(crate) struct BusError {
 }
 
 impl BusError {
-    /// All bus errors with their names in a script.
+    /// All bus errors with the names that a script uses.
     const ALL: [(&'static str, BusError); 6] = [
         ("no-acknowledge", BusError { class: 0x020, data: [0; 8] }),
         ("stuff", BusError { class: 0x088, data: [0, 0, 0x04, 0, 0, 0, 0, 0] }),
@@ -158,7 +157,7 @@ impl BusError {
         ("restarted", BusError { class: 0x100, data: [0; 8] }),
     ];
 
-    /// Finds the bus error with this name.
+    /// Returns the bus error with this name in a script.
     pub(crate) fn named(name: &str) -> Option<BusError> {
         BusError::ALL.iter().find(|(known, _)| *known == name).map(|(_, error)| *error)
     }

@@ -1,4 +1,4 @@
-//! Task of the plant, which also opens and closes listeners.
+//! Task that advances the plant, and opens and closes listeners by the fault script.
 
 use tokio::sync::{mpsc, oneshot, watch};
 
@@ -8,14 +8,15 @@ use crate::clock::Sleeper;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::DeviceId;
 
-/// A listener for the plant's task: its devices, and a channel to open and close it.
+/// Devices of one listener, and the channel by which the plant's task opens and closes this listener.
 pub(super) struct ListenerSwitch {
     pub(super) devices: Vec<DeviceId>,
     pub(super) switch: mpsc::Sender<OpenOrClose>,
     pub(super) is_open: bool,
 }
 
-/// Runs the plant's task: ticks, samples the truth, and opens and closes listeners.
+/// Runs the task of the plant. At each tick it advances the plant, samples the true error, and opens or closes
+/// listeners.
 pub(super) async fn live(
     shared: Shared,
     mut sleeper: Sleeper,
@@ -47,7 +48,7 @@ pub(super) async fn live(
 }
 
 impl ListenerSwitch {
-    /// Opens or closes the listener. Returns when that is done; the clock stands meanwhile.
+    /// Opens or closes the listener, and waits until that is done. A virtual clock does not advance during this time.
     async fn turn(&mut self, shall_be_open: bool) -> Result<(), String> {
         if self.is_open == shall_be_open {
             return Ok(());

@@ -1,7 +1,7 @@
-//! Simulated hardware: plant, registers and faults, updated at each access.
+//! Simulated hardware: plant, registers and faults, which are updated at each access.
 //!
-//! Registers are filled at the time of a request, from the plant at that time. The plant's own tick therefore has no
-//! effect that a client could see.
+//! The registers are filled from the plant at the time of each request. Clients therefore cannot detect at which times
+//! the plant itself advances.
 
 use isotherm_core::codec::{Address, Encoding, Scale};
 use isotherm_core::quantity::Moment;
@@ -21,40 +21,42 @@ mod units;
 
 use units::{Unit, overlap, units, well};
 
-/// State of a virtual machine: plant, units, controls and faults. Sockets are not part of it.
+/// State of a virtual machine except its sockets: plant, units, controls and faults.
 #[derive(Debug)]
 pub(super) struct Hardware {
     profile: Profile,
     plant: Option<Plant>,
     seed: u64,
     begin: Moment,
-    /// Hardware units. Devices with one unit number on one line share a unit.
+    /// Hardware units. Devices with the same unit number on one line share a unit.
     units: Vec<Unit>,
-    /// Index of each device's unit in `units`.
+    /// For each device: position of its unit in `units`.
     unit_of: Vec<usize>,
-    /// Value of each status signal without a fault, by signal.
+    /// For each signal that indicates a fault of another signal: its value while there is no fault. `None` for other
+    /// signals.
     well: Vec<Option<f64>>,
-    /// Amount that each corrected output adds to its position, µm, by output.
+    /// For each output that writes a corrected position: amount by which the written position differs from the measured
+    /// one, µm.
     corrections: Vec<f64>,
-    /// Offset that an external control applies, µm, by axis.
+    /// For each axis: offset that an external control applies, µm; `None` if there is no external control.
     elsewhere: Vec<Option<f64>>,
-    /// Axes that the plant knows, with their ids in the profile.
+    /// Axes whose true error the plant simulates, with their names.
     axes: Vec<(AxisId, String)>,
-    /// Control of each set.
+    /// Virtual control of each output set.
     controls: Vec<Control>,
-    /// Values that the controls have accepted; recorded only with a journal.
+    /// Values that the controls have accepted; recorded only together with the journal.
     pub(super) taken: Vec<AcceptedSet>,
     cycles: Vec<Cycle>,
     pub(super) faults: Faults,
     pub(super) observer: Observer,
-    /// All requests; `None` if they are not recorded.
+    /// All requests in order; `None` if they are not recorded.
     pub(super) journal: Option<Vec<SeenRequest>>,
 }
 
-/// Answer of a unit: the correct answer, and the fault of the one that is sent.
+/// Correct answer of a unit, and the fault of the answer that is actually sent.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Reply {
-    /// Correct answer; `None` if the request was ignored.
+    /// Correct answer as a protocol data unit; `None` if the unit ignores the request.
     pub(super) pdu: Option<Vec<u8>>,
     pub(super) fault: Option<ReplyFault>,
 }
@@ -100,7 +102,7 @@ impl Hardware {
         }
     }
 
-    /// Advances the time of plant and spontaneous faults.
+    /// Advances the plant to `now`, and begins the faults that are due.
     pub(super) fn advance_to(&mut self, now: Moment) {
         if let Some(plant) = &mut self.plant {
             plant.advance_to(now);
@@ -118,7 +120,7 @@ impl Hardware {
         self.probe(now);
     }
 
-    /// Runs the probing cycles that are due. An axis is skipped if the plant does not know its true error.
+    /// Runs the probing cycles that are due. An axis is skipped if its true error is not known.
     fn probe(&mut self, now: Moment) {
         for place in 0..self.cycles.len() {
             let axis = AxisId(self.cycles[place].axis);
@@ -131,7 +133,7 @@ impl Hardware {
         }
     }
 
-    /// Samples the true error of each axis for the summary.
+    /// Samples the true error and the applied Cz of each axis for the summary.
     pub(super) fn observe(&mut self, now: Moment) {
         let Some(plant) = &self.plant else { return };
         let axes = self.axes.iter().map(|(axis, name)| AxisTruth {
@@ -142,13 +144,14 @@ impl Hardware {
         self.observer.sample(row);
     }
 
-    /// Sets the offset that an external control applies to an axis.
+    /// Sets the offset in µm that an external control applies to an axis, instead of the virtual control.
     pub(super) fn applies_elsewhere(&mut self, axis: AxisId, cz_um: f64) {
         self.elsewhere[axis.0] = Some(cz_um);
     }
 
-    /// Cz that acts in the machine. It is the value of the axis's offset register, or else the correction of its
-    /// corrected position. An external control replaces both.
+    /// Returns the Cz that acts in the machine, µm. This is the value that the control has accepted for the axis's Cz
+    /// output, or else the correction of its corrected position. A diameter value is halved. An offset of an external
+    /// control replaces both.
     pub(super) fn applied_um(&self, axis: AxisId) -> f64 {
         if let Some(cz_um) = self.elsewhere[axis.0] {
             return cz_um;
@@ -169,7 +172,7 @@ impl Hardware {
         if self.profile.axis(axis).diameter { 0.5 * written } else { written }
     }
 
-    /// Executes one request to a device.
+    /// Executes one Modbus request to a device.
     pub(super) fn serve(&mut self, device: DeviceId, pdu: &[u8], now: Moment) -> Reply {
         let place = self.unit_of[device.0];
         let device = self.units[place].device;
@@ -222,7 +225,8 @@ impl Hardware {
         });
     }
 
-    /// Cells that a request addresses; empty if they do not exist, or without a journal.
+    /// Returns the content of the cells (registers or bits) that a request addresses. Returns an empty list if they do
+    /// not exist, or if no journal is recorded.
     fn cells_of(&self, place: usize, request: &Request) -> Vec<u16> {
         let bank = self.journal.as_ref().map(|_| &self.units[place].bank);
         bank.and_then(|bank| bank.registers(request.address, request.count)).unwrap_or_default().to_vec()
@@ -242,8 +246,8 @@ impl Hardware {
         Reply { pdu: Some(answer.unwrap_or_else(|code| modbus::exception(pdu, code))), fault }
     }
 
-    /// Writes current measurements to the registers of a unit: all continuous ones, or those that this command
-    /// captures.
+    /// Writes current measurements to the registers of a unit: the continuous ones, or with `command` those that this
+    /// command captures.
     fn measure(&mut self, place: usize, now: Moment, command: Option<Capture>) {
         let seconds = now.since(self.begin).as_secs_f64();
         let unit = &mut self.units[place];
@@ -264,7 +268,8 @@ impl Hardware {
         self.apply(place);
     }
 
-    /// A control that reports its applied value applies the written value at once.
+    /// Copies each written value to the register in which the control reports its applied value, as a control that
+    /// applies values at once.
     fn apply(&mut self, place: usize) {
         for output in &self.profile.outputs {
             let Some(applied) = output.applied.as_ref().filter(|_| self.unit_of[output.device.0] == place)
@@ -278,7 +283,8 @@ impl Hardware {
         }
     }
 
-    /// Keeps the correction of a corrected output: the written D' minus the position D that the scale showed last.
+    /// Updates the correction of each corrected output that was written: the written position minus the position that
+    /// the scale showed last.
     fn note_corrections(&mut self, place: usize, address: &Address, count: u16) {
         for (index, output) in self.profile.outputs.iter().enumerate() {
             let Writes::Corrected { position } = output.writes else { continue };
@@ -298,7 +304,7 @@ impl Hardware {
         }
     }
 
-    /// Executes a fault that happens to a unit once.
+    /// Executes a fault that happens to a unit only once: a write by another client, or a restart.
     fn happen(&mut self, place: usize, kind: Kind, now: Moment) {
         match kind {
             Kind::Register { address: register, words } => {
@@ -313,7 +319,7 @@ impl Hardware {
         }
     }
 
-    /// Restarts a unit. The unit loses all written values.
+    /// Restarts a unit. The unit loses all values that were written to it.
     fn restart(&mut self, place: usize, now: Moment) {
         let unit = &mut self.units[place];
         unit.restart();
@@ -331,7 +337,7 @@ impl Hardware {
         }
     }
 
-    /// Content of a device's cells.
+    /// Returns the content of `count` cells of a device; `None` if one does not exist.
     #[cfg(test)]
     pub(super) fn cell(&self, device: DeviceId, address: &Address, count: u16) -> Option<&[u16]> {
         self.units[self.unit_of[device.0]].bank.read(address, count)
@@ -353,7 +359,7 @@ impl Reply {
     }
 }
 
-/// Registers of a signal for this value.
+/// Returns the register values with which a signal shows this value.
 fn cells(signal: &Signal, reads: Reads) -> Vec<u16> {
     let encoding = &signal.encoding;
     let encoded = match reads {
@@ -371,7 +377,7 @@ fn cells(signal: &Signal, reads: Reads) -> Vec<u16> {
     words
 }
 
-/// Registers of a quiet NaN: all exponent bits and a mantissa bit are set, in either word order.
+/// Returns the register values of a quiet NaN, in either word order: all exponent bits and one mantissa bit are set.
 fn not_a_number(encoding: &Encoding) -> Vec<u16> {
     let width = usize::from(encoding.data_type.registers());
     let highest = if encoding.byte_swap { 0x7fff_u16.swap_bytes() } else { 0x7fff };
@@ -386,7 +392,7 @@ fn not_a_number(encoding: &Encoding) -> Vec<u16> {
     words
 }
 
-/// Sentinel values are small. Values beyond 2^53 do not occur.
+/// Converts a raw value to `f64`. Raw values in scripts are far below 2^53, so the result is exact.
 #[allow(clippy::cast_precision_loss)]
 fn exact(raw: i64) -> f64 {
     raw as f64

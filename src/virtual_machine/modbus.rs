@@ -1,4 +1,5 @@
-//! Server side of Modbus: frames, requests and answers as bytes. The module is pure, and no input causes a panic.
+//! Server side of Modbus: frames, requests and answers as bytes. The functions use no socket and no clock, and no input
+//! causes a panic.
 
 use std::ops::Range;
 
@@ -7,38 +8,38 @@ use isotherm_core::codec::{Register, Table, checksum};
 
 /// Number of bytes before the protocol data unit of Modbus TCP: transaction, protocol, length, unit.
 pub(super) const HEADER: usize = 7;
-/// Largest protocol data unit in bytes.
+/// Length in bytes of the largest protocol data unit.
 pub(super) const LARGEST_PDU: usize = 253;
 
-/// Exception codes of Modbus: what is wrong with a request.
+/// Modbus exception codes for an invalid request: function, address or value.
 pub(super) const ILLEGAL_FUNCTION: u8 = 1;
 const ILLEGAL_ADDRESS: u8 = 2;
 const ILLEGAL_VALUE: u8 = 3;
-/// Exception code of a gateway for a unit that does not exist.
+/// Exception code of a Modbus gateway for a unit that does not exist.
 pub(super) const NO_SUCH_UNIT: u8 = 0x0b;
 
-/// Framing of a protocol data unit.
+/// Frame format around a protocol data unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Framing {
     /// Modbus TCP: transaction, length, unit.
     Tcp,
-    /// RTU: unit, checksum.
+    /// Modbus RTU: unit, checksum.
     Rtu,
 }
 
-/// Unit and transaction of a request; over RTU the transaction is 0.
+/// Unit number and transaction number of a request. Over RTU the transaction number is 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Header {
     pub(super) transaction: u16,
     pub(super) unit: u8,
 }
 
-/// Error for data that is not Modbus TCP. The start of the next frame cannot be found then.
+/// Error for data that is not Modbus TCP. After it the start of the next frame cannot be found.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct NoModbus;
 
 impl Framing {
-    /// Makes a frame around a protocol data unit.
+    /// Returns a protocol data unit inside a frame.
     pub(super) fn frame(self, transaction: u16, unit: u8, pdu: &[u8]) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(HEADER + pdu.len());
         if self == Framing::Tcp {
@@ -54,8 +55,8 @@ impl Framing {
         bytes
     }
 
-    /// Finds the first request in these bytes. Returns its header and the range of its protocol data unit. `None` if
-    /// the request is incomplete or its checksum is wrong.
+    /// Finds the first request in these bytes. Returns its header and the range of its protocol data unit. Returns
+    /// `None` if the request is incomplete or its checksum is wrong.
     pub(super) fn request(self, bytes: &[u8]) -> Result<Option<(Header, Range<usize>)>, NoModbus> {
         match self {
             Framing::Tcp => {
@@ -72,7 +73,7 @@ impl Framing {
         }
     }
 
-    /// Number of bytes after a protocol data unit.
+    /// Returns the number of bytes of a frame after its protocol data unit: the checksum of RTU.
     pub(super) fn trailer(self) -> usize {
         if self == Framing::Rtu { 2 } else { 0 }
     }
@@ -89,11 +90,11 @@ fn rtu_request(bytes: &[u8]) -> Option<(Header, Range<usize>)> {
     is_right.then_some((Header { transaction: 0, unit: bytes[0] }, 1..end))
 }
 
-/// Request that is valid Modbus.
+/// Valid Modbus request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Request {
     pub(super) function: u8,
-    /// First cell; `count` is the number of cells.
+    /// First register or bit; `count` is the number of registers or bits.
     pub(super) address: Register,
     pub(super) count: u16,
     /// Values to write; empty for a read.
@@ -101,10 +102,10 @@ pub(super) struct Request {
 }
 
 impl Request {
-    /// Decodes a protocol data unit.
+    /// Decodes a request from a protocol data unit.
     ///
     /// # Errors
-    /// The exception code for an invalid request.
+    /// The exception code with which an invalid request is answered.
     pub(super) fn decode(pdu: &[u8]) -> Result<Request, u8> {
         let (&function, body) = pdu.split_first().ok_or(ILLEGAL_FUNCTION)?;
         let (table, most) = match function {
@@ -143,10 +144,11 @@ impl Request {
         !self.values.is_empty()
     }
 
-    /// Executes the request. `pdu` is the protocol data unit from which it was decoded.
+    /// Executes the request on `bank`, and returns the answer. `pdu` is the protocol data unit from which the request
+    /// was decoded.
     ///
     /// # Errors
-    /// The exception code of a failed request.
+    /// The exception code with which a failed request is answered.
     pub(super) fn answer(&self, pdu: &[u8], bank: &mut Bank) -> Result<Vec<u8>, u8> {
         if self.is_write() {
             bank.write(&self.address.into(), &self.values).ok_or(ILLEGAL_ADDRESS)?;
@@ -162,7 +164,7 @@ impl Request {
     }
 }
 
-/// Answers of a unit with sixteen cells in each table to these bytes, one request after the other. A connection of a
+/// Returns the answers to the requests in these bytes, by a unit with sixteen cells in each table. A connection of a
 /// virtual machine gives the same answers. Fuzz tests use this function.
 pub fn answered(bytes: &[u8], is_rtu: bool) -> Vec<u8> {
     let framing = if is_rtu { Framing::Rtu } else { Framing::Tcp };
@@ -182,7 +184,7 @@ pub fn answered(bytes: &[u8], is_rtu: bool) -> Vec<u8> {
     answers
 }
 
-/// Makes an exception answer.
+/// Returns the answer to a request with this exception code.
 pub(super) fn exception(pdu: &[u8], code: u8) -> Vec<u8> {
     vec![pdu.first().copied().unwrap_or_default() | 0x80, code]
 }

@@ -1,19 +1,18 @@
-//! The plant: lumped masses with heat sources, conduction, convection and daily air temperature. Some machines also
-//! have a structure, described by the modes of its finite elements. The module is pure: no I/O, no clock.
+//! Plant: a simulated machine of lumped masses with heat sources, conduction, convection and daily air temperature.
+//! Some machines also have a structure, described by the modes of its finite elements. The module has no input or
+//! output, and no clock.
 //!
-//! Its equations deliberately differ from those of the compensation. The true error results from the expansion and
-//! bending of the plant's own parts. Sensors measure these parts with a lag, rounding and noise, and some parts have no
-//! sensor. A compensation can therefore be good, but never perfect.
+//! The equations of the plant deliberately differ from those of the compensation. The true error results from the
+//! expansion and bending of the plant's parts. Sensors measure these parts with a lag, rounding and noise, and some
+//! parts have no sensor. A compensation can therefore be good, but never perfect.
 //!
-//! Time advances in whole steps of [`STEP`], counted from the start. The values at a time therefore do not depend on
-//! earlier queries.
+//! Time advances in whole steps of [`STEP`], counted from the start of the run. The values at a certain time therefore
+//! do not depend on how often they were requested before.
 
-use std::time::Duration;
-
-use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg32;
 
+use super::random::stream;
 use isotherm_core::quantity::Moment;
 
 mod drive;
@@ -21,17 +20,17 @@ mod spec;
 mod structure;
 #[cfg(test)]
 mod tests;
+mod time;
 
 pub use spec::{PlantError, PlantSpec, Published, PublishedAxis};
+pub use time::STEP;
 
 use drive::{Ambient, Duty};
 use spec::SensorSpec;
 use structure::{Point, Structure, dot};
+use time::seconds;
 
-/// Time step of the plant. The time constants of a machine are minutes and hours.
-pub const STEP: Duration = Duration::from_secs(1);
-
-/// A simulated machine that warms up.
+/// Simulated machine that warms up.
 #[derive(Clone, Debug)]
 pub struct Plant {
     spec: PlantSpec,
@@ -40,10 +39,10 @@ pub struct Plant {
     steps: u64,
     ambient: Ambient,
     duty: Duty,
-    /// Power of each source on the day of this seed, W.
+    /// Power of each heat source on the simulated day, W.
     powers: Vec<f64>,
     warm: Temperatures,
-    /// Temperatures at the start of the run.
+    /// Temperatures at the start of the run, from which the true error counts.
     zero: Temperatures,
     sensors: Vec<Sensor>,
     /// Heat flow into each node, W.
@@ -51,21 +50,21 @@ pub struct Plant {
     /// Temperature of each port of the structure, °C. `enters` is the heat flow into each port, W.
     ports: Vec<f64>,
     enters: Vec<f64>,
-    /// Temperature at each sink of the structure, °C.
+    /// Temperature of the medium at each sink of the structure, °C.
     around: Vec<f64>,
 }
 
-/// Temperatures of all parts.
+/// Temperatures of all nodes, and the state of the structure.
 #[derive(Clone, Debug, Default)]
 struct Temperatures {
     nodes: Vec<f64>,
     air: f64,
-    /// Amplitudes of the structure's modes.
+    /// Amplitude of each thermal mode of the structure.
     modes: Vec<f64>,
 }
 
 impl Temperatures {
-    /// Temperature at a point, °C.
+    /// Returns the temperature at a point, °C.
     fn at(&self, spec: &PlantSpec, point: Point) -> f64 {
         let on_structure = |of: fn(&Structure) -> &Vec<Vec<f64>>, place: usize| {
             spec.structure.as_ref().map_or(0.0, |structure| dot(&of(structure)[place], &self.modes))
@@ -86,17 +85,9 @@ struct Sensor {
     random: Pcg32,
 }
 
-/// Separate random number generator for each purpose, so that another sensor does not change the noise of the others.
-pub(super) fn stream(seed: u64, purpose: &str) -> Pcg32 {
-    let hash = purpose.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
-        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
-    });
-    Pcg32::seed_from_u64(hash ^ seed.wrapping_mul(0x9e37_79b9_7f4a_7c15))
-}
-
 impl Plant {
-    /// Makes the plant on the day of this seed at the start of the run. It is switched off, and has adapted to its air.
-    /// The hour of the day is that of `begin` in UTC.
+    /// Returns the plant for this seed at `begin`, the start of the run. The machine is switched off, and has adapted
+    /// to the temperature of its air. `begin` in UTC is the hour of the simulated day.
     pub fn new(spec: &PlantSpec, seed: u64, begin: Moment) -> Plant {
         let begin_hour = (begin.as_secs_f64() / 3600.0) % 24.0;
         let ambient = Ambient::new(&spec.ambient, seed, begin_hour);
@@ -138,7 +129,7 @@ impl Plant {
         plant
     }
 
-    /// Advances the time to `now`. An earlier time is ignored.
+    /// Advances the plant to `now`. An earlier time is ignored.
     pub fn advance_to(&mut self, now: Moment) {
         self.now = self.now.max(now);
         let target = self.now.since(self.begin).as_secs() / STEP.as_secs();
@@ -148,7 +139,8 @@ impl Plant {
         }
     }
 
-    /// Value that the module of a signal reports, in the signal's unit; `None` if the plant does not have this signal.
+    /// Returns the value that the sensor of a signal shows, in the unit of the signal; `None` if the plant does not
+    /// have this signal.
     pub fn sensor(&self, signal: &str) -> Option<f64> {
         let places = self.spec.sensors.iter().zip(&self.sensors);
         if let Some((spec, sensor)) = places.clone().find(|(spec, _)| spec.signal == signal) {
@@ -161,8 +153,8 @@ impl Plant {
         Some(f64::from(u8::from(self.duty.holds(switch.when))))
     }
 
-    /// Error of an axis without compensation, µm, which Cz must cancel. It is zero at the start of the run. Parts of it
-    /// may depend on the current position.
+    /// Returns the error of an axis without compensation, µm, which Cz must cancel. The error is zero at the start of
+    /// the run. Parts of it may depend on the current position. Returns `None` if the plant does not have this axis.
     pub fn true_error_um(&self, axis: &str) -> Option<f64> {
         let displacement = self.spec.axes.iter().find(|displacement| displacement.axis == axis)?;
         let rise = |point: Point| self.warm.at(&self.spec, point) - self.zero.at(&self.spec, point);
@@ -180,7 +172,7 @@ impl Plant {
         Some(sum(&displacement.gains) + along.sum::<f64>() + guided.unwrap_or_default())
     }
 
-    /// Simulates the time before the run, in which the machine is off.
+    /// Simulates the time before the run, in which the machine is off and adapts to the air.
     fn soak(&mut self) {
         let length = self.spec.soak.as_secs() / STEP.as_secs();
         for step in 0..length {
@@ -242,19 +234,13 @@ impl Plant {
 }
 
 impl SensorSpec {
-    /// Temperature at the place of the sensor.
+    /// Returns the temperature that the sensor measures, °C, before its lag.
     fn feels(&self, spec: &PlantSpec, warm: &Temperatures) -> f64 {
         self.feels.iter().map(|(point, share)| share * warm.at(spec, *point)).sum()
     }
 
-    /// A value with the rounding of its module.
+    /// Returns a value rounded to the resolution of the sensor.
     fn shows(&self, value: f64) -> f64 {
         if self.resolution > 0.0 { (value / self.resolution).round() * self.resolution } else { value }
     }
-}
-
-/// Converts steps to seconds. A run of 2^53 steps does not occur.
-#[allow(clippy::cast_precision_loss)]
-fn seconds(steps: u64) -> f64 {
-    steps as f64 * STEP.as_secs_f64()
 }

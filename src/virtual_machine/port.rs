@@ -1,4 +1,4 @@
-//! A virtual serial port: a pseudo-terminal at a fixed path, which a fault script can remove and create again.
+//! Virtual serial port: a pseudo-terminal at a fixed path, which a fault script can remove and create again.
 
 use std::fs;
 use std::io;
@@ -19,19 +19,19 @@ use tokio::sync::{mpsc, watch};
 use super::server::{Line, OpenOrClose, converse};
 use isotherm_profile::Serial;
 
-/// Interval of the checks whether a client has opened the port again.
+/// Interval at which the virtual machine checks whether a client has opened the port.
 const LOOK: Duration = Duration::from_millis(5);
 
-/// Path of a port, removed on drop.
+/// Path of a serial port. Dropping this value removes the path.
 #[derive(Debug)]
 pub(super) struct Name {
     path: PathBuf,
-    /// Directory that was made only for this port.
+    /// Directory that was created only for this port; `None` for a path in the profile.
     directory: Option<PathBuf>,
 }
 
 impl Name {
-    /// Takes the path of the profile; `None` if it exists or cannot be made.
+    /// Reserves the path in the profile. Returns `None` if the path exists already, or cannot be created.
     pub(super) fn wanted(path: &Path) -> Option<Name> {
         let is_left_over = path.is_symlink() && !path.exists();
         if is_left_over {
@@ -42,7 +42,7 @@ impl Name {
         Some(Name { path: path.to_owned(), directory: None })
     }
 
-    /// Makes a unique path.
+    /// Creates a unique path in a new directory.
     pub(super) fn free(bus: &str) -> io::Result<Name> {
         static COUNT: AtomicU64 = AtomicU64::new(0);
         let count = COUNT.fetch_add(1, Ordering::Relaxed);
@@ -74,7 +74,7 @@ impl Drop for Name {
     }
 }
 
-/// Serves a line on a port with this path until `stop` changes or its sender is dropped.
+/// Serves the units of a line on a port with this path, until `stop` changes or its sender is dropped.
 pub(super) async fn serve(
     name: Name,
     serial: Serial,
@@ -101,7 +101,7 @@ pub(super) async fn serve(
     }
 }
 
-/// Makes a pseudo-terminal to which the path points, and returns its device end.
+/// Creates a pseudo-terminal to which the path points, and returns the end at which the devices answer.
 fn plug_in(name: &Name) -> io::Result<(Receiver, Sender)> {
     let (hardware, path) = pseudo_terminal()?;
     name.points_to(&path)?;
@@ -122,7 +122,7 @@ fn pseudo_terminal() -> io::Result<(OwnedFd, PathBuf)> {
     Ok((hardware, PathBuf::from(std::ffi::OsString::from_vec(path))))
 }
 
-/// Answers the client that has the port open. Never returns if the port is removed.
+/// Answers the client that has opened the port. Never returns while the port is removed (`None`).
 async fn talk(port: Option<&mut (Receiver, Sender)>, line: &Line, serial: Serial) -> io::Result<()> {
     let Some((receiver, sender)) = port else { return std::future::pending().await };
     loop {

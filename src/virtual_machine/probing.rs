@@ -1,6 +1,6 @@
-//! Probing cycle of the virtual machine. It periodically measures the true error with the active Cz. The result and its
-//! trigger appear in the signals of the profile's probe. The trigger is a counter that increases by one, or a flag that
-//! stays set for a while.
+//! Probing cycle of the virtual machine. It periodically measures the residual error with the active Cz. The signals of
+//! the probe in the profile show the result and its trigger. The trigger is a counter that increases by one, or a flag
+//! that stays set for a while.
 
 use std::time::Duration;
 
@@ -9,9 +9,9 @@ use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{ProbeInput, Profile, Signal};
 
-/// Time for which a flag stays set after a probing cycle.
+/// Time for which a trigger flag stays set after a probing cycle.
 const FLAG: Duration = Duration::from_secs(30);
-/// Largest value of a counter, which fits every data type. It then starts again at one.
+/// Largest value of a trigger counter. It fits every data type of a signal. The next value is one.
 const MOST: u32 = 30_000;
 
 /// Probing cycle of one axis.
@@ -27,7 +27,7 @@ pub(super) struct Cycle {
 }
 
 impl Cycle {
-    /// Makes a cycle for each axis of the profile with a probe.
+    /// Returns a cycle for each axis of the profile that has a probe.
     pub(super) fn of(profile: &Profile, every: Duration, begin: Moment) -> Vec<Cycle> {
         let inputs = profile.axes.iter().enumerate();
         let inputs = inputs.filter_map(|(axis, settings)| settings.probe_input.map(|input| (axis, input)));
@@ -53,7 +53,7 @@ impl Cycle {
         self.due = now.next_tick(self.due, self.every);
     }
 
-    /// Value of this signal if it belongs to the cycle.
+    /// Returns the value of this signal, if it shows the result or the trigger of the cycle.
     pub(super) fn shows(&self, id: SignalId, signal: &Signal, now: Moment) -> Option<f64> {
         if id == self.input.signal {
             return Some(self.result_um / self.input.micron);

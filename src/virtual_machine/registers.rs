@@ -1,11 +1,11 @@
-//! Content of one virtual device.
+//! Registers and bits of one virtual device.
 
 use std::collections::HashMap;
 
 use isotherm_core::codec::{Address, DataType, Encoding, Register, Table};
 
-/// Registers and bits of a Modbus device. Every address up to the last one in use exists. Values of a CAN device are
-/// registers as well, each at its own address.
+/// Registers and bits of a Modbus device. Every address up to the last one in use exists. Each value of a CAN device is
+/// stored as registers too, at its own address.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Bank {
     coils: Vec<u16>,
@@ -16,7 +16,8 @@ pub(super) struct Bank {
 }
 
 impl Bank {
-    /// Creates this number of cells from `address` on. Returns the cells of the table, and the index of the first one.
+    /// Creates `count` cells (registers or bits) from `address` on. Returns the cells of the table, and the index of
+    /// the first one created.
     pub(super) fn reserve(&mut self, address: &Address, count: u16) -> (&mut [u16], usize) {
         let (cells, first) = match address {
             Address::Modbus(Register { table, offset }) => (self.table_mut(*table), usize::from(*offset)),
@@ -29,14 +30,15 @@ impl Bank {
         (cells, first)
     }
 
-    /// Writes values to the cells from `address` on, and creates them if needed.
+    /// Writes values to the cells from `address` on, and creates the cells if needed.
     pub(super) fn set(&mut self, address: &Address, values: &[u16]) {
         let count = values.len();
         let (cells, first) = self.reserve(address, u16::try_from(count).unwrap_or(u16::MAX));
         cells[first..first + count].copy_from_slice(values);
     }
 
-    /// Cells from `address` on; bits are 0 or 1. `None` if one of them does not exist.
+    /// Returns the content of the cells from `address` on; bits are 0 or 1. Returns `None` if one of the cells does not
+    /// exist.
     pub(super) fn read(&self, address: &Address, count: u16) -> Option<&[u16]> {
         match address {
             Address::Modbus(register) => self.registers(*register, count),
@@ -44,7 +46,7 @@ impl Bank {
         }
     }
 
-    /// Writes values to the cells from `address` on. If one of them does not exist, it changes nothing and returns
+    /// Writes values to the cells from `address` on. If one of the cells does not exist, changes nothing and returns
     /// `None`.
     pub(super) fn write(&mut self, address: &Address, values: &[u16]) -> Option<()> {
         let cells = match address {
@@ -57,7 +59,7 @@ impl Bank {
         Some(())
     }
 
-    /// Writes an encoded value. A bit of a register leaves the other bits unchanged.
+    /// Writes an encoded value. For a value that is one bit of a register, the other bits are unchanged.
     pub(super) fn put(&mut self, address: &Address, encoding: &Encoding, words: &[u16]) {
         let DataType::Bit(bit) = encoding.data_type else { return self.set(address, words) };
         let first = |words: &[u16]| words.first().copied().unwrap_or_default();
@@ -65,7 +67,7 @@ impl Bank {
         self.set(address, &[before & !mask | first(words) & mask]);
     }
 
-    /// Registers or bits from this one on; `None` if one of them does not exist.
+    /// Returns the content of registers or bits from this one on; `None` if one of them does not exist.
     pub(super) fn registers(&self, Register { table, offset }: Register, count: u16) -> Option<&[u16]> {
         let cells = match table {
             Table::Coil => &self.coils,

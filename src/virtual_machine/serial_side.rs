@@ -1,9 +1,9 @@
-//! Serial side of a virtual gateway from Modbus TCP to a serial line. The gateway sends each answer with the
-//! transaction of the open request.
+//! Serial side of a virtual Modbus gateway from TCP to a serial line. The virtual Modbus gateway sends each answer with
+//! the transaction number of the open request.
 //!
-//! The gateway gives up a slow unit before its answer arrives. If another request to that unit is open when the late
-//! answer arrives, the gateway takes it as the answer to that request. The answer to that request is late in turn.
-//! Without an open request, the late answer is dropped, or kept until the next request.
+//! The Modbus gateway stops waiting for a slow unit before its answer arrives. If another request to that unit is open
+//! when the late answer arrives, the Modbus gateway sends the late answer for that request. The true answer to that
+//! request is then late, too. Without an open request, the late answer is dropped, or kept until the next request.
 
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
@@ -13,18 +13,18 @@ use super::hardware::Reply;
 use super::modbus::exception;
 use crate::clock::Silence;
 
-/// Time on the serial line for a request and its answer.
+/// Time that a request and its answer take on the serial line.
 const EXCHANGE: Duration = Duration::from_millis(5);
 
-/// Late and kept answers.
+/// Late and kept answers of all units behind a Modbus gateway.
 #[derive(Debug, Default)]
 pub(super) struct SerialSide(Mutex<Answers>);
 
 #[derive(Debug, Default)]
 struct Answers {
-    /// Answers that have not arrived at the gateway.
+    /// Answers that have not arrived at the Modbus gateway yet.
     late: Vec<Late>,
-    /// Answers that the gateway keeps, at most one for each unit.
+    /// Answers that the Modbus gateway keeps, at most one for each unit.
     kept: Vec<(u8, Vec<u8>)>,
 }
 
@@ -33,12 +33,13 @@ struct Late {
     unit: u8,
     pdu: Vec<u8>,
     asked: Silence,
-    /// Delay of the answer since `asked`.
+    /// Time from `asked` until the answer arrives.
     delay: Duration,
 }
 
 impl SerialSide {
-    /// Gateway's answer to a new request, and its delay. `reply` is the unit's answer.
+    /// Returns the answer of the Modbus gateway to a new request, and its delay. `reply` is the answer of the unit
+    /// itself.
     pub(super) fn pass(&self, unit: u8, pdu: &[u8], reply: Reply) -> (Reply, Duration) {
         let mut answers = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let Answers { late, kept } = &mut *answers;
@@ -70,7 +71,7 @@ impl SerialSide {
     }
 }
 
-/// Answer of a gateway that times out before the unit answers.
+/// Returns the answer of a Modbus gateway that times out before the unit answers: an exception, or none.
 fn given_up(pdu: &[u8], delay: Duration, code: Option<u8>) -> (Reply, Duration) {
     (Reply { pdu: code.map(|code| exception(pdu, code)), fault: None }, delay / 2)
 }

@@ -1,5 +1,5 @@
-//! Sockets of the virtual machine: one listener for each line, any number of connections, and sequential requests on
-//! each.
+//! Sockets of the virtual machine: one listener for each line, any number of connections, and one request at a time on
+//! each connection.
 
 use std::io;
 use std::net::SocketAddr;
@@ -16,45 +16,46 @@ use super::UnknownUnit;
 use super::fault::ReplyFault;
 use super::hardware::{Hardware, Reply};
 use super::modbus::{Framing, Header, NO_SUCH_UNIT, exception};
-use super::plant::stream;
+use super::random::stream;
 use super::serial_side::SerialSide;
 use crate::clock::{BootClock, Clock};
 use isotherm_profile::{DeviceId, Serial};
 
-/// State shared by all connections.
+/// State that all connections share.
 #[derive(Clone, Debug)]
 pub(super) struct Shared {
     hardware: Arc<Mutex<Hardware>>,
     pub(super) clock: Clock,
 }
 
-/// One listener with its units.
+/// One line with its units, which a listener serves.
 #[derive(Debug)]
 pub(super) struct Line {
     pub(super) units: Vec<(u8, DeviceId)>,
     pub(super) framing: Framing,
     /// Answer for a unit that does not exist.
     pub(super) unknown_unit: UnknownUnit,
-    /// Length of the parts in which a late answer is delayed. A gateway in the same process waits in the same parts, so
-    /// that a busy computer delays both alike.
+    /// Length of the slices into which the delay of a late answer is divided. A client in the same process divides its
+    /// timeout in the same way, so that a busy computer delays both equally.
     pub(super) slice: Duration,
-    /// Serial side of a gateway; used only for Modbus TCP.
+    /// Serial side of a Modbus gateway in front of the units. It is used only for Modbus TCP.
     pub(super) serial_side: SerialSide,
     pub(super) shared: Shared,
 }
 
-/// Request to listen, or to close the listener and all connections. `done` is signalled afterwards.
+/// Command to listen, or to close the listener and all its connections. `done` is signalled when the command is
+/// executed.
 #[derive(Debug)]
 pub(super) struct OpenOrClose {
     pub(super) is_open: bool,
     pub(super) done: oneshot::Sender<()>,
 }
 
-/// RTU: silence after which incomplete requests are discarded.
+/// Time without input after which an incomplete RTU request is discarded.
 const GAP: Duration = Duration::from_millis(20);
 /// Minimum time between two log lines about clients that do not speak Modbus.
 const AT_MOST_EVERY: Duration = Duration::from_secs(60);
-/// Pause between the bytes of an answer that is sent one byte at a time.
+/// Pause between two bytes of an answer, for the fault in which an answer is sent byte by byte.
 const DRIBBLE: Duration = Duration::from_millis(1);
 
 impl Shared {
@@ -62,14 +63,14 @@ impl Shared {
         Shared { hardware: Arc::new(Mutex::new(hardware)), clock }
     }
 
-    /// Locks the hardware. A panic under the lock ends its task, and thus the machine. Until then the values remain
-    /// usable.
+    /// Locks the hardware. The lock is also used after a panic in another task: that panic ends the virtual machine,
+    /// and until then the values are usable.
     pub(super) fn hardware(&self) -> MutexGuard<'_, Hardware> {
         self.hardware.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Serves a line until `stop` changes or its sender is dropped.
+/// Serves the units of a line on a listener, until `stop` changes or its sender is dropped.
 pub(super) async fn serve(
     listener: TcpListener,
     line: Arc<Line>,
@@ -123,7 +124,7 @@ pub(super) async fn serve(
     Ok(())
 }
 
-/// Makes a socket at this address that does not listen yet.
+/// Returns a socket that is bound to this address, but does not listen yet.
 fn bound(address: SocketAddr) -> io::Result<TcpSocket> {
     let socket = if address.is_ipv4() { TcpSocket::new_v4()? } else { TcpSocket::new_v6()? };
     socket.set_reuseaddr(true)?;
@@ -131,7 +132,7 @@ fn bound(address: SocketAddr) -> io::Result<TcpSocket> {
     Ok(socket)
 }
 
-/// Next connection; never returns without a listener.
+/// Waits for the next connection. Never returns without a listener.
 async fn accept(listener: Option<&TcpListener>) -> io::Result<(TcpStream, SocketAddr)> {
     match listener {
         Some(listener) => listener.accept().await,
@@ -139,8 +140,8 @@ async fn accept(listener: Option<&TcpListener>) -> io::Result<(TcpStream, Socket
     }
 }
 
-/// Evaluates the end of a connection. Returns the address of a client that did not speak Modbus. A panic ends the
-/// machine.
+/// Evaluates how a connection ended. Returns the address of a client that did not send Modbus. Returns an error after a
+/// panic, which ends the virtual machine.
 fn report(ended: Result<(SocketAddr, io::Result<()>), JoinError>) -> io::Result<Option<SocketAddr>> {
     match ended {
         Ok((_, Ok(()))) => Ok(None),
@@ -153,8 +154,8 @@ fn report(ended: Result<(SocketAddr, io::Result<()>), JoinError>) -> io::Result<
     }
 }
 
-/// Clients that did not speak Modbus. The first one is logged at once, later ones are counted and logged occasionally.
-/// Such clients thus cannot fill the log.
+/// Counter of clients that did not send Modbus. The first one is logged at once; later ones are counted, and logged
+/// once a minute. Such clients therefore cannot fill the log.
 #[derive(Debug, Default)]
 struct NonModbusClients {
     boot_clock: BootClock,
@@ -164,7 +165,7 @@ struct NonModbusClients {
 }
 
 impl NonModbusClients {
-    /// Text to log now.
+    /// Counts a client that did not send Modbus. Returns the text to log now; `None` if nothing is to be logged.
     fn came(&mut self, peer: SocketAddr) -> Option<String> {
         self.unreported += 1;
         self.last = Some(peer);
@@ -179,7 +180,7 @@ impl NonModbusClients {
         match std::mem::take(&mut self.unreported) {
             _ if is_first => {
                 format!(
-                    "closed a connection{last}: this is no Modbus TCP; further ones are counted, and logged \
+                    "closed a connection{last}: this is no Modbus TCP; further such connections are counted, and logged \
                      once a minute"
                 )
             }
@@ -199,7 +200,8 @@ async fn serve_client(stream: TcpStream, peer: SocketAddr, line: Arc<Line>) -> (
     (peer, ended.await)
 }
 
-/// Answers requests until the stream ends or contains data that is not Modbus. A serial line delays each byte.
+/// Answers requests until the stream ends or contains data that is not Modbus. With `pace`, each byte takes as long as
+/// on a serial line with these settings.
 pub(super) async fn converse<S>(mut stream: S, line: &Line, pace: Option<Serial>) -> io::Result<()>
 where
     S: AsyncRead + AsyncWrite + Unpin,
@@ -282,12 +284,12 @@ impl Line {
     }
 }
 
-/// Output of one connection.
+/// Sender of the answers on one connection, with their faults.
 #[derive(Debug)]
 pub(super) struct Responder {
     framing: Framing,
     is_mute: bool,
-    /// Correct answer to the previous request: its transaction and protocol data unit.
+    /// Correct answer to the previous request: its transaction number and its protocol data unit.
     before: Option<(u16, Vec<u8>)>,
 }
 
@@ -343,7 +345,7 @@ impl Responder {
     }
 }
 
-/// The same bytes with one change.
+/// Returns the same bytes with one byte changed.
 fn changed(pdu: &[u8], at: usize, change: impl Fn(u8) -> u8) -> Vec<u8> {
     let mut bytes = pdu.to_vec();
     if let Some(byte) = bytes.get_mut(at) {
@@ -352,7 +354,8 @@ fn changed(pdu: &[u8], at: usize, change: impl Fn(u8) -> u8) -> Vec<u8> {
     bytes
 }
 
-/// Answer to a read with a number of bytes added or removed, and a matching byte count. Exceptions are unchanged.
+/// Returns the answer to a read with `by` bytes added or removed, and a matching byte count. Exceptions are returned
+/// unchanged.
 fn resized(pdu: &[u8], by: isize) -> Vec<u8> {
     let is_exception = pdu.first().is_none_or(|function| function & 0x80 != 0);
     let wanted = pdu.len().saturating_add_signed(by).max(2);

@@ -1,31 +1,32 @@
-//! True state of the tool: the error of each axis, the applied Cz, and the residual error.
+//! True state of each axis of the virtual machine: the error, the applied Cz, and the residual error.
 
 use std::time::Duration;
 
 use isotherm_core::quantity::Moment;
 
-/// Time of the first sample since the start of the run. The warm-up transient is included, the setup is not.
+/// Time from the start of the run to the first sample. The minute before it is left out, because the gateway is still
+/// being set up.
 const FIRST_SAMPLE: Duration = Duration::from_secs(60);
 
-/// True error and Cz of one axis at one time, µm.
+/// True error and applied Cz of one axis at one time, µm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisTruth {
-    /// Error without compensation.
+    /// Reported error without compensation, µm.
     pub error_um: f64,
-    /// Cz that acts in the machine.
+    /// Cz that acts in the machine, µm.
     pub cz_um: f64,
 }
 
-/// True errors of all axes at one time, in the order of [`Summary::axes`].
+/// True errors and applied Cz of all axes at one time, in the order of [`Summary::axes`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct TruthRow {
     /// Time of the sample.
     pub at: Moment,
-    /// Values of each axis with a known true error.
+    /// Values of each axis whose true error is known.
     pub axes: Vec<AxisTruth>,
 }
 
-/// Smallest and largest value of a run, µm.
+/// Smallest and largest value during a run, µm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extent {
     /// Smallest value.
@@ -34,28 +35,28 @@ pub struct Extent {
     pub max_um: f64,
 }
 
-/// Whole run of one axis. Both extents use the same samples: one each second, from the first minute on.
+/// Results of one axis over a whole run. Both extents use the same samples: one each second, from the first minute on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AxisSummary {
-    /// Name in the profile.
+    /// Name of the axis in the profile.
     pub axis: String,
-    /// Number of samples in both extents.
+    /// Number of samples in each of the two extents.
     pub samples: u64,
-    /// Error without compensation.
+    /// Range of the error without compensation.
     pub uncompensated: Extent,
-    /// Error with compensation.
+    /// Range of the residual error, that is, with compensation.
     pub compensated: Extent,
 }
 
 /// Summary of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
-    /// Summary of each axis with a known true error; empty without a plant.
+    /// Summary of each axis whose true error is known; empty without a plant.
     pub axes: Vec<AxisSummary>,
 }
 
 impl AxisTruth {
-    /// Residual error: error + Cz.
+    /// Returns the residual error, µm: error + Cz.
     pub fn residual_um(self) -> f64 {
         self.error_um + self.cz_um
     }
@@ -64,7 +65,7 @@ impl AxisTruth {
 impl Extent {
     const NOTHING: Extent = Extent { min_um: f64::INFINITY, max_um: f64::NEG_INFINITY };
 
-    /// Largest minus smallest value; zero before the first sample.
+    /// Returns the largest minus the smallest value, µm; zero before the first sample.
     pub fn range_um(self) -> f64 {
         (self.max_um - self.min_um).max(0.0)
     }
@@ -75,19 +76,19 @@ impl Extent {
     }
 }
 
-/// Collects samples for a summary.
+/// Collector of the samples for a summary.
 #[derive(Clone, Debug)]
 pub(super) struct Observer {
     begin: Moment,
     pub(super) summary: Summary,
     pub(super) latest: Option<TruthRow>,
-    /// Rows at an interval of ten seconds, until they are taken.
+    /// Rows at intervals of ten seconds, until [`Window::take_course`](super::Window::take_course) removes them.
     pub(super) course: Vec<TruthRow>,
 }
 
 /// Interval of the rows in `course`.
 const ROW_EVERY: Duration = Duration::from_secs(10);
-/// Length at which no more rows are added, because they are not used.
+/// Number of rows in `course` at which no more are added, so that memory stays limited if no program reads them.
 const LONGEST_COURSE: usize = 10_000;
 
 impl Observer {

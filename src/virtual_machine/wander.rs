@@ -5,10 +5,10 @@ use std::f64::consts::TAU;
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::plant::stream;
+use super::random::stream;
 use isotherm_profile::Signal;
 
-/// Value of a signal at this time in seconds since the start of the run.
+/// Returns the value of a signal at a time in seconds since the start of the run.
 pub(super) fn wander(signal: &Signal, seed: u64, seconds: f64) -> f64 {
     let phase: f64 = stream(seed, &signal.name).random_range(0.0..TAU);
     let wave = |period: f64| (TAU * seconds / period + phase).sin();
@@ -26,7 +26,7 @@ pub(super) fn wander(signal: &Signal, seed: u64, seconds: f64) -> f64 {
     }
 }
 
-/// Returns noise that changes every second. Within a second it is always the same.
+/// Returns noise that changes once a second. The same second always has the same noise.
 #[allow(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

@@ -32,7 +32,7 @@ use crate::support::certificates;
 use certificates::{Authority, Signed, signs_itself};
 
 const NOW: (i32, i32) = (2020, 2099);
-const READ: Request<'static> = Request::Read { from: Register { table: Table::Input, offset: 0 }, count: 2 };
+const READ: Request<'static> = Request::read_registers(Register { table: Table::Input, offset: 0 }, 2);
 const PROFILE: &str = include_str!("../interop/machine.toml");
 
 /// Returns the machine of the tests with foreign servers. Its line is secured by these files.

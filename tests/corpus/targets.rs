@@ -5,26 +5,22 @@
 
 use std::cell::Cell;
 use std::fs::Permissions;
-use std::io;
 use std::net::SocketAddr;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
-use std::pin::Pin;
 use std::sync::LazyLock;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::task::{Context, Poll};
 use std::time::Duration;
 
 use isotherm::clock::Clock;
-use isotherm::fieldbus::canopen::NodeId;
-use isotherm::fieldbus::canopen::master::{Master, Start, Supervision};
-use isotherm::fieldbus::canopen::sdo::{Client, LONGEST, Progress};
-use isotherm::fieldbus::modbus::ModbusTcp;
-use isotherm::fieldbus::port::Port;
-use isotherm::fieldbus::rtu::Rtu;
+use isotherm::fieldbus::kinds::can::canopen::NodeId;
+use isotherm::fieldbus::kinds::can::canopen::master::{Master, Start, Supervision};
+use isotherm::fieldbus::kinds::can::canopen::sdo::{Client, LONGEST, Progress};
+use isotherm::fieldbus::kinds::modbus::rtu::Rtu;
+use isotherm::fieldbus::kinds::modbus::tcp::ModbusTcp;
 use isotherm::fieldbus::send_guard::SendGuard;
 use isotherm::fieldbus::trace::Tap;
-use isotherm::fieldbus::wire::{Answer, Request, Wire};
+use isotherm::fieldbus::wire::{Answer, ModbusRequest, Request, Wire};
 use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::http::{Admission, TokenFile, serve};
 use isotherm::virtual_machine::answered;
@@ -38,9 +34,13 @@ use isotherm_plant::sparkplug::{Address as Node, Sparkplug};
 use isotherm_plant::{Command, Json, JsonSettings, Metric, Outcome, Publisher, Snapshot, Subject, Value};
 use isotherm_profile::plan::plan;
 use isotherm_profile::{Commands, Device, Profile, Quirks, Signal};
-use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, ReadBuf};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpSocket, TcpStream};
 use tokio::runtime::Runtime;
+
+mod peer;
+
+use peer::{Peer, RTU};
 
 /// Name of a target, which is that of its directory, and the target.
 pub(crate) type Target = (&'static str, fn(&[u8]));
@@ -538,10 +538,10 @@ pub(crate) fn client(data: &[u8]) {
     let count = u16::from(bytes.byte() % 125) + 1;
     let words = [bytes.word(), bytes.word()];
     let request = match how % 8 {
-        0 => Request::WriteSingle { at: from.offset, value: words[0] },
-        1 => Request::WriteMultiple { at: from.offset, values: &words },
-        2 => Request::WriteCoil { at: from.offset, value: words[0] & 1 == 1 },
-        _ => Request::Read { from, count },
+        0 => Request::Modbus(ModbusRequest::WriteSingle { at: from.offset, value: words[0] }),
+        1 => Request::Modbus(ModbusRequest::WriteMultiple { at: from.offset, values: &words }),
+        2 => Request::write_coil(from.offset, words[0] & 1 == 1),
+        _ => Request::read_registers(from, count),
     };
     if !request.fits() {
         return;
@@ -557,78 +557,14 @@ pub(crate) fn client(data: &[u8]) {
         runtime.block_on(Rtu::new(peer, None, &tap).exchange(unit, request, &mut send_guard))
     };
     match (answer, request) {
-        (Ok(Answer::Registers(words)), Request::Read { from, count }) => {
+        (Ok(Answer::Registers(words)), Request::Modbus(ModbusRequest::Read { from, count })) => {
             assert!(!from.table.is_bits() && words.len() == usize::from(count), "{words:?}");
         }
-        (Ok(Answer::Bits(bits)), Request::Read { from, count }) => {
+        (Ok(Answer::Bits(bits)), Request::Modbus(ModbusRequest::Read { from, count })) => {
             assert!(from.table.is_bits() && bits.len() == usize::from(count), "{bits:?}");
         }
         (Ok(Answer::Done), request) => assert!(!request.is_read()),
         (Ok(answer), request) => panic!("{answer:?} to {request:?}"),
         (Err(fault), _) => assert!(!fault.to_string().is_empty()),
-    }
-}
-
-/// Bit of `how` for frames of RTU.
-const RTU: u8 = 32;
-
-/// Answers with the given bytes, in pieces, and closes the connection.
-#[derive(Debug)]
-struct Peer {
-    asked: Vec<u8>,
-    answer: Vec<u8>,
-    at: usize,
-    /// Kind of answer. Bit 3: it has the correct header, or in RTU the correct checksum. Bit 4: one byte at a time. Bit
-    /// 5: RTU.
-    how: u8,
-    calls: u32,
-}
-
-impl Port for Peer {
-    fn take_waiting(&mut self, _: &mut [u8]) -> io::Result<usize> {
-        Err(io::ErrorKind::WouldBlock.into())
-    }
-}
-
-impl AsyncRead for Peer {
-    fn poll_read(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-        buffer: &mut ReadBuf<'_>,
-    ) -> Poll<io::Result<()>> {
-        if self.calls == 0 && self.how & 8 != 0 && self.how & RTU != 0 {
-            let sum = checksum(&self.answer).to_le_bytes();
-            self.answer.extend_from_slice(&sum);
-        } else if self.calls == 0 && self.how & 8 != 0 && self.asked.len() >= 7 {
-            // Transaction, protocol, length and unit, so that the rest of the answer is parsed.
-            let length = u16::try_from(self.answer.len() + 1).unwrap_or(u16::MAX).to_be_bytes();
-            let header = [self.asked[0], self.asked[1], 0, 0, length[0], length[1], self.asked[6]];
-            self.answer.splice(0..0, header);
-        }
-        self.calls += 1;
-        if self.calls.is_multiple_of(2) {
-            context.waker().wake_by_ref();
-            return Poll::Pending;
-        }
-        let piece = if self.how & 16 == 0 { 64 } else { 1 };
-        let end = self.answer.len().min(self.at + piece.min(buffer.remaining()));
-        buffer.put_slice(&self.answer[self.at..end]);
-        self.at = end;
-        Poll::Ready(Ok(()))
-    }
-}
-
-impl AsyncWrite for Peer {
-    fn poll_write(mut self: Pin<&mut Self>, _: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
-        self.asked.extend_from_slice(bytes);
-        Poll::Ready(Ok(bytes.len()))
-    }
-
-    fn poll_flush(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Poll::Ready(Ok(()))
-    }
-
-    fn poll_shutdown(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Poll::Ready(Ok(()))
     }
 }

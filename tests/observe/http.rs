@@ -301,7 +301,7 @@ async fn to_acknowledge_an_alarm_wants_what_commands_want() {
     assert_eq!(door.send("POST", "/api/acknowledge?alarm=nothing", &bearer, "").await.code, 409);
     assert_eq!(
         door.askers()[1..],
-        ["by 127.0.0.1 on the page has seen signal bed", "by 127.0.0.1 on the page has seen nothing"]
+        ["by 127.0.0.1 on the web page has seen signal bed", "by 127.0.0.1 on the web page has seen nothing"]
     );
     let door = Door::open(None).await;
     let foreign = [("Origin", "http://evil.example")];
@@ -457,7 +457,7 @@ async fn ready_tells_what_is_missing() {
     assert_eq!(
         missing,
         [
-            "since the start, not all devices have answered or not all axes have decided",
+            "a device has not answered since the start, or an axis has not made a decision",
             "device rtd: lost: no answer in time",
             "axis z: holding: t1: stale",
         ]

@@ -154,7 +154,7 @@ fn no_layer_sets_a_key_that_changes_what_arrives_at_the_machine() {
             assert!(!refused.is_empty(), "{way}: {path} = {value} is taken: {}", Errors(errors));
             for error in refused {
                 assert!(error.file == file && error.key.starts_with(&path), "{error}");
-                assert!(error.message.contains("what arrives at the machine"), "{error}");
+                assert!(error.message.contains("data that the machine receives"), "{error}");
                 let line = format!("[machine] allow_override = [\"{path}\"]");
                 assert!(error.help.as_ref().unwrap().ends_with(&line), "{error}");
                 assert_eq!(error.line.is_some(), way == "file", "{error}");

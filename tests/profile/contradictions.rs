@@ -68,7 +68,7 @@ fn a_corrected_position_never_overwrites_its_own_scale() {
 fn figures_that_contradict_each_other_are_reported_with_both() {
     refused("step = 1.0", "step = 80.5", "axis.z.step", "80.5", &["80.5", "40"]);
     assert!(with("step = 1.0", "step = 80.0").is_ok(), "from −limit to +limit");
-    refused("deadband = 0.1", "deadband = 40.0", "axis.z.deadband", "40.0", &["never move"]);
+    refused("deadband = 0.1", "deadband = 40.0", "axis.z.deadband", "40.0", &["never change"]);
     refused("rate = 0.5", "rate = 0", "axis.z.rate", "0", &["above zero"]);
     refused(
         "scale = 0.1\nrefresh",

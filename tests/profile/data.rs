@@ -68,7 +68,7 @@ fn a_matrix_becomes_gains_of_cz_along_the_guideway() {
     }
     let reported = reported(&loaded);
     for words in [
-        "Cz = P·ΔT µm at scale_z, P of c.json from 0 to 400 mm (beyond the ends as at the end)",
+        "Cz = P·ΔT µm at scale_z, P of c.json from 0 to 400 mm (beyond an end, the value at this end)",
         "over (bed − 20), (wheelhead − its value at machine start)",
         "when bed rises by 1 °C (at scale_z = 200 mm), Cz changes by −2 µm",
     ] {
@@ -95,7 +95,7 @@ fn a_matrix_that_does_not_fit_is_refused_with_the_names_of_both() {
         (with("\"guide_nodes\"", "\"guide_node\""), &["unknown field `guide_node`"]),
         (with("\"version\": 1", "\"version\": 2"), &["the version of the file is 2"]),
         (with("isotherm-matrix", "isotherm-network"), &["the format is \"isotherm-network\""]),
-        (MATRIX[..100].to_owned(), &["no JSON of isotherm"]),
+        (MATRIX[..100].to_owned(), &["not JSON in a format of isotherm"]),
         (with("0.001", "1e999"), &["out of range"]),
     ] {
         refused_at(MATRIX_KEYS, &[("c.json", file.as_bytes())], ".file", &[&["c.json: "], words].concat());
@@ -200,7 +200,8 @@ fn an_input_may_lag_behind_its_signal_and_begins_at_rest_on_its_reference() {
     let reported = reported(&loaded);
     for words in [
         "over bed, (wheelhead − its value at machine start) lagged by 12m",
-        "when wheelhead rises by 1 °C (from 35) (63 % of it 12m after wheelhead has risen), Cz changes by",
+        "when wheelhead rises by 1 °C (from 35) (63 % of the effect 12m after wheelhead has risen), Cz changes \
+         by",
     ] {
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }

@@ -95,7 +95,7 @@ fn check_says_what_is_asked_and_written_and_how_the_messages_are_protected() {
         "bed: node ns=2;s=/Plc/DB100.DBD4 of cnc, the node's own type, 1 °C per unit",
         "scale_z: node ns=3;i=1005 of cnc, i32, 0.0005 mm per count",
         "k0: node ns=2;s=/Sinumerik/SEA/offset of cnc, f64, 1 µm per unit",
-        "accepted once the node reads back what was written",
+        "accepted once the node was read and contains the written value",
     ] {
         assert!(text.contains(said), "`{said}` is not in:\n{text}");
     }
@@ -166,17 +166,17 @@ fn what_is_wrong_with_a_server_is_told_at_its_key() {
 #[test]
 fn the_words_of_opc_ua_and_of_other_programs_are_answered_with_those_of_a_profile() {
     no_server("\"opcua\"", "\"opc-ua\"", "bus.control.type", "\"opc-ua", &["did you mean `opcua`"]);
-    no_server("\"f64\"", "\"Double\"", "output.k0.type", "\"Double", &["write \"f64\": OPC UA's Double"]);
-    no_server("\"i32\"", "\"Int32\"", "signal.scale_z.type", "\"Int32", &["write \"i32\": OPC UA's Int32"]);
+    no_server("\"f64\"", "\"Double\"", "output.k0.type", "\"Double", &["which is OPC UA's Double"]);
+    no_server("\"i32\"", "\"Int32\"", "signal.scale_z.type", "\"Int32", &["which is OPC UA's Int32"]);
     no_server(
         "\"none\"",
         "\"Basic256Sha256\"",
         "bus.control.security",
         "\"Basic",
-        &["this is a policy: write \"sign-and-encrypt\"; the strongest policy that both ends support is \
+        &["security policy: write \"sign-and-encrypt\"; the strongest policy that both ends support is \
            used"],
     );
-    no_server("ns=3;i=1005", "nsu=urn:50%;i=1005", "signal.scale_z.node", "\"nsu", &["is written %25"]);
+    no_server("ns=3;i=1005", "nsu=urn:50%;i=1005", "signal.scale_z.node", "\"nsu", &["written as %25"]);
     let by_uri = parse(&SERVER.replace("ns=3;i=1005", "nsu=urn:nck;i=1005")).unwrap().profile;
     assert_eq!(by_uri.signals[1].address.to_string(), "node nsu=urn:nck;i=1005");
     let verify = "every = \"1s\"\nverify = [ { type = \"i32\", equals = 3 } ]\n";

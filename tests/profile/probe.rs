@@ -52,7 +52,7 @@ fn a_probe_becomes_final_types_and_is_explained_in_words() {
         "probe: measured errors (actual minus commanded, with Cz active) come from probe_z, each time probed \
          changes",
         "A positive error lowers the model's Cz by 0.5 of the error, in all by at most 10 µm",
-        "beyond ±5 µm the gateway warns; the gains of linear models learn by up to ±20.000 % each",
+        "beyond ±5 µm the gateway warns; the gains of linear models are adjusted by up to ±20.000 % each",
     ] {
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
@@ -89,7 +89,7 @@ fn a_probe_says_what_happens_while_a_model_is_worse_than_no_compensation() {
         let machine = parse(&text).unwrap_or_else(|errors| panic!("{errors}")).profile;
         assert_eq!(machine.axes[0].settings.probe.unwrap().worse, worse);
         let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
-        let words = "while they show that a model is worse than no compensation, Cz goes to zero";
+        let words = "while probings show that a model is worse than no compensation, Cz goes to zero";
         assert_eq!(reported.contains(words), is_said, "{reported}");
     }
 }

@@ -14,14 +14,15 @@ mod source;
 
 /// Allowed imports between the modules of a crate, which Cargo cannot check. A name after `::` restricts the import to
 /// that part of the module. `src/lib.rs` and `crates/core/src/lib.rs` contain the same as a drawing.
-const ARROWS: [(&str, &str, &[&str]); 20] = [
+const ARROWS: [(&str, &str, &[&str]); 21] = [
     ("crates/core", "border", &[]),
     ("crates/core", "quantity", &[]),
     ("crates/core", "reading", &["quantity"]),
     ("crates/core", "codec", &["quantity", "reading"]),
     ("crates/core", "compensation", &["border", "quantity", "reading"]),
     ("crates/core", "continuity", &["quantity"]),
-    ("crates/core", "output", &["quantity"]),
+    ("crates/core", "events", &[]),
+    ("crates/core", "output", &["events", "quantity"]),
     ("crates/core", "display", &["compensation", "output", "quantity"]),
     ("crates/core", "explained", &[]),
     ("crates/core", "namespaces", &[]),
@@ -36,7 +37,7 @@ const ARROWS: [(&str, &str, &[&str]); 20] = [
     (
         "",
         "virtual_machine",
-        &["clock", "fieldbus::can::socket", "fieldbus::canopen::abort", "fieldbus::error"],
+        &["clock", "fieldbus::kinds::can::socket", "fieldbus::kinds::can::canopen::abort", "fieldbus::error"],
     ),
     (
         "",
@@ -44,7 +45,7 @@ const ARROWS: [(&str, &str, &[&str]); 20] = [
         &[
             "clock",
             "fieldbus::explain",
-            "fieldbus::opcua_check",
+            "fieldbus::kinds::opcua::check",
             "fieldbus::tls",
             "gateway",
             "observe",
@@ -52,6 +53,20 @@ const ARROWS: [(&str, &str, &[&str]); 20] = [
             "discovery",
         ],
     ),
+];
+
+/// Folders and files of `src/gateway`, and those that each may use. A name only uses names before it.
+/// `docs/architecture.md` contains the same.
+const GATEWAY: [(&str, &[&str]); 9] = [
+    ("line_names", &[]),
+    ("state", &[]),
+    ("store", &["line_names", "state"]),
+    ("shared", &["state", "store"]),
+    ("lifecycle", &["shared", "state", "store"]),
+    ("output", &["shared", "state", "store"]),
+    ("line", &["output", "shared", "state", "store"]),
+    ("api", &["lifecycle", "line", "shared", "state", "store"]),
+    ("claims", &["api", "line_names"]),
 ];
 
 const TOP: [&str; 16] = [
@@ -158,6 +173,41 @@ fn the_table_of_arrows_has_no_circle() {
             next.unwrap_or_else(|| panic!("a circle among the rooms that are not in {placed:?}"));
         placed.push((*home, *room));
     }
+}
+
+#[test]
+fn the_folders_of_the_gateway_use_only_those_in_their_table() {
+    let mut wrong = Vec::new();
+    for source in source::all(root()) {
+        let Some(inside) = source.path.strip_prefix("src/gateway/") else { continue };
+        let folder = inside.split(['/', '.']).next().unwrap();
+        let known = GATEWAY.iter().find(|(name, _)| *name == folder);
+        let (_, may) = known.unwrap_or_else(|| panic!("{folder} is not in the table GATEWAY"));
+        for path in source.crate_paths().iter().filter(|path| path.len() > 1 && path[0] == "gateway") {
+            if path[1] != folder && !may.contains(&path[1].as_str()) {
+                wrong.push(format!("{}: crate::{}", source.path, path.join("::")));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "these run the wrong way:\n{}", wrong.join("\n"));
+    for (place, (folder, may)) in GATEWAY.iter().enumerate() {
+        let before = &GATEWAY[..place];
+        let is_before = may.iter().all(|used| before.iter().any(|(name, _)| name == used));
+        assert!(is_before, "{folder} uses a folder that does not stand before it in the table GATEWAY");
+    }
+}
+
+/// A new type of bus must not need a change of the gateway.
+#[test]
+fn the_gateway_compares_no_types_of_bus_and_looks_into_no_request() {
+    let words = ["Transport::", "ModbusRequest", "CanRequest", "NodeRequest", "SensorRequest"];
+    let wrong: Vec<String> = source::all(root())
+        .iter()
+        .filter(|source| source.path.starts_with("src/gateway"))
+        .filter(|source| words.iter().any(|word| source.code.contains(word)))
+        .map(|source| source.path.clone())
+        .collect();
+    assert!(wrong.is_empty(), "ask crate::fieldbus::kinds::of(…), and make requests by Request: {wrong:?}");
 }
 
 #[test]

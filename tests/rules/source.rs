@@ -49,7 +49,7 @@ impl Source {
     /// Paths in the code, with imports expanded. They begin with the crate, with this module or a parent, or may begin
     /// with a child module.
     pub(super) fn paths(&self) -> Vec<Vec<String>> {
-        let mut found = self.imports("use ");
+        let mut found = self.imports(|_| true);
         for begin in ["crate::", "super::", "self::"] {
             for (at, _) in self.code.match_indices(begin) {
                 if is_a_beginning(&self.code, at) {
@@ -70,17 +70,15 @@ impl Source {
 
     /// Paths of the names that it re-exports.
     pub(super) fn hands_on(&self) -> Vec<Vec<String>> {
-        ["pub use ", "pub(crate) use ", "pub(super) use "]
-            .iter()
-            .flat_map(|begin| self.imports(begin))
-            .collect()
+        self.imports(ends_with_visibility)
     }
 
-    fn imports(&self, begin: &str) -> Vec<Vec<String>> {
+    /// Paths of the `use` statements for which the code before them fulfils a condition.
+    fn imports(&self, is_meant: impl Fn(&str) -> bool) -> Vec<Vec<String>> {
         let mut found = Vec::new();
-        for (at, _) in self.code.match_indices(begin) {
-            let before = self.code[..at].chars().next_back();
-            if before.is_none_or(|c| c.is_whitespace()) {
+        for (at, begin) in self.code.match_indices("use ") {
+            let before = &self.code[..at];
+            if before.chars().next_back().is_none_or(char::is_whitespace) && is_meant(before) {
                 tree(&self.code[at + begin.len()..], &[], &mut found);
             }
         }
@@ -94,6 +92,13 @@ impl Source {
         let length = |at: usize| self.code[at..].split("::").take_while(|part| *part == "super").count();
         chains.filter(|(at, _)| length(*at) >= depth).map(|(at, _)| line_of(&self.code, at)).collect()
     }
+}
+
+/// Returns whether a code ends with a visibility: `pub`, `pub(super)`, `pub(in crate::gateway)`.
+fn ends_with_visibility(code: &str) -> bool {
+    let code = code.trim_end();
+    let restricted = code.rfind("pub(").map(|at| &code[at..]);
+    code.ends_with("pub") || restricted.is_some_and(|vis| vis.find(')') == Some(vis.len() - 1))
 }
 
 /// Returns whether a path begins here. The path of `pub(in …)` imports nothing.
@@ -247,6 +252,21 @@ fn a_tree_of_uses_is_spread_out_and_what_is_no_code_is_not_seen() {
     assert_eq!(paths, ["a::B", "c::self", "c::d", "c::*", "g::H"]);
     assert_eq!(declared, ["src/room/file/elsewhere"]);
     assert_eq!(source.room(), "room");
+}
+
+#[test]
+fn a_name_is_handed_on_with_every_visibility() {
+    let code = "pub use a::A;\npub(super) use b::B;\npub(in crate::room) use c::{C, D};\nfn f(x: u8) {}\nuse e::E;\n\
+                pub(crate) fn g() {}\nuse h::H;\n";
+    let source = Source {
+        path: "src/room.rs".to_owned(),
+        text: String::new(),
+        code: code.to_owned(),
+        tests: Vec::new(),
+    };
+    let handed_on: Vec<String> = source.hands_on().iter().map(|path| path.join("::")).collect();
+    assert_eq!(handed_on, ["a::A", "b::B", "c::C", "c::D"]);
+    assert_eq!(source.imports(|_| true).len(), 6);
 }
 
 #[test]

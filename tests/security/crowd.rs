@@ -150,7 +150,7 @@ async fn a_head_and_a_body_have_ten_seconds_each_however_they_drip() {
     let (silent, head, body) = tokio::join!(silent, slow_head, slow_body);
     for (what, (said, took)) in [("silent", silent), ("head", head), ("body", body)] {
         assert!(took >= Duration::from_secs(9), "{what}: {took:?}");
-        let words = if what == "body" { "did not come within 10 s" } else { "" };
+        let words = if what == "body" { "did not arrive within 10 s" } else { "" };
         assert!(said.contains(words) && (what == "body" || said.is_empty()), "{what}: {said}");
         println!("{what}: closed after {took:?}");
     }
@@ -231,7 +231,7 @@ async fn a_disk_that_hangs_keeps_nobody_else_from_the_page() {
     }
     for path in ["/api/history", "/api/history.csv", "/api/events"] {
         let said = asks(&mut from(2, page).await, page, path).await;
-        assert!(said.starts_with("HTTP/1.1 503") && said.contains("ask again in a moment"), "{path}: {said}");
+        assert!(said.starts_with("HTTP/1.1 503") && said.contains("try again in a moment"), "{path}: {said}");
     }
     drop(resumes);
     let said = asks(&mut from(2, page).await, page, "/api/events").await;

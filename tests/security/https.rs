@@ -98,7 +98,7 @@ fn the_page_speaks_tls_alone_and_shows_what_lies_in_its_files_now() {
     until("the new certificate is shown", || healthy(&second).map(drop));
     assert!(healthy(&first).is_err(), "the old one is shown no more");
     std::fs::write(&files[0], "no certificate").unwrap();
-    machine.gateway.receives("the page still shows its old certificate");
+    machine.gateway.receives("the web page still uses its old certificate");
     healthy(&second).unwrap();
 
     // The handshake has the same timeout as a head.
@@ -108,7 +108,7 @@ fn the_page_speaks_tls_alone_and_shows_what_lies_in_its_files_now() {
     let took = BootClock::default().passed() - begun;
     assert!(took >= Duration::from_secs(9), "{took:?}");
     let said = machine.gateway.so_far().join("\n");
-    assert_eq!(said.matches("still shows its old certificate").count(), 1, "{said}");
+    assert_eq!(said.matches("still uses its old certificate").count(), 1, "{said}");
 }
 
 #[test]
@@ -134,7 +134,7 @@ fn a_page_without_its_certificate_is_refused_at_the_start_with_the_file_and_what
         let checked =
             isotherm(home.path()).arg("check").arg(machine.home.path().join("walker.toml")).output();
         let said = String::from_utf8(checked.unwrap().stderr).unwrap();
-        assert!(said.contains(words) && said.contains("does not start without it"), "{said}");
+        assert!(said.contains(words) && said.contains("does not start until this is corrected"), "{said}");
         assert_eq!(machine.gateway.ends_within(Duration::from_secs(30)).code(), Some(1), "{words}");
     }
 }

@@ -19,7 +19,7 @@ fn a_taken_port_keeps_no_machine_from_being_held_and_the_page_comes_when_it_is_f
     let polled = polls(&machine.device.state())[0].since(begun);
     let _on_time = machine.on_time();
     println!("polled after {polled:?}");
-    machine.gateway.receives(&format!("the page cannot listen on {page}"));
+    machine.gateway.receives(&format!("the web page cannot listen on {page}"));
     drop(taken);
     machine.gateway.receives(&format!("page http://{page}"));
     until("the page answers", || match ask(page, &get(page, "/api/status")) {

@@ -304,7 +304,10 @@ fn a_hundred_thousand_wrong_tokens_are_a_few_lines_and_the_right_one_from_elsewh
     assert!(lines <= 4, "{:#?}", site.gateway.said);
     let reported = site.verb(&["events", "--json"]).1;
     assert!(reported.contains("sign in") && reported.contains("127.0.0.1"), "{reported}");
-    assert!(!reported.contains("disarm"), "each wrong token of a command is told by itself: {reported}");
+    assert!(
+        !reported.contains("disarm"),
+        "each wrong token of a command has an event of its own: {reported}"
+    );
 }
 
 #[test]

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use isotherm::clock::Clock;
 use isotherm::fieldbus::connection::Dial;
-use isotherm::fieldbus::namespaces::NamespaceTable;
+use isotherm::fieldbus::kinds::opcua::namespaces::NamespaceTable;
 use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::status::GatewayApi;
 use isotherm_core::quantity::Moment;

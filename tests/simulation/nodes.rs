@@ -3,10 +3,12 @@
 //! exchanged their indexes.
 
 use isotherm::fieldbus::error::{CallerFault, Fault};
-use isotherm::fieldbus::modbus::ModbusTcp;
-use isotherm::fieldbus::namespaces::NamespaceTable;
+use isotherm::fieldbus::kinds::modbus::tcp::ModbusTcp;
+use isotherm::fieldbus::kinds::opcua::namespaces::NamespaceTable;
 use isotherm::fieldbus::send_guard::SendGuard;
-use isotherm::fieldbus::wire::{Answer, Boxed, NodeReading, NodeRequest, Request, Stamped, Wire};
+use isotherm::fieldbus::wire::{
+    Answer, Boxed, ModbusRequest, NodeReading, NodeRequest, Request, Stamped, Wire,
+};
 use isotherm_core::codec::{Encoded, Identifier, Namespace, Node, NodeId, Register, Scalar};
 use isotherm_core::reading::{Reason, Status};
 
@@ -111,8 +113,8 @@ impl Nodes {
                     None => return Err(Fault::Status(Status::NO_SUCH_NODE)),
                 }
                 let request = match *values {
-                    [value] => Request::WriteSingle { at, value },
-                    _ => Request::WriteMultiple { at, values },
+                    [value] => Request::Modbus(ModbusRequest::WriteSingle { at, value }),
+                    _ => Request::Modbus(ModbusRequest::WriteMultiple { at, values }),
                 };
                 match self.below.exchange(UNIT, request, send_guard).await {
                     Err(Fault::Exception(code)) => Err(Fault::Status(status(code))),
@@ -134,7 +136,7 @@ impl Nodes {
             *places.iter().min_by_key(|place| place.offset).ok_or(Fault::Caller(CallerFault::Extent))?;
         let ends = places.iter().zip(nodes).map(|(place, node)| place.offset + node.taken_as().registers());
         let count = ends.max().unwrap_or_default() - from.offset;
-        let answered = self.below.exchange(UNIT, Request::Read { from, count }, send_guard).await;
+        let answered = self.below.exchange(UNIT, Request::read_registers(from, count), send_guard).await;
         let value = |node: &Node, place: &Register| match &answered {
             Ok(answer) => {
                 let at = usize::from(place.offset - from.offset);

@@ -8,10 +8,10 @@ use std::time::Duration;
 
 use isotherm::fieldbus::connection::{Connection, Dial};
 use isotherm::fieldbus::error::{Fault, LinkFault};
-use isotherm::fieldbus::modbus::ModbusTcp;
-use isotherm::fieldbus::namespaces::NamespaceTable;
+use isotherm::fieldbus::kinds::modbus::rtu::Rtu;
+use isotherm::fieldbus::kinds::modbus::tcp::ModbusTcp;
+use isotherm::fieldbus::kinds::opcua::namespaces::NamespaceTable;
 use isotherm::fieldbus::port::Port;
-use isotherm::fieldbus::rtu::Rtu;
 use isotherm::fieldbus::trace::Tap;
 use isotherm::fieldbus::wire::Boxed;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
@@ -57,13 +57,13 @@ impl Dial for SimulatedDial {
             self.namespaces.iter().for_each(|table| table.connected(servers.array()));
         }
         let connection = stream.map(|stream| match (framing, self.has_nodes) {
-            (Framing::Rtu, _) => Connection::Other(Box::new(Rtu::new(stream, None, tap))),
+            (Framing::Rtu, _) => Connection::Modbus(Box::new(Rtu::new(stream, None, tap))),
             (Framing::Tcp, true) => {
                 let below = ModbusTcp::new(stream, tap);
                 let (shared, namespaces) = (self.shared.clone(), self.namespaces.clone());
                 Connection::Other(Box::new(Nodes { below, shared, namespaces, servers }))
             }
-            (Framing::Tcp, false) => Connection::Modbus(ModbusTcp::new(stream, tap)),
+            (Framing::Tcp, false) => Connection::ModbusTcp(ModbusTcp::new(stream, tap)),
         });
         Box::pin(std::future::ready(connection.ok_or(Fault::Link(LinkFault::Refused))))
     }

@@ -167,7 +167,7 @@ fn after_the_day_the_page_stays_open_until_somebody_presses_enter() {
     let mut command = isotherm(home.path());
     command.args(["demo", "--for", "20min", "--speed", "100000", "--stay", "--listen", "127.0.0.1:0"]);
     let mut demo = Running::start(&mut command);
-    let page = demo.receives("the page stays open at http://");
+    let page = demo.receives("the web page stays open at http://");
     assert!(demo.said.iter().any(|line| line.contains("µm compensated")), "{:?}", demo.said);
     let address = page.rsplit("http://").next().unwrap().split(' ').next().unwrap().to_owned();
     let status = || {

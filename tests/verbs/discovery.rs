@@ -64,9 +64,9 @@ fn a_scan_finds_the_units_that_answer_also_with_an_exception_and_writes_lines_th
     let bench = Bench::start();
     let scan = bench.scan(&["--units", "1..6"]);
     assert_eq!(scan.code, Some(0), "{}", scan.said);
-    assert!(scan.said.contains("asking units 1 to 6 on tcp://127.0.0.1:"), "{}", scan.said);
+    assert!(scan.said.contains("scanning units 1 to 6 on tcp://127.0.0.1:"), "{}", scan.said);
     assert!(
-        scan.said.contains("holding:0 (40001), reading only; 200ms for each answer, 3s at worst"),
+        scan.said.contains("by reading holding:0 (40001); at most 200ms for each answer, 3s in total"),
         "{}",
         scan.said
     );
@@ -125,7 +125,7 @@ fn where_nobody_answers_a_scan_fails_and_says_what_to_try() {
     let line = format!("tcp://127.0.0.1:{}", free_port());
     let refused = ended(isotherm(home.path()).args(["scan", "--bus", &line]));
     assert_eq!(refused.code, Some(1));
-    assert!(refused.said.contains(&format!("{line}: nothing listens there")), "{}", refused.said);
+    assert!(refused.said.contains(&format!("{line}: no program listens at this port")), "{}", refused.said);
 }
 
 /// Starts a device that gives the same answer for all units up to `last`, and none for the others.

@@ -10,3 +10,4 @@ mod demo;
 mod discovery;
 mod manual;
 mod preview;
+mod unread_output;

@@ -85,7 +85,7 @@ fn a_port_that_nothing_listens_on_is_the_same_to_all() {
     let home = tempfile::tempdir().unwrap();
     let address = format!("127.0.0.1:{}", free_port());
     let verbs = verbs(home.path(), &profile(&tcp(&address), ""), &format!("tcp://{address}"));
-    all_say(&verbs, "nothing listens there: is the port right (Modbus TCP: 502, OPC UA: 4840)");
+    all_say(&verbs, "no program listens at this port: is the port right (Modbus TCP: 502, OPC UA: 4840)");
 }
 
 #[test]
@@ -142,7 +142,7 @@ fn a_fault_of_the_running_gateway_is_explained_as_the_other_verbs_explain_it() {
     let home = tempfile::tempdir().unwrap();
     let closed = format!("127.0.0.1:{}", free_port()).parse().unwrap();
     for (index, (address, words)) in [
-        (closed, "nothing listens there: is the port right (Modbus TCP: 502, OPC UA: 4840)"),
+        (closed, "no program listens at this port: is the port right (Modbus TCP: 502, OPC UA: 4840)"),
         (answers(&[0x84, 2]), "exception 2 (illegal data address): the device has no such register"),
         (
             answers(&[0x84, 11]),
@@ -190,6 +190,6 @@ fn a_page_s_port_that_is_taken_says_who_may_have_it() {
     let address = taken.local_addr().unwrap().to_string();
     let profile = file(home.path(), "machine.toml", &profile(&tcp("127.0.0.1:1"), ""));
     let mut run = Running::start(isotherm(home.path()).arg("run").arg(profile).args(["--listen", &address]));
-    let said = run.receives("the page cannot listen");
+    let said = run.receives("the web page cannot listen");
     assert!(said.contains("perhaps a gateway that is running") && !said.contains("os error"), "{said}");
 }

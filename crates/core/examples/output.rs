@@ -1,4 +1,4 @@
-//! Write side of one output, driven by hand: read, write, verify, and a write whose answer is lost.
+//! Write side of one output, each step called by hand: read, write, verify, and a write whose answer is lost.
 //!
 //! ```sh
 //! cargo run -p isotherm-core --example output

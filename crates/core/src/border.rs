@@ -8,19 +8,19 @@ use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::sync::Once;
 
 thread_local! {
-    /// Whether this thread runs foreign code at the moment.
+    /// Whether this thread currently runs code from outside the project, inside [`beyond`].
     static BEYOND: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Error of [`beyond`]: the foreign code panicked.
+/// Error of [`beyond`]: the code that the function ran has panicked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Panicked;
 
-/// Runs foreign code and catches its panics. Do not use it for code of the project: a panic there is a defect that must
-/// stay visible.
+/// Runs code from outside the project and catches its panics. Do not run the project's own code with this function: a
+/// panic of that code is a defect that must stay visible.
 ///
 /// # Errors
-/// The code panicked. Everything that was moved into the closure is lost.
+/// The code panicked. Everything that was moved into the closure `run` is lost.
 pub fn beyond<T>(run: impl FnOnce() -> T) -> Result<T, Panicked> {
     static SILENCED: Once = Once::new();
     SILENCED.call_once(|| {
@@ -37,14 +37,14 @@ pub fn beyond<T>(run: impl FnOnce() -> T) -> Result<T, Panicked> {
     ran.map_err(|_| Panicked)
 }
 
-/// Returns the message of a panic, or "panic" if the payload is not text.
+/// Returns the message of a panic from its payload, or "panic" if the payload is not text.
 pub fn panic_message(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
     text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "panic".to_owned())
 }
 
-/// Returns whether this thread runs foreign code. The ONNX runtime computes in its own thread, which has a name with a
-/// known prefix.
+/// Returns whether this thread runs code from outside the project: inside [`beyond`], or in a thread of the ONNX
+/// runtime. The names of the runtime's threads begin with `rten-`.
 fn is_beyond() -> bool {
     BEYOND.get() || std::thread::current().name().is_some_and(|name| name.starts_with("rten-"))
 }

@@ -1,7 +1,8 @@
-//! The first pure step: from a snapshot of the machine to one decision for each axis.
+//! Compensation, the first pure step of the gateway: it computes one decision for each axis from a snapshot of the
+//! machine.
 //!
 //! The step has no input or output, reads no clock, and allocates no memory. Time is an argument. Therefore gateway,
-//! demo, replay and tests run the same code, and a log gives the decisions of its day bit for bit.
+//! demo, replay and tests run the same code, and a replay of a log gives the original decisions bit for bit.
 //!
 //! # Sign
 //! Cz is *added* to a position. The displacement error e is actual minus commanded position. A model yields `Cz = −e`.
@@ -9,33 +10,37 @@
 //! # Terms
 //! - **raw**: value that the model requests, µm.
 //! - **Cz**: value after the guard, in whole counts of the register.
-//! - **due**: an axis is stepped at its own period. It is stepped at once if its permit changes or if it must take over
-//!   a value. Any other snapshot only updates edges.
+//! - **due**: an axis computes a decision at its own period. It does so at once if its permit changes or if it must
+//!   take over a value. Any other snapshot is only used to detect a machine start or a zero command.
 
-use serde::{Deserialize, Serialize};
-
-use crate::quantity::{Micron, Millimetre, Moment, Shift};
-use crate::reading::{Quality, Reading, SignalId};
+use crate::quantity::{Micron, Moment, Shift};
+use crate::reading::SignalId;
 
 pub mod model;
 pub mod reference;
 pub mod settings;
 
 mod axis;
+mod control;
 mod datum;
+mod decision;
 mod guard;
 mod probe;
 mod remembered;
 mod running;
+mod snapshot;
 mod stand_in;
 mod state;
 mod substitution;
 
+pub use control::{Control, Permit, ReturnTo};
+pub use decision::Decision;
 pub use guard::Stages;
 pub use model::{CLEARLY_INSIDE, Extrapolation, Unusable};
 pub use probe::{Measured, MeasuredReport, Probe, Probed, Refused, Rejected, Residual, Worse};
 pub use remembered::{AxisMemory, Remembered, Stop};
 pub use running::AxisRunning;
+pub use snapshot::Snapshot;
 pub use stand_in::{RejectedSensor, SubstitutedSensor};
 pub use state::AxisState;
 
@@ -43,201 +48,8 @@ use axis::Axis;
 use model::Model;
 use reference::{Machine, MachineChange, Reference};
 use settings::{AxisSettings, MachineSettings};
-use substitution::Substitution;
 
-/// State of the machine at one moment: one reading for each signal of the profile, with its age already applied.
-#[derive(Clone, Copy, Debug)]
-pub struct Snapshot<'a> {
-    /// Time of the snapshot.
-    pub now: Moment,
-    /// Readings, indexed by [`SignalId`].
-    pub readings: &'a [Reading],
-    /// Substitutes for rejected readings.
-    substitutions: &'a [Substitution],
-    /// All lags have been updated with this snapshot, from their own sensors. No reference has been captured since.
-    is_followed: bool,
-}
-
-impl<'a> Snapshot<'a> {
-    /// Creates a snapshot without substitutes.
-    pub fn new(now: Moment, readings: &'a [Reading]) -> Snapshot<'a> {
-        Snapshot { now, readings, substitutions: &[], is_followed: false }
-    }
-
-    /// Marks the lags as updated with this snapshot.
-    #[must_use]
-    pub fn followed(self) -> Snapshot<'a> {
-        Snapshot { is_followed: true, ..self }
-    }
-
-    /// Returns the value of a signal; `None` if it must not be used. A substitute replaces the reading.
-    pub fn value(&self, id: SignalId) -> Option<f64> {
-        match self.instead_of(id) {
-            Some(substitution) => substitution.value(),
-            None => self.reading(id),
-        }
-    }
-
-    /// Returns the sensor's own good reading, even if a substitute replaces it; `None` if it is not good.
-    #[inline]
-    fn reading(&self, id: SignalId) -> Option<f64> {
-        self.readings.get(id.0)?.usable()
-    }
-
-    /// Returns the sensor's own good reading if its absolute value is less than `limit`.
-    #[inline]
-    fn reading_below(&self, limit: f64, id: SignalId) -> Option<f64> {
-        let Reading { value, quality, .. } = self.readings.get(id.0)?;
-        (*quality == Quality::Good && value.abs() < limit).then_some(*value)
-    }
-
-    /// Returns the substitute for the reading of this sensor; `None` if its reading is used.
-    #[inline]
-    fn instead_of(&self, id: SignalId) -> Option<&'a Substitution> {
-        self.substitutions.iter().find(|substitution| substitution.signal == id)
-    }
-
-    /// Returns the value of a signal that is the position of an axis; `None` if it must not be used.
-    pub fn position(&self, id: SignalId) -> Option<Millimetre> {
-        Millimetre::new(self.value(id)?)
-    }
-
-    /// Returns whether at least one reading may be used.
-    pub fn has_usable(&self) -> bool {
-        self.readings.iter().any(|reading| reading.usable().is_some())
-    }
-}
-
-/// Input of an axis for one step, besides the readings.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Control {
-    /// Whether the axis may decide and write.
-    pub permit: Permit,
-    /// Register value from which the axis resumes. It is set when the axis is armed, and when an output recovers.
-    pub take_over: Option<Micron>,
-    /// Effect at the axis's reach, from which the slope resumes. It is set only if the control applies the slope
-    /// itself.
-    pub take_over_slope: Option<Micron>,
-    /// The axis discards what it learned from probings.
-    pub forget: bool,
-    /// Measured error from which the axis learns.
-    pub measured: Option<Measured>,
-    /// Target of Cz, within the guard, instead of the model. It is used to check the sign with a dial gauge.
-    pub sign: Option<Micron>,
-    /// The operator has disarmed the axis and checked its sensors. All present readings are accepted.
-    pub trust: bool,
-    /// Verified Cz of the register that is farthest behind the last decision. Cz stays within one step of it. `None` if
-    /// no register is behind.
-    pub behind: Option<Micron>,
-    /// Values to which an axis in hold returns, after the settings of a sensor were changed. The decisions since the
-    /// sensor's last check are wrong.
-    pub return_to: Option<ReturnTo>,
-}
-
-/// Cz, and the effect of the slope, before the settings of a sensor were changed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ReturnTo {
-    /// Cz before the change.
-    pub cz: Micron,
-    /// Effect of the slope at the axis's reach; zero without a slope.
-    pub slope: Micron,
-}
-
-impl Control {
-    /// Returns whether the axis must take over a value.
-    pub fn takes_over(&self) -> bool {
-        self.take_over.is_some() || self.take_over_slope.is_some()
-    }
-}
-
-/// Permission of an axis to decide.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Permit {
-    /// The axis is not armed.
-    #[default]
-    Off,
-    /// The axis is armed, and its last write was verified.
-    Armed,
-    /// The axis is armed, but its last write was not verified.
-    Unverified,
-    /// The axis is armed, but an interlock keeps the register value. The axis waits without a time limit.
-    Held,
-    /// The gateway is stopping. The fault action runs without its waiting time.
-    Stopping,
-}
-
-impl Permit {
-    /// Returns the name of the permit in a log.
-    pub fn name(self) -> &'static str {
-        match self {
-            Permit::Off => "off",
-            Permit::Armed => "armed",
-            Permit::Unverified => "unverified",
-            Permit::Held => "held",
-            Permit::Stopping => "stopping",
-        }
-    }
-
-    /// Returns the permit with this name; `None` if there is none.
-    pub fn from_name(name: &str) -> Option<Permit> {
-        [Permit::Off, Permit::Armed, Permit::Unverified, Permit::Held, Permit::Stopping]
-            .into_iter()
-            .find(|permit| permit.name() == name)
-    }
-}
-
-/// Decision of a step for one axis.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Decision {
-    /// Time of the decision.
-    pub at: Moment,
-    /// Cz that the model requests with its correction, before the guard.
-    pub raw: Option<Micron>,
-    /// Expected residual error if the decision is applied: one standard deviation. `None` if it is unknown, and outside
-    /// the range on which the model was identified.
-    #[serde(default)]
-    pub expected: Option<Micron>,
-    /// Correction that probings have added to the model's own Cz.
-    #[serde(default)]
-    pub correction: Micron,
-    /// Index of the model in the profile's list; `None` if no model can be used.
-    pub model: Option<usize>,
-    /// Cz after the guard. The gateway writes this value.
-    pub cz: Micron,
-    /// Effect of the slope at the axis's reach, after the guard, if the control applies the slope itself; else zero. In
-    /// that case Cz is K0, the value at the reference position.
-    pub slope: Micron,
-    /// Target of Cz within the limit: the value that the model, the fault action, the stop or the sign check requests.
-    /// Equal to Cz while nothing is requested.
-    #[serde(default)]
-    pub target: Micron,
-    /// Target of the slope's effect, within the limit.
-    #[serde(default)]
-    pub slope_target: Micron,
-    /// State of the axis.
-    pub state: AxisState,
-    /// Guard stages that changed the value.
-    pub acted: Stages,
-    /// Why the preferred model cannot be used; `None` if it is used.
-    pub lacks: Option<Unusable>,
-    /// Sensor of the model in use that has a stand-in; `None` if there is none.
-    #[serde(default)]
-    pub stood_in: Option<SubstitutedSensor>,
-    /// The model requested more than the error level. The axis runs its fault action until it is armed again.
-    pub tripped: bool,
-    /// Comparison which shows that the model in use is worse than no compensation; `None` if none shows it. While no
-    /// model can be used, the comparison of the last model in use.
-    #[serde(default)]
-    pub worse: Option<Worse>,
-    /// Distance of the machine from the range on which the model in use was identified; `None` inside that range.
-    pub extrapolating: Option<Extrapolation>,
-    /// Distance from that range as a number: above 0 outside, negative inside. `None` if the model in use has neither
-    /// envelope nor guideway. Below [`CLEARLY_INSIDE`], extrapolation ends.
-    pub excess: Option<f64>,
-}
-
-/// State of all axes of a machine, and of the machine itself.
+/// Compensation of a machine: the state of all its axes, and of the machine itself.
 #[derive(Clone, Debug)]
 pub struct Compensation {
     settings: MachineSettings,
@@ -248,15 +60,15 @@ pub struct Compensation {
 /// Result of [`Compensation::step`]: whether an axis decided, and which events of the machine were detected.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StepResult {
-    /// At least one axis decided, or an edge was detected. The log gets a row.
+    /// Whether an axis decided, or a machine start or zero command was detected. If so, the log gets a row.
     pub anything: bool,
-    /// Whether a machine start or a zero command was detected.
+    /// Events of the machine that were detected: a machine start, a zero command.
     pub noticed: MachineChange,
 }
 
 impl Compensation {
-    /// Creates the state from what was remembered. Without it, use [`Remembered::default`]. An axis is off, unless
-    /// `remembered` contains its running state.
+    /// Creates the state of all axes. `remembered` is the state of an earlier run; without one, it is
+    /// [`Remembered::default`]. An axis is off, unless `remembered` contains its running state.
     pub fn new(settings: MachineSettings, axes: Vec<AxisSettings>, remembered: Remembered) -> Compensation {
         let mut axes: Vec<Axis> = axes.into_iter().map(Axis::new).collect();
         for axis in &mut axes {
@@ -270,7 +82,8 @@ impl Compensation {
         Compensation { settings, machine: remembered.machine, axes }
     }
 
-    /// Steps each axis that is due at `snapshot.now`. `controls` has one control for each axis, in the same order.
+    /// Computes a new decision for each axis that is due at `snapshot.now`. `controls` contains one control for each
+    /// axis, in the same order.
     pub fn step(&mut self, snapshot: &Snapshot<'_>, controls: &[Control]) -> StepResult {
         let due = |axis: &Axis, control: &Control| axis.is_due(snapshot.now, control);
         let mut is_any_due = false;
@@ -321,13 +134,13 @@ impl Compensation {
         StepResult { anything: true, noticed }
     }
 
-    /// Returns whether a step would run this axis now, with this control.
+    /// Returns whether a step at `now` would run this axis with this control.
     pub fn is_due(&self, axis: usize, now: Moment, control: &Control) -> bool {
         self.axes.get(axis).is_some_and(|axis| axis.is_due(now, control))
     }
 
-    /// Returns whether a step would detect a machine start or a zero command now. `value` gives the values of the
-    /// signals. `any_usable` returns whether any reading may be used.
+    /// Returns whether a step would detect a machine start or a zero command now. `value` returns the value of a
+    /// signal. `any_usable` returns whether any reading may be used.
     pub fn would_notice(
         &self,
         value: impl Fn(SignalId) -> Option<f64>,
@@ -363,7 +176,8 @@ impl Compensation {
         Some((chosen.model, chosen.raw))
     }
 
-    /// Returns the predictors of this signal for this model of an axis. `None` if the signal has no stand-in.
+    /// Returns the sensors from which the stand-in of this signal is estimated, for this model of an axis. `None` if
+    /// the signal has no stand-in.
     pub fn predictors(
         &self,
         axis: usize,
@@ -373,27 +187,28 @@ impl Compensation {
         self.axes.get(axis)?.predictors(model, signal)
     }
 
-    /// Returns the rejected sensors of an axis, each once.
+    /// Returns the suspected, frozen and lost sensors of an axis, each once.
     pub fn rejected(&self, axis: usize) -> impl Iterator<Item = RejectedSensor> {
         self.axes.get(axis).into_iter().flat_map(Axis::rejected)
     }
 
-    /// Returns the Cz that the model requests now if it is beyond the axis's error level; else `None`.
+    /// Returns the Cz that the first usable model of an axis requests now, if it is beyond the axis's error level; else
+    /// `None`.
     pub fn beyond_error(&self, axis: usize, snapshot: &Snapshot<'_>) -> Option<Micron> {
         let axis = self.axes.get(axis)?;
         let chosen = axis.choose(snapshot, &self.machine).0?;
         axis.is_beyond_error(&chosen).then_some(chosen.raw)
     }
 
-    /// Returns what an axis learned from probings; `None` if the axis does not learn.
+    /// Returns the corrections of an axis from probings; `None` if the profile has no probing for the axis.
     pub fn probe(&self, axis: usize) -> Option<&Probe> {
         self.axes.get(axis).filter(|axis| axis.settings.probe.is_some()).map(|axis| &axis.probe)
     }
 
-    /// Checks whether this axis would learn from a measured error now. The axis does not change.
+    /// Checks whether this axis would correct its models with a measured error now. The axis does not change.
     ///
     /// # Errors
-    /// Returns the result of the probing, with the reason for the refusal.
+    /// Returns the result that the probing would have, with the reason for the refusal.
     pub fn would_learn(
         &self,
         axis: usize,
@@ -405,8 +220,9 @@ impl Compensation {
         if probed.refused.is_some() { Err(probed) } else { Ok(()) }
     }
 
-    /// Checks whether a report that arrives at `now` may count as a measurement of this axis. A report that was already
-    /// taken is rejected, and so is one from before the axis's datum. `shift` converts counted time to wall-clock time.
+    /// Checks whether a report that arrives at `now` may count as a measurement of this axis. A report is rejected if
+    /// it was used before, or was measured before the datum (last zero point of Cz) of the axis. `shift` converts a
+    /// [`Moment`] to wall-clock time.
     ///
     /// # Errors
     /// Returns why the report is rejected.
@@ -421,7 +237,7 @@ impl Compensation {
         axis.probe.reports.check(report, (now, shift), datum)
     }
 
-    /// Remembers a report whose error was learned, or waits for another report. A repetition of the report is then
+    /// Remembers a report that the axis has used, or that waits for another report. A repetition of the report is then
     /// rejected.
     pub fn take_report(&mut self, axis: usize, report: MeasuredReport, now: Moment) {
         if let Some(axis) = self.axes.get_mut(axis) {
@@ -429,8 +245,8 @@ impl Compensation {
         }
     }
 
-    /// Updates the lags with a snapshot at which no axis decides. A gateway records no such row. A log from elsewhere
-    /// has rows between two updates, and these must not be lost.
+    /// Updates the lags of the models with a snapshot at which no axis decides. A log of the gateway has no such row. A
+    /// log of another program has rows between two steps, and their readings must not be lost.
     pub fn follow(&mut self, snapshot: &Snapshot<'_>) {
         for axis in &mut self.axes {
             axis.check(snapshot, &self.machine);
@@ -439,8 +255,8 @@ impl Compensation {
         self.take_beginnings();
     }
 
-    /// Sets the references at machine start of sensors that are accepted again, if they could not be read at that time.
-    /// Their values are estimates. Returns true if at least one was set.
+    /// Sets the machine-start references of sensors that are accepted again and could not be read at the machine start.
+    /// The reference values are estimates. Returns whether at least one reference was set.
     fn take_beginnings(&mut self) -> bool {
         let mut any = false;
         for axis in &mut self.axes {
@@ -452,24 +268,24 @@ impl Compensation {
         any
     }
 
-    /// Returns the time since machine start, and the references.
+    /// Returns the state of the machine: the time since its start, and the references.
     pub fn machine(&self) -> &Machine {
         &self.machine
     }
 
-    /// Returns the state to keep over a restart.
+    /// Returns the state that must be saved for a restart of the gateway.
     pub fn remembered(&self) -> Remembered {
         let axes = self.axes.iter().filter_map(Axis::remembered).collect();
         Remembered { machine: self.machine.clone(), axes, running: Vec::new() }
     }
 
-    /// Returns the state to keep over a restart, with the running state of each axis. A compensation that is created
-    /// from it makes the same decisions.
+    /// Returns the state that must be saved for a restart of the gateway, with the running state of each axis. A
+    /// compensation that is created from it makes the same decisions.
     pub fn running(&self) -> Remembered {
         Remembered { running: self.axes.iter().map(Axis::running).collect(), ..self.remembered() }
     }
 
-    /// Captures the "zero" references, and takes the datum of each axis from now on.
+    /// Starts to capture the "zero" references of all signals, and the datum (zero point of Cz) of each axis.
     pub fn zero(&mut self, now: Moment) {
         self.machine.zero(&self.settings, now);
         for axis in &mut self.axes {
@@ -477,8 +293,8 @@ impl Compensation {
         }
     }
 
-    /// Captures the "zero" references of one axis, and takes its datum from now on. Returns `false`, and does nothing,
-    /// if another axis uses the "zero" of the same signal.
+    /// Starts to capture the "zero" references and the datum (zero point of Cz) of one axis. Returns `false`, and does
+    /// nothing, if another axis uses the "zero" reference of the same signal.
     pub fn zero_axis(&mut self, place: usize, now: Moment) -> bool {
         let from_zero = |axis: &Axis| -> Vec<SignalId> {
             let rises = axis.settings.models.iter().flat_map(Model::rises);

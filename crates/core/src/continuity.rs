@@ -1,8 +1,9 @@
-//! Continuity of devices: whether the answers still come from the device that was verified before.
+//! Continuity of devices: whether answers still come from the device that passed its checks, with the same settings.
 //!
-//! An address and a name do not identify a device. After contact was lost, another module or control may answer there,
-//! or the same one with other settings. [`DeviceContinuity`] collects what is known about one device.
-//! [`DeviceContinuity::breaks`] breaks its continuity, and [`DeviceContinuity::verified`] restores it.
+//! An address and a name do not identify a device. After contact was lost, another module or control may answer at the
+//! address, or the same one with other settings. Each event after which this is possible is a break of the device's
+//! continuity. [`DeviceContinuity::breaks`] records a break, and [`DeviceContinuity::verified`] the result of new
+//! checks.
 //!
 //! | state | event | next state |
 //! |---|---|---|
@@ -14,7 +15,7 @@
 //! While a device is not [`Continuity::Confirmed`], its new readings are not used, and the gateway writes nothing to
 //! it. Its last good readings remain valid until their `max_age`. A device without checks has nothing that identifies
 //! it, and stays confirmed. Its breaks are counted: [`RateFilter`] compares the first value after a break with the last
-//! one before it.
+//! value before the break.
 
 use std::fmt;
 use std::time::Duration;
@@ -25,28 +26,30 @@ mod rate;
 
 pub use rate::{RateFault, RateFilter};
 
-/// Number of consecutive requests without an answer that can be a break. A single lost answer is no break.
+/// Smallest number of consecutive requests without an answer that counts as a break of continuity. A single lost answer
+/// is no break.
 const SILENT_REQUESTS: u32 = 2;
-/// Time without an answer that is a break, in poll periods.
+/// Shortest time without an answer that counts as a break of continuity, in poll periods.
 const SILENT_PERIODS: u32 = 2;
 
-/// State of a device: whether it is known to be the one that was verified.
+/// State of a device: whether it is known to be the device, with the settings, that passed its checks.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Continuity {
-    /// The device has passed its checks, and contact has not been broken since.
+    /// The device has passed its checks or has none, and contact with a checked device has not been lost since.
     Confirmed,
-    /// Contact was lost. The next exchange reads the checks.
+    /// Contact was lost, or the gateway has just started. The next exchange with the device reads the values of its
+    /// checks.
     Unconfirmed {
-        /// Time of the first break.
+        /// Time of the first break of continuity since the device was confirmed.
         since: Moment,
-        /// Cause of the first break.
+        /// Cause of the first break of continuity since the device was confirmed.
         cause: Break,
     },
-    /// A check found a difference. The list is never empty.
+    /// At least one check of the device found a difference. The list of differences is never empty.
     Changed(Vec<Difference>),
 }
 
-/// Cause of a break of continuity.
+/// Cause of a break of continuity, after which another device may answer, or the same one with other settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Break {
     /// The gateway has just started.
@@ -57,30 +60,30 @@ pub enum Break {
     ConnectionLost,
     /// A new connection does not resume the last one: a server has discarded the session, or a serial port has changed.
     NewConnection,
-    /// The interface of the bus went down.
+    /// The computer's interface to the bus went down.
     InterfaceDown,
     /// The device was restarted.
     Restarted,
     /// The machine was switched on, and perhaps the device with it.
     MachineOn,
-    /// The computer was paused for longer than the readings may age.
+    /// The computer was paused or overloaded for too long.
     Pause,
     /// The device did not answer for two poll periods.
     Silence,
 }
 
-/// Check with an unexpected result.
+/// Check of a device with an unexpected result.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Difference {
     /// Register, object or node that was checked, for example `holding:90 (40091)`.
     pub what: String,
     /// Value that the profile expects.
     pub was: String,
-    /// Value found, or the reason why it cannot be read.
+    /// Value that was found, or the reason why no value can be read.
     pub is: CheckFailure,
-    /// Meaning of the value, for messages.
+    /// Meaning of the checked value, for messages.
     pub meaning: String,
-    /// Remedy from the profile; may be empty.
+    /// Remedy that the profile gives for the difference; may be empty.
     pub remedy: String,
 }
 
@@ -89,15 +92,15 @@ pub struct Difference {
 pub enum CheckFailure {
     /// The check read another value than expected, given as text.
     Value(String),
-    /// No value: the device answered that it has no such register, for this reason.
+    /// The check read no value: the device answered that it has no such register, for this reason.
     Absent(String),
-    /// No value, for a reason that does not concern the register.
+    /// The check read no value, for a reason that does not show whether the device has the register.
     Unreadable(String),
-    /// Any other finding, as a sentence.
+    /// Any other result, as a complete sentence.
     Described(String),
 }
 
-/// Means by which a device is identified.
+/// Means by which the gateway recognises a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Identity {
     /// The device has no checks.
@@ -106,31 +109,32 @@ pub enum Identity {
     Checks,
 }
 
-/// Continuity of one device.
+/// Continuity of one device: its state, its breaks, and the answers from which silence is detected.
 #[derive(Clone, Debug)]
 pub struct DeviceContinuity {
     identity: Identity,
-    /// Time without an answer that is a break.
+    /// Time without an answer that counts as a break of continuity.
     silence: Duration,
     state: Continuity,
-    /// Number of breaks so far.
+    /// Number of breaks of the device's continuity since the gateway started.
     breaks: u64,
-    /// Number of breaks before the checks last passed. `None` if they have not passed yet.
+    /// Number of breaks of continuity when the checks last passed. `None` if the checks have not passed yet.
     passed_after: Option<u64>,
-    /// Number of breaks after which the device may have lost its settings.
+    /// Number of breaks of continuity that may have reset the settings of the device. A pause of the computer and a
+    /// machine start are not among them.
     resets: u64,
     /// Time of the last answer.
     answered: Moment,
-    /// Time of the last answer that was no refusal.
+    /// Time of the last answer with the requested data.
     delivered: Moment,
     /// Number of requests without an answer since the last answer.
     missed: u32,
-    /// Whether the present silence has already broken continuity.
+    /// Whether the present time without answers has already been recorded as a break of continuity.
     is_silent: bool,
 }
 
 impl DeviceContinuity {
-    /// Creates the state at the start for a device with this identity and poll period.
+    /// Creates the state at the start of the gateway, for a device with this identity and poll period.
     pub fn new(identity: Identity, period: Duration, start: Moment) -> DeviceContinuity {
         let state = match identity {
             Identity::None => Continuity::Confirmed,
@@ -151,33 +155,35 @@ impl DeviceContinuity {
         }
     }
 
-    /// State of the device.
+    /// Returns the state of the device.
     pub fn state(&self) -> &Continuity {
         &self.state
     }
 
-    /// Returns whether readings of the device are used and writes to it are sent.
+    /// Returns whether the gateway uses readings of the device and sends writes to it.
     pub fn is_confirmed(&self) -> bool {
         self.state == Continuity::Confirmed
     }
 
-    /// Number of breaks so far. A check that was read before the last break says nothing about the present device.
+    /// Returns the number of breaks of the device's continuity since the gateway started. The result of a check that
+    /// was read before the last break says nothing about the present device.
     pub fn breaks_so_far(&self) -> u64 {
         self.breaks
     }
 
-    /// Returns whether continuity has lasted since the checks last passed. If it has, a different value of a check
+    /// Returns whether continuity was not broken since the checks last passed. If so, a check that finds another value
     /// means that settings were changed on the same device.
     pub fn has_lasted(&self) -> bool {
         self.passed_after == Some(self.breaks)
     }
 
-    /// Number of breaks after which the device may have lost its settings.
+    /// Returns the number of breaks of continuity that may have reset the settings of the device.
     pub fn resets_so_far(&self) -> u64 {
         self.resets
     }
 
-    /// Number of breaks for [`RateFilter`]. Zero for a device with checks, because these identify it.
+    /// Returns the number of breaks of continuity for [`RateFilter`]. Zero for a device with checks, because the checks
+    /// identify the device.
     pub fn breaks_without_checks(&self) -> u64 {
         match self.identity {
             Identity::None => self.breaks,
@@ -185,13 +191,13 @@ impl DeviceContinuity {
         }
     }
 
-    /// Time of the last answer that was no refusal.
+    /// Time of the last answer with the requested data.
     pub fn delivered_at(&self) -> Moment {
         self.delivered
     }
 
-    /// Records a break of continuity. An unconfirmed device keeps its first cause. A changed device stays changed until
-    /// its checks pass.
+    /// Records a break of the device's continuity. An unconfirmed device keeps its first cause. A changed device stays
+    /// changed until its checks pass.
     pub fn breaks(&mut self, cause: Break, now: Moment) {
         self.breaks += 1;
         self.resets += u64::from(!matches!(cause, Break::Pause | Break::MachineOn));
@@ -200,8 +206,9 @@ impl DeviceContinuity {
         }
     }
 
-    /// Processes the result of the checks, which were read after this many breaks. An empty list confirms the device.
-    /// Returns the state before. Returns `None` if continuity was broken meanwhile; the checks must then be read again.
+    /// Records the result of the checks: an empty list confirms the device. `after` is the number of breaks when the
+    /// checks were read. Returns the former state; `None` if there was a break after the checks were read, so that they
+    /// must be read again.
     pub fn verified(&mut self, after: u64, differences: Vec<Difference>) -> Option<Continuity> {
         if after != self.breaks {
             return None;
@@ -216,8 +223,9 @@ impl DeviceContinuity {
         Some(std::mem::replace(&mut self.state, state))
     }
 
-    /// Records a break if the device has been silent for too long. Call it before each request and at each answer. One
-    /// silence is one break. A device that is not confirmed is checked in any case.
+    /// Records a break if the device has not answered for too long. Call this function before each request and at each
+    /// answer. One period without answers is one break. Does nothing for an unconfirmed device, which is checked in any
+    /// case.
     pub fn notice_silence(&mut self, now: Moment) {
         let is_silent = self.missed >= SILENT_REQUESTS && now.since(self.answered) >= self.silence;
         if is_silent && self.is_confirmed() && !std::mem::replace(&mut self.is_silent, true) {
@@ -225,20 +233,20 @@ impl DeviceContinuity {
         }
     }
 
-    /// Records an answer, including a refusal.
+    /// Records an answer of the device, also one that refuses the request.
     pub fn answers(&mut self, now: Moment) {
         self.notice_silence(now);
         (self.answered, self.missed, self.is_silent) = (now, 0, false);
     }
 
-    /// Records an answer with the requested data.
+    /// Records an answer of the device with the requested data.
     pub fn delivers(&mut self, now: Moment) {
         self.answers(now);
         self.delivered = now;
     }
 
-    /// Records a request without an answer. Two or more consecutive ones, at least two poll periods after the last
-    /// answer, are one break.
+    /// Records a request without an answer. The period without answers is one break as soon as it contains two requests
+    /// and lasts two poll periods.
     pub fn misses(&mut self, now: Moment) {
         self.missed = self.missed.saturating_add(1);
         let is_silent = self.missed >= SILENT_REQUESTS && now.since(self.answered) >= self.silence;
@@ -249,13 +257,13 @@ impl DeviceContinuity {
 }
 
 impl Difference {
-    /// Returns whether the check read a different value.
+    /// Returns whether the check read a value that differs from the expected one.
     pub fn is_value(&self) -> bool {
         matches!(self.is, CheckFailure::Value(_))
     }
 
-    /// Returns whether the difference proves that the device is another one or has other settings. It does if a
-    /// different value was read, or if the device answered that it has no such register.
+    /// Returns whether the difference proves that the device is another one or has other settings. It does if another
+    /// value was read, or if the device has no such register.
     pub fn is_evidence(&self) -> bool {
         matches!(self.is, CheckFailure::Value(_) | CheckFailure::Absent(_))
     }
@@ -267,11 +275,11 @@ impl fmt::Display for Break {
             Break::Start => "the gateway has just started",
             Break::Refused => "a connection was refused",
             Break::ConnectionLost => "the connection to the device was lost",
-            Break::NewConnection => "a new connection was made",
-            Break::InterfaceDown => "the interface was down",
+            Break::NewConnection => "a new connection does not resume the last one",
+            Break::InterfaceDown => "the computer's interface to the bus was down",
             Break::Restarted => "the device was restarted",
             Break::MachineOn => "the machine was switched on",
-            Break::Pause => "the computer stood still",
+            Break::Pause => "the computer was paused or overloaded",
             Break::Silence => "the device did not answer for two poll periods",
         })
     }
@@ -292,7 +300,7 @@ impl fmt::Display for Difference {
     }
 }
 
-/// Joins differences into one sentence.
+/// Joins the differences into one text for messages.
 pub fn sentence(differences: &[Difference]) -> String {
     differences.iter().map(Difference::to_string).collect::<Vec<_>>().join("; ")
 }

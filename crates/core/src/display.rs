@@ -1,4 +1,4 @@
-//! Displayed state of an axis, from its decision and the value last verified in the control.
+//! Displayed state of an axis, from its decision and the Cz that was last verified in the control.
 //!
 //! | axis | outputs | displayed as |
 //! |---|---|---|
@@ -19,59 +19,59 @@ mod control_word;
 
 pub use control_word::control_word;
 
-/// Cz in the control, as far as the gateway knows it.
+/// Cz of an axis in the control, as far as the gateway knows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum KnownCz {
-    /// Nothing is written, or nothing has been verified yet.
+    /// The gateway writes no Cz for the axis, or has not verified any yet.
     Unknown,
-    /// Zero was verified in every output.
+    /// A Cz of zero was verified in every output of the axis whose Cz is known.
     Zero,
-    /// Another Cz was verified in an output.
+    /// A Cz other than zero was verified in at least one output.
     Other,
-    /// A device of an output does not answer: the control may hold another value than the last verified one.
+    /// A device with an output of the axis does not answer: the control may hold another Cz than the last verified one.
     Unreachable,
 }
 
 /// Displayed state of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Display {
-    /// Off because the profile has no model for the axis.
+    /// The axis is off, because the profile has no model for it.
     Unmodelled,
-    /// Not armed: nothing is decided or written.
+    /// The axis is not armed: the gateway decides and writes nothing for it.
     Off,
-    /// Not armed yet. The axis arms when the missing condition is met.
+    /// The axis is not armed yet. The gateway arms the axis when the missing condition is met.
     Waiting,
     /// The axis follows its preferred model.
     Active,
     /// The axis follows a fallback model.
     Degraded,
-    /// The axis keeps its last value.
+    /// The axis keeps its last Cz.
     Holding,
-    /// Returning to zero at the axis's rate.
+    /// Cz of the axis returns to zero at the axis's rate.
     Ramping,
-    /// Zero was verified in the control.
+    /// A Cz of zero was decided for the axis, and verified in the control.
     Zeroed,
-    /// Moved for a sign check with a dial gauge.
+    /// The gateway moves the axis by a requested Cz, so that the operator can check the sign with a dial gauge.
     SignCheck,
-    /// The control does not answer.
+    /// A device of the axis's outputs in the control does not answer.
     Unreachable,
 }
 
-/// Severity of a displayed state. The page has a colour and a sign for each.
+/// Severity of a displayed state. The web page shows each severity with its own colour and sign.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tone {
     /// The axis is compensated.
     Good,
-    /// The operator should notice it.
+    /// The operator should notice the state.
     Warning,
-    /// The operator should act.
+    /// The operator should act on the state.
     Bad,
-    /// Nothing is written, which is no fault.
+    /// The gateway writes nothing for the axis. This is no fault.
     Off,
 }
 
 impl Tone {
-    /// Returns the name in JSON and metrics.
+    /// Returns the name of the severity in JSON and metrics.
     pub const fn name(self) -> &'static str {
         match self {
             Tone::Good => "good",
@@ -85,18 +85,18 @@ impl Tone {
 /// Requested mode of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Intent {
-    /// None: the profile has no model for the axis.
+    /// No mode: the profile has no model for the axis.
     Unmodelled,
-    /// Arm the axis as soon as the missing condition is met.
+    /// Arm the axis as soon as the missing condition for arming is met.
     Arm,
-    /// Follow the model while it is armed.
+    /// Follow the model while the axis is armed.
     Follow,
-    /// Move the axis for a dial gauge while it is armed.
+    /// Move the axis by a requested Cz while the axis is armed, for a sign check with a dial gauge.
     CheckSign,
 }
 
 impl Display {
-    /// All displayed states, each with its name for programs, its English text and its tone.
+    /// All displayed states, each with its name for programs, its English text, and its severity.
     pub const ALL: [(Display, &'static str, &'static str, Tone); 10] = [
         (Display::Unmodelled, "unmodelled", "no model yet", Tone::Off),
         (Display::Off, "off", "off", Tone::Off),
@@ -110,7 +110,7 @@ impl Display {
         (Display::Unreachable, "unreachable", "unreachable", Tone::Bad),
     ];
 
-    /// Chooses the displayed state from the decided state, the requested mode and Cz in the control.
+    /// Returns the displayed state for the decided state, the requested mode, and the known Cz in the control (`held`).
     pub fn of(state: AxisState, intent: Intent, held: KnownCz) -> Display {
         match (state, intent) {
             (_, Intent::Arm) => Display::Waiting,
@@ -126,17 +126,17 @@ impl Display {
         }
     }
 
-    /// Returns the name in JSON and metrics.
+    /// Returns the name of the state in JSON and metrics.
     pub fn name(self) -> &'static str {
         self.entry().1
     }
 
-    /// English text for the operator.
+    /// Returns the English text for the operator.
     pub fn words(self) -> &'static str {
         self.entry().2
     }
 
-    /// Severity of the state.
+    /// Returns the severity of the state.
     pub fn tone(self) -> Tone {
         self.entry().3
     }
@@ -146,7 +146,7 @@ impl Display {
     }
 }
 
-/// Serializes the fields `shown` and `tone` for programs.
+/// Serializes the state as two fields for programs: its name `shown` and its severity `tone`.
 impl Serialize for Display {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut fields = serializer.serialize_map(Some(2))?;

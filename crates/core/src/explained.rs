@@ -1,32 +1,33 @@
-//! Cause and hint of a fault for people and programs, and the detection of a changed cause.
+//! Cause of a fault, with a hint for its repair, for people and programs. Also detects when a known fault has another
+//! cause.
 
 use std::borrow::Cow;
 use std::fmt;
 
 use serde::{Serialize, Serializer};
 
-/// Cause of a fault, with an optional hint. `Display` and the serialised form join both into one sentence.
+/// Cause of a fault, with an optional hint. `Display` and the serialised form join cause and hint into one sentence.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Explained {
-    /// Cause, without the remedy.
+    /// Cause of the fault, without the remedy.
     pub cause: String,
-    /// Remedy for the cause.
+    /// Remedy for the cause; `None` if no remedy is known.
     pub hint: Option<Cow<'static, str>>,
 }
 
 impl Explained {
-    /// Builds a cause with its hint.
+    /// Creates an explanation from a cause and its hint.
     pub fn new(cause: impl Into<String>, hint: impl Into<Cow<'static, str>>) -> Explained {
         Explained { cause: cause.into(), hint: Some(hint.into()) }
     }
 
-    /// Adds a hint unless there is one.
+    /// Adds this hint, unless the cause already has one.
     #[must_use]
     pub fn or_hint(self, hint: impl Into<Cow<'static, str>>) -> Explained {
         Explained { hint: self.hint.or_else(|| Some(hint.into())), ..self }
     }
 
-    /// Replaces the cause by a sentence made from it, and keeps the hint.
+    /// Replaces the cause by the text that `sentence` makes from it. The hint stays.
     #[must_use]
     pub fn within(self, sentence: impl FnOnce(&str) -> String) -> Explained {
         Explained { cause: sentence(&self.cause), ..self }
@@ -54,22 +55,23 @@ impl<T: Into<String>> From<T> for Explained {
     }
 }
 
-/// Reported cause of a fault. Each lasting change of the cause is reported once.
+/// Cause of a fault that was reported last. Detects when another cause has lasted long enough to be reported.
 #[derive(Clone, Debug)]
 pub struct Cause<T> {
     reported: T,
-    /// Different cause that was found since, and how often in a row.
+    /// Cause that now differs from the reported one, and how often in a row it was found. `None` if the reported cause
+    /// was found last.
     other: Option<(T, u32)>,
 }
 
 impl<T: PartialEq> Cause<T> {
-    /// Starts with a cause that has just been reported.
+    /// Creates the state from a cause that has just been reported.
     pub fn new(reported: T) -> Cause<T> {
         Cause { reported, other: None }
     }
 
-    /// Records the present cause. Returns whether to report it, which resets the reported cause. A cause is reported if
-    /// it differs from the reported one, and was found `often` times in a row. Alternating causes are not reported.
+    /// Records the cause that was found now. Returns true if the cause must be reported: it differs from the reported
+    /// one and was found `often` times in a row. Alternating causes are never reported.
     pub fn is_now(&mut self, cause: T, often: u32) -> bool {
         if self.reported == cause {
             self.other = None;
@@ -84,8 +86,8 @@ impl<T: PartialEq> Cause<T> {
         true
     }
 
-    /// Records the present cause of a fault that may be new. Returns whether to report it: the first cause, and each
-    /// lasting change.
+    /// Records the cause that was found now, for a fault that may be new (`known` is `None`). Returns true if the cause
+    /// must be reported: the first one at once, a different one after `often` times in a row.
     pub fn is_news(known: &mut Option<Cause<T>>, cause: T, often: u32) -> bool {
         match known {
             Some(known) => known.is_now(cause, often),

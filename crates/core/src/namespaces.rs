@@ -1,5 +1,6 @@
 //! Namespaces of an OPC UA server that a profile names by index (`ns=2`). A server may assign another index to a
-//! namespace when it restarts. [`KnownNamespaces`] stores the URI of each index, and finds the present index.
+//! namespace when it restarts. [`KnownNamespaces`] stores the URI of each index, and finds the present index of the
+//! URI.
 //!
 //! | stored for an index | namespace array of the server | result |
 //! |---|---|---|
@@ -19,12 +20,12 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-/// Stored URIs of the indices of one server.
+/// URI of the namespace that the profile means by each index, for one server.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct KnownNamespaces(BTreeMap<u16, StoredUri>);
 
-/// Stored URI of one index, and whether the profile means it.
+/// URI that is stored for one index, and how certain its meaning is.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct StoredUri {
@@ -33,40 +34,44 @@ struct StoredUri {
     meaning: Meaning,
 }
 
-/// Whether the profile means this namespace by the index.
+/// Certainty that the profile means the stored namespace by its index.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Meaning {
-    /// The server had the namespace at the index.
+    /// The server had the stored namespace at this index.
     #[default]
     Seen,
-    /// The operator has accepted the namespace that the server has at the index.
+    /// The operator has confirmed that the profile means the namespace that the server has at this index.
     Accepted,
-    /// Nodes with the index were added to the profile since. They may mean the present array of the server.
+    /// Nodes with this index were added to the profile after the URI was stored. They may mean the namespace that the
+    /// server now has at the index.
     Unclear,
 }
 
-/// Present position of the namespace that an index means.
+/// Result of the search for the namespace that the profile means by an index.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Located {
-    /// The namespace of OPC UA itself, or one that no URI identifies. The index is used as it is.
+    /// The index means the namespace of OPC UA itself, or a namespace that no URI identifies. The gateway uses the
+    /// index of the profile unchanged.
     Unidentified,
-    /// The namespace at the index has not been stored yet. The caller stores this URI.
+    /// No URI has been stored for the index yet. The caller stores this URI, which the server has at the index.
     New(String),
-    /// The stored namespace is at its index on the server.
+    /// The server has the stored namespace at the index of the profile.
     Same,
-    /// The stored namespace is at this other index on the server.
+    /// The server has the stored namespace at this other index.
     Moved(u16),
     /// The server does not have the stored namespace.
     Gone,
     /// The server has the stored namespace at more than one index.
     Ambiguous,
-    /// The stored namespace is at another index, but the profile may mean the namespace that is at its index now.
+    /// The server has the stored namespace at another index, but the profile may mean the namespace that is now at its
+    /// own index.
     Unclear,
 }
 
 impl Located {
-    /// Returns the index to send to the server for this index of the profile. `None` if nothing may be sent.
+    /// Returns the server's index for the index `named` in the profile. `None` if no request with this namespace may be
+    /// sent.
     pub fn index(&self, named: u16) -> Option<u16> {
         match self {
             Located::Unidentified | Located::New(_) | Located::Same => Some(named),
@@ -75,14 +80,14 @@ impl Located {
         }
     }
 
-    /// Returns whether the namespace cannot be determined, and nothing may be sent.
+    /// Returns whether the server's index is unknown, so that no request with this namespace may be sent.
     pub fn is_lost(&self) -> bool {
         self.index(0).is_none()
     }
 }
 
 impl KnownNamespaces {
-    /// Finds the namespace that the profile means by this index in the array of the server.
+    /// Finds the namespace that the profile means by `index` in `array`, the namespace array of the server.
     pub fn locate(&self, index: u16, array: &[String]) -> Located {
         if index == 0 {
             return Located::Unidentified;
@@ -105,40 +110,40 @@ impl KnownNamespaces {
         }
     }
 
-    /// Stores the URI of an index.
+    /// Stores the URI of the namespace that the server has at the index.
     pub fn remember(&mut self, index: u16, uri: String) {
         self.0.insert(index, StoredUri { uri, meaning: Meaning::Seen });
     }
 
-    /// Stores the confirmation of the operator that the profile means the namespace at this index of the array. Returns
-    /// its URI. Returns `None` without a change if the array has no URI at the index.
+    /// Stores the operator's confirmation that the profile means the namespace at this index of the server's array.
+    /// Returns the URI of the namespace; `None` if the array has none at the index, and then nothing is stored.
     pub fn accept(&mut self, index: u16, array: &[String]) -> Option<&str> {
         let uri = array.get(usize::from(index)).filter(|uri| !uri.is_empty())?;
         self.0.insert(index, StoredUri { uri: uri.clone(), meaning: Meaning::Accepted });
         self.uri(index)
     }
 
-    /// Ends the doubt about an index, because the server has the stored namespace there.
+    /// Marks the meaning of an index as certain again, because the server has the stored namespace at the index.
     pub fn is_seen(&mut self, index: u16) {
         if let Some(known) = self.0.get_mut(&index).filter(|known| known.meaning == Meaning::Unclear) {
             known.meaning = Meaning::Seen;
         }
     }
 
-    /// Marks the stored indices as unclear after the profile was read, except those for which `is_clear` returns true.
-    /// An index is clear if all its nodes in the profile were in the former profile too.
+    /// Marks the meaning of the stored indices as unclear after the profile was read, except those for which `is_clear`
+    /// returns true. An index is clear if all its nodes in the profile were in the former profile too.
     pub fn doubt_unless(&mut self, is_clear: impl Fn(u16) -> bool) {
         for (_, known) in self.0.iter_mut().filter(|(index, _)| !is_clear(**index)) {
             known.meaning = Meaning::Unclear;
         }
     }
 
-    /// Returns whether two servers have the same entry for an index.
+    /// Returns whether both lists have the same entry for an index, or neither has one.
     pub fn agrees(&self, index: u16, other: &KnownNamespaces) -> bool {
         self.0.get(&index) == other.0.get(&index)
     }
 
-    /// Copies the entry of an index from another list.
+    /// Copies the entry of an index from another list. Removes it if the other list has none.
     pub fn take(&mut self, index: u16, other: &KnownNamespaces) {
         match other.0.get(&index) {
             Some(known) => self.0.insert(index, known.clone()),
@@ -146,7 +151,7 @@ impl KnownNamespaces {
         };
     }
 
-    /// Returns the stored URI of an index.
+    /// Returns the stored URI of an index; `None` if none is stored.
     pub fn uri(&self, index: u16) -> Option<&str> {
         self.0.get(&index).map(|known| known.uri.as_str())
     }

@@ -1,9 +1,10 @@
-//! Second pure step: from a decision and the register value to the next exchange. Pure: no I/O, no clock, no allocation
-//! in a step.
+//! Outputs: from the decision of an axis and the value of its register, [`step`] chooses the next exchange with the
+//! device. The step is pure: no I/O, no clock, no memory allocation.
 //!
 //! [`step`] decides every write to an offset register. The line, the device, the operator or the clock may fail, and
-//! the process may be killed. Even then the register never moves by more than one step, and never beyond its limit. The
-//! operator offset never changes. All values are whole counts of the register.
+//! the process may be killed. Even then the register never moves by more than one step at a time, and never beyond its
+//! limit. The gateway never changes the operator offset, which is the operator's part of a shared register. All values
+//! are whole counts of the register.
 //!
 //! # Theory of operation
 //! A write without an answer may have been carried out, may still be carried out, or never will be. The knowledge about
@@ -13,12 +14,12 @@
 //! by one step at most. If no such value is nearer to the requested one, the change waits until the copies can no
 //! longer arrive.
 //!
-//! A value that appears in the register is the gateway's only if it was under way. The register value is repeated
-//! (`refresh`) under the same rule, and never while a change waits. One decision moves the register once, by one step
-//! at most. The rate of the changes is decided by the axis.
+//! A value that appears in the register belongs to the gateway only if a copy of it was under way. The register value
+//! is sent again at the period `refresh`, under the same rule, and never while a change waits. One decision moves the
+//! register once, by one step at most. The axis decides how fast its decisions follow each other.
 //!
 //! ```text
-//!            change requested        nothing new             (shared) promise kept
+//!            change requested        nothing new         shared: promise saved
 //!   Nothing ──────────────► Read ──────────────► Keep ──────────────► Read ─────► Write
 //!      ▲                     │ ▲                                                    │
 //!      │  nothing to be done │ └────────── done · unknown: read the register again ─┤
@@ -27,37 +28,38 @@
 //!
 //! A decision has the offset, and the **target** that the offset approaches. The target is the value that the model,
 //! the fault action, the stop or the sign check requests. A value that is sent lies between the verified value and the
-//! target. The guard may have continued while the register waited, but the register still never moves away from the
-//! target. One count beyond the target is sent only if the target itself is a zero that must be avoided.
+//! target. While the register waits for late writes, the axis may have made further decisions. Even then the register
+//! never moves away from the target. One count beyond the target is sent only if the target itself is a zero that must
+//! be avoided.
 //!
-//! A **shared** register holds the sum of the operator offset (base) and the gateway share. Before a value is sent, it
-//! is on disk as a promise, as the absolute register value. The register is then read once more to detect an edit in
+//! A **shared** register holds the sum of the operator offset (base) and the gateway share. Before a value is sent, the
+//! absolute register value is saved on disk as a **promise**. The register is then read once more to detect an edit in
 //! between. Whenever the process dies, the register holds base + share, one of the promises, or a value of the
 //! operator.
 //!
 //! For an output that **cannot be read**, only the answers of the device are known. The last acknowledged value
-//! replaces the last value read. Copies without an answer end when a later write, begun after their time, is
-//! acknowledged. For this purpose the last acknowledged value is sent again.
+//! replaces the last value read. A copy without an answer is dropped when a write is acknowledged that began after the
+//! longest delay of the copy. For this purpose the last acknowledged value is sent again.
 //!
 //! An output **in a set** is sent in one request with others. When one of them or the heartbeat is written, the
 //! register values of the others are sent with it, in every state ([`Fact::PiggybackAsked`]). Such a value is a copy
 //! under way like any other.
 //!
 //! # Meaning of a read
-//! The value read is compared with the last value that was answered as done, or else with the last verified one.
+//! The value read is compared with the last value whose write was answered as done, or else with the last verified one.
 //!
 //! | the read shows | whole register | shared register |
 //! |---|---|---|
 //! | the same | nothing new | nothing new |
 //! | the same, after another client has made as many small changes as the gateway, each soon after one of its own | | doubt: a second gateway |
-//! | the value before a write that was answered as done | not taken: tried again | not taken: tried again |
-//! | a value under way | gateway's; returned step by step | gateway's: the share changes; zero with a base, or more than the limit from it: doubt |
-//! | a value whose time is over | gateway's, very late | doubt: the operator's or the gateway's |
-//! | zero | CNC restarted: resumes from zero | CNC restarted: base 0, share 0 |
-//! | anything else | another client wrote: off | the operator's change: the base moves by it |
+//! | the value before a write that was answered as done | the device did not apply the write: sent again | the same |
+//! | a value under way | the gateway's write: the axis resumes from it | the gateway's write: the share changes. Doubt: a zero with a base, or a value more than the limit from the base |
+//! | a value that should no longer arrive | the gateway's write, very late | doubt: the operator's or the gateway's |
+//! | zero | CNC restarted: the axis resumes from zero | CNC restarted: base 0, share 0 |
+//! | anything else | another client wrote: the output is disarmed | the operator's change: the base moves by it |
 //! | anything else, and a write of the gateway may have arrived unseen before | | doubt |
-//! | anything else within `late` after a start without an orderly stop | perhaps the gateway's: resumes from it | doubt, if a promise was open |
-//! | anything else, after a reported restart of the CNC | resumes from it, if within the limit | doubt, if the register contained a share |
+//! | anything else within `late` after a start, if the last run was not stopped cleanly | perhaps the gateway's: the axis resumes from it | doubt, if a promise was open |
+//! | anything else, after a reported restart of the CNC | the axis resumes from it, if within the limit | doubt, if the register contained a share |
 //! | anything, while in doubt | | nothing: the operator decides |
 //!
 //! A doubt disarms the output until the operator arms it again. The gateway shows the register value, and the share
@@ -73,15 +75,12 @@
 //! | `NoAnswer`, `Paused`, `Interlocked`, `Restarted`, `Off` | | is dropped |
 //! | a wait for copies that may still arrive | | is dropped |
 
-use serde::{Deserialize, Serialize};
-
-use crate::quantity::{Counts, Moment, Shift, Shifted};
-
+mod action;
 mod applied;
 mod controller;
 mod demand;
 mod event;
-mod facts;
+mod fact;
 mod follow;
 mod handshake;
 mod heartbeat;
@@ -105,10 +104,13 @@ mod state_parts;
 mod strobe;
 mod transaction;
 mod turns;
+mod update;
 
+pub use action::Action;
 pub use controller::{Controller, MOST_EVENTS, Policy};
 pub use demand::{Condition, Demand, Input, Mode, NotSent, OutputDecision, SetCommit};
 pub use event::{Doubt, Event};
+pub use fact::{Fact, Who};
 pub use follow::{Cause, Follow, OutputHealth, Trouble};
 pub use handshake::HandshakeFault;
 pub use heartbeat::{Beat, HeartbeatController};
@@ -132,144 +134,4 @@ pub use state::State;
 pub use state_parts::{ArmState, OutputView, TimedValue};
 pub use strobe::{Awaited, Strobe, StrobeLevel};
 pub use transaction::CommitTrigger;
-
-/// Input of [`step`]: something that has happened to the register, its axis or its device.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Fact {
-    /// Call at the requested time, without news.
-    Look,
-    /// New decision of the axis.
-    Decided {
-        /// Counts from the bias; in a shared register the gateway share.
-        offset: Counts,
-        /// Target of the offset within the limit: the value that the model, the fault action, the stop or the sign
-        /// check requests. If it is `None`, the register may reach the offset from either side.
-        target: Option<Counts>,
-        /// Last moment for a change to this offset.
-        not_after: Moment,
-    },
-    /// Another value of the same request is about to be sent. The register value may be sent with it.
-    PiggybackAsked,
-    /// The register value, as it was just read, was sent in one request with others.
-    Piggybacked {
-        /// Value that was sent.
-        value: Counts,
-        /// Time after its last byte was sent.
-        left: Moment,
-        /// Whether it was answered as done. If not, its result is unknown.
-        is_done: bool,
-    },
-    /// The register was read, on request or together with others.
-    Read {
-        /// Register value that was read.
-        found: Counts,
-        /// Time before the first byte of the request was sent.
-        asked: Moment,
-    },
-    /// The read was not answered.
-    NoAnswer,
-    /// The write was answered as done.
-    Done {
-        /// Time after its last byte was sent.
-        left: Moment,
-    },
-    /// The write was sent, but its result is unknown.
-    Unknown {
-        /// Time after its last byte was sent.
-        left: Moment,
-    },
-    /// The device answered that it did not carry out the write.
-    Refused,
-    /// No byte of the write was sent: its last moment had passed, or there was no connection.
-    NotSent,
-    /// The document was written to disk.
-    Kept,
-    /// The document was not written to disk, or that is unknown.
-    NotKept,
-    /// Another source reported a restart of the CNC.
-    Restarted,
-    /// The interlock opened. Nothing is written.
-    Interlocked,
-    /// The interlock closed again.
-    Released,
-    /// The output is armed. Give this fact after the first read of the register.
-    Armed {
-        /// Whether the operator or the profile has armed it.
-        by: Who,
-    },
-    /// The output is disarmed. The register value stays.
-    Off,
-    /// The decision is void: its last moment has passed, or the axis decided otherwise.
-    Lapsed,
-    /// The computer was paused, and earlier decisions are void. This fact comes before the result of a pending
-    /// exchange.
-    Paused,
-}
-
-/// Who armed the output.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Who {
-    /// The operator, who has seen the register value.
-    Person,
-    /// The profile. It cannot arm an output that waits for the operator.
-    Policy,
-}
-
-/// Next action. It is at most one exchange, and its result is the next fact.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Action {
-    /// Nothing until a fact arrives, or until this moment.
-    Nothing {
-        /// Time of the next [`Fact::Look`].
-        until: Moment,
-    },
-    /// Read the register. [`Fact::Read`] or [`Fact::NoAnswer`] is the result.
-    Read,
-    /// Write [`State::kept`] to disk.
-    Keep,
-    /// Write to the register.
-    Write {
-        /// Value to write to the register.
-        value: Counts,
-        /// Last moment for the first byte. After it, the write is not sent.
-        not_after: Moment,
-        /// Whether the register already holds this value.
-        is_repeat: bool,
-    },
-}
-
-impl Default for Action {
-    fn default() -> Action {
-        Action::Nothing { until: Moment::default() }
-    }
-}
-
-impl Action {
-    /// Maps the moment of the action.
-    fn moved(self, to: impl Fn(Moment) -> Moment) -> Action {
-        match self {
-            Action::Nothing { until } => Action::Nothing { until: to(until) },
-            Action::Write { value, not_after, is_repeat } => {
-                Action::Write { value, not_after: to(not_after), is_repeat }
-            }
-            Action::Read | Action::Keep => self,
-        }
-    }
-}
-
-impl Shifted for Action {
-    fn shift(&mut self, by: Shift) {
-        *self = self.moved(|moment| moment.shifted(by));
-    }
-}
-
-/// Processes a fact and returns the next action. While an action is pending, that is [`Action::Nothing`].
-pub fn step(state: &mut State, settings: &Settings, fact: Fact, now: Moment) -> Action {
-    let fresh = facts::take(state, settings, fact, now);
-    match fact {
-        Fact::PiggybackAsked => plan::piggyback(state, settings, now),
-        _ => plan::act(state, settings, fresh, now),
-    }
-}
+pub use update::step;

@@ -1,6 +1,6 @@
-//! Places of outputs and signals: the address of a value, and the size of its count. The state contains the places of
-//! the last run. [`compare`] compares them with those of the profile. [`FormerPlace::after`] decides which axes wait
-//! for the operator.
+//! Places of outputs and signals: the address of a value, and the size of its count. The gateway stores the places of
+//! each run. [`compare`] compares the stored places with those of the profile. [`FormerPlace::after`] determines which
+//! axes wait for the operator.
 //!
 //! A name does not identify a place. The register of an output, its scale, or the channel of a sensor can change under
 //! the same name.
@@ -22,47 +22,48 @@ mod release;
 
 pub use release::{Bounds, Obstacle, Release, Stage};
 
-/// Smaller absolute values of Cz count as zero, µm.
+/// Smallest absolute value of Cz that does not count as zero, µm.
 const NOTHING_UM: f64 = 0.05;
 
-/// Part of a place, the most serious first.
+/// Part of a place. The parts are in order: a change of the first one is the most serious.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Part {
     /// Address of the bus.
     Bus,
     /// Unit or node number of the device.
     Unit,
-    /// Register, object, frame or node.
+    /// Register, CANopen object, CAN frame or OPC UA node.
     Address,
-    /// Type and byte order.
+    /// Type and byte order of the value.
     Type,
     /// Units per count of the register.
     Scale,
-    /// Number added to the raw count.
+    /// Number that is added to the raw count before it is sent.
     Bias,
-    /// Value of raw zero.
+    /// Engineering value of a raw count of zero.
     Offset,
     /// Owner of the register.
     Share,
-    /// Quantity that is written.
+    /// Quantity that the output writes, for example an offset.
     Writes,
     /// Axis of the output.
     Axis,
-    /// Whether the value is a diameter.
+    /// Whether the written value is a diameter, which contains twice Cz.
     Diameter,
 }
 
 impl Part {
-    /// Returns whether a corrected position can continue in steps after this part has changed. It can if register and
-    /// units per count are the same.
+    /// Returns whether an output that writes a corrected position can continue in steps after this part has changed. It
+    /// can if register and units per count are the same.
     pub fn is_bridged_by_steps(self) -> bool {
         matches!(self, Part::Axis | Part::Diameter)
     }
 }
 
-/// Place that can be compared part by part.
+/// Place of an output or signal that can be compared part by part.
 pub trait Place {
-    /// Parts in the order of [`Part`], each with its value as text. Two places are equal if all parts are.
+    /// Returns the parts in the order of [`Part`], each with its value as text. Two places are equal if all parts are
+    /// equal.
     fn parts(&self) -> Vec<(Part, String)>;
 }
 
@@ -76,7 +77,7 @@ pub enum Owner {
     Ledger,
 }
 
-/// Place of an output.
+/// Place of an output: the register that the gateway writes, and the meaning of its counts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OutputPlace {
@@ -84,26 +85,26 @@ pub struct OutputPlace {
     pub bus: String,
     /// Unit or node number of the device.
     pub unit: u8,
-    /// Register, object, frame or node.
+    /// Register, CANopen object, CAN frame or OPC UA node.
     pub address: String,
-    /// Type and byte order.
+    /// Type and byte order of the value.
     #[serde(rename = "type")]
     pub layout: String,
     /// Units of the value per count of the register.
     pub scale: f64,
-    /// Number added to the raw count.
+    /// Number that is added to the raw count before it is sent.
     pub bias: i64,
     /// Owner of the register.
     pub share: Owner,
-    /// Quantity that is written.
+    /// Quantity that the output writes, for example an offset.
     pub writes: String,
     /// Axis of the output.
     pub axis: String,
-    /// Whether the value is a diameter, which contains twice Cz.
+    /// Whether the written value is a diameter, which contains twice Cz.
     pub diameter: bool,
 }
 
-/// Place of a signal.
+/// Place of a signal: the address that the gateway reads, and the meaning of its counts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SignalPlace {
@@ -111,19 +112,19 @@ pub struct SignalPlace {
     pub bus: String,
     /// Unit or node number of the device.
     pub unit: u8,
-    /// Register, object, frame, node or sensor.
+    /// Register, CANopen object, CAN frame, OPC UA node, or sensor of this computer.
     pub address: String,
-    /// Type and byte order.
+    /// Type and byte order of the value.
     #[serde(rename = "type")]
     pub layout: String,
     /// Units of the value per count of the register.
     pub scale: f64,
-    /// Value of raw zero.
+    /// Engineering value of a raw count of zero.
     pub offset: f64,
 }
 
 impl OutputPlace {
-    /// Returns whether the other place is the same register with the same size of a count.
+    /// Returns whether the other place is the same register, and its counts have the same size.
     pub fn is_same_register(&self, other: &OutputPlace) -> bool {
         let of = |place: &OutputPlace| {
             let parts = place.parts().into_iter();
@@ -132,12 +133,13 @@ impl OutputPlace {
         of(self) == of(other)
     }
 
-    /// Returns whether the other place is in the same register, whatever the size of a count.
+    /// Returns whether the other place is in the same register, even if the size of a count differs.
     pub fn is_at(&self, other: &OutputPlace) -> bool {
         (&self.bus, self.unit, &self.address) == (&other.bus, other.unit, &other.address)
     }
 
-    /// Returns whether the output is a corrected position. It contains Cz, and is written again for each position.
+    /// Returns whether the output writes a corrected position: a position that contains Cz, and is written again for
+    /// each new position.
     pub fn is_corrected_position(&self) -> bool {
         self.writes == "corrected"
     }
@@ -149,7 +151,7 @@ impl fmt::Display for OutputPlace {
     }
 }
 
-/// Parts that outputs and signals have in common, each with its value as text.
+/// Returns the parts that outputs and signals have in common, each with its value as text.
 fn register(bus: &str, unit: u8, address: &str, (layout, scale): (&str, f64)) -> [(Part, String); 5] {
     [
         (Part::Bus, format!("bus {bus}")),
@@ -186,16 +188,16 @@ impl Place for SignalPlace {
     }
 }
 
-/// Result of the comparison for one name.
+/// Result of comparing the stored place of one name with its place in the profile.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum PlaceComparison {
-    /// The place is the stored one.
+    /// The place in the profile is the stored one.
     Same,
-    /// The place is the one of a removed name, which is given here.
+    /// The place was stored under this other name, which the profile does not contain any more.
     Renamed(String),
     /// No place is stored under this name.
     Unknown,
-    /// Another place is stored under this name.
+    /// Another place is stored under this name than in the profile.
     Moved(MovedPlace),
     /// The name is not in the profile any more.
     Removed,
@@ -213,7 +215,7 @@ pub struct MovedPlace {
 }
 
 impl MovedPlace {
-    /// Compares two places. Returns `None` if they are equal.
+    /// Compares a former place with the present one. Returns `None` if the two are equal.
     pub fn between(was: &impl Place, is: &impl Place) -> Option<MovedPlace> {
         let (was, is) = (was.parts(), is.parts());
         let changed = || was.iter().zip(&is).filter(|(was, is)| was != is);
@@ -258,19 +260,20 @@ pub fn compare<P: Place>(
     found
 }
 
-/// Output at the end of the last run.
+/// State of an output at the end of the last run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KnownOutput {
     /// Place of the output.
     pub place: OutputPlace,
-    /// Last verified Cz of the gateway in the register, µm. `None` if unknown.
+    /// Last verified Cz of the gateway in the register, µm. `None` if the Cz is unknown.
     pub held_um: Option<f64>,
     /// Whether the gateway may have written to the register. A register that was only read contains no Cz.
     pub was_driven: bool,
 }
 
 impl KnownOutput {
-    /// Returns whether the output was shared with the operator, and belongs to the gateway now.
+    /// Returns whether the operator shared the register with the gateway in the last run, and the gateway owns it in
+    /// the profile (`is`).
     fn becomes_ours(&self, is: &OutputPlace) -> bool {
         (self.place.share, is.share) == (Owner::Ledger, Owner::Whole)
     }
@@ -282,13 +285,14 @@ impl KnownOutput {
 pub struct FormerPlace {
     /// Name of the output.
     pub output: String,
-    /// Place that the output had before it was moved or removed.
+    /// Place that the output had before the profile moved or removed it.
     pub place: OutputPlace,
-    /// Last verified Cz of the gateway in the register, µm. `None` if unknown.
+    /// Last verified Cz of the gateway in the register, µm. `None` if the Cz is unknown.
     pub held_um: Option<f64>,
-    /// Axes that are off until the operator arms them.
+    /// Axes that stay off until the operator arms them.
     pub axes: BTreeSet<String>,
-    /// Bounds within which the gateway moved the output. `None` if an earlier version of the program saved the state.
+    /// Bounds within which the gateway changed the output. `None` if the state comes from an earlier version of the
+    /// program.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bounds: Option<Bounds>,
     /// Cz that a release found in the register, if it differed from the last verified one, µm.
@@ -302,14 +306,14 @@ impl FormerPlace {
         FormerPlace { output, place, held_um, axes: BTreeSet::new(), bounds: None, found_um: None }
     }
 
-    /// Replaces the name of the output, if the list contains a new one for it.
+    /// Replaces the name of the output if `names` contains a new name for it.
     pub fn renamed(self, names: &BTreeMap<String, String>) -> FormerPlace {
         let output = names.get(&self.output).cloned().unwrap_or(self.output);
         FormerPlace { output, ..self }
     }
 
-    /// Returns the former places after a start, with the axes that wait for the operator. These are places of earlier
-    /// starts that still wait (`open`), and places that were changed or removed since the last run.
+    /// Returns the former places that the operator must confirm after a start, with the axes that wait. These are
+    /// places that earlier starts found (`open`), and places that were changed or removed since the last run.
     pub fn after(
         open: Vec<FormerPlace>,
         remembered: &BTreeMap<String, KnownOutput>,
@@ -353,8 +357,8 @@ impl FormerPlace {
         all
     }
 
-    /// Adds the axes whose new outputs could repeat the effect of a removed output. Does nothing if its register keeps
-    /// no value of the gateway.
+    /// Adds the axes whose new outputs could repeat the effect of a removed output. Does nothing if the profile still
+    /// has the output, or if nothing of it remains in its former register.
     fn bar_new_outputs(
         &mut self,
         found: &BTreeMap<String, PlaceComparison>,
@@ -366,19 +370,21 @@ impl FormerPlace {
         }
     }
 
-    /// Returns whether the register keeps a Cz of the gateway without being written.
+    /// Returns whether a Cz of the gateway stays in effect in the register after the gateway has stopped writing it.
+    /// Corrected positions do not count.
     fn keeps_something(&self) -> bool {
         is_something(self.held_um) && !self.place.is_corrected_position()
     }
 
-    /// Returns the output of the profile that owns the whole register, although the operator has an offset in it.
+    /// Returns the output that owns this register wholly in the profile, if the former output shared the register with
+    /// the operator. `None` if there is no such output.
     pub fn becomes_whole<'a>(&self, profile: &'a BTreeMap<String, OutputPlace>) -> Option<&'a str> {
         let takes = |place: &OutputPlace| place.share == Owner::Whole && place.is_at(&self.place);
         let mut outputs = profile.iter().filter(|_| self.place.share == Owner::Ledger);
         outputs.find(|(_, place)| takes(place)).map(|(name, _)| name.as_str())
     }
 
-    /// Updates the axes for this profile. Returns whether the operator must still confirm something.
+    /// Updates the axes that wait, for this profile. Returns whether the operator must still confirm the former place.
     fn is_open(&mut self, profile: &BTreeMap<String, OutputPlace>) -> bool {
         let Some(is) = profile.get(&self.output) else {
             self.axes.retain(|axis| profile.values().any(|place| place.axis == *axis));
@@ -396,17 +402,18 @@ impl FormerPlace {
         !is_ours && self.keeps_something()
     }
 
-    /// Records that the operator has armed this axis, after the place was reported. Returns whether something is left
-    /// to confirm. If no axis waits, the entry ends when the axis of the output is armed. If that axis cannot be armed
-    /// (`may_arm`), any axis ends it.
+    /// Records that the operator has armed `axis` after this former place was reported. Returns whether another axis
+    /// must still be armed to confirm the place. If no axis waits, arming the output's own axis confirms the place. If
+    /// that axis cannot be armed (`may_arm`), arming any axis does.
     pub fn confirm(&mut self, axis: &str, may_arm: impl Fn(&str) -> bool) -> bool {
         let is_of_it = self.axes.remove(axis) || self.place.axis == axis || !may_arm(&self.place.axis);
         !(is_of_it && self.axes.is_empty())
     }
 }
 
-/// Returns the axes whose new outputs could repeat the effect of the removed output. They are its own axis and the axis
-/// of an output in the same register. If its own axis is gone, any axis counts.
+/// Returns the axes whose new outputs could repeat the effect of the removed output. These are its own axis, and axes
+/// with a new output in its register. If the profile does not have its own axis any more, these are all axes with a new
+/// output.
 fn axes_with_new_outputs(
     removed: &OutputPlace,
     found: &BTreeMap<String, PlaceComparison>,

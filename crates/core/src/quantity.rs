@@ -1,4 +1,4 @@
-//! Physical quantities as types.
+//! Physical quantities and points in time as types.
 //!
 //! Each constructor rejects NaN and infinity, so later arithmetic never encounters them. Units are the same everywhere:
 //! temperature °C, displacement µm, position mm, time s.
@@ -68,20 +68,20 @@ macro_rules! quantity {
         pub struct $name(f64);
 
         impl $name {
-            /// Zero.
+            /// Quantity of zero.
             pub const ZERO: $name = $name(0.0);
 
-            #[doc = concat!("A finite number of ", $unit, "; `None` for NaN or infinity.")]
+            #[doc = concat!("Creates the quantity from a number in ", $unit, "; `None` for NaN or infinity.")]
             pub fn new(value: f64) -> Option<$name> {
                 value.is_finite().then_some($name(value))
             }
 
-            #[doc = concat!("The number, in ", $unit, ".")]
+            #[doc = concat!("Returns the number in ", $unit, ".")]
             pub const fn get(self) -> f64 {
                 self.0
             }
 
-            /// Absolute value.
+            /// Returns the absolute value.
             pub fn abs(self) -> $name {
                 $name(self.0.abs())
             }
@@ -131,44 +131,44 @@ macro_rules! quantity {
 
 quantity! {
     /// A displacement or a compensation value in micrometres. Always finite.
-    Micron, "µm", "1", "a displacement is a finite number"
+    Micron, "µm", "1", "a displacement must be a finite number"
 }
 quantity! {
     /// A temperature, or the difference of two, in °C. Always finite.
     ///
     /// Models also have other inputs, for example a speed or a current. Such an input is a number in the signal's own
     /// unit, and its gain is in µm per that unit.
-    Celsius, "°C", "2", "a temperature is a finite number"
+    Celsius, "°C", "2", "a temperature must be a finite number"
 }
 quantity! {
     /// A position on an axis, or a length, in millimetres. Always finite.
-    Millimetre, "mm", "3", "a position is a finite number"
+    Millimetre, "mm", "3", "a position must be a finite number"
 }
 quantity! {
     /// A gain: change of Cz per 1 °C, in µm/°C. Always finite.
-    MicronPerCelsius, "µm/°C", "3", "a gain is a finite number"
+    MicronPerCelsius, "µm/°C", "3", "a gain must be a finite number"
 }
 quantity! {
     /// A slope: change of Cz per millimetre of axis position, in µm/mm. Always finite.
-    MicronPerMillimetre, "µm/mm", "4", "a slope is a finite number"
+    MicronPerMillimetre, "µm/mm", "4", "a slope must be a finite number"
 }
 quantity! {
     /// A rate of change of an offset, in µm/s. Always finite.
-    MicronPerSecond, "µm/s", "3", "a speed is a finite number"
+    MicronPerSecond, "µm/s", "3", "a speed must be a finite number"
 }
 quantity! {
     /// The gain of a slope: change of the slope per 1 °C, in µm/mm per °C. Always finite.
-    MicronPerMillimetreCelsius, "µm/mm/°C", "5", "a gain is a finite number"
+    MicronPerMillimetreCelsius, "µm/mm/°C", "5", "a gain must be a finite number"
 }
 
 impl Micron {
-    /// Limits the value to `±limit`.
+    /// Returns the value limited to the range from `-limit` to `+limit`.
     pub fn clamp_to(self, limit: Micron) -> Micron {
         Micron(self.0.clamp(-limit.0.abs(), limit.0.abs()))
     }
 }
 
-/// Product in µm. It may be infinite: a sum of such products is checked once, at its end.
+/// Returns the product in µm. The product may be infinite: a sum of such products is checked once, when it is complete.
 impl Mul<Celsius> for MicronPerCelsius {
     type Output = f64;
     fn mul(self, rise: Celsius) -> f64 {
@@ -176,7 +176,8 @@ impl Mul<Celsius> for MicronPerCelsius {
     }
 }
 
-/// Product in µm/mm. It may be infinite: a sum of such products is checked once, at its end.
+/// Returns the product in µm/mm. The product may be infinite: a sum of such products is checked once, when it is
+/// complete.
 impl Mul<Celsius> for MicronPerMillimetreCelsius {
     type Output = f64;
     fn mul(self, rise: Celsius) -> f64 {
@@ -184,7 +185,7 @@ impl Mul<Celsius> for MicronPerMillimetreCelsius {
     }
 }
 
-/// Product in µm. It may be infinite: a sum of such products is checked once, at its end.
+/// Returns the product in µm. The product may be infinite: a sum of such products is checked once, when it is complete.
 impl Mul<Millimetre> for MicronPerMillimetre {
     type Output = f64;
     fn mul(self, way: Millimetre) -> f64 {
@@ -201,17 +202,17 @@ impl Counts {
     /// Zero counts.
     pub const ZERO: Counts = Counts(0);
 
-    /// Absolute value, saturating.
+    /// Returns the absolute value. The smallest number gives the largest one.
     pub const fn abs(self) -> Counts {
         Counts(self.0.saturating_abs())
     }
 
-    /// Absolute value.
+    /// Returns the absolute value.
     pub const fn unsigned_abs(self) -> u64 {
         self.0.unsigned_abs()
     }
 
-    /// Absolute difference.
+    /// Returns the absolute difference of two numbers of counts.
     pub const fn abs_diff(self, other: Counts) -> u64 {
         self.0.abs_diff(other.0)
     }
@@ -244,15 +245,15 @@ impl fmt::Display for Counts {
     }
 }
 
-/// Point in time, in nanoseconds since the Unix epoch. The gateway takes it from the wall clock at the start, and
-/// advances it monotonically: setting the clock does not change it. A [`Shift`] converts it to the time of a clock that
-/// was set since.
+/// Point in time, in nanoseconds since the Unix epoch. The gateway takes the first moment from the wall clock at its
+/// start, and advances it monotonically: setting the clock does not change moments. A [`Shift`] converts a moment to
+/// the time of a clock that was set since.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Moment(u64);
 
 impl Moment {
-    /// Latest possible moment. It stands for "never".
+    /// Latest possible moment, which stands for "never".
     pub const END: Moment = Moment(u64::MAX);
 
     /// Creates the moment this many nanoseconds after the Unix epoch.
@@ -260,33 +261,32 @@ impl Moment {
         Moment(nanos)
     }
 
-    /// Nanoseconds since the Unix epoch.
+    /// Returns the nanoseconds since the Unix epoch.
     pub const fn as_nanos(self) -> u64 {
         self.0
     }
 
-    /// Seconds since the Unix epoch.
+    /// Returns the seconds since the Unix epoch.
     pub fn as_secs_f64(self) -> f64 {
         Duration::from_nanos(self.0).as_secs_f64()
     }
 
-    /// Time since `earlier`. Zero if `earlier` is later than `self`.
+    /// Returns the time since `earlier`. Zero if `earlier` is later than `self`.
     pub fn since(self, earlier: Moment) -> Duration {
         Duration::from_nanos(self.0.saturating_sub(earlier.0))
     }
 
-    /// Moment `span` later, saturating.
+    /// Returns the moment `span` later, at most [`Moment::END`].
     pub fn after(self, span: Duration) -> Moment {
         Moment(self.0.saturating_add(u64::try_from(span.as_nanos()).unwrap_or(u64::MAX)))
     }
 
-    /// Moment `span` earlier, saturating.
+    /// Returns the moment `span` earlier, at least the Unix epoch.
     pub fn before(self, span: Duration) -> Moment {
         Moment(self.0.saturating_sub(u64::try_from(span.as_nanos()).unwrap_or(u64::MAX)))
     }
 
-    /// Returns the next tick of a period that starts at `first`. The tick is later than `self`; missed ticks are
-    /// skipped.
+    /// Returns the next tick after `self` of a period that starts at `first`. Ticks that were missed are skipped.
     pub fn next_tick(self, first: Moment, period: Duration) -> Moment {
         let period = u64::try_from(period.as_nanos()).unwrap_or(u64::MAX).max(1);
         if self < first {
@@ -297,7 +297,7 @@ impl Moment {
     }
 }
 
-/// Formats the moment as RFC 3339 in UTC, with as many digits as necessary.
+/// Formats the moment as RFC 3339 in UTC, with as many decimals as necessary.
 impl fmt::Display for Moment {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match jiff::Timestamp::from_nanosecond(i128::from(self.0)) {

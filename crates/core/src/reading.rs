@@ -1,4 +1,4 @@
-//! One value from the machine, with its time and its quality.
+//! Reading of a signal: one value from the machine, with its time and its quality.
 
 use std::fmt;
 use std::time::Duration;
@@ -11,7 +11,7 @@ mod status;
 
 pub use status::Status;
 
-/// Index of a signal in the list of the profile.
+/// Index of a signal in the profile's list of signals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct SignalId(pub usize);
 
@@ -26,7 +26,7 @@ pub struct Reading {
     pub quality: Quality,
 }
 
-/// Whether a value may be used, and if not, why.
+/// Quality of a reading: whether its value may be used, and if not, why.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Quality {
     /// The value is recent and within its range, and its device has no fault.
@@ -38,11 +38,11 @@ pub enum Quality {
 /// Reason why a value must not be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Reason {
-    /// No answer since the gateway started.
+    /// The signal has not been read since the gateway started.
     NeverRead,
-    /// The last good value is older than `max_age`.
+    /// The last good value is older than the `max_age` of the profile.
     Stale,
-    /// The raw count is one that the device sends if it has no measurement.
+    /// The raw count is a sentinel, which the device sends if it has no measurement.
     Sentinel,
     /// The device reports that the circuit of the sensor is open.
     OpenCircuit,
@@ -58,25 +58,26 @@ pub enum Reason {
     NotAvailable,
     /// The device reports that the sensor is faulty.
     SensorFault,
-    /// A CAN frame has fewer bytes than the value needs.
+    /// The CAN frame has fewer bytes than the value needs.
     ShortFrame,
-    /// A floating-point register holds NaN or infinity.
+    /// The value is a floating-point number that is NaN or infinite.
     NotANumber,
-    /// The value is outside of `range`.
+    /// The value is outside the `range` of the profile.
     OutOfRange,
-    /// The value changed faster than `max_rate`.
+    /// The value changed faster than the `max_rate` of the profile.
     TooFast,
-    /// The difference from the last value before a break exceeds `max_rate` times the time without a value.
+    /// The value differs too much from the last value before contact with the device was lost. The limit is `max_rate`
+    /// times the time without a value.
     Jumped,
     /// The device answered with this Modbus exception code.
     Exception(u8),
-    /// The node refused to send the object.
+    /// The CANopen node refused to send the object.
     Refused,
-    /// The OPC UA server sends the value with this status, which is not good.
+    /// The OPC UA server sent the value with this status code, which is not good.
     Status(u32),
-    /// The node has another type than the profile states.
+    /// The OPC UA node has another type than the profile states.
     WrongType,
-    /// The source timestamp of the value is later than the time of the server that sends it.
+    /// The source timestamp of the value is later than the time of the OPC UA server that sends it.
     SourceClock,
     /// This computer has no sensor of this name.
     NotFound,
@@ -86,26 +87,27 @@ pub enum Reason {
     Unreadable,
     /// The checksum of the data from the sensor is wrong.
     Checksum,
-    /// The 1-Wire sensor shows its value after power-on, because it has not measured yet.
+    /// The 1-Wire sensor shows its fixed value after power-on, because it has not measured yet.
     PowerOnValue,
-    /// The memory of the sensor reads zero, including its checksum: no device drives the line.
+    /// The memory of the 1-Wire sensor reads zero, including its checksum: the line is shorted, or the sensor has no
+    /// power.
     AllZero,
     /// The device did not answer in time.
     Timeout,
-    /// No connection to the device.
+    /// The gateway has no connection to the device.
     LinkDown,
     /// The reply does not match the request (length, unit, function, transaction).
     BadReply,
-    /// The signal's `fault_when` holds, or the signals in it cannot be read.
+    /// The condition `fault_when` of the signal is true, or a signal in this condition cannot be read.
     FaultBit,
-    /// The checks of the device have not confirmed its expected settings.
+    /// The checks of the device's settings have not passed, so its readings are not used.
     NotAsExpected,
-    /// The replayed log has no value here.
+    /// The replayed log has no value for the signal in this row.
     NotInLog,
 }
 
 impl Reading {
-    /// Reading before the first answer.
+    /// Reading of a signal that has not been read yet.
     pub const NEVER: Reading = Reading::bad(Moment::from_nanos(0), Reason::NeverRead);
 
     /// Creates a good reading.
@@ -113,17 +115,17 @@ impl Reading {
         Reading { value, at, quality: Quality::Good }
     }
 
-    /// Creates a reading without a value, for this reason.
+    /// Creates a reading without a value, rejected for this reason.
     pub const fn bad(at: Moment, reason: Reason) -> Reading {
         Reading { value: f64::NAN, at, quality: Quality::Bad(reason) }
     }
 
-    /// Returns the value if it may be used.
+    /// Returns the value if it may be used; else `None`.
     pub fn usable(&self) -> Option<f64> {
         (self.quality == Quality::Good && self.value.is_finite()).then_some(self.value)
     }
 
-    /// Returns the reading as it counts at `now`: a good one older than `max_age` is stale.
+    /// Returns the reading as it is valid at `now`: a good reading older than `max_age` becomes stale.
     pub fn aged(self, now: Moment, max_age: Duration) -> Reading {
         if self.quality == Quality::Good && now.since(self.at) > max_age {
             return Reading { quality: Quality::Bad(Reason::Stale), ..self };
@@ -133,7 +135,7 @@ impl Reading {
 }
 
 impl Reason {
-    /// Meanings of raw values that a profile can state, with their names there.
+    /// Meanings that a profile can give to a raw value, each with its name in the profile.
     pub const MEANINGS: [(&'static str, Reason); 7] = [
         ("open circuit", Reason::OpenCircuit),
         ("short circuit", Reason::ShortCircuit),
@@ -144,7 +146,7 @@ impl Reason {
         ("sensor fault", Reason::SensorFault),
     ];
 
-    /// Name for programs: metrics, JSON, logs.
+    /// Returns the name of the reason for programs: in metrics, JSON and logs.
     pub fn code(self) -> &'static str {
         match self {
             Reason::NeverRead => "never-read",
@@ -183,7 +185,7 @@ impl Reason {
     }
 }
 
-/// Name of a Modbus exception in its specification.
+/// Returns a short name of a Modbus exception code, after the Modbus specification.
 pub const fn exception(code: u8) -> &'static str {
     match code {
         1 => "illegal function",
@@ -221,12 +223,12 @@ impl fmt::Display for Reason {
             Reason::Refused => "the node refuses to give its value",
             Reason::Status(code) => return write!(f, "{}", Status(*code)),
             Reason::WrongType => "the node has another type than the profile says",
-            Reason::SourceClock => "stamped later than its server's own time: a clock is wrong",
+            Reason::SourceClock => "time stamp later than its server's own time: a clock is wrong",
             Reason::NotFound => "this computer has no sensor of this name",
             Reason::SeveralFound => "this computer has several sensors of this name",
             Reason::Unreadable => "this computer cannot read the sensor",
             Reason::Checksum => "wrong checksum: disturbed on its way",
-            Reason::PowerOnValue => "85 °C, which the sensor shows at power-on: it has not measured",
+            Reason::PowerOnValue => "85 °C, which the sensor shows at power-on: it has not measured yet",
             Reason::AllZero => "all zero: line shorted, or sensor without power",
             Reason::Timeout => "no answer in time",
             Reason::LinkDown => "no connection",

@@ -1,6 +1,6 @@
-//! Charts as inline SVG: black, grey, and two colours that differ in grey as well.
+//! Charts as inline SVG: black, grey, and two colours that also differ in brightness, for a grey print.
 //!
-//! Each chart has the size at which a phone shows it, so that its letters remain legible.
+//! Each chart is drawn for the width of a phone, so that its letters remain legible there.
 
 use maud::{Markup, PreEscaped, html};
 use plotters::coord::Shift;
@@ -25,7 +25,7 @@ const RULE: RGBColor = RGBColor(0xd5, 0xdc, 0xe0);
 const WARM: RGBColor = RGBColor(0xb8, 0x50, 0x10);
 const COOL: RGBColor = RGBColor(0x8f, 0xb8, 0xcd);
 
-/// Draws on a sheet of this size in pixels. `says` is the text for screen readers.
+/// Draws a picture of this size in pixels and returns it as an SVG element. `says` is the text for screen readers.
 fn sheet(width: u32, height: u32, says: &str, draw: impl FnOnce(&Paper<'_>) -> Drawn) -> Markup {
     let mut text = String::new();
     let drawn = {
@@ -45,17 +45,17 @@ fn sheet(width: u32, height: u32, says: &str, draw: impl FnOnce(&Paper<'_>) -> D
 
 type Plot<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
-/// The two axes of a plot.
+/// Ranges, labels and margin of the two axes of a plot.
 struct Axes<'a> {
     x: (f64, f64),
     y: (f64, f64),
-    /// Unit above the vertical axis.
+    /// Unit, written above the vertical axis.
     unit: &'a str,
     /// Label below the horizontal axis; may be empty.
     across: &'a str,
-    /// Formats a number of the horizontal axis.
+    /// Formats a number at the horizontal axis.
     written: &'a dyn Fn(&f64) -> String,
-    /// Approximate number of labels on each axis.
+    /// Approximate number of labels on the horizontal and on the vertical axis.
     marks: (usize, usize),
     /// Margin to the right of the plot, in pixels.
     right: u32,
@@ -90,32 +90,32 @@ impl Axes<'_> {
     }
 }
 
-/// Text style with letters of this size in pixels.
+/// Text style with letters of the height `size` in pixels.
 fn letters(size: f64, color: RGBColor) -> TextStyle<'static> {
     // The backend draws letters smaller than requested.
     ("sans-serif", size * 1.24).into_font().color(&color)
 }
 
-/// Formats a number of an axis, without superfluous digits.
+/// Formats a number at an axis: at most three decimals, without trailing zeros.
 pub fn tick(value: f64) -> String {
     let text = format!("{value:.3}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
     if text == "-0" { "0".to_owned() } else { text.replace('-', "−") }
 }
 
-/// Formats hours of an axis.
+/// Formats a time at an axis, in hours, with the unit.
 fn hours(value: &f64) -> String {
     format!("{} h", tick(*value))
 }
 
 /// Rounds to whole pixels.
 fn pixels(value: f64) -> i32 {
-    #[allow(clippy::cast_possible_truncation, reason = "a place on a sheet")]
+    #[allow(clippy::cast_possible_truncation, reason = "a coordinate in a picture")]
     let pixels = value.round() as i32;
     pixels
 }
 
-/// Range of the finite values with a margin; never empty. With `zero`, the range includes zero.
+/// Range of the finite values, widened by a margin. Its width is never zero. With `zero`, the range includes zero.
 fn span(values: impl Iterator<Item = f64>, zero: bool) -> (f64, f64) {
     let begin = if zero { (0.0, 0.0) } else { (f64::MAX, f64::MIN) };
     let finite = values.filter(|value| value.is_finite());
@@ -127,9 +127,9 @@ fn span(values: impl Iterator<Item = f64>, zero: bool) -> (f64, f64) {
     (low - room, high + room)
 }
 
-/// Converts a count to a floating-point number.
+/// Converts a number of objects to a floating-point number.
 fn count(things: usize) -> f64 {
-    #[allow(clippy::cast_precision_loss, reason = "things on a sheet")]
+    #[allow(clippy::cast_precision_loss, reason = "a small number of objects in a picture")]
     let count = things as f64;
     count
 }

@@ -1,6 +1,6 @@
 //! Reports as one HTML file with charts, without scripts and external resources.
 //!
-//! chart: every chart        style.css: paper, phone, printer
+//! The module `chart` draws the charts; `style.css` contains the style for screen, phone and printer.
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
@@ -10,7 +10,7 @@ pub mod chart;
 
 const STYLE: &str = include_str!("style.css");
 
-/// Renders a whole page. `source` names the origin of its figures.
+/// Renders a complete HTML page. `source` names the origin of its figures, for example a log file.
 pub fn page(title: &str, made: Moment, source: &str, content: &Markup) -> String {
     html! {
         (DOCTYPE)
@@ -34,7 +34,8 @@ pub fn page(title: &str, made: Moment, source: &str, content: &Markup) -> String
     .into_string()
 }
 
-/// Formats a point in time for programs; `None` if the log counts time from its own start.
+/// Formats a point in time in the notation of RFC 3339, for programs. Returns `None` if the time counts from the start
+/// of a log.
 pub fn rfc3339(moment: Moment) -> Option<String> {
     stamp(moment).map(|stamp| stamp.to_string())
 }
@@ -44,10 +45,10 @@ fn stamp(moment: Moment) -> Option<jiff::Timestamp> {
     (moment.as_secs_f64() >= YEAR_2000_S).then_some(stamp)
 }
 
-/// Seconds of the year 2000. An earlier time belongs to a log that counts from its own start.
+/// Seconds from 1970 to the year 2000. An earlier time counts from the start of a log, and is no date.
 const YEAR_2000_S: f64 = 946_684_800.0;
 
-/// Formats date and time in UTC; "–" if the log counts time from its own start.
+/// Formats date and time in UTC. Returns "–" if the time counts from the start of a log.
 pub fn date(moment: Moment) -> String {
     stamp(moment).map_or("–".to_owned(), |stamp| stamp.strftime("%Y-%m-%d %H:%M UTC").to_string())
 }
@@ -63,8 +64,8 @@ pub fn figure(title: &str, picture: &Markup, caption: &str) -> Markup {
     }
 }
 
-/// Renders a table whose first column names its rows. It scrolls on a narrow page. A head that ends in a colon is above
-/// a column of words, any other above figures.
+/// Renders a table; its first column names the rows. A narrow page scrolls it sideways. Under a heading that ends in a
+/// colon are words, under any other heading figures.
 pub fn table(heads: &[&str], rows: &Markup) -> Markup {
     html! {
         div .scroll tabindex="0" {
@@ -76,25 +77,25 @@ pub fn table(heads: &[&str], rows: &Markup) -> Markup {
     }
 }
 
-/// Renders a row of a table: its name, then its cells.
+/// Renders a row of a table: the name of the row, then its cells.
 pub fn row(name: &str, cells: impl IntoIterator<Item = String>) -> Markup {
     html! { tr { th scope="row" { (name) } @for cell in cells { td { (cell) } } } }
 }
 
-/// Formats a number with two decimals, and a minus as wide as a plus.
+/// Formats a number with two decimals, and with a minus sign as wide as a plus sign.
 pub fn number(value: f64) -> String {
     decimals(value, 2)
 }
 
-/// Formats a number with `places` decimals, and a minus as wide as a plus.
+/// Formats a number with `places` decimals, and with a minus sign as wide as a plus sign.
 pub fn decimals(value: f64, places: usize) -> String {
     let text = format!("{value:.places$}");
     let is_zero = !text.bytes().any(|byte| (b'1'..=b'9').contains(&byte));
     if is_zero { text.trim_start_matches('-').to_owned() } else { text.replace('-', "−") }
 }
 
-/// Formats a number with three significant digits and at most five decimals. Below a thousandth the form is 4.29e-7, as
-/// for gains per rpm².
+/// Formats a number with three significant digits and at most five decimals. A number below a thousandth, for example a
+/// gain per rpm², has the form 4.29e-7.
 pub fn three_digits(value: f64) -> String {
     let size = value.abs();
     if size > 0.0 && size < 1e-3 {
@@ -107,7 +108,7 @@ pub fn three_digits(value: f64) -> String {
     decimals(value, places)
 }
 
-/// Formats the resolution of a sensor, without superfluous digits.
+/// Formats a number such as the resolution of a sensor: at most six decimals, without trailing zeros.
 pub fn plain(value: f64) -> String {
     let text = format!("{value:.6}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()

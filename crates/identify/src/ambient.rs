@@ -10,48 +10,49 @@ use crate::minutes::Minutes;
 use crate::statistics::{count, mean, median, range};
 
 const MINUTE: f64 = 60.0;
-/// Time after a start in which the heat of the machine shows at its sensors, min.
+/// Time after a start of the load within which the heat of the machine reaches its sensors, min.
 const AFTER_START: usize = 20;
-/// Minimum number of starts for a result.
+/// Minimum number of starts of the load in all runs. With fewer starts, no sensor is reported.
 const STARTS: usize = 3;
 /// Time constants that are tried for the lag between the load and the temperature of a part that it warms, min.
 const LAGS_MIN: [f64; 4] = [6.0, 25.0, 75.0, 200.0];
 /// Maximum ratio of the variance explained by the load to that explained by time. It is not zero: with few runs, every
 /// slow signal correlates a little with a slow lag.
 const UNRELATED: f64 = 0.5;
-/// Maximum ratios to the sensor that changes most: rise after a start, and change within 20 min at any time.
+/// Maximum rise of a sensor after a start, as a ratio to the largest rise of any sensor.
 const COLD_AT_STARTS: f64 = 0.15;
+/// Maximum change of a sensor within 20 min, as a ratio to the largest change of any sensor.
 const SLOW: f64 = 1.0 / 3.0;
 /// Change within 20 min, °C, that the air of a hall does not reach with closed gates.
 const NO_AIR: f64 = 1.0;
-/// Minimum range of a sensor that is judged, °C.
+/// Minimum range (maximum minus minimum) of the readings of a sensor, °C. A sensor that changes less is not reported.
 const MOVES: f64 = 0.2;
 
-/// One run, minute by minute. A minute without a value repeats the value before.
+/// Values of one run, minute by minute. A minute without a value repeats the previous value.
 struct Courses {
     load: Vec<f64>,
     error: Vec<f64>,
     sensors: Vec<Vec<f64>>,
 }
 
-/// Figures from which a sensor is judged.
+/// Figures that decide whether a sensor behaves like the air.
 #[derive(Clone, Copy, Debug)]
 struct Figures {
     /// Median rise after a start, minus the rise in the same time before it, °C.
     start: f64,
     /// Largest change within 20 min, °C.
     fastest: f64,
-    /// Largest share of the variance that a lag of the load explains.
+    /// Largest share of the variance that a lag of the load explains, 0 to 1.
     load: f64,
-    /// Share of the variance that a parabola over the time of each run explains.
+    /// Share of the variance that a parabola over the time of each run explains, 0 to 1.
     time: f64,
     /// Correlation with the error.
     error: f64,
-    /// Largest range within a run, °C.
+    /// Largest range (maximum minus minimum) of the readings within a run, °C.
     range: f64,
 }
 
-/// Column of the temperature with a name for the ambient air; otherwise the first one in `like`.
+/// Returns the column of the temperature whose name means ambient air; otherwise the first temperature in `like`.
 pub(crate) fn ambient_column(dataset: &Dataset, like: &[Finding]) -> Option<usize> {
     let name = |place: usize| dataset.columns[place].name.as_str();
     let is_named = |place: &usize| is_named_for_the_air(name(*place));
@@ -67,7 +68,7 @@ pub(crate) fn is_named_for_the_air(name: &str) -> bool {
     words.any(|word| ["ambient", "air", "room", "hall", "shop", "environment"].contains(&word))
 }
 
-/// Columns that behave like the air. The result is empty without a speed, or with too few starts.
+/// Finds the sensors that behave like the air. The result is empty without a speed column, or with too few starts.
 pub(crate) fn find(dataset: &Dataset, columns: &[usize], error: usize) -> Vec<Finding> {
     let Some(load) = load(dataset) else { return Vec::new() };
     let runs: Vec<Courses> = dataset.runs.iter().map(|run| courses(run, load, error, columns)).collect();
@@ -103,7 +104,7 @@ pub(crate) fn find(dataset: &Dataset, columns: &[usize], error: usize) -> Vec<Fi
     columns.iter().zip(&all).filter(|(_, of)| is_air(of)).map(like).collect()
 }
 
-/// Column of the speed that is above 1 in the most rows.
+/// Returns the column of the speed that exceeds 1 in the most rows; `None` if no speed exceeds 1.
 fn load(dataset: &Dataset) -> Option<usize> {
     let turns = |column: &usize| {
         let values = dataset.runs.iter().flat_map(|run| &run.values[*column]);
@@ -136,7 +137,8 @@ fn by_minute(run: &Run, column: usize) -> Vec<f64> {
     course
 }
 
-/// Minutes at which the load starts after a standstill, with [`AFTER_START`] minutes before and after them.
+/// Returns the minutes at which the load starts after a standstill of at least [`AFTER_START`] minutes. The run must
+/// last for at least as many minutes after the start.
 fn starts(run: &Courses) -> Vec<usize> {
     let fastest = run.load.iter().copied().fold(0.0, f64::max);
     let turns = |minute: usize| run.load[minute] > 0.1 * fastest && run.load[minute] > 1.0;
@@ -173,7 +175,7 @@ fn figures(runs: &[Courses], sensor: usize) -> Figures {
     }
 }
 
-/// First-order lag of the load with this time constant, from an initial value of zero.
+/// Returns the first-order lag of the load with this time constant, from an initial value of zero.
 fn lagged(load: &[f64], minutes: f64) -> Vec<f64> {
     let gone = 1.0 - (-1.0 / minutes).exp();
     let mut state = 0.0;
@@ -193,13 +195,14 @@ fn product(one: &[Vec<f64>], other: &[Vec<f64>]) -> f64 {
     one.iter().flatten().zip(other.iter().flatten()).map(|(one, other)| one * other).sum()
 }
 
-/// Correlation of series that are centred in each run.
+/// Returns the correlation coefficient of two series. Each series is centred in each run.
 fn correlation(one: &[Vec<f64>], other: &[Vec<f64>]) -> f64 {
     let size = (product(one, one) * product(other, other)).sqrt();
     if size > 0.0 { product(one, other) / size } else { 0.0 }
 }
 
-/// Share of the variance that a parabola over the time of each run explains, by the first two Legendre polynomials.
+/// Returns the share of the variance that a parabola over the time of each run explains. The parabola is a sum of the
+/// first two Legendre polynomials.
 fn parabolic(rises: &[Vec<f64>]) -> f64 {
     let taken = |values: &Vec<f64>| -> f64 {
         let last = count(values.len().max(2) - 1);

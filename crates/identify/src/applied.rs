@@ -5,13 +5,13 @@ use crate::dataset::{BadLog, Column, Dataset, Kind};
 use crate::statistics::least_and_most;
 use isotherm_profile::{Profile, Writes};
 
-/// Range of a Cz column up to which Cz counts as constant, µm. A constant Cz does not change the drift.
+/// Range of a Cz column up to which Cz is treated as constant, µm. A constant Cz does not change the drift.
 const STANDS_STILL: f64 = 1e-9;
 
 /// Source of the Cz that was active during the measurement of the error.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Applied {
-    /// The Cz columns of a log of the gateway. Other logs have none.
+    /// The Cz columns of a log of the gateway. Other logs have no such columns.
     #[default]
     AsLogged,
     /// No Cz was active.
@@ -26,7 +26,7 @@ impl Applied {
         if text == "none" { Applied::Nothing } else { Applied::Column(text.to_owned()) }
     }
 
-    /// Returns true if the Cz is taken from this column by its name.
+    /// Returns whether the operator named this column as the source of the Cz.
     pub(crate) fn names(&self, column: &str) -> bool {
         matches!(self, Applied::Column(name) if name == column)
     }
@@ -45,12 +45,14 @@ pub(crate) fn moves_the_machine(profile: &Profile, axis: &str) -> Option<bool> {
     }
 }
 
-/// Axis in the name of an error column.
+/// Returns the axis in the name of an error column, for example `z` for `z_error_um`; `None` if the name has another
+/// form.
 fn axis_of(error: &str) -> Option<&str> {
     ["_error_um", "_measured_um"].iter().find_map(|end| error.strip_suffix(end))
 }
 
-/// Column of the Cz that was active during the measurement of this error; `None` if no Cz changed.
+/// Returns the column of the Cz that this measured error contains; `None` if the error contains no Cz, or only a
+/// constant one.
 fn acting(
     dataset: &Dataset,
     error: &str,
@@ -118,7 +120,7 @@ fn acting(
 }
 
 /// Subtracts the Cz of this column from the measured error in each row. Returns the least and the greatest Cz, µm. A
-/// run without values in the column was measured without Cz. A row without Cz in another run loses its error value.
+/// run without values in the column was measured without Cz. In all other runs, a row without Cz loses its error value.
 fn take_out(dataset: &mut Dataset, error: usize, column: usize) -> Option<(f64, f64)> {
     for run in &mut dataset.runs {
         let cz = run.values[column].clone();
@@ -133,7 +135,7 @@ fn take_out(dataset: &mut Dataset, error: usize, column: usize) -> Option<(f64, 
 /// of the error, if known. `moves` is the result of `moves_the_machine`.
 ///
 /// # Errors
-/// Cz cannot be determined: the message names the option that does so.
+/// The Cz cannot be determined. The message names the option that specifies it.
 pub fn without_cz(
     dataset: &mut Dataset,
     error: &str,
@@ -154,11 +156,12 @@ pub fn without_cz(
     Ok(())
 }
 
-/// Adds a column without Cz for each displacement that was measured with Cz. If the Cz cannot be determined, it adds a
-/// remark. `asked` names the columns to process, or is empty for all displacements. The new columns are added to it.
+/// Adds a column without Cz for each displacement that was measured with Cz. If the Cz cannot be determined, a remark
+/// is added instead. `asked` contains the names of the columns to process, or is empty for all displacements. The names
+/// of the new columns are appended to `asked`, unless it is empty.
 ///
 /// # Errors
-/// The Cz cannot be determined although `applied` names it.
+/// `applied` names a column that no log has.
 pub fn add_without_cz(
     dataset: &mut Dataset,
     profile: Option<&Profile>,

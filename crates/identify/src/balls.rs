@@ -28,7 +28,7 @@ mod touches;
 
 pub use log::log;
 
-/// Names of the directions, in the order of every array of three.
+/// Names of the three directions. Arrays of three values have the same order.
 pub const DIRECTIONS: [&str; 3] = ["x", "y", "z"];
 
 /// Thermal terms of a warm-up.
@@ -39,7 +39,7 @@ pub struct Terms {
     pub along: usize,
     /// Direction of the array as text.
     pub array: &'static str,
-    /// Position along the array at which d is the whole drift, mm.
+    /// Position p0 of the origin along the array, at which expansion and tilt add nothing to the drift d, mm.
     pub origin_mm: f64,
     /// Terms of each round. The first round is the cold one, with zeros only.
     pub rounds: Vec<RoundTerms>,
@@ -61,8 +61,8 @@ pub struct RoundTerms {
     pub drift_um: [f64; 3],
     /// Slope in each direction, µm per mm along the array: k in the direction of the array, the tilt A in the others.
     pub slope_um_per_mm: [f64; 3],
-    /// Tilt B of the spindle, µm per mm of stylus, and zero in the direction of the array. `None` if the styluses do
-    /// not allow to determine it.
+    /// Tilt B of the spindle, µm per mm of stylus, and zero in the direction of the array. `None` if the touches do not
+    /// determine B, for example with styluses of one length.
     pub spindle_um_per_mm: Option<[f64; 3]>,
     /// Root mean square of the residuals over all touches and directions, µm.
     pub rms_um: f64,
@@ -72,7 +72,7 @@ pub struct RoundTerms {
 /// ball.
 ///
 /// # Errors
-/// Messages that say what to do.
+/// The terms cannot be calculated from these touches. Each message says what to do.
 pub fn terms(dataset: &Dataset, origin: Option<f64>) -> Result<Terms, BadLog> {
     let rounds = rounds(dataset)?;
     let Some(cold) = rounds.first() else {
@@ -109,7 +109,7 @@ pub fn terms(dataset: &Dataset, origin: Option<f64>) -> Result<Terms, BadLog> {
     Ok(Terms { along, array: DIRECTIONS[along], origin_mm, rounds: found, remarks })
 }
 
-/// Direction of the array, and its length in mm.
+/// Returns the direction of the array, as an index of [`DIRECTIONS`], and the length of the array in mm.
 fn direction(cold: &[Touch]) -> Result<(usize, f64), BadLog> {
     let extents = [0, 1, 2].map(|direction| range(cold.iter().map(|touch| touch.at_mm[direction])));
     let along = (1..3).fold(0, |best, next| if extents[next] > extents[best] { next } else { best });
@@ -123,7 +123,7 @@ fn direction(cold: &[Touch]) -> Result<(usize, f64), BadLog> {
     }
     if across > SKEWED * length {
         return Err(one(&format!(
-            "the balls run along {axis} ({length:.0} mm), but {across:.0} mm across it too: clamp the array along one axis"
+            "the balls extend {length:.0} mm along {axis}, but also {across:.0} mm across it: clamp the array along one axis"
         )));
     }
     Ok((along, length))
@@ -131,7 +131,7 @@ fn direction(cold: &[Touch]) -> Result<(usize, f64), BadLog> {
 
 /// Minimum length of an array, mm.
 const SHORTEST: f64 = 5.0;
-/// Maximum extent across the array as a share of its length. A larger one mixes expansion into the tilts.
+/// Maximum extent across the array as a share of its length. A larger extent mixes expansion into the tilts.
 const SKEWED: f64 = 0.1;
 
 fn one(message: &str) -> BadLog {

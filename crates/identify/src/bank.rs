@@ -1,11 +1,11 @@
-//! The bank: values of every input with every lag, as the gateway itself would compute them.
+//! Bank of candidate terms: the values of every input with every lag, as the gateway itself would compute them.
 //!
 //! References are captured by the gateway's own [`Compensation`]. Each input is followed by its own [`Lag`], row by row
-//! of the log as it was recorded. Rows are averaged only after that. A model of the bank therefore gives the same
-//! values in a replay of the run.
+//! of the log as it was recorded. Rows are averaged only after that. A model identified from the bank therefore gives
+//! the same values in a replay of the run.
 //!
-//! A rise is zero until its reference has been captured, because the axis waits that long. If the error of a place is
-//! measured from its first visit, the rises are counted from that visit, too.
+//! A rise is zero until its reference has been captured, because the axis does not compensate before. If the error at a
+//! position is counted from the first visit of that position, the rises are counted from that visit, too.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -27,7 +27,8 @@ pub(crate) fn usual_lags() -> Vec<Option<Duration>> {
     LAGS_MIN.iter().map(|minutes| (*minutes > 0).then(|| Duration::from_mins((*minutes).into()))).collect()
 }
 
-/// Column of the bank: an input with a lag, or a function of it. It can become a term of a model.
+/// Candidate term of a model, with one column in the bank: an input with a lag, its square, or its product with the
+/// position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Candidate {
     /// Index of the input in the inputs of the campaign.
@@ -41,7 +42,7 @@ pub struct Candidate {
     pub along: bool,
 }
 
-/// Selection of the rows of a log. Masked rows are never selected.
+/// Selection of the rows of a log. Masked rows, in which a sensor was frozen, are never selected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Rows {
     /// Rows in which the error was measured.
@@ -84,8 +85,8 @@ impl Candidate {
 }
 
 impl Bank {
-    /// Makes the bank of all inputs with these lags, and of the candidates in `beside`. A speed also gives its square.
-    /// It is used only with a lag, because a spindle warms the machine with a delay.
+    /// Creates the bank of all inputs with these lags, and of the candidates in `beside`. Each speed also contributes
+    /// its square. A speed is used only with a lag, because a spindle warms the machine with a delay.
     pub(crate) fn with_speeds(
         campaign: &Campaign<'_>,
         lags: &[Option<Duration>],
@@ -108,7 +109,7 @@ impl Bank {
         Bank::new(campaign, candidates)
     }
 
-    /// Makes the bank of these inputs with these lags.
+    /// Creates the bank of these inputs with these lags.
     pub(crate) fn of_inputs(
         campaign: &Campaign<'_>,
         inputs: &[usize],
@@ -122,18 +123,18 @@ impl Bank {
         Bank::with(campaign, inputs.iter().flat_map(all).collect(), rows)
     }
 
-    /// Makes the bank of every input with these lags.
+    /// Creates the bank of every input with these lags.
     pub(crate) fn of(campaign: &Campaign<'_>, lags: &[Option<Duration>]) -> Bank {
         let inputs: Vec<usize> = (0..campaign.inputs.len()).collect();
         Bank::of_inputs(campaign, &inputs, lags, Rows::WithError)
     }
 
-    /// Makes the bank of these candidates, over the rows with a measured error.
+    /// Creates the bank of these candidates, over the rows with a measured error.
     pub(crate) fn new(campaign: &Campaign<'_>, candidates: Vec<Candidate>) -> Bank {
         Bank::with(campaign, candidates, Rows::WithError)
     }
 
-    /// Makes the bank of these candidates, over these rows.
+    /// Creates the bank of these candidates, over the selected rows.
     pub(crate) fn with(campaign: &Campaign<'_>, candidates: Vec<Candidate>, rows: Rows) -> Bank {
         let places = 0..campaign.dataset.runs.len();
         let runs = places.into_par_iter().map(|place| trace(campaign, place, &candidates, rows)).collect();

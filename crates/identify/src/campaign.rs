@@ -14,7 +14,7 @@ use isotherm_core::quantity::{Micron, MicronPerSecond, Moment};
 use isotherm_core::reading::{Reading, Reason, SignalId};
 use isotherm_profile::{Axis, Profile, Unit};
 
-/// Time over which a reference is the mean if the profile does not say.
+/// Averaging time of a reference, if the profile has no `settle`.
 pub(crate) const USUAL_SETTLE: Duration = Duration::from_secs(180);
 
 /// Runs, inputs, and the error to compensate.
@@ -26,19 +26,19 @@ pub(crate) struct Campaign<'a> {
     pub(crate) inputs: Vec<Input>,
     /// Index of the column with the measured error e, µm.
     pub(crate) error: usize,
-    /// Machine of the profile. If the profile has no `settle`, it is [`USUAL_SETTLE`].
+    /// Machine settings of the profile. Without `settle` in the profile, the time is [`USUAL_SETTLE`].
     pub(crate) machine: MachineSettings,
-    /// Time over which rows are averaged; zero keeps them as they are.
+    /// Time over which rows are averaged; zero means no averaging.
     pub(crate) resample: Duration,
-    /// Position of the axis, for errors measured at several positions.
+    /// Position of the axis, for errors that were measured at several positions; `None` for one position.
     pub(crate) position: Option<Position>,
     pub(crate) axes: Vec<AxisSettings>,
-    /// Column of each signal of the profile; `None` if the dataset has none.
+    /// Column of each signal of the profile; `None` if the dataset does not have it.
     columns: Vec<Option<Channel>>,
     mending: Option<Mending<'a>>,
 }
 
-/// Column, and the range outside which its values are not readings.
+/// Column of a signal, and the range of its valid values, if the profile limits it.
 type Channel = (usize, Option<(f64, f64)>);
 
 /// Input of a model.
@@ -128,14 +128,14 @@ impl<'a> Campaign<'a> {
         }
     }
 
-    /// Returns the campaign as if this run had not been recorded when the other runs were repaired. `None` if that
-    /// changes nothing.
+    /// Returns the campaign in which the other runs are repaired without the data of this run. `None` if no repair used
+    /// this run.
     pub(super) fn never_saw(&self, run: usize) -> Option<Campaign<'a>> {
         let dataset = self.mending.as_ref()?.never_saw(run)?;
         Some(Campaign { dataset: Cow::Owned(dataset), ..self.clone() })
     }
 
-    /// Returns the campaign with one more input, with its readings as recorded.
+    /// Returns the campaign with one more input. The readings of this input are used as recorded.
     #[must_use]
     pub(crate) fn with_input(&self, input: Input) -> Campaign<'a> {
         let mut inputs = self.inputs.clone();
@@ -143,8 +143,8 @@ impl<'a> Campaign<'a> {
         Campaign { inputs, ..self.clone() }
     }
 
-    /// Returns for each row of a run whether it is masked, because some sensor was frozen. Masked rows are not used to
-    /// learn or to judge any model, whichever its inputs are. Therefore all models are judged by the same rows.
+    /// Returns for each row of a run whether it is masked, because some sensor was frozen. Masked rows are used neither
+    /// to identify nor to test any model, whichever its inputs are. Therefore all models are tested on the same rows.
     pub(super) fn masked(&self, run: usize) -> Vec<bool> {
         let rows = self.dataset.runs.get(run).map_or(0, |run| run.times.len());
         let mut masked = vec![false; rows];
@@ -163,12 +163,12 @@ impl<'a> Campaign<'a> {
         usual.max(self.resample.as_secs_f64()).max(1e-3)
     }
 
-    /// Number of rows in one independent sample, if rows closer than `independent` depend on each other.
+    /// Returns the number of rows in one independent sample, if rows closer than `independent` depend on each other.
     pub(crate) fn rows_per_sample(&self, independent: Duration) -> f64 {
         (independent.as_secs_f64() / self.row_seconds()).max(1.0)
     }
 
-    /// Fills `readings` with the readings of one row, with the checks of the gateway.
+    /// Replaces the content of `readings` by the readings of one row, with the range checks of the gateway.
     pub(super) fn readings(&self, run: &Run, row: usize, now: Moment, readings: &mut Vec<Reading>) {
         readings.clear();
         readings.extend(self.columns.iter().map(|channel| {
@@ -184,7 +184,8 @@ impl<'a> Campaign<'a> {
         }));
     }
 
-    /// Returns the machine start of this run: the rising edge of its signal, else the first good reading.
+    /// Returns the machine start of this run: the first row in which the machine's signal is on. Without such a signal,
+    /// it is the first row with a usable reading.
     pub(super) fn start(&self, run: &Run) -> Option<Moment> {
         let mut readings = Vec::new();
         run.times.iter().enumerate().find_map(|(row, now)| {
@@ -198,8 +199,9 @@ impl<'a> Campaign<'a> {
     }
 
     /// Returns the compensation that would leave no error at each row: Cz = −(e − its mean while the references
-    /// settle), µm. With a position, each place has a mean of its own, because the cold error of a scale is no drift. A
-    /// place that is first visited later is measured from its first visit.
+    /// settle), µm. With several positions, each position has its own mean, because the cold error of a scale is no
+    /// drift. At a position that is first visited after the references have settled, the error is counted from the
+    /// first visit.
     pub(super) fn targets(&self, run: &Run) -> Vec<Target> {
         let errors = &run.values[self.error];
         let Some(start) = self.start(run) else { return vec![Target::UNKNOWN; errors.len()] };
@@ -234,8 +236,8 @@ impl<'a> Campaign<'a> {
 pub(super) struct Target {
     /// Target Cz, µm. NaN if the error is missing, and before the machine starts.
     pub(super) cz: f64,
-    /// Row of the first visit of this place, if that was after the references had settled; else `None`. The machine was
-    /// warm by then. Therefore the target and the rises of a model are both counted from that row.
+    /// Row of the first visit of this position, if that was after the references had settled; else `None`. The machine
+    /// was already warm in that row. Therefore the target and the rises of a model are both counted from it.
     pub(super) since: Option<usize>,
 }
 
@@ -243,8 +245,8 @@ impl Target {
     const UNKNOWN: Target = Target { cz: f64::NAN, since: None };
 }
 
-/// Returns an axis that moves nothing. It is due at every row, because references are captured only when an axis is
-/// due.
+/// Returns an axis without models, whose Cz is zero. The axis is due at every row, because references are captured only
+/// when an axis is due.
 fn onlooker() -> AxisSettings {
     AxisSettings {
         name: "onlooker".to_owned(),
@@ -265,14 +267,14 @@ fn onlooker() -> AxisSettings {
     }
 }
 
-/// Rounds a position. Positions in the same millimetre are equal.
+/// Rounds a position to whole millimetres. Positions in the same millimetre are treated as equal.
 fn whole(place: f64) -> i64 {
     #[allow(clippy::cast_possible_truncation, reason = "a travel in mm; beyond it the cast saturates")]
     let whole = place.round() as i64;
     whole
 }
 
-/// Returns these inputs without the excluded ones.
+/// Returns the inputs that are not among the excluded sensors.
 pub(super) fn without(inputs: &[Input], excluded: &[Finding]) -> Vec<Input> {
     let is_good = |input: &&Input| !excluded.iter().any(|faulty| faulty.signal == input.name);
     inputs.iter().filter(is_good).cloned().collect()

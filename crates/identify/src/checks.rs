@@ -7,7 +7,7 @@ use crate::faults::Finding;
 use crate::statistics::{least_and_most, mean};
 use isotherm_profile::{counted, duration_text};
 
-/// Maximum temperature of a cold shop. If all sensors begin above it, they are in °F.
+/// Maximum temperature of a cold workshop, °C. If all sensors begin above it, they are probably in °F.
 const COLD_SHOP: f64 = 45.0;
 /// Minimum duration of a run with a measurable drift.
 const SHORTEST_RUN: Duration = Duration::from_secs(20 * 60);
@@ -22,7 +22,7 @@ pub(super) fn check_runs(dataset: &Dataset, wrong: &mut Vec<String>) {
     wrong.extend(dataset.runs.iter().filter_map(odd_length));
 }
 
-/// Message for a campaign with one run, which only some methods can use; `None` with more runs.
+/// Returns a message if there is only one run, because then a model cannot be tested; `None` with more runs.
 pub(super) fn one_run_only(dataset: &Dataset) -> Option<String> {
     let [only] = dataset.runs.as_slice() else { return None };
     Some(format!(
@@ -32,7 +32,7 @@ pub(super) fn one_run_only(dataset: &Dataset) -> Option<String> {
     ))
 }
 
-/// Message about a run whose length suggests a wrong unit of its time column; `None` otherwise.
+/// Returns a message if the length of a run suggests a wrong unit of its time column; `None` otherwise.
 pub(super) fn odd_length(run: &Run) -> Option<String> {
     let odd = match run.lasts() {
         lasts if lasts < SHORTEST_RUN => {
@@ -47,7 +47,7 @@ pub(super) fn odd_length(run: &Run) -> Option<String> {
     Some(format!("{} lasts {shown} ({}): {odd}", run.name, counted(run.times.len(), "row")))
 }
 
-/// Message if the first values of all temperatures are too high for °C; `None` otherwise.
+/// Returns a message if the first values of all temperatures are too high for °C; `None` otherwise.
 pub(super) fn fahrenheit(dataset: &Dataset, temperatures: &[usize]) -> Option<String> {
     let first = |column: &usize| {
         let mut values = dataset.runs.iter().flat_map(|run| &run.values[*column]);
@@ -98,12 +98,12 @@ pub(super) fn unused_position(dataset: &Dataset, error: usize) -> Option<String>
     (travel > LONGEST_AT_ONE_PLACE).then(|| {
         format!(
             "the error was measured over {travel:.0} mm of {name}, which no term uses: --method position --position {name} finds \
-             how it changes along the axis"
+             how the error changes along the axis"
         )
     })
 }
 
-/// Column of this name. Adds a message to `wrong` if it is missing.
+/// Returns the column of this name. If the column is missing, adds a message to `wrong` and returns `None`.
 pub(super) fn column_of(dataset: &Dataset, name: &str, wrong: &mut Vec<String>) -> Option<usize> {
     let found = dataset.column(name);
     if found.is_none() {
@@ -112,12 +112,12 @@ pub(super) fn column_of(dataset: &Dataset, name: &str, wrong: &mut Vec<String>) 
     found
 }
 
-/// Remark about a sensor that appears to be faulty and is used as requested.
+/// Returns the remark about a sensor that appears to be faulty, but is used because the operator requested it.
 pub(super) fn stays(faulty: &Finding) -> String {
-    format!("{} is kept as requested: {}", faulty.signal, faulty.reason)
+    format!("{} is used as requested, although it was found faulty: {}", faulty.signal, faulty.reason)
 }
 
-/// Text "; did you mean …" with the most similar name, or a list of the known names.
+/// Returns the text "; did you mean …" with the most similar name, or a list of the known names.
 pub(super) fn nearest(name: &str, known: &[&str]) -> String {
     let alike = known.iter().map(|known| (strsim::jaro_winkler(name, known), known));
     match alike.max_by(|one, other| one.0.total_cmp(&other.0)) {

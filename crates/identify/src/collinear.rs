@@ -16,7 +16,7 @@ pub(crate) struct Collinearity {
     pub(crate) inflation: Vec<f64>,
 }
 
-/// Collinearity of these terms over all runs; `None` without terms, or if two are equal.
+/// Returns the collinearity of these terms over all runs; `None` without terms, or if terms are linearly dependent.
 pub(crate) fn collinearity(
     campaign: &Campaign<'_>,
     bank: &Bank,

@@ -1,13 +1,14 @@
-//! Held-out runs that go far beyond all others. A model of the other runs, which are alike, says little about such a
-//! run.
+//! Held-out runs whose values go far beyond those of all other runs. A model identified from the other runs does not
+//! predict such a run well.
 
 use crate::bank::Bank;
 use crate::campaign::Campaign;
 use crate::statistics::least_and_most;
 
-/// Share of a run's span. If the span of all other runs together is smaller, they are alike compared with this run.
+/// Share of the span of one run. A run goes far beyond the others if the span of all other runs together is smaller
+/// than this share of its span.
 const ALIKE: f64 = 1.0 / 3.0;
-/// Spans that are ignored if they are smaller: µm of the error, °C, and revolutions per minute.
+/// Minimum spans: µm of the error, °C, and revolutions per minute. Smaller spans are ignored.
 const MOVES_UM: f64 = 0.5;
 const MOVES_C: f64 = 0.5;
 const MOVES_RPM: f64 = 100.0;
@@ -17,18 +18,20 @@ const MOST_NAMED: usize = 4;
 /// Smallest and largest value of a quantity in a run.
 type Span = (f64, f64);
 
-/// Error, rise of a sensor, or speed. Each starts at 0.
+/// Quantity whose spans are compared between runs: the error, the rise of a sensor, or a speed. Each span includes
+/// zero.
 struct Quantity<'a> {
     name: &'a str,
     unit: &'a str,
-    /// Span below which a run is ignored.
+    /// Span below which the quantity is ignored in a run.
     moves: f64,
     /// Span of each run.
     spans: Vec<Span>,
 }
 
 impl Quantity<'_> {
-    /// Returns a text that compares the span of a run with all others. `None` if the others have a third of it or more.
+    /// Returns a text that compares the span of a run with all others. `None` if the run does not go far beyond the
+    /// others.
     fn beyond(&self, run: usize) -> Option<String> {
         let Quantity { name, unit, moves, spans } = self;
         let others = spans.iter().enumerate().filter(|(other, _)| *other != run);
@@ -43,7 +46,7 @@ impl Quantity<'_> {
     }
 }
 
-/// Returns a message for each run compared with which the others are alike. Empty if there are no others.
+/// Returns a message for each run that goes far beyond all other runs. Empty if there is only one run.
 pub(crate) fn alike(campaign: &Campaign<'_>, bank: &Bank) -> Vec<String> {
     if bank.runs.len() < 2 {
         return Vec::new();
@@ -65,7 +68,7 @@ pub(crate) fn alike(campaign: &Campaign<'_>, bank: &Bank) -> Vec<String> {
     found
 }
 
-/// Returns the error, then each input.
+/// Returns the quantities to compare: the error, then each input.
 fn quantities<'a>(campaign: &'a Campaign<'_>, bank: &Bank) -> Vec<Quantity<'a>> {
     let errors = bank.runs.iter().map(|run| least_and_most(run.target.iter()).unwrap_or_default());
     let mut found =

@@ -13,22 +13,26 @@ use std::time::Duration;
 
 use jiff::tz::TimeZone;
 
-use crate::statistics::range;
-use isotherm_core::quantity::Moment;
-
 mod active_cz;
 mod csv;
+mod error;
 mod files;
 mod gauge;
 mod kind;
 #[cfg(feature = "parquet")]
 mod parquet;
+mod run;
 mod split;
 mod table;
 #[cfg(test)]
 mod tests;
 
+pub use error::BadLog;
 pub use kind::Kind;
+pub use run::Run;
+pub use split::Split;
+pub use table::{Uses, every_column};
+
 use table::Table;
 
 /// Several runs with the same columns.
@@ -36,7 +40,7 @@ use table::Table;
 pub struct Dataset {
     /// Columns of the runs, in the order of the first file, without the time.
     pub columns: Vec<Column>,
-    /// Columns of the files that nothing uses. Their values are not kept.
+    /// Unused columns of the files. Their values are not stored.
     pub unread: Vec<Column>,
     /// One run for each warm-up, in the order of files and time.
     pub runs: Vec<Run>,
@@ -53,61 +57,14 @@ pub struct Column {
     pub kind: Kind,
 }
 
-/// One warm-up, with the rows from the cold machine to the end.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Run {
-    /// Name of the file without extension. If the file was split, a number or the value of the splitting column
-    /// follows.
-    pub name: String,
-    /// File of the run.
-    pub file: PathBuf,
-    /// Times of the rows, ascending.
-    pub times: Vec<Moment>,
-    /// Values by column and row; NaN if missing.
-    pub values: Vec<Vec<f64>>,
-}
-
-/// Division of files into runs.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Split {
-    /// Column whose changes begin a new run.
-    pub column: Option<String>,
-    /// Time without a row after which a new run begins.
-    pub gap: Option<Duration>,
-    /// Time zone of times without an offset from UTC; without it, such times are rejected.
-    pub zone: Option<TimeZone>,
-}
-
-/// All errors of the logs, each with its place.
-#[derive(Clone, Debug, Default, PartialEq, Eq, thiserror::Error)]
-#[error("{}", .0.join("\n"))]
-pub struct BadLog(pub Vec<String>);
-
-impl BadLog {
-    /// Returns `good` if `wrong` is empty; otherwise the errors.
-    pub(crate) fn unless<T>(wrong: Vec<String>, good: T) -> Result<T, BadLog> {
-        if wrong.is_empty() { Ok(good) } else { Err(BadLog(wrong)) }
-    }
-}
-
-/// Returns the unit of a column, if a profile contains it.
+/// Function that returns the unit of a column in the profile; `None` if the profile does not contain the column.
 pub type Units<'a> = &'a dyn Fn(&str) -> Option<&'static str>;
 
-/// Returns whether a column of this name is used. Of other columns, little more than the name is read: a log may have
-/// hundreds of columns, of which a model requires ten.
-pub type Uses<'a> = &'a dyn Fn(&str) -> bool;
-
-/// Selects all columns; see [`Uses`].
-#[must_use]
-pub fn every_column(_: &str) -> bool {
-    true
-}
-
 impl Dataset {
-    /// Reads the logs, or those in a directory, and divides them into runs.
+    /// Reads log files, and all logs in directories, and divides them into runs.
     ///
     /// # Errors
-    /// Everything that cannot be read, with file, line and column.
+    /// Something cannot be read. Each message contains file, line and column.
     pub fn read(
         files: &[PathBuf],
         split: &Split,
@@ -173,54 +130,28 @@ impl Dataset {
         Ok(Dataset { columns, unread, remarks, runs })
     }
 
-    /// Names of the used columns, then of the unused ones.
+    /// Returns the names of the used columns, then of the unused ones.
     pub(crate) fn names(&self) -> Vec<&str> {
         self.columns.iter().chain(&self.unread).map(|column| column.name.as_str()).collect()
     }
 
-    /// Indexes of the columns of this kind.
+    /// Returns the indices of the columns of this kind.
     pub(crate) fn of_kind(&self, kind: Kind) -> impl Iterator<Item = usize> {
         (0..self.columns.len()).filter(move |place| self.columns[*place].kind == kind)
     }
 
-    /// Total duration of all runs, s.
+    /// Returns the total duration of all runs, s.
     pub(crate) fn seconds(&self) -> f64 {
         self.runs.iter().map(|run| run.lasts().as_secs_f64()).sum()
     }
 
-    /// Index of the column with this name.
+    /// Returns the index of the column with this name; `None` if there is no such column.
     pub fn column(&self, name: &str) -> Option<usize> {
         self.columns.iter().position(|column| column.name == name)
     }
 }
 
-impl Run {
-    /// Hours since the first row of the run.
-    pub(crate) fn hours(&self) -> impl Iterator<Item = f64> + '_ {
-        self.seconds().map(|second| second / 3600.0)
-    }
-
-    /// Seconds since the first row of the run.
-    pub fn seconds(&self) -> impl Iterator<Item = f64> + '_ {
-        let first = self.times.first().copied().unwrap_or_default();
-        self.times.iter().map(move |time| time.since(first).as_secs_f64())
-    }
-
-    /// Range (maximum minus minimum) of a column; 0 if it is empty.
-    pub(crate) fn range(&self, column: usize) -> f64 {
-        range(&self.values[column])
-    }
-
-    /// Time from the first row to the last.
-    pub fn lasts(&self) -> Duration {
-        match (self.times.first(), self.times.last()) {
-            (Some(first), Some(last)) => last.since(*first),
-            _ => Duration::ZERO,
-        }
-    }
-}
-
-/// Unused columns of all files, each once, in the order of their first occurrence.
+/// Returns the unused columns of all files, each once, in the order of their first occurrence.
 fn unread(tables: &[Table], units: Units<'_>) -> Vec<Column> {
     let mut found: Vec<Column> = Vec::new();
     let mut seen = HashSet::new();

@@ -1,5 +1,5 @@
 //! Drift in a log, in the terms of ISO 230-3: how much and when each displacement changed, and which movements warmed
-//! the machine meanwhile. This is a description: it applies no duration and no limit of the standard.
+//! the machine in the same period. This is a description: it applies no duration and no limit of the standard.
 
 use serde::Serialize;
 
@@ -28,11 +28,11 @@ pub enum Test {
     Rotary,
 }
 
-/// Range below which a displacement does not change, µm.
+/// Range of a displacement, µm, below which the displacement is treated as constant.
 const STILL: f64 = 1e-6;
 
 impl Test {
-    /// Title in the words of the standard.
+    /// Returns the name of the test in the words of the standard.
     pub fn title(self) -> &'static str {
         match self {
             Test::Etve => "environmental temperature variation error (ETVE)",
@@ -50,7 +50,7 @@ pub struct Drift {
     pub name: String,
     /// Test to which the log corresponds.
     pub test: Test,
-    /// Reason for this choice.
+    /// Reason for the choice of `test`.
     pub because: String,
     /// Time from the first row to the last, h.
     pub hours: f64,
@@ -71,21 +71,21 @@ pub struct Drift {
 pub struct Displacement {
     /// Name of the column.
     pub name: String,
-    /// Range over the whole time, µm.
+    /// Range of the displacement over the whole time, µm.
     pub range_um: f64,
-    /// Range in the first hour, µm; `None` if the log is shorter.
+    /// Range of the displacement in the first hour, µm; `None` if the log is shorter.
     pub first_hour_um: Option<f64>,
-    /// Range in the last hour, µm; `None` if the log is shorter.
+    /// Range of the displacement in the last hour, µm; `None` if the log is shorter.
     pub last_hour_um: Option<f64>,
-    /// Largest range within any 60 min, µm; `None` if the log is shorter.
+    /// Largest range of the displacement within any 60 min, µm; `None` if the log is shorter.
     pub largest_60min_um: Option<f64>,
-    /// Begin of these 60 min, h.
+    /// Begin of the 60 min with the largest range, h since the first row; `None` if the log is shorter.
     pub largest_60min_from_h: Option<f64>,
     /// Change from the first minutes to the last, µm.
     pub drift_um: f64,
     /// Change per hour, µm/h.
     pub drift_um_per_h: f64,
-    /// Change in each stage, µm; `None` if the column is empty there.
+    /// Change of the displacement in each stage, µm; `None` if the column is empty in the stage.
     pub stages_um: Vec<Option<f64>>,
 }
 
@@ -100,7 +100,7 @@ pub struct Temperature {
     pub end_c: f64,
     /// Range of the temperature in the run (maximum minus minimum), K.
     pub range_k: f64,
-    /// Largest range within any 60 min, K; `None` if the log is shorter.
+    /// Largest range of the temperature within any 60 min, K; `None` if the log is shorter.
     pub largest_60min_k: Option<f64>,
 }
 
@@ -109,7 +109,7 @@ pub struct Temperature {
 /// column in the profile.
 ///
 /// # Errors
-/// Messages that say what to do.
+/// A displacement column is missing or has no values, or a run has no duration. Each message says what to do.
 pub fn drift(
     dataset: &Dataset,
     displacements: &[String],
@@ -140,7 +140,11 @@ pub fn drift(
                 .map(|column| format!("{} has no value in {}: leave that log out", names[*column], run.name)),
         );
         if run.lasts().is_zero() {
-            wrong.push(format!("{} has one time only: a drift needs a beginning and an end", run.name));
+            wrong.push(format!(
+                "{}: all rows have the same time, but a drift needs a beginning and an end: leave that log \
+                 out",
+                run.name
+            ));
         }
     }
     if !wrong.is_empty() {
@@ -199,7 +203,7 @@ fn displacement(name: String, minutes: &Minutes, stages: &[Stage]) -> Displaceme
     }
 }
 
-/// Change of a temperature; `None` if the column is empty.
+/// Returns the change of a temperature; `None` if the column has no values.
 fn temperature(name: String, minutes: &Minutes) -> Option<Temperature> {
     (!minutes.values.is_empty()).then(|| Temperature {
         name,

@@ -1,13 +1,14 @@
 //! Expected error of a model: a standard deviation that grows with the hours since the datum, or since the last touch
-//! of a probe. It is estimated from the residuals of held-out runs.
+//! of a probe. The datum is the zero point of Cz. The standard deviation is estimated from the residuals of held-out
+//! runs.
 //!
 //! ```text
 //! σ²(h) = a·h + b        µm², h in hours
 //! ```
 //!
-//! The fit is least squares of the squared residuals on (h, 1), with a and b not negative. It is then repeated with the
-//! weights 1/σ⁴, because squares of normal errors scatter in proportion to σ² (gamma likelihood). Each run has the same
-//! weight. Only every fifth row is used, because neighbouring rows are similar.
+//! The fit is least squares of the squared residuals on (h, 1), with a and b not negative. The fit is then repeated
+//! with the weights 1/σ⁴, because squares of normal errors scatter in proportion to σ² (gamma likelihood). Each run has
+//! the same weight. Only every fifth row is used, because neighbouring rows are similar.
 
 use serde::Serialize;
 
@@ -25,26 +26,27 @@ pub type Growth = [f64; 2];
 /// Expected error of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Expected {
-    /// Growth with the hours since the datum.
+    /// Growth of σ² with the hours since the datum, which is here the start of the run.
     pub since_datum: Growth,
-    /// Growth with the hours since the last probing.
+    /// Growth of σ² with the hours since the last probing.
     pub since_touch: Growth,
 }
 
-/// Shares of a held-out run within the error that follows from the other held-out runs.
+/// Shares of the rows of a held-out run whose residual is within the error that is expected from the other held-out
+/// runs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Inside {
     /// Share of the rows within one standard deviation, 0 to 1; 0.68 for normal errors.
     pub inside_1: f64,
-    /// Share within two standard deviations; 0.95 for normal errors.
+    /// Share of the rows within two standard deviations, 0 to 1; 0.95 for normal errors.
     pub inside_2: f64,
 }
 
-/// Hours, squared residual, and weight.
+/// Hours since the datum or the last touch, squared residual in µm², and weight.
 type Row = (f64, f64, f64);
 
-/// Expected error from all held-out runs. `None` if all residuals are zero, or with fewer than three runs, when each
-/// model was identified from one run only.
+/// Estimates the expected error from all held-out runs. `None` if all residuals are zero, or if there are fewer than
+/// three runs. With two runs, each model is identified from one run only.
 pub(crate) fn expected(held_out: &[HeldOut]) -> Option<Expected> {
     let all = |rows: fn(&HeldOut) -> Vec<Row>| growth(held_out.iter().flat_map(rows).collect());
     is_enough(held_out)?;
@@ -55,7 +57,8 @@ fn is_enough(held_out: &[HeldOut]) -> Option<()> {
     (held_out.len() > 2).then_some(())
 }
 
-/// Shares of this run within the error that follows from the other runs; `None` if they give none.
+/// Returns the shares of this run within the error that is expected from the other runs; `None` if these runs give no
+/// expected error.
 pub(crate) fn inside(held_out: &[HeldOut], run: usize) -> Option<Inside> {
     is_enough(held_out)?;
     let others = held_out.iter().enumerate().filter(|(other, _)| *other != run);
@@ -111,7 +114,7 @@ fn growth(rows: Vec<Row>) -> Option<Growth> {
     Some(found)
 }
 
-/// Least-squares line whose coefficients are not negative.
+/// Returns the weighted least-squares line whose coefficients a and b are not negative.
 fn line(rows: &[Row]) -> Growth {
     let sum = |of: &dyn Fn(f64, f64) -> f64| rows.iter().map(|(h, y, w)| w * of(*h, *y)).sum::<f64>();
     let (n, h, hh) = (sum(&|_, _| 1.0), sum(&|h, _| h), sum(&|h, _| h * h));

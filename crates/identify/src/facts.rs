@@ -1,5 +1,5 @@
-//! Content of a report besides the model: machine, runs, limits of the axis, and drift of each run. Programs read it as
-//! JSON; the page shows the same.
+//! Content of a report besides the model: machine, runs, limits of the axis, and drift of each run. Programs read this
+//! content as JSON; the HTML report shows the same.
 
 use serde_json::{Value, json};
 
@@ -14,10 +14,10 @@ use isotherm_core::quantity::Moment;
 use isotherm_html::rfc3339;
 use isotherm_profile::Profile;
 
-/// JSON document of `identify`: the result, with the machine and the logs.
+/// Creates the JSON document of `isotherm identify`: the result, with the machine and the logs.
 ///
 /// # Errors
-/// A figure that JSON cannot represent.
+/// A figure cannot be represented in JSON.
 pub fn document(
     profile: &Profile,
     ready: &Ready<'_>,
@@ -36,7 +36,7 @@ pub fn document(
     Ok(document)
 }
 
-/// Drift of the measured error in each run.
+/// Returns the drift of the measured error in each run.
 pub(super) fn of_error(profile: &Profile, dataset: &Dataset, error: &str) -> Vec<Drift> {
     // The document contains the remarks of the dataset already. An error column from which a model was identified has a
     // drift.
@@ -45,7 +45,7 @@ pub(super) fn of_error(profile: &Profile, dataset: &Dataset, error: &str) -> Vec
     drifts
 }
 
-/// A run as it was recorded. The begin is missing if the log counts time from its own start.
+/// Returns a run as a JSON object. `begins` is null if the log counts time from its own start.
 fn log(dataset: &Dataset, run: &Run, found: &Identified) -> Value {
     let span = |place: usize| {
         let (min, max) = least_and_most(&run.values[place])?;
@@ -61,7 +61,7 @@ fn log(dataset: &Dataset, run: &Run, found: &Identified) -> Value {
     })
 }
 
-/// Limits of the axis, which apply to every model.
+/// Returns the limits of the axis as a JSON object. These limits apply to every model.
 fn limits(axis: &AxisSettings) -> Value {
     json!({
         "limit_um": axis.guard.limit.get(),

@@ -4,7 +4,7 @@
 //! - **jump**: more than 3 °C within a minute, permanently. No casting changes that fast; the sensor is new or broken.
 //! - **spike**: more than 2 °C up or down, and back within five minutes: a bad contact.
 //! - **frozen**: a constant reading while the predictions of the other sensors move. The virtual sensors (`stand_in`)
-//!   find it.
+//!   find this fault.
 //! - **constant**: a sensor without information.
 //! - **missing**: no value in more than a fifth of a run.
 //!
@@ -34,7 +34,7 @@ const SPIKE_LASTS: Duration = Duration::from_secs(300);
 const THAWS: f64 = 120.0;
 /// Largest share of the rows of a run that may be missing.
 pub(super) const MISSING: f64 = 0.2;
-/// Minimum movement of a sensor in any run, °C. A sensor that moves less is constant.
+/// Minimum change of the readings of a sensor in any run, °C. A sensor whose readings change less is constant.
 const STANDS_STILL: f64 = 1e-6;
 
 /// Finding about a sensor.
@@ -46,8 +46,8 @@ pub struct Finding {
     pub reason: String,
 }
 
-/// Cost or gain of leaving one sensor out: root mean square of the residual error of a `whitened` model on held-out
-/// rows, µm. Both models are judged by the same rows.
+/// Effect of leaving one sensor out: the residual error (root mean square) of a `whitened` model with and without this
+/// sensor, µm. Both models are tested on the same held-out rows.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Omission {
     /// Signal that is left out.
@@ -63,7 +63,7 @@ pub struct Omission {
 pub struct Notes {
     /// Sensors that are left out, with the reason.
     pub excluded: Vec<Finding>,
-    /// Cost of each sensor that is left out, if it is known.
+    /// Effect of leaving out each of these sensors, if it is known.
     pub omissions: Vec<Omission>,
     /// Sensors that behave like the air, with the reason.
     pub ambient: Vec<Finding>,
@@ -80,7 +80,7 @@ pub struct Repaired {
     pub run: String,
     /// Fault, with its time.
     pub fault: String,
-    /// Repair, as a message.
+    /// Description of the repair.
     pub done: String,
 }
 
@@ -101,7 +101,7 @@ pub(super) struct Fault {
     /// Fault, with its time.
     pub(super) message: String,
     pub(super) damage: Damage,
-    /// Rows of the run that it affects.
+    /// Rows of the run that the fault affects.
     pub(super) rows: Vec<usize>,
 }
 
@@ -112,12 +112,14 @@ pub(super) enum Damage {
     Spikes,
     /// A step that shifts all rows after it.
     Jump,
-    /// Constant readings for a part of the run. Their rows are masked. They are rebuilt only for later lagged values.
+    /// Constant readings for a part of the run. Their rows are masked. The readings are rebuilt only for the lagged
+    /// values after these rows.
     Frozen,
-    /// Constant readings for most of the run. They are rebuilt and used for learning, because a mask would leave too
-    /// few rows.
+    /// Constant readings for most of the run. The readings are rebuilt and used for identification, because a mask
+    /// would leave too few rows.
     Rebuilt,
-    /// Constant readings that no other sensor can rebuild. Their rows are masked, and the readings count as missing.
+    /// Constant readings that no other sensor can rebuild. Their rows are masked, and the readings are treated as
+    /// missing.
     Missing,
     /// Fault whose rows are unknown. The sensor must be left out.
     Whole,
@@ -143,13 +145,13 @@ pub(crate) struct Frozen {
     pub(crate) column: usize,
     /// Run of the dataset.
     pub(crate) run: usize,
-    /// First row with the constant value. This reading is valid.
+    /// First row with the constant value. The reading in this row is valid.
     pub(crate) first: usize,
     /// Last row with the constant value.
     pub(crate) last: usize,
-    /// The run has no reading after the last row.
+    /// Whether the run has no reading after `last`.
     pub(crate) lasts_to_the_end: bool,
-    /// Predicted movement in that time, °C.
+    /// Change of the temperature during these rows, as the other sensors predict it, °C.
     pub(crate) missed: f64,
 }
 
@@ -219,8 +221,8 @@ fn of_column(dataset: &Dataset, column: usize, frozen: &[Frozen]) -> Vec<Fault> 
     found
 }
 
-/// Returns the logs without the jumps at the ends of constant readings. Such a jump may be the end of a freeze. Only
-/// the other sensors can show that, and they must not be learned from readings that contain the jump.
+/// Returns the logs without the jumps at the ends of constant readings. Such a jump may be the end of a freeze. Only a
+/// prediction from the other sensors can show that, and its gains must not be fitted on readings that contain the jump.
 pub(super) fn levelled<'a>(dataset: &'a Dataset, columns: &[usize]) -> Cow<'a, Dataset> {
     let mut levelled = Cow::Borrowed(dataset);
     for (number, run) in dataset.runs.iter().enumerate() {
@@ -246,7 +248,7 @@ pub(super) fn levelled<'a>(dataset: &'a Dataset, columns: &[usize]) -> Cow<'a, D
     levelled
 }
 
-/// Returns whether a minute is near one of these steps.
+/// Returns whether a minute is within [`THAWS`] of one of these steps. All times are in s.
 fn is_near(minute: f64, steps: &[f64]) -> bool {
     steps.iter().any(|step| (step - minute).abs() <= THAWS)
 }
@@ -268,7 +270,8 @@ fn rows_within(run: &Run, spans: &[(f64, f64)]) -> Vec<usize> {
     run.seconds().enumerate().filter(|(_, second)| is_inside(*second)).map(|(row, _)| row).collect()
 }
 
-/// Returns the rows of spikes. If a minute is a mean of several rows, its neighbours contain rows of the spike, too.
+/// Returns the rows of spikes. If each minute is a mean of several rows, the minutes before and after a spike may
+/// contain rows of the spike, too.
 fn rows_of_spikes(run: &Run, own: &Minutes, spikes: &[(usize, usize)]) -> Vec<usize> {
     let seconds: Vec<f64> = run.seconds().collect();
     let step = median(seconds.windows(2).map(|pair| pair[1] - pair[0]).collect());
@@ -278,7 +281,8 @@ fn rows_of_spikes(run: &Run, own: &Minutes, spikes: &[(usize, usize)]) -> Vec<us
     rows_within(run, &spans.collect::<Vec<_>>())
 }
 
-/// Returns all rows from the largest step of this column within two minutes of this time.
+/// Returns all rows of the run from a step of this column onwards. The step is the largest one within two minutes of
+/// the time `at`, s.
 fn rows_of_step(run: &Run, column: usize, at: f64) -> Vec<usize> {
     let values = run.values[column].iter().copied().enumerate().zip(run.seconds());
     let is_near = |value: f64, second: f64| value.is_finite() && (second - at).abs() <= 120.0;
@@ -289,7 +293,7 @@ fn rows_of_step(run: &Run, column: usize, at: f64) -> Vec<usize> {
     (first..run.times.len()).collect()
 }
 
-/// Returns the start of each spike, and the first good minute after it.
+/// Returns for each spike the index of its first minute, and of the first good minute after it.
 fn spikes(own: &Minutes) -> Vec<(usize, usize)> {
     let mut found = Vec::new();
     let mut place = 1;
@@ -310,7 +314,7 @@ fn spikes(own: &Minutes) -> Vec<(usize, usize)> {
     found
 }
 
-/// Returns the permanent jumps, with the minute after each.
+/// Returns the size of each permanent jump, °C, with the index of the minute after the jump.
 fn jumps(own: &Minutes, spikes: &[(usize, usize)]) -> Vec<(f64, usize)> {
     let is_spike = |place: &usize| spikes.iter().any(|(from, to)| (from..to).contains(&place));
     let good: Vec<usize> = (0..own.values.len()).filter(|place| !is_spike(place)).collect();
@@ -323,7 +327,7 @@ fn jumps(own: &Minutes, spikes: &[(usize, usize)]) -> Vec<(f64, usize)> {
     good.windows(2).filter_map(step).collect()
 }
 
-/// Returns the smallest step between two values of a column; 0 if it never moved.
+/// Returns the smallest step between two values of a column; 0 if its values never change.
 pub(super) fn resolution(dataset: &Dataset, column: usize) -> f64 {
     let pairs = dataset.runs.iter().flat_map(|run| run.values[column].windows(2));
     let steps = pairs.map(|pair| (pair[1] - pair[0]).abs()).filter(|step| *step > 1e-9);

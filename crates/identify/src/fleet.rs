@@ -1,13 +1,13 @@
-//! Gram products of runs, stored in files. The runs of a fleet are added up, and a model is learned from the sums,
-//! without the records.
+//! Gram products of runs, stored in files. The products of all runs of a fleet are added, and a model is identified
+//! from the sums, without the records.
 //!
 //! ```text
 //! machine 1:  records ── RunProducts::of ── file ──┐
 //! machine 2:  records ── RunProducts::of ── file ──┴── add ── learn ── FleetModel ── block
 //! ```
 //! `whitened` needs only the sums of products of a run's columns: less than 100 kB for sixteen sensors, independent of
-//! its length. The sums depend only on the run. Therefore a model from kept runs equals a model from their records, to
-//! the last bit. An exception is a faulty sensor that was repaired with the help of other runs.
+//! its length. The sums depend only on the run. Therefore a model from stored products equals a model from the records,
+//! to the last bit. An exception is a faulty sensor that was repaired with the help of other runs.
 //!
 //! Products contain no single rows. Therefore they give no range, no envelope and no stand-ins.
 
@@ -36,7 +36,7 @@ const VERSION: u64 = 1;
 #[serde(deny_unknown_fields)]
 pub struct RunProducts {
     axis: String,
-    /// Time over which references are the mean, s.
+    /// Averaging time of the references, s.
     settle_s: f64,
     /// Time over which rows were averaged, s.
     resample_s: f64,
@@ -44,7 +44,7 @@ pub struct RunProducts {
     runs: Vec<Run>,
 }
 
-/// Signal with a lag.
+/// Column X of the products: a signal with a lag, or its square.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Column {
@@ -111,9 +111,9 @@ pub struct FleetTerm {
     pub unit: String,
     /// Time constant, s; 0 means no lag.
     pub lag_s: f64,
-    /// The input is the square of the signal.
+    /// Whether the input is the square of the signal.
     pub squared: bool,
-    /// Gain for Cz = −e.
+    /// Gain of the input in Cz = −e, in µm per unit of the input.
     pub gain: f64,
     /// Gains of the two models whose mean is `gain`: ridge regression, and elastic net. `None` with one or two runs.
     pub halves: Option<[f64; 2]>,
@@ -178,7 +178,7 @@ impl RunProducts {
         })
     }
 
-    /// Returns the products as a file: JSON, with a hash of all of it.
+    /// Returns the content of a products file: JSON, with a SHA-256 hash of the products.
     ///
     /// # Errors
     /// Returns a message if a number cannot be written as JSON.
@@ -192,21 +192,25 @@ impl RunProducts {
         serde_json::to_string(&file).map_err(|why| why.to_string())
     }
 
-    /// Reads such a file.
+    /// Reads the content of a products file.
     ///
     /// # Errors
     /// Returns a message if the file is invalid or was changed.
     pub fn from_json(bytes: &[u8]) -> Result<RunProducts, String> {
-        let head: Head =
-            serde_json::from_slice(bytes).map_err(|why| format!("this is no file of run products: {why}"))?;
+        let head: Head = serde_json::from_slice(bytes).map_err(|why| {
+            format!("this is no file of run products (Gram products of runs, format \"{FORMAT}\"): {why}")
+        })?;
         if head.format.as_deref() != Some(FORMAT) {
-            return Err(format!("this is no file of run products: the format is not \"{FORMAT}\""));
+            return Err(format!(
+                "this is no file of run products (Gram products of runs): the format is not \"{FORMAT}\""
+            ));
         }
         if head.version != Some(VERSION) {
-            return Err(format!("products of another version: this program reads version {VERSION}"));
+            return Err(format!("run products of another version: this program reads version {VERSION}"));
         }
-        let file: File =
-            serde_json::from_slice(bytes).map_err(|why| format!("this is no file of run products: {why}"))?;
+        let file: File = serde_json::from_slice(bytes).map_err(|why| {
+            format!("this is no file of run products (Gram products of runs, format \"{FORMAT}\"): {why}")
+        })?;
         if file.sha256 != file.products.seal()? {
             return Err(
                 "the checksum is wrong: the file was changed or damaged; make the products from the records \
@@ -237,7 +241,7 @@ impl RunProducts {
     /// Adds the runs of another file. The order of its columns does not matter.
     ///
     /// # Errors
-    /// Returns a message if the columns differ, or if a run is already here. In that case nothing is added.
+    /// Returns a message if the columns differ, or if a run is in both files. In that case, nothing is added.
     pub fn add(&mut self, other: &RunProducts) -> Result<(), String> {
         self.fits(other)?;
         let place = |column: &Column| other.columns.iter().position(|own| own == column);
@@ -251,8 +255,8 @@ impl RunProducts {
         Ok(())
     }
 
-    /// Checks that the sums of both can be added: axis, averaging times and columns are the same, and no run is in
-    /// both.
+    /// Checks that the sums of both files can be added: axis, averaging times and columns are the same, and no run is
+    /// in both files.
     fn fits(&self, other: &RunProducts) -> Result<(), String> {
         let (own, others) = (self.machines(), other.machines());
         if self.axis != other.axis {
@@ -291,7 +295,9 @@ impl RunProducts {
         }
         let twice = other.runs().find(|run| self.runs().any(|own| own == *run));
         match twice {
-            Some((machine, run)) => Err(format!("run {run} of {machine} is in both: each run counts once")),
+            Some((machine, run)) => {
+                Err(format!("run {run} of {machine} is in both files: a run may occur only once"))
+            }
             None => Ok(()),
         }
     }
@@ -302,8 +308,8 @@ impl RunProducts {
         names.join(", ")
     }
 
-    /// Learns a model from all runs by the method `whitened`. Penalties are chosen on held-out runs. Also returns the
-    /// residual error of each run with models from the others.
+    /// Identifies a model from all runs by the method `whitened`. Penalties are chosen on held-out runs. The result
+    /// also contains the residual error of each run with models from the other runs.
     pub fn learn(&self) -> FleetModel {
         let grams = |of: fn(&Run) -> &Sums| self.runs.iter().map(|run| of(run).gram()).collect();
         let products = Products::kept(grams(|run| &run.plain), grams(|run| &run.white));
@@ -391,7 +397,7 @@ impl Sums {
         }
     }
 
-    /// Returns whether these are the sums for this number of columns.
+    /// Returns whether the sums belong to this number of columns.
     fn has(&self, width: usize) -> bool {
         self.cross.len() == width && self.square.len() == width * (width + 1) / 2
     }
@@ -412,7 +418,7 @@ impl Sums {
 }
 
 impl FleetModel {
-    /// Returns the `[[axis.….model]]` block for a profile.
+    /// Returns the model as TOML for a profile: an `[[axis.….model]]` table with comments.
     #[must_use]
     pub fn block(&self) -> String {
         let term = |term: &FleetTerm| TermFound {

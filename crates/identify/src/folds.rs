@@ -10,7 +10,8 @@ pub(super) struct Fold {
     pub(super) held: Gram,
 }
 
-/// Runs that are held out together: single runs if there are at most eight, otherwise seven folds by index.
+/// Returns the groups of runs that are held out together: single runs if there are at most eight, otherwise seven
+/// groups by index.
 pub(super) fn folds(runs: &[usize]) -> Vec<Vec<usize>> {
     const FEW: usize = 8;
     const FOLDS: usize = 7;
@@ -27,7 +28,8 @@ pub(super) struct Inner {
 }
 
 impl Inner {
-    /// Makes the folds. `all` contains the products of every run once, whatever the number of folds is.
+    /// Adds up the products of these runs, and creates the folds. `all` contains the products of every run once,
+    /// whatever the number of folds is.
     pub(super) fn of(grams: &[Gram], runs: &[usize]) -> Inner {
         if runs.len() < 2 {
             return Inner { all: Gram::sum(grams, runs), folds: Vec::new() };
@@ -62,7 +64,7 @@ impl Inner {
         Inner { all: self.all.of_columns(columns), folds: self.folds.iter().map(fold).collect() }
     }
 
-    /// Adds a fold if there is none. It validates a single run on that run itself.
+    /// Adds a fold if there is none. This fold validates a single run on that run itself.
     pub(super) fn or_itself(mut self) -> Inner {
         if self.folds.is_empty() {
             self.folds.push(Fold { training: self.all.clone(), held: self.all.clone() });
@@ -70,14 +72,14 @@ impl Inner {
         self
     }
 
-    /// Returns the folds with columns of root mean square 1.
+    /// Returns the folds with each column scaled to a root mean square of 1.
     pub(super) fn scaled(&self) -> Vec<Scaled> {
         self.folds.iter().map(Scaled::of).collect()
     }
 }
 
-/// Fold with columns of root mean square 1 in its training part. The products of the training part are divided by its
-/// number of rows; those of the held-out part are not.
+/// Fold with each column scaled to a root mean square of 1 in the training runs. The products of the training runs are
+/// divided by the number of rows; those of the held-out runs are not.
 #[derive(Clone, Debug)]
 pub(super) struct Scaled {
     pub(super) training: Gram,

@@ -6,6 +6,9 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::statistics::count;
 
+/// Columns of the bank, with their gains.
+pub(crate) type Gains = Vec<(usize, f64)>;
+
 /// Gram products of a run: X'X, X'y and y'y of its columns X and its target y. Products of several runs are added.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Gram {
@@ -31,24 +34,24 @@ impl Gram {
         }
     }
 
-    /// Sum of the products of these runs.
+    /// Returns the sum of the products of these runs.
     pub(crate) fn sum(grams: &[Gram], runs: &[usize]) -> Gram {
         let mut sum = Gram::nothing(grams.first().map_or(0, |gram| gram.cross.len()));
         runs.iter().filter_map(|run| grams.get(*run)).for_each(|gram| sum += gram);
         sum
     }
 
-    /// Gram products of zero rows with this number of columns.
+    /// Returns the Gram products of zero rows with this number of columns.
     pub(crate) fn nothing(width: usize) -> Gram {
         Gram { square: DMatrix::zeros(width, width), cross: DVector::zeros(width), power: 0.0, rows: 0.0 }
     }
 
-    /// Sum of the products of all runs.
+    /// Returns the sum of the products of all runs.
     pub(crate) fn total(grams: &[Gram]) -> Gram {
         Gram::sum(grams, &(0..grams.len()).collect::<Vec<usize>>())
     }
 
-    /// Subtracts the products of some of the runs.
+    /// Returns these products minus those of some of the runs.
     pub(crate) fn less(&self, part: &Gram) -> Gram {
         Gram {
             square: &self.square - &part.square,
@@ -58,14 +61,14 @@ impl Gram {
         }
     }
 
-    /// Gram products with the residual y − X·gains as the target.
+    /// Returns the Gram products with the residual y − X·gains as the target.
     pub(crate) fn after(mut self, gains: &DVector<f64>) -> Gram {
         self.power = self.left(gains);
         self.cross -= &self.square * gains;
         self
     }
 
-    /// Multiplies the weight of each row, but not the number of rows.
+    /// Multiplies all products by `weight`. The number of rows does not change.
     pub(crate) fn times(mut self, weight: f64) -> Gram {
         self.square *= weight;
         self.cross *= weight;
@@ -85,12 +88,12 @@ impl Gram {
         }
     }
 
-    /// Sum of squared residuals with these gains: |y − X·w|², never below zero.
+    /// Returns the sum of squared residuals with these gains w: |y − X·w|², never below zero.
     pub(crate) fn left(&self, gains: &DVector<f64>) -> f64 {
         (self.power - 2.0 * gains.dot(&self.cross) + gains.dot(&(&self.square * gains))).max(0.0)
     }
 
-    /// Root mean square of each column; 1 for a column of zeros, which then gets no gain.
+    /// Returns the root mean square of each column; 1 for a column of zeros, which then gets no gain.
     pub(crate) fn scales(&self) -> DVector<f64> {
         let rows = self.rows.max(1.0);
         self.square.diagonal().map(|square| {
@@ -99,14 +102,14 @@ impl Gram {
         })
     }
 
-    /// Gram products per row, with columns of root mean square 1, as penalties require. Also returns the divisor of
-    /// each column.
+    /// Returns the Gram products per row, with each column scaled to a root mean square of 1, as penalties require.
+    /// Also returns the divisor of each column.
     pub(crate) fn scaled(&self) -> (Gram, DVector<f64>) {
         let scales = self.scales();
         (self.divided(&scales, self.rows.max(1.0)), scales)
     }
 
-    /// X'X and X'y with each column divided by its scale, and all of it divided by `rows`.
+    /// Returns the products with X'X and X'y changed: each column is divided by its scale, and all sums by `rows`.
     pub(crate) fn divided(&self, scales: &DVector<f64>, rows: f64) -> Gram {
         let shares = scales.map(|scale| 1.0 / scale);
         let mut divided = self.clone();

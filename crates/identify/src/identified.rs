@@ -30,7 +30,7 @@ mod single_sensor;
 pub use lost_sensor::Fallback;
 pub use single_sensor::Alone;
 
-/// Maximum number of sensors in the table by number of sensors.
+/// Maximum number of sensors in the table of results by the number of sensors.
 const MOST_COUNTED: usize = 8;
 
 /// Model with its cross-validation. Serialized, it is the JSON of `identify`.
@@ -45,7 +45,7 @@ pub struct Identified {
     /// Terms of Cz = Σ gain·rise; empty for a network.
     pub terms: Vec<TermFound>,
     /// Condition number of the terms' columns, each scaled to a root mean square of 1. `None` if two columns are the
-    /// same, or if there are none.
+    /// same, or if there are no terms.
     pub condition: Option<f64>,
     /// Description of the network; `None` for other models.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -66,60 +66,62 @@ pub struct Identified {
     pub repaired: Vec<Repaired>,
     /// Use of each column of the logs.
     pub columns: Vec<ColumnShown>,
-    /// Expected error: one standard deviation, which grows with the hours.
+    /// Expected error: one standard deviation, which grows with the hours; `None` if it is not known.
     pub expected: Option<Expected>,
-    /// Drift of the residual error, µm²/h. It is the q of the probe.
+    /// Random drift of the residual error, µm²/h: the value of `q` for a probe in the profile. `None` if it is not
+    /// known.
     pub probe_q: Option<f64>,
-    /// Runs whose held-out error was larger than without compensation.
+    /// Names of the runs whose held-out error was larger than without compensation.
     pub worse_runs: Vec<String>,
-    /// Held-out results by the number of sensors, from none on. Empty if not requested.
+    /// Held-out results by the number of sensors, from zero sensors on. Empty if not requested.
     pub by_sensors: Vec<Counted>,
-    /// Sensors without a good replacement: if one of them is lost, the range of a run grows by more than a quarter.
+    /// Sensors without a good replacement: if one of them is lost, the mean range of the error grows by more than a
+    /// quarter.
     pub irreplaceable: Vec<String>,
-    /// Stand-in of each sensor.
+    /// Stand-in of each sensor: a prediction of its reading from the other sensors.
     pub stand_ins: Vec<StandIn>,
-    /// Models for the loss of each sensor, the best first.
+    /// Models that are used if one sensor is lost, the best first.
     pub fallbacks: Vec<Fallback>,
-    /// Every held-out run, row by row.
+    /// Measured error and predicted Cz of every held-out run, row by row.
     #[serde(skip)]
     pub held_out: Vec<HeldOut>,
     /// Model of all runs.
     #[serde(skip)]
     pub learned: Learned,
-    /// Range of the model's inputs. `None` if there are too many inputs, or if one never moved.
+    /// Range of the model's inputs. `None` if there are too many inputs, or if one is constant.
     #[serde(rename = "envelope")]
     pub region: Option<Region>,
     /// Position signal of the slope, and the position at which the slope adds nothing, mm.
     pub position: Option<(String, f64)>,
-    /// Time over which references are the mean, s.
+    /// Averaging time of the references, s.
     pub settle_s: f64,
 }
 
-/// Term of the sum.
+/// Term of a model that is a sum of terms.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TermFound {
     /// Name of the input's signal.
     pub signal: String,
     /// Time constant, s; 0 means no lag.
     pub lag_s: f64,
-    /// Gain for Cz = −e.
+    /// Gain of the input in Cz = −e, in `unit`.
     pub gain: f64,
-    /// Unit of the gain: µm/°C, or by the unit of the signal. For a term of the slope: µm/mm/°C.
+    /// Unit of the gain: µm per unit of the signal, for example µm/°C. For a term of the slope, for example µm/mm/°C.
     pub unit: String,
     /// Standard error of the gain; `None` if there are too few runs.
     pub se: Option<f64>,
     /// Largest contribution to Cz on any row, µm.
     pub largest_um: f64,
-    /// Factor by which other, similar terms increase the variance of the gain; `None` as for the condition.
+    /// Factor by which other, similar terms increase the variance of the gain; `None` if two columns are the same.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub inflation: Option<f64>,
-    /// The term belongs to the slope over the position.
+    /// Whether the term belongs to the slope over the position.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub slope: bool,
-    /// The input is the square of the signal.
+    /// Whether the input is the square of the signal.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub squared: bool,
-    /// The input is a speed. It is counted from standstill, not from machine start.
+    /// Whether the input is a speed. A speed is counted from standstill, not from machine start.
     #[serde(skip)]
     pub is_speed: bool,
 }
@@ -133,8 +135,7 @@ pub struct ColumnShown {
     pub kind: Kind,
     /// Use of the column.
     pub used: &'static str,
-    /// Smallest step between two values; 0 if the column never moved. `None` if the column was not read. The same
-    /// applies to the smallest and the largest value.
+    /// Smallest step between two values; 0 if the values never change. `None` if the column was not read.
     pub resolution: Option<f64>,
     /// Smallest value in the logs; `None` if the column was not read.
     pub min: Option<f64>,
@@ -146,7 +147,7 @@ pub struct ColumnShown {
 /// by number of sensors.
 ///
 /// # Errors
-/// Returns the message of the method, which says what to do.
+/// No model can be identified from these runs. The message says what to do.
 pub fn identify(
     ready: &Ready<'_>,
     settings: &Settings,
@@ -265,7 +266,8 @@ pub fn identify(
 }
 
 impl Identified {
-    /// Returns the terms by their largest contribution. Gains of different units cannot be compared.
+    /// Returns the terms sorted by their largest contribution to Cz, the largest first. Gains of different units cannot
+    /// be compared.
     pub fn by_size(&self) -> Vec<&TermFound> {
         let mut terms: Vec<&TermFound> = self.terms.iter().collect();
         terms.sort_by(|one, other| other.largest_um.total_cmp(&one.largest_um));
@@ -273,10 +275,10 @@ impl Identified {
     }
 }
 
-/// Returns the result of a model from the given runs on each of the other runs.
+/// Identifies a model from the runs `runs`, and returns its result on each of the other runs.
 ///
 /// # Errors
-/// Returns the message of the method.
+/// No model can be identified from these runs. The message says what to do.
 pub fn assessed_on_others(
     ready: &Ready<'_>,
     settings: &Settings,
@@ -360,7 +362,8 @@ fn terms_of(campaign: &Campaign<'_>, bank: &Bank, gains: &[(Candidate, f64)]) ->
     gains.iter().map(term).collect()
 }
 
-/// Returns the columns as recorded, because rebuilt readings have no resolution.
+/// Returns the columns of the logs with their use. The figures are those of the recorded readings, because rebuilt
+/// readings have no resolution.
 fn columns(ready: &Ready<'_>, error: &str) -> Vec<ColumnShown> {
     let used = |name: &str| {
         if name == error {

@@ -14,16 +14,16 @@ pub(crate) trait Learner: Sync {
     /// Identifies a model from these runs, without these inputs.
     ///
     /// # Errors
-    /// Message that says what to do.
+    /// No model can be identified from these runs. The message says what to do.
     fn learn(&self, runs: &[usize], without: &[usize]) -> Result<Learned, String>;
 }
 
 /// Identified model: a sum of gains times rises, a mean of two sums, or a network.
 #[derive(Clone, Debug)]
 pub enum Learned {
-    /// Sum of gains times rises: µm per unit, for Cz.
+    /// Sum of gains times rises. A gain is in µm of Cz per unit of the input.
     Sum(Vec<(Candidate, f64)>),
-    /// Mean of two such sums over the same terms. The difference of both is a measure of confidence.
+    /// Mean of two sums over the same terms. The difference of the two sums shows how reliable their mean is.
     Mean {
         /// Gains of the mean.
         gains: Vec<(Candidate, f64)>,
@@ -36,13 +36,13 @@ pub enum Learned {
         inputs: Vec<Candidate>,
         /// Network that computes Cz from the rises.
         net: Box<Net>,
-        /// Content of its model file.
+        /// Content of the model file of the network.
         file: Box<serde_json::Value>,
     },
 }
 
 impl Learned {
-    /// Terms of a sum; `None` for a network.
+    /// Returns the terms of a sum; `None` for a network.
     pub(crate) fn sum(&self) -> Option<&[(Candidate, f64)]> {
         match self {
             Learned::Sum(gains) | Learned::Mean { gains, .. } => Some(gains),
@@ -50,7 +50,7 @@ impl Learned {
         }
     }
 
-    /// Indexes of the required inputs, ascending.
+    /// Returns the indices of the required inputs, ascending.
     pub(crate) fn inputs(&self) -> Vec<usize> {
         let mut inputs: Vec<usize> = match self {
             Learned::Sum(gains) | Learned::Mean { gains, .. } => {
@@ -63,7 +63,7 @@ impl Learned {
         inputs
     }
 
-    /// Cz over a run in µm, for each row of the bank.
+    /// Returns the Cz of the model for each row of a run in the bank, µm.
     pub(crate) fn predict(&self, campaign: &Campaign<'_>, bank: &Bank, run: usize) -> Vec<f64> {
         let rises = &bank.runs[run].rises;
         match self {

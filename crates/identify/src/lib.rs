@@ -6,14 +6,14 @@
 //!           faults)     view)     and lags)                   left out)
 //! ```
 //! The rises and lags of the bank are computed by the gateway's own [`compensation`](isotherm_core::compensation).
-//! Therefore the identified model is the one that runs.
+//! Therefore an identified model gives the same values in the gateway.
 //!
-//! [`fleet`] keeps the products of each run, so that the runs of several machines can be added up. [`select`] selects
-//! measuring points without a profile. [`report`] draws reports of both.
+//! [`fleet`] stores the products of each run, so that the products of several machines can be added. [`select`] selects
+//! measuring points without a profile. [`report`] renders HTML reports of models and of selections.
 //!
 //! # Sign
-//! Methods learn the compensation that would leave no error, Cz = −(e − its cold value). A gain is the gain of the
-//! profile.
+//! Methods identify the compensation that would leave no error, Cz = −(e − its cold value). Gains have the same sign as
+//! in the profile.
 
 pub mod applied;
 pub mod balls;

@@ -1,230 +1,33 @@
-//! Identification methods. Each of them identifies a [`Learned`] model from some runs of a campaign.
-
-use std::fmt;
-use std::time::Duration;
+//! Identification methods. Each method identifies a [`Learned`] model from some runs of a campaign.
 
 use crate::bank::{Bank, Candidate, usual_lags};
 use crate::campaign::Campaign;
-use crate::gram::Gram;
+use crate::gram::{Gains, Gram};
 use crate::learn::{Learned, Learner};
 use trained::{Shape, Trained};
 
 mod difference;
 mod forward;
+mod kind;
 mod lag;
 mod least_squares;
 mod position;
 mod ridge;
+mod settings;
 mod sparse;
 pub(crate) mod stepwise;
 mod trained;
 mod two_source;
 pub(crate) mod whitened;
 
-/// Identification method. [`Method::ALL`] contains the description of each.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Method {
-    /// Mean of a ridge regression and an elastic net on whitened rows.
-    #[default]
-    Whitened,
-    /// Mean of a forward search and an elastic net.
-    SparseLag,
-    /// Ridge regression with lags.
-    RidgeLag,
-    /// Stepwise regression by partial F tests.
-    Stepwise,
-    /// Ordinary least squares on the rises of all sensors, without lags.
-    Ols,
-    /// Sum of lagged terms, each with a fitted time constant.
-    Lag,
-    /// A constant part and a slope over a position.
-    Position,
-    /// Two sources of heat, identified one after the other.
-    TwoSource,
-    /// Difference of two sensors.
-    Difference,
-    /// Network of radial basis functions.
-    Rbf,
-    /// Network trained by back-propagation.
-    Network,
-    /// No model: the uncompensated machine, or a probe alone.
-    None,
-}
-
-/// Options of the methods.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Settings {
-    /// Method that identifies the model.
-    pub method: Method,
-    /// Time constants to try; empty for the default of the method.
-    pub lags: Vec<Option<Duration>>,
-    /// Maximum number of terms; `None` for the limit of the method.
-    pub terms: Option<usize>,
-    /// whitened: maximum number of sensors; `None` for no limit.
-    pub sensors: Option<usize>,
-    /// whitened: terms of an existing model, which is the prior.
-    pub prior: Option<Vec<PriorTerm>>,
-    /// two-source: runs in which only the first source is active.
-    pub waiting: Vec<String>,
-    /// two-source: inputs of the first source.
-    pub first: Vec<String>,
-    /// two-source: inputs of the second source.
-    pub second: Vec<String>,
-    /// Time between independent samples. Partial F tests count one sample per this time, because closer rows are not
-    /// independent.
-    pub independent: Duration,
-    /// rbf: number of radial basis functions.
-    pub centres: usize,
-    /// network: number of neurons.
-    pub neurons: usize,
-    /// rbf, network: seed of the random numbers. The same seed gives the same model.
-    pub seed: u64,
-}
-
-/// Term of an existing model.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PriorTerm {
-    /// Name of the signal.
-    pub signal: String,
-    /// Time constant of the lag.
-    pub lag: Option<Duration>,
-    /// Whether the term uses the square of the reading.
-    pub squared: bool,
-    /// Gain in µm per unit, for Cz.
-    pub gain: f64,
-}
-
-impl Default for Settings {
-    fn default() -> Settings {
-        Settings {
-            method: Method::default(),
-            lags: Vec::new(),
-            terms: None,
-            sensors: None,
-            prior: None,
-            waiting: Vec::new(),
-            first: Vec::new(),
-            second: Vec::new(),
-            independent: Duration::from_secs(1800),
-            centres: 20,
-            neurons: 8,
-            seed: 1,
-        }
-    }
-}
-
-impl Settings {
-    /// Checks that the method supports each option that is set.
-    ///
-    /// # Errors
-    /// Message that names the option and the method.
-    pub(crate) fn check(&self) -> Result<(), String> {
-        use Method::{Lag, Network, Position, Rbf, RidgeLag, SparseLag, Stepwise, TwoSource, Whitened};
-        let sources = [&self.waiting, &self.first, &self.second];
-        let options: [(&str, bool, &[Method]); 5] = [
-            ("--terms", self.terms.is_some(), &[SparseLag, Stepwise, Lag, Position]),
-            ("--sensors", self.sensors.is_some(), &[Whitened]),
-            ("--prior", self.prior.is_some(), &[Whitened]),
-            (
-                "--lags",
-                !self.lags.is_empty(),
-                &[Whitened, SparseLag, RidgeLag, Stepwise, Lag, Position, Rbf, Network],
-            ),
-            ("--waiting, --first, --second", sources.iter().any(|names| !names.is_empty()), &[TwoSource]),
-        ];
-        if let Some((option, _, takers)) =
-            options.iter().find(|(_, asked, takers)| *asked && !takers.contains(&self.method))
-        {
-            let takers: Vec<&str> = takers.iter().map(|method| method.name()).collect();
-            return Err(format!(
-                "--method {} does not use {option}: leave it out, or use {}",
-                self.method,
-                takers.join(", ")
-            ));
-        }
-        if self.sensors.is_some() && self.prior.is_some() {
-            return Err(
-                "--sensors chooses sensors, but the model of --prior has its own: use only one of these \
-                 options"
-                    .to_owned(),
-            );
-        }
-        Ok(())
-    }
-}
+pub use kind::Method;
+pub use settings::{PriorTerm, Settings};
 
 impl Method {
-    /// Every method, with its name on the command line and in JSON, and a description.
-    pub const ALL: [(Method, &'static str, &'static str); 12] = [
-        (
-            Method::Whitened,
-            "whitened",
-            "The mean of a ridge and an elastic net on rows without their slow random drift",
-        ),
-        (
-            Method::SparseLag,
-            "sparse-lag",
-            "Mean of a forward search and an elastic net on pairs of sensor and lag, tuned on held-out runs. \
-             With --terms N, the forward search alone, with at most N pairs",
-        ),
-        (Method::RidgeLag, "ridge-lag", "Ridge regression on every sensor through every lag"),
-        (
-            Method::Stepwise,
-            "stepwise",
-            "Pairs of sensor and lag, added and removed stepwise by partial F tests",
-        ),
-        (Method::Ols, "ols", "Least squares on the rises of all sensors, without lags"),
-        (Method::Lag, "lag", "One time constant for each of a few sensors, fitted (Janeczko 1989)"),
-        (
-            Method::Position,
-            "position",
-            "Terms of Cz and of its slope over --position, chosen on held-out runs (Li et al. 1998)",
-        ),
-        (
-            Method::TwoSource,
-            "two-source",
-            "--first sensors from the --waiting runs, --second sensors from the residual error of the others \
-             (Tachiya et al. 2013)",
-        ),
-        (
-            Method::Difference,
-            "difference",
-            "One gain for the difference of two sensors, and each of them alone with the time since machine start (JP H07-61598 B2)",
-        ),
-        (Method::Rbf, "rbf", "Radial basis functions about --centres that k-means finds"),
-        (
-            Method::Network,
-            "network",
-            "A network of --neurons in one layer, by back-propagation that stops by the error of held-out \
-             days",
-        ),
-        (Method::None, "none", "No model: the uncompensated machine, or a probe alone"),
-    ];
-
-    /// Name on the command line and in JSON.
-    pub fn name(self) -> &'static str {
-        Method::ALL.iter().find(|(method, ..)| *method == self).map_or("", |(_, name, _)| *name)
-    }
-
-    /// Returns whether the method shrinks or selects gains. Their uncertainty then follows from their spread between
-    /// fits, because there is no normal equation for it.
-    pub(super) fn is_penalized(self) -> bool {
-        matches!(self, Method::Whitened | Method::SparseLag | Method::RidgeLag | Method::Position)
-    }
-
-    /// Method of the substitute model for a lost sensor: this method without that sensor. For a network it is a linear
-    /// method, because a network is least reliable on unknown days.
-    pub(super) fn stand_in(self) -> Method {
-        match self {
-            Method::Rbf | Method::Network => Method::Whitened,
-            own => own,
-        }
-    }
-
     /// Combines the method with the data.
     ///
     /// # Errors
-    /// Message that says what the method lacks.
+    /// Returns a message if the campaign or the settings do not fit the method.
     pub(crate) fn prepare<'a>(
         self,
         campaign: &'a Campaign<'a>,
@@ -275,15 +78,6 @@ impl Method {
             Method::None => (plain(), Box::new(|_, _, _| Ok(Gains::new()))),
         };
         Ok(Box::new(OnBank { grams: bank.grams(), bank, rule }))
-    }
-}
-
-/// Columns of the bank, with their gains.
-type Gains = Vec<(usize, f64)>;
-
-impl fmt::Display for Method {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
     }
 }
 

@@ -1,4 +1,4 @@
-//! One column of a run as means of each minute, so that the noise of a probe does not count as drift.
+//! One column of a run as means of each minute, so that the noise of a probe is not treated as drift.
 
 use std::ops::Range;
 
@@ -32,24 +32,24 @@ impl Minutes {
         all
     }
 
-    /// Indexes of the minutes between two times in seconds, both included.
+    /// Returns the indices of the minutes between two times in seconds, both included.
     fn within(&self, from: f64, to: f64) -> Range<usize> {
         let begin = self.seconds.partition_point(|second| *second < from);
         begin..self.seconds.partition_point(|second| *second <= to).max(begin)
     }
 
-    /// Range (maximum minus minimum) between two times in seconds.
+    /// Returns the range (maximum minus minimum) of the values between two times in seconds.
     pub(crate) fn range_within(&self, from: f64, to: f64) -> f64 {
         range(&self.values[self.within(from, to)])
     }
 
-    /// Mean time and value of the first minutes.
+    /// Returns the mean time in seconds and the mean value of the first three minutes.
     pub(crate) fn begin(&self) -> (f64, f64) {
         let first = self.seconds.first().copied().unwrap_or_default();
         self.mean(0..self.seconds.partition_point(|second| *second < first + EDGE))
     }
 
-    /// Mean time and value of the last minutes.
+    /// Returns the mean time in seconds and the mean value of the last three minutes.
     pub(crate) fn end(&self) -> (f64, f64) {
         let last = self.seconds.last().copied().unwrap_or_default();
         self.mean(self.seconds.partition_point(|second| *second <= last - EDGE)..self.seconds.len())
@@ -59,19 +59,20 @@ impl Minutes {
         (mean(&self.seconds[inside.clone()]), mean(&self.values[inside]))
     }
 
-    /// First and last second of the run; `None` if it is shorter than an hour.
+    /// Returns the first and the last second of the run; `None` if the run is shorter than an hour.
     fn hours(&self) -> Option<(f64, f64)> {
         let (first, last) = (*self.seconds.first()?, *self.seconds.last()?);
         (last - first >= HOUR - NEARLY).then_some((first, last))
     }
 
-    /// Ranges of the first and the last hour; `None` if the run is shorter.
+    /// Returns the ranges of the values in the first and in the last hour; `None` if the run is shorter than an hour.
     pub(crate) fn first_and_last_hour(&self) -> Option<(f64, f64)> {
         let (first, last) = self.hours()?;
         Some((self.range_within(first, first + HOUR), self.range_within(last - HOUR, last)))
     }
 
-    /// Begin in seconds and range of the hour with the largest range. If several are equal, it is the first.
+    /// Returns the begin in seconds and the range of the hour with the largest range. If several hours are equal, the
+    /// first one is returned. `None` if the run is shorter than an hour.
     pub(crate) fn largest_hour(&self) -> Option<(f64, f64)> {
         self.hours()?;
         let hour = |(place, from): (usize, &f64)| {
@@ -82,7 +83,8 @@ impl Minutes {
         hours.reduce(|largest, next| if next.1 > largest.1 { next } else { largest })
     }
 
-    /// Change from the first value at or after `from` to the last at or before `to`.
+    /// Returns the change from the first value at or after `from` to the last value at or before `to`. `None` if no
+    /// value is between these times.
     pub(crate) fn change(&self, from: f64, to: f64) -> Option<f64> {
         // The time of a minute's mean is its middle.
         let inside = &self.values[self.within(from - 1e-6, to + 1e-6)];

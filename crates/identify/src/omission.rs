@@ -1,6 +1,6 @@
-//! Cost of leaving a sensor out: models with and without it, each judged on held-out runs.
+//! Effect of leaving a sensor out: models with and without it, each tested on held-out runs.
 //!
-//! The models are those of `whitened`, independent of the chosen method. All are judged by the same rows, without
+//! The models are those of `whitened`, independent of the chosen method. All are tested on the same rows, without
 //! masked rows.
 
 use std::iter::once;
@@ -15,8 +15,8 @@ use crate::validate::{HeldOut, leave_one_run_out};
 /// difference is not significant.
 const CLEARLY: f64 = 0.98;
 
-/// Returns the harmful inputs among these, worst first. Without each, the residual error is clearly smaller. At least
-/// one sensor stays.
+/// Returns the harmful inputs among `suspects`, worst first. An input is harmful if the residual error is clearly
+/// smaller without it. At least one sensor remains in the campaign.
 pub(crate) fn harmful(campaign: &Campaign<'_>, suspects: &[usize]) -> Vec<(usize, Omission)> {
     let (mut rest, mut found) = (suspects.to_vec(), Vec::<(usize, Omission)>::new());
     while !rest.is_empty() && found.len() + 1 < campaign.sensors().len() {
@@ -36,8 +36,8 @@ pub(crate) fn harmful(campaign: &Campaign<'_>, suspects: &[usize]) -> Vec<(usize
     found
 }
 
-/// Returns the cost of leaving this input out of a campaign. `None` if a model with it cannot be judged, because there
-/// is only one run, or because it is missing throughout a run.
+/// Returns the effect of leaving this input out of a campaign. `None` if a model with the input cannot be tested,
+/// because there is only one run, or because the input is missing throughout a run.
 pub(crate) fn cost(campaign: &Campaign<'_>, input: &Input) -> Option<Omission> {
     let (with, place) = (campaign.with_input(input.clone()), campaign.inputs.len());
     let left = left_without(&with, &[Vec::new(), vec![place]])?;
@@ -45,6 +45,7 @@ pub(crate) fn cost(campaign: &Campaign<'_>, input: &Input) -> Option<Omission> {
 }
 
 /// Returns the root mean square of the residual error on held-out rows, µm, for each list of inputs that are left out.
+/// `None` if the models cannot be tested.
 fn left_without(campaign: &Campaign<'_>, without: &[Vec<usize>]) -> Option<Vec<f64>> {
     if campaign.dataset.runs.len() < 2 {
         return None;

@@ -11,7 +11,7 @@ use crate::whiten;
 /// Gram products X'X, X'y and y'y of each run.
 #[derive(Clone, Debug)]
 pub(crate) struct Products {
-    /// Products of the rows as they are. Models are validated on them.
+    /// Products of the rows as recorded. Models are validated on them.
     plain: Vec<Gram>,
     /// Products of the whitened rows. Models are identified from them.
     white: Vec<Gram>,
@@ -55,7 +55,7 @@ impl Products {
         Gram::sum(&self.plain, runs)
     }
 
-    /// Folds in which some of these runs are held out in turn.
+    /// Returns the folds, in which some of these runs are held out in turn.
     pub(crate) fn folds(&self, runs: &[usize], columns: &[usize], units: &DVector<f64>) -> Vec<Fold> {
         let all = self.training(runs, columns, units);
         let fold = |held: Vec<usize>| {

@@ -1,6 +1,6 @@
-//! Removal of terms that have no effect. The sum of the removed terms never exceeds half a count of the register, on
-//! any row of any run. If the model is a mean of two models, their difference does not change by more either. The
-//! difference is a measure of confidence.
+//! Removal of terms that have almost no effect. On each row of each run, the sum of the removed terms is at most half a
+//! count of the register. If the model is a mean of two models, the difference of the two models does not change by
+//! more than that either. This difference shows how reliable the mean is.
 
 use crate::bank::{Bank, Candidate};
 use crate::learn::Learned;
@@ -25,8 +25,8 @@ pub(crate) fn prune(learned: Learned, bank: &Bank, most: f64) -> Learned {
     }
 }
 
-/// Returns for each term whether it is kept; `None` if the bank does not contain a column. `apart` is the difference of
-/// the gains of the two models of a mean; empty for other models.
+/// Returns for each term whether it remains in the model; `None` if the bank does not contain a column. `apart` is the
+/// difference of the gains of the two models of a mean; empty for other models.
 fn kept(gains: &[(Candidate, f64)], apart: &[f64], bank: &Bank, most: f64) -> Option<Vec<bool>> {
     let columns: Vec<usize> =
         gains.iter().map(|(candidate, _)| bank.column(candidate)).collect::<Option<_>>()?;

@@ -29,7 +29,8 @@ impl Serialize for Region {
 const LOOSENED: f64 = 1e-6;
 
 impl Region {
-    /// Region of these inputs. `None` if they are too many for an envelope, or if one is constant.
+    /// Calculates the region of these inputs, without speeds. `None` if there are no inputs, if they are too many for
+    /// an envelope, or if one is constant.
     pub(crate) fn of(campaign: &Campaign<'_>, bank: &Bank, inputs: &[usize]) -> Option<Region> {
         // Speeds are left out: a speed above the known range shows in the temperatures.
         let inputs: Vec<usize> =
@@ -71,7 +72,7 @@ impl Region {
         Some(Region { inputs: named.collect::<Option<_>>()?, covariance, reach })
     }
 
-    /// Content of the envelope file.
+    /// Returns the content of the envelope file (JSON).
     pub(crate) fn file(&self) -> Value {
         let inputs: Vec<Value> = (self.inputs.iter())
             .map(|(signal, mean, min, max)| {

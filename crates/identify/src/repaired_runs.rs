@@ -2,7 +2,7 @@
 
 use crate::setup::Ready;
 
-/// Name and CSV rows of each run with a repaired sensor. The columns are `time_s`, every column as used for
+/// Returns name and CSV text of each run with a repaired sensor. The columns are `time_s`, every column as used for
 /// identification, and each repaired column again as recorded (`bed_recorded`).
 pub fn repaired_files(ready: &Ready<'_>) -> Vec<(String, String)> {
     let (dataset, logs) = (ready.campaign.dataset.as_ref(), ready.logs);

@@ -1,8 +1,8 @@
-//! Resolution of a sensor: the smallest step that its readings can make.
+//! Resolution (count) of a sensor: the smallest step that its readings can make.
 //!
-//! The profile contains the resolution if the raw value is a whole number. Otherwise it is estimated from plateaus,
-//! which are numbers at which consecutive readings are equal. They are whole counts, also in a log of means.
-//! Differences between rows of means are no whole counts.
+//! The profile contains the count if the raw value is a whole number. Otherwise the count is estimated from plateaus:
+//! values that several consecutive readings share. A plateau is a whole number of counts, even if the rows of the log
+//! are means. Differences between averaged rows are not.
 
 use crate::dataset::Dataset;
 use crate::faults;
@@ -12,16 +12,16 @@ use isotherm_profile::Signal;
 
 /// Minimum number of consecutive equal readings of a plateau. Means of a fluctuating reading are rarely equal so often.
 const PLATEAU: usize = 5;
-/// Minimum share of a column's readings on plateaus if its counts are coarse.
+/// Minimum share of the readings on plateaus for a column whose counts are coarse.
 const COARSE: f64 = 0.2;
-/// Number of plateaus from which on the counts of a column are coarse, whatever the share of its readings on them. A
-/// fine sensor has one plateau for each time that it froze.
+/// Minimum number of plateaus for which the counts of a column are treated as coarse, whatever the share of readings on
+/// plateaus. A fine sensor has one plateau for each time that it froze.
 const MANY: usize = 10;
 /// Difference below which two readings are equal, °C.
 const SAME: f64 = 1e-6;
 /// Largest count of a thermometer of a machine, °C.
 const MOST: f64 = 1.0;
-/// Count of the usual module, °C. It is assumed for a coarse sensor whose reading never changed.
+/// Count of a usual temperature module, °C. It is assumed for a coarse sensor whose reading never changed.
 const USUAL: f64 = 0.1;
 
 /// Returns the count of a signal in its unit; `None` if its raw value is no whole number.
@@ -32,7 +32,7 @@ pub(crate) fn scale(signal: &Signal) -> Option<f64> {
     }
 }
 
-/// Estimates the count of a column, in its unit, from its plateaus. Returns 0 if it has too few of them.
+/// Estimates the count of a column, in its unit, from its plateaus. Returns 0 if the column has too few plateaus.
 pub(crate) fn estimated(dataset: &Dataset, column: usize) -> f64 {
     let (mut levels, mut still, mut all) = (Vec::new(), 0, 0);
     for run in &dataset.runs {

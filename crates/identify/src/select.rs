@@ -1,10 +1,10 @@
 //! Selection of temperature points, without a profile.
 //!
 //! ```text
-//! dataset ── points ── bank ──┬─ alike      correlation with the error and with each other, groups
-//!                             ├─ grey       grey relational grades
-//!                             ├─ steps      stepwise order by partial F tests
-//!                             └─ counted    held-out error by the number of points
+//! dataset ── points ── bank ──┬─ similarity     correlation with the error and with each other, groups
+//!                             ├─ grey           grey relational grades
+//!                             ├─ steps          stepwise order by partial F tests
+//!                             └─ point_counts   held-out error by the number of points
 //! ```
 //! Correlation, groups and their thresholds 0.9 and 0.7 follow Tachiya et al. 2013, grey relation follows Deng 1982.
 //! The recommendation depends on held-out runs only.
@@ -35,7 +35,7 @@ pub use steps::{Step, Steps};
 pub struct Selected {
     /// Column of the measured error.
     pub error: String,
-    /// Figures of each run, without compensation and held out with the recommended points.
+    /// Result of each run: without compensation, and as a held-out run with the recommended points.
     pub runs: Vec<RunScore>,
     /// Points, sorted by the correlation with the error, the strongest first.
     pub points: Vec<Point>,
@@ -45,7 +45,7 @@ pub struct Selected {
     pub groups: Vec<Grouped>,
     /// Result of the partial F tests.
     pub stepwise: Steps,
-    /// Held-out results by the number of points, from zero on.
+    /// Held-out results by the number of points, from zero points on.
     pub by_count: Vec<Counted>,
     /// Held-out result with all points.
     pub all_points: Counted,
@@ -62,15 +62,16 @@ pub struct Selected {
 pub struct Point {
     /// Name of the column.
     pub name: String,
-    /// Correlation of its rise with the error.
+    /// Correlation of the rise of the point with the error.
     pub correlation: f64,
     /// Grey relational grade, 0 to 1.
     pub grey_grade: f64,
-    /// Largest rise or fall in any run, °C.
+    /// Largest range (maximum minus minimum) of the rise in any run, °C.
     pub moved: f64,
 }
 
-/// Groups in which every two members have at least this absolute correlation.
+/// Groups of points for one threshold: every two points of a group have at least the absolute correlation
+/// `correlation`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Grouped {
     /// Least absolute correlation between members of a group.
@@ -79,14 +80,14 @@ pub struct Grouped {
     pub groups: Vec<Vec<String>>,
 }
 
-/// Points that should be kept, and the reasons.
+/// Recommended points, and the reason.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Recommended {
     /// Number of recommended points.
     pub k: usize,
     /// Points, in the order in which the search added them.
     pub points: Vec<String>,
-    /// For each point, the number of held-out fits that selected it too.
+    /// For each point, the number of held-out fits that also selected this point.
     pub chosen_in: BTreeMap<String, usize>,
     /// For each point, the other members of its group at the first threshold, which could replace it.
     pub alike: BTreeMap<String, Vec<String>>,
@@ -122,10 +123,10 @@ impl Default for Settings {
     }
 }
 
-/// Assesses every point.
+/// Assesses every temperature point, and recommends some of them.
 ///
 /// # Errors
-/// Message that says what to do.
+/// A run has no complete row. The message says what to do.
 pub fn select(
     pointed: &Pointed<'_>,
     settings: &Settings,

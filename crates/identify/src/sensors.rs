@@ -13,7 +13,7 @@ use crate::statistics::{least_sum, smallest};
 /// Lags through which each sensor is used: none, 12 and 50 minutes.
 const LAGS: [Option<Duration>; 3] = [None, Some(Duration::from_mins(12)), Some(Duration::from_mins(50))];
 
-/// Forward search over whole sensors.
+/// Forward search that adds one sensor at a time, with all its lags.
 #[derive(Debug)]
 pub(crate) struct Forward {
     bank: Bank,
@@ -26,7 +26,8 @@ impl Forward {
         Forward { products: Products::of(&bank), bank }
     }
 
-    /// Returns at most `most` sensors, in the order in which the search added them. The search uses these runs only.
+    /// Returns at most `most` sensors, in the order in which the search added them. The search uses only the runs
+    /// `runs`, and no input of `without`.
     pub(crate) fn path(&self, runs: &[usize], without: &[usize], most: usize) -> Vec<usize> {
         let width = self.bank.candidates.len();
         let every: Vec<usize> = (0..width).collect();

@@ -1,4 +1,4 @@
-//! Check of a choice against the profile and the logs. Every error is a message that says what to do.
+//! Check of the chosen columns against the profile and the logs. Every error is a message that says what to do.
 
 use std::time::Duration;
 
@@ -14,28 +14,28 @@ use sound_sensors::{SoundSensors, examine};
 
 mod sound_sensors;
 
-/// Use of the columns. Without a profile, axis and position are ignored.
+/// Columns that the operator has chosen, and their use. Without a profile, `axis` and `position` are ignored.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Choice {
     /// Name of the axis; `None` means the only axis of the profile.
     pub axis: Option<String>,
     /// Column with the measured error; `None` means `<axis>_error_um`.
     pub error: Option<String>,
-    /// Inputs. If empty, every temperature of the profile that is in the logs.
+    /// Names of the inputs. If the list is empty, every temperature of the profile that the logs contain is an input.
     pub inputs: Vec<String>,
-    /// Also use each speed of the profile that all logs contain.
+    /// Whether each speed of the profile that all logs contain is also an input.
     pub speeds: bool,
     /// Inputs that are left out.
     pub without: Vec<String>,
     /// Inputs that are used although they look faulty.
     pub keep: Vec<String>,
-    /// Time over which rows are averaged.
+    /// Time over which rows are averaged; zero means no averaging.
     pub resample: Duration,
     /// Signal of the axis position, and the position at which the slope adds nothing, mm.
     pub position: Option<(String, f64)>,
 }
 
-/// Campaign that is ready for learning.
+/// Checked runs and inputs from which a model can be identified.
 #[derive(Clone, Debug)]
 pub struct Ready<'a> {
     /// Runs, read through the signals of the profile.
@@ -51,7 +51,8 @@ pub struct Ready<'a> {
 }
 
 impl Ready<'_> {
-    /// Returns half a count of the axis's register, µm. Without an output, half of the usual count of a CNC.
+    /// Returns half a count of the axis's register, µm. Without an output, a count of 0.1 µm is assumed, which is usual
+    /// for a CNC.
     pub(crate) fn half_a_count(&self) -> f64 {
         const USUAL: f64 = 0.1;
         let own = self.campaign.axes.iter().find(|axis| axis.name == self.axis);
@@ -59,8 +60,8 @@ impl Ready<'_> {
     }
 }
 
-/// Subtracts the effect of the Cz that acted from the measured error. The Cz is taken from a gateway log or from
-/// `applied`.
+/// Subtracts the effect of the Cz that acted from the measured error. The Cz is read from a log of the gateway, or from
+/// the column that `applied` names.
 ///
 /// # Errors
 /// Returns a message if the Cz that acted cannot be determined.
@@ -97,7 +98,7 @@ pub fn units(profile: &Profile) -> impl Fn(&str) -> Option<&'static str> + '_ {
 /// Checks the choice. Repairs faulty sensors, or leaves them out.
 ///
 /// # Errors
-/// Returns all errors as messages.
+/// The choice does not fit the profile or the logs, or a log is unusual. All errors are returned as messages.
 pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Result<Ready<'a>, BadLog> {
     let mut wrong = Vec::new();
     let axis = axis(profile, choice, &mut wrong);
@@ -168,7 +169,8 @@ fn signals(profile: &Profile) -> Vec<&str> {
     profile.signals.iter().map(|signal| signal.name.as_str()).collect()
 }
 
-/// Returns the index of a signal; `None` and a message if the profile has none of that name.
+/// Returns the index of a signal. If the profile has no signal of this name, adds a message to `wrong` and returns
+/// `None`.
 fn signal(profile: &Profile, name: &str, wrong: &mut Vec<String>) -> Option<SignalId> {
     let signals = signals(profile);
     let found = signals.iter().position(|signal| *signal == name);
@@ -178,7 +180,7 @@ fn signal(profile: &Profile, name: &str, wrong: &mut Vec<String>) -> Option<Sign
     found.map(SignalId)
 }
 
-/// Returns a signal that is in the profile and in the logs; `None` and a message otherwise.
+/// Returns a signal that is in the profile and in the logs. Otherwise, adds a message to `wrong` and returns `None`.
 fn input(
     profile: &Profile,
     dataset: &Dataset,
@@ -244,8 +246,8 @@ fn inputs(
     found
 }
 
-/// Returns the speeds that change in some run and are known in all runs. A row without one of its inputs cannot be used
-/// by a model.
+/// Returns the speeds that change in some run and are known in all runs. Other speeds are left out, because a model
+/// cannot use a row in which an input is missing.
 fn speeds<'a>(
     profile: &'a Profile,
     dataset: &Dataset,

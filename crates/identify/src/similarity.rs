@@ -3,7 +3,8 @@
 use crate::bank::Bank;
 use crate::statistics::mean;
 
-/// Correlation matrix of the rises of these inputs over the rows of all runs. The last row and column are the error e.
+/// Returns the correlation matrix of the rises of these inputs over the rows of all runs. The last row and column are
+/// the error e.
 pub(crate) fn correlations(bank: &Bank, inputs: &[usize]) -> Vec<Vec<f64>> {
     let columns = inputs.iter().filter_map(|input| bank.plain(*input));
     let series = columns.map(|column| bank.rises(column)).chain([bank.errors()]);
@@ -16,7 +17,7 @@ pub(crate) fn correlations(bank: &Bank, inputs: &[usize]) -> Vec<Vec<f64>> {
         .collect()
 }
 
-/// Subtracts the mean, and scales to length 1; all zeros if the values are constant.
+/// Subtracts the mean from the values, and scales them to length 1; all zeros if the values are constant.
 fn normalized(values: &[f64]) -> Vec<f64> {
     let mean = mean(values);
     let length = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>().sqrt();
@@ -24,9 +25,9 @@ fn normalized(values: &[f64]) -> Vec<f64> {
     values.iter().map(|value| (value - mean) * scale).collect()
 }
 
-/// Groups in which every two members have an absolute correlation of at least `least`. The method is complete linkage:
-/// it first joins the two groups whose most distant pair is closest. Members are sorted within their group, and groups
-/// by their first member.
+/// Returns groups in which every two members have an absolute correlation of at least `least`. The method is complete
+/// linkage: it first joins the two groups whose most distant pair is closest. Members are sorted within their group,
+/// and groups by their first member.
 pub(crate) fn groups(correlations: &[Vec<f64>], members: usize, least: f64) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = (0..members).map(|member| vec![member]).collect();
     let weakest = |one: &[usize], other: &[usize]| {
@@ -51,7 +52,8 @@ pub(crate) fn groups(correlations: &[Vec<f64>], members: usize, least: f64) -> V
     groups
 }
 
-/// Order in which similar members are adjacent: groups within looser groups.
+/// Returns an order of the members in which similar members are adjacent. Members are sorted by groups, and within them
+/// by smaller groups of higher correlation.
 pub(crate) fn order(correlations: &[Vec<f64>], members: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..members).collect();
     let levels: Vec<Vec<Vec<usize>>> =

@@ -15,16 +15,18 @@ pub(super) use net::Net;
 
 /// Minimum penalty. It makes the system of two equal columns solvable, and has no visible effect otherwise.
 const ROUNDING: f64 = 1e-12;
-/// Minimum scale of a column. A column that changes less is scaled by this value.
+/// Minimum root mean square that is assumed for a column. A column of zeros would otherwise have the scale zero.
 const STANDS_STILL: f64 = 1e-9;
 
-/// Gains of these columns: least squares with `penalty`·|w|² on columns of root mean square 1, per row.
+/// Returns the gains w of these columns that minimize the mean squared residual plus `penalty`·|w|². For the penalty,
+/// each column is scaled to a root mean square of 1.
 pub(super) fn ridge(gram: &Gram, columns: &[usize], penalty: f64) -> DVector<f64> {
     let (scaled, scales) = gram.of_columns(columns).scaled();
     least_squares(&scaled, penalty).component_div(&scales)
 }
 
-/// Least squares over all columns of products that are scaled already. The gains are per scale.
+/// Returns the least-squares gains of all columns of products that are already scaled. The gains apply to the scaled
+/// columns.
 pub(super) fn least_squares(scaled: &Gram, penalty: f64) -> DVector<f64> {
     penalized(&scaled.square, &scaled.cross, penalty.max(ROUNDING))
 }
@@ -51,12 +53,13 @@ impl Ridge {
     }
 }
 
-/// Penalties from 10^`first` to 10^`last`, with this number in each decade.
+/// Returns the penalties from 10^`first` to 10^`last`, with `each` penalties per decade.
 pub(super) fn decades(first: i32, last: i32, each: i32) -> Vec<f64> {
     (first * each..=last * each).map(|step| 10f64.powf(f64::from(step) / f64::from(each))).collect()
 }
 
-/// Solution w of (X'X + penalty)·w = X'y. If columns are dependent, the penalty grows until there is a solution.
+/// Returns the solution w of (X'X + penalty)·w = X'y. If columns are dependent, the penalty grows until there is a
+/// solution.
 pub(super) fn penalized(square: &DMatrix<f64>, cross: &DVector<f64>, penalty: f64) -> DVector<f64> {
     let (mut each, mut all) = (penalty, penalty);
     loop {
@@ -68,7 +71,7 @@ pub(super) fn penalized(square: &DMatrix<f64>, cross: &DVector<f64>, penalty: f6
     }
 }
 
-/// Solution by Cholesky factorization; `None` if the matrix is not positive definite.
+/// Returns the solution by Cholesky factorization; `None` if the matrix is not positive definite.
 fn positive(square: &DMatrix<f64>, cross: &DVector<f64>, penalty: f64) -> Option<DVector<f64>> {
     let size = square.nrows();
     let mut factors = square.clone();

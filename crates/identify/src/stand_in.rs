@@ -1,15 +1,17 @@
-//! Virtual sensors: predictions of a frozen or lost sensor from the others.
+//! Virtual sensors: predictions of the reading of a frozen or lost sensor from the other sensors.
 //!
-//! The rise of each sensor is predicted from the others through the usual lags, by the ridge on whitened rows. The
-//! sensor is suspected if its reading has been constant for a while and the prediction has moved by more than θ:
+//! The rise of each sensor is predicted from the other sensors through the usual lags, by ridge regression on whitened
+//! rows. The sensor is suspected to be frozen if its reading has been constant for a while and the prediction has moved
+//! by more than θ:
 //!
 //! ```text
-//! D(t) = |x̂(t) − x̂(s)|, s being when the reading last changed; 0 where that is less than 3 minutes ago
-//! θ    = max(0.05 °C, 2 × the largest of the runs' largest D)
-//!        of four runs or more 2 × the second largest, if the largest exceeds three times that
+//! D(t) = |x̂(t) − x̂(s)|   s: time of the last change of the reading; D is 0 in the 3 minutes after s
+//! θ    = max(0.05 °C, 2 × the largest D of all runs)
+//!        With four runs or more, the run with the largest D is ignored
+//!        if its D exceeds three times the largest D of the other runs.
 //! ```
 //!
-//! From then on its value is x̂ + (its last reading − x̂ at that time), through the model's own lags.
+//! From then on, x̂(t) + (constant reading − x̂(s)) replaces the reading, through the model's own lags.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -52,7 +54,8 @@ pub struct StandIn {
     pub signal: String,
     /// Threshold θ, °C.
     pub threshold: f64,
-    /// The stand-in may be used: no other replacement of the lost sensor leaves less error.
+    /// Whether the stand-in may be used: it depends on at least two other sensors, and no fallback model leaves less
+    /// error.
     pub stands_in: bool,
     /// Terms: name of another sensor, time constant in s, gain in °C per °C.
     #[serde(skip)]
@@ -63,14 +66,14 @@ pub struct StandIn {
 }
 
 impl StandIn {
-    /// Returns whether the stand-in depends on at least two other sensors. With a single one, its fault would pass
-    /// fully into the stand-in. The gateway uses no such stand-in.
+    /// Returns whether the stand-in depends on at least two other sensors. A fault of a single sensor would change the
+    /// stand-in by its full amount. Therefore the gateway does not use such a stand-in.
     pub(crate) fn has_others_enough(&self) -> bool {
         let mut names = self.terms.iter().filter(|(_, _, gain)| gain.abs() > 0.0).map(|(name, ..)| name);
         names.next().is_some_and(|first| names.any(|name| name != first))
     }
 
-    /// Returns the sensor's part of the file.
+    /// Returns the entry of the sensor in the file of stand-ins.
     pub(crate) fn file(&self) -> Value {
         let term = |(signal, lag_s, gain): &(String, f64, f64)| json!({ "signal": signal, "lag_s": lag_s, "gain": gain });
         let terms: Vec<Value> = self.terms.iter().map(term).collect();
@@ -78,7 +81,8 @@ impl StandIn {
     }
 }
 
-/// Readings of all sensors in every row, including rows without a measured error.
+/// Rises of the sensors in every row, including rows without a measured error. Each sensor is predicted from the
+/// others.
 pub(crate) struct Others<'a> {
     campaign: &'a Campaign<'a>,
     bank: Bank,
@@ -91,7 +95,7 @@ pub(crate) struct Others<'a> {
 type Gains = Vec<(Candidate, f64)>;
 
 impl<'a> Others<'a> {
-    /// Creates the data of those of these inputs that are temperatures.
+    /// Creates the data of the inputs in `among` that are not speeds.
     pub(crate) fn new(campaign: &'a Campaign<'a>, among: &[usize]) -> Others<'a> {
         let mut sensors = campaign.sensors();
         sensors.retain(|sensor| among.contains(sensor));
@@ -113,12 +117,12 @@ impl<'a> Others<'a> {
         }
     }
 
-    /// Learns the prediction of a sensor from these runs.
+    /// Fits the gains that predict a sensor from the others, on these runs. The penalty is chosen on held-out runs.
     fn learn(&self, sensor: usize, runs: &[usize]) -> Gains {
         self.learn_with(sensor, runs, self.penalty(sensor, runs))
     }
 
-    /// Returns the column of a sensor and those of the others; `None` if there is nothing to learn from.
+    /// Returns the column of a sensor, and the columns of the others; `None` if there is no other sensor, or no run.
     fn columns(&self, sensor: usize, runs: &[usize]) -> Option<(usize, Vec<usize>)> {
         let candidates = self.bank.candidates.iter().enumerate();
         let others = candidates.filter(|(_, candidate)| candidate.input != sensor);
@@ -140,7 +144,7 @@ impl<'a> Others<'a> {
         least_sum(costs).map_or(UNCHOSEN, |(place, _)| penalties[place])
     }
 
-    /// Learns the prediction of a sensor from these runs, with this penalty.
+    /// Fits the gains that predict a sensor from the others, on these runs and with this penalty.
     fn learn_with(&self, sensor: usize, runs: &[usize], penalty: f64) -> Gains {
         let Some((own, columns)) = self.columns(sensor, runs) else { return Gains::new() };
         let gains = Ridge::of(&self.products(own, &columns, runs)).at(penalty);
@@ -182,8 +186,8 @@ impl<'a> Others<'a> {
         self.bank.runs[run].seconds.iter().map(|second| until(*second)).collect()
     }
 
-    /// Returns D (the predicted motion since the reading last changed, °C) in each row of these runs. The prediction
-    /// for a run is learned from the other runs.
+    /// Returns D (the predicted motion since the reading last changed, °C) in each row of these runs. The gains of the
+    /// prediction for a run are fitted on the other runs.
     fn held_out(&self, sensor: usize, runs: &[usize]) -> Vec<(usize, Vec<f64>)> {
         let mut each = Vec::new();
         for held in folds(runs) {
@@ -198,7 +202,7 @@ impl<'a> Others<'a> {
         threshold(&self.held_out(sensor, runs))
     }
 
-    /// Returns the change of Cz in every row of a run if the rise of a sensor changes by `other`.
+    /// Returns the change of Cz in every row of a run if the rise of a sensor changes by `other`, µm.
     fn changes(&self, sensor: usize, learned: &[(Candidate, f64)], run: usize, other: &[f64]) -> Vec<f64> {
         let seconds = &self.bank.runs[run].seconds;
         let mut cz = vec![0.0; seconds.len()];
@@ -210,8 +214,8 @@ impl<'a> Others<'a> {
         cz
     }
 
-    /// Scores a held-out run whose residual error is changed by this Cz. `cz` has every row. The held-out run has fewer
-    /// rows: those with an error, and with a speed if the model has one.
+    /// Scores a held-out run whose residual error is changed by this Cz. `cz` has a value for every row. The held-out
+    /// run has fewer rows: those with an error, and with a speed if the model has one.
     fn score(&self, held: &HeldOut, run: usize, cz: &[f64]) -> RunScore {
         let change =
             |window: &u128| self.bank.runs[run].windows.binary_search(window).map_or(0.0, |row| cz[row]);
@@ -281,8 +285,8 @@ fn threshold(each: &[(usize, Vec<f64>)]) -> f64 {
     (TIMES * seen).max(LEAST)
 }
 
-/// Returns D in each row, °C: the motion of `predicted` since the reading last changed. `changed`: time of that change,
-/// s.
+/// Returns D in each row, °C: the motion of `predicted` since the reading last changed. `changed` is the time of the
+/// last change before each row, s.
 fn apart(seconds: &[f64], predicted: &[f64], changed: &[f64]) -> Vec<f64> {
     let then = |changed: f64| seconds.partition_point(|second| *second <= changed).saturating_sub(1);
     let rows = seconds.iter().zip(predicted).zip(changed);

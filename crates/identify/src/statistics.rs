@@ -9,7 +9,7 @@ pub(super) fn count(rows: usize) -> f64 {
     count
 }
 
-/// Smallest and largest finite value; `None` without one.
+/// Returns the smallest and the largest finite value; `None` if no value is finite.
 pub(super) fn least_and_most<V: Borrow<f64>>(values: impl IntoIterator<Item = V>) -> Option<(f64, f64)> {
     let finite = values.into_iter().map(|value| *value.borrow()).filter(|value| value.is_finite());
     finite.fold(None, |span, value| {
@@ -18,29 +18,29 @@ pub(super) fn least_and_most<V: Borrow<f64>>(values: impl IntoIterator<Item = V>
     })
 }
 
-/// Largest minus smallest finite value; 0 without one.
+/// Returns the largest minus the smallest finite value; 0 if no value is finite.
 pub(super) fn range<V: Borrow<f64>>(values: impl IntoIterator<Item = V>) -> f64 {
     least_and_most(values).map_or(0.0, |(low, high)| high - low)
 }
 
-/// Mean; 0 for an empty slice.
+/// Returns the mean; 0 for an empty slice.
 pub(super) fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / count(values.len()).max(1.0)
 }
 
-/// Root mean square; 0 for an empty slice.
+/// Returns the root mean square; 0 for an empty slice.
 pub(super) fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|value| value * value).sum::<f64>() / count(values.len()).max(1.0)).sqrt()
 }
 
-/// 95th percentile of the absolute values; 0 for an empty slice.
+/// Returns the 95th percentile of the absolute values; 0 for an empty slice.
 pub(super) fn percentile_95(values: &[f64]) -> f64 {
     let mut sizes: Vec<f64> = values.iter().map(|value| value.abs()).collect();
     sizes.sort_by(f64::total_cmp);
     sizes.get((sizes.len() * 95).div_ceil(100).saturating_sub(1)).copied().unwrap_or(0.0)
 }
 
-/// Median; 0 for an empty vector.
+/// Returns the median; 0 for an empty vector.
 pub(super) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     match values.len() {
@@ -50,13 +50,13 @@ pub(super) fn median(mut values: Vec<f64>) -> f64 {
     }
 }
 
-/// Index of the smallest value; the first one if several are equal.
+/// Returns the index of the smallest value; the first one if several are equal.
 pub(super) fn smallest(values: &[f64]) -> usize {
     let place = |best: usize, place: usize| if values[place] < values[best] { place } else { best };
     (1..values.len()).fold(0, place)
 }
 
-/// Index and value of the smallest column sum; the first one if several are equal. `None` without rows.
+/// Returns the index and the value of the smallest column sum; the first one if several are equal. `None` without rows.
 pub(super) fn least_sum(rows: impl IntoIterator<Item = Vec<f64>>) -> Option<(usize, f64)> {
     let add = |sums: Vec<f64>, row: Vec<f64>| sums.iter().zip(row).map(|(sum, cost)| sum + cost).collect();
     let sums = rows.into_iter().reduce(add)?;

@@ -5,14 +5,14 @@
 //! correction CR2. Student's factor has the degrees of freedom of Bell and McCaffrey (2002), which describe how many
 //! runs determine this gain.
 //!
-//! If a method shrinks or selects gains, no normal equation applies. The error is then the spread of the gains between
-//! the fits that left out one run (jackknife). Student's factor is that for this number of runs. With fewer than three
-//! such fits, no error is stated.
+//! If a method shrinks or selects gains, the formula of least squares does not apply. The error is then the spread of
+//! the gains between the fits that left out one run (jackknife). Student's factor is that for this number of runs. With
+//! fewer than three such fits, no error is stated.
 //!
-//! In simulations, 95 to 98 % of the gains are within 1.96 of these errors. They had 500 to 1500 campaigns of two,
-//! three, four and eight runs, with disturbances of half an hour to four hours. If samples are counted by the
-//! correlation time of the residuals, it is 84 % with two runs. The reason is that the residuals of a fit have a
-//! shorter correlation time than the disturbances.
+//! In simulations, 95 to 98 % of the gains are within 1.96 of these errors. The simulations had 500 to 1500 campaigns
+//! of two, three, four and eight runs, with disturbances of half an hour to four hours. If samples were counted by the
+//! correlation time of the residuals, only 84 % would be within these errors with two runs. The reason is that the
+//! residuals of a fit have a shorter correlation time than the disturbances.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use statrs::distribution::{ContinuousCDF, StudentsT};
@@ -22,7 +22,8 @@ use crate::gram::Gram;
 use crate::learn::Learned;
 use crate::statistics::{count, mean};
 
-/// Standard error of each gain, in its unit; `None` if it cannot be determined.
+/// Returns the standard error of each gain, in the unit of the gain; `None` if it cannot be determined.
+/// `by_spread_alone` selects the jackknife.
 pub(super) fn standard_errors(
     bank: &Bank,
     gains: &[(Candidate, f64)],
@@ -41,7 +42,8 @@ pub(super) fn standard_errors(
     found.map_or_else(|| vec![None; gains.len()], |errors| errors.into_iter().map(Some).collect())
 }
 
-/// Errors by jackknife. A fitted time constant differs between fits; such a term is identified by its sensor.
+/// Returns the errors by jackknife; `None` with fewer than three fits. If a time constant was fitted, it differs
+/// between fits. Such a term is identified by its sensor.
 fn jackknife(bank: &Bank, gains: &[(Candidate, f64)], left_out: &[&Learned]) -> Option<Vec<f64>> {
     let sums: Vec<&[(Candidate, f64)]> = left_out.iter().filter_map(|learned| learned.sum()).collect();
     if sums.len() < 3 {
@@ -63,8 +65,8 @@ fn jackknife(bank: &Bank, gains: &[(Candidate, f64)], left_out: &[&Learned]) -> 
     Some(gains.iter().map(error).collect())
 }
 
-/// Standard errors of the gains, clustered by run: CR2 with the degrees of freedom of Bell and McCaffrey, from the Gram
-/// products of each run.
+/// Returns the standard errors of the gains, clustered by run: CR2 with the degrees of freedom of Bell and McCaffrey,
+/// from the Gram products of each run. `None` if they cannot be calculated.
 fn by_runs(bank: &Bank, gains: &[(Candidate, f64)]) -> Option<Vec<f64>> {
     let columns: Vec<usize> =
         gains.iter().map(|(candidate, _)| bank.column(candidate)).collect::<Option<_>>()?;
@@ -89,7 +91,8 @@ fn by_runs(bank: &Bank, gains: &[(Candidate, f64)]) -> Option<Vec<f64>> {
     Some((0..columns.len()).map(error).collect())
 }
 
-/// (X'X)⁻¹ with the residuals of this run multiplied by (1 − H)^(−1/2), where H is its part of the projection.
+/// Returns (X'X)⁻¹ with the residuals of one run multiplied by (1 − H)^(−1/2), where H is the run's part of the
+/// projection.
 fn widened(square: &DMatrix<f64>, root: &DMatrix<f64>) -> DMatrix<f64> {
     // A run that alone determines a gain has no residual; its leverage cannot be corrected.
     const LEAST: f64 = 1e-6;
@@ -99,7 +102,7 @@ fn widened(square: &DMatrix<f64>, root: &DMatrix<f64>) -> DMatrix<f64> {
     &turned * DMatrix::from_diagonal(&good) * turned.transpose()
 }
 
-/// Degrees of freedom of the error of this gain for independent rows: 1 to the number of runs.
+/// Returns the degrees of freedom of the error of this gain for independent rows: 1 to the number of runs.
 fn free(place: usize, grams: &[Gram], widened: &[DMatrix<f64>], inverse: &DMatrix<f64>) -> f64 {
     let pulls: Vec<DVector<f64>> =
         grams.iter().zip(widened).map(|(gram, widened)| &gram.square * widened.column(place)).collect();
@@ -112,8 +115,8 @@ fn free(place: usize, grams: &[Gram], widened: &[DMatrix<f64>], inverse: &DMatri
     if power > 0.0 { (trace * trace / power).max(1.0) } else { 1.0 }
 }
 
-/// Factor by Student's distribution, with which two standard errors contain the true value in 95 % of cases, also with
-/// few samples.
+/// Returns a factor of the standard error by Student's distribution. With it, two standard errors contain the true
+/// value in 95 % of cases, also with few samples.
 fn for_few(free: f64) -> f64 {
     const NORMAL: f64 = 1.959_963_985;
     StudentsT::new(0.0, 1.0, free).map_or(1.0, |law| law.inverse_cdf(0.975) / NORMAL)

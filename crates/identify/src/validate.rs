@@ -23,16 +23,16 @@ pub struct RunScore {
     pub range_um: f64,
     /// Root mean square residual, µm.
     pub rmse_um: f64,
-    /// Bound of the absolute residual in 95 % of the rows, µm.
+    /// Absolute residual that 95 % of the rows do not exceed, µm.
     pub p95_um: f64,
-    /// The range without compensation, µm.
+    /// Range of the error without compensation, µm.
     pub uncompensated_range_um: f64,
-    /// The root mean square without compensation, µm.
+    /// Root mean square of the error without compensation, µm.
     pub uncompensated_rmse_um: f64,
-    /// Reduction of the range in percent. It is negative if the range grew, and `None` if the range is zero without
-    /// compensation.
+    /// Reduction of the range of the error in percent. It is negative if the range grew. `None` if the range without
+    /// compensation is zero.
     pub range_cut_percent: Option<f64>,
-    /// Share of the rows within the expected error.
+    /// Share of the rows within the expected error; `None` if that error is not known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_um: Option<Inside>,
 }
@@ -54,22 +54,22 @@ impl RunScore {
         }
     }
 
-    /// Returns whether the range is larger than without compensation.
+    /// Returns whether the range of the residual error is larger than the range without compensation.
     pub fn is_worse(&self) -> bool {
         self.range_um > self.uncompensated_range_um
     }
 }
 
-/// Means over all runs.
+/// Means of the results over all runs; NaN without runs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Means {
     /// Mean of the ranges of the runs, µm.
     pub mean_range_um: f64,
-    /// Largest range of a run, µm.
+    /// Largest range of the residual error in a run, µm.
     pub worst_range_um: f64,
     /// Mean of the root mean squares, µm.
     pub mean_rmse_um: f64,
-    /// Share of the runs with a larger range than without compensation.
+    /// Share of the runs in which the range of the residual error is larger than without compensation.
     pub worse_share: f64,
 }
 
@@ -79,7 +79,7 @@ impl Means {
         Means::over(runs.into_iter().map(|run| (run.range_um, run.rmse_um, run.is_worse())))
     }
 
-    /// Returns the means of the residuals without the effect of a probe. Stand-ins are judged in the same way.
+    /// Returns the means of the residuals without the effect of a probe. Stand-ins are tested in the same way.
     pub(super) fn unprobed(held_out: &[HeldOut]) -> Means {
         Means::over(held_out.iter().map(|held| {
             let left = held.residual(None);
@@ -112,21 +112,21 @@ impl Means {
 pub struct HeldOut {
     /// Score of the run.
     pub score: RunScore,
-    /// Averaging window of each row.
+    /// Number of the averaging window of each row.
     pub(crate) windows: Vec<u128>,
-    /// Seconds since the run's first row.
+    /// Time of each row, s since the run's first row.
     pub seconds: Vec<f64>,
     /// Measured error e, µm, counted from its cold value.
     pub error: Vec<f64>,
     /// Cz that the model would have added, µm.
     pub cz: Vec<f64>,
-    /// Model, learned from all other runs.
+    /// Model, identified from all other runs.
     pub learned: Learned,
 }
 
 impl HeldOut {
-    /// Returns the residual error in each row: e + Cz. With the interval of a probe, s, the residual at the last
-    /// probing is subtracted.
+    /// Returns the residual error in each row: e + Cz. `probe` is the interval of a simulated probe, s. With it, the
+    /// residual at the last probing is subtracted.
     pub fn residual(&self, probe: Option<f64>) -> Vec<f64> {
         residual(&self.seconds, &self.error, &self.cz, probe)
     }
@@ -139,7 +139,8 @@ fn residual(seconds: &[f64], error: &[f64], cz: &[f64], probe: Option<f64>) -> V
     let mut since_probing = |(left, second): (f64, &f64)| {
         let window = (second / interval).floor();
         if window > last.0 {
-            // The references are zero at the start: the first touch is the datum itself.
+            // The references are zero at the start: the first touch is at the zero point of the error, so its residual
+            // is zero.
             last = (window, if last.0.is_finite() { left } else { 0.0 });
         }
         left - last.1
@@ -147,7 +148,8 @@ fn residual(seconds: &[f64], error: &[f64], cz: &[f64], probe: Option<f64>) -> V
     left.zip(seconds).map(&mut since_probing).collect()
 }
 
-/// Returns the result of `held` for each run and all the others, in the order of the runs.
+/// Calls `held` with each run and the list of all other runs, in parallel. Returns the results in the order of the
+/// runs.
 pub(super) fn hold_out_each<T: Send>(
     runs: usize,
     progress: Progress<'_>,
@@ -163,12 +165,12 @@ pub(super) fn hold_out_each<T: Send>(
     each.collect()
 }
 
-/// Learns once for each run from all the others, and judges on that run. With `probe`, the residual is measured and
-/// removed at that interval, in seconds. If the repair of another run used the held-out run, the learner is prepared
-/// again without it, once for all of `without`. `settings` are those of the learner.
+/// Identifies a model for each run from all the others, and tests it on that run. With `probe`, a simulated probe
+/// measures and removes the residual at this interval, in seconds. If the repair of another run used the held-out run,
+/// the learner is prepared again without it, once for all of `without`. `settings` are those of the learner.
 ///
-/// Returns for each list of omitted inputs the result of every run. If the method requires an omitted input, returns
-/// its message.
+/// Returns for each list of omitted inputs the result of every run. If the method requires an omitted input, the result
+/// is the message of the method.
 pub(super) fn leave_one_run_out(
     campaign: &Campaign<'_>,
     learner: &dyn Learner,

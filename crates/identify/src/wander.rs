@@ -1,14 +1,14 @@
-//! Rate at which the residual of a model wanders: q in µm²/h. The gateway uses it to weigh the touches of a probe.
+//! Random drift of the residual error of a model: q in µm²/h. The gateway uses q to weigh the touches of a probe.
 //!
-//! The residual of each held-out run is sampled every 15 minutes, and is zero at its datum. It is modelled as a random
-//! walk with variance q per hour, measured with noise of variance r. Both maximize the likelihood of the innovations d
-//! with variance F:
+//! The residual of each held-out run is sampled every 15 minutes, and is zero at the start of the run. The residual is
+//! modelled as a random walk with variance q per hour, measured with noise of variance r. q and r maximize the
+//! likelihood of the innovations d with variance F:
 //!
 //! ```text
 //! P += q·Δt      F = P + r      d = e − m      K = P / F      m += K·d      P *= 1 − K      Σ −½ (ln F + d²/F) → max
 //! ```
 //!
-//! r is fitted too, but not used: the touch has its own noise.
+//! r is not used afterwards, because a touch of the probe has its own noise.
 
 use crate::statistics::count;
 use crate::validate::HeldOut;
@@ -16,7 +16,7 @@ use crate::validate::HeldOut;
 /// Interval at which the residual is sampled, s.
 const EVERY: f64 = 900.0;
 
-/// Rate q in µm²/h; `None` if all residuals are zero, or if there are too few.
+/// Returns q in µm²/h; `None` if all residuals are zero, or if there are fewer than ten samples.
 pub(crate) fn wander(held_out: &[HeldOut]) -> Option<f64> {
     let runs: Vec<Vec<(f64, f64)>> = held_out.iter().map(sampled).collect();
     let squares = runs.iter().flatten().map(|(_, left)| left * left);
@@ -33,7 +33,7 @@ pub(crate) fn wander(held_out: &[HeldOut]) -> Option<f64> {
     Some(walk.exp()).filter(|walk| walk.is_finite())
 }
 
-/// Samples of the residual: hours and µm.
+/// Returns samples of the residual: time in h, and residual in µm.
 fn sampled(held: &HeldOut) -> Vec<(f64, f64)> {
     let left = held.residual(None);
     let mut next = f64::NEG_INFINITY;
@@ -47,7 +47,7 @@ fn sampled(held: &HeldOut) -> Vec<(f64, f64)> {
     taken
 }
 
-/// −2 ln of the likelihood, without its constant part.
+/// Returns −2 ln of the likelihood of a run, without its constant part.
 fn surprise(run: &[(f64, f64)], walk: f64, noise: f64) -> f64 {
     let (mut level, mut variance, mut sum) = (0.0, 0.0, 0.0);
     let mut last = run.first().map_or(0.0, |row| row.0);
@@ -64,7 +64,7 @@ fn surprise(run: &[(f64, f64)], walk: f64, noise: f64) -> f64 {
     sum
 }
 
-/// Minimum of a function of two numbers, by the simplex method of Nelder and Mead (1965).
+/// Returns the position of the minimum of a function of two numbers, by the simplex method of Nelder and Mead (1965).
 fn least(start: [f64; 2], cost: impl Fn([f64; 2]) -> f64) -> [f64; 2] {
     const ROUNDS: usize = 200;
     const NEAR: f64 = 1e-7;

@@ -1,4 +1,4 @@
-//! Output of an identification: a `[[axis.z.model]]` block, and its files.
+//! Output of an identification: an `[[axis.z.model]]` table for a profile (block), and its files.
 
 use std::time::Duration;
 
@@ -14,16 +14,16 @@ use crate::stand_in::StandIn;
 use isotherm_core::compensation::model::Outside;
 use isotherm_profile::sha256;
 
-/// Block with its files.
+/// Model as TOML text for a profile, with its files.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Written {
-    /// TOML text of the block.
+    /// TOML text: an `[[axis.….model]]` table for the model and for each fallback, with comments.
     pub block: String,
-    /// Names and contents of the files that the block names. They belong next to the profile.
+    /// Names and contents of the files that `block` names. Save these files next to the profile.
     pub files: Vec<(String, String)>,
 }
 
-/// Returns the block of a model. Its files are called `<stem>.envelope.json`, `<stem>.halves.json`,
+/// Returns a model as TOML text with its files. The files are called `<stem>.envelope.json`, `<stem>.halves.json`,
 /// `<stem>.stand-ins.json` and `<stem>.network.json`.
 pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
     let (position, mut files) = (found.position.as_ref(), Vec::new());
@@ -51,7 +51,7 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
             Some(region) => {
                 let envelope = named("envelope", file, &region.file(), &mut files);
                 format!(
-                    "# The rises on which the model was identified.\n{envelope}outside = {}",
+                    "# The envelope: the range of rises on which the model was identified.\n{envelope}outside = {}",
                     json!(outside)
                 )
             }
@@ -126,7 +126,7 @@ fn expected(found: Option<&Expected>) -> String {
     )
 }
 
-/// Returns the time over which references are the mean, as a profile writes it.
+/// Returns the averaging time of the references as text for a profile.
 fn settle(seconds: f64) -> humantime::FormattedDuration {
     format_duration(Duration::try_from_secs_f64(seconds).unwrap_or_default())
 }
@@ -144,12 +144,15 @@ pub(crate) fn zero_needs(axis: &str) -> String {
     )
 }
 
-/// Returns the comment above the block, line by line: facts that the operator must know about the model.
+/// Returns the lines of the comment above the TOML text: facts that the operator must know about the model.
 fn head(found: &Identified) -> Vec<String> {
     let (means, before) = (&found.means, &found.uncompensated);
     let settle = settle(found.settle_s);
     let mut lines = vec![
-        format!("Cz = −e, e being {}: found by isotherm identify --method {}.", found.error, found.method),
+        format!(
+            "Cz = −e, where e is {}. Identified by isotherm identify --method {}.",
+            found.error, found.method
+        ),
         match found.runs.is_empty() {
             true => "One run: no run could be held out, so it is not known how good the model is.".to_owned(),
             false => format!(
@@ -191,7 +194,7 @@ fn head(found: &Identified) -> Vec<String> {
         found.notes.excluded.iter().map(|faulty| format!("Left out: {}: {}.", faulty.signal, faulty.reason)),
     );
     lines.extend(found.repaired.iter().map(|mended| {
-        format!("Mended: {} {} in {}: {}.", mended.signal, mended.fault, mended.run, mended.done)
+        format!("Repaired: {} {} in {}: {}.", mended.signal, mended.fault, mended.run, mended.done)
     }));
     lines
 }

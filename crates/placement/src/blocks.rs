@@ -1,4 +1,5 @@
-//! Blocks of a structure, from node sets or cutting planes, and the nodes of each block that may carry its sensor.
+//! Blocks of a structure: parts that have one sensor each. They are made from node sets or cutting planes. The module
+//! also finds the nodes of each block that may carry its sensor.
 
 use std::collections::{BTreeMap, HashMap};
 use std::str::FromStr;
@@ -7,7 +8,7 @@ use crate::element::{cross, dot, minus};
 use crate::mesh::{AXES, Kind, Mesh, axis_and_value, range};
 use crate::problem::Block;
 
-/// Cutting plane across a direction.
+/// Cutting plane perpendicular to a direction of the mesh.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cut {
     /// Direction: 0 x, 1 y, 2 z.
@@ -42,18 +43,19 @@ impl std::fmt::Display for Cut {
 pub struct Part {
     /// Name of the block.
     pub name: String,
-    /// Indexes of its nodes, ascending.
+    /// Indices of the nodes of the block, ascending.
     pub nodes: Vec<usize>,
 }
 
 /// Name of the only block of a structure without sets.
 const WHOLE: &str = "BLK";
 
-/// Parts of the mesh: node sets with names that begin with `prefix`, then divided by the cuts. A structure without such
-/// sets is one part.
+/// Divides the mesh into parts: node sets with names that begin with `prefix`, then divided by the cuts. A structure
+/// without such sets is one part.
 ///
 /// # Errors
-/// Nodes that are not in exactly one part, by their numbers.
+/// There are no blocks, a cut divides no block, or nodes are not in exactly one part. The messages contain the node
+/// numbers.
 pub fn parts(mesh: &Mesh, prefix: &str, cuts: &[Cut]) -> Result<Vec<Part>, Vec<String>> {
     let prefix = prefix.to_uppercase();
     let part = |(name, nodes): (&String, &Vec<usize>)| {
@@ -86,7 +88,7 @@ pub fn parts(mesh: &Mesh, prefix: &str, cuts: &[Cut]) -> Result<Vec<Part>, Vec<S
     if wrong.is_empty() { Ok(parts) } else { Err(wrong) }
 }
 
-/// Messages about nodes that are not in exactly one part.
+/// Returns messages about nodes that are not in exactly one part, and about empty parts.
 fn not_disjoint(mesh: &Mesh, parts: &[Part]) -> Vec<String> {
     let owners = owners(mesh, parts);
     let mut wrong = Vec::new();
@@ -171,7 +173,7 @@ pub fn divided(mesh: &Mesh, parts: &[Part], cut: &Cut) -> Result<Vec<Part>, Stri
     Ok(done)
 }
 
-/// Index of the part of each node; `None` for a node in no part.
+/// Returns the index of the part of each node; `None` for a node in no part.
 pub(super) fn owners(mesh: &Mesh, parts: &[Part]) -> Vec<Option<usize>> {
     let mut owners = vec![None; mesh.nodes.len()];
     for (place, part) in parts.iter().enumerate() {
@@ -190,10 +192,10 @@ pub struct Reach {
     pub allowed: Vec<bool>,
 }
 
-/// Blocks: the parts with the centre of their volume, and the nodes that may carry their sensor.
+/// Creates the blocks: each part with the centre of its volume, and the nodes that may carry its sensor.
 ///
 /// # Errors
-/// Blocks without such a node, with a remedy.
+/// A block has no node that may carry a sensor. The messages contain a remedy.
 pub fn blocks(mesh: &Mesh, parts: &[Part], reach: &Reach) -> Result<Vec<Block>, Vec<String>> {
     Surveyed::new(mesh, reach).blocks(parts)
 }
@@ -206,7 +208,7 @@ pub(super) struct Surveyed<'a> {
     volumes: Vec<f64>,
     /// Nodes of each grid cell. The size of a cell is the margin; without a margin, there are no cells.
     cells: Vec<Vec<usize>>,
-    /// For each cell, the indexes of itself and of the adjacent cells.
+    /// For each cell, its own index and those of the adjacent cells.
     around: Vec<Vec<usize>>,
 }
 
@@ -269,8 +271,9 @@ impl<'a> Surveyed<'a> {
     }
 }
 
-/// Volume of each node, mm³. A corner of a linear tetrahedron gets a quarter of its volume. In a quadratic one, a
-/// corner gets 1/32, and a mid-edge node 7/48, which are its lumped masses (Hinton, Rock and Zienkiewicz 1976).
+/// Returns the volume of each node, mm³. A corner of a linear tetrahedron gets a quarter of the volume of the
+/// tetrahedron. In a quadratic one, a corner gets 1/32, and a mid-edge node 7/48, as in its lumped masses (Hinton, Rock
+/// and Zienkiewicz 1976).
 fn volumes(mesh: &Mesh) -> Vec<f64> {
     let mut volumes = vec![0.0; mesh.nodes.len()];
     for element in &mesh.elements {
@@ -289,7 +292,7 @@ fn volumes(mesh: &Mesh) -> Vec<f64> {
     volumes
 }
 
-/// Nodes of each grid cell of this size, and for each cell the indexes of itself and of the adjacent cells.
+/// Returns the nodes of each grid cell of this size, and for each cell its own index and those of the adjacent cells.
 fn cells(mesh: &Mesh, size: f64) -> (Vec<Vec<usize>>, Vec<Vec<usize>>) {
     if size <= 0.0 {
         return (Vec::new(), Vec::new());

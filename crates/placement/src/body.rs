@@ -35,7 +35,7 @@ impl Materials {
         Self { list: vec![material], of_element: vec![0; mesh.elements.len()] }
     }
 
-    /// Material of an element.
+    /// Returns the material of an element.
     #[must_use]
     pub fn of(&self, element: usize) -> &Material {
         &self.list[self.of_element[element]]
@@ -81,7 +81,7 @@ pub enum Flux {
 pub struct LoadCase {
     /// Time range of the case: steady, or transient.
     pub case: Case,
-    /// Initial temperature of each node, °C. Rises are relative to it.
+    /// Initial temperature of each node, °C. Rises are counted from this temperature.
     pub initial: Vec<f64>,
     /// Heat exchange of faces with fluids.
     pub films: Vec<Film>,
@@ -93,8 +93,8 @@ pub struct LoadCase {
     pub held: Vec<(usize, f64)>,
 }
 
-/// Receives the name of the current work, the number of finished items, and their total number.
+/// Callback with the name of the current work, the number of finished items, and their total number.
 pub type Progress<'a> = &'a dyn Fn(&str, usize, usize);
 
-/// Progress that is not reported.
+/// Callback that does not report progress.
 pub const SILENT: Progress<'static> = &|_, _, _| {};

@@ -1,7 +1,7 @@
 //! CalculiX as an independent second solver for the same problems.
 //!
 //! The module writes FE input files into a scratch directory, runs `ccx`, and reads the printed results. CalculiX
-//! prints seven digits, which limits the comparison of both solvers.
+//! prints seven digits, which limits the comparison with the solver of isotherm.
 
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
@@ -40,15 +40,16 @@ pub enum CcxError {
     Lacks(String),
 }
 
-/// Program CalculiX, which computes temperatures and displacements.
+/// The program CalculiX, which computes temperatures and displacements.
 #[derive(Debug, Clone)]
 pub struct Ccx {
     /// Path of the program, or its name if it is on the search path.
     pub program: String,
 }
 
-/// Names of sets that user files do not contain.
+/// Name of the set of all nodes. User files do not contain this name.
 const ALL: &str = "ISOTHERMALL";
+/// Name of the set of the guideway nodes. User files do not contain this name.
 const GUIDE: &str = "ISOTHERMGUIDE";
 
 impl Default for Ccx {
@@ -58,7 +59,7 @@ impl Default for Ccx {
 }
 
 impl Ccx {
-    /// Rise of every node over its initial temperature at the end of the case, K.
+    /// Computes the rise of every node over its initial temperature at the end of the case, K.
     ///
     /// # Errors
     /// CalculiX is missing or failed.
@@ -80,9 +81,9 @@ impl Ccx {
         rises.ok_or_else(|| CcxError::Lacks("the temperature of a node".to_owned()))
     }
 
-    /// Displacements of the guideway nodes in mm: x, y, z of each node in their order, with one list for each field of
-    /// rises. `rises` has the rise of every node in K. A field that is 1 in one block and 0 elsewhere gives a column of
-    /// P.
+    /// Computes the displacements of the guideway nodes, mm: one list for each field of rises, with x, y and z of each
+    /// node. A field in `rises` contains the rise of every node, K. A field that is 1 in one block and 0 elsewhere
+    /// gives a column of the matrix P.
     ///
     /// # Errors
     /// CalculiX is missing or failed.
@@ -150,7 +151,7 @@ impl Ccx {
     }
 }
 
-/// Parses printed blocks. Each begins with a heading; each further line has a node and its values.
+/// Parses the printed blocks of values. Each block begins with a heading. Each further line has a node and its values.
 fn blocks(printed: &str, mesh: &Mesh, width: usize) -> Vec<Vec<Vec<f64>>> {
     let mut blocks: Vec<Vec<Vec<f64>>> = Vec::new();
     for line in printed.lines().filter(|line| !line.trim().is_empty()) {

@@ -1,5 +1,5 @@
-//! Lower bound of the residual error for many divisions into blocks. It determines the best further cut, and the best
-//! two blocks to join.
+//! Lower bound of the residual error for many divisions of a structure into blocks. With this bound, the module finds
+//! the best further cut, and the best two blocks to join.
 
 use std::collections::BTreeSet;
 
@@ -20,7 +20,7 @@ pub struct Floors<'a> {
     /// Response of each guideway component to the rise of every node, mm/K.
     rows: Vec<&'a [f64]>,
     loads: &'a [Load],
-    /// Displacement in each case, µm.
+    /// Displacement of the guideway in each load case, µm.
     moved: Vec<DVector<f64>>,
 }
 
@@ -33,7 +33,7 @@ struct Piece {
     bounds: Vec<(f64, f64)>,
 }
 
-/// A division with a smaller residual, or with fewer blocks.
+/// Division into blocks after one change: a further cut, or two blocks joined.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Division {
     /// Cut; `None` if two parts were joined.
@@ -44,11 +44,11 @@ pub struct Division {
     pub floor_um: f64,
 }
 
-/// Number of intervals between the planes along a direction.
+/// Number of equal intervals into which the planes divide a part along a direction.
 const PLANES: usize = 9;
 
 impl<'a> Floors<'a> {
-    /// Considers these directions (0 x, 1 y, 2 z).
+    /// Prepares the bound for the displacements in these directions (0 x, 1 y, 2 z).
     #[must_use]
     pub fn new(mesh: &'a Mesh, adjoint: &'a Adjoint, loads: &'a [Load], components: &[usize]) -> Floors<'a> {
         let rows: Vec<usize> = (0..adjoint.rows).collect();
@@ -67,8 +67,8 @@ impl<'a> Floors<'a> {
         parts.iter().map(|part| self.piece(&part.nodes)).collect()
     }
 
-    /// Lower bound of the residual with these pieces, without those in `gone` and with those in `made`, µm RMS over
-    /// guideway and cases.
+    /// Returns the lower bound of the residual, µm RMS over guideway and cases. The division has these pieces without
+    /// those in `gone`, and with those in `made`.
     fn floor(&self, pieces: &[Piece], gone: &[usize], made: &[Piece]) -> f64 {
         let kept =
             pieces.iter().enumerate().filter(|(place, _)| !gone.contains(place)).map(|(_, piece)| piece);
@@ -83,14 +83,14 @@ impl<'a> Floors<'a> {
         (left.sum::<f64>() / count((self.rows.len() * self.moved.len()).max(1))).sqrt()
     }
 
-    /// Lower bound of the residual with these parts, µm RMS over guideway and cases.
+    /// Returns the lower bound of the residual with these parts, µm RMS over guideway and cases.
     #[must_use]
     pub fn of(&self, parts: &[Part]) -> f64 {
         self.floor(&self.pieces(parts), &[], &[])
     }
 
-    /// Further cut with the smallest residual; `None` if no cut is possible. `may` returns whether a division can be
-    /// used.
+    /// Returns the further cut with the smallest residual; `None` if no cut is possible. `may` returns whether a
+    /// division can be used.
     #[must_use]
     pub fn best_cut(&self, parts: &[Part], may: &dyn Fn(&[Part]) -> bool) -> Option<Division> {
         let pieces = self.pieces(parts);
@@ -107,7 +107,8 @@ impl<'a> Floors<'a> {
         Some(Division { cut: Some(cut.clone()), parts, floor_um })
     }
 
-    /// Planes through a part. If the part is larger than 50 mm, they are at whole millimetres.
+    /// Returns the planes through a part that are tried, with the index of the part. If the part is larger than 50 mm,
+    /// the planes are at whole millimetres.
     fn cuts(&self, place: usize, part: &Part) -> Vec<(usize, Cut)> {
         let mut cuts = Vec::new();
         for axis in 0..AXES.len() {
@@ -121,8 +122,8 @@ impl<'a> Floors<'a> {
         cuts
     }
 
-    /// Joins the two adjacent parts with the least increase of the residual; `None` if there is only one part. `may`
-    /// returns whether a division can be used.
+    /// Joins the two adjacent parts with the least increase of the residual; `None` if no two parts can be joined.
+    /// `may` returns whether a division can be used.
     #[must_use]
     pub fn best_join(&self, parts: &[Part], may: &dyn Fn(&[Part]) -> bool) -> Option<Division> {
         let pieces = self.pieces(parts);
@@ -155,7 +156,7 @@ impl Piece {
     }
 }
 
-/// Pairs of parts that share an element, the lower index first.
+/// Returns the pairs of parts that share an element, the lower index first.
 fn neighbours(mesh: &Mesh, parts: &[Part]) -> Vec<(usize, usize)> {
     let owner = owners(mesh, parts);
     let mut pairs = BTreeSet::new();

@@ -1,4 +1,5 @@
-//! Drawing of the structure in three views, as inline SVG. The colours of the temperature bands also differ in grey.
+//! Drawing of the structure in three views, as inline SVG. The colours of the temperature bands can also be
+//! distinguished in a print without colours.
 
 use std::fmt::Write;
 
@@ -11,7 +12,7 @@ use crate::study::{Placement, Study, moves_most};
 use crate::views::View;
 use isotherm_html::figure;
 
-/// Colours of the bands, from cold to warm; each is darker than the one before.
+/// Colours of the bands, from cold to warm; each is darker than the previous one.
 const TONES: [&str; 8] =
     ["#fbf6ec", "#f6e3c0", "#f1c98d", "#e6a85c", "#d38238", "#b35f20", "#8a4013", "#5e260b"];
 
@@ -43,7 +44,7 @@ fn title(view: &View) -> String {
     format!("from {sign}{}: {right}{across} to the right, {up} up", AXES[view.axis])
 }
 
-/// Index of the band of a rise.
+/// Returns the index of the colour band of a rise. The pair contains the smallest and the largest rise.
 fn band(rise: f64, (low, high): (f64, f64)) -> usize {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "one of eight")]
     let band = ((rise - low) / (high - low) * count(TONES.len())).max(0.0) as usize;
@@ -121,7 +122,7 @@ fn ring((x, y): (f64, f64), number: usize, seen: bool) -> Markup {
     }
 }
 
-/// Legend of the bands with their temperatures.
+/// Renders the legend of the colour bands with their temperatures.
 fn scale(name: &str, (low, high): (f64, f64)) -> Markup {
     const WIDE: f64 = 56.0;
     let left = |place: usize| 20.0 + WIDE * count(place);

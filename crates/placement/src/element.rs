@@ -1,8 +1,8 @@
 //! Contribution of one tetrahedron: shape functions, their gradients and the integration points.
 //!
 //! The integration rules are those of CalculiX: four points in a `C3D10` and one in a `C3D4`, three and one on their
-//! faces. Both solvers therefore solve the same discrete problem, and their results agree to the last digit, not only
-//! within mesh accuracy.
+//! faces. CalculiX and isotherm therefore solve the same discrete problem, and their results agree to the last printed
+//! digit, not only within the accuracy of the mesh.
 
 use crate::mesh::{Kind, Mesh};
 
@@ -31,8 +31,9 @@ const NEAR: f64 = 0.138_196_601_125_010_5;
 const FAR: f64 = 0.585_410_196_624_968_5;
 const SIXTH: f64 = 1.0 / 6.0;
 
-/// Integration points of the volume. One point is exact for linear functions, four for quadratic ones. These are few
-/// points for the heat capacity. However, CalculiX uses them too, and the total stored heat is exact.
+/// Returns the integration points of the volume. One point is exact for linear functions, four for quadratic ones.
+/// These are few points for the heat capacity. However, CalculiX uses the same points, and the total stored heat is
+/// exact.
 const fn volume_rule(kind: Kind) -> Rule<3> {
     match kind {
         Kind::Tet4 => &[([0.25; 3], SIXTH)],
@@ -87,7 +88,7 @@ impl<const D: usize> Shape<D> {
         Self { value, derivative }
     }
 
-    /// Columns of the Jacobian: derivatives of the position in space by the reference coordinates.
+    /// Returns the columns of the Jacobian: derivatives of the position in space by the reference coordinates.
     fn jacobian(&self, xyz: &[[f64; 3]]) -> [[f64; 3]; D] {
         let mut jacobian = [[0.0; 3]; D];
         for (derivative, place) in self.derivative.iter().zip(xyz) {
@@ -102,7 +103,7 @@ impl<const D: usize> Shape<D> {
 }
 
 impl Shape<3> {
-    /// Integration point in the element with nodes at `xyz`.
+    /// Returns the integration point in the element with nodes at `xyz`, mm.
     fn point(&self, weight: f64, xyz: &[[f64; 3]]) -> Point {
         let [u, v, w] = self.jacobian(xyz);
         let reciprocal = [cross(v, w), cross(w, u), cross(u, v)];
@@ -118,7 +119,7 @@ impl Shape<3> {
     }
 }
 
-/// Visits every element, with its index and its integration points.
+/// Calls `visit` for every element, with its index and its integration points.
 pub(super) fn for_each_element(mesh: &Mesh, mut visit: impl FnMut(usize, &[Point])) {
     let shapes = [Kind::Tet4, Kind::Tet10].map(|kind| -> Vec<(Shape<3>, f64)> {
         volume_rule(kind).iter().map(|(at, weight)| (Shape::at(kind, *at), *weight)).collect()
@@ -133,7 +134,8 @@ pub(super) fn for_each_element(mesh: &Mesh, mut visit: impl FnMut(usize, &[Point
     }
 }
 
-/// Visits every integration point of every element, with the index of the element, the point, and the number of nodes.
+/// Calls `visit` for every integration point of every element, with the index of the element, the point, and the number
+/// of nodes.
 pub(super) fn for_each_point(mesh: &Mesh, mut visit: impl FnMut(usize, &Point, usize)) {
     for_each_element(mesh, |element, points| {
         let count = mesh.elements[element].nodes.len();
@@ -141,8 +143,8 @@ pub(super) fn for_each_point(mesh: &Mesh, mut visit: impl FnMut(usize, &Point, u
     });
 }
 
-/// Smallest determinant of the Jacobian at the integration points, mm³. It is not positive if the node numbering is
-/// inverted, or if the element is folded.
+/// Returns the smallest determinant of the Jacobian at the integration points, mm³. It is not positive if the node
+/// numbering is inverted, or if the element is folded.
 pub(super) fn worst_determinant(kind: Kind, xyz: &[[f64; 3]]) -> f64 {
     let determinants = volume_rule(kind).iter().map(|(at, _)| {
         let [u, v, w] = Shape::at(kind, *at).jacobian(xyz);
@@ -151,7 +153,8 @@ pub(super) fn worst_determinant(kind: Kind, xyz: &[[f64; 3]]) -> f64 {
     determinants.fold(f64::INFINITY, f64::min)
 }
 
-/// Integration points of a face: shape functions in the order of the face's nodes, and the area of the point, mm².
+/// Returns the integration points of a face: the shape functions in the order of the face's nodes, and the area that
+/// the point represents, mm².
 pub(super) fn face_points(kind: Kind, xyz: &[[f64; 3]]) -> Vec<([f64; 10], f64)> {
     let point = |(at, weight): &([f64; 2], f64)| {
         let shape = Shape::at(kind, *at);

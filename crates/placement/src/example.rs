@@ -1,5 +1,5 @@
-//! Worked example: the column of a horizontal machining centre as FE input files. The machine `column-hmc` is made from
-//! it.
+//! Worked example: the column of a horizontal machining centre as FE input files. The shipped machine `column-hmc` is
+//! made from these files.
 //!
 //! Axes of the machine: x to the right, y up from the foot, z away from the workpiece. The spindle head moves
 //! vertically on two rails at the front, which is at negative z. The column is of cast iron, 700 mm wide, 1600 mm high
@@ -23,7 +23,7 @@ const LINES: [&[f64]; 3] = [
     &[-320.0, -280.0, -240.0, -120.0, 0.0, 120.0, 240.0, 280.0],
 ];
 
-/// Heights of the planes between the blocks, mm. In depth, the plane between the blocks is at 0.
+/// Heights of the planes between the blocks, mm. In depth (z), the plane between the blocks is at 0.
 const STOREYS: [f64; 3] = [400.0, 800.0, 1200.0];
 
 /// Heights of the boundaries between the heated patches of the rails, mm.
@@ -34,11 +34,11 @@ type Case = (&'static str, &'static str, &'static str, Air, &'static [(&'static 
 
 const CASES: [Case; 11] = [
     ("head_hour", "The head has worked in the middle of its travel for an hour", HOUR, STILL, &MIDDLE),
-    ("head_low", "It has worked in the lower half for four hours", FOUR, STILL, &LOW),
-    ("head_high", "It has worked in the upper half for four hours", FOUR, STILL, &HIGH),
+    ("head_low", "The head has worked in the lower half of its travel for four hours", FOUR, STILL, &LOW),
+    ("head_high", "The head has worked in the upper half of its travel for four hours", FOUR, STILL, &HIGH),
     (
         "head_day",
-        "It works up and down until nothing changes any more",
+        "The head works over its whole travel until the temperatures no longer change",
         STEADY,
         Air { covers: 22.0, ..STILL },
         &ALL,
@@ -61,7 +61,7 @@ const CASES: [Case; 11] = [
         &[],
     ),
     ("bed", "The bed is two kelvin warmer", STEADY, Air { foot: 22.0, ..STILL }, &[]),
-    ("shift", "All of it together for three hours", THREE, SHIFT, &SHIFTS),
+    ("shift", "All these heat sources together for three hours", THREE, SHIFT, &SHIFTS),
 ];
 
 const HOUR: &str = ", DIRECT\n300, 3600";
@@ -85,7 +85,8 @@ const SHIFTS: [(&str, f64); 7] = [
     ("CABINET_WALL", 0.15),
 ];
 
-/// Temperatures of the fluids, °C.
+/// Temperatures around the column, °C: air at the lower and at the upper half, behind the covers and inside, and the
+/// bed at the foot.
 #[derive(Clone, Copy)]
 struct Air {
     low: f64,
@@ -100,30 +101,33 @@ const ROOM: Air = Air { low: 23.0, high: 23.0, covers: 23.0, inside: 21.0, foot:
 const LAYERS: Air = Air { low: 20.0, high: 23.0, covers: 21.0, inside: 21.0, foot: 20.0 };
 const SHIFT: Air = Air { low: 21.0, high: 22.0, covers: 23.0, inside: 21.0, foot: 20.5 };
 
-/// Film coefficients in the load cases: two at the outside, behind the covers, inside, and at the joint with the bed.
+/// Film coefficients in the load cases, mW/(mm²·K): outside at the lower and at the upper half, behind the covers,
+/// inside, and at the joint with the bed.
 const FILMS: [f64; 5] = [0.008, 0.008, 0.004, 0.003, 0.1];
-/// Film coefficients of the simulated machine. They are unknown when the sensors are placed.
+/// Film coefficients of the simulated machine, mW/(mm²·K), in the same order. They are unknown when the sensors are
+/// placed.
 const REAL: [f64; 5] = [0.009, 0.007, 0.005, 0.002, 0.07];
 
-/// Names and texts of the files: `mesh.inp`, the common part `column.inp`, one file for each load case, and
-/// `plant.inp`. The last one describes where heat enters and leaves the running machine.
+/// Returns names and texts of the files: `mesh.inp`, the common part `column.inp`, one file for each load case, and
+/// `plant.inp`. The last file describes where heat enters and leaves the running machine.
 #[must_use]
 pub fn files() -> Vec<(String, String)> {
     let mut files = vec![("mesh.inp".to_owned(), mesh_file()), ("column.inp".to_owned(), COMMON.to_owned())];
     let cases =
         CASES.iter().map(|(name, what, step, air, heat)| (*name, step_file(what, step, *air, FILMS, heat)));
-    let what = "No load case: where heat comes in and goes out while the machine runs";
+    let what = "No load case: surfaces through which heat enters and leaves while the machine runs";
     let plant = ("plant", step_file(what, HOUR, STILL, REAL, &SHIFTS.map(|(heated, _)| (heated, 1.0))));
     files.extend(cases.chain([plant]).map(|(name, text)| (format!("{name}.inp"), text)));
     files
 }
 
-/// Names of the load cases.
+/// Returns the names of the load cases.
 pub fn cases() -> impl Iterator<Item = &'static str> {
     CASES.iter().map(|(name, ..)| *name)
 }
 
-const COMMON: &str = "** Cast iron, and the cold machine: what every FE input file includes.
+const COMMON: &str =
+    "** Cast iron, and the temperature of the cold machine. Every FE input file includes this file.
 *INCLUDE, INPUT=mesh.inp
 *MATERIAL, NAME=CASTIRON
 *ELASTIC
@@ -166,7 +170,8 @@ fn mesh() -> Mesh {
     )
 }
 
-/// Position of a cell boundary with this number, mm. A number with a half is the middle between two boundaries.
+/// Returns the position of a cell boundary with this number, mm. A number with a half is the middle between two
+/// boundaries.
 fn along(axis: usize, counted: f64) -> f64 {
     let lines = LINES[axis];
     let at = |share: f64| {
@@ -191,7 +196,8 @@ fn on_rail(x: f64) -> bool {
     (200.0..=260.0).contains(&x.abs())
 }
 
-/// Mesh file: nodes, elements, the outer surface as flat elements, and the sets of blocks, guideway, foot and surfaces.
+/// Returns the text of the mesh file: nodes, elements, the outer surface as flat elements, and the sets of blocks,
+/// guideway, foot and surfaces.
 fn mesh_file() -> String {
     let mesh = &mesh();
     let mut text = "** The column's mesh: quadratic tetrahedra, its skin as flat elements; mm.\n".to_owned();
@@ -249,7 +255,7 @@ fn is_covered(surface: &str) -> bool {
     ["FOOT", "INSIDE", "MOTOR_FOOT", "CABINET_WALL"].contains(&surface) || surface.starts_with("RAILS_")
 }
 
-/// Names of the surfaces to which a face with this centre belongs.
+/// Returns the names of the surfaces to which a face with this centre belongs.
 fn surfaces([x, y, z]: [f64; 3]) -> Vec<String> {
     let flows = if y < 1.0 {
         "FOOT"

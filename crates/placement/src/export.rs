@@ -1,4 +1,4 @@
-//! Export for the machine: P as a file for `kind = "matrix"`, and the model block of the profile.
+//! Export for the gateway: the matrix P as a file for `kind = "matrix"`, and the model table of the profile.
 
 use std::str::FromStr;
 
@@ -34,7 +34,7 @@ impl FromStr for Rider {
     }
 }
 
-/// Content of the matrix file: a column for each block, then one for each rider.
+/// Returns the content of the matrix file: a column for each block, then one for each rider.
 #[must_use]
 pub fn matrix(placement: &Placement, line: &GuideLine, riders: &[Rider]) -> String {
     let column = |block: usize| -> Vec<f64> { placement.p.iter().map(|row| row[block]).collect() };
@@ -58,7 +58,8 @@ pub fn matrix(placement: &Placement, line: &GuideLine, riders: &[Rider]) -> Stri
     )
 }
 
-/// Signal names of the blocks and riders, in the form that a profile requires: small letters, digits, underscores.
+/// Returns the signal names of the blocks and riders, in the form that a profile requires: small letters, digits,
+/// underscores.
 #[must_use]
 pub fn signals(placement: &Placement, riders: &[Rider]) -> Vec<String> {
     let small = |letter: char| if letter.is_ascii_alphanumeric() { letter.to_ascii_lowercase() } else { '_' };
@@ -66,7 +67,8 @@ pub fn signals(placement: &Placement, riders: &[Rider]) -> Vec<String> {
     names.map(|name| name.chars().map(small).collect()).collect()
 }
 
-/// Model block of the profile; `file` is the name of the matrix file.
+/// Returns the `[[axis.….model]]` tables of the profile, one for each direction of the placement. `file` is the name of
+/// the matrix file.
 #[must_use]
 pub fn block(placement: &Placement, line: &GuideLine, riders: &[Rider], file: &str) -> String {
     let names = signals(placement, riders);
@@ -78,7 +80,7 @@ pub fn block(placement: &Placement, line: &GuideLine, riders: &[Rider], file: &s
     let head = format!(
         "# Displacement of the guideway by block temperatures, from a finite-element model (isotherm place).\n\
          # Sensors, coordinates of the mesh in mm:\n{}\
-         # On the load cases the model was made with {:.1} µm RMS are left; blocks alone could leave {:.1}.\n",
+         # Residual error on the load cases of the placement: {:.1} µm RMS. Lower bound with these blocks: {:.1} µm.\n",
         sensors.collect::<String>(),
         placement.rms_um,
         placement.floor_um
@@ -93,9 +95,9 @@ pub fn block(placement: &Placement, line: &GuideLine, riders: &[Rider], file: &s
              file      = {file:?}\n\
              inputs    = {inputs}\n\
              reference = \"start\"\n\
-             position  = \"scale_{axis}\"   # the axis along the guideway, mm, with its zero where the mesh has it\n\
+             position  = \"scale_{axis}\"   # position of the axis along the guideway, mm, in the coordinates of the mesh\n\
              component = \"{component}\"\n\
-             carries   = \"tool\"      # or \"work\": what rides on the guideway\n"
+             carries   = \"tool\"      # or \"work\": the part that moves on the guideway\n"
         )
     });
     head + &models.collect::<String>()

@@ -1,9 +1,9 @@
-//! Graph of the nodes of a mesh, and the order in which to eliminate them.
+//! Graph of the nodes of a mesh, and the order in which a Cholesky factorization eliminates them.
 //!
 //! The order is nested dissection by coordinates. A plane across one of the axes divides a set of nodes. The nodes on
 //! one side that are connected to the other side are eliminated last. The search covers all planes between the outer
-//! quarters, across all three axes, and selects the one with the fewest such nodes. A hollow casting has planes with
-//! very few. On the measured columns, this order halves the work compared with approximate minimum degree.
+//! quarters, across all three axes, and selects the plane with the fewest such nodes. A hollow casting has planes with
+//! very few such nodes. On the measured columns, this order halves the work compared with approximate minimum degree.
 
 use crate::mesh::{Mesh, count};
 
@@ -13,7 +13,7 @@ pub(super) struct Graph(Vec<Vec<usize>>);
 /// Number of nodes below which a further cut costs more than it saves.
 const LEAF: usize = 20;
 
-/// Additional relative cost of a cut, multiplied by its unevenness. Small separators are more important than equal
+/// Factor of the unevenness of a cut in its additional relative cost. Small separators are more important than equal
 /// parts.
 const UNEVEN: f64 = 1.0;
 
@@ -40,7 +40,7 @@ impl Graph {
         &self.0[node]
     }
 
-    /// Elimination order of the nodes with little fill-in.
+    /// Returns an elimination order of the nodes with little fill-in.
     pub(super) fn order(&self, xyz: &[[f64; 3]], nodes: Vec<usize>) -> Vec<usize> {
         let mut order = Vec::with_capacity(nodes.len());
         let mut rank = vec![OUTSIDE; xyz.len()];
@@ -48,8 +48,8 @@ impl Graph {
         order
     }
 
-    /// Adds the nodes to the order. `rank` is scratch memory for all nodes of the mesh; all its entries are `OUTSIDE`
-    /// on entry and on return.
+    /// Adds the nodes to the elimination order. `rank` is scratch memory for all nodes of the mesh; all its entries are
+    /// `OUTSIDE` on entry and on return.
     fn dissect(&self, xyz: &[[f64; 3]], nodes: Vec<usize>, rank: &mut [usize], order: &mut Vec<usize>) {
         let cuts = (0..3).filter(|_| nodes.len() > LEAF).filter_map(|axis| self.cut(xyz, &nodes, axis, rank));
         let Some(cut) = cuts.min_by(|a, b| a.cost.total_cmp(&b.cost)) else { return order.extend(nodes) };
@@ -59,7 +59,8 @@ impl Graph {
         order.extend(cut.separator);
     }
 
-    /// Cheapest cut across an axis: the plane between the outer quarters with the fewest connected nodes.
+    /// Returns the cheapest cut across an axis: the plane between the outer quarters with the fewest connected nodes.
+    /// `None` if there is no such plane.
     fn cut(&self, xyz: &[[f64; 3]], nodes: &[usize], axis: usize, rank: &mut [usize]) -> Option<Cut> {
         let mut sorted = nodes.to_vec();
         sorted.sort_unstable_by(|a, b| xyz[*a][axis].total_cmp(&xyz[*b][axis]).then(a.cmp(b)));

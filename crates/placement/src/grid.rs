@@ -1,11 +1,11 @@
-//! A body of cells in a box, as tetrahedra of any size.
+//! Body made of the cells of a box, as a mesh of tetrahedra.
 
 use std::collections::HashMap;
 
 use crate::element::EDGES;
 use crate::mesh::{Element, Kind, Mesh, NodeId, count};
 
-/// A box of cells.
+/// Box that is divided into cells.
 #[derive(Debug, Clone, Copy)]
 pub struct Grid {
     /// Number of cells along each axis.
@@ -17,7 +17,8 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Meshes the cells whose centres satisfy `kept`. `moved` maps each corner to its position.
+    /// Meshes the cells for whose centres `kept` returns true. `moved` maps each corner to its position. All
+    /// coordinates are in mm.
     #[must_use]
     pub fn mesh(
         &self,

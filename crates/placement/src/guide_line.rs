@@ -1,4 +1,4 @@
-//! The guideway as one line, on which P and displacements are averaged over the rails.
+//! The guideway as one line, on which the matrix P and displacements are averaged over the rails.
 
 use crate::mesh::{count, range};
 
@@ -9,21 +9,21 @@ pub struct GuideLine {
     pub axis: usize,
     /// Number of rails of which the line is the mean.
     pub rails: usize,
-    /// Positions of the points in this direction, mm, ascending.
+    /// Positions of the points along the guideway, mm, ascending.
     pub guide_mm: Vec<f64>,
-    /// For each point, the guideway nodes (indexes in their list) and their weights.
+    /// For each point, the guideway nodes (indices in their list) and their weights.
     weights: Vec<Vec<(usize, f64)>>,
 }
 
-/// Distance below which points count as one, as a share of the length of the guideway.
+/// Distance below which two points are treated as one, as a share of the length of the guideway.
 const SAME: f64 = 1e-4;
 
 impl GuideLine {
-    /// Makes the line from the coordinates of the guideway nodes. Without `axis`, the direction is that of the greatest
-    /// length.
+    /// Creates the line from the coordinates of the guideway nodes. Without `axis`, the direction is that of the
+    /// greatest length.
     ///
     /// The largest gap across the guideway separates the rails. Each rail is interpolated linearly to the points of all
-    /// rails. Several nodes of a rail at one position count as one.
+    /// rails. Several nodes of a rail at one position are treated as one.
     #[must_use]
     pub fn new(guide: &[[f64; 3]], axis: Option<usize>) -> GuideLine {
         let length = |axis: usize| {
@@ -50,8 +50,8 @@ impl GuideLine {
         GuideLine { axis, rails: rails.len(), weights: weights.collect(), guide_mm }
     }
 
-    /// Value of a quantity in one direction at each point. `values` has the rows 3·guide + component of the guideway
-    /// nodes.
+    /// Returns the value of a quantity in one direction at each point. `values` has the rows 3·guide + component of the
+    /// guideway nodes.
     #[must_use]
     pub fn mean(&self, values: &[f64], component: usize) -> Vec<f64> {
         let point = |weights: &Vec<(usize, f64)>| {
@@ -61,7 +61,7 @@ impl GuideLine {
     }
 }
 
-/// Divides the nodes at the largest gap between them, if it is more than half of their extent.
+/// Divides the nodes into two rails at the largest gap between them, if it is more than half of their extent.
 fn apart(guide: &[[f64; 3]], mut rail: Vec<usize>, across: usize) -> Vec<Vec<usize>> {
     rail.sort_by(|one, other| guide[*one][across].total_cmp(&guide[*other][across]));
     let at = |place: usize| guide[rail[place]][across];
@@ -79,7 +79,7 @@ fn apart(guide: &[[f64; 3]], mut rail: Vec<usize>, across: usize) -> Vec<Vec<usi
     }
 }
 
-/// Points of a rail, ascending, each with its nodes.
+/// Returns the points of a rail, ascending, each with its nodes.
 fn line(guide: &[[f64; 3]], rail: &[usize], axis: usize, same: f64) -> Vec<(f64, Vec<usize>)> {
     let mut nodes = rail.to_vec();
     nodes.sort_by(|one, other| guide[*one][axis].total_cmp(&guide[*other][axis]));
@@ -94,8 +94,8 @@ fn line(guide: &[[f64; 3]], rail: &[usize], axis: usize, same: f64) -> Vec<(f64,
     points
 }
 
-/// Weights of the nodes at a position. Between two points, the interpolation uses both; beyond the ends, it uses the
-/// end point.
+/// Returns the weights of the nodes of a rail at a position. Between two points, the interpolation uses both points;
+/// beyond the ends, it uses the end point.
 fn shares(line: &[(f64, Vec<usize>)], at: f64) -> Vec<(usize, f64)> {
     let after = line.partition_point(|(point, _)| *point <= at);
     let (low, high) = (after.saturating_sub(1), after.min(line.len().saturating_sub(1)));

@@ -10,24 +10,24 @@ use crate::graph::Graph;
 use crate::mesh::{Face, Mesh, NodeId, count, parts};
 use crate::system::{Factor, System};
 
-/// Reason for which a load case has no solution.
+/// Reason why a load case has no solution.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum HeatError {
     /// Steady case in which heat cannot leave a part.
     #[error(
-        "nothing determines the temperature of the part with node {0}. A steady case needs a film or a given \
-         temperature on every part of the mesh"
+        "nothing determines the temperature of the part with node {0}. A steady case needs a film or a \
+         prescribed temperature on every part of the mesh"
     )]
     Adrift(NodeId),
     /// Transient case without heat capacity.
     #[error("material {0} has no density or no specific heat: a transient case needs both")]
     NoCapacity(String),
     /// The conduction matrix is singular.
-    #[error("the conduction cannot be factored: a conductivity or a film coefficient is not positive")]
+    #[error("the heat conduction has no solution: a conductivity or a film coefficient is not positive")]
     Singular,
 }
 
-/// Rise of every node over its initial temperature at the end of the case, K.
+/// Calculates the rise of every node over its initial temperature at the end of the case, K.
 ///
 /// # Errors
 /// The load case has no solution.
@@ -40,7 +40,8 @@ pub fn temperatures(
     reached(&Heat::of(mesh, materials, load)?, load, progress)
 }
 
-/// Rises for several load cases, in parallel. The matrix for the common mesh and materials is assembled once.
+/// Calculates the rises for several load cases, in parallel. The matrix for the common mesh and materials is assembled
+/// once.
 pub fn temperatures_of_each(inputs: &[FeInput]) -> Vec<Result<Vec<f64>, HeatError>> {
     let first = inputs.first().map(|first| (first, Conducts::of(&first.mesh, &first.materials, &first.load)));
     let one = |input: &FeInput| {
@@ -60,7 +61,7 @@ pub fn temperatures_of_each(inputs: &[FeInput]) -> Vec<Result<Vec<f64>, HeatErro
     inputs.par_iter().map(one).collect()
 }
 
-/// Rises of all nodes at the end of the case, K.
+/// Returns the rises of all nodes at the end of the case, K.
 fn reached(heat: &Heat, load: &LoadCase, progress: Progress<'_>) -> Result<Vec<f64>, HeatError> {
     let reached = match load.case {
         Case::Steady => heat.steady()?,
@@ -113,7 +114,7 @@ pub(super) struct Heat {
     to_held: Coupling,
     /// Heat flow into each free node, mW.
     enters: Vec<f64>,
-    /// Prescribed temperature of each node, if any.
+    /// Prescribed temperature of each node, °C; `None` for a free node.
     held: Vec<Option<f64>>,
 }
 
@@ -190,9 +191,10 @@ impl Heat {
         Ok(reached)
     }
 
-    /// Temperatures of all nodes. They follow from the heat that enters, from the nodes of prescribed temperature, and
-    /// from `brought`. `brought` is the contribution of the capacity from the step before to each free node, mW. Nodes
-    /// of prescribed temperature have it from the start, and contribute no heat from their initial temperature.
+    /// Returns the temperatures of all nodes, °C. They follow from the heat that enters, from the nodes of prescribed
+    /// temperature, and from `brought`. `brought` is the heat flow from the capacity into each free node, from the
+    /// previous step, mW. Nodes of prescribed temperature have this temperature from the start, and contribute no heat
+    /// from their initial temperature.
     fn solve(&self, factor: &Factor<1>, brought: impl Fn(usize) -> f64) -> Vec<f64> {
         let mut side = Mat::from_fn(self.enters.len(), 1, |row, _| self.enters[row] + brought(row));
         for (row, node, value) in &self.to_held {
@@ -262,7 +264,7 @@ fn capacity(mesh: &Mesh, materials: &Materials, mut system: System<1>) -> Result
     Ok(system)
 }
 
-/// Visits each node of a film, with the heat flow per kelvin of the fluid's temperature, mW.
+/// Calls `visit` for each node of a film, with the heat flow per kelvin of the fluid's temperature, mW/K.
 pub(super) fn film_heat(mesh: &Mesh, film: &Film, mut visit: impl FnMut(usize, f64)) {
     for_each_face_point(mesh, film.face, |nodes, value, area| {
         for (node, value) in nodes.iter().zip(value) {
@@ -294,7 +296,7 @@ fn anchored(mesh: &Mesh, load: &LoadCase) -> Result<(), HeatError> {
     }
 }
 
-/// Number of whole steps in a period. A step that divides it except for rounding counts as dividing it.
+/// Returns the number of whole steps in a period. `steps` is the quotient, which may be slightly too small by rounding.
 fn whole_steps(steps: f64) -> usize {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the reader refuses too many")]
     let whole = (steps * (1.0 + 1e-9)).floor() as usize;

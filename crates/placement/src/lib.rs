@@ -16,7 +16,7 @@
 //! - conductivity in mW/(mm·K), which has the same number as W/(m·K), and film coefficients in mW/(mm²·K);
 //! - surface fluxes in mW/mm², nodal fluxes in mW, temperatures in °C.
 //!
-//! A file does not state its units. The reader rejects moduli and expansions that are plausible in another system only.
+//! A file does not state its units. The reader rejects a material value that is only plausible in other units.
 
 pub mod blocks;
 pub mod body;

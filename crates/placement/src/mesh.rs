@@ -26,7 +26,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// Number of nodes of one element.
+    /// Returns the number of nodes of one element.
     #[must_use]
     pub const fn nodes(self) -> usize {
         match self {
@@ -35,7 +35,7 @@ impl Kind {
         }
     }
 
-    /// Name of the element type in an FE input file.
+    /// Returns the name of the element type in an FE input file.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -44,8 +44,8 @@ impl Kind {
         }
     }
 
-    /// Indexes of the nodes of a face in the element: corners, then midpoints of the edges. `side` is 0 to 3, in an FE
-    /// input file F1 to F4.
+    /// Returns the places of the nodes of a face in the element: corners, then midpoints of the edges. `side` is 0 to
+    /// 3, in an FE input file F1 to F4.
     #[must_use]
     pub fn face(self, side: usize) -> &'static [usize] {
         match self {
@@ -66,7 +66,7 @@ pub struct Element {
     pub id: u32,
     /// Linear or quadratic tetrahedron.
     pub kind: Kind,
-    /// Indexes of its nodes in [`Mesh::nodes`]: four corners, then the midpoints of the edges 12, 23, 31, 14, 24, 34.
+    /// Indices of the nodes in [`Mesh::nodes`]: four corners, then the midpoints of the edges 12, 23, 31, 14, 24, 34.
     pub nodes: Vec<usize>,
 }
 
@@ -82,27 +82,26 @@ pub struct Face {
 /// A body of tetrahedra.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Mesh {
-    /// Numbers of the nodes in the FE input file, ascending. Everything else refers to nodes by their index in this
-    /// list.
+    /// Numbers of the nodes in the FE input file, ascending. All other data refer to a node by its index in this list.
     pub nodes: Vec<NodeId>,
     /// Coordinates of each node in mm.
     pub xyz: Vec<[f64; 3]>,
     /// Elements of the mesh. All are tetrahedra.
     pub elements: Vec<Element>,
-    /// Node sets by name in capitals: indexes in the order of the file, each once.
+    /// Node sets by name in capitals: indices in the order of the file, each once.
     pub node_sets: BTreeMap<String, Vec<usize>>,
-    /// Element sets by name in capitals: indexes, ascending, each once.
+    /// Element sets by name in capitals: indices, ascending, each once.
     pub element_sets: BTreeMap<String, Vec<usize>>,
 }
 
 impl Mesh {
-    /// Index of the node with this number.
+    /// Returns the index of the node with this number; `None` if there is no such node.
     #[must_use]
     pub fn place(&self, node: NodeId) -> Option<usize> {
         self.nodes.binary_search(&node).ok()
     }
 
-    /// Coordinates of the nodes of an element.
+    /// Returns the coordinates of all nodes of an element, mm.
     #[must_use]
     pub fn corners(&self, element: &Element) -> Vec<[f64; 3]> {
         element.nodes.iter().map(|node| self.xyz[*node]).collect()
@@ -116,13 +115,13 @@ impl Mesh {
         used
     }
 
-    /// Nodes of a face.
+    /// Returns the nodes of a face.
     pub fn face_nodes(&self, face: Face) -> impl Iterator<Item = usize> {
         let element = &self.elements[face.element];
         element.kind.face(face.side).iter().map(|place| element.nodes[*place])
     }
 
-    /// Faces that belong to one element only, in the order of the elements.
+    /// Returns the faces that belong to one element only, in the order of the elements.
     #[must_use]
     pub fn outer_faces(&self) -> Vec<Face> {
         let mut seen: HashMap<[usize; 3], (Face, usize)> = HashMap::with_capacity(self.elements.len() * 3);
@@ -138,7 +137,7 @@ impl Mesh {
         outer
     }
 
-    /// Identifies a face independently of the element: its corners, ascending.
+    /// Returns a key that is the same for a face in both of its elements: its corners, ascending.
     #[must_use]
     pub fn face_key(&self, element: &Element, side: usize) -> [usize; 3] {
         let mut key = [0, 1, 2].map(|corner| element.nodes[FACES[side][corner]]);
@@ -146,7 +145,7 @@ impl Mesh {
         key
     }
 
-    /// Nodes of the outer faces, ascending. Only these nodes may be accessible for a sensor.
+    /// Returns the nodes of the outer faces, ascending. Only these nodes may be accessible for a sensor.
     #[must_use]
     pub fn skin(&self) -> Vec<usize> {
         let mut on = vec![false; self.nodes.len()];
@@ -165,7 +164,7 @@ pub(super) fn axis_and_value(text: &str) -> Option<(usize, f64)> {
     Some((axis, value.trim().parse().ok().filter(|value: &f64| value.is_finite())?))
 }
 
-/// Smallest and largest of some values.
+/// Returns the smallest and the largest of the values; infinite bounds without values.
 pub(super) fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
 }

@@ -22,7 +22,7 @@ pub enum Method {
 }
 
 impl Method {
-    /// Name of the method.
+    /// Returns the name of the method on the command line and in reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -33,7 +33,7 @@ impl Method {
     }
 }
 
-/// For each block, the candidate with the temperature nearest to `theta`, as an index in its list of candidates.
+/// Returns for each block the candidate with the temperature nearest to `theta`, as an index in its list of candidates.
 #[must_use]
 pub fn nearest(target: &Target, theta: &[f64]) -> Vec<usize> {
     let place = |(offered, theta): (&Vec<f64>, &f64)| {
@@ -43,8 +43,8 @@ pub fn nearest(target: &Target, theta: &[f64]) -> Vec<usize> {
     target.offered.iter().zip(theta).map(place).collect()
 }
 
-/// For each block, the node nearest to the centre of its volume, whether it is accessible or not. It represents a
-/// choice without a calculation.
+/// Returns for each block the node nearest to the centre of its volume, whether it is accessible or not. It represents
+/// a choice without a calculation.
 #[must_use]
 pub fn central(problem: &Problem, xyz: &[[f64; 3]]) -> Vec<usize> {
     let central = |block: &Block| {

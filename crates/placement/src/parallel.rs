@@ -7,10 +7,10 @@ use rayon::prelude::*;
 
 use crate::body::Progress;
 
-/// Reports progress, from any thread.
+/// Callback that reports progress from any thread; see [`Progress`].
 type ReportProgress<'a> = &'a (dyn Fn(&str, usize, usize) + Sync);
 
-/// Runs `work` on another thread, and calls `progress` on this one.
+/// Runs `work` on another thread, and calls `progress` on the calling thread.
 pub(crate) fn listening<R: Send>(
     progress: Progress<'_>,
     work: impl FnOnce(ReportProgress<'_>) -> R + Send,

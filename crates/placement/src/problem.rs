@@ -4,16 +4,16 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::mesh::{count, range};
 
-/// A block of the structure; one sensor measures its temperature.
+/// Block of the structure. One sensor measures its temperature.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Block {
     /// Name of the block.
     pub name: String,
-    /// Indexes of its nodes in the mesh, ascending.
+    /// Indices of the nodes of the block in the mesh, ascending.
     pub nodes: Vec<usize>,
     /// Nodes that may carry the sensor, ascending; never empty.
     pub candidates: Vec<usize>,
-    /// Centre of its volume, mm.
+    /// Centre of the volume of the block, mm.
     pub centre: [f64; 3],
 }
 
@@ -29,7 +29,7 @@ pub struct Load {
 }
 
 impl Load {
-    /// Lowest and highest rise of these nodes, K.
+    /// Returns the lowest and the highest rise of these nodes, K.
     pub(super) fn bounds(&self, nodes: &[usize]) -> (f64, f64) {
         range(nodes.iter().map(|node| self.rise[*node]))
     }
@@ -44,7 +44,8 @@ impl Load {
 /// Displacement of the guideway in one or more directions, as a function of one temperature for each block.
 ///
 /// Figures that methods use many times are stored as products P'P, P'δ1 and δ1'δ1. The squared error of any block
-/// temperatures θ is δ1'δ1 − 2·θ'P'δ1 + θ'P'P·θ. Its cost does not depend on the number of guideway nodes.
+/// temperatures θ is δ1'δ1 − 2·θ'P'δ1 + θ'P'P·θ. The time to calculate it does not depend on the number of guideway
+/// nodes.
 #[derive(Clone, Debug)]
 pub struct Problem {
     /// Blocks of the structure, each with one temperature.
@@ -58,8 +59,8 @@ pub struct Problem {
     pub targets: Vec<Target>,
 }
 
-/// Displacement that the block temperatures must reproduce in one load case, and the temperatures that are possible
-/// there.
+/// Displacement that the block temperatures must reproduce in one load case, and the temperatures that are possible in
+/// this case.
 #[derive(Clone, Debug)]
 pub struct Target {
     /// Name of the load case.
@@ -81,7 +82,7 @@ pub struct Target {
 pub(super) const UM_PER_MM: f64 = 1000.0;
 
 impl Problem {
-    /// Makes the problem from P and the load cases, in these directions (0 x, 1 y, 2 z). P has the rows 3·guide +
+    /// Creates the problem from P and the load cases, in these directions (0 x, 1 y, 2 z). P has the rows 3·guide +
     /// component, and one column per block, mm/K.
     #[must_use]
     pub fn new(blocks: Vec<Block>, p: &[Vec<f64>], loads: &[Load], components: &[usize]) -> Problem {
@@ -105,19 +106,19 @@ impl Problem {
         Problem { square: matrix.tr_mul(&matrix), matrix, blocks, targets }
     }
 
-    /// Number of rows: guideway nodes times directions.
+    /// Returns the number of rows: guideway nodes times directions.
     #[must_use]
     pub fn rows(&self) -> f64 {
         count(self.matrix.nrows())
     }
 
-    /// Displacement P·θ by block temperatures θ (rises, K), µm.
+    /// Returns the displacement P·θ by block temperatures θ (rises, K), µm.
     #[must_use]
     pub fn evaluate(&self, theta: &[f64]) -> DVector<f64> {
         &self.matrix * DVector::from_column_slice(theta)
     }
 
-    /// Residual of a case with block temperatures `theta` (rises, K), µm RMS over the guideway.
+    /// Returns the residual of a case with block temperatures `theta` (rises, K), µm RMS over the guideway.
     #[must_use]
     pub fn rms(&self, target: &Target, theta: &[f64]) -> f64 {
         let theta = DVector::from_column_slice(theta);
@@ -125,20 +126,20 @@ impl Problem {
         (left.max(0.0) / self.rows().max(1.0)).sqrt()
     }
 
-    /// Rises that sensors at these candidates measure in a case. `places` are indexes in the blocks' lists of
-    /// candidates.
+    /// Returns the rises that sensors at these candidates measure in a case, K. `places` are indices in the blocks'
+    /// lists of candidates.
     #[must_use]
     pub fn readings(&self, target: &Target, places: &[usize]) -> Vec<f64> {
         places.iter().zip(&target.offered).map(|(place, offered)| offered[*place]).collect()
     }
 
-    /// Residual of a case with sensors at these candidates, µm RMS.
+    /// Returns the residual of a case with sensors at these candidates, µm RMS.
     #[must_use]
     pub fn rms_of(&self, target: &Target, places: &[usize]) -> f64 {
         self.rms(target, &self.readings(target, places))
     }
 
-    /// Residual of each case with sensors at these candidates, µm RMS.
+    /// Returns the residual of each case with sensors at these candidates, µm RMS.
     #[must_use]
     pub fn rms_of_each(&self, places: &[usize]) -> Vec<f64> {
         self.targets.iter().map(|target| self.rms_of(target, places)).collect()

@@ -1,13 +1,14 @@
 //! Reduction of a structure to modes, which a simulated plant uses instead of its finite elements.
 //!
 //! Heat enters through *ports* and films. A port is a patch of the surface with a heat flow in watts, which is
-//! distributed like the fluxes of the patch. Its temperature is the mean with the same weights. Films connect the
-//! structure to *sinks*, which have their own temperatures.
+//! distributed like the fluxes of the patch. The temperature of a port is the mean with the same weights. Films connect
+//! the structure to *sinks*, which have their own temperatures.
 //!
 //! K is the conduction with films, C the capacity, and F the inputs. The basis contains the uniform field, and (K +
 //! s·C)⁻¹·F for some s. These fields describe the structure long after a change and soon after it (rational Krylov;
 //! Grimme, Krylov projection methods for model reduction, 1997). The projection of K is symmetric like K, so that heat
-//! flows equally well in both directions. A uniform rise of all sinks remains a uniform rise.
+//! flows equally well in both directions. If all sinks rise uniformly, the structure follows with the same uniform
+//! rise.
 
 use std::collections::BTreeMap;
 
@@ -26,13 +27,14 @@ use crate::system::System;
 #[cfg(test)]
 mod tests;
 
-/// Periods for which the basis is exact, in addition to the steady state, s.
+/// Periods T, s. The basis contains the fields (K + C/T)⁻¹·F for each of them, in addition to the fields of the steady
+/// state.
 const PERIODS: [f64; 5] = [14_400.0, 3_600.0, 900.0, 180.0, 40.0];
 
 /// Relative norm of the new part of a vector below which the basis does not include it.
 const NEW: f64 = 1e-7;
 
-/// Reason for which there are no modes.
+/// Reason why modes cannot be calculated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ReducedError {
     /// Prescribed temperatures, or heat at single nodes.
@@ -45,7 +47,7 @@ pub enum ReducedError {
     Twice(String),
     /// The fluxes of a port are zero, or cancel each other.
     #[error(
-        "`{0}`: the sum of its fluxes is zero. Give each *DFLUX a number above 0; only their ratios matter"
+        "`{0}`: the sum of its fluxes is zero. Write a number above 0 in each *DFLUX; only the ratios of these numbers matter"
     )]
     NoHeat(String),
     /// The heat conduction has no solution.
@@ -53,29 +55,29 @@ pub enum ReducedError {
     Heat(#[from] HeatError),
 }
 
-/// Modes of a structure. A unit of a mode is √(J·K): its energy is half its square, over 1 K.
+/// Modes of a structure. The unit of an amplitude is √(J·K): half the square of the amplitude is the energy, over 1 K.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Modes {
     /// Decay rate of each mode, 1/s, ascending.
     pub rates: Vec<f64>,
-    /// Value of each mode if everything is 1 K warmer.
+    /// Amplitude of each mode if the whole structure is 1 K warmer.
     pub uniform: Vec<f64>,
-    /// For each port, its temperature in K per unit of each mode. A watt into the port drives the modes with the same
-    /// numbers.
+    /// For each port, its temperature for the amplitude 1 of each mode, K. A heat flow of 1 W into the port excites the
+    /// modes with the same numbers.
     pub ports: BTreeMap<String, Vec<f64>>,
-    /// For each sink, the effect of a kelvin on each mode, W/K per unit. Multiplied by `uniform` and summed, it is film
-    /// coefficient times area.
+    /// For each sink, the excitation of each mode if the sink is 1 K warmer. The sum of these numbers times `uniform`
+    /// is film coefficient times area, W/K.
     pub sinks: BTreeMap<String, Vec<f64>>,
-    /// For each mode, the temperature of every node, K per unit.
+    /// For each mode, the temperature of every node for the amplitude 1, K.
     pub shapes: Vec<Vec<f64>>,
 }
 
 impl Modes {
-    /// Calculates the modes of the structure of a plant. Its films are sinks and its fluxes are ports, by the names of
-    /// their surfaces.
+    /// Calculates the modes of a structure for a simulated plant. The films of `plant` are sinks and its fluxes are
+    /// ports, by the names of their surfaces.
     ///
     /// # Errors
-    /// Heat enters in another way, or cannot leave.
+    /// Heat enters in another way than by films and fluxes, or cannot leave the structure.
     pub fn of(plant: &FeInput, progress: Progress<'_>) -> Result<Modes, ReducedError> {
         let load = &plant.load;
         if !load.held.is_empty() {
@@ -103,8 +105,8 @@ impl Modes {
         Ok(basis.modes(&heat.conduction, &uniform, inputs))
     }
 
-    /// File for a simulated plant: JSON with one row of numbers per line. It contains the temperatures of `points`
-    /// (names and nodes), and the displacement along the guideway.
+    /// Returns the modes file for a simulated plant: JSON with one row of numbers per line. It contains the
+    /// temperatures of `points` (names and nodes), and the displacement along the guideway.
     #[must_use]
     pub fn to_json(&self, points: &[(String, usize)], adjoint: &Adjoint, line: &GuideLine) -> String {
         let at = |node: usize| short(self.shapes.iter().map(|shape| shape[node]));
@@ -147,13 +149,13 @@ struct File<'a> {
     moves_um: BTreeMap<&'a str, Vec<Vec<f64>>>,
 }
 
-/// Rounds to seven digits. In a temperature in °C, the last digit is 0.00001 K.
+/// Rounds to seven digits. For a temperature in °C, the last digit is then 0.00001 K.
 fn short(values: impl Iterator<Item = f64>) -> Vec<f64> {
     values.map(|value| format!("{value:.6e}").parse().unwrap_or(value)).collect()
 }
 
-/// Right-hand sides of the heat equation: the heat flow into each node. In mW for 1 W into a port, in mW/K for 1 K at a
-/// sink.
+/// Right-hand sides of the heat equation: the heat flow into each node. It is in mW for 1 W into a port, and in mW/K
+/// for 1 K at a sink.
 struct Inputs {
     ports: BTreeMap<String, Vec<f64>>,
     sinks: BTreeMap<String, Vec<f64>>,
@@ -188,7 +190,7 @@ impl Inputs {
         Ok(Inputs { ports: fluxes.into_iter().map(port).collect::<Result<_, _>>()?, sinks })
     }
 
-    /// Solves (K + shift·C)·x = F for each right-hand side F. K: conduction. C: heat capacity.
+    /// Solves (K + shift·C)·x = F for each right-hand side F. K is the conduction, C the heat capacity.
     fn answers(
         &self,
         conduction: &System<1>,

@@ -11,7 +11,7 @@ use isotherm_core::quantity::Moment;
 use isotherm_html::chart::{self, Line, LineStyle};
 use isotherm_html::{date, figure, number, page, table};
 
-/// Renders the report as one HTML file; `made` is its time.
+/// Renders the report as one HTML file; `made` is the time of the report.
 #[must_use]
 pub fn report(study: &Study, placement: &Placement, line: &GuideLine, made: Moment) -> String {
     let Study { mesh, guide, .. } = study;
@@ -24,7 +24,7 @@ pub fn report(study: &Study, placement: &Placement, line: &GuideLine, made: Mome
             }
             dt { "load cases" } dd { (placement.cases.iter().map(|case| case.name.as_str()).collect::<Vec<_>>().join(", ")) }
             dt { "judged" } dd { "displacement along " (placement.component) }
-            dt { "method" } dd { (placement.method.name()) @if let Some(case) = &placement.placed_by { ", placed by the case " (case) } }
+            dt { "method" } dd { (placement.method.name()) @if let Some(case) = &placement.placed_by { ", placed for the case " (case) } }
             dt { "date" } dd { (date(made)) }
         }
         (headline(placement))
@@ -32,7 +32,7 @@ pub fn report(study: &Study, placement: &Placement, line: &GuideLine, made: Mome
         (sensors(placement))
         h2 { "The structure" }
         p {
-            "Temperature rise in the case that moves the guideway most: the darker, the warmer. Thin lines \
+            "Temperature rise in the case that moves the guideway most. A darker colour is warmer. Thin lines \
              divide the blocks. A ring is a sensor, with its number in the table; a broken ring is a sensor \
              on the hidden side. Crosses are the guideway." }
         (drawing::views(study, placement))
@@ -128,14 +128,14 @@ fn errors(placement: &Placement) -> Markup {
         p {
             "µm, RMS over the guideway. Patent and bounded are placed for the case itself and tested on it; \
              multi-case is one placement for all cases. Asked: with the block temperatures at the end of the \
-             iteration. Read back: with the temperatures at its nodes. Left out: multi-case placed for all \
-             the other cases." }
+             iteration. Read back: with the temperatures at the selected nodes. Left out: multi-case placed \
+             for all the other cases." }
         (table(&["case", "largest", "block centres", "block means", "patent, asked", "patent, read back", "bounded", "multi-case", "its largest", "lower bound with these blocks", "left out"], &rows))
     }
 }
 
 fn crossed(placement: &Placement) -> Markup {
-    let mut heads = vec!["placed by"];
+    let mut heads = vec!["placed for"];
     heads.extend(placement.cases.iter().map(|case| case.name.as_str()));
     let rows = html! {
         @for crossed in &placement.cross_case {
@@ -203,12 +203,12 @@ fn rounds(placement: &Placement) -> Markup {
     html! {
         h2 { "The patent's iteration" }
         p {
-            "In each round, the pattern whose displacement is most similar to the residual error, and its \
+            "Each round uses the pattern whose displacement is most similar to the residual error, with the \
              difference degree r." }
         @for case in &placement.cases {
             details {
                 summary { (case.name) ": " (case.patent.rounds.len()) " rounds, " (number(case.naive_mean.rms_um)) " → " (number(case.patent.optimised_rms_um)) " µm" }
-                @if case.patent.rounds.is_empty() { p { "The means of the blocks are near enough." } } @else {
+                @if case.patent.rounds.is_empty() { p { "The mean temperatures of the blocks are accurate enough." } } @else {
                     (table(&["round", "pattern:", "likeness", "r K", "residual µm"], &html! {
                         @for (place, round) in case.patent.rounds.iter().enumerate() {
                             tr {

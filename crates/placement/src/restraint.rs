@@ -1,4 +1,4 @@
-//! Check whether fixed nodes hold every part of a structure.
+//! Check whether the fixed nodes prevent every rigid motion of each part of a structure.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -6,10 +6,10 @@ use crate::element::{cross, dot, minus};
 use crate::mesh::{self, AXES, Mesh, range};
 use crate::structure::StructureError;
 
-/// Rejects fixed nodes that leave a part free to move.
+/// Returns an error if the fixed nodes leave a part free to move.
 ///
-/// The elements of a part have common faces. A part that shares three nodes, not on one line, with a held part is held
-/// too. A part that shares an edge or a single node is hinged.
+/// The elements of a part have common faces. A part is also fixed if it shares three nodes, not on one line, with a
+/// fixed part. A part that shares only an edge or a single node can rotate about it.
 pub(super) fn holds(mesh: &Mesh, fixed: &[usize]) -> Result<(), StructureError> {
     if fixed.is_empty() {
         return Err(StructureError::NothingFixed);
@@ -34,7 +34,7 @@ pub(super) fn holds(mesh: &Mesh, fixed: &[usize]) -> Result<(), StructureError> 
     }
 }
 
-/// Nodes of each part of the mesh, ascending. The elements of a part have common faces.
+/// Returns the nodes of each part of the mesh, ascending. The elements of a part have common faces.
 fn parts(mesh: &Mesh) -> Vec<Vec<usize>> {
     let mut first_with = HashMap::with_capacity(2 * mesh.elements.len());
     let faces = mesh.elements.iter().enumerate().flat_map(|each| (0..4).map(move |side| (each, side)));
@@ -55,11 +55,11 @@ fn parts(mesh: &Mesh) -> Vec<Vec<usize>> {
 }
 
 /// Maximum distance from a line, as a share of the size of the part, at which nodes do not prevent a rotation about the
-/// line. Rounded coordinates alone must not count as support. A support at a thousandth of the size counts.
+/// line. Rounding of coordinates must not appear as a support. A support at a thousandth of the size is accepted.
 const ON_LINE: f64 = 3e-5;
 
-/// Possible motion of a part that is not held, for example about the line through all its held nodes; `None` if it is
-/// held.
+/// Returns the possible motion of a part that is not fixed, for example a rotation about the line through all its fixed
+/// nodes; `None` if the part cannot move.
 fn motion(mesh: &Mesh, nodes: &[usize], held: &[bool]) -> Option<String> {
     let mut places = nodes.iter().filter(|node| held[**node]).map(|node| mesh.xyz[*node]);
     let Some(first) = places.next() else { return Some("move and turn in every direction".to_owned()) };

@@ -13,7 +13,7 @@ use crate::parallel::listening;
 use crate::restraint;
 use crate::system::{Factor, System};
 
-/// Reason for which there are no displacements.
+/// Reason why displacements cannot be calculated.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum StructureError {
     /// No node is fixed.
@@ -37,12 +37,12 @@ pub enum StructureError {
     },
     /// The stiffness matrix is singular although the supports are sufficient.
     #[error(
-        "the stiffness of the structure cannot be factored: an element is nearly flat, or a modulus is wrong"
+        "the displacements of the structure have no solution: an element is nearly flat, or a modulus is wrong"
     )]
     Singular,
 }
 
-/// Structure with a factored stiffness matrix. Each field of temperatures then takes one solution.
+/// Structure with a factored stiffness matrix. Each field of temperatures then requires one solution of the system.
 pub struct Structure<'a> {
     mesh: &'a Mesh,
     materials: &'a Materials,
@@ -61,7 +61,7 @@ pub struct Adjoint {
 }
 
 impl Adjoint {
-    /// Sensitivity of one component of one guideway node (row 3·guide + component) to every node, mm/K.
+    /// Returns the sensitivity of one component of one guideway node (row 3·guide + component) to every node, mm/K.
     #[must_use]
     pub fn row(&self, row: usize) -> &[f64] {
         &self.values[row * self.columns..(row + 1) * self.columns]
@@ -74,7 +74,7 @@ impl Adjoint {
         (0..self.rows).map(|row| nodes.iter().map(|node| self.row(row)[*node]).sum()).collect()
     }
 
-    /// Displacements of the guideway in mm for these rises of all nodes in K.
+    /// Returns the displacements of the guideway for these rises of all nodes in K, mm.
     #[must_use]
     pub fn displacements(&self, rises: &[f64]) -> Vec<f64> {
         let one = |row| self.row(row).iter().zip(rises).map(|(each, rise)| each * rise).sum();
@@ -82,7 +82,7 @@ impl Adjoint {
     }
 }
 
-/// Number of right-hand sides that are solved together. More are faster, and take more memory.
+/// Number of right-hand sides that are solved together. A larger number is faster, but needs more memory.
 const TOGETHER: usize = 48;
 
 impl<'a> Structure<'a> {
@@ -124,8 +124,8 @@ impl<'a> Structure<'a> {
         Ok(Self { mesh, materials, factor })
     }
 
-    /// Sensitivity of guideway nodes to all nodes, by adjoints. It takes one solution for each component of a guideway
-    /// node, independently of the number of nodes, blocks and cases.
+    /// Calculates the sensitivity of guideway nodes to all nodes, by adjoints. Each component of a guideway node
+    /// requires one solution, independently of the number of nodes, blocks and cases.
     #[must_use]
     pub fn guideway(&self, guide: &[usize], progress: Progress<'_>) -> Adjoint {
         let columns = self.mesh.nodes.len();
@@ -147,7 +147,7 @@ impl<'a> Structure<'a> {
         Adjoint { rows, columns, values }
     }
 
-    /// Work of the thermal expansion of each node on each adjoint displacement.
+    /// Calculates the work of the thermal expansion of each node on each adjoint displacement.
     fn gather(&self, adjoints: &Mat<f64>, values: &mut [f64]) {
         let columns = self.mesh.nodes.len();
         let each = adjoints.ncols().div_ceil(rayon::current_num_threads()).max(1);
@@ -165,7 +165,7 @@ impl<'a> Structure<'a> {
         });
     }
 
-    /// Work for `rows` adjoints stored side by side, for each node of the mesh.
+    /// Returns the work for each node of the mesh. `adjoints` contains the values of `rows` adjoints side by side.
     fn works(&self, adjoints: &[f64], rows: usize) -> Vec<f64> {
         let mut works = vec![0.0; self.mesh.nodes.len() * rows];
         let mut spread = vec![0.0; rows];
@@ -186,23 +186,24 @@ impl<'a> Structure<'a> {
         works
     }
 
-    /// Stress per kelvin if the body cannot expand, MPa/K.
+    /// Returns the stress per kelvin if the element cannot expand, MPa/K.
     fn push(&self, element: usize) -> f64 {
         let material = self.materials.of(element);
         material.young * material.expansion / (1.0 - 2.0 * material.poisson)
     }
 
-    /// Number of values in the factor, 8 bytes each.
+    /// Returns the number of values in the factor, 8 bytes each.
     #[must_use]
     pub fn stored(&self) -> usize {
         self.factor.stored()
     }
 }
 
-/// Calculates the guideway of the first file, and the temperatures of the load case of each file, in parallel.
+/// Calculates the sensitivity of the guideway from the first file, and the temperatures of the load case of each file,
+/// in parallel.
 ///
 /// # Errors
-/// The body can move as a rigid body. For each load case: it has no solution.
+/// The body can move as a rigid body. The result of a single load case is an error if the load case has no solution.
 #[allow(clippy::type_complexity, reason = "two results, one of them by load case")]
 pub fn guideway_and_temperatures(
     inputs: &[FeInput],

@@ -1,11 +1,12 @@
 //! Study of a structure under its load cases: the places of its sensors, and the residual error of each case.
 //!
-//! The error of block temperatures θ is P·θ − δ1, µm RMS over the guideway. It is calculated for four temperatures:
+//! The error of block temperatures θ is P·θ − δ1, µm RMS over the guideway. The error is calculated for four sets of
+//! block temperatures:
 //!
-//! - *naive*: of the node at the centre of the block, or the mean of its nodes;
+//! - *naive*: the temperature of the node at the centre of each block, or the mean of its nodes;
 //! - *optimised*: the temperatures θg that a method requests;
-//! - *read back*: those at the selected sensors;
-//! - *floor*: the best temperatures that blocks can have. No sensors can do better.
+//! - *read back*: the temperatures at the selected sensors;
+//! - *floor*: the block temperatures with the smallest error. No sensors can give a smaller error.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -36,11 +37,11 @@ pub struct Criteria {
     pub components: Vec<usize>,
     /// Method that selects the places of the sensors.
     pub method: Method,
-    /// Load case for `patent` and `bounded`; `None` for the one with the largest displacement of the guideway.
+    /// Load case for `patent` and `bounded`; `None` for the case with the largest displacement of the guideway.
     pub case: Option<usize>,
-    /// Errors that are negligible.
+    /// Errors that are negligible, and end the calculation of a method.
     pub tolerance: Tolerance,
-    /// Maximum distance of a sensor from its place, mm.
+    /// Assumed distance of a misplaced sensor from its place, mm.
     pub misplaced: f64,
 }
 
@@ -49,12 +50,12 @@ pub struct Criteria {
 pub struct Study {
     /// Mesh of the structure.
     pub mesh: Mesh,
-    /// Indexes of the guideway nodes.
+    /// Indices of the guideway nodes.
     pub guide: Vec<usize>,
     /// Matrix P, mm/K: displacement of the guideway if a block is 1 K warmer. Rows: 3·guide + component. Columns:
     /// blocks.
     pub p: Vec<Vec<f64>>,
-    /// Sensitivity of the guideway to every node. Without it, other divisions are not evaluated.
+    /// Sensitivity of the guideway to every node; `None` if other divisions into blocks are not to be evaluated.
     pub adjoint: Option<Adjoint>,
     /// Nodes of the blocks.
     pub parts: Vec<Part>,
@@ -65,7 +66,7 @@ pub struct Study {
 }
 
 impl Study {
-    /// Coordinates of the guideway nodes, mm.
+    /// Returns the coordinates of the guideway nodes, mm.
     #[must_use]
     pub fn guide_xyz(&self) -> Vec<[f64; 3]> {
         self.guide.iter().map(|node| self.mesh.xyz[*node]).collect()
@@ -75,11 +76,11 @@ impl Study {
 /// Sensor with its place on the structure.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Sensor {
-    /// Number of its node in the FE input file.
+    /// Number of the sensor's node in the FE input file.
     pub node: u32,
     /// Position of the sensor, mm.
     pub xyz: [f64; 3],
-    /// Block whose temperature it measures.
+    /// Block whose temperature the sensor measures.
     pub block: String,
 }
 
@@ -101,11 +102,12 @@ pub struct Residual {
 /// Result of a method on one case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MethodResult {
-    /// Error with the selected sensors, root mean square.
+    /// Error with the selected sensors: root mean square along the guideway, µm.
     pub rms_um: f64,
-    /// Error with the selected sensors, largest.
+    /// Error with the selected sensors: largest absolute value along the guideway, µm.
     pub max_um: f64,
-    /// Error with the requested block temperatures. It equals `rms_um` for a method that selects nodes directly.
+    /// Error with the requested block temperatures, µm RMS. For a method that selects nodes directly, it equals
+    /// `rms_um`.
     pub optimised_rms_um: f64,
     /// Sensors that the method has selected, one for each block.
     pub sensors: Vec<Sensor>,
@@ -133,21 +135,21 @@ pub struct CaseResult {
     pub naive_mean: Residual,
     /// Lower bound of the error with these blocks.
     pub floor: Residual,
-    /// The patent's iteration on this case.
+    /// Result of the patent's iteration on this case.
     pub patent: MethodResult,
-    /// Bounded least squares on this case.
+    /// Result of bounded least squares on this case.
     pub bounded: MethodResult,
-    /// Nodes for all cases together.
+    /// Result of the nodes that were selected for all cases together.
     #[serde(rename = "multi-case")]
     pub multi_case: MethodResult,
-    /// Error on this case with nodes for all other cases, µm RMS; `None` if there is only one case.
+    /// Error on this case with nodes that were selected for all other cases, µm RMS; `None` if there is only one case.
     pub left_out_rms_um: Option<f64>,
     /// Additional error by misplaced sensors of the selected method, µm RMS.
     pub misplaced_um: f64,
-    /// Displacement by nodes at the centres of the blocks, mm, rows 3·guide + component.
+    /// Displacement that nodes at the centres of the blocks predict, mm, rows 3·guide + component.
     #[serde(skip)]
     pub naive_mm: Vec<f64>,
-    /// Displacement by the selected sensors, mm, rows 3·guide + component.
+    /// Displacement that the selected sensors predict, mm, rows 3·guide + component.
     #[serde(skip)]
     pub read_mm: Vec<f64>,
 }
@@ -157,22 +159,22 @@ pub struct CaseResult {
 pub struct CrossCase {
     /// Method that placed the sensors.
     pub method: Method,
-    /// Case for which they were placed; `None` for all cases.
+    /// Case for which the sensors were placed; `None` for all cases.
     pub placed_by: Option<String>,
     /// Error on each case, µm RMS.
     pub rms_um: Vec<f64>,
 }
 
-/// Result for one number of sensors, one per block, after the best joins and cuts.
+/// Result for one number of sensors (one for each block), after the best joins or cuts.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SensorCount {
     /// Number of sensors, which is also the number of blocks.
     pub sensors: usize,
     /// Lower bound of the error with these blocks, µm RMS over all cases.
     pub floor_um: f64,
-    /// Error with sensors by `multi-case`, µm RMS over all cases.
+    /// Error with the sensors that `multi-case` selects, µm RMS over all cases.
     pub rms_um: f64,
-    /// Cut that added the block; `None` if there are not more sensors than blocks.
+    /// Cut that added the last block; `None` if no block was added.
     pub cut: Option<String>,
 }
 
@@ -190,11 +192,11 @@ pub struct Placement {
     /// Directions that are evaluated: 0 x, 1 y, 2 z.
     #[serde(skip)]
     pub axes: Vec<usize>,
-    /// Names of the directions: `z`, `y, z`.
+    /// Names of the evaluated directions, for example `z` or `y, z`.
     pub component: String,
     /// Method that was selected for the placement.
     pub method: Method,
-    /// Case for which it placed the sensors; `None` for all cases.
+    /// Case for which the method placed the sensors; `None` for all cases.
     pub placed_by: Option<String>,
     /// Sensors of the selected method.
     pub sensors: Vec<Sensor>,
@@ -215,15 +217,15 @@ pub struct Placement {
     pub floor_um: f64,
     /// Error with the selected sensors, µm RMS over all cases.
     pub rms_um: f64,
-    /// Whether the division into blocks limits the result, not the places of the sensors.
+    /// Whether the division into blocks limits the result more than the places of the sensors.
     pub blocks_limit: bool,
     /// Best further cut in the form of `--cut`, and the lower bound after it, µm RMS over all cases.
     pub best_cut: Option<(String, f64)>,
     /// Error by number of sensors; empty without the sensitivity of the guideway to every node.
     pub by_number: Vec<SensorCount>,
-    /// Coordinates of the guideway nodes, mm.
+    /// Returns the coordinates of the guideway nodes, mm.
     pub guide_xyz: Vec<[f64; 3]>,
-    /// Remarks for the reader.
+    /// Remarks about the result, for the reader of the report.
     pub remarks: Vec<String>,
 }
 
@@ -231,13 +233,13 @@ fn by_name<S: serde::Serializer>(cases: &[CaseResult], to: S) -> Result<S::Ok, S
     to.collect_map(cases.iter().map(|case| (&case.name, case)))
 }
 
-/// Minimum share of the lower bound in the error at which the division limits the result.
+/// Share of the lower bound in the error above which the division into blocks limits the result.
 const LIMITS: f64 = 0.7;
 
-/// Places the sensors.
+/// Selects the places of the sensors, and evaluates them on every load case.
 ///
 /// # Errors
-/// Blocks without a possible place for a sensor.
+/// A block has no possible place for a sensor. The messages contain a remedy.
 pub fn place(study: &Study, criteria: &Criteria, progress: Progress<'_>) -> Result<Placement, Vec<String>> {
     let Study { mesh, p, loads, .. } = study;
     let Criteria { components, method, tolerance, .. } = criteria;
@@ -362,17 +364,17 @@ pub fn rows(columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
     (0..height).map(|row| columns.iter().map(|column| column[row]).collect()).collect()
 }
 
-/// Displacement P·θ of the guideway by block temperatures, in all directions.
+/// Returns the displacement P·θ of the guideway by block temperatures, in all directions, mm.
 fn evaluate(p: &[Vec<f64>], theta: &[f64]) -> Vec<f64> {
     p.iter().map(|row| row.iter().zip(theta).map(|(each, theta)| each * theta).sum()).collect()
 }
 
-/// Root mean square of root mean squares.
+/// Returns the root mean square of root mean squares.
 pub(super) fn root_mean_square(each: &[f64]) -> f64 {
     (each.iter().map(|rms| rms.powi(2)).sum::<f64>() / count(each.len().max(1))).sqrt()
 }
 
-/// Index of the case with the largest displacement of the guideway.
+/// Returns the index of the case with the largest displacement of the guideway.
 pub(super) fn moves_most(cases: &[CaseResult]) -> usize {
     let largest = |place: &usize| cases[*place].largest_um;
     (0..cases.len()).max_by(|one, other| largest(one).total_cmp(&largest(other))).unwrap_or(0)
@@ -395,7 +397,7 @@ fn remarks(placement: &Placement) -> Vec<String> {
     if let Some((cut, after)) = &placement.best_cut {
         remarks.push(format!(
             "The best further cut is --cut {cut}. It lowers the smallest possible residual error of the \
-             blocks from {floor:.2} to {after:.2} µm RMS."
+             division from {floor:.2} to {after:.2} µm RMS."
         ));
     }
     if placement.noise_um > rms {

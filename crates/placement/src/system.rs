@@ -1,5 +1,5 @@
-//! Symmetric positive definite system over the free nodes of a mesh. It is assembled, factored once, and solved for
-//! many right-hand sides.
+//! Symmetric positive definite system over the free nodes of a mesh. The system is assembled, factored once, and solved
+//! for many right-hand sides.
 
 use std::sync::Arc;
 
@@ -15,12 +15,12 @@ use faer::{Conj, MatMut, Par, Side};
 
 use crate::graph::Graph;
 
-/// Number of rows up to which threads cost more than they save.
+/// Number of rows up to which threads cost more time than they save.
 const SMALL: usize = 30_000;
 
 /// Sparsity pattern of a system over the free nodes of a mesh.
 struct Pattern {
-    /// For each node of the mesh, its number among the free nodes.
+    /// For each node of the mesh, its number among the free nodes; `None` for a fixed node.
     free: Vec<Option<usize>>,
     /// Number of rows of a right-hand side.
     size: usize,
@@ -40,7 +40,7 @@ pub(super) struct System<const WIDTH: usize> {
 }
 
 impl<const WIDTH: usize> System<WIDTH> {
-    /// Makes the pattern with zeros, over the nodes that are not `held`.
+    /// Creates a matrix of zeros over the free nodes, that is, those that are not `held`.
     pub(super) fn new(graph: &Graph, xyz: &[[f64; 3]], held: &[bool]) -> Self {
         let nodes: Vec<usize> = (0..xyz.len()).filter(|node| !held[*node]).collect();
         let mut free = vec![None; xyz.len()];
@@ -64,13 +64,14 @@ impl<const WIDTH: usize> System<WIDTH> {
         Self { pattern: Arc::new(Pattern { free, size, start, rows, symbolic }), values }
     }
 
-    /// Number of a node of the mesh among the free nodes.
+    /// Returns the number of a node of the mesh among the free nodes; `None` for a fixed node.
     pub(super) fn free(&self, node: usize) -> Option<usize> {
         self.pattern.free[node]
     }
 
-    /// Adds the block that couples two free nodes, which are given by their numbers: `block[row][column]` with the rows
-    /// of `row` and the columns of `column`. Of the two blocks of a pair, only the one with `row ≥ column` is stored.
+    /// Adds a block of values that couples two free nodes: `block[row][column]` with the rows of node `row` and the
+    /// columns of node `column`. Both are numbers among the free nodes. Of the two blocks of a pair, only the one with
+    /// `row ≥ column` is stored.
     pub(super) fn add(&mut self, row: usize, column: usize, block: &[[f64; WIDTH]; WIDTH]) {
         if row < column {
             return;
@@ -91,12 +92,12 @@ impl<const WIDTH: usize> System<WIDTH> {
         self.pattern.size
     }
 
-    /// Matrix of zeros with the same pattern.
+    /// Returns a matrix of zeros with the same pattern.
     pub(super) fn zeroed(&self) -> Self {
         Self { pattern: Arc::clone(&self.pattern), values: vec![0.0; self.values.len()] }
     }
 
-    /// This matrix plus a multiple of another one over the same nodes.
+    /// Returns this matrix plus a multiple of another one over the same nodes.
     pub(super) fn plus(&self, factor: f64, other: &Self) -> Self {
         let sum = self.values.iter().zip(&other.values).map(|(own, other)| own + factor * other).collect();
         Self { pattern: Arc::clone(&self.pattern), values: sum }
@@ -126,7 +127,7 @@ impl<const WIDTH: usize> System<WIDTH> {
     }
 }
 
-/// Fill-in when the free nodes are eliminated in this order.
+/// Calculates the fill-in if the free nodes are eliminated in this order; `None` if that fails.
 fn eliminated<const WIDTH: usize>(
     order: &[usize],
     start: &[usize],
@@ -149,7 +150,7 @@ fn eliminated<const WIDTH: usize>(
 }
 
 impl System<1> {
-    /// Product with the values of all nodes of the mesh. Fixed nodes are left out.
+    /// Returns the product with the values of all nodes of the mesh. Fixed nodes are left out.
     pub(super) fn times(&self, values: &[f64]) -> Vec<f64> {
         let Pattern { free, start, rows, .. } = &*self.pattern;
         let own: Vec<f64> =
@@ -176,7 +177,7 @@ pub(super) struct Factor<const WIDTH: usize> {
 }
 
 impl<const WIDTH: usize> Factor<WIDTH> {
-    /// For each node of the mesh, its number among the free nodes.
+    /// Returns for each node of the mesh its number among the free nodes; `None` for a fixed node.
     pub(super) fn free(&self) -> &[Option<usize>] {
         &self.pattern.free
     }

@@ -1,4 +1,5 @@
-//! Views of the structure from the six directions of its axes. A visible surface is accessible, and can be drawn.
+//! Views of the structure from the six directions of its axes. They show which surface is accessible for a sensor, and
+//! are drawn in the report.
 
 use rayon::prelude::*;
 
@@ -14,7 +15,7 @@ pub struct View {
     pub axis: usize,
     /// Whether the view is from the positive end of the axis.
     pub from_above: bool,
-    /// Axis to the right and axis upwards.
+    /// Axes of the picture: the axis to the right, and the axis upwards.
     pub plane: [usize; 2],
     /// Number of pixels to the right and upwards.
     pub size: [usize; 2],
@@ -36,7 +37,7 @@ pub struct VisiblePoint {
 }
 
 impl VisiblePoint {
-    /// Value of a nodal quantity at this point.
+    /// Returns the value of a nodal quantity at this point. `values` has a value for each node of the mesh.
     #[must_use]
     pub fn of(&self, values: &[f64]) -> f64 {
         self.corners.iter().zip(&self.shares).map(|(corner, share)| share * values[*corner]).sum()
@@ -51,7 +52,7 @@ impl VisiblePoint {
 }
 
 impl View {
-    /// View of a mesh along `axis`, from its positive or its negative end.
+    /// Creates the view of a mesh along `axis`, from its positive or its negative end.
     #[must_use]
     pub fn new(mesh: &Mesh, axis: usize, from_above: bool) -> View {
         View::of(mesh, &mesh.outer_faces(), axis, from_above)
@@ -76,7 +77,7 @@ impl View {
         view
     }
 
-    /// Position of a point in pixels: to the right, and upwards.
+    /// Returns the position of a point in pixels: to the right, and upwards.
     #[must_use]
     pub fn place(&self, xyz: &[f64; 3]) -> [f64; 2] {
         [0, 1].map(|way| (xyz[self.plane[way]] - self.low[way]) / self.pixel)
@@ -89,7 +90,7 @@ impl View {
         (self.axis == 2) != self.from_above
     }
 
-    /// Visible point of a pixel.
+    /// Returns the visible point of a pixel; `None` outside the view, or where nothing is visible.
     #[must_use]
     pub fn at(&self, right: usize, up: usize) -> Option<&VisiblePoint> {
         if right >= self.size[0] || up >= self.size[1] {
@@ -158,14 +159,14 @@ impl View {
     }
 }
 
-/// Smallest and largest coordinates of the nodes, mm.
+/// Returns the smallest and the largest coordinates of the nodes, mm.
 fn extent(mesh: &Mesh) -> ([f64; 3], [f64; 3]) {
     let ends = [0, 1, 2].map(|axis| range(mesh.xyz.iter().map(|xyz| xyz[axis])));
     (ends.map(|(low, _)| low), ends.map(|(_, high)| high))
 }
 
-/// Returns for each node whether it is visible from outside along an axis. The side on which the structure is fixed
-/// does not count: a column with an open foot is mounted on its bed.
+/// Returns for each node whether it is visible from outside along an axis. The side on which the structure is fixed is
+/// excluded, because its foot is mounted on the bed.
 #[must_use]
 pub fn outside(mesh: &Mesh, fixed: &[usize]) -> Vec<bool> {
     let (low, high) = extent(mesh);

@@ -8,7 +8,7 @@ use crate::mesh::{Kind, Mesh};
 /// Number of values in one line of a set.
 const IN_LINE: usize = 10;
 
-/// Text of nodes, elements and sets, which FE input files include.
+/// Returns the text of nodes, elements and sets, which FE input files include.
 #[must_use]
 pub fn mesh(mesh: &Mesh) -> String {
     let mut text = coordinates(mesh);
@@ -28,7 +28,7 @@ pub fn mesh(mesh: &Mesh) -> String {
     text
 }
 
-/// Text of the node card.
+/// Returns the text of the node card.
 pub(super) fn coordinates(mesh: &Mesh) -> String {
     let mut text = String::from("*NODE\n");
     for (id, [x, y, z]) in mesh.nodes.iter().zip(&mesh.xyz) {
@@ -62,7 +62,7 @@ pub(super) fn set(text: &mut String, card: &str, ids: impl Iterator<Item = u32>)
     }
 }
 
-/// Text of the materials, and of a section for each.
+/// Returns the text of the materials, with a section for each material.
 #[must_use]
 pub fn materials(mesh: &Mesh, materials: &Materials) -> String {
     let mut text = String::new();
@@ -88,7 +88,8 @@ pub fn materials(mesh: &Mesh, materials: &Materials) -> String {
     text
 }
 
-/// Text of the initial temperatures and the step of a load case. `print` contains the cards of the print requests.
+/// Returns the text of the initial temperatures and the step of a load case. `print` contains the cards of the print
+/// requests.
 #[must_use]
 pub fn load(mesh: &Mesh, load: &LoadCase, print: &str) -> String {
     let mut text = String::from("*INITIAL CONDITIONS, TYPE=TEMPERATURE\n");

@@ -1,15 +1,15 @@
 //! MQTT messages in JSON: a topic for each axis, signal, output, device and bus, with one document.
 //!
 //! ```text
-//! GROUP/MACHINE/state           online, offline; the will also sets offline
+//! GROUP/MACHINE/state           online or offline; the will message also says offline
 //! GROUP/MACHINE/gateway         { "at": "2026-07-02T12:00:00Z", "ready": true, … }
 //! GROUP/MACHINE/axis/z          { "at": …, "state": "active", "cz_um": -12.4, … }
 //! GROUP/MACHINE/signal/bed      { "at": …, "value": 27.5, "unit": "degC", "quality": "good" }
 //! GROUP/MACHINE/event           { "at": …, "kind": "axis-state", "level": "warning", "text": …, "data": { … } }
 //! ```
 //!
-//! All messages except events are retained. Retained documents have QoS 0, because the next one replaces them. State
-//! and events have QoS 1.
+//! The broker retains all messages except events. Documents have QoS 0, because the next document replaces a lost one.
+//! State, events and the discovery messages for Home Assistant have QoS 1.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
@@ -24,34 +24,36 @@ use crate::interface::{
 mod command;
 mod discovery;
 
-/// Maximum number of events whose delivery is not confirmed. Beyond it, the oldest are assumed to be delivered.
+/// Maximum number of events whose delivery is not confirmed. Above this number, the oldest events are assumed to be
+/// delivered.
 const MOST_RECENT: usize = 1000;
 
-/// Settings of the messages.
+/// Settings of the JSON messages.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JsonSettings {
-    /// First level of every topic.
+    /// First level of every topic, except those of the discovery messages.
     pub group: String,
     /// Name of the machine.
     pub machine: String,
-    /// Version of the program.
+    /// Version of isotherm, shown by Home Assistant.
     pub version: String,
     /// Time after which unchanged values are published again.
     pub refresh: Duration,
-    /// Whether the publisher subscribes to measured errors.
+    /// Whether the gateway accepts measured errors, and therefore subscribes to commands.
     pub takes_measured: bool,
-    /// Whether it publishes discovery messages for Home Assistant.
+    /// Whether the gateway publishes discovery messages for Home Assistant.
     pub home_assistant: bool,
 }
 
-/// Publisher of JSON messages. It stores the values that the broker retains.
+/// Publisher of JSON messages. It stores the last published values, to find those that have changed.
 #[derive(Debug)]
 pub struct Json {
     settings: JsonSettings,
     /// Topic prefix `GROUP/MACHINE`.
     root: String,
     published: BTreeMap<Subject, PublishedValues>,
-    /// Published events with their times.
+    /// Events that were published last, with the times of publication. After a lost connection, they may be
+    /// undelivered.
     recent: VecDeque<(Moment, Record)>,
 }
 
@@ -62,7 +64,7 @@ struct PublishedValues {
 }
 
 impl Json {
-    /// Makes a publisher that has published nothing yet.
+    /// Creates a publisher that has published nothing yet.
     pub fn new(settings: JsonSettings) -> Json {
         let root = format!("{}/{}", settings.group, settings.machine);
         Json { settings, root, published: BTreeMap::new(), recent: VecDeque::new() }
@@ -169,7 +171,7 @@ impl PublishedValues {
     }
 }
 
-/// JSON document with the metrics of one subject.
+/// Makes the JSON document with the metrics of one subject.
 fn document(metrics: &[Metric]) -> Document {
     let mut document = Map::new();
     let newest = metrics.iter().map(|metric| metric.at).max().unwrap_or_default();

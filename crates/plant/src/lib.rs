@@ -1,8 +1,8 @@
-//! MQTT messages about a machine for its plant: from the state of the gateway to messages, and from received messages
-//! to commands.
+//! MQTT messages about a machine for its plant. The crate makes messages from the state of the gateway, and commands
+//! from received messages.
 //!
-//! Everything is pure: there is no connection and no clock, and time is an argument. The gateway makes a [`Snapshot`]
-//! of its state, a [`Publisher`] makes [`Message`]s from it, and the gateway sends them to a broker.
+//! The message formats use no connection and no clock: time is an argument. The gateway makes a [`Snapshot`] of its
+//! state, a [`Publisher`] makes [`Message`]s from the snapshot, and the gateway sends them to a broker.
 
 pub mod interface;
 pub mod json;

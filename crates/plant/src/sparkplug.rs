@@ -1,39 +1,38 @@
 //! Sparkplug B, version 3.0 of the specification: isotherm is an edge node.
 //!
 //! ```text
-//! will ──► NBIRTH ──► NDATA … ──► NDEATH      bdSeq is the same in the will, in each birth and in the death of a
-//! connection
-//!  bdSeq+1  seq 0       1 … 255, 0 …
+//! message   will ──► NBIRTH ──► NDATA …        ──► NDEATH
+//! number    bdSeq    bdSeq                         bdSeq     (one more for each connection)
+//! seq                0          1 … 255, 0 …
 //! ```
 //!
 //! **One node, no devices.** Axes, signals and outputs are folders in the names of the node's metrics (`axis/z/cz_um`).
-//! They are not devices with births and deaths, because they exist as long as the gateway. A failed signal is null with
-//! bad quality, which is more specific than a death.
+//! They are not devices with births and deaths, because they exist as long as the gateway. A failed signal is published
+//! as null with bad quality, which says more than a death.
 //!
 //! **Report by exception.** Data messages contain the alias from the birth. They contain only metrics that have changed
 //! by at least their resolution.
 //!
 //! **Unknown values** are null. For a signal, the property `Quality` is then 0, and 192 in the first value after that.
-//! Other values have no such property. No value is published as stale: a historian should not store values that
-//! isotherm rejects.
+//! Other values have no such property. A rejected value is not published as stale, so that no historian stores it.
 //!
 //! **Events** are the metric `gateway/event`: the text, with the properties `kind` and `importance`.
 //!
-//! **Store and forward.** Values that could not be published, or may be undelivered, become records.
+//! **Store and forward.** Values that could not be published, or may be undelivered, become stored records.
 //! [`forward`](Publisher::forward) publishes them as historical data, with the times of the values. Records contain
 //! metric names, so that they remain valid after a change of the profile. Metrics that the birth no longer contains are
-//! left out and counted.
+//! left out and counted as lost.
 //!
 //! **Commands.** `Node Control/Rebirth`, at most once per second, and the measured error of an axis if the profile
 //! allows it. All other commands are refused.
 //!
-//! **No primary host.** The specification lets a node wait for one host, and disconnect when this host is offline. Such
-//! an offline message would disconnect the node from every other host too. Every client that may publish below
-//! `spBv1.0/STATE` could send it. A host that was offline while the broker was available can fill its gap from the logs
-//! of the gateway.
+//! **No primary host.** The specification lets a node wait for one host, and disconnect when a message says that this
+//! host is offline. Every client that may publish below `spBv1.0/STATE` could send such a message, and so disconnect
+//! the node from all other hosts. A host that was offline while the broker was available can get the missing values
+//! from the logs of the gateway.
 //!
-//! **Quality of service 0** for births and data, as the specification requires: the messages are not acknowledged. They
-//! are delivered if the broker acknowledges a later packet on the same connection.
+//! **Quality of service 0** for births and data, as the specification requires: the broker does not acknowledge these
+//! messages. If the broker acknowledges a later packet on the same connection, they are delivered.
 
 use isotherm_core::quantity::{Moment, Shift, Shifted};
 use prost::Message as _;
@@ -61,56 +60,57 @@ use crate::interface::{
     Command, Message, Outcome, PlantEvent, Publisher, Qos, Reaction, Record, Snapshot, Subscription,
 };
 
-/// Minimum time between two births that hosts request.
+/// Minimum time between two births. A host may request them more often.
 const BETWEEN_BIRTHS: std::time::Duration = std::time::Duration::from_secs(1);
 
-/// Approximate size in bytes of messages and records with more than a few metrics.
+/// Approximate maximum size of a message or record, in bytes. More metrics are divided into several messages.
 const BYTES_IN_ONE: usize = 32 * 1024;
 
-/// Maximum number of events that wait for a delayed birth.
+/// Maximum number of events that wait for a delayed birth; beyond it, the oldest are lost.
 const MOST_WAITING_EVENTS: usize = 256;
 
-/// Edge node, as a publisher.
+/// Sparkplug edge node: the publisher of this message format.
 #[derive(Debug)]
 pub struct Sparkplug {
     address: Address,
     takes_measured: bool,
     bd_seq: u8,
     seq: u8,
-    /// Metrics in the birth of this connection; `None` without one.
+    /// Metrics in the birth of this connection; `None` before the birth, and without a connection.
     born: Option<BirthMetrics>,
     born_at: Moment,
-    /// Shift of the last snapshot.
+    /// Difference between wall-clock time and monotonic time in the last snapshot.
     shift: Shift,
     published: PublishedMetrics,
     unconfirmed: Unconfirmed,
-    /// Whether a host has requested a birth that is not due yet. No data are published before it.
+    /// Whether a host has requested a birth that is not due yet. The node publishes no data before this birth.
     owes_birth: bool,
-    /// Events since the request of the host.
+    /// Events since a host requested the birth; they are published after it.
     waiting: Vec<PlantEvent>,
-    /// Time and content of the last measured error without an identification. A broker may deliver it twice.
+    /// Time stamp and content of the last measured error without an identification. If both arrive again, the broker
+    /// has delivered the message twice.
     last_asked: Option<(u64, Command)>,
     left_out: LostValues,
-    /// Number of lost values at the last query of [`Publisher::left_out`].
+    /// Number of lost values at the last call of [`Publisher::left_out`].
     queried: u64,
 }
 
-/// Numbers of lost values since the start.
+/// Numbers of values, records and events that were lost since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LostValues {
     /// Stored records that cannot be read.
     pub unreadable_records: u64,
     /// Values in stored records whose metric no longer exists, or has another type.
     pub unknown_values: u64,
-    /// Records that may be undelivered, and did not fit into memory.
+    /// Published records that may be undelivered, but could not be stored, because the limit of memory was reached.
     pub unconfirmed_records: u64,
-    /// Events beyond the limit while a birth was delayed.
+    /// Events above the limit of those that wait for a delayed birth.
     pub events: u64,
 }
 
 impl Sparkplug {
-    /// Makes an edge node with this address. `bd_seq` is the last used number; each connection uses the next one.
-    /// `takes_measured` is whether the profile lets hosts send measured errors.
+    /// Creates an edge node with this address. `bd_seq` is the last used death number; each connection uses the next
+    /// one. `takes_measured` states whether the profile lets hosts send measured errors.
     pub fn new(address: Address, bd_seq: u8, takes_measured: bool) -> Sparkplug {
         Sparkplug {
             address,
@@ -130,17 +130,18 @@ impl Sparkplug {
         }
     }
 
-    /// Number in the last will and its births. The gateway stores it over restarts.
+    /// Returns the death number (bdSeq) of the last will and its births. The gateway stores the number for its next
+    /// run.
     pub fn bd_seq(&self) -> u8 {
         self.bd_seq
     }
 
-    /// Numbers of lost values so far.
+    /// Returns the numbers of values, records and events that were lost since the start.
     pub fn left_out(&self) -> LostValues {
         LostValues { unconfirmed_records: self.unconfirmed.dropped(), ..self.left_out }
     }
 
-    /// Makes the birth, and data messages with the events since then.
+    /// Makes the birth message, and data messages with the waiting events and `events`.
     fn birth(&mut self, now: Moment, snapshot: &Snapshot, events: &[PlantEvent]) -> Vec<Message> {
         let stamp = self.stamp(now, snapshot);
         self.owes_birth = false;
@@ -162,13 +163,13 @@ impl Sparkplug {
         messages
     }
 
-    /// Converts to wall-clock time.
+    /// Converts `now` to wall-clock time, and stores the shift of the snapshot.
     fn stamp(&mut self, now: Moment, snapshot: &Snapshot) -> Moment {
         self.shift = snapshot.shift;
         now.shifted(self.shift)
     }
 
-    /// Makes data messages from metrics with names. `is_historical` marks values of the past.
+    /// Makes data messages from metrics that have names. `is_historical` marks values of the past, from stored records.
     fn data(
         &mut self,
         stamp: Moment,
@@ -215,13 +216,13 @@ impl Sparkplug {
         Message { topic: self.address.topic(verb), payload: payload.bytes(), qos, retained: false }
     }
 
-    /// Returns whether a requested birth is due: not too soon after the last one, or the clock was set back.
+    /// Returns whether the node may publish another birth: the last one is long enough ago, or the clock was set back.
     fn may_be_born(&self, now: Moment) -> bool {
         now < self.born_at || now.since(self.born_at) >= BETWEEN_BIRTHS
     }
 }
 
-/// Divides metrics into parts of about the size of one message.
+/// Divides metrics into parts, each at most about as large as one message may be.
 fn in_parts(metrics: Vec<Metric>) -> Vec<Vec<Metric>> {
     let mut parts: Vec<Vec<Metric>> = Vec::new();
     let mut bytes = 0;
@@ -336,7 +337,8 @@ impl Publisher for Sparkplug {
         self.data(now.shifted(self.shift), metrics, true)
     }
 
-    /// Returns `false` before a requested birth, because no data may precede it.
+    /// Returns `false` while the node has no birth, or while a requested birth is not published: no data may precede a
+    /// birth.
     fn may_forward(&self) -> bool {
         self.born.is_some() && !self.owes_birth
     }

@@ -1,21 +1,21 @@
-//! Records on disk until they can be published: oldest first, with a limited size.
+//! Store of records on disk until they can be published, oldest first. Its size is limited.
 //!
 //! ```text
 //! DIRECTORY/00000000000000000000.records     records 0, 1, 2 …: header, then length, checksum and bytes of each
-//! DIRECTORY/00000000000000000210.records     from 210 on; only the last file grows, and none is written to after a
-//! restart DIRECTORY/told                             all records before this number were published
+//! DIRECTORY/00000000000000000210.records     from 210 on; only the last file grows, until the next restart
+//! DIRECTORY/told                             all records before this number were published
 //! ```
 //!
 //! **After a kill**, every record that [`push`](Store::push) has accepted is available, in order and unchanged. A
 //! partly written record is discarded. Records that were published, but not yet marked by
-//! [`drop_first`](Store::drop_first), are returned again; others are not. After a power failure, this holds for records
-//! before a call of [`sync`](Store::sync).
+//! [`drop_first`](Store::drop_first), are returned again; others are not. After a power failure, this holds only for
+//! records that were appended before the last call of [`sync`](Store::sync).
 //!
-//! **A full store** removes the whole oldest file, and counts its records that were not published.
+//! **A full store** removes its whole oldest file. The records in it that were not published are counted as lost.
 //!
 //! Records are numbered, and the checksum includes the number. Therefore bytes at another position, of another file, or
-//! of an earlier store are not accepted as a record. Records in a damaged file are counted as lost, as far as the files
-//! after it show their number.
+//! of an earlier store are not accepted as a record. Records in a damaged file are counted as lost. The first number in
+//! the next file shows how many there were.
 
 use std::collections::VecDeque;
 use std::fs::{self, File};
@@ -37,33 +37,33 @@ use crate::interface::Record;
 
 const CHECKSUM: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 
-/// Mode of the files, as of the other files in the state directory.
+/// Permissions of the files: the owner can write, the group can read.
 const MODE: u32 = 0o640;
-/// Maximum size of a file in bytes; at most a sixteenth of the size of the store.
+/// Maximum size of a file in bytes. In a small store, it is a sixteenth of the size of the store.
 const LONGEST_FILE: u64 = 1024 * 1024;
 const FILES: u64 = 16;
 
-/// Store of records on disk.
+/// Store of records on disk, until they are published.
 #[derive(Debug)]
 pub struct Store {
     directory: PathBuf,
     most_bytes: u64,
     longest_file: u64,
-    /// Files, oldest first. The last one grows as long as `writer` exists.
+    /// Files of records, oldest first. The last file grows as long as `writer` exists.
     segments: VecDeque<Segment>,
     writer: Option<File>,
-    /// Whether the directory entry of the last file may not be on disk yet.
+    /// Whether the directory entry of the last file is not yet synchronised to disk.
     is_new: bool,
-    /// Number of the first record that was not published.
+    /// Number of the first record that is not marked as published.
     published: u64,
-    /// Number of the next record.
+    /// Number that the next record will get.
     next: u64,
     published_file: NumberFile,
     dropped: u64,
     disk: Disk,
 }
 
-/// Maximum number of messages about the disk that were not read.
+/// Maximum number of reports in `news` that the gateway has not read yet. Further reports are discarded.
 const MOST_NEWS: usize = 16;
 
 #[derive(Debug, Default)]
@@ -73,14 +73,14 @@ struct Disk {
     news: VecDeque<DiskNews>,
 }
 
-/// Message about a change of the disk state.
+/// Report that writing to the disk fails, or works again.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum DiskNews {
-    /// Records cannot be written, for this reason.
+    /// Records cannot be written; contains the reason.
     Fails(String),
     /// Records can be written again.
     Works {
-        /// Number of records that were lost meanwhile.
+        /// Number of records that were lost while writing failed.
         lost: u64,
     },
 }
@@ -130,7 +130,7 @@ impl Store {
         Ok(store)
     }
 
-    /// Number of records missing between the published records and those on disk.
+    /// Returns the number of unpublished records that exist in no file, because a file is damaged or missing.
     fn missing(&self) -> u64 {
         let mut expected = self.published;
         let mut missing = 0;
@@ -141,11 +141,11 @@ impl Store {
         missing
     }
 
-    /// Appends a record. If the store is full, it removes the oldest records.
+    /// Appends a record. If the store is full, removes its oldest file.
     ///
     /// # Errors
     /// - The record cannot be written. It is lost, and [`news`](Store::news) reports the failure once.
-    /// - The record is longer than allowed. It is counted in [`dropped`](Store::dropped).
+    /// - The record is longer than allowed. [`dropped`](Store::dropped) counts it.
     pub fn push(&mut self, record: &Record) -> io::Result<()> {
         let bytes = FRAME + u64::try_from(record.0.len()).unwrap_or(u64::MAX - FRAME);
         if record.0.len() > LONGEST || Segment::on_disk(HEADER + bytes) > self.most_bytes {
@@ -182,7 +182,7 @@ impl Store {
         Ok(())
     }
 
-    /// Closes the last file. Nothing is appended to it again, because it may end with a part of a record.
+    /// Closes the last file, which may end with an incomplete record. The next record begins a new file.
     fn give_up_file(&mut self) {
         let Some(last) = self.segments.back_mut() else { return };
         let path = last.path(&self.directory);
@@ -196,7 +196,7 @@ impl Store {
         }
     }
 
-    /// Removes the oldest files until there is room for this number of bytes.
+    /// Removes the oldest files until `bytes` more bytes fit within the limit of the store.
     fn make_room(&mut self, bytes: u64) -> io::Result<()> {
         let mut lost_some = false;
         while self.after(bytes) > self.most_bytes {
@@ -214,7 +214,7 @@ impl Store {
         if lost_some { self.published_file.write(self.published) } else { Ok(()) }
     }
 
-    /// Size of all files on disk after this number of bytes is appended.
+    /// Returns the size of all files on disk, in bytes, after `bytes` more bytes are appended.
     fn after(&self, bytes: u64) -> u64 {
         let sizes = self.segments.iter().map(|segment| segment.bytes);
         let grows = self.writer.is_some();
@@ -246,7 +246,7 @@ impl Store {
         }
     }
 
-    /// Marks the oldest file as unreadable from this record number on.
+    /// Marks the oldest file as unreadable from the record number `from` on, and counts the lost records.
     fn drop_damaged(&mut self, from: u64) -> io::Result<()> {
         let is_growing = self.segments.len() == 1;
         let Some(oldest) = self.segments.front_mut() else { return Ok(()) };
@@ -258,11 +258,11 @@ impl Store {
         self.forget_published()
     }
 
-    /// Marks this number of the oldest records as published, and removes them.
+    /// Marks the `count` oldest records as published, and removes the files that contain no others.
     ///
     /// # Errors
-    /// The mark cannot be written. The records are not returned before a restart. After a restart, they are returned if
-    /// their file still exists.
+    /// The mark cannot be written. Until a restart, the records are not returned again. After a restart, they are
+    /// returned if their file still exists.
     pub fn drop_first(&mut self, count: usize) -> io::Result<()> {
         let mut left = u64::try_from(count).unwrap_or(u64::MAX);
         for segment in &self.segments {
@@ -297,10 +297,10 @@ impl Store {
         Ok(())
     }
 
-    /// Waits until all data are on disk.
+    /// Waits until all appended records are on disk.
     ///
     /// # Errors
-    /// The data may not be on disk.
+    /// The disk reports an error: records may not be on it.
     pub fn sync(&mut self) -> io::Result<()> {
         let Some(file) = &self.writer else { return Ok(()) };
         file.sync_data()?;
@@ -310,34 +310,36 @@ impl Store {
         Ok(())
     }
 
-    /// Number of waiting records.
+    /// Returns the number of records that are not marked as published.
     pub fn len(&self) -> u64 {
         let waiting = |segment: &Segment| segment.end().saturating_sub(segment.first.max(self.published));
         self.segments.iter().map(waiting).sum()
     }
 
-    /// Returns whether no record waits.
+    /// Returns whether all records are marked as published.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Size of the files on disk in bytes.
+    /// Returns the size of the files on disk, in bytes.
     pub fn bytes(&self) -> u64 {
         self.after(0)
     }
 
-    /// Number of records since the last call that were removed for lack of room, or were damaged.
+    /// Returns the number of records that were lost since the last call: removed from a full store, too long, or
+    /// damaged.
     pub fn dropped(&mut self) -> u64 {
         std::mem::take(&mut self.dropped)
     }
 
-    /// Next message about the disk: one when it begins to fail, and one when it works again.
+    /// Returns the next report about the disk: one when writing begins to fail, and one when it works again. `None` if
+    /// there is none.
     pub fn news(&mut self) -> Option<DiskNews> {
         self.disk.news.pop_front()
     }
 }
 
-/// Removes a file. A missing file is no error.
+/// Removes a file. A file that does not exist is no error.
 fn remove(path: &Path) -> io::Result<()> {
     match fs::remove_file(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
@@ -345,7 +347,7 @@ fn remove(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Creates a file that the user can write and the group can read.
+/// Creates a file that its owner can write and the group can read.
 fn create(path: &Path) -> io::Result<File> {
     fs::OpenOptions::new().write(true).create(true).truncate(true).mode(MODE).open(path)
 }

@@ -5,7 +5,8 @@
 use std::borrow::Cow;
 use std::fmt::Write as _;
 
-/// Returns whether a character is invisible but has an effect.
+/// Returns whether a character is invisible: a control character, or a mark that changes spacing or the direction of
+/// text.
 pub(crate) fn is_unseen(one: char) -> bool {
     one.is_control()
         || matches!(one, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}')
@@ -16,7 +17,7 @@ pub fn one_line(text: &str) -> Cow<'_, str> {
     escaped(text, is_unseen)
 }
 
-/// Escapes a text of several lines. Line ends and tabs stay. JSON remains valid JSON.
+/// Escapes the invisible characters of a text, except line feeds and tabs. A JSON text stays valid JSON.
 pub fn lines(text: &str) -> Cow<'_, str> {
     escaped(text, |one| is_unseen(one) && !matches!(one, '\n' | '\t'))
 }

@@ -1,4 +1,7 @@
-//! DBC files: from the name of a signal to its frames and bits.
+//! DBC files, which describe CAN frames: finds the frames and bits of a signal by its name.
+
+use std::collections::BTreeMap;
+use std::rc::Rc;
 
 use can_dbc::{
     AttributeDefinition, AttributeValue, AttributeValueType, ByteOrder as DbcOrder, Dbc, Message, MessageId,
@@ -10,14 +13,12 @@ use crate::error::allowed;
 use isotherm_core::border::beyond;
 use isotherm_core::codec::{BitField, BitKind, ByteOrder, CanId, CanMatch, Field, Selector};
 
-/// Error for a file on which the parser panicked.
-fn failed() -> Wrong {
-    let message = "this is not a readable DBC file: the parser failed".to_owned();
-    Wrong { at: None, message, help: "open and save it with an editor for DBC files".to_owned() }
-}
-
-/// Largest depth of nested multiplexers.
+/// Largest depth of nested multiplexers. A multiplexer is a CAN signal whose value selects the other signals of a
+/// frame.
 const DEEPEST: usize = 8;
+
+/// Files by name. `None` if a file cannot be read, which has been reported.
+pub(crate) type Dbcs = BTreeMap<String, Option<Rc<DbcFile>>>;
 
 /// Parsed DBC file with its text.
 #[derive(Clone, Debug)]
@@ -33,67 +34,74 @@ pub(crate) struct Described {
     pub(crate) field: Field,
     pub(crate) scale: f64,
     pub(crate) offset: f64,
-    /// Unit of the signal, if a profile has one with this meaning.
+    /// Unit of the signal. `None` if it is dimensionless, or if no unit of a profile means the same.
     pub(crate) unit: Option<Unit>,
 }
 
-/// Mistake in or about a DBC file. It has a position only if the file itself is wrong.
+/// Error in a DBC file, or in the name of a signal. Only an error in the file itself has a position.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Wrong {
-    /// Line and column, counted from 1.
+    /// Line and column in the DBC file, counted from 1. `None` if the error has no single position.
     pub(crate) at: Option<(usize, usize)>,
     pub(crate) message: String,
     pub(crate) help: String,
 }
 
+impl Wrong {
+    /// Creates an error without a position in the file.
+    fn about(message: impl Into<String>, help: impl Into<String>) -> Wrong {
+        Wrong { at: None, message: message.into(), help: help.into() }
+    }
+}
+
 impl DbcFile {
-    /// Parses the bytes of a file in UTF-8 or Latin-1, which most editors write.
+    /// Parses the bytes of a DBC file in UTF-8. Other bytes are read as Latin-1, which many DBC editors write.
     ///
     /// # Errors
-    /// The file is not a DBC file. The error has the first invalid line.
+    /// The file is not a DBC file. The error states the position of the first invalid line.
     pub(crate) fn read(bytes: Vec<u8>) -> Result<DbcFile, Wrong> {
         let text = match String::from_utf8(bytes) {
             Ok(text) => text,
             Err(other) => other.as_bytes().iter().map(|byte| char::from(*byte)).collect(),
         };
         let text = text.trim_start_matches('\u{feff}').to_owned();
+        let panicked = |_| {
+            let message = "this is not a readable DBC file: the parser failed";
+            Wrong::about(message, "open and save it with an editor for DBC files")
+        };
         let unreadable = |why: can_dbc::DbcError| {
             let why = why.to_string();
-            Wrong {
-                at: place(&why),
-                message: "this is no entry of a DBC file".to_owned(),
-                help: expected(&why),
-            }
+            Wrong { at: place(&why), ..Wrong::about("this is no entry of a DBC file", expected(&why)) }
         };
-        let dbc = beyond(|| Dbc::try_from(text.as_str())).map_err(|_| failed())?.map_err(unreadable)?;
+        let dbc = beyond(|| Dbc::try_from(text.as_str())).map_err(panicked)?.map_err(unreadable)?;
         Ok(DbcFile { dbc, text })
     }
 
-    /// Returns a line of the file, for messages.
+    /// Returns a line of the file for a message. `None` if the line is no entry of a DBC file, because it may contain
+    /// secrets.
     pub(crate) fn line(&self, line: usize) -> Option<&str> {
         shown(&self.text, line)
     }
 
-    /// Returns the signal with this name, "Message.Signal". With a J1939 source address, its message is a parameter
-    /// group of that sender. Without one, it is a parameter group of any sender if the file marks it as such.
+    /// Finds a signal by its name, "Message.Signal". With a J1939 `source` address, only frames of this sender contain
+    /// the signal. Without one, frames of any sender do, if the file marks the message as a J1939 parameter group.
     ///
     /// # Errors
-    /// The signal does not exist, or its frames or bits are not possible.
+    /// The signal does not exist, or CAN does not allow its identifier or its bits.
     pub(crate) fn signal(&self, name: &str, source: Option<u8>) -> Result<Described, Wrong> {
-        let about = |message: String, help: String| Wrong { at: None, message, help };
         let Some((message_name, signal_name)) = name.split_once('.') else {
             let help = format!("write \"Message.Signal\"; messages: {}", names(&self.dbc.messages));
-            return Err(about(format!("`{name}` names no message and signal"), help));
+            return Err(Wrong::about(format!("`{name}` is not the name of a message and a signal"), help));
         };
         let Some(message) = self.dbc.messages.iter().find(|message| message.name == message_name) else {
             let known = self.dbc.messages.iter().map(|message| message.name.as_str());
             let help = allowed(message_name, known);
-            return Err(about(format!("the DBC file has no message `{message_name}`"), help));
+            return Err(Wrong::about(format!("the DBC file has no message `{message_name}`"), help));
         };
         let Some(signal) = message.signals.iter().find(|signal| signal.name == signal_name) else {
             let help = allowed(signal_name, message.signals.iter().map(|signal| signal.name.as_str()));
             let what = format!("message `{message_name}` of the DBC file has no signal `{signal_name}`");
-            return Err(about(what, help));
+            return Err(Wrong::about(what, help));
         };
         let frames = self.frames(message, source)?;
         let size = usize::try_from(message.size).unwrap_or(usize::MAX);
@@ -123,29 +131,26 @@ impl DbcFile {
         let Some(id) = id else {
             let what = format!("the identifier of `{}` has more than 11 bits", message.name);
             let mut wrong = self.at(&format!(" {}:", message.name), None, what);
-            wrong.help = "a message with 29 bits is written with 2147483648 (bit 31) added to its identifier"
-                .to_owned();
+            wrong.help =
+                "in a DBC file, an identifier of 29 bits needs bit 31: add 2147483648 to it".to_owned();
             return Err(wrong);
         };
         match (is_group, id.is_extended()) {
             (false, _) => Ok(CanMatch::exactly(id)),
-            (true, true) => CanMatch::parameter_group(id.raw(), source).ok_or_else(|| Wrong {
-                at: None,
-                message: format!("{id} is no parameter group"),
-                help: "correct the DBC file".to_owned(),
-            }),
+            (true, true) => CanMatch::parameter_group(id.raw(), source)
+                .ok_or_else(|| Wrong::about(format!("{id} is no parameter group"), "correct the DBC file")),
             (true, false) => {
                 let message = format!(
                     "message `{}` has an identifier of 11 bits, but a J1939 parameter group has 29",
                     message.name
                 );
-                let help = "remove `source_address` of the device, or correct the DBC file".to_owned();
-                Err(Wrong { at: None, message, help })
+                Err(Wrong::about(message, "remove `source_address` of the device, or correct the DBC file"))
             }
         }
     }
 
-    /// Returns the frame format of a message, from the attribute in which editors store it.
+    /// Returns the frame format of a message, for example `J1939PG`. Editors store it in the attribute `VFrameFormat`.
+    /// `None` if the file does not state it.
     fn format(&self, id: MessageId) -> Option<&str> {
         const NAME: &str = "VFrameFormat";
         let words = self.dbc.attribute_definitions.iter().find_map(|definition| match definition {
@@ -185,7 +190,8 @@ impl DbcFile {
         })
     }
 
-    /// Returns the multiplexers that select whether a frame contains the signal.
+    /// Returns the multiplexers of a signal, each with the values at which a frame contains the signal. Empty if every
+    /// frame of the message contains the signal.
     fn selectors(&self, message: &Message, signal: &Signal, deep: usize) -> Result<Vec<Selector>, Wrong> {
         let extended: Vec<_> = (self.dbc.extended_multiplex.iter())
             .filter(|known| known.message_id == message.id && known.signal_name == signal.name)
@@ -217,7 +223,7 @@ impl DbcFile {
         Ok(selectors)
     }
 
-    /// Returns the identifier of a message as it is in the text.
+    /// Returns the identifier of a message from the text of the file, because the parser truncates large identifiers.
     fn written_id(&self, name: &str) -> Option<u64> {
         self.text.lines().find_map(|line| {
             let mut words = line.trim_start().strip_prefix("BO_ ")?.split_whitespace();
@@ -226,7 +232,8 @@ impl DbcFile {
         })
     }
 
-    /// Builds an error at the first line with this text, within the block of a message if one is given.
+    /// Builds an error at the first line that contains `text`. With a `message`, the search begins at the line of this
+    /// message.
     fn at(&self, text: &str, message: Option<&&str>, what: String) -> Wrong {
         let mut lines = self.text.lines().enumerate();
         if let Some(message) = message {
@@ -238,7 +245,8 @@ impl DbcFile {
     }
 }
 
-/// Returns a line that may be shown. Only entries of a DBC file are shown: another file may contain secrets.
+/// Returns a line of a text, counted from 1. `None` if the line is no entry of a DBC file: a wrong file may contain
+/// secrets.
 pub(crate) fn shown(text: &str, line: usize) -> Option<&str> {
     const ENTRIES: [&str; 11] =
         ["BO_", "SG_", "CM_", "BA_", "VAL_", "VERSION", "NS_", "BS_", "BU_", "EV_", "SIG_"];
@@ -251,25 +259,28 @@ fn names(messages: &[Message]) -> String {
     names.join(", ")
 }
 
-/// Parses line and column from ` --> 10:16`.
+/// Parses line and column from the parser's message, which contains for example ` --> 10:16`.
 fn place(why: &str) -> Option<(usize, usize)> {
     let (line, column) = why.split_once("--> ")?.1.lines().next()?.split_once(':')?;
     Some((line.trim().parse().ok()?, column.trim().parse().ok()?))
 }
 
-/// Builds the hint from the parser's list of expected entries, if it is short. The parser's full message quotes the
-/// line, and is not shown.
+/// Builds a hint from the parser's message: the expected entries if they are few, otherwise an example. The message
+/// itself is not shown, because it quotes the line.
 fn expected(why: &str) -> String {
     let wanted = why.split_once("= expected ").map(|(_, wanted)| wanted.trim());
     match wanted {
         Some(wanted) if wanted.split_whitespace().count() <= 5 => {
             format!("{} is expected here", wanted.replace('_', " "))
         }
-        _ => "an entry such as `BO_ 256 Message: 8 Node` or ` SG_ Signal : 0|16@1- (0.1,0) [0|0] \"degC\" Node` is expected".to_owned(),
+        _ => "an entry such as `BO_ 256 Message: 8 Node` or ` SG_ Signal : 0|16@1- (0.1,0) [0|0] \"degC\" \
+              Node` is expected"
+            .to_owned(),
     }
 }
 
-/// Recognises units that DBC files write in several ways.
+/// Returns the profile's unit for a unit in a DBC file, for example "degC" for "deg C". `None` if it is unknown or
+/// dimensionless.
 fn unit(text: &str) -> Option<Unit> {
     let name = match text.trim() {
         "°C" | "degC" | "deg C" | "DegC" | "C" | "℃" | "Celsius" | "celsius" => "degC",

@@ -26,12 +26,12 @@ impl Section {
         self.lines.push(line.into());
     }
 
-    /// Adds lines of text with a common label. An `Option` is one line or none.
+    /// Adds lines of text, each with `label` before it. An `Option` adds one line or none.
     pub(crate) fn lines<T: fmt::Display>(&mut self, label: &str, lines: impl IntoIterator<Item = T>) {
         self.lines.extend(lines.into_iter().map(|line| format!("{label}{line}")));
     }
 
-    /// Adds the lines of another section, whose JSON is added separately.
+    /// Adds the lines of another section. The caller adds the JSON of that section separately.
     pub(crate) fn lines_of(&mut self, other: &Section) {
         self.lines.extend(other.lines.iter().cloned());
     }
@@ -41,18 +41,18 @@ impl Section {
         self.json(key, Json::Value(serde_json::to_value(value).unwrap_or_default()));
     }
 
-    /// Adds JSON that is or contains an object to the JSON object.
+    /// Adds a key to the JSON object. Its value is or contains another object.
     pub(crate) fn json(&mut self, key: &'static str, json: impl Into<Json>) {
         self.json.push((key, json.into()));
     }
 
-    /// Adds a section within this one: its lines and its JSON.
+    /// Adds a nested section: its lines, and its JSON under `key`. Without a section, the JSON is `null`.
     pub(crate) fn part(&mut self, key: &'static str, part: Option<Section>) {
         part.iter().for_each(|part| self.lines_of(part));
         self.json(key, part);
     }
 
-    /// Adds several sections within this one.
+    /// Adds nested sections: their lines, and their JSON as a list under `key`.
     pub(crate) fn parts(&mut self, key: &'static str, parts: impl Iterator<Item = Section>) {
         let parts: Vec<Section> = parts.collect();
         parts.iter().for_each(|part| self.lines_of(part));
@@ -60,7 +60,8 @@ impl Section {
     }
 }
 
-/// Adds entries to the JSON object of a section: `key = value`, or a variable with the name of its key.
+/// Adds entries to the JSON object of a section. An entry is `key = value`, or `key` alone for the variable of this
+/// name.
 macro_rules! entries {
     ($section:ident, $($key:ident $(= $value:expr)?),+) => {
         $($section.entry(stringify!($key), $crate::document::entries!(@value $key $($value)?));)+
@@ -116,8 +117,8 @@ impl fmt::Display for Section {
     }
 }
 
-/// Formats a number with at most this number of decimals, without trailing zeros. That hides the last digits of binary
-/// fractions.
+/// Formats a number with at most `digits` decimals, without trailing zeros. Rounding hides the last digits of binary
+/// fractions, for example of 0.30000000000000004.
 pub(crate) fn figure(number: f64, digits: usize) -> String {
     format!("{number:.digits$}").trim_end_matches('0').trim_end_matches('.').to_owned()
 }

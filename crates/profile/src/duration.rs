@@ -12,8 +12,8 @@ use crate::wording::duration_text;
 pub(crate) struct Timespan(pub(crate) Duration);
 
 impl Timespan {
-    /// Pattern in the schema, for editors. The walk recognises durations by it, because the schema of a required key is
-    /// inlined instead of a `$ref`.
+    /// Pattern of a duration in the JSON schema, for editors. The schema check recognises a duration by this pattern,
+    /// because the schema of a required key has no `$ref` with the name of the type.
     pub(crate) const PATTERN: &'static str = "^\\s*(\\d+\\s*[a-zA-Zµ]+\\s*)+$";
 }
 
@@ -34,4 +34,9 @@ schema_of!(Timespan as "Duration": {
 /// Formats a duration in the notation of a profile.
 pub(crate) fn shown(span: Duration) -> String {
     duration_text(span)
+}
+
+/// Returns a duration in milliseconds.
+pub(crate) fn ms(span: Duration) -> f64 {
+    1000.0 * span.as_secs_f64()
 }

@@ -1,4 +1,5 @@
-//! Errors of a profile: each with its place, the allowed words, and the nearest one.
+//! Errors of a profile: each with its place in the profile, the words allowed at this place, and the nearest of these
+//! words.
 
 use std::fmt;
 
@@ -10,31 +11,32 @@ use crate::source_map::SourceMap;
 use crate::wording::{allowing_line, counted};
 
 /// Error or warning in a profile.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct ProfileError {
-    /// Name of the file, `environment ISOTHERM__…` or `--set key`.
+    /// Source of the wrong value: a file name, an environment variable (`environment ISOTHERM__…`), or an option
+    /// (`--set key`).
     pub file: String,
-    /// Line, counted from 1. `None` outside of a file.
+    /// Line, counted from 1. `None` if the source is not a file.
     pub line: Option<usize>,
-    /// Column, counted from 1, in characters. `None` outside of a file.
+    /// Column, counted from 1, in characters. `None` if the source is not a file.
     pub column: Option<usize>,
-    /// Path of the key: `axis.z.model[0].terms[1].gain`.
+    /// Path of the key, for example `axis.z.model[0].terms[1].gain`.
     pub key: String,
     /// Mistake, in one sentence.
     pub message: String,
     /// Hint: allowed words, the nearest word, or the remedy.
     pub help: Option<String>,
-    /// Line with the error. If it is long, only the part around the error.
+    /// Text of the line with the error. A long line is truncated on both sides of the error.
     #[serde(skip)]
     pub excerpt: Option<String>,
     /// Number of characters of the excerpt before the error.
     #[serde(skip)]
     pub caret: usize,
-    /// Number of errors that are not listed. Only the last listed error has it.
+    /// Number of further errors that are not listed. Only the last listed error has a number other than 0.
     #[serde(skip_serializing_if = "is_nought")]
     pub more: usize,
-    /// Value that `allow_override` of the profile would need, if a layer above the profile must not set this key. Empty
-    /// if nothing allows it. `None` for any other error.
+    /// Value of the profile's key `allow_override` that would permit this setting of the local file, the environment or
+    /// `--set`. Empty if no value permits it. `None` for all other errors.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub allow_override: Option<Vec<String>>,
 }
@@ -44,20 +46,20 @@ fn is_nought(number: &usize) -> bool {
     *number == 0
 }
 
-/// Number of errors that are listed. The others are only counted.
+/// Largest number of errors in a report. Further errors are only counted.
 const MOST_LISTED: usize = 50;
-/// Number of errors that are collected before they are sorted. Any more are only counted.
+/// Largest number of errors that are collected and sorted. Further errors are only counted.
 const MOST_DESCRIBED: usize = 1000;
-/// Number of words that are listed as allowed.
+/// Largest number of allowed words that a hint lists.
 const MOST_WORDS: usize = 130;
-/// Number of words that are compared to find the nearest one.
+/// Largest number of allowed words that are compared with a wrong word, to find the nearest one.
 const MOST_COMPARED: usize = 1000;
-/// Largest length of a message, in characters. A message quotes the profile.
+/// Largest length of an error message, in characters, because a message may quote a long text of the profile.
 const LONGEST_MESSAGE: usize = 800;
-/// Largest length of a hint, in characters. A hint lists the allowed words.
+/// Largest length of a hint, in characters, because a hint may list many allowed words.
 const LONGEST_HELP: usize = 1900;
 
-/// Collected errors or warnings. The number is limited, because a file may contain millions of wrong keys.
+/// Collected errors or warnings. Their number is limited, because a file may contain millions of wrong keys.
 #[derive(Debug, Default)]
 pub(crate) struct Findings {
     described: Vec<ProfileError>,
@@ -74,12 +76,12 @@ impl Findings {
         other.described.into_iter().for_each(|error| self.push(error));
     }
 
-    /// Returns whether another error is only counted, so that its description is not needed.
+    /// Returns whether further errors are only counted. A caller then need not describe an error.
     pub(crate) fn is_full(&self) -> bool {
         self.described.len() >= MOST_DESCRIBED
     }
 
-    /// Counts an error without its description.
+    /// Counts an error without storing a description of it.
     pub(crate) fn count(&mut self) {
         self.more += 1;
     }
@@ -92,8 +94,8 @@ impl Findings {
         self.len() == 0
     }
 
-    /// Returns the errors that are listed. Those of keys that layers must not set come first. Both groups are in the
-    /// order of the layers and lines.
+    /// Returns the errors for a report, in the order of layers and lines. Errors about values that only the profile
+    /// itself may set come first.
     pub(crate) fn listed(mut self, spans: &SourceMap) -> Vec<ProfileError> {
         spans.sort(&mut self.described);
         self.described.sort_by_key(|error| error.allow_override.is_none());
@@ -119,8 +121,8 @@ fn cut(text: &mut String, longest: usize) {
     }
 }
 
-/// All errors of a profile. Those of keys that layers above it must not set come first. Both groups are in the order of
-/// the layers and lines.
+/// Errors of a profile, in the order of its layers (profile, local file, environment, `--set`) and lines. Errors about
+/// values that only the profile itself may set come first.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(transparent)]
 pub struct Errors(pub Vec<ProfileError>);
@@ -132,18 +134,7 @@ impl ProfileError {
         message: impl Into<String>,
         help: Option<String>,
     ) -> ProfileError {
-        ProfileError {
-            file: file.into(),
-            line: None,
-            column: None,
-            key: String::new(),
-            message: message.into(),
-            help,
-            excerpt: None,
-            caret: 0,
-            more: 0,
-            allow_override: None,
-        }
+        ProfileError { file: file.into(), message: message.into(), help, ..ProfileError::default() }
     }
 }
 
@@ -224,7 +215,7 @@ fn shown<'w, 'a>(words: &'w [&'a str]) -> &'w [&'a str] {
     &words[..words.len().min(MOST_WORDS)]
 }
 
-/// Common spellings, with the words of a profile that they mean.
+/// Spellings that a profile does not accept, each with the word of the profile that means the same.
 const ALSO: [(&str, &str); 16] = [
     ("c", "degC"),
     ("°c", "degC"),
@@ -244,7 +235,8 @@ const ALSO: [(&str, &str); 16] = [
     ("float", "f32"),
 ];
 
-/// Returns the word of the profile that a common spelling means. `lower` is in lower case.
+/// Returns the allowed word for a common spelling, for example `degC` for `celsius`. `lower` is the written word in
+/// lower case. `is_meant` returns whether this word is a spelling of the list.
 pub(crate) fn also<'a>(
     lower: &str,
     words: &[&'a str],
@@ -254,7 +246,7 @@ pub(crate) fn also<'a>(
     meant.filter_map(|meant| words.iter().copied().find(|known| *known == meant)).next()
 }
 
-/// Returns the word that was probably meant.
+/// Returns the allowed word that is nearest to `word`, which was probably meant. `None` if no word is similar.
 pub fn nearest<'a>(word: &str, words: &[&'a str]) -> Option<&'a str> {
     let lower = word.to_lowercase();
     if let Some(meant) = also(&lower, words, |word, written| word == written) {

@@ -1,4 +1,4 @@
-//! Files that a profile names. They are read from disk, from kept sources, or from the program itself.
+//! Files that a profile names. The loader reads them from disk, from stored [`Sources`], or from memory.
 
 use std::collections::BTreeSet;
 use std::io::{Error, ErrorKind};
@@ -23,13 +23,13 @@ pub(crate) enum Files<'a> {
 /// Whether the certificates and keys that a profile names must exist.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Certificates {
-    /// They must exist; a missing file is an error.
+    /// Certificates and keys must exist. A missing file is an error.
     Needed,
-    /// Missing ones are created later.
+    /// A missing certificate or key is no error, because it is created later.
     ToBeMade,
 }
 
-/// Directory of a profile, with the record of what was read.
+/// Directory of a profile, with a record of the files that were read from it.
 #[derive(Debug)]
 pub(crate) struct Disk<'a> {
     directory: &'a Path,
@@ -41,7 +41,7 @@ pub(crate) struct Disk<'a> {
 #[derive(Debug, Default)]
 pub(crate) struct Reads {
     pub(crate) names: BTreeSet<String>,
-    /// Sources in which every answer of the file system is stored. `None` if nothing is stored.
+    /// Copy of everything that was read, for loading the same profile again. `None` if no copy is made.
     pub(crate) sources: Option<Sources>,
 }
 
@@ -58,7 +58,8 @@ impl<'a> Disk<'a> {
         self.reads.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Reads a file. If sources are kept, each file is read from disk only once.
+    /// Reads a file of at most `largest` bytes. If a copy of all sources is made, each file is read from disk only
+    /// once.
     fn bytes(&self, name: &str, largest: u64) -> Result<Vec<u8>, String> {
         let mut reads = self.reads();
         reads.names.insert(name.to_owned());
@@ -91,10 +92,10 @@ impl<'a> Disk<'a> {
 }
 
 impl Files<'_> {
-    /// Reads the text of a layer.
+    /// Reads the text of a layer that is a file: the profile, or the `.local.toml` next to it.
     ///
     /// # Errors
-    /// Those of reading a file.
+    /// The file does not exist, cannot be read, is too large, or is not UTF-8.
     pub(crate) fn layer(&self, path: &Path) -> std::io::Result<String> {
         match self {
             Files::Beside(disk) => disk.layer(path),
@@ -120,7 +121,7 @@ impl Files<'_> {
             return Ok(None);
         }
         let text = String::from_utf8(self.bytes(name, safe_file::LARGEST_PROFILE)?);
-        text.map(Some).map_err(|_| format!("{} is no text in UTF-8", self.path(name)))
+        text.map(Some).map_err(|_| format!("{} is not a text in UTF-8", self.path(name)))
     }
 
     fn is_there(&self, name: &str) -> bool {
@@ -131,13 +132,13 @@ impl Files<'_> {
         }
     }
 
-    /// Returns true if this certificate or key is missing, and will be created later.
+    /// Returns whether this certificate or key does not exist yet, and is created later.
     pub(crate) fn is_to_be_made(&self, name: &str) -> bool {
         matches!(self, Files::Beside(disk) if disk.certificates == Certificates::ToBeMade)
             && !self.is_there(name)
     }
 
-    /// Path of a file in messages.
+    /// Returns the path of a file, for messages.
     pub(crate) fn path(&self, name: &str) -> String {
         match self.directory() {
             Some(directory) => directory.join(name).display().to_string(),
@@ -162,7 +163,7 @@ impl Files<'_> {
         }
     }
 
-    /// Returns the names in a directory that end with `end`, without that end.
+    /// Returns the names of the files in a directory that end with `end`, each without this ending.
     pub(crate) fn names(&self, directory: &str, end: &str) -> Vec<String> {
         let list = format!("{directory}/*{end}");
         match self {

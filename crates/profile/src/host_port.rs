@@ -14,7 +14,7 @@ pub enum NoPlace {
     Unbracketed {
         /// Address without brackets.
         address: String,
-        /// Port after it, if it can be distinguished from the address.
+        /// Port after the address. `None` if the text has no port.
         port: Option<u16>,
     },
     /// The text is invalid for any other reason.
@@ -22,7 +22,8 @@ pub enum NoPlace {
 }
 
 impl NoPlace {
-    /// Returns the address that was probably meant. `usual` is the port if none can be read.
+    /// Returns the address that was probably meant, with the port `usual` if the text has no valid port. `None` if no
+    /// address can be guessed.
     pub fn meant(&self, usual: u16) -> Option<String> {
         match self {
             NoPlace::PortTooLarge { host } => Some(format!("{host}:{usual}")),
@@ -31,7 +32,8 @@ impl NoPlace {
         }
     }
 
-    /// Builds the hint. `written` formats the address that was probably meant. `None` if that is unknown.
+    /// Builds a hint with the address that was probably meant, which `written` formats. `None` if no address can be
+    /// guessed.
     pub fn help(&self, usual: u16, written: impl Fn(&str) -> String) -> Option<String> {
         let meant = written(&self.meant(usual)?);
         Some(match self {
@@ -67,7 +69,7 @@ pub fn host_and_port(text: &str) -> Result<(&str, Option<u16>), NoPlace> {
     }
 }
 
-/// Explains a text with several colons and without brackets.
+/// Returns the reason why a text with several colons and without brackets is invalid.
 fn unbracketed(text: &str) -> NoPlace {
     let unbracketed = |address: &str, port| NoPlace::Unbracketed { address: address.to_owned(), port };
     match text.rsplit_once(':').filter(|(address, _)| is_ipv6(address)) {
@@ -84,13 +86,14 @@ fn is_number(text: &str) -> bool {
     !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit())
 }
 
-/// Returns whether a text is an IPv6 address. The number of an interface may follow: `fe80::1%2`.
+/// Returns whether a text is an IPv6 address, which may end with the number of a network interface: `fe80::1%2`.
 pub(crate) fn is_ipv6(text: &str) -> bool {
     let (address, interface) = text.split_once('%').unwrap_or((text, "0"));
     address.parse::<Ipv6Addr>().is_ok() && interface.parse::<u32>().is_ok()
 }
 
-/// Returns whether a text is an ASCII host name or an address, an IPv6 address in brackets and without an interface.
+/// Returns whether a text is an ASCII host name, an IPv4 address, or an IPv6 address in brackets without a network
+/// interface.
 pub(crate) fn is_host(text: &str) -> bool {
     match text.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
         Some(address) => address.parse::<Ipv6Addr>().is_ok(),

@@ -1,7 +1,8 @@
-//! Machine profile: one TOML file, resolved into its final types before anything is opened.
+//! Machine profile: one TOML file, resolved into its final types before the gateway opens a connection.
 //!
 //! [`load`] reads the layers: the profile, the `.local.toml` next to it, the environment, and `--set`. It reports all
-//! errors at once, each with its place. The result is a [`Profile`], in which names are indices and texts are types.
+//! errors at once, each with its place. The result is a [`Profile`], in which references to a name are indices, and
+//! words are Rust types.
 //!
 //! # Layout
 //! - `load`, `merge`, `schema_check`, `source_map`: reading the layers, merging them, checking them against the schema,
@@ -10,9 +11,9 @@
 //! - `files`, `sources`: files that a profile names, and the record of everything that was read.
 //! - [`host_and_port`]: addresses. [`safe_file`]: files named by a user. `control_chars`: safe display of foreign
 //!   texts.
-//! - `template`, `dbc`: device templates and DBC files.
+//! - `template`, `dbc`: device templates, and DBC files, which describe CAN frames.
 //! - `tables`: one file for each table of the profile: its keys, checks, resolved form, and preview.
-//! - `written_places`: the places that a gateway writes to.
+//! - `written_places`: the registers, nodes, objects and frames that the gateway writes.
 //! - [`plan`], [`preview`]: read requests of a device; the document of `isotherm check`.
 
 use std::path::PathBuf;
@@ -29,6 +30,8 @@ mod duration;
 mod error;
 mod files;
 mod host_port;
+mod key_context;
+mod kinds;
 mod load;
 mod merge;
 mod overridden_keys;
@@ -50,6 +53,13 @@ mod written_places;
 pub use control_chars::{lines, one_line};
 pub use error::{Errors, ProfileError, allowed, nearest};
 pub use host_port::{NoPlace, host_and_port};
+pub use kinds::can::emergency::Emergency;
+pub use kinds::can::node::{CanDevice, Setup};
+pub use kinds::modbus::functions::{Functions, WriteFunction};
+pub use kinds::modbus::quirks::{Gateway, Quirks};
+pub use kinds::modbus::serial::{Parity, Serial};
+pub use kinds::opcua::connection::{OpcUa, Security, User, server_url};
+pub use kinds::opcua::nodes::{ReadBy, SourceTime};
 pub use load::{
     Loaded, environment, load, load_and_keep, load_before_certificates, load_from, parse, parse_with,
 };
@@ -59,14 +69,10 @@ pub use tables::axis::model::network;
 pub use tables::axis::model::seals::{sha256, sha256_of};
 pub use tables::axis::probe::ProbeInput;
 pub use tables::axis::{Axis, Purpose};
-pub use tables::bus::opcua::{OpcUa, Security, User, server_url};
-pub use tables::bus::serial::{Parity, Serial};
 pub use tables::bus::tls::{NamedFile, TLS_PORT, Tls};
-pub use tables::bus::{Bus, Sync, Transport};
+pub use tables::bus::transport::Transport;
+pub use tables::bus::{Bus, Sync};
 pub use tables::device::Device;
-pub use tables::device::emergency::Emergency;
-pub use tables::device::functions::{Functions, WriteFunction};
-pub use tables::device::node::{CanDevice, Setup};
 pub use tables::device::verify::Expected;
 pub use tables::handshake::{Bit, Handshake};
 pub use tables::heartbeat::Heartbeat;
@@ -77,7 +83,6 @@ pub use tables::mqtt::broker::BrokerUrl;
 pub use tables::mqtt::{Mqtt, MqttFormat, MqttUser};
 pub use tables::notify::url::Url;
 pub use tables::notify::{ALARM, ALARM_OVER, AXIS_OFF, CLOCK, Notify, TRIGGERS, UNVERIFIED};
-pub use tables::opcua::{ReadBy, SourceTime};
 pub use tables::output::Output;
 pub use tables::output::applied::Applied;
 pub use tables::output::display::{Display, ExtraWord, Shown, Stale};
@@ -85,7 +90,6 @@ pub use tables::output::share::Share;
 pub use tables::output::stated::Stated;
 pub use tables::output::verify::Verify;
 pub use tables::output::writes::Writes;
-pub use tables::quirks::{Gateway, Quirks};
 pub use tables::register::Flag;
 pub use tables::schema::schema;
 pub use tables::set::{OutputSet, OwnWord, Stretch};
@@ -112,14 +116,14 @@ pub struct AxisId(pub usize);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct OutputId(pub usize);
 
-/// Index of a set in the profile.
+/// Index of a set (outputs that are written together) in the profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct SetId(pub usize);
 
 /// Checked profile of a machine. Lists are in the order of the file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Profile {
-    /// Key `machine.name`, `[a-z0-9-]`.
+    /// Name of the machine (key `machine.name`): small letters, digits and hyphens.
     pub name: String,
     /// Description in one line.
     pub description: String,
@@ -127,13 +131,13 @@ pub struct Profile {
     pub label: String,
     /// Path of the profile.
     pub path: PathBuf,
-    /// Settings of the time since machine start, and of references.
+    /// Settings of the signals that start the machine time and capture references.
     pub machine: MachineSettings,
     /// Condition for arming the axes.
     pub arm: Arm,
     /// Timeout of a request to arm that cannot be executed yet.
     pub arm_timeout: Duration,
-    /// Action on the registers at a stop.
+    /// Action on the written registers when the gateway stops.
     pub on_stop: OnStop,
     /// Buses, which are the physical lines.
     pub buses: Vec<Bus>,
@@ -141,17 +145,17 @@ pub struct Profile {
     pub devices: Vec<Device>,
     /// Signals, indexed by `SignalId`.
     pub signals: Vec<Signal>,
-    /// Names of the signals that nothing uses. They are only recorded.
+    /// Names of the signals that no model, condition, output or machine state uses. The gateway only records them.
     pub only_recorded: Vec<String>,
     /// Axes, indexed by [`AxisId`].
     pub axes: Vec<Axis>,
-    /// Outputs, which are written.
+    /// Outputs: values that the gateway writes to devices.
     pub outputs: Vec<Output>,
     /// Sets of outputs that are written together.
     pub sets: Vec<OutputSet>,
     /// Heartbeat, which shows the CNC that the gateway runs.
     pub heartbeat: Option<Heartbeat>,
-    /// Page, API and metrics.
+    /// Web page, API and metrics.
     pub web: Option<Web>,
     /// Publication to an MQTT broker.
     pub mqtt: Option<Mqtt>,
@@ -159,12 +163,12 @@ pub struct Profile {
     pub notify: Vec<Notify>,
     /// Directory of state and logs.
     pub history: History,
-    /// Keys set by layers above the file.
+    /// Keys that the local file (`.local.toml`), the environment or `--set` sets above the profile.
     pub overridden: Vec<Overridden>,
 }
 
 impl Profile {
-    /// Shortest `max_age` of all signals.
+    /// Shortest `max_age` (age at which a reading becomes stale) of all signals.
     pub fn shortest_age(&self) -> Duration {
         self.signals.iter().map(|signal| signal.max_age).min().unwrap_or(Duration::MAX)
     }
@@ -190,7 +194,7 @@ impl Profile {
         devices.filter(move |(_, device)| device.bus == bus)
     }
 
-    /// Returns whether a device of a Modbus TCP line is behind a gateway to a serial line.
+    /// Returns whether a device of a Modbus TCP line is behind a Modbus gateway to a serial line.
     pub fn is_behind_gateway(&self, id: DeviceId) -> bool {
         let device = self.device(id);
         let units = self.devices_on(device.bus).map(|(_, device)| device.unit);
@@ -208,12 +212,13 @@ impl Profile {
         &self.axes[id.0]
     }
 
-    /// Returns whether an axis returns a released register to its base. Such a register belongs to no output any more.
+    /// Returns whether an axis does not compensate, but only returns a register that no output uses any more to its
+    /// value without Cz.
     pub fn is_release(&self, id: AxisId) -> bool {
         self.axis(id).purpose == Purpose::Release
     }
 
-    /// Number of the axes that compensate. They come first in the list.
+    /// Number of the axes that compensate. These axes come first in the list.
     pub fn compensated(&self) -> usize {
         self.axes.iter().take_while(|axis| axis.purpose == Purpose::Compensation).count()
     }
@@ -228,12 +233,12 @@ impl Profile {
         &self.sets[id.0]
     }
 
-    /// Requests of one poll of a device.
+    /// Read requests of one poll of a device.
     pub fn requests(&self, device: DeviceId) -> Vec<plan::ReadRequest> {
         plan::plan(self.device(device), self.signals_of(device))
     }
 
-    /// Requests of one poll of a device, without those for CANopen objects.
+    /// Read requests of one poll of a device, without those for CANopen objects.
     pub fn register_requests(&self, device: DeviceId) -> Vec<plan::ReadRequest> {
         let is_object = |request: &plan::ReadRequest| matches!(request.asks, plan::ReadTarget::Object(_));
         self.requests(device).into_iter().filter(|request| !is_object(request)).collect()

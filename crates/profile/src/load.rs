@@ -1,4 +1,4 @@
-//! Loading: from the layers, which are texts, to a [`Profile`] or to all its errors.
+//! Loading of a profile: converts its layers, which are texts, into a [`Profile`] or into all their errors.
 
 use std::path::{Path, PathBuf};
 
@@ -9,6 +9,7 @@ use toml::de::DeValue;
 
 use crate::error::{Errors, Findings, ProfileError, allowed};
 use crate::files::{Certificates, Disk, Files, Reads};
+use crate::kinds::KINDS;
 use crate::overridden_keys::Above;
 use crate::protected_keys::{self, Refusal};
 use crate::safe_file::without_numbers;
@@ -25,13 +26,14 @@ use crate::{Profile, merge, template};
 const PREFIX: &str = "ISOTHERM__";
 /// Prefix of environment variables that are, or look like, settings of this program.
 const FAMILY: &str = "ISOTHERM_";
-/// Variable with this prefix that is not a layer.
+/// Environment variable that sets the log level. It begins with `ISOTHERM_`, but is no layer.
 const LOG: &str = "ISOTHERM_LOG";
-/// Number of variables that a warning names.
+/// Largest number of environment variables that a warning names.
 const NAMED: usize = 5;
-/// Size of a profile, in bytes, above which it is read in a separate thread.
+/// Size in bytes from which a profile is read in a separate thread, which returns its memory to the system.
 const LARGE: usize = 100_000;
-/// Twice the size of the largest block that is freed after reading a machine with a thousand devices, in bytes.
+/// Address space, in bytes, that makes glibc return the free memory of a thread. It is twice the largest block that is
+/// freed after reading a thousand devices.
 const MOST_END: usize = 40_000_000;
 
 /// Names with values: settings of the command line, or environment variables.
@@ -42,7 +44,7 @@ pub(crate) type Pairs = [(String, String)];
 pub struct Loaded {
     /// The profile, ready for use.
     pub profile: Profile,
-    /// Warnings. None of them prevents running.
+    /// Warnings. They do not prevent the gateway from running.
     pub warnings: Vec<ProfileError>,
     /// Files that were read, as the profile names them: layers, models, templates, certificates.
     pub files: Vec<String>,
@@ -57,7 +59,8 @@ pub fn load(path: &Path, settings: &Pairs, environment: &Pairs) -> Result<Loaded
     Ok(read(path, settings, environment, Certificates::Needed, None)?.0)
 }
 
-/// Loads a profile before the certificates of its OPC UA lines are created. Missing ones are taken as empty.
+/// Loads a profile before the certificates of its OPC UA lines are created. A missing certificate or key counts as an
+/// empty file.
 ///
 /// # Errors
 /// All other mistakes in the profile, each with its place.
@@ -124,7 +127,7 @@ fn read_layers(
     Ok(loaded)
 }
 
-/// Loads a profile from a text, for example one that is part of the program. It cannot name files.
+/// Loads a profile from a text, for example one that is part of the program. Such a profile cannot refer to files.
 ///
 /// # Errors
 /// All mistakes in the profile, each with its place.
@@ -132,8 +135,8 @@ pub fn parse(name: &Path, text: &str, settings: &Pairs, environment: &Pairs) -> 
     parse_with(name, text, &[], settings, environment)
 }
 
-/// Loads a profile from a text, with the files that it names. `files` contains matrices, networks and envelopes by
-/// name.
+/// Loads a profile from a text, and the files that it names from memory. `files` contains matrices, networks and
+/// envelopes by name.
 ///
 /// # Errors
 /// All mistakes in the profile, each with its place.
@@ -147,7 +150,8 @@ pub fn parse_with(
     layered(&[(name.to_owned(), text.to_owned())], &Files::Inside(files), settings, environment)
 }
 
-/// Returns the environment variables that are a layer of the profile, or may have been meant as one.
+/// Returns the environment variables that begin with `ISOTHERM_`: those that set keys of a profile, and others that may
+/// be misspelled.
 pub fn environment() -> Vec<(String, String)> {
     let text = |os: std::ffi::OsString| os.to_string_lossy().into_owned();
     let mut variables: Vec<_> = std::env::vars_os()
@@ -162,8 +166,8 @@ fn is_ours(name: &str) -> bool {
     name.starts_with(PREFIX)
 }
 
-/// Warns about variables that look like settings but are not. An orchestrator sets such variables for a service with
-/// this name, and an operator may forget an underscore.
+/// Warns about environment variables that begin with `ISOTHERM_` but are no settings. An orchestrator sets such
+/// variables for a service named isotherm, and an operator may forget an underscore.
 fn strangers(environment: &Pairs) -> Option<ProfileError> {
     let names = environment.iter().map(|(name, _)| name.as_str());
     let names: Vec<&str> =
@@ -174,10 +178,10 @@ fn strangers(environment: &Pairs) -> Option<ProfileError> {
     };
     let listed = names.iter().take(NAMED).copied().collect::<Vec<_>>().join(", ");
     let help = format!(
-        "a key of the profile has two underscores between its names, as {PREFIX}BUS__CELL__ADDRESS; the \
-         level of the log is {LOG}"
+        "a variable for a key of the profile has two underscores between the names, as \
+         {PREFIX}BUS__CELL__ADDRESS; {LOG} sets the log level"
     );
-    let message = format!("not used, because they are no settings: {listed}{more}");
+    let message = format!("these variables are not used, because they are no settings: {listed}{more}");
     (!names.is_empty()).then(|| ProfileError::about("environment", message, Some(help)))
 }
 
@@ -199,9 +203,9 @@ fn local_beside(path: &Path) -> PathBuf {
     path.with_extension("local.toml")
 }
 
-/// Loads the layers in a separate thread, which has its own memory. Reading a large machine needs many times the memory
-/// of the result. The allocator of glibc returns memory only if no block in use lies in between. Therefore the result
-/// is copied from the thread.
+/// Loads the layers, those of a large profile in a separate thread with its own heap. Loading a large machine needs
+/// many times the memory of the result. The allocator of glibc returns free memory only if no block in use lies above
+/// it. Therefore the result is copied out of the thread.
 fn layered(
     layers: &[(PathBuf, String)],
     files: &Files<'_>,
@@ -224,8 +228,8 @@ fn layered(
     })
 }
 
-/// Makes glibc return the free memory at the end of a thread's heap. It does so when that memory is twice as large as
-/// the largest block ever freed (malloc(3), `M_TRIM_THRESHOLD`). A large profile is freed in large blocks. This
+/// Makes glibc return the free memory at the end of a thread's heap. glibc does this if that memory is twice as large
+/// as the largest block ever freed: see malloc(3), `M_TRIM_THRESHOLD`. A large profile is freed in large blocks. This
 /// function reserves enough address space for that limit without touching it, so it uses no memory.
 fn free_the_end() {
     // Smaller than a block that is mapped separately.
@@ -278,7 +282,7 @@ struct Loader<'a> {
     schema: &'a Value,
     spans: SourceMap,
     errors: Findings,
-    /// Layers, the profile first unless it cannot be parsed.
+    /// Parsed layers. The first one is the profile, unless the profile cannot be parsed.
     layers: Vec<Value>,
     /// Keys that layers above the profile set although their rules forbid it.
     refused: Vec<Refusal>,
@@ -355,7 +359,7 @@ impl Loader<'_> {
             // A copy of a large machine would need too much memory.
             merged = only;
         }
-        let mut checked = None;
+        let (mut profile, mut warnings) = (None, Findings::default());
         if !self.broken {
             let templates = template::fill(&mut merged, files, &mut self.spans, &mut self.errors);
             if let Some(own) = &own {
@@ -368,17 +372,14 @@ impl Loader<'_> {
             self.spans.mark_right("", &merged);
             // Consumed, so that a large machine is not in memory twice.
             match RawProfile::deserialize(merged) {
-                Ok(raw) => checked = Some(raw.check(&self.spans, path, files, &templates)),
+                Ok(raw) => {
+                    let checked = raw.check(&self.spans, path, files, &templates, &KINDS);
+                    self.errors.append(checked.errors);
+                    (profile, warnings) = (checked.profile, checked.warnings);
+                }
                 Err(why) => self.errors.push(ProfileError::about("the layers", why.to_string(), None)),
             }
         }
-        let (profile, warnings) = match checked {
-            Some(checked) => {
-                self.errors.append(checked.errors);
-                (checked.profile, checked.warnings)
-            }
-            None => (None, Findings::default()),
-        };
         if let Some(mut profile) = profile.filter(|_| self.errors.is_empty()) {
             profile.overridden = overridden;
             own.iter().for_each(|own| stated::by(own, &mut profile));
@@ -400,7 +401,8 @@ fn merge_all(layers: &[Value], errors: &mut Findings) -> Value {
     })
 }
 
-/// Finds the schema of a path, and returns it with the keys as the profile spells them. Names must exist in the files.
+/// Finds the schema of the key at a path. Returns the path as the profile spells it, with the schema. Every named table
+/// of the path must exist in a file.
 fn find<'a>(
     root: &'a Value,
     below: &Value,
@@ -433,7 +435,8 @@ fn find<'a>(
             })?;
             ((*name).to_owned(), free)
         } else {
-            let remedy = "a list is replaced as a whole: give all of it, as [1.0, 2.0], or put it into the .local.toml";
+            let remedy = "a list is replaced as a whole: give all of it, as [1.0, 2.0], or put it into the \
+                          .local.toml";
             return Err((format!("`{}` has no keys of its own", keys.join(".")), remedy.to_owned()));
         };
         here = here.and_then(|here| here.get(&key));
@@ -443,12 +446,14 @@ fn find<'a>(
     Ok((keys, schema))
 }
 
-/// Compares without case and with hyphens as underscores, because a variable's name has neither.
+/// Returns whether a part of an environment variable means this name. Case is ignored, and a hyphen equals an
+/// underscore, because variables are written in capitals without hyphens.
 fn same_name(name: &str, part: &str) -> bool {
     name.to_lowercase().replace('-', "_") == part.replace('-', "_")
 }
 
-/// Returns the text itself if the schema requires a text. Otherwise returns what TOML parses, if anything.
+/// Parses a value from the environment or the command line as TOML. Returns the text unchanged if the schema requires a
+/// text, or if the text is not valid TOML.
 fn scalar<'t>(types: &[&str], text: &'t str) -> Spanned<DeValue<'t>> {
     let literal = || Spanned::new(0..0, DeValue::String(text.into()));
     if types == ["string"] {

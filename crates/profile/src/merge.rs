@@ -1,15 +1,15 @@
 //! Merging of the layers: tables are merged, everything else is replaced by the later layer.
 //!
-//! The crate `config` merges, and nothing else. It would convert "100" to 100, and 3.7 to 4 if an integer is required.
-//! Therefore each layer has been checked against the schema before, and the result is not converted. `config` parses
-//! key paths (`a.b[0]`) only in top-level keys, which are plain words of the schema here.
+//! The crate `config` is used only for merging. Its conversions would turn "100" into 100, and 3.7 into 4 if an integer
+//! is required. Therefore each layer is checked against the schema before, and the result is not converted. `config`
+//! parses key paths (`a.b[0]`) only in top-level keys, which are plain words in a checked layer.
 
 use std::collections::HashMap;
 
 use config::{ConfigError, Source};
 use serde_json::Value;
 
-/// Layer that has been checked.
+/// Layer of the profile, already checked against the schema.
 #[derive(Clone, Debug)]
 struct Layer(Value);
 

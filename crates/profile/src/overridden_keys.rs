@@ -1,4 +1,5 @@
-//! Keys that layers above a profile set. The gateway reports them wherever it reports its settings.
+//! Keys that layers above a profile (local file, environment, `--set`) set. The gateway reports them together with its
+//! settings.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -15,22 +16,18 @@ const LONGEST: usize = 80;
 /// Key set by a layer above the profile.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Overridden {
-    /// Path of the key: `axis.z.limit`. If the profile does not have its table, the path of the table.
+    /// Path of the key, for example `axis.z.limit`. If a file sets a whole table that the profile does not have, the
+    /// path of the table.
     pub key: String,
     /// Value in the profile. `None` if the profile does not have the key.
     pub profile: Option<String>,
-    /// Value that the key has now.
+    /// Value of the key after all layers were merged.
     pub now: String,
-    /// File with line, `environment ISOTHERM__…`, or `--set key`.
+    /// Layer that sets the key: file with line, `environment ISOTHERM__…`, or `--set key`.
     pub from: String,
     /// Whether the profile names the key in `allow_override`.
-    #[serde(skip_serializing_if = "is_not")]
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub allowed: bool,
-}
-
-#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde wants a reference")]
-fn is_not(allowed: &bool) -> bool {
-    !allowed
 }
 
 impl fmt::Display for Overridden {
@@ -44,20 +41,20 @@ impl fmt::Display for Overridden {
     }
 }
 
-/// Layers above a profile.
+/// Layers above a profile (local file, environment, `--set`), with the values that they replace.
 pub(crate) struct Above<'a> {
     pub(crate) profile: &'a Value,
     pub(crate) layers: &'a [Value],
     /// Keys that the profile names in `allow_override`.
     pub(crate) allowed: Vec<String>,
-    /// Number of layers that are files. They come first.
+    /// Number of layers that are files. These layers come first.
     pub(crate) files: usize,
     pub(crate) merged: &'a Value,
     pub(crate) spans: &'a SourceMap,
 }
 
 impl Above<'_> {
-    /// Returns every key that the layers set, by path. Those named in `allow_override` come first.
+    /// Returns every key that the layers set, sorted by path. Keys that `allow_override` names come first.
     pub(crate) fn list(&self) -> Vec<Overridden> {
         let mut found = BTreeSet::new();
         for (place, layer) in self.layers.iter().enumerate() {
@@ -99,7 +96,8 @@ fn gather(
     }
 }
 
-/// Returns whether the rest of a path is empty, or continues with a key inside.
+/// Returns whether a path that begins with an allowed key names this key itself, or a key inside it. `rest` is the path
+/// after the allowed key.
 fn is_subkey(rest: &str) -> bool {
     rest.is_empty() || rest.starts_with('.')
 }

@@ -1,23 +1,23 @@
 //! Preview of a valid profile in sentences and figures: what the gateway reads, what it writes, and how each axis
 //! moves.
 //!
-//! The operator reads it before the gateway touches a machine. Programs read the same as one JSON document.
+//! The operator reads the preview before the gateway is connected to a machine. For programs, the same content is
+//! available as one JSON document.
 
 use std::fmt;
 
 use serde::Serialize;
 
 use crate::document::{Section, entries};
+use crate::duration::shown;
+use crate::kinds;
+use crate::plan::summary;
 use crate::tables::axis::model::uniform_temperature::UniformTemperature;
-use crate::tables::bus::Transport;
 use crate::tables::label::labelled;
 use crate::{BusId, Device, DeviceId, Profile};
 
-mod can_line;
 pub mod checks;
-mod gateway;
 mod load;
-mod serial;
 mod stop;
 mod traffic;
 
@@ -34,13 +34,19 @@ impl Preview {
         let devices = profile.devices.iter().enumerate();
         let preview = |(place, device): (usize, &Device)| {
             let id = DeviceId(place);
-            (device.bus, device.preview(profile, id, checks::preview(profile, id, device)))
+            let requests = profile.register_requests(id);
+            let polled = requests.iter().map(|request| request.preview(profile)).collect();
+            let (every, summary) = (shown(device.every), summary(&requests));
+            let (kind, _) = kinds::of(profile.bus(device.bus).transport);
+            let described = (kind.device_preview)(device, &every, &summary);
+            let checks = checks::preview(profile, id, device);
+            (device.bus, device.preview((profile, id), &described, (summary, polled), checks))
         };
         let devices: Vec<(BusId, Section)> = devices.map(preview).collect();
         let mut section = Section::default();
         let (name, description) = (&profile.name, &profile.description);
-        let shown = labelled(name, &profile.label);
-        section.line(if description.is_empty() { shown } else { format!("{shown}: {description}") });
+        let title = labelled(name, &profile.label);
+        section.line(if description.is_empty() { title } else { format!("{title}: {description}") });
         entries!(section, machine = name, label = &profile.label, description);
         if !profile.overridden.is_empty() {
             section.line("");
@@ -51,13 +57,9 @@ impl Preview {
         section.entry("overridden", &profile.overridden);
         let buses = profile.buses.iter().enumerate().map(|(place, bus)| {
             let id = BusId(place);
-            let serial = match bus.transport {
-                Transport::Serial(serial) => Some(serial::preview(profile, id, serial)),
-                _ => None,
-            };
-            let can = bus.transport.is_can().then(|| can_line::preview(profile, id));
             let load = Load::of(profile, id).map(|load| load.preview());
-            let bus = bus.preview((serial, can), gateway::preview(profile, id), load);
+            let (kind, line) = kinds::of(bus.transport);
+            let bus = bus.preview((line.title, kind.line_preview), (kind.preview)(profile, id), load);
             section.lines_of(&bus);
             devices.iter().filter(|(bus, _)| *bus == id).for_each(|(_, device)| section.lines_of(device));
             bus

@@ -6,12 +6,12 @@
 //! |---|---|
 //! | `less` | A guard: a layer may reduce the number |
 //! | `same` | A guard: only the profile sets it |
-//! | `arrives` | The key changes what arrives at the machine: only the profile sets it |
+//! | `arrives` | The key changes the data that the machine receives: only the profile sets it |
 //! | `free` | A layer may set it, although its table says otherwise |
 //!
 //! The rule for keys of a device applies only if the gateway writes to that device. The rule for keys of a signal
-//! applies to the position of an output, and if a register is written before the signal is read. All other devices and
-//! signals are only read.
+//! applies only if an output corrects this position, or a register is written before the signal is read. All other
+//! devices and signals are only read.
 
 use serde_json::{Map, Value};
 
@@ -21,9 +21,9 @@ use crate::schema_check::resolved;
 use crate::source_map::{SourceMap, child};
 use crate::wording::allowing_line;
 
-/// Name of the rule in the schema.
+/// Keyword of the JSON schema that states the rule of a key.
 const MARK: &str = "x-layers";
-/// Models of an axis. Some of their keys are applied by the control itself.
+/// Key with the models of an axis. Some keys of a model have a rule, because the control itself applies their values.
 const MODELS: &str = "model";
 const ARM: &str = "machine.arm";
 
@@ -44,8 +44,8 @@ pub(crate) struct Refusal {
     error: ProfileError,
 }
 
-/// Returns the rule of a key or table in the schema. `Some(None)` means that the schema frees it of any rule. `None`
-/// means that the schema says nothing about it.
+/// Returns the rule of a key or table in the schema. `Some(None)` if the schema exempts the key from the rule of its
+/// table. `None` if the schema states no rule.
 fn rule(schema: &Value) -> Option<Option<Rule>> {
     match schema.get(MARK)?.as_str()? {
         "less" => Some(Some(Rule::Less)),
@@ -66,7 +66,7 @@ fn keys<'a>(
     keys.map(move |(key, schema)| (key, schema, rule(schema).unwrap_or(default)))
 }
 
-/// Returns the schema of one table of this kind, and whether such tables have names.
+/// Returns the schema of one table of a kind such as `axis`, and whether tables of this kind have names.
 fn table_of<'a>(root: &'a Value, kind: &str) -> Option<(&'a Value, bool)> {
     let schema = resolved(root, root.get("properties")?.get(kind)?);
     let named = schema.get("additionalProperties").filter(|named| named.is_object());
@@ -93,7 +93,7 @@ fn marked(root: &Value, schema: &Value, value: &Value) -> Option<Value> {
     }
 }
 
-/// Returns every key that `allow_override` may name, for tables with these names.
+/// Returns the path of every key that `allow_override` may name. `names` contains the names of the tables of each kind.
 pub(crate) fn guarded_keys(names: &[(&str, &[String])]) -> Vec<String> {
     let root = crate::schema();
     let mut found = Vec::new();
@@ -144,14 +144,15 @@ pub(crate) fn refused(profile: &Value, layer: &Value, spans: &SourceMap) -> Vec<
     guards.refused
 }
 
-/// Returns the refusals that concern this machine, as errors. `merged`: all layers merged, with the keys of templates.
+/// Returns as errors the refused keys that influence the data sent to this machine. `merged` is the profile with all
+/// layers and the keys of templates.
 pub(crate) fn that_count(refused: Vec<Refusal>, profile: &Value, merged: &Value) -> Vec<ProfileError> {
     let counts = |one: &Refusal| [profile, merged].into_iter().any(|machine| one.counts(machine));
     refused.into_iter().filter(counts).map(|one| one.error).collect()
 }
 
 impl Refusal {
-    /// Returns whether the key influences what arrives at the machine.
+    /// Returns whether the key influences the data that the machine receives.
     fn counts(&self, machine: &Value) -> bool {
         let of = |table: &Value, key: &str, name: &str| table.get(key).is_some_and(|value| value == name);
         match (self.kind.as_str(), self.key.as_str()) {
@@ -170,7 +171,7 @@ fn tables<'a>(machine: &'a Value, kind: &str) -> impl Iterator<Item = (&'a Strin
     machine.get(kind).and_then(Value::as_object).into_iter().flatten()
 }
 
-/// Returns whether the gateway writes to this device, or writes a position that it reads from there.
+/// Returns whether the gateway writes to this device, or writes a corrected position that it reads from this device.
 fn is_written(machine: &Value, device: &str) -> bool {
     let is_its = |table: &Value| table.get("device").is_some_and(|of| of == device);
     let has_setup = machine.get("device").and_then(|all| all.get(device)?.get("setup")).is_some();
@@ -192,7 +193,7 @@ struct Guards<'a> {
     root: &'a Value,
     spans: &'a SourceMap,
     allowed: Vec<String>,
-    /// Kind of the table that is checked.
+    /// Kind of the table that is being checked, for example `axis`.
     kind: String,
     name: String,
     refused: Vec<Refusal>,
@@ -239,11 +240,11 @@ impl Guards<'_> {
             (Some(own), value) if is_same(own, value) => {}
             (Some(own), value) => {
                 let why = match rule {
-                    Rule::Arrives => "and this key changes what arrives at the machine",
+                    Rule::Arrives => "and this key changes the data that the machine receives",
                     _ => "and only the profile may set the action on a fault",
                 };
                 let why = format!("{} is not the {} of the profile, {why}", short(value), short(own));
-                self.refuse(guard, path, why, "remove it here");
+                self.refuse(guard, path, why, "remove this key here");
             }
             (None, _) => self.absent(rule, guard, path),
         }
@@ -256,11 +257,11 @@ impl Guards<'_> {
         self.name.clear();
         if is(layer, "auto") && profile.is_some_and(|profile| is(profile, "manual")) {
             let why = "the profile has arm = \"manual\": a layer above it must not write \"auto\"".to_owned();
-            self.refuse((ARM, "arm"), ARM, why, "remove it here");
+            self.refuse((ARM, "arm"), ARM, why, "remove this key here");
         }
         if layer.get("allow_override").is_some() {
             let why = "only the profile itself names the keys that a layer may change";
-            let help = "write this key into the profile, or remove it here".to_owned();
+            let help = "write this key into the profile, or remove this key here".to_owned();
             let error = self.spans.at_key("machine.allow_override", why, Some(help));
             self.push("allow_override", error, Vec::new());
         }
@@ -270,11 +271,11 @@ impl Guards<'_> {
         // If the profile has the key with a wrong value, that has been reported.
         if self.spans.rank(path).0 > 0 {
             let why = match rule {
-                Rule::Arrives => "and this key changes what arrives at the machine",
+                Rule::Arrives => "and this key changes the data that the machine receives",
                 _ => "and a layer can only tighten a guard that the profile has",
             };
             let why = format!("the profile has no `{path}`, {why}");
-            self.refuse(guard, path, why, "write it into the profile");
+            self.refuse(guard, path, why, "write this key into the profile");
         }
     }
 

@@ -57,7 +57,7 @@ pub fn read_text(path: &Path) -> io::Result<String> {
 /// Those of [`read_text`].
 pub fn read_text_of(path: &Path, largest: u64) -> io::Result<String> {
     String::from_utf8(read(path, largest)?)
-        .map_err(|_| io::Error::new(ErrorKind::InvalidData, "the file is no text in UTF-8"))
+        .map_err(|_| io::Error::new(ErrorKind::InvalidData, "the file is not a text in UTF-8"))
 }
 
 /// Removes " (os error N)" from a sentence that contains messages of the system.
@@ -73,8 +73,8 @@ pub fn without_numbers(sentence: &str) -> String {
     left
 }
 
-/// Longest row of a log, in bytes: a hundred thousand numbers. A file without line ends (a sparse file, a picture, an
-/// unclosed quotation mark) is rejected there, before all of it has been read.
+/// Longest row of a log, in bytes: a hundred thousand numbers. A file without line ends, for example a picture, is
+/// rejected at this length, before all of it has been read.
 pub const LONGEST_ROW: usize = 1_000_000;
 
 /// Longest quotation from a file, in characters.
@@ -98,8 +98,8 @@ pub fn cut(text: &str, most: usize) -> Cow<'_, str> {
     }
 }
 
-/// Reads the first line. Returns it with a reader of the whole input, in which every line ends with a line feed. If the
-/// line has no end, only its beginning is returned.
+/// Reads the first line. Returns it with a reader of the whole input, in which every line ends with a line feed. Of a
+/// line that is longer than [`LONGEST_ROW`], only the beginning is returned.
 ///
 /// # Errors
 /// Those of the reader.
@@ -111,8 +111,8 @@ pub fn first_line<R: Read>(input: R) -> io::Result<(String, Lines<R>)> {
     Ok((text, Lines { input: Cursor::new(first).chain(reader), last: b'\n', open: 0 }))
 }
 
-/// Reader that ends every line with a line feed, because programs count other line ends differently. It rejects a row
-/// without an end.
+/// Reader that ends every line with a line feed, because programs count other line ends differently. The reader rejects
+/// a row that is longer than [`LONGEST_ROW`].
 #[derive(Debug)]
 pub struct Lines<R> {
     input: Chain<Cursor<Vec<u8>>, BufReader<R>>,

@@ -1,5 +1,5 @@
 //! Check of one layer against the JSON schema: unknown keys, wrong types, unknown words, invalid numbers. Values are
-//! never converted. Mistakes are reported and left out, so that the rest can still be checked.
+//! never converted. Wrong values are reported and left out, so that the other values can still be checked.
 
 use serde_json::{Map, Value};
 use toml::Spanned;
@@ -11,27 +11,27 @@ use crate::error::{Findings, allowed};
 use crate::source_map::{SourceMap, child, element};
 use crate::tables::signal::unit::{Scaling, Unit};
 
-/// Largest number of entries in a list. Every term of a model is computed in every step.
+/// Largest number of entries in a list. The limit bounds the duration of a step, which computes every term of a model.
 const MOST_ITEMS: usize = 10_000;
 
-/// Checker of one layer.
+/// Check of one layer of the profile against the JSON schema.
 pub(crate) struct SchemaCheck<'a> {
     pub(crate) schema: &'a Value,
     pub(crate) layer: usize,
     pub(crate) spans: &'a mut SourceMap,
     pub(crate) errors: &'a mut Findings,
-    /// Scale and offset next to the unit that is checked.
+    /// Values of `scale` and `offset` in the table whose `unit` is checked, for hints on how to convert a unit.
     pub(crate) beside: Scaling,
 }
 
-/// Resolves a `$ref` of the schema.
+/// Returns the schema to which a `$ref` refers. A schema without `$ref` is returned unchanged.
 pub(crate) fn resolved<'a>(root: &'a Value, schema: &'a Value) -> &'a Value {
     let target =
         schema.get("$ref").and_then(Value::as_str).and_then(|name| root.pointer(name.strip_prefix('#')?));
     target.unwrap_or(schema)
 }
 
-/// Returns the types that a value may have.
+/// Returns the JSON types that a schema allows, for example "integer" and "string".
 pub(crate) fn types<'a>(root: &'a Value, schema: &'a Value) -> Vec<&'a str> {
     let schema = resolved(root, schema);
     match schema.get("anyOf").and_then(Value::as_array) {
@@ -41,7 +41,8 @@ pub(crate) fn types<'a>(root: &'a Value, schema: &'a Value) -> Vec<&'a str> {
 }
 
 impl SchemaCheck<'_> {
-    /// Parses a file. Returns its table, and whether all of it is TOML. Mistakes are reported.
+    /// Parses a TOML file, and reports mistakes. Returns the valid part of its table, and whether the whole file is
+    /// valid.
     pub(crate) fn parsed<'t>(&mut self, text: &'t str) -> (DeTable<'t>, bool) {
         let (table, problems) = DeTable::parse_recoverable(text);
         for problem in &problems {
@@ -74,23 +75,14 @@ impl SchemaCheck<'_> {
             }
             let path = child(path, name);
             self.spans.record(self.layer, &path, key.span(), value.span());
+            let at = key.span().start;
             let Some(inner) = inner else {
                 let words = known.into_iter().flat_map(Map::keys).map(String::as_str);
-                self.error(
-                    key.span().start,
-                    &path,
-                    format!("unknown key `{name}`"),
-                    Some(allowed(name, words)),
-                );
+                self.error(at, &path, format!("unknown key `{name}`"), Some(allowed(name, words)));
                 continue;
             };
             if name.contains(is_unseen) {
-                self.error(
-                    key.span().start,
-                    &path,
-                    format!("the name `{name}` {UNSEEN}"),
-                    Some(SEEN.to_owned()),
-                );
+                self.error(at, &path, format!("the name `{name}` {UNSEEN}"), Some(SEEN.to_owned()));
                 continue;
             }
             if let Some(value) = self.value(inner, &path, value) {
@@ -122,7 +114,7 @@ impl SchemaCheck<'_> {
                     Ok(number) => match bounds(schema, number) {
                         None => return Some(Value::from(number)),
                         Some(bounds) => (
-                            format!("{number} is outside what is allowed"),
+                            format!("{number} is outside the allowed range"),
                             Some(format!("allowed: {bounds}")),
                         ),
                     },
@@ -137,12 +129,8 @@ impl SchemaCheck<'_> {
             (found, _) => {
                 let help = described.get("description").or(schema.get("description")).and_then(Value::as_str);
                 let written = written(self.schema, schema, path, &found);
-                let help = written
-                    .into_iter()
-                    .chain(help.map(|help| help.replace('\n', " ")))
-                    .collect::<Vec<_>>()
-                    .join("; ");
-                let help = Some(help).filter(|help| !help.is_empty());
+                let help = written.into_iter().chain(help.map(|help| help.replace('\n', " ")));
+                let help = Some(help.collect::<Vec<_>>().join("; ")).filter(|help| !help.is_empty());
                 (wrong_type(&types(self.schema, schema), &found, is_duration), help)
             }
         };
@@ -154,12 +142,8 @@ impl SchemaCheck<'_> {
     fn list(&mut self, schema: &Value, path: &str, at: usize, items: DeArray<'_>) -> Option<Value> {
         self.spans.forget_inside(path);
         if items.len() > MOST_ITEMS {
-            self.error(
-                at,
-                path,
-                format!("{} entries: at most {MOST_ITEMS} are allowed here", items.len()),
-                None,
-            );
+            let message = format!("{} entries: at most {MOST_ITEMS} are allowed here", items.len());
+            self.error(at, path, message, None);
             return None;
         }
         let item_schema = schema.get("items").unwrap_or(&Value::Null);
@@ -181,7 +165,8 @@ impl SchemaCheck<'_> {
         }
     }
 
-    /// Selects the alternative for the type of a value.
+    /// Returns the alternative of a schema (`anyOf`) that allows the type of a value. Without alternatives, returns the
+    /// schema itself.
     fn choice<'s>(schema: &'s Value, value: &DeValue<'_>) -> &'s Value {
         let Some(choices) = schema.get("anyOf").and_then(Value::as_array) else { return schema };
         let fits = |choice: &&Value| {
@@ -198,7 +183,8 @@ impl SchemaCheck<'_> {
         choices.iter().find(fits).unwrap_or(schema)
     }
 
-    /// Reports the keys that the merged profile lacks. A key with a wrong value has been reported already.
+    /// Reports required keys that are missing in the merged profile. A key with a wrong value has been reported
+    /// already.
     pub(crate) fn missing(&mut self, schema: &Value, path: &str, value: &Value) {
         let schema = resolved(self.schema, schema);
         let property = |key: &str| schema.get("properties").and_then(|known| known.get(key));
@@ -240,9 +226,10 @@ impl SchemaCheck<'_> {
     }
 }
 
-/// Invisible characters could control a terminal or end a line, and so falsify what follows on a screen or in a log.
+/// Part of the message about invisible characters. They could control a terminal or end a line, and so falsify the text
+/// after them.
 const UNSEEN: &str = "has invisible characters, or a line break";
-const SEEN: &str = "write it in one line, with visible characters only";
+const SEEN: &str = "write one line, with visible characters only";
 
 /// Returns the mistake in a text and its remedy. `None` if the text is allowed.
 fn wrong_text(schema: &Value, is_duration: bool, text: &str, beside: Scaling) -> Option<(String, String)> {
@@ -263,7 +250,8 @@ fn wrong_text(schema: &Value, is_duration: bool, text: &str, beside: Scaling) ->
     Some((format!("`{text}` is no duration: {why}"), help.to_owned()))
 }
 
-/// Suggests a word for a name from OPC UA and its tools.
+/// Builds a hint with the profile's word for a name that OPC UA uses, such as `Float` or `Basic256Sha256`. `None` for
+/// any other text.
 fn meant(text: &str, words: &[&str]) -> Option<String> {
     const TYPES: [(&str, &str); 11] = [
         ("Boolean", "bool"),
@@ -282,17 +270,20 @@ fn meant(text: &str, words: &[&str]) -> Option<String> {
         ["Basic128Rsa15", "Basic256", "Basic256Sha256", "Aes128_Sha256_RsaOaep", "Aes256_Sha256_RsaPss"];
     let known = |word: &&str| words.contains(word);
     if let Some((theirs, ours)) = TYPES.into_iter().find(|(theirs, _)| theirs.eq_ignore_ascii_case(text)) {
-        return Some(ours).filter(known).map(|ours| format!("write \"{ours}\": OPC UA's {theirs}"));
+        return Some(ours).filter(known).map(|ours| format!("write \"{ours}\", which is OPC UA's {theirs}"));
     }
     let name = text.rsplit('#').next().unwrap_or(text);
     let is_policy = POLICIES.iter().any(|policy| policy.eq_ignore_ascii_case(name));
     Some("sign-and-encrypt").filter(|_| is_policy).filter(known).map(|word| {
-        format!("this is a policy: write \"{word}\"; the strongest policy that both ends support is used")
+        format!(
+            "this is a security policy: write \"{word}\"; the strongest policy that both ends support is \
+             used"
+        )
     })
 }
 
-/// Suggests how to write a table if another value was found. The suggestion contains the required keys, and the value
-/// found if it is an allowed word of a key.
+/// Suggests how to write a table, if the profile has a different value at its place. The suggestion contains the
+/// required keys. If that value is an allowed word of a key, the suggestion contains this word.
 fn written(root: &Value, schema: &Value, path: &str, found: &DeValue<'_>) -> Option<String> {
     if types(root, schema) != ["object"] {
         return None;

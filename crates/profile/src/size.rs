@@ -8,7 +8,7 @@ use crate::schema_of::schema_of;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Size(pub(crate) u64);
 
-/// Decimal units, as used for the capacity of disks.
+/// Units of a size, each with its number of bytes. They are decimal, as for the capacity of disks.
 const UNITS: [(&str, u64); 3] = [("MB", 1_000_000), ("GB", 1_000_000_000), ("TB", 1_000_000_000_000)];
 
 impl Size {

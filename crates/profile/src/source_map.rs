@@ -9,7 +9,7 @@ use crate::control_chars::veiled;
 use crate::error::ProfileError;
 use crate::safe_file::LONGEST_QUOTE;
 
-/// Layer: a file with its text, a variable or a flag.
+/// Layer of the profile: a file with its text, an environment variable, or an option `--set`.
 #[derive(Clone, Debug)]
 struct Layer {
     /// Name of the layer in messages.
@@ -20,7 +20,8 @@ struct Layer {
 }
 
 impl Layer {
-    /// Returns line and column of a byte, counted from 1, and the excerpt of the line with the caret position in it.
+    /// Returns line and column of a byte, counted from 1, and an excerpt of the line with the position of the caret in
+    /// it. `None` if the layer is not a file.
     fn locate(&self, byte: usize) -> Option<(usize, usize, (String, usize))> {
         let (text, lines) = self.text.as_ref()?;
         let byte = if text.is_char_boundary(byte) { byte } else { text.len() };
@@ -51,22 +52,22 @@ pub(crate) fn around(line: &str, byte: usize) -> (String, usize) {
     (shown, caret)
 }
 
-/// Place of one key. It is small because a large machine has a hundred thousand of them.
+/// Place of one key. Its numbers have 32 bits to save memory, because a large machine has a hundred thousand keys.
 #[derive(Clone, Debug)]
 struct Span {
     layer: u32,
-    /// First and last byte of the name.
+    /// First byte of the name, and the byte after its last one.
     key: (u32, u32),
-    /// First and last byte of the value.
+    /// First byte of the value, and the byte after its last one.
     value: (u32, u32),
-    /// Layer and byte of the first occurrence.
+    /// Layer and byte at which the key occurred first. They determine the order of the tables.
     rank: (u32, u32),
-    /// Whether the merged profile contains a value of the correct type here.
+    /// Whether the value of this key in the merged profile has the correct type.
     is_right: bool,
 }
 
 impl Span {
-    /// Layer, and the byte at which the name begins.
+    /// Returns the layer, and the byte at which the name of the key begins.
     fn begin(&self) -> (usize, usize) {
         (large(self.layer), large(self.key.0))
     }
@@ -80,14 +81,14 @@ fn large(number: u32) -> usize {
     usize::try_from(number).unwrap_or(usize::MAX)
 }
 
-/// Places of all keys. A later layer that sets a key again replaces its place, but not its rank in the order.
+/// Places of all keys by path. If a later layer sets a key again, its place is replaced, but not its rank in the order.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SourceMap {
     layers: Vec<Layer>,
     by_path: BTreeMap<Box<str>, Span>,
     /// Valid keys without a place, which a template added.
     brought: BTreeSet<String>,
-    /// Origin of values that no layer contains.
+    /// Texts that describe the origin of values that no layer contains, by the path of the key.
     notes: BTreeMap<String, String>,
 }
 
@@ -123,7 +124,8 @@ impl SourceMap {
         self.by_path.insert(path.into(), Span { layer, key, value, rank, is_right: false });
     }
 
-    /// Records a key that no layer contains. It gets the place of `of`, which added it. `note` describes the origin.
+    /// Records a key that no layer contains. Its place is that of the key `of`, which added it. `note` describes its
+    /// origin.
     pub(crate) fn fill_in(&mut self, path: &str, of: &str, note: &str) {
         let Some(span) = self.by_path.get(of).cloned() else { return };
         self.by_path.insert(path.into(), span);
@@ -170,7 +172,7 @@ impl SourceMap {
         self.by_path.contains_key(path)
     }
 
-    /// Order in which keys first occurred.
+    /// Returns layer and byte at which a key occurred first. An unknown key comes after all others.
     pub(crate) fn rank(&self, path: &str) -> (usize, usize) {
         let rank = self.by_path.get(path).map(|span| (large(span.rank.0), large(span.rank.1)));
         rank.unwrap_or((usize::MAX, 0))
@@ -226,31 +228,26 @@ impl SourceMap {
         help: Option<String>,
     ) -> ProfileError {
         let layer = self.layers.get(layer);
-        let (place, excerpt) = layer
-            .and_then(|layer| layer.locate(byte))
-            .map(|(line, column, excerpt)| ((line, column), excerpt))
-            .unzip();
-        let (line, column) = place.unzip();
-        let (excerpt, caret) = excerpt.unzip();
+        let located = layer.and_then(|layer| layer.locate(byte));
+        let (place, excerpt) = located.map(|(line, column, excerpt)| ((line, column), excerpt)).unzip();
+        let ((line, column), (excerpt, caret)) = (place.unzip(), excerpt.unzip());
         let help = match (self.notes.get(path), help) {
             (Some(note), Some(help)) => Some(format!("{note}; {help}")),
             (note, help) => help.or(note.cloned()),
         };
+        let file = layer.map(|layer| layer.name.clone()).unwrap_or_default();
+        let about = ProfileError::about(file, veiled(&message.into()), help);
         ProfileError {
-            file: layer.map(|layer| layer.name.clone()).unwrap_or_default(),
             line,
             column,
             key: path.to_owned(),
-            message: veiled(&message.into()).into_owned(),
-            help,
             excerpt,
             caret: caret.unwrap_or_default(),
-            more: 0,
-            allow_override: None,
+            ..about
         }
     }
 
-    /// Formats the place of a second key in a message: `profiles/x.toml:41`.
+    /// Formats the place of a key for a message about another key: `profiles/x.toml:41`.
     pub(crate) fn line_of(&self, path: &str) -> String {
         let found = self.enclosing(path).map(Span::begin);
         let found = found.and_then(|(layer, byte)| Some((self.layers.get(layer)?, byte)));

@@ -1,5 +1,5 @@
 //! Sources of a profile: everything that the loader reads from the file system, environment and command line. They are
-//! kept in one file, so that the same profile can be loaded again after its sources have changed.
+//! stored in one file, so that the same profile can be loaded again after its sources have changed.
 //!
 //! ```text
 //! isotherm-sources 1
@@ -23,7 +23,7 @@ use crate::safe_file;
 pub const SOURCES_MARK: &str = "isotherm-sources ";
 /// First line of a file in the format of this version.
 const FORM: &str = "isotherm-sources 1\n";
-/// Longest line in bytes. It contains the list of a directory.
+/// Longest line of a sources file, in bytes. Long lines are those that list the names in a directory.
 const LONGEST_LINE: u64 = 16 * 1024 * 1024;
 /// Permission bits of other users: reading or writing.
 const OF_OTHERS: u32 = 0o006;
@@ -35,7 +35,7 @@ struct Layers {
     settings: Vec<(String, String)>,
 }
 
-/// Answer of the file system.
+/// State in which the loader found a file or a directory.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum FileState {
@@ -47,7 +47,7 @@ pub(crate) enum FileState {
         bytes: u64,
         open_to_all: bool,
     },
-    /// Names in a directory.
+    /// Names of the files with a certain ending in a directory, without this ending.
     Names(Vec<String>),
 }
 
@@ -57,17 +57,18 @@ struct Record {
     found: FileState,
 }
 
-/// Sources of one profile: everything that the loader read from files, environment and command line. `file` contains
-/// them.
+/// Sources of one profile: everything that the loader read from files, environment and command line. The content is in
+/// `file`.
 #[derive(Debug)]
 pub struct Sources {
     file: File,
     /// Position after the last record.
     end: u64,
     layers: Layers,
-    /// Answers by name relative to the directory of the profile, with the positions of their bytes.
+    /// States of the files, by name relative to the directory of the profile. Each has the position of the content in
+    /// `file`.
     known: BTreeMap<String, (FileState, u64)>,
-    /// First failed write. Later records are not stored.
+    /// First failed write, which [`Sources::finish`] returns. The sources are then incomplete.
     failed: Option<Error>,
 }
 
@@ -88,7 +89,7 @@ impl Sources {
     /// The file cannot be read, or has the format of another version.
     pub fn open(file: File, length: u64) -> Result<Sources> {
         let invalid =
-            || Error::new(ErrorKind::InvalidData, "the format is of another version of the program");
+            || Error::new(ErrorKind::InvalidData, "the file has the format of another program version");
         let mut reader = BufReader::new(&file);
         reader.seek(SeekFrom::Start(0))?;
         let mut end = 0;
@@ -145,7 +146,8 @@ impl Sources {
         self.put(&layer_name(path), FileState::Absent, &[]);
     }
 
-    /// Returns the names of the files, variables and settings that have changed. `path` is the path of the profile.
+    /// Returns the names of the files, variables and settings that are now different from these sources. `path` is the
+    /// path of the profile.
     pub fn differences(
         &self,
         path: &Path,
@@ -183,7 +185,7 @@ impl Sources {
         self.known.get(name).map(|(found, _)| found)
     }
 
-    /// Returns the bytes of a file, or a sentence that says why there are none.
+    /// Returns the bytes of a stored file, or a sentence with the reason why they are not available.
     pub(crate) fn bytes(&self, name: &str) -> std::result::Result<Vec<u8>, String> {
         match self.known.get(name) {
             Some((FileState::File { bytes, .. }, place)) => {
@@ -201,7 +203,7 @@ impl Sources {
         self.put(name, FileState::File { bytes: bytes.len() as u64, open_to_all }, bytes);
     }
 
-    /// Records an answer. Only the first one of each name is stored.
+    /// Records the state of a file, with its bytes. Only the first record of each name is stored.
     pub(crate) fn put(&mut self, name: &str, found: FileState, bytes: &[u8]) {
         if self.known.contains_key(name) {
             return;
@@ -222,12 +224,13 @@ impl Sources {
     }
 }
 
-/// Name of a layer that is a file.
+/// Returns the name of a layer that is a file: its file name without the directory.
 pub(crate) fn layer_name(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
-/// Names in a directory that end with `end`, without that end, sorted.
+/// Returns the names in a directory that end with `end`, sorted and without this ending. Empty if the directory cannot
+/// be read.
 pub(crate) fn names_in(directory: &Path, end: &str) -> Vec<String> {
     let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
     let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());

@@ -1,20 +1,20 @@
-//! Longest duration of a stop: that of the fault actions of the axes, or of the exchanges under way if the registers
-//! keep their values.
+//! Longest duration of a stop of the gateway: that of the fault actions of the axes. If the registers keep their
+//! values, it is that of the exchanges in progress.
 
 use std::time::Duration;
 
 use crate::Profile;
 use isotherm_core::quantity::Micron;
 
-/// Time at the end of a stop for the last reports and writes to disk.
+/// Time at the end of a stop for the last reports and the last writes to disk.
 const REST: Duration = Duration::from_secs(2);
-/// Time after `REST` for the last messages to servers.
+/// Time after `REST` in which the gateway posts the last messages to servers.
 pub const MESSAGES: Duration = Duration::from_secs(2);
-/// Time in parallel to that of [`MESSAGES`], in which the broker accepts the last state and the disconnection.
+/// Time in parallel to [`MESSAGES`] in which the MQTT broker accepts the last state and the disconnection.
 pub const BROKER: Duration = Duration::from_secs(4);
 
-/// Returns the longest duration of the fault actions. `ways` are the distances of each axis: of its Cz, and of its
-/// slope.
+/// Returns the longest duration of the fault actions. `ways` are the distances by which Cz and the slope of each axis
+/// must move to zero.
 pub fn fault_actions(profile: &Profile, ways: impl IntoIterator<Item = [Micron; 2]>) -> Duration {
     let exchange = profile.sets.iter().filter_map(|set| Some(set.handshake.as_ref()?.timeout * 2)).max();
     let settle = profile.outputs.iter().filter_map(|output| Some(output.applied.as_ref()?.settle)).max();
@@ -39,20 +39,21 @@ pub fn longest(profile: &Profile) -> Duration {
     fault_actions(profile, profile.axes.iter().map(at_limit))
 }
 
-/// Longest duration of a stop without fault actions: the exchanges under way end. A slow device may still write and
-/// read back a last value.
+/// Longest duration of a stop without fault actions: the exchanges in progress are completed. A slow device may still
+/// write and read back a last value.
 pub fn hold(profile: &Profile) -> Duration {
     let slowest = profile.buses.iter().map(|bus| bus.timeout * 6).max();
     slowest.unwrap_or_default() + REST
 }
 
-/// Longest wait for broker and message servers at the end of a stop. `None` if the profile has neither.
+/// Longest wait for the MQTT broker and the message servers at the end of a stop. `None` if the profile has neither.
 pub fn told(profile: &Profile) -> Option<Duration> {
     let broker = profile.mqtt.as_ref().map(|_| BROKER);
     broker.max((!profile.notify.is_empty()).then_some(MESSAGES))
 }
 
-/// Longest delay by an unanswered write of the next step, among registers that change in steps. `None` without any.
+/// Longest time for which an unanswered write delays the next step of a register. `None` if no register changes in
+/// steps.
 pub fn late(profile: &Profile) -> Option<Duration> {
     let stepped = profile.outputs.iter().filter(|output| output.writes.is_scheduled());
     stepped.map(|output| profile.bus(profile.device(output.device).bus).late).max()

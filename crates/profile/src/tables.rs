@@ -2,30 +2,32 @@
 //! check`.
 //!
 //! A table that cannot be resolved leaves a gap in its list. The indices of the other tables, and the checks on them,
-//! then stay correct. With a single error there is no profile.
+//! then stay correct. If any table has an error, the result is no profile.
 
 use std::cell::RefCell;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::time::Duration;
 
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::Profile;
-use crate::duration::{Timespan, shown};
-use crate::error::{Findings, ProfileError, allowed};
+use crate::dbc::Dbcs;
+use crate::error::Findings;
 use crate::files::Files;
-use crate::source_map::{SourceMap, child, element};
+use crate::key_context::{Names, Report};
+use crate::kinds::can::frame_writes::Written;
+use crate::protected_keys::guarded_keys;
+use crate::source_map::SourceMap;
 use crate::template::Templates;
 use axis::{Axis, RawAxis};
 use bus::periods::Periods;
-use bus::{Bus, LineKind, RawBus};
+use bus::{Bus, RawBus};
+use bus_kind::BusKind;
 use device::{Device, RawDevice};
 use heartbeat::RawHeartbeat;
 use history::RawHistory;
 use isotherm_core::compensation::settings::MachineSettings;
-use isotherm_core::reading::SignalId;
 use machine::RawMachine;
 use mqtt::RawMqtt;
 use notify::RawNotify;
@@ -34,11 +36,12 @@ use set::{OutputSet, RawSet};
 use signal::{RawSignal, Signal};
 use web::RawWeb;
 
+pub(crate) use crate::key_context::{KeyContext, optional};
+
 pub(crate) mod axis;
 pub(crate) mod bus;
-pub(crate) mod can;
+pub(crate) mod bus_kind;
 mod claims;
-pub(crate) mod dbc;
 pub(crate) mod device;
 mod expression;
 pub(crate) mod handshake;
@@ -46,26 +49,22 @@ pub(crate) mod heartbeat;
 pub(crate) mod history;
 mod incomplete_parts;
 pub(crate) mod label;
-mod line_time;
 pub(crate) mod machine;
 pub(crate) mod mqtt;
 pub(crate) mod notify;
-pub(crate) mod opcua;
 pub(crate) mod output;
-pub(crate) mod quirks;
 pub(crate) mod register;
 mod restart;
 pub(crate) mod schema;
 pub(crate) mod set;
 pub(crate) mod signal;
-mod sysfs;
 pub(crate) mod web;
 
 /// One machine: its buses, devices, signals, axes and outputs.
 ///
 /// The JSON schema is generated from the `Raw…` types, and each layer is checked against it. Editors and error messages
-/// show the doc comments of the fields. Every key is an `Option`, even if it is required. The walk reports missing and
-/// wrong keys and leaves them out, so that the rest can still be checked.
+/// show the doc comments of the fields. Every key is an `Option`, even if it is required. The schema check reports
+/// missing and wrong keys and leaves them out, so that the other keys can still be checked.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(
@@ -81,7 +80,7 @@ pub(crate) struct RawProfile {
     bus: BTreeMap<String, RawBus>,
     /// Devices on the lines, by name.
     #[serde(default)]
-    device: BTreeMap<String, RawDevice>,
+    pub(crate) device: BTreeMap<String, RawDevice>,
     /// Values that are read from devices, by name.
     #[serde(default)]
     signal: BTreeMap<String, RawSignal>,
@@ -96,7 +95,7 @@ pub(crate) struct RawProfile {
     set: BTreeMap<String, RawSet>,
     /// Register or node with a counter that shows the CNC that the gateway runs.
     heartbeat: Option<RawHeartbeat>,
-    /// Page, API and metrics.
+    /// Web page, API and metrics.
     web: Option<RawWeb>,
     /// Publication of values and events to an MQTT broker.
     mqtt: Option<RawMqtt>,
@@ -107,10 +106,6 @@ pub(crate) struct RawProfile {
     history: Option<RawHistory>,
 }
 
-/// Shortest allowed period of reads, writes and decisions. A period of a microsecond would send 66,000 requests per
-/// second, and occupy the whole computer.
-const SHORTEST_PERIOD: Duration = Duration::from_millis(1);
-
 /// Result of the check.
 pub(crate) struct Checked {
     pub(crate) profile: Option<Profile>,
@@ -118,43 +113,31 @@ pub(crate) struct Checked {
     pub(crate) warnings: Findings,
 }
 
-/// Tables of one kind: their names in the order of the file, and the resolved ones so far.
-struct Tables<T> {
-    kind: &'static str,
-    names: Vec<String>,
-    places: HashMap<String, usize>,
-    /// Resolved tables in the same order. `None` if a table has errors.
-    resolved: Vec<Option<T>>,
+/// Tables of one kind: their names, and the resolved ones so far.
+pub(crate) struct Tables<T> {
+    pub(crate) names: Names,
+    /// Resolved tables in the order of the names. `None` if a table has errors.
+    pub(crate) resolved: Vec<Option<T>>,
 }
 
 /// State of a check in progress.
 pub(crate) struct Check<'a> {
-    raw: &'a RawProfile,
-    spans: &'a SourceMap,
-    files: &'a Files<'a>,
+    pub(crate) raw: &'a RawProfile,
+    pub(crate) report: Report<'a>,
     templates: &'a Templates,
-    buses: Tables<Bus>,
-    devices: Tables<Device>,
-    signals: Tables<Signal>,
+    /// All kinds of buses. A line whose type has an error counts as one of the first kind.
+    kinds: &'static [&'static BusKind],
+    pub(crate) buses: Tables<Bus>,
+    pub(crate) devices: Tables<Device>,
+    pub(crate) signals: Tables<Signal>,
     axes: Tables<Axis>,
-    outputs: Tables<Output>,
+    pub(crate) outputs: Tables<Output>,
     sets: Tables<OutputSet>,
-    errors: RefCell<Findings>,
-    warnings: RefCell<Findings>,
-    /// Whether each signal is used, by its index.
-    used: RefCell<Vec<bool>>,
     /// Frames that outputs write on CAN lines.
-    written_frames: RefCell<Vec<can::Written>>,
-    dbcs: RefCell<dbc::Dbcs>,
+    pub(crate) written_frames: RefCell<Vec<Written>>,
+    pub(crate) dbcs: RefCell<Dbcs>,
     /// Periods of reads and writes on each line.
     periods: Periods,
-}
-
-/// Key of the profile that is being checked, with functions for its errors and warnings.
-#[derive(Clone)]
-struct KeyContext<'c> {
-    check: &'c Check<'c>,
-    path: String,
 }
 
 impl RawProfile {
@@ -165,54 +148,45 @@ impl RawProfile {
         path: PathBuf,
         files: &Files<'_>,
         templates: &Templates,
+        kinds: &'static [&'static BusKind],
     ) -> Checked {
         let mut check = Check {
             raw: self,
-            spans,
-            files,
+            report: Report::new(spans, files, Names::of("signal", &self.signal, spans)),
             templates,
+            kinds,
             buses: Tables::of("bus", &self.bus, spans),
             devices: Tables::of("device", &self.device, spans),
             signals: Tables::of("signal", &self.signal, spans),
             axes: Tables::of("axis", &self.axis, spans),
             outputs: Tables::of("output", &self.output, spans),
             sets: Tables::of("set", &self.set, spans),
-            errors: RefCell::default(),
-            warnings: RefCell::default(),
-            used: RefCell::new(vec![false; self.signal.len()]),
             written_frames: RefCell::default(),
             dbcs: RefCell::default(),
             periods: Periods::new(self),
         };
         let profile = check.profile(path);
-        let (errors, warnings) = (check.errors.into_inner(), check.warnings.into_inner());
+        let (errors, warnings) = check.report.into_findings();
         Checked { profile: profile.filter(|_| errors.is_empty()), errors, warnings }
     }
 }
 
 impl<T> Tables<T> {
     fn of<R>(kind: &'static str, raw: &BTreeMap<String, R>, spans: &SourceMap) -> Tables<T> {
-        let mut names: Vec<String> = raw.keys().cloned().collect();
-        names.sort_by_key(|name| spans.rank(&child(kind, name)));
-        let places = names.iter().cloned().enumerate().map(|(place, name)| (name, place)).collect();
-        Tables { kind, names, places, resolved: Vec::new() }
-    }
-
-    fn place(&self, name: &str) -> Option<usize> {
-        self.places.get(name).copied()
+        Tables { names: Names::of(kind, raw, spans), resolved: Vec::new() }
     }
 
     /// Returns the resolved table at this index. `None` if it has errors.
-    fn get(&self, place: usize) -> Option<&T> {
+    pub(crate) fn get(&self, place: usize) -> Option<&T> {
         self.resolved.get(place)?.as_ref()
     }
 
     /// Iterates over the tables without errors.
-    fn valid(&self) -> impl Iterator<Item = &T> {
+    pub(crate) fn valid(&self) -> impl Iterator<Item = &T> {
         self.resolved.iter().flatten()
     }
 
-    /// Takes all resolved tables. `None` if one of them has errors.
+    /// Moves all resolved tables out of the list. `None` if one of them has errors.
     fn whole(&mut self) -> Option<Vec<T>> {
         std::mem::take(&mut self.resolved).into_iter().collect()
     }
@@ -223,29 +197,30 @@ impl Check<'_> {
     fn profile(&mut self, path: PathBuf) -> Option<Profile> {
         let raw = self.raw;
         self.check_names();
-        let machine = machine::resolve(&self.at("machine"), raw.machine.as_ref());
+        let machine = machine::resolve(&self.at("machine"), raw.machine.as_ref(), || self.guarded_keys());
         self.buses.resolved = self.each(&self.buses, &raw.bus, RawBus::resolve);
         bus::one_owner_each(self);
         bus::none_waits_for_a_period(self);
         self.devices.resolved = self.each(&self.devices, &raw.device, RawDevice::resolve);
         self.signals.resolved = self.each(&self.signals, &raw.signal, RawSignal::resolve);
+        self.report
+            .set_units(self.signals.resolved.iter().map(|signal| Some(signal.as_ref()?.unit)).collect());
         self.axes.resolved = self.each(&self.axes, &raw.axis, RawAxis::resolve);
         self.outputs.resolved = self.each(&self.outputs, &raw.output, RawOutput::resolve);
         axis::intercept_slope::resolve(self);
         output::note_counts(self);
         restart::boot_counters(self);
         set::resolve(self);
-        let heartbeat = raw.heartbeat.as_ref().and_then(|raw| raw.resolve(&self.at("heartbeat")));
+        let heartbeat = raw.heartbeat.as_ref().and_then(|raw| raw.resolve(self, &self.at("heartbeat")));
         let web = raw.web.as_ref().map(|raw| raw.resolve(&self.at("web")));
         let mqtt = raw.mqtt.as_ref().and_then(|raw| raw.resolve(&self.at("mqtt")));
         let notify = notify::resolve(&self.at("notify"), &raw.notify);
         let history = raw.history.as_ref().map(|raw| raw.resolve(&self.at("history"))).unwrap_or_default();
-        can::written_frames(self);
-        can::conflicts(self);
+        let kinds = self.kinds;
+        kinds.iter().for_each(|kind| (kind.complete)(self));
+        kinds.iter().for_each(|kind| (kind.check)(self));
         claims::one_writer_each(self, heartbeat.as_ref());
         claims::check(self, heartbeat.as_ref());
-        line_time::check(self);
-        sysfs::too_quick(self);
         incomplete_parts::warn(self);
         let only_recorded = incomplete_parts::only_recorded(self);
         let profile = Profile {
@@ -276,27 +251,40 @@ impl Check<'_> {
     }
 
     /// Resolves the tables of one kind, in the order of the file.
-    fn each<'c, R, T>(
-        &'c self,
+    fn each<R, T>(
+        &self,
         tables: &Tables<T>,
         raw: &BTreeMap<String, R>,
-        resolve: impl Fn(&R, &KeyContext<'c>, &str) -> Option<T>,
+        resolve: impl Fn(&R, &Check<'_>, &KeyContext<'_>, &str) -> Option<T>,
     ) -> Vec<Option<T>> {
-        let all = self.at(tables.kind);
-        tables.names.iter().map(|name| resolve(raw.get(name)?, &all.key(name), name)).collect()
+        let all = self.at(tables.names.kind);
+        tables.names.iter().map(|name| resolve(raw.get(name)?, self, &all.key(name), name)).collect()
+    }
+
+    /// Lists the keys that a layer may only set with permission.
+    fn guarded_keys(&self) -> Vec<String> {
+        guarded_keys(&[
+            ("axis", &self.axes.names),
+            ("output", &self.outputs.names),
+            ("set", &self.sets.names),
+            ("heartbeat", &[]),
+            ("bus", &self.buses.names),
+            ("device", &self.devices.names),
+            ("signal", &self.signals.names),
+        ])
     }
 
     fn check_names(&self) {
         let kinds = [
-            (self.buses.kind, &self.buses.names),
-            (self.devices.kind, &self.devices.names),
-            (self.signals.kind, &self.signals.names),
-            (self.axes.kind, &self.axes.names),
-            (self.outputs.kind, &self.outputs.names),
-            (self.sets.kind, &self.sets.names),
+            &self.buses.names,
+            &self.devices.names,
+            &self.signals.names,
+            &self.axes.names,
+            &self.outputs.names,
+            &self.sets.names,
         ];
         for (kind, name) in
-            kinds.into_iter().flat_map(|(kind, names)| names.iter().map(move |name| (kind, name)))
+            kinds.into_iter().flat_map(|names| names.iter().map(move |name| (names.kind, name)))
         {
             let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'-');
             if name.is_empty() || !name.bytes().all(is_plain) {
@@ -305,194 +293,42 @@ impl Check<'_> {
                 self.at(kind).key(name).wrong_key(format!("`{name}` cannot be a name"), help);
             }
         }
-        if self.signals.place("time").is_some() {
+        if self.signals.names.place("time").is_some() {
             let message = "`time` is the first column of every log";
             self.at("signal").key("time").wrong_key(message, "give the signal another name");
         }
     }
 
-    /// Returns a key at the top of the profile.
-    fn at(&self, key: &str) -> KeyContext<'_> {
-        KeyContext { check: self, path: String::new() }.key(key)
+    /// Returns the context of a key at the top of the profile.
+    pub(crate) fn at(&self, key: &str) -> KeyContext<'_> {
+        self.report.at(key)
     }
 
     /// Returns the kind of a device's line. `None` if the device or its line is unknown.
-    fn line_kind(&self, device: Option<&String>) -> Option<LineKind> {
-        self.raw.device.get(device?)?.line_kind(self)
+    fn line_kind(&self, device: Option<&String>) -> Option<&'static BusKind> {
+        self.line_kind_of(self.raw.device.get(device?)?)
+    }
+
+    /// Returns the kind of a device's line. `None` if the line is unknown.
+    fn line_kind_of(&self, device: &RawDevice) -> Option<&'static BusKind> {
+        self.kind_of_line(self.raw.bus.get(device.bus.as_ref()?)?)
+    }
+
+    /// Returns the kind of a line. If its type has an error, other keys may show it.
+    fn kind_of_line(&self, line: &RawBus) -> Option<&'static BusKind> {
+        self.kinds.iter().copied().find(|kind| match line.kind {
+            Some(of) => kind.line_type(of).is_some(),
+            None => (kind.recognises)(line),
+        })
+    }
+
+    /// Iterates over the other kinds than this one.
+    fn kinds_beside(&self, own: &'static BusKind) -> impl Iterator<Item = &'static BusKind> {
+        self.kinds.iter().copied().filter(move |kind| !std::ptr::eq(*kind, own))
     }
 
     /// Returns the bus of a device.
-    fn bus_of(&self, device: &Device) -> Option<&Bus> {
+    pub(crate) fn bus_of(&self, device: &Device) -> Option<&Bus> {
         self.buses.get(device.bus.0)
-    }
-}
-
-impl<'c> KeyContext<'c> {
-    /// Returns a key of this table.
-    fn key(&self, key: &str) -> KeyContext<'c> {
-        KeyContext { check: self.check, path: child(&self.path, key) }
-    }
-
-    /// Returns an entry of this list.
-    fn item(&self, index: usize) -> KeyContext<'c> {
-        KeyContext { check: self.check, path: element(&self.path, index) }
-    }
-
-    /// Returns whether this table has the key with a value of the correct type.
-    fn has(&self, key: &str) -> bool {
-        self.check.spans.is_right(&child(&self.path, key))
-    }
-
-    /// Returns whether this key has been written, with a correct or a wrong value.
-    fn is_written(&self) -> bool {
-        self.check.spans.contains(&self.path)
-    }
-
-    /// Returns the place for messages, for example `profiles/x.toml:41`.
-    fn line(&self) -> String {
-        self.check.spans.line_of(&self.path)
-    }
-
-    /// Reports an error at the value.
-    fn invalid(&self, message: impl Into<String>, help: impl Into<String>) {
-        if self.is_enough() {
-            return;
-        }
-        self.error(self.check.spans.at_value(&self.path, message, Some(help.into())));
-    }
-
-    /// Returns whether an error is only counted, because the limit of described errors is reached. It is counted here.
-    fn is_enough(&self) -> bool {
-        let mut errors = self.check.errors.borrow_mut();
-        let is_full = errors.is_full();
-        if is_full {
-            errors.count();
-        }
-        is_full
-    }
-
-    /// Reports an error at the key, which should not be present.
-    fn wrong_key(&self, message: impl Into<String>, help: impl Into<String>) {
-        if self.is_enough() {
-            return;
-        }
-        self.error(self.check.spans.at_key(&self.path, message, Some(help.into())));
-    }
-
-    /// Reports a missing key that this combination requires. If it has a wrong value, that has been reported already.
-    fn missing(&self, message: impl Into<String>, help: impl Into<String>) {
-        if !self.is_written() {
-            self.wrong_key(message, help);
-        }
-    }
-
-    /// Reports keys of this table that belong to something else.
-    fn not_applicable(&self, keys: &[&str], owner: &str, help: &str) {
-        for key in keys.iter().filter(|key| self.has(key)) {
-            self.key(key).wrong_key(format!("`{key}` is only for {owner}"), help);
-        }
-    }
-
-    fn error(&self, error: ProfileError) {
-        self.check.errors.borrow_mut().push(error);
-    }
-
-    /// Reports a warning at the value.
-    fn warn(&self, message: impl Into<String>, help: impl Into<String>) {
-        let warning = self.check.spans.at_value(&self.path, message, Some(help.into()));
-        self.check.warnings.borrow_mut().push(warning);
-    }
-
-    /// Warns if the private key or password in this file can be read by any user.
-    fn secret(&self, name: Option<&String>) {
-        if let Some(name) = name.filter(|name| self.check.files.is_open_to_all(name)) {
-            let file = self.check.files.path(name);
-            let message =
-                format!("every user of this computer can read {file}, and act as the gateway with it");
-            self.warn(message, format!("remove the permission of other users: `chmod o= {file}`"));
-        }
-    }
-
-    /// Reports a warning at the key.
-    fn warn_key(&self, message: impl Into<String>, help: Option<&str>) {
-        let warning = self.check.spans.at_key(&self.path, message, help.map(str::to_owned));
-        self.check.warnings.borrow_mut().push(warning);
-    }
-
-    /// Returns the index of the table with this name.
-    fn named<T>(&self, tables: &Tables<T>, name: Option<&String>) -> Option<usize> {
-        let name = name?;
-        let found = tables.place(name);
-        // If the table exists but has errors, these have been reported.
-        if found.is_none() && !self.check.spans.contains(&child(tables.kind, name)) {
-            if self.is_enough() {
-                return None;
-            }
-            let help = allowed(name, tables.names.iter().map(String::as_str));
-            self.invalid(format!("there is no {} named `{name}`", tables.kind), help);
-        }
-        found
-    }
-
-    /// Returns the signal with this name, and marks it as used.
-    fn signal(&self, name: Option<&String>) -> Option<SignalId> {
-        let found = self.named(&self.check.signals, name)?;
-        self.check.used.borrow_mut()[found] = true;
-        Some(SignalId(found))
-    }
-
-    /// Returns the signal with this name, which must be a position in mm.
-    fn position(&self, name: Option<&String>) -> Option<SignalId> {
-        let position = self.signal(name)?;
-        let (name, signal) = (name?, self.check.signals.get(position.0));
-        // A wrong unit has been reported.
-        if let Some(unit) = signal.map(|signal| signal.unit.0).filter(|unit| *unit != "mm") {
-            let help = format!("write unit = \"mm\" and the scale in mm per count at signal `{name}`");
-            self.invalid(format!("`{name}` is in \"{unit}\"; a position is in mm"), help);
-        }
-        Some(position)
-    }
-
-    /// Returns whether this signal is a temperature.
-    fn is_temperature(&self, signal: Option<SignalId>) -> bool {
-        let signal = signal.and_then(|id| self.check.signals.get(id.0));
-        signal.is_some_and(|signal| matches!(signal.unit.0, "degC" | "K"))
-    }
-
-    /// Returns a duration, which must not be zero.
-    fn duration(&self, raw: Option<Timespan>) -> Option<Duration> {
-        let Timespan(span) = raw?;
-        if span.is_zero() {
-            self.invalid("a duration of zero is not allowed here", "write a longer one, as \"1s\"");
-            return None;
-        }
-        Some(span)
-    }
-
-    /// Returns the period of a read or write. A shorter period than allowed would occupy the line and the computer.
-    fn period(&self, raw: Option<Timespan>) -> Option<Duration> {
-        let span = self.duration(raw)?;
-        if span < SHORTEST_PERIOD {
-            let (short, shortest) = (shown(span), shown(SHORTEST_PERIOD));
-            let message = format!("every {short} is too often: {shortest} is the shortest period");
-            self.invalid(message, "no device answers this fast; write \"10ms\" or longer");
-            return None;
-        }
-        Some(span)
-    }
-
-    /// Returns a number, which must be positive.
-    fn positive(&self, number: Option<f64>) -> Option<f64> {
-        let number = number?;
-        if number <= 0.0 {
-            self.invalid(format!("{number} is not above zero"), "write a number above zero");
-            return None;
-        }
-        Some(number)
-    }
-
-    /// Returns the content of the file with this name.
-    fn file(&self, name: &str, help: &str) -> Option<Vec<u8>> {
-        self.check.files.read(name).map_err(|why| self.invalid(why, help)).ok()
     }
 }

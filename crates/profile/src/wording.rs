@@ -10,13 +10,13 @@ pub fn counted(count: impl Display, noun: &str) -> String {
     format!("{count} {noun}{plural}")
 }
 
-/// Formats the line of the profile that allows these keys.
+/// Formats the line `allow_override = […]`, with which a profile permits its layers to set these keys.
 pub(crate) fn allowing_line<'a>(keys: impl IntoIterator<Item = &'a String>) -> String {
     let keys: Vec<String> = keys.into_iter().map(|key| format!("{key:?}")).collect();
     format!("allow_override = [{}]", keys.join(", "))
 }
 
-/// Formats a duration for a sentence, in a notation that a profile also accepts: `90s`, `1h 30m`, `9 days 2h`.
+/// Formats a duration for a sentence, in a notation that a profile also accepts: `1m 30s`, `9 days`, `1 day 2h`.
 pub fn duration_text(span: Duration) -> String {
     let mut text = humantime::format_duration(span).to_string();
     // Words need a space before them, symbols do not.

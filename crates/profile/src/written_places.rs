@@ -1,13 +1,15 @@
-//! Places that a gateway writes to, as texts, for comparing two profiles.
+//! Registers, nodes, objects and frames that a gateway writes, as texts, for comparing two profiles.
 
 use std::collections::BTreeSet;
 
+use crate::kinds::KINDS;
 use crate::{BusId, DeviceId, Profile};
 use isotherm_core::codec::{Address, Register, Table};
 
 impl Profile {
-    /// Returns every place on this bus that a gateway with this profile writes to: `unit 1 holding:104`, `node
-    /// ns=2;i=5`, `node 5 object 6110:01`, `frame 0x20c`. Each register of a value is a separate place.
+    /// Returns every register, node, object and frame on this bus that a gateway with this profile writes: `unit 1
+    /// holding:104`, `node ns=2;i=5`, `node 5 object 6110:01`, `frame 0x20c`. Each register of a value is a separate
+    /// entry.
     pub fn written_on(&self, bus: BusId) -> BTreeSet<String> {
         let mut written = Written { profile: self, bus, places: BTreeSet::new() };
         for output in &self.outputs {
@@ -60,23 +62,6 @@ impl Written<'_> {
         if device.bus != self.bus {
             return;
         }
-        let unit = device.unit;
-        match address {
-            Address::Modbus(Register { table, offset }) => {
-                let offsets = (0..count).map(|place| offset.saturating_add(place));
-                self.places.extend(offsets.map(|offset| format!("unit {unit} {}:{offset}", table.name())));
-            }
-            Address::Object(object) => {
-                self.places.insert(format!("node {unit} object {}", object.entry));
-            }
-            // The gateway sends a whole frame, with all its values.
-            Address::Frame(field) => {
-                self.places.insert(format!("frame {}", field.frames.id));
-            }
-            Address::Node(node) => {
-                self.places.insert(format!("node {}", node.id));
-            }
-            Address::Sensor(_) => {}
-        }
+        self.places.extend(KINDS.iter().flat_map(|kind| (kind.written)(device.unit, address, count)));
     }
 }

@@ -1,5 +1,5 @@
-//! A real CNC in the demo. LinuxCNC runs without a screen from the files of `profiles/linuxcnc`, and cuts a part
-//! repeatedly.
+//! LinuxCNC as a real control in the demo. It runs without a screen from the files of `profiles/linuxcnc`, and cuts a
+//! part repeatedly.
 
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io::{BufRead, BufReader, Write};
@@ -15,7 +15,7 @@ use anyhow::Context;
 use crate::virtual_machine::Window;
 use isotherm_profile::{AxisId, Profile};
 
-/// Machine that has LinuxCNC as its control.
+/// Shipped machine whose control is LinuxCNC.
 pub(super) const MACHINE: &str = "linuxcnc-mill";
 
 /// Bus of the profile on which the component of LinuxCNC listens.
@@ -30,7 +30,7 @@ macro_rules! files {
     };
 }
 
-/// Files from which LinuxCNC is started, the two programs first.
+/// Files with which LinuxCNC is started. The first [`PROGRAMS`] files are programs.
 const FILES: [(&str, &str); 15] = files![
     "headless",
     "isotherm-eoffset",
@@ -49,13 +49,13 @@ const FILES: [(&str, &str); 15] = files![
     "sim/simulation.py",
 ];
 
-/// Number of programs among the files.
+/// Number of programs at the start of [`FILES`].
 const PROGRAMS: usize = 2;
 
-/// File for the standard error of LinuxCNC.
+/// Name of the file for the standard error of LinuxCNC.
 const LOG: &str = "linuxcnc.log";
 
-/// LinuxCNC with the isotherm component. Dropping it ends LinuxCNC.
+/// Running LinuxCNC with the isotherm component. Dropping it ends LinuxCNC.
 #[derive(Debug)]
 pub(super) struct Mill {
     child: Child,
@@ -65,7 +65,7 @@ pub(super) struct Mill {
 }
 
 impl Mill {
-    /// Starts LinuxCNC if it is the control of this machine; `None` for other machines.
+    /// Starts LinuxCNC if it is the control of this machine. Returns `None` for other machines.
     pub(super) fn of(machine: &str) -> anyhow::Result<Option<Mill>> {
         if machine != MACHINE {
             return Ok(None);
@@ -107,7 +107,7 @@ impl Mill {
         Ok(mill)
     }
 
-    /// Last line of the log of LinuxCNC, with a hint.
+    /// Returns the last line of LinuxCNC's log, with a hint.
     fn complaint(&self) -> String {
         let log = std::fs::read_to_string(self.directory.join(LOG)).unwrap_or_default();
         let last =
@@ -118,7 +118,7 @@ impl Mill {
         )
     }
 
-    /// Fails if LinuxCNC has ended before the demo.
+    /// Returns an error if LinuxCNC has ended before the demo.
     pub(super) fn has_run_through(&mut self) -> anyhow::Result<()> {
         match self.child.try_wait()? {
             None => Ok(()),
@@ -126,7 +126,8 @@ impl Mill {
         }
     }
 
-    /// Directs the gateway to LinuxCNC, and moves the virtual plant by the offset that LinuxCNC applies.
+    /// Sets the address of the control in the profile to LinuxCNC, and moves the virtual plant by the offset that
+    /// LinuxCNC applies.
     pub(super) fn takes_the_place_of_the_control(
         mut self,
         profile: &mut Profile,
@@ -151,7 +152,7 @@ impl Mill {
     }
 }
 
-/// Offset that LinuxCNC applies to an axis, in mm; `None` if LinuxCNC has ended.
+/// Returns the offset that LinuxCNC applies to an axis, mm; `None` if LinuxCNC has ended.
 fn offset_mm(asks: &mut ChildStdin, says: &mut BufReader<ChildStdout>, axis: &str) -> Option<f64> {
     writeln!(asks, "get axis.{axis}.eoffset").ok()?;
     let mut line = String::new();

@@ -1,18 +1,18 @@
-//! Temporary logs of a demo, so that its page has a history. State and ledger are not kept: each demo starts without
-//! them.
+//! Temporary logs of a demo, so that its web page has a history. A demo stores no state and no ledger: each one starts
+//! without them.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
 use crate::gateway::Disk;
 
-/// Temporary directory, removed when this is dropped.
+/// Temporary directory of a demo's logs. Dropping it removes the directory.
 pub(super) struct Logs(PathBuf);
 
-/// Start of the directory's name. The process id follows.
+/// Start of the directory's name. The process id of the demo follows.
 const NAME: &str = "isotherm-demo-";
 
-/// Removes the directories of demos that were killed.
+/// Removes the log directories of demos that were killed.
 fn tidy(directory: &Path) {
     for entry in std::fs::read_dir(directory).into_iter().flatten().flatten() {
         let name = entry.file_name();
@@ -27,7 +27,7 @@ fn tidy(directory: &Path) {
 }
 
 impl Logs {
-    /// Makes the directory; `None` if that fails. A demo also runs without logs.
+    /// Creates the directory. Returns `None` if that fails, because a demo also runs without logs.
     pub(super) fn make() -> Option<Logs> {
         tidy(&std::env::temp_dir());
         let path = std::env::temp_dir().join(format!("{NAME}{}", std::process::id()));
@@ -46,7 +46,7 @@ impl Drop for Logs {
     }
 }
 
-/// Disk that keeps nothing.
+/// Disk for state and ledger that stores nothing.
 pub(super) struct NullDisk;
 
 impl Disk for NullDisk {

@@ -1,4 +1,4 @@
-//! The live table: redrawn in place on a terminal, otherwise one row for each half hour of machine time.
+//! Table of the demo: on a terminal it is redrawn, otherwise it gets one row for each half hour of machine time.
 
 use std::fmt::Write as _;
 use std::io::{IsTerminal, Write};
@@ -8,10 +8,10 @@ use crate::cli::print::{Out, Screen};
 use crate::observe::status::{AxisStatus, Status, TruthStatus};
 use crate::virtual_machine::Summary;
 
-/// Interval between rows if stdout is no terminal, in seconds of machine time.
+/// Interval between rows in seconds of machine time, if stdout is no terminal.
 const ROW_EVERY: f64 = 1800.0;
 
-/// Live table of a demo.
+/// Table that shows a demo while it runs.
 pub(super) struct Table {
     mode: Mode,
     page: String,
@@ -21,11 +21,11 @@ pub(super) struct Table {
 }
 
 enum Mode {
-    /// A table that is redrawn, because stdout is a terminal.
+    /// Table that is redrawn, because stdout is a terminal.
     Live,
     /// Rows on stdout, because stdout is no terminal.
     Rows,
-    /// Progress on stderr, which is a terminal. The JSON document needs stdout.
+    /// Progress line on stderr, which is a terminal. Stdout is reserved for the JSON document.
     Progress,
     Nothing,
 }
@@ -148,7 +148,8 @@ impl Table {
     }
 }
 
-/// Error, acting Cz and residual error. They are rounded to tenths of a micrometre so that the sum is exact as printed.
+/// Returns the error, the acting Cz and the residual error. They are rounded to tenths of a micrometre so that the
+/// printed numbers add up exactly.
 fn figures(truth: Option<TruthStatus>) -> [Option<f64>; 3] {
     let Some(truth) = truth else { return [None; 3] };
     let tenths = |value: f64| (value * 10.0).round();
@@ -157,7 +158,7 @@ fn figures(truth: Option<TruthStatus>) -> [Option<f64>; 3] {
     [error, left - error, left].map(|tenths| Some(tenths / 10.0 + 0.0))
 }
 
-/// Time of day of an RFC 3339 time, for example `14:05:00`.
+/// Returns the time of day in an RFC 3339 time, for example `14:05:00`.
 fn clock(time: &str) -> &str {
     time.get(11..19).unwrap_or(time)
 }

@@ -1,4 +1,4 @@
-//! True error and residual error of each axis, which only a virtual machine knows. The demo adds them to the page.
+//! True error and residual error of each axis. Only a virtual machine knows them; the demo adds them to its web page.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -13,16 +13,16 @@ use crate::virtual_machine::Window;
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::quantity::{Moment, time};
 
-/// Source of the gateway's state, with the truth added.
+/// State of the gateway with the true errors added, for the web page.
 pub(super) struct WithTruth {
     pub(super) source: Arc<dyn GatewayApi>,
     pub(super) window: Window,
-    /// Log of the truth, in the directory of the gateway's logs.
+    /// Log file of the true errors, in the directory of the gateway's logs; `None`: no log.
     pub(super) log: Option<PathBuf>,
 }
 
 impl WithTruth {
-    /// Appends the new rows to the log. If that fails, the charts of the page lack these rows.
+    /// Appends the new rows to the log of the true errors. If that fails, the charts of the web page lack these rows.
     pub(super) fn keep(&self, clock: &Clock) {
         let (Some(log), rows) = (&self.log, self.window.take_course()) else { return };
         let axes = self.window.summary().axes;

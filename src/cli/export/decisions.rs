@@ -1,5 +1,5 @@
-//! Logs of the decisions of one day as one table. It has `time`, `machine`, and the columns of the logs except
-//! `machine_memory`, which only a replay needs.
+//! Logs of the decisions of one day as one table. It has the columns `time` and `machine`, and those of the logs. Only
+//! `machine_memory` is left out, because nothing but a replay needs it.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -13,17 +13,17 @@ use crate::gateway::log::{is_for_replay, is_text};
 use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::safe_file;
 
-/// Columns before those of the logs.
+/// Columns of the table before those of the logs.
 const FIRST: [(&str, Kind); 2] = [("time", Kind::Moment), ("machine", Kind::Text)];
 
-/// A log, and the column of the table for each of its columns.
+/// One log. For each of its columns it has the position of the column in the table.
 struct Log<'p> {
     path: &'p Path,
     reader: Reader<File>,
     places: Vec<Option<usize>>,
 }
 
-/// Writes the logs as a Parquet file. Returns a warning for each log of which rows were left out.
+/// Writes the logs as a Parquet file. Returns a warning for each log from which rows were left out.
 pub(super) fn write(machine: &str, logs: &[PathBuf], to: &mut File) -> anyhow::Result<Vec<String>> {
     let mut columns: Vec<(String, Kind)> = FIRST.map(|(name, kind)| (name.to_owned(), kind)).to_vec();
     let mut known = BTreeMap::new();
@@ -72,7 +72,7 @@ fn open<'p>(
 }
 
 impl Log<'_> {
-    /// Copies the rows to the table. Returns the number of rows that were left out.
+    /// Copies the rows of a log to the table. Returns the number of rows that were left out.
     fn copy(
         &mut self,
         machine: &str,
@@ -109,7 +109,8 @@ impl Log<'_> {
         }
     }
 
-    /// Time and cells of a row, in the order of the columns. `None` if the row is incomplete or a cell cannot be read.
+    /// Returns the time and the cells of a row, in the order of the table's columns. Returns `None` if the row is
+    /// incomplete or a cell cannot be read.
     fn whole<'r>(
         &self,
         row: &'r ByteRecord,

@@ -1,4 +1,4 @@
-//! The events of one day as a table: `time`, `machine`, `kind`, `level`, `text`, and `data` as JSON.
+//! Events of one day as a table with the columns `time`, `machine`, `kind`, `level`, `text`, and `data` as JSON.
 
 use std::fs::File;
 use std::path::Path;

@@ -1,5 +1,5 @@
-//! A table of times, numbers and texts as a Parquet file. It is written in parts, so that memory does not grow with the
-//! length of a day.
+//! Table of times, numbers and texts as a Parquet file. It is written in parts, so that the memory does not grow with
+//! the length of a day.
 
 use std::fs::File;
 use std::sync::Arc;
@@ -12,19 +12,19 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::Type;
 
-/// Maximum number of cells in memory before they are written.
+/// Maximum number of cells that are kept in memory before a part is written.
 const HELD: usize = 2_000_000;
 
 /// Type of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
-    /// A time in UTC, to the microsecond, in each row.
+    /// Time in UTC, to the microsecond. Every row must have it.
     Moment,
     Number,
     Text,
 }
 
-/// Cells of a column. Numbers and texts have a flag for each row: 1 if the row has a cell.
+/// Cells of a column. For numbers and texts, a flag for each row says whether the row has a cell (1).
 #[derive(Debug)]
 enum Cells {
     Moments(Vec<i64>),
@@ -32,7 +32,7 @@ enum Cells {
     Texts(Vec<ByteArray>, Vec<i16>),
 }
 
-/// A table that is being written.
+/// Table while it is being written.
 pub(super) struct Table<'f> {
     writer: SerializedFileWriter<&'f mut File>,
     columns: Vec<Cells>,
@@ -40,7 +40,7 @@ pub(super) struct Table<'f> {
 }
 
 impl<'f> Table<'f> {
-    /// Begins a table with these columns.
+    /// Begins a table with these columns in a file.
     pub(super) fn new(file: &'f mut File, columns: &[(String, Kind)]) -> Result<Table<'f>, ParquetError> {
         let fields = columns.iter().map(|(name, kind)| field(name, *kind).map(Arc::new));
         let fields = fields.collect::<Result<Vec<_>, _>>()?;
@@ -73,7 +73,7 @@ impl<'f> Table<'f> {
         }
     }
 
-    /// Ends a row. Every column must have its cell.
+    /// Ends a row. Every column must have got its cell before.
     pub(super) fn end_row(&mut self) -> Result<(), ParquetError> {
         self.rows += 1;
         if self.rows * self.columns.len() >= HELD { self.flush() } else { Ok(()) }

@@ -1,28 +1,29 @@
-//! `isotherm identify --balls`: converts the touches of a ball array to a log of drifts and tilts.
+//! `isotherm identify --balls`: converts the measurements of a ball array to a log of drifts and tilts.
 
 use crate::cli::print::say;
 use std::path::PathBuf;
 
 use anyhow::Context;
 
-use super::super::print_json;
+use super::super::print::print_json;
 use isotherm_identify::balls::{DIRECTIONS, Terms, log, terms};
 use isotherm_identify::dataset::{Dataset, Split, every_column};
 use isotherm_profile::counted;
 
 #[derive(clap::Args, Debug)]
 pub(super) struct Touches {
-    /// Instead of PROFILE and LOG: touches of a 1-D ball array. Columns: time, ball (its number), x_mm, y_mm, z_mm, and
-    /// stylus_mm if two stylus lengths were used. The first round is the cold one
+    /// Instead of PROFILE and LOG: the measurements of a 1-D ball array. Columns: time, ball (its number), x_mm, y_mm,
+    /// z_mm, and stylus_mm if two stylus lengths were used. The first round must be with the cold machine
     #[arg(long, value_name = "BALLS.csv", requires = "out", conflicts_with_all = ["path", "logs", "write", "probe", "error"])]
     balls: Option<PathBuf>,
-    /// With --balls: the log of the terms, one row for each round, or added to the rows of --recorded
+    /// With --balls: the log to write, with the drifts and tilts. It has one row for each round, or the rows of
+    /// --recorded
     #[arg(long, value_name = "DRIFT.csv", requires = "balls")]
     out: Option<PathBuf>,
     /// With --balls: the log of the temperatures that was recorded at the same time
     #[arg(long, value_name = "LOG", requires = "balls")]
     recorded: Option<PathBuf>,
-    /// With --balls: position along the array for which the drift of the origin is computed, mm [default: the first
+    /// With --balls: position along the array for which the drift of the origin is calculated, mm [default: the first
     /// ball]
     #[arg(long, value_name = "MM", requires = "balls", allow_negative_numbers = true)]
     origin: Option<f64>,

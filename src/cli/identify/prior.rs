@@ -1,4 +1,4 @@
-//! `--prior MODEL.toml`: the terms of an existing model, in a file of `--write` or in a profile.
+//! `--prior MODEL.toml`: reads the terms of an existing model, from a file of `--write` or from a profile.
 
 use std::path::Path;
 
@@ -36,8 +36,12 @@ struct Term {
 pub(super) fn terms(path: &Path, axis: &str) -> anyhow::Result<Vec<PriorTerm>> {
     let shown = path.display();
     let text = std::fs::read_to_string(path).with_context(|| format!("{shown} cannot be read"))?;
-    let file: File = toml::from_str(&text)
-        .map_err(|why| anyhow!("{shown} has no [[axis.…model]] with terms of `signal` and `gain`: {why}"))?;
+    let file: File = toml::from_str(&text).map_err(|why| {
+        anyhow!(
+            "{shown} cannot be read as TOML with [[axis.{axis}.model]] and terms of `signal` and `gain`: \
+                 {why}"
+        )
+    })?;
     let found = file.axis.get(axis).and_then(|axis| axis.model.iter().find(|model| !model.terms.is_empty()));
     let model = found.ok_or_else(|| {
         anyhow!(

@@ -1,4 +1,4 @@
-//! Result of an identification as text.
+//! Result of an identification as text for the terminal.
 
 use std::io::{self, Write};
 use std::time::Duration;
@@ -6,7 +6,7 @@ use std::time::Duration;
 use isotherm_identify::Identified;
 use isotherm_profile::duration_text;
 
-/// Maximum number of terms that are printed. Block and JSON contain all terms.
+/// Maximum number of terms that are printed. The block and the JSON document contain all terms.
 const MOST_TERMS: usize = 40;
 
 pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Duration>) -> io::Result<()> {
@@ -42,7 +42,7 @@ pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Dur
         writeln!(out, "  note: {remark}")?;
     }
     if !found.terms.is_empty() {
-        writeln!(out, "\n  Cz = −e, added up from")?;
+        writeln!(out, "\n  Cz = −e is the sum of")?;
     }
     if let Some(network) = &found.network {
         writeln!(out, "\n  Cz = −e, by a {network}")?;
@@ -105,14 +105,14 @@ fn held_out(out: &mut impl Write, found: &Identified) -> io::Result<()> {
         let after = |[a, b]: [f64; 2], hours: f64| (a * hours + b).sqrt();
         writeln!(
             out,
-            "  expected within (1 σ) ± {:.2} µm an hour after the datum, ± {:.2} µm after eight; ± {:.2} µm an hour after a touch",
+            "  expected error (1 σ): ± {:.2} µm 1 h after the run's start, ± {:.2} µm after 8 h, and ± {:.2} µm 1 h after a probing",
             after(expected.since_datum, 1.0),
             after(expected.since_datum, 8.0),
             after(expected.since_touch, 1.0)
         )?;
     }
     if let Some(q) = found.probe_q {
-        writeln!(out, "  for the axis's probe: q = {q:.2} µm²/h")?;
+        writeln!(out, "  value of `q` for a probe of the axis: {q:.2} µm²/h")?;
     }
     let runs = found.runs.len();
     match found.worse_runs.len() {
@@ -126,7 +126,7 @@ fn held_out(out: &mut impl Write, found: &Identified) -> io::Result<()> {
     }
 }
 
-/// Prints the replacement of each lost sensor.
+/// Prints how the model works without each of its sensors in turn.
 fn lost(out: &mut impl Write, found: &Identified) -> io::Result<()> {
     let virtually = found.stand_ins.iter().filter(|stand_in| stand_in.stands_in);
     let virtually = virtually

@@ -3,7 +3,7 @@
 use isotherm_profile::allowed;
 use isotherm_profile::template::{Outline, on_modbus};
 
-/// Values from which the first profile is made.
+/// Values from which the first profile is written.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Answers {
     pub(super) machine: String,
@@ -15,7 +15,7 @@ pub(super) struct Answers {
     pub(super) axis: String,
     pub(super) limit: f64,
     pub(super) target: Target,
-    /// Line of the control, if it is another one.
+    /// Line of the control, if it is not the line of the module.
     pub(super) control: Option<Line>,
     pub(super) control_unit: u8,
 }
@@ -34,7 +34,9 @@ impl Line {
         }
         let example = "write 192.168.0.10:502, or /dev/ttyUSB0";
         if text.contains("//") {
-            return Err(format!("an address without a prefix: {example}"));
+            return Err("write an address without a prefix such as tcp://. Examples: 192.168.0.10:502, or \
+                        /dev/ttyUSB0"
+                .to_owned());
         }
         if text.starts_with("can") || text.starts_with("vcan") {
             return Err(format!(
@@ -53,7 +55,7 @@ impl Line {
     }
 }
 
-/// Source of the temperatures.
+/// Module that measures the temperatures.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Module {
     Template(Outline),
@@ -76,16 +78,16 @@ impl Module {
         if let Module::Template(outline) = self { Some(outline) } else { None }
     }
 
-    /// Number of temperatures that the module can measure.
+    /// Returns how many temperatures the module can measure.
     pub(super) fn channels(&self) -> usize {
         self.outline().map_or(32, |outline| outline.temperatures.len())
     }
 }
 
-/// Place to which Cz is written.
+/// Register or template by which Cz is written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Target {
-    /// A template, and the name of one of its targets.
+    /// Device template, and the name of the output in it to which Cz is written.
     Template(Outline, String),
     Register(u16),
 }

@@ -1,19 +1,19 @@
-//! Questions on the terminal, one after the other.
+//! Questions on the terminal, asked one after another.
 
 use std::io::{BufRead, Write};
 
 use anyhow::Context;
 
-/// Input of the answers and output of the questions.
+/// Input for the answers, and output for the questions.
 pub(super) struct Questions<'a> {
     pub(super) input: &'a mut dyn BufRead,
     pub(super) out: &'a mut dyn Write,
-    /// Takes the default of each question without asking.
+    /// Whether each question gets its default without being asked.
     pub(super) takes_defaults: bool,
 }
 
 impl Questions<'_> {
-    /// Returns the value of the option with this name, or asks for it. An invalid answer is asked for again; an invalid
+    /// Returns the value of the option with this name, or asks for it. After an invalid answer, asks again; an invalid
     /// option is an error.
     pub(super) fn ask<T>(
         &mut self,
@@ -47,7 +47,7 @@ impl Questions<'_> {
         }
     }
 
-    /// Prints a line to the output of the questions.
+    /// Prints a line on the output of the questions.
     pub(super) fn show(&mut self, line: &str) -> std::io::Result<()> {
         writeln!(self.out, "{line}")
     }

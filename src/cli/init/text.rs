@@ -1,10 +1,10 @@
-//! Text of a first profile.
+//! Text of the first profile.
 
 use std::fmt::Write;
 
 use super::answers::{Answers, Line, Module, Target};
 
-/// Makes a profile with comments, which `check` accepts.
+/// Returns the text of a profile with comments, which `check` accepts.
 pub(super) fn profile(answers: &Answers) -> String {
     let mut text = String::new();
     // Writing to a string never fails.
@@ -45,7 +45,7 @@ fn write_profile(text: &mut String, answers: &Answers) -> std::fmt::Result {
          rate     = 0.5                      # µm per second\ndeadband = 0.1                      # µm: smaller changes are not made\n\
          every    = \"10s\"                    # interval between updates\n\
          on_fault = {{ action = \"ramp\", after = \"60s\" }}\n\n\
-         # The coefficients come from the machine: record a few days with `isotherm record`, and measure the error meanwhile.\n\
+         # The coefficients come from the machine: record a few days with `isotherm record`, and measure the error at the same time.\n\
          # Then replace these lines by the output of `isotherm identify`. Cz = -e; without a model nothing is compensated.\n\
          # [[axis.{axis}.model]]\n# name  = \"{first}\"\n# kind  = \"linear\"\n\
          # terms = [ {{ signal = \"{first}\", gain = -4.0, reference = \"start\" }} ]   # µm per °C\n"
@@ -53,7 +53,7 @@ fn write_profile(text: &mut String, answers: &Answers) -> std::fmt::Result {
     output(text, answers)?;
     writeln!(
         text,
-        "[web]\nlisten = \"127.0.0.1:8080\"            # the page; commands need token_file \
+        "[web]\nlisten = \"127.0.0.1:8080\"            # the web page; commands need token_file \
          (isotherm token), other addresses also tls"
     )
 }

@@ -30,3 +30,16 @@ fn a_key_of_a_shipped_machine_can_be_overridden() {
     let (profile, _) = with_plant("xc100-lathe-can", &set).unwrap();
     assert!(profile.buses.iter().any(|bus| bus.address == "can7"));
 }
+
+#[test]
+fn a_similar_name_is_suggested_only_for_a_name_that_is_unknown() {
+    for (path, suggested) in [
+        ("surface-grinder", None),
+        ("surface-grindr", Some("surface-grinder")),
+        ("xc100-lathe-can", None),
+        ("Cargo.toml", None),
+        ("nothing like them", None),
+    ] {
+        assert_eq!(meant(Path::new(path)), suggested, "{path}");
+    }
+}

@@ -5,11 +5,11 @@ use std::time::Duration;
 
 use anyhow::Context;
 
-use super::{LineArguments, SecuredLine, shown};
+use super::{LineArguments, SecuredLine};
 use crate::cli::backup::write_new;
 use crate::cli::port::hostname;
+use crate::cli::print::print_json;
 use crate::cli::print::{say, say_all};
-use crate::cli::print_json;
 use crate::clock::Clock;
 use crate::discovery::opcua::{Certificate, NewCertificate, make};
 use crate::fieldbus::explain;
@@ -20,8 +20,9 @@ const OF_A_CERTIFICATE: u32 = 0o644;
 
 /// Shows the gateway's own certificate of an OPC UA line: its subject, its thumbprint, and its validity.
 ///
-/// If neither certificate nor key exists, the verb makes both in the files that the profile names. The certificate is
-/// RSA with 2048 bits, self-signed, and contains the URI of the application. Existing files are never overwritten.
+/// If neither certificate nor key exists, the verb creates both in the files that the profile names. The certificate is
+/// self-signed, has an RSA key of 2048 bits, and contains the URI of the application. Existing files are never
+/// overwritten.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm opcua certificate my-machine.toml\n  isotherm opcua certificate my-machine.toml --bus nck --years 5"
@@ -68,7 +69,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         true => say!("made for bus {}: {shown_cert}, and its key {shown_key}", line.bus.name)?,
         false => say!("bus {} uses {shown_cert}", line.bus.name)?,
     }
-    say_all!("{}", shown(&certificate))?;
+    say_all!("{}", certificate.text(Clock::wall().time_of_day()))?;
     let url = &line.bus.address;
     say!(
         "The server at {url} must trust this certificate: add {shown_cert} to its trusted certificates, as \
@@ -77,7 +78,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Makes certificate and key, and returns the bytes of the certificate.
+/// Creates certificate and key, and returns the bytes of the certificate.
 fn made(line: &SecuredLine, cert: &Path, key: &Path, years: u32) -> anyhow::Result<Vec<u8>> {
     let host: String =
         hostname().chars().filter(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '.')).collect();
@@ -94,7 +95,7 @@ fn made(line: &SecuredLine, cert: &Path, key: &Path, years: u32) -> anyhow::Resu
     Ok(bytes)
 }
 
-/// Writes a new file, and makes its directory if needed.
+/// Writes a new file with this file mode, and creates its directory if needed.
 pub(super) fn put(path: &Path, bytes: &[u8], mode: u32) -> anyhow::Result<()> {
     let directory = path.parent().filter(|directory| !directory.as_os_str().is_empty());
     let done =

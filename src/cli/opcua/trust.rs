@@ -1,21 +1,23 @@
-//! `isotherm opcua trust`: adds the server's certificate to the trusted ones.
+//! `isotherm opcua trust`: adds the server's certificate to the trusted certificates.
 
 use std::path::PathBuf;
 
 use super::own::put;
-use super::{LineArguments, SecuredLine, shown};
+use super::{LineArguments, SecuredLine};
+use crate::cli::print::print_json;
 use crate::cli::print::{say, say_all, say_beside};
+use crate::cli::runtime;
 use crate::cli::values::typed;
-use crate::cli::{print_json, runtime};
+use crate::clock::Clock;
 use crate::discovery::opcua::{Certificate, Offer, offers};
 
 const OF_A_CERTIFICATE: u32 = 0o644;
-/// Answer that confirms the thumbprint.
+/// Answer of the user that confirms the thumbprint.
 const YES: &str = "yes";
 
-/// Requests the certificate of an OPC UA server and shows it. It adds the certificate to the trusted ones after you
-/// have compared its thumbprint with the one that the server itself shows. The comparison is needed because another
-/// computer could answer in place of the server.
+/// Requests the certificate of an OPC UA server and shows it. You compare its thumbprint with the one that the server
+/// itself displays. After you confirm, the verb adds the certificate to the trusted ones. The comparison is needed
+/// because another computer could answer instead of the server.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm opcua trust my-machine.toml\n  isotherm opcua trust my-machine.toml --thumbprint \
@@ -24,8 +26,8 @@ const YES: &str = "yes";
 pub(super) struct Arguments {
     #[command(flatten)]
     line: LineArguments,
-    /// The thumbprint that the server itself shows, SHA-1 or SHA-256. Nothing is asked then, and no other certificate
-    /// is accepted
+    /// The thumbprint that the server itself displays, SHA-1 or SHA-256. The verb then asks no question, and accepts no
+    /// other certificate
     #[arg(long, value_name = "HEX")]
     thumbprint: Option<String>,
 }
@@ -33,11 +35,11 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let line = arguments.line.find()?;
     let asked = offers(&line.bus.address, line.bus.timeout);
-    let offers = runtime()?.block_on(asked).map_err(anyhow::Error::msg)?;
+    let offers = runtime::start()?.block_on(asked).map_err(anyhow::Error::msg)?;
     let certificate = of_the_server(&line, &offers)?;
     if !arguments.line.json {
         say!("The server at {} shows", line.bus.address)?;
-        say_all!("{}", shown(certificate))?;
+        say_all!("{}", certificate.text(Clock::wall().time_of_day()))?;
     }
     let file = match trusted_already(&line, certificate) {
         Some(file) => (file, false),
@@ -64,8 +66,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Certificate of the endpoint with the security of the profile, or of another endpoint if the server does not offer
-/// that one.
+/// Returns the certificate of the endpoint with the security of the profile. If the server does not offer that
+/// endpoint, returns the certificate of another one.
 fn of_the_server<'o>(line: &SecuredLine, offers: &'o [Offer]) -> anyhow::Result<&'o Certificate> {
     let wanted = line.bus.opcua.as_ref().map(|opcua| opcua.security);
     let shown = |offer: &&Offer| offer.certificate.is_some();
@@ -80,21 +82,22 @@ fn of_the_server<'o>(line: &SecuredLine, offers: &'o [Offer]) -> anyhow::Result<
     })
 }
 
-/// File of this certificate among the trusted ones.
+/// Returns the file with this certificate among the trusted ones; `None` if it is not trusted yet.
 fn trusted_already(line: &SecuredLine, certificate: &Certificate) -> Option<PathBuf> {
     let known = line.bus.opcua.iter().flat_map(|opcua| &opcua.trusted);
     let mut known = known.filter_map(|file| Some((file, Certificate::read(&file.bytes)?)));
     known.find(|(_, known)| known.der == certificate.der).map(|(file, _)| line.beside.join(&file.name))
 }
 
-/// Checks the thumbprint given as an option, or asks the operator to confirm it.
+/// Checks the thumbprint given as an option, or else asks the user to confirm it. Returns an error if it is not
+/// confirmed.
 fn agreed(thumbprint: Option<&str>, certificate: &Certificate) -> anyhow::Result<()> {
     if let Some(thumbprint) = thumbprint {
         let is_it = certificate.has_thumbprint(thumbprint).map_err(anyhow::Error::msg)?;
         anyhow::ensure!(
             is_it,
             "the server shows another certificate ({}), which is not trusted. Is this the right server, has \
-             the server a new certificate, or does another computer answer in its place?",
+             the server a new certificate, or does another computer answer instead?",
             certificate.thumbprint
         );
         return Ok(());
@@ -111,7 +114,8 @@ fn agreed(thumbprint: Option<&str>, certificate: &Certificate) -> anyhow::Result
     Ok(())
 }
 
-/// File name with the server's host and the start of the thumbprint, for example `192.168.214.241-5F3A0C96.der`.
+/// Returns a file name with the server's host and the start of the thumbprint, for example
+/// `192.168.214.241-5F3A0C96.der`.
 fn file_name(line: &SecuredLine, certificate: &Certificate) -> String {
     let url = &line.bus.address;
     let host =

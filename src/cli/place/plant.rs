@@ -1,4 +1,4 @@
-//! Modes of a structure for a plant, and the files of the example.
+//! Modes of a structure for a virtual machine, and the files of the example.
 
 use crate::cli::print::say;
 use std::path::Path;
@@ -16,7 +16,7 @@ use isotherm_placement::reduced::Modes;
 use isotherm_placement::structure::Adjoint;
 use isotherm_placement::study::{Placement, Sensor};
 
-/// Reads the plant's FE input file. This happens before the long computation, so that errors appear early.
+/// Reads the FE input file of `--plant`. This happens before the long calculation, so that errors appear early.
 pub(super) fn read(path: &Path, engine: Engine) -> anyhow::Result<FeInput> {
     if engine == Engine::Ccx {
         anyhow::bail!("--modes needs isotherm's own finite elements: leave --engine ccx out");
@@ -24,8 +24,8 @@ pub(super) fn read(path: &Path, engine: Engine) -> anyhow::Result<FeInput> {
     Ok(fe_input::read(path)?)
 }
 
-/// Computes the modes of the plant as JSON. They include the temperatures at the sensors and at the centres of the
-/// blocks (`NAME_centre`), and the displacement along the guideway.
+/// Calculates the modes of the structure as JSON. They include the temperatures at the sensors and at the centres of
+/// the blocks (`NAME_centre`), and the displacement along the guideway.
 pub(super) fn modes(
     plant: &FeInput,
     adjoint: &Adjoint,
@@ -43,7 +43,7 @@ pub(super) fn modes(
     Ok(modes.to_json(&points, adjoint, line))
 }
 
-/// Writes the files of the example, and prints the next command.
+/// Writes the files of the example, and prints the command to run next.
 pub(super) fn write_example(directory: &Path) -> anyhow::Result<()> {
     let place = directory.display();
     std::fs::create_dir_all(directory).with_context(|| format!("cannot make the directory {place}"))?;

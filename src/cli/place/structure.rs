@@ -1,4 +1,5 @@
-//! From FE input files to the data for the selection of sensors: temperatures, displacements, P.
+//! Calculation of the data for the selection of sensors from FE input files: temperatures, displacements, and the
+//! matrix P.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -14,7 +15,7 @@ use isotherm_placement::structure::{Adjoint, guideway_and_temperatures};
 use isotherm_placement::study::{Study, rows};
 use isotherm_placement::views::outside;
 
-/// Reads the files, and computes temperatures, displacements and P.
+/// Reads the FE input files, and calculates temperatures, displacements and the matrix P.
 pub(super) fn study(
     arguments: &Arguments,
     plant: Option<&FeInput>,
@@ -49,17 +50,17 @@ pub(super) fn study(
     Ok(Study { mesh: inputs.swap_remove(0).mesh, guide, p, adjoint, parts, reach, loads })
 }
 
-/// Results of an engine.
+/// Results of a finite-element program.
 struct Computed {
-    /// Matrix P, mm/K: displacement of the guideway if a block is 1 K warmer. Rows: 3·guide + component. Columns:
-    /// blocks.
+    /// Matrix P, mm/K: displacement of the guideway if one block is 1 K warmer. Rows: 3·(guideway point) + component.
+    /// Columns: blocks.
     p: Vec<Vec<f64>>,
-    /// Adjoint solution; `None` for CalculiX.
+    /// Adjoint solution of isotherm's own calculation, needed for the modes; `None` for CalculiX.
     adjoint: Option<Adjoint>,
     loads: Vec<Load>,
 }
 
-/// Computes with isotherm's own finite elements.
+/// Calculates with isotherm's own finite elements.
 fn own(
     inputs: &[FeInput],
     fixed: &[usize],
@@ -77,7 +78,8 @@ fn own(
     Ok(Computed { p: rows(&columns), adjoint: Some(adjoint), loads })
 }
 
-/// Computes with CalculiX: temperatures case by case, then all displacements, and P from a unit rise of each block.
+/// Calculates with CalculiX: the temperatures case by case, then all displacements, and P from a rise of 1 K of each
+/// block.
 fn calculix(
     inputs: &[FeInput],
     fixed: &[usize],
@@ -110,7 +112,7 @@ fn calculix(
     Ok(Computed { p: rows(&columns), adjoint: None, loads: loads.collect() })
 }
 
-/// Reads every file. All must describe the same structure as the plant.
+/// Reads every file. Returns an error if the files, with that of the plant, do not describe the same structure.
 fn read(paths: &[PathBuf], plant: Option<&FeInput>, progress: Progress<'_>) -> anyhow::Result<Vec<FeInput>> {
     let mut inputs: Vec<FeInput> = Vec::new();
     let mut wrong = Vec::new();
@@ -133,7 +135,7 @@ fn read(paths: &[PathBuf], plant: Option<&FeInput>, progress: Progress<'_>) -> a
     Ok(inputs)
 }
 
-/// Reason why two files do not describe the same structure; `None` if they do.
+/// Returns the reason why two files do not describe the same structure; `None` if they do.
 fn differs(first: &FeInput, other: &FeInput) -> Option<String> {
     let (one, two) = (&first.mesh, &other.mesh);
     let why = if one.nodes != two.nodes {
@@ -156,12 +158,13 @@ fn differs(first: &FeInput, other: &FeInput) -> Option<String> {
     ))
 }
 
-/// Node sets without the order of their nodes. The order of the first file is that of the rows of P.
+/// Returns the node sets as sets, so that they can be compared without the order of their nodes. The order in the first
+/// file determines the rows of P.
 fn members(mesh: &Mesh) -> BTreeMap<&str, BTreeSet<usize>> {
     mesh.node_sets.iter().map(|(name, nodes)| (name.as_str(), nodes.iter().copied().collect())).collect()
 }
 
-/// Nodes of a set that must exist. If it is missing or empty, the error is added to `wrong`.
+/// Returns the nodes of a set that must exist. If it is missing or empty, adds an error to `wrong`.
 fn set(mesh: &Mesh, name: &str, option: &str, wrong: &mut Vec<String>) -> Vec<usize> {
     let name = name.to_uppercase();
     match mesh.node_sets.get(&name) {

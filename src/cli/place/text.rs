@@ -1,18 +1,18 @@
-//! A placement as text for the console.
+//! Result of a sensor placement as text for the terminal.
 
 use std::fmt::{self, Display, Formatter};
 
 use isotherm_placement::blocks::Part;
 use isotherm_placement::study::{CaseResult, Placement};
 
-/// A placement with the parts of the structure.
+/// Placement, and the parts of the structure that it divides.
 pub(super) struct Text<'a>(pub(super) &'a Placement, pub(super) &'a [Part]);
 
 impl Display for Text<'_> {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let Text(placement, parts) = *self;
         let placed =
-            placement.placed_by.as_ref().map(|case| format!(", placed by {case}")).unwrap_or_default();
+            placement.placed_by.as_ref().map(|case| format!(", placed for {case}")).unwrap_or_default();
         writeln!(f, "sensors by {}{placed}, coordinates in mm", placement.method.name())?;
         let width = placement.blocks.iter().map(|block| block.chars().count()).max().unwrap_or(0).max(5);
         writeln!(f, "  {:width$}     node         x         y         z   nodes of the block", "block")?;
@@ -22,7 +22,7 @@ impl Display for Text<'_> {
             writeln!(f, "  {block:width$} {node:>8} {x:>9.1} {y:>9.1} {z:>9.1}   {nodes}")?;
         }
         let names = placement.cases.iter().map(|case| case.name.chars().count());
-        let width = names.max().unwrap_or(0).max("placed by".len());
+        let width = names.max().unwrap_or(0).max("placed for".len());
         writeln!(
             f,
             "\nresidual error of the displacement along {}, µm RMS over the guideway",
@@ -62,7 +62,11 @@ impl Display for Text<'_> {
                 .collect()
         };
         let heads = columns(&|_, case| case.name.clone());
-        writeln!(f, "\neach placement on every case, µm RMS\n  {:width$}  method    {heads}", "placed by")?;
+        writeln!(
+            f,
+            "\nresidual error of each placement on every case, µm RMS\n  {:width$}  method    {heads}",
+            "placed for"
+        )?;
         for row in &placement.cross_case {
             let by = row.placed_by.as_deref().unwrap_or("all");
             let figures = columns(&|at, _| format!("{:.2}", row.rms_um[at]));

@@ -1,21 +1,23 @@
-//! The nodes of an OPC UA server, for a user who looks for the right one.
+//! Nodes of an OPC UA server, for a user who searches for a node.
 
+use crate::cli::print::print_json;
 use crate::cli::print::{say, say_beside};
+use crate::cli::runtime;
 use crate::cli::target::Target;
-use crate::cli::{print_json, refuse, runtime};
+use crate::cli::values::wrong_arguments;
 use crate::discovery::opcua::{Described, browse, in_a_line};
 use isotherm_core::codec::{Namespace, NodeId};
 use isotherm_profile::{Bus, one_line};
 
-/// Standard folder `Objects`, which contains the server's own nodes.
+/// Identifier of the standard folder `Objects`, which contains the server's own nodes.
 const OBJECTS: &str = "i=85";
 
-/// Selects the nodes to show.
+/// Options that select the nodes to show.
 #[derive(clap::Args, Debug)]
 #[command(next_help_heading = "The nodes of an OPC UA server")]
 pub(in crate::cli) struct Nodes {
-    /// Shows the nodes below this one, `ns=2;s=/Nck`, with type, access rights and value; without a node, those below
-    /// Objects
+    /// Shows the nodes below this one, for example `ns=2;s=/Nck`, with type, access rights and value; without a node,
+    /// those below the folder Objects
     #[arg(long, value_name = "NODE", num_args = 0..=1, default_missing_value = OBJECTS, conflicts_with_all = ["register", "watch"])]
     browse: Option<NodeId>,
     /// Number of levels to show
@@ -35,10 +37,12 @@ impl Nodes {
 pub(super) fn run(target: &Target, nodes: &Nodes, json: bool) -> anyhow::Result<()> {
     let Some(first) = &nodes.browse else { return Ok(()) };
     let Some(bus) = server(target, json)? else {
-        refuse("--browse needs an OPC UA server: --bus opc.tcp://HOST, or a PROFILE with --bus NAME")
+        return Err(wrong_arguments(
+            "--browse needs an OPC UA server: --bus opc.tcp://HOST, or a PROFILE with --bus NAME",
+        ));
     };
     let browsing = browse(&bus, first, usize::from(nodes.depth), usize::from(nodes.most));
-    let tree = runtime()?.block_on(browsing).map_err(anyhow::Error::msg)?;
+    let tree = runtime::start()?.block_on(browsing).map_err(anyhow::Error::msg)?;
     if json {
         return print_json(&tree);
     }
@@ -46,8 +50,8 @@ pub(super) fn run(target: &Target, nodes: &Nodes, json: bool) -> anyhow::Result<
     for (index, uri) in &tree.namespaces {
         let named = Namespace::Uri(uri.clone()).to_string();
         say_beside!(
-            "ns={index} is {} here: with this name, a node is found even if the server numbers its \
-             namespaces differently",
+            "ns={index} is {} on this server. With this name instead of the index, a node is found even if \
+             the server numbers its namespaces differently",
             one_line(&named)
         );
     }
@@ -61,7 +65,7 @@ pub(super) fn run(target: &Target, nodes: &Nodes, json: bool) -> anyhow::Result<
     Ok(())
 }
 
-/// Finds the OPC UA server of the arguments; `None` if they name none.
+/// Returns the OPC UA server that the arguments name; `None` if they name none.
 fn server(target: &Target, json: bool) -> anyhow::Result<Option<Bus>> {
     if target.bus.is_none() && target.profile.is_none() {
         return Ok(None);

@@ -1,32 +1,35 @@
-//! One register, or several consecutive ones, without a signal: the raw data, and the value decoded in different ways.
+//! One register, or several consecutive ones, without a signal: the registers as read, and the value decoded in
+//! different ways.
 
 use std::io::Write;
 use std::time::Duration;
 
+use crate::cli::print::print_json;
 use crate::cli::print::{Out, say, say_beside};
 use crate::cli::target::{Line, Target};
-use crate::cli::{print_json, refuse, values};
+use crate::cli::values;
+use crate::cli::values::wrong_arguments;
 use crate::clock::Clock;
 use crate::discovery::remedy::{Question, remedy};
 use crate::discovery::unit_reader::{Trace, UnitReader};
 use crate::discovery::values::{RegisterValue, ValueFormat};
 use crate::discovery::{DataType, Exchange, Register, WordOrder};
 
-/// Maximum number of registers in one request, by the protocol. [`MOST_BITS`] applies to bits.
+/// Maximum number of registers in one Modbus request. [`MOST_BITS`] is the maximum number of bits.
 const MOST_REGISTERS: u16 = 125;
 const MOST_BITS: u16 = 2000;
 
-/// Registers to read, and how to decode them.
+/// Options for the registers to read, and for decoding them.
 #[derive(clap::Args, Debug)]
 #[command(next_help_heading = "One register, without a signal")]
 pub(in crate::cli) struct One {
     /// The first register or bit: holding:100, input:0, coil:3, discrete:3, or a Modicon number such as 40101
     #[arg(long, value_name = "REGISTER")]
     register: Option<Register>,
-    /// The Modbus unit
+    /// The Modbus unit number
     #[arg(long, value_name = "UNIT", conflicts_with = "device", requires = "register")]
     unit: Option<u8>,
-    /// A device of the profile, whose unit and line are used
+    /// A device of the profile; its line and unit number are used
     #[arg(long, value_name = "DEVICE", requires_all = ["register", "profile"], conflicts_with = "bus")]
     device: Option<String>,
     /// bool, u16, i16, u32, i32, u64, i64, f32, f64 [default: u16, and also i16 if that differs]
@@ -41,7 +44,7 @@ pub(in crate::cli) struct One {
     /// Number of values
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=2000), requires = "register")]
     count: u16,
-    /// Engineering units for each count
+    /// Engineering units per count (value = count · scale + offset)
     #[arg(long, value_name = "UNITS", default_value = "1", value_parser = scale, allow_negative_numbers = true, requires = "register")]
     scale: f64,
     /// Engineering value of the raw value zero
@@ -90,21 +93,23 @@ impl One {
     }
 }
 
-/// Finds the line and the unit of the arguments.
+/// Returns the line and the unit number of the arguments.
 fn line(target: &Target, one: &One, json: bool) -> anyhow::Result<(Line, u8)> {
     let Some(name) = &one.device else {
         if target.bus.is_none() {
-            refuse("--register needs a unit: --bus tcp://HOST --unit 1, or a PROFILE with --device NAME");
+            return Err(wrong_arguments(
+                "--register needs a unit: --bus tcp://HOST --unit 1, or a PROFILE with --device NAME",
+            ));
         }
         let Some(unit) = one.unit else {
-            refuse(match target.is_at_a_server() {
+            return Err(wrong_arguments(match target.is_at_a_server() {
                 true => "an OPC UA server has nodes: add --browse, and leave --register out",
                 false => "--unit is missing: the Modbus unit, often 1",
-            })
+            }));
         };
         return Ok((target.find(json)?, unit));
     };
-    let Some(profile) = target.load(json)? else { refuse("--device needs a PROFILE") };
+    let Some(profile) = target.load(json)? else { return Err(wrong_arguments("--device needs a PROFILE")) };
     let device = profile.devices.iter().find(|device| device.name == *name).cloned().ok_or_else(|| {
         let known: Vec<&str> = profile.devices.iter().map(|device| device.name.as_str()).collect();
         anyhow::anyhow!("the profile has no device `{name}`; it has: {}", known.join(", "))
@@ -118,21 +123,26 @@ pub(super) fn run(target: &Target, one: &One, watch: bool, json: bool) -> anyhow
     let form = one.form();
     let is_bits = from.table.is_bits();
     if is_bits && one.data_type.is_some_and(|known| known != DataType::Bool) {
-        refuse(&format!("{from} is a single bit: leave --type out"));
+        return Err(wrong_arguments(format!("{from} is a single bit: leave --type out")));
     }
     let most = if is_bits { MOST_BITS } else { MOST_REGISTERS };
     let count = u32::from(one.count) * u32::from(form.registers());
     let Some(count) = u16::try_from(count).ok().filter(|count| *count <= most) else {
-        refuse(&format!("at most {} values of this type fit into one request", most / form.registers()));
+        return Err(wrong_arguments(format!(
+            "at most {} values of this type fit into one request",
+            most / form.registers()
+        )));
     };
     if u32::from(from.offset) + u32::from(count) > 65_536 {
-        refuse(&format!("{count} registers from {from} exceed the last register, 65535"));
+        return Err(wrong_arguments(format!(
+            "{count} registers from {from} exceed the last register, 65535"
+        )));
     }
     let (line, unit) = line(target, one, json)?;
     let question = Question { line: &line.address, unit, from, count, timeout: line.bus.timeout };
     let trace = one.trace.then_some(print_exchange as Trace);
     let mut requester = UnitReader::new(&line.address, &line.bus, line.quirks, trace);
-    crate::cli::runtime()?.block_on(async {
+    crate::cli::runtime::start()?.block_on(async {
         let clock = Clock::wall();
         let begun = clock.now();
         loop {
@@ -163,7 +173,7 @@ fn print_exchange(exchange: &Exchange) {
     say_beside!("{exchange}");
 }
 
-/// Prints one reading. With `now` it is one of many: its error is printed and does not end the verb.
+/// Prints one reading. If `now` is given, the reading is one of many, and an error is printed without ending the verb.
 fn print(
     values: &Result<Vec<RegisterValue>, String>,
     form: &ValueFormat,

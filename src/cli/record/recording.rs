@@ -1,4 +1,4 @@
-//! The files of a recording, and statistics of their columns.
+//! Files of a recording, and statistics of their columns.
 
 use std::fmt;
 use std::fs::File;
@@ -16,12 +16,12 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::Profile;
 use isotherm_profile::{counted, duration_text};
 
-/// The file that is being written, and statistics over all files.
+/// File that is being written, and statistics over all files of the recording.
 pub(super) struct Recording {
     out: PathBuf,
     machine: String,
     header: String,
-    /// Files of the recording. The last one is being written.
+    /// Files of the recording; the last one is being written.
     files: Vec<PathBuf>,
     file: File,
     /// Time at which the current file began.
@@ -32,7 +32,7 @@ pub(super) struct Recording {
     columns: Vec<Column>,
 }
 
-/// Statistics of one signal's column.
+/// Statistics of one signal's column, over all files.
 struct Column {
     name: String,
     unit: &'static str,
@@ -78,7 +78,7 @@ impl Recording {
         })
     }
 
-    /// Begins a new file if the current one has reached the duration `after`.
+    /// Begins a new file if the current one has lasted for `after`.
     pub(super) fn rotate(&mut self, now: Moment, after: Duration) -> anyhow::Result<()> {
         if now.since(self.begun) >= after {
             let path = place(&self.out, &self.machine, now, self.files.len() + 1);
@@ -89,7 +89,7 @@ impl Recording {
         Ok(())
     }
 
-    /// Writes one row in one write, so that a power cut loses at most this row.
+    /// Writes one row with a single write call, so that a power cut loses at most this row.
     pub(super) fn row(
         &mut self,
         now: Moment,
@@ -124,7 +124,7 @@ impl Recording {
         Ok(())
     }
 
-    /// Path of the file that is being written.
+    /// Returns the path of the file that is being written.
     pub(super) fn path(&self) -> std::path::Display<'_> {
         self.files.last().unwrap_or(&self.out).display()
     }
@@ -133,7 +133,7 @@ impl Recording {
         self.rows
     }
 
-    /// Signals without a value in the last row.
+    /// Returns the signals without a value in the last row.
     pub(super) fn missing_now(&self) -> Vec<&str> {
         self.columns.iter().filter(|column| column.missing).map(|column| column.name.as_str()).collect()
     }
@@ -160,7 +160,7 @@ fn open(path: &Path, header: &str) -> anyhow::Result<File> {
     new_file::create(path, header)
 }
 
-/// Summary, which shows if a column lacks values before the displacement sensor is removed.
+/// Summary of the recording. It shows whether a column lacks values, while the displacement sensor is still mounted.
 impl fmt::Display for Recording {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let span = Duration::from_secs(self.last.since(self.first).as_secs());

@@ -1,4 +1,4 @@
-//! Findings of one row of a log: rejected sensors of an axis, and why the axis is on hold.
+//! Findings at one row of a log: sensors of an axis that are not used, and the reason why the axis is on hold.
 
 use std::fmt;
 use std::time::Duration;
@@ -13,26 +13,27 @@ use isotherm_core::explained::Explained;
 use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
 use isotherm_profile::{Profile, duration_text};
 
-/// Sensor that has a stand-in.
+/// Sensor whose value is calculated from other sensors.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StandIn {
     /// Signal of the sensor.
     pub signal: String,
-    /// Fault of the sensor.
+    /// Reason why the sensor itself is not used.
     pub kind: SensorFault,
-    /// Time since its reading last changed, or was last good, at the start of the span, s.
+    /// Time in seconds at the start of the time span, since the reading last changed (frozen) or was last good (lost).
     pub for_s: f64,
-    /// Signals from which its stand-in is computed.
+    /// Signals of the other sensors from which the value is calculated.
     pub by: Vec<String>,
 }
 
-/// Fault of a sensor that is replaced.
+/// Fault of a sensor whose value is calculated from others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SensorFault {
     /// The reading does not change.
     Frozen,
-    /// The sensor has no good reading, or is back and has not agreed with the others for long enough.
+    /// The sensor has no good reading, or has good readings again but not agreed with the other sensors for long
+    /// enough.
     Lost,
 }
 
@@ -41,33 +42,33 @@ pub enum SensorFault {
 pub struct Suspicion {
     /// Signal of the sensor.
     pub signal: String,
-    /// Time since its reading last changed, at the start of the span, s.
+    /// Time in seconds at the start of the time span since the reading last changed.
     pub for_s: f64,
-    /// Reason why it had no stand-in at the start of the span.
+    /// Reason why the sensor was not replaced by a calculated value at the start of the time span.
     pub why: String,
 }
 
-/// Axis that does not follow a model.
+/// Axis whose Cz does not follow a model.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Hold {
-    /// State: holding, ramping or zeroed.
+    /// State of the axis: holding, ramping or zeroed.
     pub state: &'static str,
-    /// Cause of the hold, as text.
+    /// Cause of the state, as text.
     pub why: String,
 }
 
 /// Whether an axis is on hold after a row.
 #[derive(Debug)]
 pub(super) enum HoldChange {
-    /// The axis decided nothing at this row. Its state is the one before.
+    /// The axis made no decision at this row, so the earlier result remains valid.
     AsBefore,
     /// The axis follows a model, is off, or stops because the gateway stops.
     No,
-    /// The axis keeps its value, goes to zero or is at zero.
+    /// The axis keeps its Cz, or its Cz goes to zero or is zero.
     Yes(Hold),
 }
 
-/// Findings of one axis at one row.
+/// Findings about one axis at one row.
 #[derive(Debug)]
 pub(super) struct Findings {
     pub(super) stand_ins: Vec<StandIn>,
@@ -76,7 +77,7 @@ pub(super) struct Findings {
 }
 
 impl Findings {
-    /// Collects the findings of an axis after the step at this row.
+    /// Returns the findings about an axis after the decisions at this row.
     pub(super) fn of(profile: &Profile, compensation: &Compensation, axis: usize, row: &LogRow) -> Findings {
         let (mut stand_ins, mut suspicions) = (Vec::new(), Vec::new());
         let rejected: Vec<RejectedSensor> = compensation.rejected(axis).collect();
@@ -104,8 +105,8 @@ impl Findings {
     }
 }
 
-/// Returns the stand-ins that watch a sensor, with the index of their model. Those of the model in use come first, then
-/// those of the first model that has some.
+/// Returns the stand-ins (calculated values for lost sensors) that supervise a sensor, with the index of their model.
+/// Those of the model in use come first, then those of the first model that has some.
 fn watching(models: &[Model], used: Option<usize>, signal: SignalId) -> Option<(usize, &StandIns)> {
     let others = (0..models.len()).filter(|place| Some(*place) != used);
     let places = used.into_iter().chain(others);
@@ -113,7 +114,7 @@ fn watching(models: &[Model], used: Option<usize>, signal: SignalId) -> Option<(
     all.find(|(_, stand_ins)| stand_ins.watched().any(|(watched, _)| watched == signal))
 }
 
-/// Returns the signals from which the stand-in of a sensor is computed, each once.
+/// Returns the signals from which the stand-in of a sensor is calculated, each once.
 fn predictors(stand_ins: &StandIns, signal: SignalId) -> Vec<SignalId> {
     let mut all = Vec::new();
     for id in stand_ins.predictors(signal) {
@@ -124,8 +125,8 @@ fn predictors(stand_ins: &StandIns, signal: SignalId) -> Vec<SignalId> {
     all
 }
 
-/// Returns why a suspected sensor has no stand-in. `rejected`: all sensors of the axis that are suspected, frozen or
-/// lost.
+/// Returns why a suspected sensor was not replaced by a stand-in. `rejected`: all sensors of the axis that are
+/// suspected, frozen or lost.
 fn why_not_replaced(
     profile: &Profile,
     stand_ins: &StandIns,
@@ -183,12 +184,12 @@ fn held(profile: &Profile, compensation: &Compensation, axis: usize, row: &LogRo
     HoldChange::Yes(Hold { state: decision.state.name(), why })
 }
 
-/// Returns a time span as text, in whole seconds.
+/// Formats a time span in whole seconds.
 pub(super) fn whole_seconds(seconds: f64) -> String {
     duration_text(Duration::try_from_secs_f64(seconds.round()).unwrap_or_default())
 }
 
-/// Returns names as a list: `bed`, `bed and column`, `bed, column and nut`.
+/// Formats names as a list: `bed`, `bed and column`, `bed, column and nut`.
 fn listed(names: &[String]) -> String {
     match names {
         [] => "no other".to_owned(),

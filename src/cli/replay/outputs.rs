@@ -1,4 +1,5 @@
-//! Replay of the log of the outputs: repeats the facts, and compares the actions.
+//! Replay of a log of outputs: uses its recorded inputs again, and compares the resulting actions with those in the
+//! log.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -22,20 +23,20 @@ pub struct OutputsSummary {
     pub log: String,
     /// Number of rows read.
     pub rows: u64,
-    /// Time between the earliest and the latest row, s.
+    /// Time between the earliest and the latest row of the log, s.
     pub span_s: f64,
     /// Warnings about the log.
     pub warnings: Vec<String>,
-    /// Results by name of output, set or heartbeat.
+    /// Results of the comparison, by name of the output, set or heartbeat.
     pub outputs: BTreeMap<String, Reproduced>,
 }
 
-/// Returns whether a log is one of outputs, from its first bytes.
+/// Returns whether a log is a log of outputs, judged by its first bytes.
 pub(super) fn is_of_outputs(first: &[u8]) -> bool {
     first.starts_with(HEADER.trim_end().as_bytes())
 }
 
-/// Replays the log of the outputs that belongs to this log of decisions; `None` if there is none.
+/// Replays the log of outputs that belongs to this log of decisions. Returns `None` if there is none.
 pub(super) fn beside(log: &Path) -> anyhow::Result<Option<OutputsSummary>> {
     let Some(stem) = log.to_str().and_then(|name| name.strip_suffix(".csv")) else { return Ok(None) };
     let name = format!("{stem}{ENDING}");
@@ -51,10 +52,10 @@ pub(super) fn beside(log: &Path) -> anyhow::Result<Option<OutputsSummary>> {
     }
 }
 
-/// Replays a log of outputs, and returns its statistics. `name` is the name of the log in messages.
+/// Replays a log of outputs, and returns the results. Messages call the log `name`.
 ///
 /// # Errors
-/// The log cannot be read. The error names the place.
+/// The reason why the log cannot be read, with the position in it.
 pub fn replay_outputs(log: impl Read, name: &str) -> anyhow::Result<OutputsSummary> {
     let mut reader = OutputLogReader::open(log, name)?;
     let mut replay = OutputReplay::default();

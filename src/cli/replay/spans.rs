@@ -1,4 +1,4 @@
-//! Spans of a log in which sensors of an axis were replaced or suspected, and in which the axis was on hold.
+//! Time spans of a log in which sensors of an axis were replaced or suspected, or in which the axis was on hold.
 
 use std::fmt;
 
@@ -9,53 +9,53 @@ use crate::gateway::log::LogRow;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::counted;
 
-/// Maximum number of spans of one kind that are kept for an axis, because a log may be endless. Further ones are
-/// counted.
+/// Maximum number of time spans of one kind that are stored for an axis, because a log may be very long. Further ones
+/// are only counted.
 const MOST: usize = 1000;
-/// Maximum number of spans of one kind that are printed for an axis.
+/// Maximum number of time spans of one kind that are printed for an axis.
 const MOST_PRINTED: usize = 20;
 
-/// Span of a log, with the finding that was true in it.
+/// Time span of a log, and the finding that was true during it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Span<T> {
-    /// `time` of the first row of the span, as in the log.
+    /// `time` of the first row of the time span, as in the log.
     pub from: String,
-    /// `time` of the first row after the span, or of the last row of the log.
+    /// `time` of the first row after the time span; or of the last row of the log.
     pub to: String,
-    /// Time between both rows, s.
+    /// Time between the rows `from` and `to`, s.
     pub span_s: f64,
-    /// The finding was still true in the last row.
+    /// Whether the finding was still true in the last row of the log.
     pub lasts: bool,
-    /// Finding of the span.
+    /// Finding that was true during the time span.
     #[serde(flatten)]
     pub what: T,
 }
 
-/// Spans of one axis. Each list is ordered by the start of its spans.
+/// Time spans of one axis. Each list is in the order in which the time spans began.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct AxisSpans {
-    /// Spans in which a sensor had a stand-in.
+    /// Time spans in which the value of a sensor was calculated from other sensors.
     pub stand_ins: Vec<Span<StandIn>>,
-    /// Spans in which a sensor was suspected of being frozen and its reading was used.
+    /// Time spans in which a sensor was suspected of being frozen, and its reading was still used.
     pub suspicions: Vec<Span<Suspicion>>,
-    /// Spans in which the axis kept its value, went to zero or was at zero.
+    /// Time spans in which the axis kept its Cz, or its Cz went to zero or was zero.
     pub holds: Vec<Span<Hold>>,
-    /// Number of spans that are missing from each list.
+    /// Number of time spans that are missing in each list.
     pub left_out: OmittedSpans,
 }
 
-/// Number of spans of each kind that are not in the lists, because there are too many.
+/// Number of time spans of each kind that are not in the lists, because there were too many.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct OmittedSpans {
-    /// Number of missing stand-ins.
+    /// Number of time spans missing in `stand_ins`.
     pub stand_ins: u64,
-    /// Number of missing suspicions.
+    /// Number of time spans missing in `suspicions`.
     pub suspicions: u64,
-    /// Number of missing holds.
+    /// Number of time spans missing in `holds`.
     pub holds: u64,
 }
 
-/// Collects the spans of one axis row by row.
+/// Collector of the time spans of one axis, row by row.
 #[derive(Debug)]
 pub(super) struct SpanTally {
     stand_ins: SpanList<StandIn>,
@@ -68,7 +68,7 @@ impl SpanTally {
         SpanTally { stand_ins: SpanList::new(), suspicions: SpanList::new(), holds: SpanList::new() }
     }
 
-    /// Adds the findings of a row.
+    /// Adds the findings at a row.
     pub(super) fn row(&mut self, row: &LogRow, found: Findings) {
         // `for_s` grows with each row. `why` of a suspicion is that of its first row.
         self.stand_ins.row(row, found.stand_ins, |one, other| {
@@ -83,7 +83,7 @@ impl SpanTally {
         self.holds.row(row, holds, |one, other| one == other);
     }
 
-    /// Returns the spans up to the last row, which is given by its `time` as text and as a moment.
+    /// Returns the time spans up to the last row. `last` is the time of that row, as text and as a moment.
     pub(super) fn spans(self, last: (&str, Moment)) -> AxisSpans {
         let (stand_ins, stand_ins_left_out) = self.stand_ins.spans(last);
         let (suspicions, suspicions_left_out) = self.suspicions.spans(last);
@@ -97,7 +97,7 @@ impl SpanTally {
     }
 }
 
-/// Spans of one kind.
+/// Time spans of one kind.
 #[derive(Debug)]
 struct SpanList<T> {
     kept: Vec<Span<T>>,
@@ -105,14 +105,14 @@ struct SpanList<T> {
     open: Vec<Open<T>>,
 }
 
-/// Span that has not ended.
+/// Time span that has not ended yet.
 #[derive(Debug)]
 struct Open<T> {
     what: T,
     begun: Moment,
-    /// Index in the list of kept spans; `None` if it is not kept.
+    /// Index in the list of stored time spans; `None` if it is only counted.
     place: Option<usize>,
-    /// The finding is true in the present row, too.
+    /// Whether the finding is also true in the present row.
     lasts: bool,
 }
 
@@ -121,7 +121,7 @@ impl<T: Clone> SpanList<T> {
         SpanList { kept: Vec::new(), left_out: 0, open: Vec::new() }
     }
 
-    /// Adds the findings of a row. `is_same` returns whether two findings belong to one span.
+    /// Adds the findings at a row. `is_same` returns whether two findings belong to one time span.
     fn row(&mut self, row: &LogRow, found: Vec<T>, is_same: impl Fn(&T, &T) -> bool) {
         self.open.iter_mut().for_each(|open| open.lasts = false);
         for what in found {
@@ -154,7 +154,7 @@ impl<T: Clone> SpanList<T> {
         self.open.push(Open { what, begun: row.now, place, lasts: true });
     }
 
-    /// Returns the kept spans, and the number of those left out.
+    /// Returns the stored time spans, and the number of those that were only counted.
     fn spans(mut self, last: (&str, Moment)) -> (Vec<Span<T>>, u64) {
         for open in &self.open {
             open.end(&mut self.kept, last, true);
@@ -164,7 +164,8 @@ impl<T: Clone> SpanList<T> {
 }
 
 impl<T> Open<T> {
-    /// Ends the span at this row. `lasts`: the row is the last one, and the finding is true in it.
+    /// Ends the time span at this row. `lasts`: the row is the last one of the log, and the finding is still true in
+    /// it.
     fn end(&self, kept: &mut [Span<T>], (time, now): (&str, Moment), lasts: bool) {
         if let Some(span) = self.place.and_then(|place| kept.get_mut(place)) {
             time.clone_into(&mut span.to);
@@ -173,7 +174,7 @@ impl<T> Open<T> {
     }
 }
 
-/// Returns a time of a log for display, by the log's own clock: to the second if it has a date, else in seconds.
+/// Formats a time of a log by the log's own clock: to the second if the time has a date, else in seconds.
 fn shown(time: &str) -> String {
     let time = time.trim();
     if time.parse::<f64>().is_ok() {
@@ -209,7 +210,7 @@ impl fmt::Display for AxisSpans {
     }
 }
 
-/// Writes a line for each span of one kind, up to [`MOST_PRINTED`].
+/// Writes a line for each time span of one kind, for at most [`MOST_PRINTED`] of them.
 fn write_spans<T: fmt::Display>(
     f: &mut fmt::Formatter<'_>,
     kind: &str,

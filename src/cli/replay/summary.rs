@@ -14,42 +14,43 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::Profile;
 use isotherm_profile::{counted, duration_text};
 
-/// Figures of a replayed log.
+/// Results of a replayed log.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
     /// Name of the log.
     pub log: String,
     /// Number of replayed rows.
     pub rows: u64,
-    /// Time from the earliest to the latest row, s.
+    /// Time from the earliest to the latest row of the log, s.
     pub span_s: f64,
     /// Warnings about the log.
     pub warnings: Vec<String>,
-    /// Figures of each axis, by name.
+    /// Results for each axis, by name.
     pub axes: BTreeMap<String, AxisSummary>,
-    /// Replay of the outputs, if a log of them is next to this one.
+    /// Replay of the log of outputs in the same directory; `None` if there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub outputs: Option<OutputsSummary>,
 }
 
-/// Figures of one axis.
+/// Results for one axis.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct AxisSummary {
-    /// Cz that the models requested; `None` if no model could be used in any row.
+    /// Range of Cz that the models requested, µm; `None` if no model could be used in any row.
     pub raw_um: Option<Range>,
-    /// Cz after the guard.
+    /// Range of Cz after the guard (limit, step and rate), µm.
     pub cz_um: Option<Range>,
-    /// Share of the rows in each state that occurred.
+    /// Share of the rows in each state of the axis that occurred.
     pub states: BTreeMap<&'static str, f64>,
-    /// Share of the rows whose model was worse than no compensation, as probings had shown; `None` if there were none.
+    /// Share of the rows whose model was worse than no compensation, as measurements with the probe had shown; `None`
+    /// if there were none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub worse: Option<f64>,
-    /// Spans in which sensors were replaced or suspected, and spans in which the axis held.
+    /// Time spans in which sensors were replaced or suspected, or in which the axis was on hold.
     #[serde(flatten)]
     pub spans: AxisSpans,
-    /// Error with and without compensation; `None` if the log has no measured error.
+    /// Error without and with compensation; `None` if the log has no measured error.
     pub error: Option<ErrorSummary>,
-    /// Comparison with the gateway's own decisions; `None` if the log has none.
+    /// Comparison with the decisions in the log; `None` if the log has none.
     pub reproduced: Option<Reproduced>,
 }
 
@@ -62,46 +63,46 @@ pub struct Range {
     pub max: f64,
 }
 
-/// Measured error without and with Cz, over the rows that have an error.
+/// Measured error without and with Cz, over the rows that have a measured error.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ErrorSummary {
-    /// Rows with an error.
+    /// Number of rows with a measured error.
     pub rows: u64,
-    /// Largest minus smallest error, µm.
+    /// Largest minus smallest error without Cz, µm.
     pub range_before_um: f64,
-    /// Largest minus smallest residual, µm.
+    /// Largest minus smallest error with Cz, µm.
     pub range_after_um: f64,
-    /// Root of the mean square of the error, µm.
+    /// Root mean square of the error without Cz, µm.
     pub rms_before_um: f64,
-    /// Root of the mean square of the residual, µm.
+    /// Root mean square of the error with Cz, µm.
     pub rms_after_um: f64,
 }
 
-/// Comparison of decisions, or of an output's actions, with those in the log, bit for bit.
+/// Bit-for-bit comparison of the replay with the log: the decisions of an axis, or the actions of an output.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Reproduced {
     /// Number of rows with a decision or an action in the log.
     pub rows: u64,
-    /// Number of rows with a different result.
+    /// Number of rows at which the replay gave another result than the log.
     pub differing: u64,
-    /// First row with a different result; `None` if there is none.
+    /// First row at which the results differ; `None` if there is none.
     pub first: Option<Difference>,
 }
 
-/// Decision or action that differs from the log.
+/// Decision or action for which the replay differs from the log.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Difference {
-    /// Line of the log.
+    /// Line number in the log.
     pub line: u64,
-    /// Name of the column.
+    /// Name of the column that differs.
     pub column: String,
     /// Value in the log.
     pub recorded: String,
-    /// Value of the replay.
+    /// Value that the replay gave.
     pub replayed: String,
 }
 
-/// Collects a [`Summary`] row by row.
+/// Collector of a [`Summary`], row by row.
 #[derive(Debug)]
 pub(super) struct Tally {
     rows: u64,
@@ -109,7 +110,8 @@ pub(super) struct Tally {
     last: Option<Moment>,
     /// `time` of the last row.
     last_time: String,
-    /// First axis and model whose stand-ins file differs from the file at the time of the log; `None` if none differs.
+    /// First axis and model whose file of stand-ins differs from the file at the time of the log; `None` if none
+    /// differs.
     other_stand_ins: Option<(String, String)>,
     axes: Vec<AxisTally>,
 }
@@ -118,7 +120,7 @@ pub(super) struct Tally {
 struct AxisTally {
     name: String,
     every: Duration,
-    /// Number of rows whose distance from the row before is longer than the update period of the axis.
+    /// Number of rows that come later after the row before than the update interval of the axis.
     late: u64,
     raw: Spread,
     cz: Spread,
@@ -155,7 +157,7 @@ impl Spread {
     }
 }
 
-/// Converts a number of rows to floating point. It is exact, because no log has 2^53 rows.
+/// Converts a number of rows to `f64`. The result is exact, because no log has 2^53 rows.
 #[allow(clippy::cast_precision_loss)]
 fn count(rows: u64) -> f64 {
     rows as f64
@@ -218,15 +220,15 @@ impl Tally {
         }
     }
 
-    /// Adds the findings of an axis at a row.
+    /// Adds the findings about an axis at a row.
     pub(super) fn findings(&mut self, place: usize, row: &LogRow, found: Findings) {
         if let Some(axis) = self.axes.get_mut(place) {
             axis.spans.row(row, found);
         }
     }
 
-    /// Records that a run begins with this state. Stores the first axis and model whose stand-ins file differs from
-    /// that of the log.
+    /// Records that a run begins with this state. If the file of stand-ins of a model differs from that of the log,
+    /// stores the first such axis and model.
     pub(super) fn begins(&mut self, profile: &Profile, memory: &Remembered) {
         let found = memory.other_stand_ins(profile.axes.iter().map(|axis| &axis.settings));
         let named = found.map(|(axis, model)| (axis.to_owned(), model.to_owned()));
@@ -280,8 +282,8 @@ impl AxisTally {
     }
 }
 
-/// Returns the first column in which the decision of the replay differs from the log, bit for bit. `None` if there is
-/// none.
+/// Returns the first column in which the decision of the replay differs from the log, bit for bit. Returns `None` if
+/// none differs.
 fn difference(axis: &str, line: u64, decided: &LoggedDecision, outcome: &Outcome<'_>) -> Option<Difference> {
     let decision = &outcome.decision;
     let (raw, cz) = (outcome.raw.map(|raw| raw.get()), decision.cz.get());

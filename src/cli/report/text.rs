@@ -1,4 +1,4 @@
-//! The drift of a run as text: sentences, then tables.
+//! Drift of a run as text: sentences, then tables.
 
 use std::io::{self, Write};
 

@@ -1,17 +1,17 @@
-//! A scan as text, as a JSON document, and as lines of a profile.
+//! Results of a scan as text, as a JSON document, and as lines for a profile.
 
 use std::fmt::Write;
 use std::time::Duration;
 
 use serde_json::json;
 
-use crate::discovery::bus::{LineAddress, Transport};
+use crate::discovery::bus::{LineAddress, ScanKind};
 use crate::discovery::register_search::RegisterRange;
 use crate::discovery::scan::{AnswerKind, Responder, Scan, heeds_no_number};
 use isotherm_profile::duration_text;
 use isotherm_profile::{BusId, Profile};
 
-/// Describes the requests of the scan, and their longest duration.
+/// Returns a sentence about the requests of the scan, and its longest duration.
 pub(super) fn plan(scan: &Scan) -> String {
     let registers: Vec<String> =
         scan.registers.iter().map(|address| format!("{address} ({})", address.modicon())).collect();
@@ -22,7 +22,7 @@ pub(super) fn plan(scan: &Scan) -> String {
         count => format!(", in {count} settings"),
     };
     format!(
-        "asking {units} on {} for {}, reading only{settings}; {} for each answer, {} at worst; Ctrl-C ends it",
+        "scanning {units} on {} by reading {}{settings}; at most {} for each answer, {} in total; Ctrl-C ends the scan",
         scan.lines[0],
         registers.join(", then "),
         duration_text(scan.bus.timeout),
@@ -32,10 +32,7 @@ pub(super) fn plan(scan: &Scan) -> String {
 
 pub(super) fn found(line: &LineAddress, found: &Responder) -> String {
     let Responder { unit, register, how } = found;
-    let serial = match line.transport {
-        Transport::Serial(_) => format!(" on {line}"),
-        _ => String::new(),
-    };
+    let serial = line.serial().map_or(String::new(), |_| format!(" on {line}"));
     match how {
         AnswerKind::Value(value) => {
             format!("unit {unit} answers{serial}: {register} = {value} (0x{value:04X})")
@@ -72,7 +69,7 @@ pub(super) fn range(unit: u8, range: &RegisterRange) -> String {
     }
 }
 
-/// Lines for a profile, with a hint if the device ignores the unit number.
+/// Returns the units that were found as lines for a profile, with a hint if the device ignores the unit number.
 pub(super) fn summary(
     scan: &Scan,
     found: &[(LineAddress, Responder)],
@@ -84,8 +81,8 @@ pub(super) fn summary(
     let mut text = String::new();
     if scan.lines.len() == 1 && heeds_no_number(&all, scan.units.len()) {
         text.push_str(
-            "\nEvery unit gave the same answer: this is one device that ignores the unit number. Use 1, or \
-             255.\n",
+            "\nEvery unit gave the same answer: this is one device that ignores the unit number. Use unit 1 \
+             or 255.\n",
         );
         answering.truncate(1);
     }
@@ -123,17 +120,10 @@ fn profile_lines(found: &[&(LineAddress, Responder)], known: Option<(&Profile, B
 }
 
 pub(super) fn nobody(scan: &Scan) -> String {
-    let wiring = match scan.lines[0].transport {
-        Transport::Tcp => {
-            "Try another port, or another --register. If the units are behind a Modbus gateway, check its \
-             baud rate, parity and wiring"
-        }
-        _ => {
-            "Try --baud 1200,9600,19200,38400 --parity none,even, or another --register. Check the power of \
-             the device, and whether A and B are exchanged"
-        }
-    };
-    format!("no unit answered. {wiring}")
+    match scan.lines[0].kind().scan {
+        ScanKind::Units { unanswered, .. } => format!("no unit answered. {unanswered}"),
+        _ => "no unit answered".to_owned(),
+    }
 }
 
 pub(super) fn document(

@@ -38,7 +38,10 @@ pub(super) fn render(out: &mut impl Write, found: &Selected) -> io::Result<()> {
     if let Some(next) = &found.stepwise.next {
         writeln!(out, "  not {}", tested(next, width))?;
     }
-    writeln!(out, "\nheld out, by how many points are kept:\n  points  RMS µm   range µm   worst µm")?;
+    writeln!(
+        out,
+        "\nerror on held-out runs, by the number of points that are kept:\n  points  RMS µm   range µm   worst µm"
+    )?;
     for row in &found.by_count {
         let mark = if row.k == found.recommended.k { '*' } else { ' ' };
         let last = row.points.last().map(|point| format!("+ {point}")).unwrap_or_default();

@@ -1,4 +1,4 @@
-//! Status as text for a terminal, in the order of the page.
+//! Status as text for a terminal, in the order of the web page.
 
 use std::fmt::Write as _;
 use std::time::Duration;
@@ -35,7 +35,8 @@ pub(super) fn of(status: &Value) -> String {
     })
 }
 
-/// Returns machine, clock, whether the gateway stops or writes nothing, and the active alarms.
+/// Returns the lines about the machine and its clock, whether the gateway is stopping or writes nothing, and the active
+/// alarms.
 fn head(status: &Value) -> String {
     let mut text = format!(
         "{} at {} UTC, clock {}, up for {}\n",
@@ -45,7 +46,7 @@ fn head(status: &Value) -> String {
         span(&status["uptime_s"])
     );
     if status["stopping"] == true {
-        text += "the gateway is stopping, as it was asked to\n";
+        text += "the gateway is stopping, as requested\n";
     }
     if status["dry_run"] == true {
         text += "dry run: the gateway computes and shows values, and writes nothing\n";
@@ -53,7 +54,7 @@ fn head(status: &Value) -> String {
     text + &broker(&status["mqtt"]) + &rows("alarms", &status["alarms"], alarm)
 }
 
-/// Returns the state of publishing; empty if nothing is published.
+/// Returns a line about publishing to the MQTT broker; empty if the profile has none.
 fn broker(mqtt: &Value) -> String {
     if mqtt.is_null() {
         return String::new();
@@ -132,7 +133,7 @@ fn axis_lines(name: &str, axis: &Value, dry_run: bool) -> String {
     text
 }
 
-/// Returns a sentence about a model that is worse than no compensation, and the action of its axis.
+/// Returns a sentence about a model that is worse than no compensation, and what its axis does about that.
 fn worse_model(worse: &Value) -> String {
     let left = |key: &str| worse[key].as_f64().and_then(Micron::new).unwrap_or_default();
     let touches = worse["touches"].as_u64().and_then(|count| usize::try_from(count).ok());
@@ -174,7 +175,7 @@ fn device(device: &Value) -> String {
     format!("  {:<16}{}{fault}{}\n", word(&device["name"]), word(&device["state"]), aside(device))
 }
 
-/// Returns a heading and a line for each element; empty without elements.
+/// Returns a heading and a line for each element; empty if there are no elements.
 fn rows(heading: &str, of: &Value, row: impl Fn(&Value) -> String) -> String {
     let rows: String = of.as_array().into_iter().flatten().map(row).collect();
     if rows.is_empty() { rows } else { format!("\n{heading}\n{rows}") }
@@ -197,8 +198,8 @@ fn moment(value: &Value) -> String {
     word(value).get(..19).unwrap_or_default().replace('T', " ")
 }
 
-/// Returns the label in brackets. It is at the end of the line, because characters of some scripts are wider than
-/// others.
+/// Returns the label in brackets. It is placed at the end of the line, because characters of some scripts are wider
+/// than others.
 fn aside(what: &Value) -> String {
     match word(&what["label"]) {
         "" => String::new(),
@@ -252,8 +253,8 @@ mod tests {
         (axis["probe"]["worse"]["touches"], axis["probe"]["worse"]["ramps"]) = (json!(0), json!(true));
         assert!(
             axis_lines("z", &axis, false).ends_with(
-                "\n  the model is worse than no compensation: as touches before the last datum show; Cz goes to zero until \
-                 touches show that the model is better\n"
+                "\n  the model is worse than no compensation: as touches before the last datum (zero \
+                 point of Cz) show; Cz goes to zero until touches show that the model is better\n"
             ),
             "{}",
             axis_lines("z", &axis, false)

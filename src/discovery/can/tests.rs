@@ -1,7 +1,8 @@
 use std::time::Duration;
 
 use super::*;
-use crate::discovery::bus::{LineAddress, Transport};
+use crate::discovery::bus::LineAddress;
+use isotherm_profile::Transport;
 
 fn found(name: &str, requires_fd: bool, found: Result<Interface, CanFault>) -> Inspected {
     let place = LineAddress { transport: Transport::Can, address: name.to_owned() };
@@ -38,7 +39,7 @@ fn each_trouble_of_an_interface_has_its_command() {
             "can0",
             false,
             Ok(Interface { restart_ms: Some(0), errors: Some((130, 2)), ..WELL }),
-            "no restart after bus-off, controller well, errors 130 sending and 2 receiving",
+            "no restart after bus-off, controller well, error counters 130 (sending) and 2 (receiving)",
             Some("type can restart-ms 100`"),
         ),
         ("can0", true, Ok(WELL), "up", Some("type can fd on`, `ip link set dev can0 mtu 72`")),

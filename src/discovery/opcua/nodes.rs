@@ -1,35 +1,35 @@
-//! Nodes of a profile as their servers describe them, and conflicts with the profile.
+//! Nodes of a profile as their servers describe them, and contradictions to the profile.
 
 use serde::Serialize;
 
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::explain::explain_on;
-use crate::fieldbus::opcua::browse::{Browser, Described, Value};
+use crate::fieldbus::kinds::opcua::client::browse::{Browser, Described, Value};
 use isotherm_core::codec::{Address, DataType, Node};
 use isotherm_profile::{Bit, Bus, BusId, Profile, Transport};
 
 /// Node of the profile as its server describes it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Inspected {
-    /// Bus in the profile.
+    /// Name of the bus in the profile.
     pub bus: String,
     /// Use of the node in the profile: `signal bed`, `output cnc_z`.
     pub of: String,
     /// Description by the server; `None` if the server did not answer.
     #[serde(flatten)]
     pub found: Option<Described>,
-    /// Conflicts, and what to do; empty if there is none.
+    /// Contradictions to the profile, each with advice; empty if there is none.
     pub advice: Vec<String>,
 }
 
-/// Requirements of the profile for a node.
+/// Properties that the profile requires of a node.
 struct NodeRequirement<'p> {
     of: String,
     node: &'p Node,
     is_written: bool,
 }
 
-/// Inspects the nodes of a profile on each OPC UA server. It only reads.
+/// Inspects the nodes of a profile on each OPC UA server. It only reads from the servers.
 pub async fn inspect(profile: &Profile) -> Vec<Inspected> {
     let mut all = Vec::new();
     for (place, bus) in profile.buses.iter().enumerate().filter(|(_, bus)| bus.opcua.is_some()) {
@@ -63,7 +63,7 @@ async fn found(bus: &Bus, wanted: &[NodeRequirement<'_>]) -> Result<Vec<Describe
     found
 }
 
-/// Returns every node of the profile on this bus.
+/// Returns the requirements for every node of the profile on this bus.
 fn wanted<'p>(profile: &'p Profile, bus: BusId) -> Vec<NodeRequirement<'p>> {
     let mut wanted = of_devices(profile, bus);
     wanted.extend(of_sets(profile, bus));
@@ -149,7 +149,8 @@ fn advice(wanted: &NodeRequirement<'_>, found: &Described) -> Vec<String> {
     advice
 }
 
-/// Describes a conflict between the type of the node and the type in the profile, if any.
+/// Describes the contradiction between the type of the node at the server and the type `said` in the profile. Returns
+/// `None` if there is none.
 fn wrong_type(said: Option<DataType>, variable: &Value) -> Option<String> {
     let Value { kind, data_type, is_array, .. } = variable;
     match (said, data_type) {
@@ -166,13 +167,13 @@ fn wrong_type(said: Option<DataType>, variable: &Value) -> Option<String> {
     }
 }
 
-/// Type with its article: `an Int32`, `a UInt32`.
+/// Returns a type name with its article: `an Int32`, `a UInt32`.
 fn one(kind: &str) -> String {
     let article = if kind.starts_with(['A', 'E', 'I', 'O']) { "an" } else { "a" };
     format!("{article} {kind}")
 }
 
-/// Formats the description of a node in one line: `f32 (Float), read, 20`.
+/// Formats the description of a node in one line, for example `f32 (Float), read, 20`.
 pub fn in_a_line(found: &Described) -> String {
     let Some(Value { kind, data_type, is_array, is_readable, is_writable, value }) = &found.variable else {
         return String::new();

@@ -19,7 +19,11 @@ fn every_fault_is_reported_with_what_to_do() {
         (Fault::Exception(3), "holding:0", &["smaller --count"]),
         (Fault::Exception(6), "holding:0", &["busy", "try again later"]),
         (Fault::Exception(11), "holding:0", &["unit 3: exception 11", "not the device behind it"]),
-        (Fault::Link(LinkFault::Refused), "holding:0", &["tcp://10.0.0.7:502: nothing listens there"]),
+        (
+            Fault::Link(LinkFault::Refused),
+            "holding:0",
+            &["tcp://10.0.0.7:502: no program listens at this port"],
+        ),
         (Fault::Link(LinkFault::Broken), "holding:0", &["one client at a time"]),
         (Fault::Peer(PeerFault::Malformed), "holding:0", &["rtu+tcp://"]),
     ] {

@@ -4,20 +4,22 @@ use std::time::Duration;
 
 use super::{ConnectionHistory, DeviceLine};
 use crate::fieldbus::error::{Fault, LinkFault};
-use crate::fieldbus::pending_replies::PendingReplies;
-use crate::fieldbus::reply_signature::ReplySignature;
+use crate::fieldbus::kinds::modbus::pending_replies::PendingReplies;
+use crate::fieldbus::kinds::modbus::reply_signature::ReplySignature;
 use crate::fieldbus::wire::Request;
 use isotherm_core::continuity::Break;
 use isotherm_core::quantity::Moment;
 
-/// Shortest normal life of a connection. A shorter one was probably closed in favour of another client.
+/// Shortest normal duration of a connection. If the other end closes a connection sooner, it probably did so for
+/// another client.
 const SHORT_LIFE: Duration = Duration::from_secs(5);
 /// Number of short connections in a row after which the line backs off. A device that accepts one client drops the
-/// first for the second. Two masters that reconnect at once would interrupt each other for ever.
+/// first client for the second. Two masters that reconnect at once would interrupt each other for ever.
 const SHORT_LIVES: u32 = 3;
 
 impl DeviceLine {
-    /// Closes the connection after an answer, if the device accepts one client at a time.
+    /// Closes the connection after an answer, if the device at `place` accepts one client at a time
+    /// (`quirks.close_after_each`).
     pub(super) fn put_down(&mut self, place: usize) {
         if self.units.at(place).quirks.close_after_each {
             self.wire = None;
@@ -25,29 +27,30 @@ impl DeviceLine {
         }
     }
 
-    /// Drops the connection: data that is still on its way belongs to an earlier time.
+    /// Drops the connection without an orderly close. From now on any late answer of any unit is expected.
     pub fn hang_up(&mut self) {
         self.drop_connection();
         self.units.pending.each().for_each(PendingReplies::anything);
     }
 
-    /// Drops the connection. Returns the unit of a read that was sent after another request and gets no answer any
-    /// more, the read, and its time of sending.
+    /// Drops the connection. If a read was sent directly after another request and is unanswered, returns its unit, the
+    /// read, and its time of sending.
     pub(super) fn drop_connection(&mut self) -> Option<(u8, Request<'static>, Moment)> {
         let mut connection = self.wire.take()?;
-        let (number, read, asked) = connection.wire().unanswered_behind()?;
+        let (number, read, asked) = connection.modbus()?.unanswered_behind()?;
         self.units.pending.of(number).order.suspect(ReplySignature::of(read));
         Some((number, read, asked))
     }
 
-    /// Closes the connection properly. It waits for the other end at most for the timeout of an answer.
+    /// Closes the connection in an orderly way. The call waits for the other end for at most the timeout of an answer.
     pub async fn close(&mut self) {
         let Some(mut connection) = self.wire.take() else { return };
         self.send_guard.away_for(self.timeout);
         let _ = self.patience.within(self.timeout, connection.wire().close()).await;
     }
 
-    /// Records that the other end closed the connection. Returns true if this happens too often to reconnect at once.
+    /// Records that the other end closed the connection. Returns true if the last connections were so short that the
+    /// line must back off before it connects again.
     pub(super) fn is_contested(&mut self, now: Moment) -> bool {
         if now.since(self.history.opened_at) >= SHORT_LIFE {
             self.short_lives = 0;

@@ -1,8 +1,8 @@
-//! Evidence of a line about the continuity of its devices, see [`isotherm_core::continuity`].
+//! Evidence of a line on whether its devices kept their state (their continuity), see [`isotherm_core::continuity`].
 //!
-//! A device that is exchanged, or switched off and on, breaks its connections. Each connection that was refused, or
-//! that did not end with an orderly close, is therefore a break. Some servers close each connection after its answer,
-//! or when it is idle. Such closes are no break.
+//! A device that is exchanged, or switched off and on, breaks its connections. A connection that was refused, or that
+//! did not end with an orderly close, is therefore evidence of a break. Some servers close each connection after its
+//! answer, or when it is idle. Such a close is no evidence of a break.
 
 use std::time::Duration;
 
@@ -12,25 +12,25 @@ use crate::fieldbus::wire::{Answer, Ending};
 use isotherm_core::continuity::Break;
 use isotherm_core::quantity::Moment;
 
-/// A second orderly close within this time is a habit of the server.
+/// Longest time between two orderly closes by the same server that shows a habit of the server, and no break.
 const HABIT: Duration = Duration::from_secs(3600);
-/// Minimum silence of a device for a break: a timeout on a connection that then ended is a break only after this time.
-/// At the usual periods, one lost answer causes a shorter silence.
+/// Time since the last answer of a device after which a timeout that ends the connection counts as a break. At the
+/// usual periods, one lost answer causes a shorter silence.
 const SILENCE: Duration = Duration::from_secs(3);
 
 impl DeviceLine {
-    /// Returns whether the device has checks that have not passed since contact was last broken.
+    /// Returns whether the device has checks, and has not passed them since contact with it was last broken.
     pub(super) fn is_unverified(&self, place: usize) -> bool {
         let unit = self.units.at(place);
         unit.is_checked && self.observer.as_ref().is_some_and(|observer| !observer.is_verified(unit.device))
     }
 
-    /// Reports a break if a request ended like this on an open connection.
+    /// Reports a break to the observer, if the result of a request shows that contact with the device was broken.
     pub(super) fn check_for_break(&mut self, place: usize, answer: &Result<Answer, Fault>, now: Moment) {
         let (Err(fault), Some(connection)) = (answer, &mut self.wire) else { return };
         let ending = connection.wire().ending();
         let unit = self.units.at(place);
-        let broken = match connection.wire().has_transaction_id() {
+        let broken = match connection.has_transaction_id() {
             // Without transaction numbers a missed answer leaves the connection open.
             false if *fault == Fault::Timeout => BrokenContact::None,
             _ => self.evidence.ends(*fault, ending, unit.received, now),
@@ -42,40 +42,40 @@ impl DeviceLine {
         }
     }
 
-    /// Reports a break of the devices with this unit number.
+    /// Reports to the observer that contact with the devices of this unit number was broken.
     pub(super) fn unit_breaks(&self, number: u8, cause: Break) {
         let Some(observer) = &self.observer else { return };
         self.units.named(number).for_each(|device| observer.breaks(Some(device), cause));
     }
 
-    /// Reports a break of all devices of the line.
+    /// Reports to the observer that contact with all devices of the line was broken.
     pub(super) fn all_break(&self, cause: Break) {
         let Some(observer) = &self.observer else { return };
         observer.breaks(None, cause);
     }
 }
 
-/// Ends of the connections of one line.
+/// Record of how the connections of one line ended.
 #[derive(Debug, Default)]
 pub(super) struct Evidence {
-    /// Answers on the present connection.
+    /// Number of answers on the present connection.
     answers: u32,
     /// Time of the last orderly close by the other end.
     closed_at: Option<Moment>,
 }
 
-/// Devices with which contact was broken.
+/// Devices with which contact was broken when a request failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum BrokenContact {
     None,
-    /// The devices with the unit number of the request.
+    /// Only the devices with the unit number of the request.
     Unit,
     /// All devices of the line.
     All,
 }
 
 impl Evidence {
-    /// Records a new connection.
+    /// Records that a new connection was opened.
     pub(super) fn connected(&mut self) {
         self.answers = 0;
     }
@@ -85,8 +85,8 @@ impl Evidence {
         self.answers = self.answers.saturating_add(1);
     }
 
-    /// Returns the devices with which contact was broken if a request ends with this fault and ending. `received` is
-    /// the time of the device's last answer.
+    /// Returns the devices with which contact was broken, if a request ends with this fault and the connection with
+    /// this ending. `received` is the time of the device's last answer.
     pub(super) fn ends(
         &mut self,
         fault: Fault,

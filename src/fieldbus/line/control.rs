@@ -1,15 +1,15 @@
-//! Control questions: requests that show whether the answers of a unit behind a gateway belong to their requests. See
-//! [`crate::fieldbus::order_check`].
+//! Control questions: additional reads for a unit behind a Modbus gateway (from TCP to a serial line). They show
+//! whether its answers belong to their requests. See [`crate::fieldbus::order_check`].
 
 use super::DeviceLine;
 use crate::fieldbus::error::Fault;
-use crate::fieldbus::reply_signature::ReplySignature;
+use crate::fieldbus::kinds::modbus::reply_signature::ReplySignature;
 use crate::fieldbus::wire::{Answer, Request};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::DeviceId;
 
 impl DeviceLine {
-    /// Returns the control question to send before this request.
+    /// Returns the control question to send before this request; `None` if none is needed or possible.
     pub(super) fn control_question(&self, place: usize, request: Request<'_>) -> Option<Request<'static>> {
         let unit = self.units.at(place);
         // If each answer ends its connection, the control question would need another connection.
@@ -29,8 +29,8 @@ impl DeviceLine {
         pending.order.control(request, is_allowed)
     }
 
-    /// Records the result of a control question. Returns true if the request that waits for it may be sent: the unit
-    /// has answered, with data or with a refusal.
+    /// Records the result of a control question. Returns whether the request that waits for this result may be sent:
+    /// the unit has answered the control question, with data or with a refusal.
     pub(super) fn may_follow(
         &mut self,
         place: usize,
@@ -42,8 +42,8 @@ impl DeviceLine {
         fault.is_refusal() && !fault.is_of_a_gateway()
     }
 
-    /// Begins a pause, because the unit's gateway has sent the answer to an earlier request. The pause doubles each
-    /// time, even if some answers in between were good.
+    /// Stops requests to the unit for a time, because its Modbus gateway has sent the answer to an earlier request. The
+    /// time doubles with each such answer, even if some answers in between were correct.
     pub(super) fn rest_out_of_order(&mut self, place: usize, now: Moment) {
         let lost = self.units.pending(place).order.lost;
         let breaker = &mut self.units.at_mut(place).breaker;
@@ -53,7 +53,7 @@ impl DeviceLine {
         (0..lost).for_each(|_| breaker.fail(now));
     }
 
-    /// Reports the result of a request to the observer, unless it was not sent.
+    /// Reports the result of a request to the observer, unless the gateway itself rejected the request before sending.
     pub(super) fn report(&self, device: DeviceId, request: Request<'_>, answer: &Result<Answer, Fault>) {
         let Some(observer) = &self.observer else { return };
         if !matches!(answer, Err(Fault::Caller(_) | Fault::UNVERIFIED)) {

@@ -1,40 +1,43 @@
-//! Other masters on a line without transaction numbers.
+//! Detection of other masters on a line without transaction numbers.
 //!
 //! A second master on a serial line, or a second client of a serial server, sends requests to the same units. An answer
-//! to it may have the same unit, function and length as an answer to the gateway. The gateway cannot distinguish the
-//! two. Frames without a request of the gateway show another master: one request, or two answers within [`AFTER`]. A
-//! single answer may be noise or a part of another frame. Until [`AFTER`] after the last such frame, answers of a form
-//! that was seen from the other master are [`Attribution::Ambiguous`]. An ambiguous answer is used only if a second one
-//! is equal.
+//! to that master may have the same unit, function and length as an answer to the gateway. The gateway cannot
+//! distinguish the two. Frames that belong to no request of the gateway show another master: one request, or two
+//! answers within [`AFTER`]. A single answer may be noise or a part of another frame. For [`AFTER`] after the last such
+//! frame, answers with the unit and form of an answer to the other master are [`Attribution::Ambiguous`]. The gateway
+//! uses an ambiguous answer only if a second read gives an equal one.
 //!
-//! If both masters send a request at once, two such answers follow each other. After an ambiguous answer the line
-//! therefore listens for as long as the second one takes. If it arrives, neither is used ([`Attribution::Contested`]).
+//! If both masters send a request at once, two answers of this form follow each other. After an ambiguous answer the
+//! line therefore listens until a second one could have arrived. If a second one arrives, the gateway uses neither
+//! ([`Attribution::Contested`]).
 
 use std::time::Duration;
 
 use super::{Attribution, CheckedAnswer, DeviceLine};
+use crate::fieldbus::connection::Connection;
 use crate::fieldbus::error::{Fault, PeerFault};
-use crate::fieldbus::pending_replies::PendingReplies;
-use crate::fieldbus::reply_signature::ReplySignature;
+use crate::fieldbus::kinds::modbus::pending_replies::PendingReplies;
+use crate::fieldbus::kinds::modbus::reply_signature::ReplySignature;
+use crate::fieldbus::kinds::modbus::wire::ForeignFrame;
 use crate::fieldbus::send_guard::SendDeadline;
-use crate::fieldbus::wire::{ForeignFrame, Request};
+use crate::fieldbus::wire::Request;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::DeviceId;
 
-/// Time without a frame of another master until that master counts as gone.
+/// Time without a frame of another master, after which that master counts as gone.
 const AFTER: Duration = Duration::from_secs(600);
-/// Maximum number of stored forms. With more, every answer is ambiguous.
+/// Maximum number of stored pairs of unit and form. Once it is reached, every answer to a read is ambiguous.
 const MOST_FORMS: usize = 64;
 
-/// Reads after the first one that may confirm an answer.
+/// Maximum number of further reads to confirm an ambiguous answer.
 const CONFIRMATIONS: u32 = 3;
 
-/// State of the search for other masters.
+/// State of the detection of other masters.
 #[derive(Debug, Default)]
 pub(super) enum OtherMasters {
     #[default]
     None,
-    /// One answer without a request of the gateway, and the time of its arrival.
+    /// The line received one answer without a request of the gateway, at this time. It may be noise.
     Suspected(ForeignFrame, Moment),
     Noticed(ForeignTraffic),
 }
@@ -44,12 +47,13 @@ pub(super) struct ForeignTraffic {
     since: Moment,
     last: Moment,
     frames: u64,
-    /// Unit and form of each answer of another master.
+    /// Unit and form of each answer to another master.
     forms: Vec<(u8, ReplySignature)>,
 }
 
 impl OtherMasters {
-    /// Records a frame of another master. Returns whether the master or the form of its answers is new.
+    /// Records a frame that belongs to no request of the gateway. Returns whether the other master, or the form of its
+    /// answers, was not known before.
     fn note(&mut self, heard: ForeignFrame, now: Moment) -> bool {
         let (first, since) = match self {
             OtherMasters::Noticed(noticed) => return noticed.note(heard, now),
@@ -68,7 +72,8 @@ impl OtherMasters {
         true
     }
 
-    /// Returns the number of frames of other masters and the time from the first to the last, if they are gone now.
+    /// Ends the detection of the other masters if none has sent a frame for [`AFTER`]. Returns the number of their
+    /// frames, and the time from the first frame to the last.
     fn end(&mut self, now: Moment) -> Option<(u64, Duration)> {
         let OtherMasters::Noticed(ForeignTraffic { since, last, frames, .. }) = self else { return None };
         let ended = (now.since(*last) >= AFTER).then(|| (*frames, last.since(*since)))?;
@@ -76,7 +81,7 @@ impl OtherMasters {
         Some(ended)
     }
 
-    /// Returns the attribution of an answer of this unit to a request.
+    /// Returns whether an answer of this unit to a request may be an answer to another master.
     pub(super) fn attribute(&self, unit: u8, request: Request<'_>) -> Attribution {
         let OtherMasters::Noticed(ForeignTraffic { forms, .. }) = self else { return Attribution::Ours };
         let is_known = forms.len() >= MOST_FORMS || forms.contains(&(unit, ReplySignature::of(request)));
@@ -85,7 +90,7 @@ impl OtherMasters {
 }
 
 impl ForeignTraffic {
-    /// Records one more frame. Returns whether the form of its answers is new.
+    /// Records one more frame of another master. Returns whether the form of its answers was not known before.
     fn note(&mut self, heard: ForeignFrame, now: Moment) -> bool {
         self.last = now;
         self.frames += 1;
@@ -97,11 +102,12 @@ impl ForeignTraffic {
 }
 
 impl DeviceLine {
-    /// Reads like [`DeviceLine::request`]. If the answer may belong to another master, the next one must be equal. The
-    /// age then counts from the first of the two.
+    /// Sends a read like [`DeviceLine::request`]. If the answer may belong to another master, reads again until two
+    /// successive answers are equal. The age then counts from the first of these two.
     ///
     /// # Errors
-    /// Same as for [`DeviceLine::request`]. If no two answers are equal, they count as answers to another master.
+    /// Same as for [`DeviceLine::request`]. If no two successive answers are equal, the fault is
+    /// [`PeerFault::Foreign`].
     pub async fn read_confirmed(
         &mut self,
         device: DeviceId,
@@ -110,7 +116,7 @@ impl DeviceLine {
         self.confirm(device, request, false).await
     }
 
-    /// Reads like [`DeviceLine::read_confirmed`], even if the checks of the device have not passed.
+    /// Sends a read like [`DeviceLine::read_confirmed`], even if the checks of the device have not passed.
     ///
     /// # Errors
     /// Same as for [`DeviceLine::read_confirmed`].
@@ -143,8 +149,8 @@ impl DeviceLine {
         Err(Fault::Peer(PeerFault::Foreign))
     }
 
-    /// Returns whether another answer of the unit follows an ambiguous one. After a repeated request, both may belong
-    /// to the gateway.
+    /// Listens after an ambiguous answer, and returns whether another answer of the unit follows. After a repeated
+    /// request, the second answer may also belong to the gateway.
     pub(super) async fn is_followed_by_another(
         &mut self,
         number: u8,
@@ -157,14 +163,15 @@ impl DeviceLine {
         }
         let Some(connection) = &mut self.wire else { return false };
         let under_way = connection.wire().time_under_way(request);
+        let Some(modbus) = connection.modbus() else { return false };
         let pending = self.units.pending.of(number);
         let may_be_late = is_repeated || pending.has_pending();
         let span = pending.second_within(self.timeout, under_way);
         self.send_guard.away_for(span + self.timeout);
         // The next request detects a connection that is lost meanwhile.
-        let heard = connection.wire().listen(number, span, Duration::ZERO).await;
+        let heard = modbus.listen(number, span, Duration::ZERO).await;
         self.send_guard.sample();
-        let late = connection.wire().received_late();
+        let late = modbus.received_late();
         late.iter()
             .filter(|unit| **unit != number)
             .for_each(|unit| self.units.pending.of(*unit).reset_timing());
@@ -176,12 +183,12 @@ impl DeviceLine {
         is_followed
     }
 
-    /// Records the frames of other masters that were received in an exchange. An answer is not counted if its unit may
-    /// have sent it late to the gateway.
+    /// Records the frames of other masters that the line received during an exchange. An answer is not recorded if it
+    /// may be a late answer of its unit to the gateway.
     pub(super) fn note_others(&mut self, now: Moment) {
-        let Some(connection) = &mut self.wire else { return };
+        let Some(modbus) = self.wire.as_mut().and_then(Connection::modbus) else { return };
         let mut is_news = false;
-        for heard in connection.wire().overheard() {
+        for heard in modbus.overheard() {
             let may_be_late = !heard.is_question
                 && (self.units.pending.get(heard.unit).is_some_and(PendingReplies::has_pending)
                     || self.units.has_timed_out(heard.unit));
@@ -201,6 +208,7 @@ impl DeviceLine {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fieldbus::wire::ModbusRequest;
     use isotherm_core::codec::{Register, Table};
 
     fn at(seconds: u64) -> Moment {
@@ -208,7 +216,7 @@ mod tests {
     }
 
     fn read(offset: u16, count: u16) -> Request<'static> {
-        Request::Read { from: Register { table: Table::Input, offset }, count }
+        Request::read_registers(Register { table: Table::Input, offset }, count)
     }
 
     fn heard(unit: u8, count: u16) -> ForeignFrame {
@@ -255,7 +263,7 @@ mod tests {
         assert_eq!(others.attribute(1, read(100, 1)), Attribution::Ambiguous);
         assert_eq!(others.attribute(1, read(100, 2)), Attribution::Ours);
         assert_eq!(others.attribute(2, read(100, 1)), Attribution::Ours);
-        let write = Request::WriteSingle { at: 100, value: 1 };
+        let write = Request::Modbus(ModbusRequest::WriteSingle { at: 100, value: 1 });
         assert_eq!(others.attribute(1, write), Attribution::Ours);
         for count in 2..=65 {
             others.note(heard(3, count), at(1));

@@ -8,9 +8,10 @@ use crate::fieldbus::wire::Request;
 use isotherm_core::continuity::Break;
 use isotherm_profile::DeviceId;
 
-/// Receives the result of each request that was not rejected at once.
+/// Receives the result of each request that was sent or failed on the line, and news about the devices and the line.
 pub trait RequestObserver: Send + Sync {
-    /// A request was answered or failed. `refusals` has the failed attempts to connect in a row, and the last fault.
+    /// Reports that a request was answered or failed. `refusals`: number of failed attempts to connect since the last
+    /// success, and the fault of the last one.
     fn note(
         &self,
         device: DeviceId,
@@ -19,27 +20,30 @@ pub trait RequestObserver: Send + Sync {
         refusals: (u32, Fault),
     );
 
-    /// The device has answered with at least a part of the requested data.
+    /// Reports that the device has answered with at least a part of the requested data.
     fn delivers(&self, _device: DeviceId) {}
 
-    /// Contact with a device was broken, or with each device on the line (`None`): another device may answer next.
+    /// Reports that contact with a device was broken, so that another device may answer next. `None`: contact with
+    /// every device on the line was broken.
     fn breaks(&self, _device: Option<DeviceId>, _cause: Break) {}
 
-    /// Returns whether the device has passed its checks since contact was last broken.
+    /// Returns whether the device has passed its checks since contact with it was last broken.
     fn is_verified(&self, _device: DeviceId) -> bool {
         true
     }
 
-    /// The line sends one request at a time from now on, because of this fault of two requests.
+    /// Reports that the line sends one request at a time from now on, because this fault occurred while two requests
+    /// were open.
     fn gives_up_pipeline(&self, _fault: Fault) {}
 
-    /// News about the subscription of a device.
+    /// Reports news about the OPC UA subscription of a device, as a sentence.
     fn subscribes(&self, _device: DeviceId, _what: String) {}
 
-    /// Another master was detected on the line, or a new form of its answers. `attribute` returns, for a unit and a
-    /// request, whether the answer could be an answer to the other master.
+    /// Reports that another master was detected on the line, or a new form of answers to it. `attribute` returns, for a
+    /// unit and a request, whether the answer may be an answer to that master.
     fn shares_line(&self, _attribute: &dyn Fn(u8, Request<'_>) -> Attribution) {}
 
-    /// No other master was detected for ten minutes. `frames` frames came before, during `within`.
+    /// Reports that no other master was detected for ten minutes. Before, the line received `frames` frames of other
+    /// masters during the time `within`.
     fn has_line_alone(&self, _frames: u64, _within: Duration) {}
 }

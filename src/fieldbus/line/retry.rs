@@ -1,4 +1,4 @@
-//! Retries of a request: at once on a new connection, or later after a missing answer.
+//! Repetition of a request: at once on a new connection, or later after a missing answer.
 
 use super::DeviceLine;
 use crate::fieldbus::error::Fault;
@@ -8,8 +8,8 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::DeviceId;
 
 impl DeviceLine {
-    /// Returns the earliest time to repeat a request that this device did not answer. Returns `None` on a line with
-    /// transaction numbers. On an RTU line, one lost answer does not yet show a fault of the device.
+    /// Returns the earliest time at which a request may be repeated that this device did not answer. Returns `None` on
+    /// a line with transaction numbers. On an RTU line, one lost answer does not yet show a fault of the device.
     pub fn again_at(&self, device: DeviceId) -> Option<Moment> {
         let unit = self.units.get(device).filter(|_| self.is_nameless)?;
         let pending = self.units.pending.get(unit.number).and_then(|pending| pending.again_at(self.spans()));
@@ -17,9 +17,9 @@ impl DeviceLine {
         Some(pending.max(rests).unwrap_or_default().max(self.last_sample()))
     }
 
-    /// Returns whether a request is repeated at once on a new connection, after the old one was lost with this answer.
-    /// Some gateways close an idle connection, which must not cost a reading. A write that may have been sent is not
-    /// repeated, and neither is one that depends on a value read on the lost connection.
+    /// Returns whether the line repeats a request at once on a new connection, after the old connection was lost with
+    /// this answer. Some Modbus gateways close an idle connection, and no reading should fail for that. A write that
+    /// may have been sent is not repeated, nor is a write that depends on a value read on the lost connection.
     pub(super) fn is_repeated(
         request: Request<'_>,
         leave: SendDeadline,

@@ -3,8 +3,8 @@ use std::sync::{Arc, Mutex};
 
 use super::*;
 use crate::clock::{BootClock, TimeOfDay};
-use crate::fieldbus::wire::Boxed;
-use crate::fieldbus::wire::Wire;
+use crate::fieldbus::kinds::modbus::wire::ModbusWire;
+use crate::fieldbus::wire::{Boxed, ModbusRequest, Wire};
 use isotherm_core::codec::{Register, Table};
 use isotherm_profile::{BusId, Functions, Quirks, ReadBy};
 
@@ -54,7 +54,7 @@ impl Dial for Scripted {
             match turn {
                 Some(Turn::NeverEnds) => std::future::pending().await,
                 Some(Turn::Gives(Err(fault))) => Err(fault),
-                _ => Ok(Connection::Other(Box::new(Scripted(self.0.clone())))),
+                _ => Ok(Connection::Modbus(Box::new(Scripted(self.0.clone())))),
             }
         })
     }
@@ -90,7 +90,9 @@ impl Wire for Scripted {
             }
         })
     }
+}
 
+impl ModbusWire for Scripted {
     fn listen(&mut self, _unit: u8, span: Duration, quiet: Duration) -> Boxed<'_, Result<(), Fault>> {
         let is_received = self.0.lock().unwrap().is_received;
         Box::pin(async move {
@@ -106,9 +108,8 @@ fn good() -> Answer {
     Answer::Registers(vec![7])
 }
 
-const READ: Request<'static> =
-    Request::Read { from: Register { table: Table::Holding, offset: 1 }, count: 1 };
-const WRITE: Request<'static> = Request::WriteSingle { at: 1, value: 9 };
+const READ: Request<'static> = Request::read_registers(Register { table: Table::Holding, offset: 1 }, 1);
+const WRITE: Request<'static> = Request::Modbus(ModbusRequest::WriteSingle { at: 1, value: 9 });
 
 /// Line with a clock that the test sets.
 struct Rig {
@@ -350,9 +351,9 @@ async fn what_the_profile_does_not_list_and_what_does_not_fit_never_leaves_the_h
     let (mut line, script) = line(|device| device.functions.write_single = false);
     let refused = Err(Fault::Caller(CallerFault::Function));
     assert_eq!(line.ask(0, WRITE, 0).await, refused);
-    let too_far = Request::Read { from: Register { table: Table::Holding, offset: 65535 }, count: 2 };
+    let too_far = Request::read_registers(Register { table: Table::Holding, offset: 65535 }, 2);
     assert_eq!(line.ask(0, too_far, 0).await, Err(Fault::Caller(CallerFault::Extent)));
-    let too_many = Request::Read { from: Register { table: Table::Holding, offset: 0 }, count: 126 };
+    let too_many = Request::read_registers(Register { table: Table::Holding, offset: 0 }, 126);
     assert_eq!(line.ask(0, too_many, 0).await, Err(Fault::Caller(CallerFault::Extent)));
     assert_eq!(line.ask(9, READ, 0).await, Err(Fault::Caller(CallerFault::Extent)));
     let script = script.lock().unwrap();
@@ -366,7 +367,7 @@ impl Dial for Nameless {
     fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
         Box::pin(async {
             self.0.dial(tap).await?;
-            Ok(Connection::Other(Box::new(Nameless(Scripted(self.0.0.clone()))) as Box<dyn Wire>))
+            Ok(Connection::Modbus(Box::new(Nameless(Scripted(self.0.0.clone())))))
         })
     }
 }
@@ -380,7 +381,9 @@ impl Wire for Nameless {
     ) -> Boxed<'a, Result<Answer, Fault>> {
         self.0.exchange(unit, request, send_guard)
     }
+}
 
+impl ModbusWire for Nameless {
     fn has_transaction_id(&self) -> bool {
         false
     }

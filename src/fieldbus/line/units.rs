@@ -5,19 +5,20 @@ use std::time::Duration;
 use super::seed;
 use crate::fieldbus::backoff::Backoff;
 use crate::fieldbus::error::{Fault, LinkFault, PeerFault};
-use crate::fieldbus::pending_replies::{PendingReplies, Spans, UnitReplies};
-use crate::fieldbus::reply_signature::ReplySignature;
+use crate::fieldbus::kinds;
+use crate::fieldbus::kinds::modbus::pending_replies::{PendingReplies, Spans, UnitReplies};
+use crate::fieldbus::kinds::modbus::reply_signature::ReplySignature;
 use crate::fieldbus::wire::Request;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Device, DeviceId, Functions, Quirks, Transport};
 
-/// Shortest pause after a missing answer of a unit without reliable transaction numbers. With short timeouts, an answer
-/// may arrive after four of them.
+/// Shortest pause after a missing answer of a unit without reliable transaction numbers. The multiple of a very short
+/// timeout would be too short, because an answer may arrive even later.
 const SHORTEST_REST: Duration = Duration::from_millis(750);
-/// Number of consecutive missing answers after which the pause of a unit grows. It applies to units that have answered
-/// before, on lines without reliable transaction numbers.
+/// Number of consecutive missing answers up to which the pause of a unit does not grow. It applies to units that have
+/// answered before, on lines without reliable transaction numbers.
 const PATIENT: u32 = 3;
-/// First pause after a failure.
+/// Length of the first pause after a failure.
 pub(super) const FIRST_PAUSE: Duration = Duration::from_secs(1);
 
 /// One device on the line.
@@ -29,12 +30,13 @@ pub(super) struct Unit {
     pub(super) quirks: Quirks,
     pub(super) breaker: Backoff,
     pub(super) last_fault: Fault,
-    /// Whether the unit has checks that must pass before use. An OPC UA server is checked by its namespaces.
+    /// Whether the unit has checks that must pass before its readings are used. An OPC UA server always has one: its
+    /// namespaces.
     pub(super) is_checked: bool,
-    /// Whether a gateway to a serial line is in front of the unit. Its late answer may then have the transaction of
-    /// another request.
+    /// Whether a Modbus gateway to a serial line is in front of the unit. A late answer of the unit may then have the
+    /// transaction number of another request.
     pub(super) is_behind_gateway: bool,
-    /// Time of the last answer.
+    /// Time of the last answer of the unit.
     pub(super) received: Moment,
 }
 
@@ -56,25 +58,25 @@ impl Units {
             quirks: device.quirks,
             breaker: Backoff::new(FIRST_PAUSE, seed(&device.name)),
             last_fault: Fault::Link(LinkFault::Down),
-            is_checked: device.is_checked() || transport == Transport::OpcUa,
+            is_checked: device.is_checked() || kinds::of(transport).has_namespaces,
             is_behind_gateway: device.quirks.gateway.is_present(transport, numbers()),
             received: Moment::default(),
         };
         let mut pending = UnitReplies::of_units(numbers());
         if is_tcp {
-            // A gateway has one request at a time on its line, so that an answer to an earlier process gets no new
-            // transaction.
+            // A Modbus gateway has one request at a time on its serial line. An answer to an earlier process therefore
+            // gets no new transaction number.
             pending.each().for_each(PendingReplies::is_quiet);
         }
         Units { all: devices.iter().map(unit).collect(), pending }
     }
 
-    /// Returns the index of a device.
+    /// Returns the position of a device in the list, its `place`.
     pub(super) fn place(&self, device: DeviceId) -> Option<usize> {
         self.all.iter().position(|unit| unit.device == device)
     }
 
-    /// Returns the index of the first device with this unit number.
+    /// Returns the position in the list of the first device with this unit number.
     pub(super) fn place_of(&self, number: u8) -> Option<usize> {
         self.all.iter().position(|unit| unit.number == number)
     }
@@ -106,15 +108,16 @@ impl Units {
         has_missed && self.all.iter().any(|unit| unit.number == number && unit.last_fault == Fault::Timeout)
     }
 
-    /// Ends the back-off of a device; with `None`, of all devices.
+    /// Ends the back-off of a device. `None` ends the back-off of all devices.
     pub(super) fn revive(&mut self, device: Option<DeviceId>) {
         for unit in self.all.iter_mut().filter(|unit| device.is_none_or(|one| one == unit.device)) {
             unit.breaker.succeed();
         }
     }
 
-    /// Records a missing answer that could arrive late without a reliable transaction number. A unit that usually
-    /// answers promptly may get a request again. Another unit gets none until the late answer can no longer arrive.
+    /// Records a missing answer that may still arrive without a reliable transaction number. A unit that usually
+    /// answers promptly may get a request again. Any other unit gets no request until the late answer can no longer
+    /// arrive.
     pub(super) fn misses(
         &mut self,
         place: usize,
@@ -140,8 +143,9 @@ impl Units {
         }
     }
 
-    /// Stops requests to a unit, by all its devices, while its late answer may still arrive. Its pause also doubles if
-    /// it has never answered, or has missed more than a few answers.
+    /// Stops requests to the unit of this device, under all its device names, while a late answer may still arrive. The
+    /// pause of the device also doubles if the unit has never answered promptly, or has missed more than [`PATIENT`]
+    /// answers in a row.
     pub(super) fn back_off(&mut self, place: usize, fault: Fault, now: Moment, spans: Spans) {
         let quiet = now.after((spans.timeout + spans.grace).max(spans.timeout + SHORTEST_REST));
         let number = self.all[place].number;

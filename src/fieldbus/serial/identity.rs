@@ -1,41 +1,52 @@
-//! Identity of a serial port: whether the opened port is the one that was open before.
+//! Identity of a serial port. It shows whether a newly opened port is the one that was open before.
 //!
-//! Neither the name nor the device number identifies a port: another adapter may get both after one was unplugged. The
-//! kernel registers each adapter that is plugged in. It creates a directory in sysfs and a node in devtmpfs, each with
-//! a new inode. The directory also identifies an adapter whose node was created manually, as in a container.
+//! Neither the name nor the device number identifies a port: another adapter may get both after the first was
+//! unplugged. The kernel registers each adapter that is plugged in. It creates a directory in sysfs and a node in
+//! devtmpfs, each with a new inode. The directory also identifies an adapter whose node was created manually, as in a
+//! container.
 //!
-//! A pseudo-terminal is not registered, and its node has the same inode whenever its number is used again. Its `ctime`
-//! is the time of its creation. Reading and writing change only the other two times of a node (`tty_update_time` in the
-//! kernel).
+//! A pseudo-terminal is not registered, and its node has the same inode whenever its number is used again. The `ctime`
+//! of the node is the time of its creation. Reading and writing change only the other two times of the node
+//! (`tty_update_time` in the kernel).
 
 use std::fs::{self, File, Metadata};
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
 
+/// Returns the name of a serial port that all of its paths share: its device number. If there is no such port, returns
+/// its path.
+pub(in crate::fieldbus) fn place(path: &str) -> String {
+    match fs::metadata(path).ok().and_then(|found| device_number(&found)) {
+        Some(number) => format!("serial {number:x}"),
+        None => format!("serial {}", std::path::absolute(path).unwrap_or_default().display()),
+    }
+}
+
 /// Returns the device number of a serial port, which all of its paths share; `None` if it is no character device.
-pub fn device_number(found: &Metadata) -> Option<u64> {
+fn device_number(found: &Metadata) -> Option<u64> {
     found.file_type().is_char_device().then(|| found.rdev())
 }
 
-/// Identity of a serial port. Two ports that were opened one after the other are the same if it is equal.
+/// Identity of an opened serial port. Equal identities mean the same port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PortIdentity {
     device_number: u64,
-    /// File system and inode of the node.
+    /// Numbers of the file system and of the inode of the device node.
     node: (u64, u64),
     origin: Origin,
 }
 
-/// Creation of a port: of a plugged-in adapter, or of a pseudo-terminal.
+/// Number that changes each time the kernel creates the port: when an adapter is plugged in, or for a new
+/// pseudo-terminal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Origin {
-    /// Inode of the directory in sysfs of a registered device.
+    /// Inode of the sysfs directory of a registered device.
     Registration(u64),
-    /// Seconds and nanoseconds of the node's `ctime`, if no registration was found.
+    /// `ctime` of the device node in seconds and nanoseconds, used if no registration was found.
     NodeChange(i64, i64),
 }
 
 impl PortIdentity {
-    /// Returns the identity of an open port; `None` if it is no character device.
+    /// Returns the identity of an open port; `None` if the file is no character device.
     pub(super) fn of(port: &File) -> Option<PortIdentity> {
         let node = port.metadata().ok()?;
         let device_number = device_number(&node)?;
@@ -45,27 +56,28 @@ impl PortIdentity {
     }
 }
 
-/// Returns the inode of a character device's directory in sysfs.
+/// Returns the inode of a character device's directory in sysfs; `None` if the device is not registered.
 fn registration(device_number: u64) -> Option<u64> {
     let (major, minor) = (rustix::fs::major(device_number), rustix::fs::minor(device_number));
     fs::metadata(format!("/sys/dev/char/{major}:{minor}")).ok().map(|directory| directory.ino())
 }
 
-/// Last opened port, compared with the one before.
+/// Result of the last attempt to open the port, compared with the attempt before.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum PortHistory {
-    /// No port: none was opened yet, or the last attempt failed.
+    /// No port is known: none was opened yet, or the last attempt failed.
     #[default]
     None,
-    /// The port that was open before; or the first port.
+    /// The last attempt opened the same port as the attempt before, or the attempt before opened none.
     Same(PortIdentity),
-    /// Another port than the one before.
+    /// The last attempt opened another port than the one before.
     Other(PortIdentity),
 }
 
 impl PortHistory {
-    /// Adds an attempt to open the port, with its identity if it was opened. A failed attempt is a break by itself,
-    /// which the line reports. The previous port is then forgotten, so that the next one is no second break.
+    /// Returns the history after another attempt to open the port. `opened` is the identity of the port; `None` if the
+    /// attempt failed. The line itself reports a failed attempt as a break. The previous port is then forgotten, so
+    /// that the next one is not reported as a second break.
     #[must_use]
     pub(crate) fn and(self, opened: Option<PortIdentity>) -> PortHistory {
         match (self, opened) {
@@ -77,7 +89,7 @@ impl PortHistory {
         }
     }
 
-    /// Returns whether the last port is not another one than the port before.
+    /// Returns false if the last opened port is another one than the port before.
     pub(crate) fn resumes(self) -> bool {
         !matches!(self, PortHistory::Other(_))
     }
@@ -131,5 +143,15 @@ mod tests {
         assert_ne!(identity("/dev/null"), identity("/dev/zero"));
         let file = tempfile::NamedTempFile::new().unwrap();
         assert_eq!(identity(file.path().to_str().unwrap()), None);
+    }
+
+    #[test]
+    fn a_serial_port_and_a_link_to_it_are_one_name() {
+        let home = tempfile::tempdir().unwrap();
+        let link = home.path().join("by-id");
+        std::os::unix::fs::symlink("/dev/null", &link).unwrap();
+        assert_eq!(place("/dev/null"), place(link.to_str().unwrap()));
+        assert_ne!(place("/dev/null"), place("/dev/zero"));
+        assert_eq!(place("/dev/ttyNONE"), "serial /dev/ttyNONE");
     }
 }

@@ -1,4 +1,4 @@
-//! TLS client of an MQTT broker: the authorities that it trusts, and its own certificate, if any.
+//! TLS client for an MQTT broker: the authorities that it trusts, and its own certificate if the profile names one.
 
 use std::sync::Arc;
 
@@ -7,10 +7,11 @@ use tokio_rustls::rustls::ClientConfig;
 use super::plant_client::{own, showing, trusting};
 use isotherm_profile::{Mqtt, ProfileError};
 
-/// Returns the TLS settings of a profile, for TLS 1.2 or 1.3; `None` if the broker is used without TLS.
+/// Returns the TLS settings for the broker of a profile, with TLS 1.2 or 1.3. Returns `None` if the broker is used
+/// without TLS.
 ///
 /// # Errors
-/// The mistakes in each of its files.
+/// The mistakes in each of the files that the profile names.
 pub fn broker(mqtt: &Mqtt) -> Result<Option<Arc<ClientConfig>>, Vec<ProfileError>> {
     if !mqtt.broker.tls {
         return Ok(None);

@@ -1,4 +1,4 @@
-//! TLS client of a Modbus line, made from the files that the profile names: trust, certificate and key.
+//! TLS client of a Modbus line, made from the files that the profile names: trusted authorities, certificate and key.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,7 +22,8 @@ use crate::fieldbus::port::Port;
 use crate::net::{self, ConnectError};
 use isotherm_profile::{Errors, Profile, ProfileError, Tls};
 
-/// Settings of a secured connection: versions, ciphers, trust, key, and the name of the device.
+/// Settings of connections inside TLS: versions, ciphers, trusted certificates, own certificate and key, and the name
+/// of the device.
 #[derive(Clone, Debug)]
 pub(in crate::fieldbus) struct Client {
     name: ServerName<'static>,
@@ -30,7 +31,7 @@ pub(in crate::fieldbus) struct Client {
     shown: Arc<ShownCertificate>,
 }
 
-/// Checks the TLS files of a profile.
+/// Checks the TLS files that a profile names for its Modbus lines.
 ///
 /// # Errors
 /// All mistakes with their keys, in the order of the lines.
@@ -47,7 +48,7 @@ impl Client {
     /// Returns a client for TLS 1.2 or 1.3 that trusts `ca` and sends `cert`.
     ///
     /// # Errors
-    /// The mistakes in the name and in each file.
+    /// The mistakes in the name of the device and in each file.
     pub(in crate::fieldbus) fn new(tls: &Tls) -> Result<Client, Vec<ProfileError>> {
         let name = ServerName::try_from(tls.name.clone()).map_err(|_| tls.wrong_name());
         let trust = trusting(Some(&tls.ca.bytes)).map_err(|why| tls.ca.invalid(&why));
@@ -80,7 +81,7 @@ impl Client {
     }
 }
 
-/// Certificate of the gateway, and whether a device has asked for it.
+/// Certificate of the gateway, and whether a device has requested it.
 #[derive(Debug)]
 struct ShownCertificate {
     certificate: Arc<dyn ResolvesClientCert>,
@@ -97,7 +98,7 @@ impl ShownCertificate {
         }
     }
 
-    /// Logs a warning, once, if the device has not asked for the certificate.
+    /// Logs a warning, once, if the device has not requested the gateway's certificate.
     fn warn(&self, device: &str) {
         if !self.is_asked.load(Ordering::Relaxed) && !self.is_reported.swap(true, Ordering::Relaxed) {
             tracing::warn!(
@@ -119,13 +120,15 @@ impl ResolvesClientCert for ShownCertificate {
     }
 }
 
-/// TLS as a port. Its tap sees the Modbus bytes.
+/// TLS stream as a port. A tap receives the bytes of Modbus, before encryption and after decryption.
 impl Port for TlsStream<LocalTcp> {}
 
-/// Verifier that trusts certificates signed by the authorities in a file, and the certificates in the file themselves.
+/// Verifier of a device's certificate. It trusts certificates signed by the authorities in a file, and the certificates
+/// in the file themselves.
 ///
-/// Many devices have a self-signed certificate for a name that is not their name in this plant. A certificate that is
-/// in the file, byte for byte, identifies a device better than its name. Only its dates are checked.
+/// Many devices have a self-signed certificate whose name is not their name in this plant. A certificate that equals
+/// one in the file, byte for byte, identifies a device better than its name. For such a certificate only the dates are
+/// checked.
 #[derive(Debug)]
 pub(super) struct Trust {
     authorities: Arc<WebPkiServerVerifier>,

@@ -8,7 +8,7 @@ const ENCRYPTED: &[u8] = b"ENCRYPTED";
 /// Returns the certificates in a file.
 ///
 /// # Errors
-/// The mistake in the file, in one sentence.
+/// A sentence for the user: the mistake in the file.
 pub(super) fn certificates(text: &[u8]) -> Result<Vec<CertificateDer<'static>>, String> {
     let found: Result<Vec<_>, _> = CertificateDer::pem_slice_iter(text).collect();
     match found {
@@ -23,7 +23,7 @@ pub(super) fn certificates(text: &[u8]) -> Result<Vec<CertificateDer<'static>>, 
 /// Returns the private key in a file.
 ///
 /// # Errors
-/// The mistake in the file, in one sentence.
+/// A sentence for the user: the mistake in the file.
 pub(super) fn private_key(text: &[u8]) -> Result<PrivateKeyDer<'static>, String> {
     if text.windows(ENCRYPTED.len()).any(|window| window == ENCRYPTED) {
         return Err(

@@ -1,4 +1,4 @@
-//! TLS clients of servers in the plant, with and without a certificate of their own.
+//! TLS clients for servers in the plant, with or without a certificate of the gateway.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use super::pem::{certificates, private_key};
 use super::server::Wrong;
 use isotherm_profile::{NamedFile, ProfileError, safe_file};
 
-/// Files in which Linux distributions keep the trusted authorities.
+/// Files in which Linux distributions store the trusted authorities.
 const BUNDLES: [&str; 4] = [
     "/etc/ssl/certs/ca-certificates.crt",
     "/etc/pki/tls/certs/ca-bundle.crt",
@@ -21,16 +21,17 @@ const BUNDLES: [&str; 4] = [
     "/etc/ssl/cert.pem",
 ];
 
-/// Returns a client for TLS 1.2 or 1.3 without a certificate. It trusts `ca`, a file in PEM form, or else the
-/// authorities of this computer.
+/// Returns a client for TLS 1.2 or 1.3 that sends no certificate. It trusts the authorities in `ca`, a file in PEM
+/// form. Without `ca`, it trusts the authorities of this computer.
 ///
 /// # Errors
-/// A sentence, if there is no trusted authority.
+/// A sentence for the user, if `ca` is unusable or this computer has no trusted authorities.
 pub fn plant_client(ca: Option<&[u8]>) -> Result<ClientConfig, String> {
     Ok(trusting(ca)?.with_no_client_auth())
 }
 
-/// Returns the settings of such a client, before a certificate is chosen.
+/// Returns the settings of a client for TLS 1.2 or 1.3, without the choice of its own certificate. Trust is as in
+/// [`plant_client`].
 pub(super) fn trusting(ca: Option<&[u8]>) -> Result<ConfigBuilder<ClientConfig, WantsClientCert>, String> {
     let config = ClientConfig::builder_with_provider(Arc::new(default_provider()))
         .with_safe_default_protocol_versions()
@@ -44,13 +45,13 @@ pub(super) fn trusting(ca: Option<&[u8]>) -> Result<ConfigBuilder<ClientConfig, 
     }
 }
 
-/// Certificates of this end, and the private key of the first one.
+/// Certificates that this program sends, and the private key of the first one.
 pub(super) type Own = (Vec<CertificateDer<'static>>, PrivateKeyDer<'static>);
 
-/// Reads the certificates and the private key of this end.
+/// Reads the certificates and the private key that this program sends.
 ///
 /// # Errors
-/// The mistakes in both files.
+/// The mistakes in the two files.
 pub(super) fn own(cert: &NamedFile, key: &NamedFile) -> Result<Own, Vec<ProfileError>> {
     let chain = certificates(&cert.bytes).map_err(|why| cert.invalid(&why));
     let private = private_key(&key.bytes).map_err(|why| key.invalid(&why));
@@ -60,7 +61,7 @@ pub(super) fn own(cert: &NamedFile, key: &NamedFile) -> Result<Own, Vec<ProfileE
     }
 }
 
-/// Completes the settings of a client with the certificates and the private key of this end, which are in these files.
+/// Completes the settings of a client with its own certificates and private key, which are read from these files.
 ///
 /// # Errors
 /// The mistake in one of the files.
@@ -77,7 +78,7 @@ pub(super) fn showing(
     })
 }
 
-/// Returns the authorities in the first of these files that has any.
+/// Returns the authorities in the first of these files that contains any.
 fn of_this_computer<'a>(bundles: impl IntoIterator<Item = &'a Path>) -> Result<RootCertStore, String> {
     for bundle in bundles {
         let mut roots = RootCertStore::empty();

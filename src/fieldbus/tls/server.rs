@@ -1,4 +1,4 @@
-//! TLS server of the page, for clients without a certificate.
+//! TLS server of the web page, for clients without a certificate.
 
 use std::sync::Arc;
 
@@ -7,7 +7,7 @@ use tokio_rustls::rustls::{Error, InconsistentKeys, ServerConfig};
 
 use super::pem::{certificates, private_key};
 
-/// File with a mistake, and the mistake.
+/// Which of the two files has a mistake, and a sentence about the mistake.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Wrong {
     /// Mistake in the certificate.
@@ -19,7 +19,7 @@ pub enum Wrong {
 /// Returns a server for TLS 1.2 or 1.3 with this certificate and its private key, both in PEM form.
 ///
 /// # Errors
-/// The file that is unusable, and the reason.
+/// The file that is unusable, with the reason.
 pub fn server(cert: &[u8], key: &[u8]) -> Result<ServerConfig, Wrong> {
     let chain = certificates(cert).map_err(Wrong::Cert)?;
     let key = private_key(key).map_err(Wrong::Key)?;

@@ -1,28 +1,29 @@
 //! One request and its answer, as readable text (two lines) and as a JSON object.
 
-use std::fmt::{self, Write};
+use std::fmt;
 use std::time::Duration;
 
 use serde::{Serialize, Serializer};
 
 use crate::fieldbus::error::Fault;
-use crate::fieldbus::request::{Answer, CanRequest, NodeReading, NodeRequest, Request};
-use isotherm_core::codec::{Frame, Register, Table};
+use crate::fieldbus::listed::Listed;
+use crate::fieldbus::request::{Answer, NodeReading};
+use isotherm_core::codec::Frame;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::counted;
 
 /// Request with its result.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Exchange {
-    /// Time of the request, in wall-clock time.
+    /// Wall-clock time at which the request was sent.
     #[serde(serialize_with = "stamp")]
     pub asked_at: Moment,
-    /// Time until the answer or the timeout.
+    /// Time from the request until the answer or the timeout.
     #[serde(rename = "took_ms", serialize_with = "millis")]
     pub took: Duration,
     /// Modbus unit or CANopen node of the device.
     pub unit: u8,
-    /// Request as readable text; empty for a message without a request.
+    /// Request as readable text; empty for a message that a device sent without a request.
     pub asked: String,
     /// Sent bytes; none if there was no connection.
     #[serde(serialize_with = "hex")]
@@ -30,16 +31,16 @@ pub struct Exchange {
     /// Received bytes, valid or not.
     #[serde(serialize_with = "hex")]
     pub received: Vec<u8>,
-    /// Number of further bytes that were not kept.
+    /// Number of further bytes that were not stored.
     pub more: usize,
-    /// Answer as readable text, or its fault.
+    /// Answer as readable text, or the fault of the request.
     pub answered: String,
     /// Whether the answer is valid.
     pub is_good: bool,
 }
 
 impl Exchange {
-    /// Returns the record of a CAN frame without a request.
+    /// Returns the record of a CAN frame that a device sent without a request.
     pub(super) fn heard(unit: u8, frame: &Frame, at: Moment) -> Exchange {
         Exchange {
             asked_at: at,
@@ -55,46 +56,14 @@ impl Exchange {
     }
 }
 
-/// Formats a request: `read input:0..7`, `write holding:104 = 1 65535`.
-pub(super) fn asked(request: Request<'_>) -> String {
-    let at = |table, offset| Register { table, offset };
-    match request {
-        Request::Read { from, count: 1 } => format!("read {from}"),
-        Request::Read { from, count } => {
-            format!("read {from}..{}", u32::from(from.offset) + u32::from(count).saturating_sub(1))
-        }
-        Request::WriteCoil { at: coil, value } => {
-            format!("write {} = {}", at(Table::Coil, coil), u8::from(value))
-        }
-        Request::WriteSingle { at: register, value } => {
-            format!("write {} = {value}", at(Table::Holding, register))
-        }
-        Request::WriteMultiple { at: register, values } => {
-            format!("write {} ={}", at(Table::Holding, register), listed(values))
-        }
-        Request::Can(CanRequest::Read { object }) => format!("read {object}"),
-        Request::Can(CanRequest::Write { object, values }) => format!("write {object} ={}", listed(values)),
-        Request::Can(CanRequest::Send { id, bits, values }) => {
-            format!("send {id}, {bits} ={}", listed(values))
-        }
-        Request::Sensors(sensors) => format!("read{}", listed(sensors)),
-        Request::Nodes(NodeRequest::Read(nodes)) => format!("read{}", listed(nodes)),
-        Request::Nodes(NodeRequest::Latest(sent)) => format!("latest{}", listed(&sent.nodes)),
-        Request::Nodes(NodeRequest::Namespaces) => "namespaces".to_owned(),
-        Request::Nodes(NodeRequest::Write { nodes, values }) => {
-            format!("write{} ={}", listed(nodes), listed(values))
-        }
-    }
-}
-
 pub(super) fn answered(answer: &Result<Answer, Fault>) -> String {
     match answer {
         Ok(Answer::Registers(registers)) => {
-            format!("{}:{}", counted(registers.len(), "register"), listed(registers))
+            format!("{}:{}", counted(registers.len(), "register"), Listed(registers))
         }
         Ok(Answer::Bits(bits)) => {
             let digits: Vec<u8> = bits.iter().map(|bit| u8::from(*bit)).collect();
-            format!("{}:{}", counted(bits.len(), "bit"), listed(&digits))
+            format!("{}:{}", counted(bits.len(), "bit"), Listed(&digits))
         }
         Ok(Answer::Nodes(nodes)) => nodes.iter().map(node).collect::<Vec<_>>().join("; "),
         Ok(Answer::Done) => "done".to_owned(),
@@ -102,19 +71,12 @@ pub(super) fn answered(answer: &Result<Answer, Fault>) -> String {
     }
 }
 
-/// Formats a node: `17395 4660`, or the reason why there is no value.
+/// Formats the reading of a node: its registers, for example `17395 4660`, or the reason why it has no value.
 fn node(node: &NodeReading) -> String {
     match &node.value {
-        Ok(value) => listed(value.registers()).trim_start().to_owned(),
+        Ok(value) => Listed(value.registers()).to_string().trim_start().to_owned(),
         Err(reason) => reason.to_string(),
     }
-}
-
-fn listed(values: &[impl fmt::Display]) -> String {
-    values.iter().fold(String::new(), |mut text, value| {
-        let _ = write!(text, " {value}");
-        text
-    })
 }
 
 /// Formats bytes: `00 01 00 00 00 06`.
@@ -136,7 +98,7 @@ fn millis<S: Serializer>(span: &Duration, serializer: S) -> Result<S::Ok, S::Err
 }
 
 /// Two lines: `12:00:01.234 → 00 01 …   unit 1 read input:0..7`, and `← …   8 registers: 251 249 …, 3.2 ms`. The time
-/// is UTC. A message without a request has one line.
+/// is UTC. A message without a request has only one line.
 impl fmt::Display for Exchange {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let stamp = format!("{:.3}", jiff_stamp(self.asked_at));

@@ -4,11 +4,12 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
 
 use super::*;
 use crate::fieldbus::error::PeerFault;
-use crate::fieldbus::modbus::ModbusTcp;
+use crate::fieldbus::kinds::modbus::request::ModbusRequest;
+use crate::fieldbus::kinds::modbus::tcp::ModbusTcp;
 use crate::fieldbus::send_guard::SendGuard;
 use isotherm_core::codec::{Register, Table};
 
-const READ: Request<'static> = Request::Read { from: Register { table: Table::Input, offset: 0 }, count: 2 };
+const READ: Request<'static> = Request::read_registers(Register { table: Table::Input, offset: 0 }, 2);
 const DEVICE: DeviceId = DeviceId(0);
 
 /// Sends one request over a tapped stream. The peer answers with these bytes after the transaction number.
@@ -138,12 +139,15 @@ fn what_was_never_tried_is_not_reported() {
 
 #[test]
 fn each_kind_of_request_is_named_with_its_place_and_its_words() {
-    let read = |count| exchange::asked(Request::Read { from: "coil:65535".parse().unwrap(), count });
+    let read = |count| Request::read_registers("coil:65535".parse().unwrap(), count).to_string();
     assert_eq!(read(1), "read coil:65535");
-    assert_eq!(exchange::asked(Request::WriteCoil { at: 3, value: true }), "write coil:3 = 1");
-    assert_eq!(exchange::asked(Request::WriteSingle { at: 104, value: 7 }), "write holding:104 = 7");
+    assert_eq!(Request::write_coil(3, true).to_string(), "write coil:3 = 1");
     assert_eq!(
-        exchange::asked(Request::WriteMultiple { at: 104, values: &[1, 65535] }),
+        Request::Modbus(ModbusRequest::WriteSingle { at: 104, value: 7 }).to_string(),
+        "write holding:104 = 7"
+    );
+    assert_eq!(
+        Request::Modbus(ModbusRequest::WriteMultiple { at: 104, values: &[1, 65535] }).to_string(),
         "write holding:104 = 1 65535"
     );
     assert_eq!(exchange::answered(&Ok(Answer::Bits(vec![true, false]))), "2 bits: 1 0");

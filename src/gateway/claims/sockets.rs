@@ -1,5 +1,6 @@
-//! Abstract sockets by which gateways see each other: `isotherm/1/4711-5f2c01aa/9e3779b9…`. The name contains the
-//! process, a random number, and a short hash of each line. A gateway that shares no hash is not asked.
+//! Abstract sockets by which gateways find each other, for example `isotherm/1/4711-5f2c01aa/9e3779b9…`. The name
+//! contains the process, a random number, and a short hash of each bus. A gateway with no common hash is not asked for
+//! its claim.
 
 use std::collections::BTreeSet;
 use std::hash::{BuildHasher, RandomState};
@@ -14,28 +15,28 @@ use socket2::{Domain, SockAddr, Socket, Type};
 
 use super::Claim;
 
-/// Prefix of all names. The number changes with the format of a claim.
+/// Prefix of all socket names. Its number changes with the format of a claim.
 const PREFIX: &str = "isotherm/1/";
-/// Text in the name of a socket that has no room for all hashes.
+/// Text that replaces the hashes in a socket name that is too short for all of them.
 const MANY: &str = "*";
 const MOST_HASHES: usize = 9;
 const HASH: usize = 8;
 /// Flag of a listening socket in the kernel's list.
 const ACCEPTS: u32 = 0x1_0000;
-/// Longest wait for a claim. A gateway sends it from a separate thread.
+/// Maximum wait for the claim of another gateway, which sends it from a separate thread.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// Largest accepted claim, in bytes.
+/// Maximum size of an accepted claim, in bytes.
 const LARGEST: u64 = 16_000_000;
-/// Pause after each claim: a client that connects as fast as possible must not take the processor from the lines.
+/// Pause after each sent claim. Without it, a client that connects as fast as possible would delay the bus lines.
 const PAUSE: Duration = Duration::from_millis(5);
 
-/// Socket of this gateway, which exists until the process ends.
+/// Listening socket of this gateway. It exists until the process ends.
 pub(super) struct Listener {
     is_held: Arc<AtomicBool>,
 }
 
 impl Listener {
-    /// Opens the socket and starts the thread that sends the claim to each client.
+    /// Opens the socket, and starts the thread that sends the claim to each client.
     pub(super) fn open(claim: Claim) -> io::Result<Listener> {
         let name = format!("{PREFIX}{}-{:08x}/{}", claim.process, claim.order, joined(&hashes(&claim)));
         let listener = UnixListener::bind_addr(&SocketAddr::from_abstract_name(name)?)?;
@@ -53,7 +54,7 @@ impl Listener {
         Ok(Listener { is_held })
     }
 
-    /// Marks the claim as held: the gateway has found no rival, and a later one must give way.
+    /// Marks the claim as valid: this gateway has found no rival, so a gateway that starts later must give way.
     pub(super) fn hold(&self) {
         self.is_held.store(true, Ordering::Relaxed);
     }
@@ -64,28 +65,28 @@ fn send(mut stream: UnixStream, claim: &Claim) -> io::Result<()> {
     stream.write_all(&serde_json::to_vec(claim)?)
 }
 
-/// Another gateway that may write to the same places.
+/// Another gateway that may write to the same registers.
 pub(super) struct Other {
     name: String,
     pub(super) process: u32,
-    /// Whether a hash shows that it shares a line.
+    /// Whether a common hash shows that both gateways use the same bus.
     pub(super) shares_line: bool,
 }
 
-/// Result of asking another gateway.
+/// Result of asking another gateway for its claim.
 pub(super) enum Answer {
     Claim(Claim),
     /// The gateway has ended.
     Gone,
     /// The gateway sends no claim, or one that cannot be parsed.
     Silent,
-    /// The connection ended before the whole claim came: the gateway is about to end.
+    /// The connection ended before the whole claim was received, because the gateway is about to end.
     Cut,
-    /// The system does not allow the connection.
+    /// The operating system refuses the connection.
     Failed(io::Error),
 }
 
-/// Lists the other gateways that may share a line with this one.
+/// Lists the other gateways that may use the same bus as this one.
 pub(super) fn others(own: &Claim) -> io::Result<Vec<Other>> {
     let list = std::fs::read_to_string("/proc/net/unix")?;
     let (hashes, order) = (hashes(own), format!("-{:08x}", own.order));
@@ -95,7 +96,7 @@ pub(super) fn others(own: &Claim) -> io::Result<Vec<Other>> {
 
 impl Other {
     /// Parses a line of the kernel's list: `address: references protocol flags type state inode @name`. Returns `None`
-    /// for other sockets, and for a gateway that shares none of these hashes.
+    /// for other sockets, and for a gateway that has none of these hashes.
     fn listed(line: &str, hashes: &BTreeSet<String>) -> Option<Other> {
         let flags = u32::from_str_radix(line.split(' ').nth(3)?, 16).ok()?;
         let (_, name) = line.split_once(" @")?;
@@ -142,7 +143,7 @@ pub(super) fn random() -> u32 {
     u32::from_be_bytes([a, b, c, d])
 }
 
-/// Returns the hash of each name of each line.
+/// Returns a hash of each canonical name of each bus in the claim.
 fn hashes(claim: &Claim) -> BTreeSet<String> {
     // FNV: the same in every version.
     let hash = |name: &str| {

@@ -1,4 +1,5 @@
-//! Rows of one log from a given time on. A binary search avoids reading the file from its start.
+//! Rows of one log from a given time on. A binary search finds the first of them, so that the file need not be read
+//! from its start.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Seek, SeekFrom};
@@ -9,7 +10,7 @@ use csv::{ByteRecord, ReaderBuilder};
 use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::safe_file;
 
-/// Distance in bytes below which the search stops and rows are read.
+/// Length of the file part, in bytes, at which the binary search stops.
 const NEAR: u64 = 64 * 1024;
 
 /// Row of a log, as text.
@@ -24,7 +25,7 @@ impl Row {
         moment(self.0.get(0)?)
     }
 
-    /// Reads the numbers at these positions.
+    /// Parses the numbers in the columns with these indices. A cell without a number gives `None`.
     pub(super) fn numbers(&self, places: &[Option<usize>], values: &mut [Option<f64>]) {
         for (place, value) in places.iter().zip(values) {
             let cell = place.and_then(|place| self.0.get(place));
@@ -33,7 +34,7 @@ impl Row {
         }
     }
 
-    /// Writes the time and the cells at these positions, with a line break.
+    /// Appends the time and the cells in the columns with these indices, with a line break.
     pub(super) fn write(&self, places: &[Option<usize>], out: &mut Vec<u8>) {
         out.extend_from_slice(self.0.get(0).unwrap_or_default());
         for place in places {
@@ -48,7 +49,7 @@ fn moment(cell: &[u8]) -> Option<Moment> {
     time::parse(std::str::from_utf8(cell).ok()?).ok()
 }
 
-/// Names of the columns, and the rows from about this time on. `None` if there is no such log.
+/// Returns the names of the columns, and the rows from about `from` on. `None` if the log cannot be read.
 pub(super) fn rows(log: &Path, from: Moment) -> Option<(Vec<String>, impl Iterator<Item = Row>)> {
     let mut file = BufReader::new(safe_file::open(log).ok()?);
     let mut header = Vec::new();
@@ -63,7 +64,8 @@ pub(super) fn rows(log: &Path, from: Moment) -> Option<(Vec<String>, impl Iterat
     Some((names, rows.into_byte_records().map_while(Result::ok).map(Row)))
 }
 
-/// Position of a row before which all rows are earlier than this time. Rows are ordered by time, one on each line.
+/// Returns a file position before which all rows are earlier than `from`. The rows must be ordered by time, one on each
+/// line.
 fn begin(file: &mut BufReader<File>, first: u64, from: Moment) -> std::io::Result<u64> {
     let (mut low, mut high) = (first, file.get_ref().metadata()?.len());
     let mut line = Vec::new();

@@ -1,34 +1,36 @@
-//! Alarms: faults that have not ended. An event raises an alarm, another event ends it.
+//! Alarms: faults that have not ended. One event raises an alarm, another event ends it.
 //!
-//! An alarm is acknowledged when the operator has seen it. Nothing else changes by that. An alarm that is raised again
-//! is a new one.
+//! An operator acknowledges an alarm after seeing it. This only marks the alarm. If the same alarm is raised again, the
+//! new alarm is not acknowledged.
 
 use std::collections::BTreeMap;
 
 use serde::Serialize;
+use serde_json::Value;
 
-use super::{Broker, Comparison, Delivery, Entry, Event, Level, PagePort, StandIn};
+use super::journal::Entry;
+use isotherm_core::events::{EventKind, Level};
 
-/// Alarm that has begun and not ended.
+/// Alarm that was raised and has not ended.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Alarm {
-    /// Subject of the alarm. The alarm is acknowledged by it.
+    /// Subject of the alarm, by which it is acknowledged, for example `signal bed`.
     pub id: String,
-    /// Kind of the event that raised it.
+    /// Kind of the event that raised the alarm.
     pub kind: String,
     /// Severity of the alarm.
     pub level: Level,
-    /// Time since which it is active, RFC 3339.
+    /// Time since which the alarm is active, RFC 3339.
     pub since: String,
-    /// Text of the event.
+    /// Text of the event that raised the alarm.
     pub text: String,
-    /// Present cause of the alarm; `None` if it has none.
+    /// Present cause of the alarm; `None` if it is not known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cause: Option<String>,
-    /// Hint: what to do about the cause.
+    /// Hint: remedy for the cause.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hint: Option<String>,
-    /// Acknowledgement; `None` before it.
+    /// Acknowledgement; `None` if the alarm was not acknowledged.
     pub acknowledged: Option<Acknowledgement>,
 }
 
@@ -37,14 +39,14 @@ pub struct Alarm {
 pub struct Acknowledgement {
     /// Time of the acknowledgement, RFC 3339.
     pub at: String,
-    /// Person or program, and channel.
+    /// Requester of the acknowledgement, with its channel.
     pub by: String,
 }
 
-/// Change of the alarms by an event. Alarms are given by their subjects.
+/// Alarms that an event has raised or ended, by their subjects.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Change {
-    /// Alarm that was raised.
+    /// Alarm that was raised; `None` if the event raises none.
     pub raised: Option<String>,
     /// Alarms that were active and have ended.
     pub ended: Vec<String>,
@@ -55,8 +57,12 @@ pub struct Change {
 pub(super) struct Alarms(BTreeMap<String, Alarm>);
 
 impl Alarms {
-    pub(super) fn note(&mut self, event: &Event, entry: &Entry) -> Change {
-        let (raised, mut ended) = event.about();
+    /// Raises and ends the alarms of an event, as its entry in the catalogue says.
+    pub(super) fn note(&mut self, kind: EventKind, entry: &Entry) -> Change {
+        let raised = kind.raises().filter(|_| entry.level != Level::Info);
+        let ends: &[&str] = if raised.is_some() { &[] } else { kind.ends() };
+        let raised = raised.map(|alarm| id_of(alarm, &entry.data));
+        let mut ended: Vec<String> = ends.iter().map(|alarm| id_of(alarm, &entry.data)).collect();
         ended.retain(|id| self.0.remove(id).is_some());
         if let Some(id) = raised.clone() {
             let field = |name: &str| entry.data.get(name).and_then(|value| value.as_str()).map(str::to_owned);
@@ -85,8 +91,8 @@ impl Alarms {
         all
     }
 
-    /// Acknowledges one alarm, or all of them. Returns how many were not acknowledged before; `None` if there is no
-    /// such alarm.
+    /// Acknowledges one alarm, or all of them if `id` is `None`. Returns the number of alarms that were not
+    /// acknowledged before. `None` if there is no such alarm.
     pub(super) fn acknowledge(&mut self, id: Option<&str>, seen: &Acknowledgement) -> Option<usize> {
         let meant = self.0.values_mut().filter(|alarm| id.is_none_or(|id| id == alarm.id));
         let mut meant = meant.peekable();
@@ -96,87 +102,21 @@ impl Alarms {
     }
 }
 
-impl Event {
-    /// Returns the alarm that this event raises, if any, and the alarms that it ends.
-    fn about(&self) -> (Option<String>, Vec<String>) {
-        let raises = |what: &str, name: &str| (Some(format!("{what} {name}")), Vec::new());
-        let ends =
-            |all: &[(&str, &str)]| (None, all.iter().map(|(what, name)| format!("{what} {name}")).collect());
-        match self {
-            Event::LinkDown { bus, .. } => raises("bus", bus),
-            Event::LinkUp { bus, .. } => ends(&[("bus", bus)]),
-            Event::BusTrouble { bus, .. } => raises("trouble of bus", bus),
-            Event::BusWell { bus, .. } => ends(&[("trouble of bus", bus)]),
-            Event::DeviceLost { device, .. } => raises("device", device),
-            Event::DeviceBack { device, .. } => ends(&[("device", device)]),
-            Event::NotAsExpected { device, .. } => raises("settings of device", device),
-            Event::AsExpected { device } => ends(&[("settings of device", device)]),
-            Event::Emergency { device, .. } => raises("emergency of device", device),
-            Event::EmergencyOver { device, .. } => ends(&[("emergency of device", device)]),
-            Event::SignalBad { signal, .. } => raises("signal", signal),
-            Event::SignalGood { signal, .. } => ends(&[("signal", signal)]),
-            // An axis that is switched off or stopped on purpose is no alarm.
-            Event::AxisState { axis, to, stopping, .. } => match *to {
-                "degraded" | "holding" | "ramping" | "zeroed" if !stopping => raises("axis", axis),
-                _ => ends(&[("axis", axis), ("level of axis", axis)]),
-            },
-            Event::Warned { axis, .. } => raises("level of axis", axis),
-            Event::BeyondError { axis, .. } => raises("model of axis", axis),
-            Event::ArmRefused { axis, .. } => raises("arming of axis", axis),
-            Event::Armed { axis, .. } => {
-                ends(&[("model of axis", axis), ("arming of axis", axis), ("belief in", "state and ledger")])
-            }
-            Event::WaitsToArm { axis, .. } | Event::ArmEnded { axis, .. } => {
-                ends(&[("arming of axis", axis)])
-            }
-            Event::Extrapolating { axis, .. } => raises("inputs of axis", axis),
-            Event::Interpolating { axis } => ends(&[("inputs of axis", axis)]),
-            Event::StandIn(StandIn::Taken { axis, signal, .. }) => {
-                raises("sensor of axis", &format!("{axis}: {signal}"))
-            }
-            Event::StandIn(StandIn::Over { axis, signal, .. }) => {
-                ends(&[("sensor of axis", &format!("{axis}: {signal}"))])
-            }
-            Event::Comparison(Comparison::Worse { axis, .. }) => raises("compensation of axis", axis),
-            Event::Comparison(Comparison::Over { axis }) => ends(&[("compensation of axis", axis)]),
-            Event::VerifyFailed { output, .. }
-            | Event::WriteFailed { output, .. }
-            | Event::ReadFailed { output, .. }
-            | Event::NotApplied { output, .. } => raises("output", output),
-            Event::HeartbeatFailed { device, .. } => raises("heartbeat at", device),
-            Event::HeartbeatWritten { device, .. } => ends(&[("heartbeat at", device)]),
-            Event::ForeignChange { output, .. } => raises("foreign write to", output),
-            Event::Verified { output, .. } => ends(&[("output", output), ("foreign write to", output)]),
-            Event::OutputMoved { output, .. } => raises("place of output", output),
-            Event::RegisterLeft { output, .. } => raises("former register of output", output),
-            Event::RegisterReleased { output, .. } => ends(&[("former register of output", output)]),
-            Event::PlaceConfirmed { output } => {
-                ends(&[("place of output", output), ("former register of output", output)])
-            }
-            Event::LedgerDoubt { output, .. } | Event::FirstAccount { output, .. } => {
-                raises("ledger of", output)
-            }
-            Event::LedgerOpened { output, .. } => ends(&[("ledger of", output)]),
-            Event::NotBelieved { .. } => raises("belief in", "state and ledger"),
-            Event::NotKept { what, .. } => raises("keeping", what),
-            Event::KeptAgain { what } => ends(&[("keeping", what)]),
-            Event::TaskFailed { task, .. } => raises("task", task),
-            Event::Page(PagePort::Closed { listen, .. }) => raises("page at", listen),
-            Event::Page(PagePort::Open { listen }) => ends(&[("page at", listen)]),
-            Event::Broker(Broker::Down { broker, .. }) => raises("broker", broker),
-            Event::Broker(Broker::Up { broker, .. }) => ends(&[("broker", broker)]),
-            Event::Delivery(Delivery::Failed { notify, .. }) => raises("messages of", notify),
-            Event::Delivery(Delivery::Back { notify, .. }) => ends(&[("messages of", notify)]),
-            #[cfg(feature = "opcua")]
-            Event::Certificate(expiry) => raises("certificate", &expiry.name()),
-            _ => (None, Vec::new()),
-        }
-    }
+/// Returns the subject of an alarm: in the pattern, `{axis}` is replaced by the field `axis` of the event's data.
+fn id_of(pattern: &str, data: &Value) -> String {
+    let parts = pattern.split(['{', '}']).enumerate();
+    parts
+        .map(|(place, part)| match place % 2 {
+            0 => part,
+            _ => data[part].as_str().unwrap_or_default(),
+        })
+        .collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::observe::events::Event;
     use isotherm_core::explained::Explained;
     use isotherm_core::quantity::Moment;
 
@@ -195,7 +135,8 @@ mod tests {
     #[test]
     fn an_alarm_stands_until_its_end_and_one_that_is_raised_anew_was_not_seen() {
         let mut alarms = Alarms::default();
-        let note = |alarms: &mut Alarms, event: &Event| alarms.note(event, &event.entry(Moment::default()));
+        let note =
+            |alarms: &mut Alarms, event: &Event| alarms.note(event.kind(), &event.entry(Moment::default()));
         assert_eq!(note(&mut alarms, &bad()).raised.as_deref(), Some("signal bed"));
         note(&mut alarms, &state("holding", false));
         let ids = |alarms: &Alarms| alarms.all().into_iter().map(|alarm| alarm.id).collect::<Vec<_>>();
@@ -230,10 +171,10 @@ mod tests {
         };
         let (begun, later) = (Moment::default(), Moment::from_nanos(60_000_000_000));
         let refused = down("is the port right?", "nothing listens there");
-        alarms.note(&refused, &refused.entry(begun));
+        alarms.note(refused.kind(), &refused.entry(begun));
         alarms.acknowledge(None, &seen("a"));
         let untrusted = down("put it into `tls.ca`", "its certificate is not trusted");
-        alarms.note(&untrusted, &untrusted.entry(later));
+        alarms.note(untrusted.kind(), &untrusted.entry(later));
         let [alarm] = &alarms.all()[..] else { panic!("{alarms:?}") };
         assert_eq!(alarm.cause.as_deref(), Some("its certificate is not trusted"));
         let hint = Some("put it into `tls.ca`");
@@ -253,7 +194,7 @@ mod tests {
         for (event, count) in
             [(state("holding", false), 1), (state("ramping", true), 0), (state("zeroed", true), 0)]
         {
-            alarms.note(&event, &event.entry(Moment::default()));
+            alarms.note(event.kind(), &event.entry(Moment::default()));
             assert_eq!(alarms.all().len(), count, "{event:?}");
         }
     }

@@ -1,16 +1,16 @@
-//! Events about publishing to the broker of `[mqtt]`.
+//! Events about publishing to the MQTT broker of `[mqtt]`.
 
 use serde::Serialize;
 
-use super::{EventDescription, info, warning};
-use isotherm_core::explained::Explained;
+use super::description::{EventDescription, caused, plain};
+use isotherm_core::events::EventKind;
 use isotherm_profile::counted;
 
-/// State of publishing to the broker.
+/// Change in publishing to the broker.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum Broker {
-    /// The connection is lost. It is reported once, until there is a connection again.
+    /// The connection is lost, or cannot be made. The event is not repeated until there is a connection again.
     Down {
         /// Address of the broker.
         broker: String,
@@ -31,7 +31,7 @@ pub enum Broker {
         /// Number of dropped messages.
         count: u64,
     },
-    /// Data that must be kept for the broker could not be written to disk.
+    /// Data that wait for the broker could not be written to disk.
     NotKept {
         /// Address of the broker.
         broker: String,
@@ -43,35 +43,22 @@ pub enum Broker {
 impl Broker {
     pub(super) fn described(&self) -> EventDescription {
         match self {
-            Broker::Down { broker, why } => warning(
-                "broker-down",
-                format!("nothing is published to {broker}"),
-                Explained::new(
-                    why.as_str(),
-                    "does the broker run, are its address, user and certificate those of `[mqtt]`? The \
-                     gateway tries again, and the compensation continues",
-                ),
-            ),
-            Broker::Up { broker, attempts } => info(
-                "broker-up",
-                format!("{broker}: connected after {} that failed", counted(attempts, "attempt")),
-            ),
-            Broker::Dropped { broker, count } => warning(
-                "broker-dropped",
-                String::new(),
-                Explained::new(
-                    format!("{} to {broker} dropped, because the queue was full", counted(count, "message")),
-                    "`isotherm events` shows what happened",
-                ),
-            ),
-            Broker::NotKept { broker, why } => warning(
-                "broker-not-kept",
-                format!("messages that {broker} misses are not saved"),
-                Explained::new(
-                    why.as_str(),
-                    "free space in the state directory, and allow the gateway to write to it",
-                ),
-            ),
+            Broker::Down { broker, why } => {
+                caused(format!("nothing is published to {broker}"), why).of(EventKind::BrokerDown)
+            }
+            Broker::Up { broker, attempts } => {
+                let attempts = counted(attempts, "attempt");
+                plain(format!("{broker}: connected after {attempts} that failed")).of(EventKind::BrokerUp)
+            }
+            Broker::Dropped { broker, count } => {
+                let messages = counted(count, "message");
+                caused("", format!("{messages} to {broker} dropped, because the queue was full"))
+                    .of(EventKind::BrokerDropped)
+            }
+            Broker::NotKept { broker, why } => {
+                caused(format!("messages for {broker} cannot be saved on disk"), why)
+                    .of(EventKind::BrokerNotKept)
+            }
         }
     }
 }

@@ -1,25 +1,26 @@
-//! Events about the certificates of an OPC UA line.
+//! Events about the certificates of an OPC UA bus.
 
 use isotherm_core::quantity::Moment;
 use serde::Serialize;
 
 use super::data::in_text;
-use super::{EventDescription, error, warning};
+use super::description::{EventDescription, caused};
+use isotherm_core::events::EventKind;
 use isotherm_core::explained::Explained;
 
-/// A certificate that has expired or expires soon.
+/// Certificate that has expired or expires soon.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Expiry {
-    /// Bus of the certificate.
+    /// Bus that uses the certificate.
     pub bus: String,
-    /// File name in the profile.
+    /// File name of the certificate, as in the profile.
     pub file: String,
     /// Owner of the certificate.
     pub whose: CertificateOwner,
     /// End of its validity.
     #[serde(serialize_with = "in_text")]
     pub until: Moment,
-    /// `true` if the certificate has expired.
+    /// Whether the certificate has expired.
     pub is_over: bool,
 }
 
@@ -27,11 +28,11 @@ pub struct Expiry {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum CertificateOwner {
-    /// The gateway owns the certificate.
+    /// Certificate of the gateway.
     Gateway,
-    /// The user as which the gateway signs in to the server.
+    /// Certificate of the user as which the gateway signs in to the server.
     User,
-    /// The server owns the certificate.
+    /// Certificate of the server.
     Server,
 }
 
@@ -73,14 +74,7 @@ impl Expiry {
     }
 
     pub(super) fn described(&self) -> EventDescription {
-        match self.is_over {
-            true => error("certificate-expired", format!("bus {}", self.bus), self.explained()),
-            false => warning("certificate-expires", format!("bus {}", self.bus), self.explained()),
-        }
-    }
-
-    /// Name by which the alarm is acknowledged.
-    pub(super) fn name(&self) -> String {
-        format!("{} of bus {}", self.file, self.bus)
+        let kind = if self.is_over { EventKind::CertificateExpired } else { EventKind::CertificateExpires };
+        caused(format!("bus {}", self.bus), self.explained()).of(kind)
     }
 }

@@ -2,11 +2,12 @@
 
 use serde::Serialize;
 
-use super::{EventDescription, error, info};
+use super::description::{EventDescription, caused, plain};
+use isotherm_core::events::EventKind;
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Micron;
 
-/// Result of comparing the errors with and without compensation.
+/// Result of the comparison of the errors with and without compensation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Comparison {
@@ -14,7 +15,8 @@ pub enum Comparison {
     Worse {
         /// Axis of the model.
         axis: String,
-        /// Number of probings that show it; zero if they were taken before the last datum.
+        /// Number of probings that show that the model is worse; 0 if all were taken before the last datum (zero point
+        /// of Cz).
         touches: usize,
         /// Root mean square of the error without compensation.
         #[serde(rename = "without_um")]
@@ -22,7 +24,7 @@ pub enum Comparison {
         /// Root mean square of the error with the Cz of the model.
         #[serde(rename = "with_um")]
         with: Micron,
-        /// Cz goes to zero until the model is not worse any more.
+        /// Whether Cz goes to zero until the model is not worse any more.
         ramps: bool,
     },
     /// The model is not worse any more.
@@ -32,10 +34,11 @@ pub enum Comparison {
     },
 }
 
-/// Returns a sentence about a model that is worse than no compensation. `touches`: number of probings that show it.
+/// Formats a sentence about a model that is worse than no compensation. `touches` is the number of probings that show
+/// this.
 pub(crate) fn found_worse(touches: usize, with: Micron, without: Micron) -> String {
     let shown = match touches {
-        0 => "as touches before the last datum show".to_owned(),
+        0 => "as touches before the last datum (zero point of Cz) show".to_owned(),
         count => format!(
             "the residual error is {with} with the model, {without} without (root mean square of the last \
              {count} touches)"
@@ -44,24 +47,21 @@ pub(crate) fn found_worse(touches: usize, with: Micron, without: Micron) -> Stri
     format!("the model is worse than no compensation: {shown}")
 }
 
+/// Hint for an axis whose Cz goes to zero because its model is worse.
+const RAMPS: &str = "Cz goes to zero until touches show that the model is better; identify the model again";
+
 impl Comparison {
     pub(super) fn described(&self) -> EventDescription {
         match self {
             Comparison::Worse { axis, touches, without, with, ramps } => {
-                let hint = match ramps {
-                    true => {
-                        "Cz goes to zero until touches show that the model is better; identify the model \
-                         again"
-                    }
-                    false => "identify the model again, or disarm the axis",
-                };
                 let cause = found_worse(*touches, *with, *without);
-                error("worse", format!("axis {axis}"), Explained::new(cause, hint))
+                let why = if *ramps { Explained::new(cause, RAMPS) } else { cause.into() };
+                caused(format!("axis {axis}"), why).of(EventKind::Worse)
             }
-            Comparison::Over { axis } => info(
-                "worse-over",
-                format!("axis {axis}: the model is not worse than no compensation any more"),
-            ),
+            Comparison::Over { axis } => {
+                plain(format!("axis {axis}: the model is not worse than no compensation any more"))
+                    .of(EventKind::WorseOver)
+            }
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Format of the fields of events in their data for programs.
+//! Format of the fields of events in the data for programs.
 
 use std::time::Duration;
 
@@ -9,8 +9,8 @@ use crate::clock::Correction;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::safe_file::cut;
 
-/// Maximum number of characters of an event's sentence, and of each text in its data. Text from outside must not fill
-/// the file of a day, or the status with the last events.
+/// Maximum number of characters of an event's sentence, and of each text in its data. A long text from outside must not
+/// fill the event file of a day, or the status.
 pub(super) const LONGEST: usize = 800;
 /// Maximum number of entries of a list in an event's data.
 const MOST: usize = 100;

@@ -1,38 +1,38 @@
-//! Events about messages to the servers of `[[notify]]`.
+//! Events about the messages to the servers of `[[notify]]`.
 
 use serde::Serialize;
 
-use super::{EventDescription, info, warning};
-use isotherm_core::explained::Explained;
+use super::description::{EventDescription, caused, plain};
+use isotherm_core::events::EventKind;
 use isotherm_profile::counted;
 
-/// State of the messages to one server.
+/// Change in the delivery of messages to one server.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum Delivery {
-    /// A message could not be delivered. Further failures are not reported until a message arrives.
+    /// A message could not be delivered. Further failures are not reported until a message is delivered.
     Failed {
-        /// Entry of the profile: `notify[0]`.
+        /// Name of the profile entry, for example `notify[0]`.
         notify: String,
-        /// Scheme, host and port.
+        /// Scheme, host and port of the server.
         to: String,
         /// Reason as a sentence.
         why: String,
     },
-    /// A message has arrived after failures.
+    /// A message was delivered after failures.
     Back {
-        /// Entry of the profile.
+        /// Name of the profile entry.
         notify: String,
-        /// Scheme, host and port.
+        /// Scheme, host and port of the server.
         to: String,
         /// Number of failed attempts.
         attempts: u64,
     },
-    /// Messages were given up, or the queue had no room for them.
+    /// Messages were given up after several attempts, or dropped because the queue was full.
     Dropped {
-        /// Entry of the profile.
+        /// Name of the profile entry.
         notify: String,
-        /// Scheme, host and port.
+        /// Scheme, host and port of the server.
         to: String,
         /// Number of dropped messages.
         count: u64,
@@ -42,34 +42,23 @@ pub enum Delivery {
 impl Delivery {
     pub(super) fn described(&self) -> EventDescription {
         match self {
-            Delivery::Failed { notify, to, why } => warning(
-                "notify-failed",
-                format!("{notify}: a message to {to} has not arrived"),
-                Explained::new(
-                    why.as_str(),
-                    "does the server run, are `url` and token right? The gateway tries a few times more, and \
-                     the compensation continues",
-                ),
-            ),
-            Delivery::Back { notify, to, attempts } => info(
-                "notify-back",
-                format!(
-                    "{notify}: messages to {to} arrive again, after {} that failed",
-                    counted(attempts, "attempt")
-                ),
-            ),
-            Delivery::Dropped { notify, to, count } => warning(
-                "notify-dropped",
-                notify.as_str(),
-                Explained::new(
-                    format!("dropped {} to {to}", counted(count, "message")),
-                    "`isotherm events` shows what happened",
-                ),
-            ),
+            Delivery::Failed { notify, to, why } => {
+                caused(format!("{notify}: a message to {to} has not arrived"), why)
+                    .of(EventKind::NotifyFailed)
+            }
+            Delivery::Back { notify, to, attempts } => {
+                let attempts = counted(attempts, "attempt");
+                plain(format!("{notify}: messages to {to} arrive again, after {attempts} that failed"))
+                    .of(EventKind::NotifyBack)
+            }
+            Delivery::Dropped { notify, to, count } => {
+                caused(notify, format!("dropped {} to {to}", counted(count, "message")))
+                    .of(EventKind::NotifyDropped)
+            }
         }
     }
 
-    /// Entry of the profile with the failed server. This event is not sent to that server.
+    /// Returns the profile entry of the server. This event is not sent to that server, because the delivery would fail.
     #[must_use]
     pub fn notify(&self) -> &str {
         match self {

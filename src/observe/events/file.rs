@@ -1,26 +1,28 @@
-//! Event files: one JSON document on each line, one file `NAME-2026-01-31.events.jsonl` for each day, next to the logs.
+//! Event files: one file `NAME-2026-01-31.events.jsonl` for each day, with one JSON document on each line. They are in
+//! the directory of the logs.
 //!
-//! Every line is sealed. `n` counts the lines of the file. `after` is the seal of the line before; in the first line it
-//! is the checksum of the file's name. `seal` is the checksum of the rest of the line. A reader thus finds lines that
-//! were changed, cut or removed, and files that were replaced by others. It reports the damage, and reads the rest.
+//! Every line is sealed. `n` is the number of the line in the file. `after` is the seal of the previous line; in the
+//! first line it is the checksum of the file's name. `seal` is the checksum of the rest of the line. A reader thus
+//! detects lines that were changed, cut or removed, and replaced files. It reports the damage, and reads the other
+//! lines.
 
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::Entry;
+use super::journal::Entry;
 use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::safe_file::{self, without_numbers};
 
-/// Suffix of a file name, after the day.
+/// End of a file name, after the day.
 const ENDING: &str = ".events.jsonl";
 const SEAL: &str = ",\"seal\":\"";
-/// Largest size of a day's file in bytes. Later events of the day are counted, but not written. A reader reads at most
-/// twice as much.
+/// Maximum size of the file of one day, in bytes. Later events of that day are counted, but not written. A reader reads
+/// at most twice this size.
 pub const LARGEST: usize = 16 << 20;
-/// Number of bytes at the end of a file that are read for the last events. [`DAYS_BACK`] is the largest number of
-/// files.
+/// Number of bytes at the end of a file that are read for the last events. [`DAYS_BACK`] is the maximum number of files
+/// that are read.
 const TAIL: u64 = 256 << 10;
 const DAYS_BACK: usize = 7;
 /// CRC-32 as in Ethernet and gzip (ITU-T V.42).
@@ -34,17 +36,17 @@ struct Line {
     entry: Entry,
 }
 
-/// End of a file, from which its next line continues.
+/// State at the end of a file, which the next line needs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct End {
     count: u64,
     seal: String,
-    /// The file ends in the middle of a line.
+    /// Whether the file ends in the middle of a line.
     is_cut: bool,
     length: usize,
 }
 
-/// Content found on disk.
+/// Item of an event file.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FileItem {
     /// Event that was read from the file.
@@ -53,7 +55,7 @@ pub enum FileItem {
     Damage(String),
 }
 
-/// Day of an event, as in the name of its file.
+/// Returns the day of an event, as in the name of its file.
 pub fn day(entry: &Entry) -> &str {
     entry.at.get(..10).filter(|day| is_day(day)).unwrap_or("1970-01-01")
 }
@@ -66,7 +68,7 @@ fn is_day(text: &str) -> bool {
     text.len() == 10 && text.bytes().enumerate().all(is_right)
 }
 
-/// Path of the file of a day.
+/// Returns the path of the event file of a day.
 pub fn path(directory: &Path, machine: &str, day: &str) -> PathBuf {
     directory.join(format!("{machine}-{day}{ENDING}"))
 }
@@ -81,13 +83,13 @@ impl End {
         End { count: 0, seal: checksum(&name), is_cut: false, length: 0 }
     }
 
-    /// Length of the file in bytes.
+    /// Returns the length of the file in bytes.
     pub fn length(&self) -> usize {
         self.length
     }
 
-    /// Makes the next line for an event, and the new end. If the file ends within a line, the text first completes that
-    /// line.
+    /// Formats the next line of the file, and returns it with the new end. If the file ends in the middle of a line,
+    /// the text begins with a line break.
     pub fn line(&self, entry: &Entry) -> (String, End) {
         let (count, after) = (self.count + 1, self.seal.clone());
         // Numbers and texts always have a JSON form.
@@ -101,7 +103,8 @@ impl End {
     }
 }
 
-/// Reads the file of a day. Returns its end, from which the next line continues.
+/// Reads the file of a day, and passes each event and each damage to `found`. Returns the end, from which the next line
+/// continues.
 ///
 /// # Errors
 /// The file exists and cannot be read, or is no regular file.
@@ -144,7 +147,8 @@ pub fn read(path: &Path, mut found: impl FnMut(FileItem)) -> std::io::Result<End
     Ok(end)
 }
 
-/// Parses a line. Returns its seal, as an error if the checksum differs.
+/// Parses a line. Returns its content, and its seal: `Err` if the seal is not the checksum of the line. `None` if the
+/// line is no event.
 fn sealed(text: &str) -> Option<(Line, Result<String, String>)> {
     let line = serde_json::from_str(text).ok()?;
     let (sealed, seal) = text.rsplit_once(SEAL)?;
@@ -152,7 +156,7 @@ fn sealed(text: &str) -> Option<(Line, Result<String, String>)> {
     Some((line, if checksum(sealed) == seal { Ok(seal) } else { Err(seal) }))
 }
 
-/// Days for which this machine has event files, oldest first.
+/// Returns the days for which this machine has event files, oldest first.
 ///
 /// # Errors
 /// The directory cannot be read.
@@ -163,7 +167,7 @@ pub fn days(directory: &Path, machine: &str) -> std::io::Result<Vec<String>> {
     Ok(days)
 }
 
-/// Machine and day of each file.
+/// Returns machine and day of each event file.
 fn files(directory: &Path) -> std::io::Result<Vec<(String, String)>> {
     let mut files = Vec::new();
     for file in std::fs::read_dir(directory)? {
@@ -180,7 +184,7 @@ fn files(directory: &Path) -> std::io::Result<Vec<(String, String)>> {
     Ok(files)
 }
 
-/// Machines with event files in this directory.
+/// Returns the machines that have event files in this directory.
 ///
 /// # Errors
 /// The directory cannot be read.
@@ -191,11 +195,11 @@ pub fn machines(directory: &Path) -> std::io::Result<Vec<String>> {
     Ok(machines)
 }
 
-/// Parses the start of a time range: a span before `now`, for example `12h`, or a time, for example
+/// Parses the start of a time range: a duration before `now`, for example `12h`, or a time, for example
 /// `2026-01-31T18:00:00Z`.
 ///
 /// # Errors
-/// A sentence that describes the format.
+/// The text is neither. The error is a sentence that describes the format.
 pub fn begin(text: &str, now: Moment) -> Result<Moment, String> {
     if let Ok(span) = humantime::parse_duration(text) {
         return Ok(now.before(span));
@@ -205,8 +209,8 @@ pub fn begin(text: &str, now: Moment) -> Result<Moment, String> {
     })
 }
 
-/// Reads the events since this time, oldest first, until `found` returns `false`. Files of later days are then not
-/// read.
+/// Reads the events since the time `since`, oldest first, until `found` returns `false`. Files of later days are then
+/// not read.
 ///
 /// # Errors
 /// The directory cannot be read.
@@ -244,7 +248,7 @@ pub fn since(
     Ok(())
 }
 
-/// Last events, oldest first, at most `most` of them, from the ends of the last files.
+/// Returns the last events, at most `most`, oldest first. Only the ends of the last files are read.
 pub fn last(directory: &Path, machine: &str, most: usize) -> Vec<Entry> {
     let mut last = Vec::new();
     for day in days(directory, machine).unwrap_or_default().iter().rev().take(DAYS_BACK) {
@@ -258,7 +262,7 @@ pub fn last(directory: &Path, machine: &str, most: usize) -> Vec<Entry> {
     last.split_off(last.len().saturating_sub(most))
 }
 
-/// Events at the end of a file.
+/// Reads the events at the end of a file.
 fn tail(path: &Path) -> std::io::Result<Vec<Entry>> {
     let mut file = safe_file::open(path)?;
     let length = file.metadata()?.len();

@@ -1,4 +1,4 @@
-//! Events of a run. Each one is logged, counted and shown, and waits until it is on disk.
+//! Events of a run. The journal logs, counts and shows each event, and stores it until it is on disk.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, VecDeque};
@@ -7,45 +7,46 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use serde::{Deserialize, Serialize};
 
-use super::alarms::Alarms;
-use super::{Acknowledgement, Alarm, Change, Event, Level};
+use super::alarms::{Acknowledgement, Alarm, Alarms, Change};
+use super::event::Event;
 use crate::clock::Clock;
+use isotherm_core::events::Level;
 use isotherm_core::quantity::Moment;
 
-/// Number of events that are shown.
+/// Maximum number of events that are shown.
 const SHOWN: usize = 200;
-/// Maximum number of events that wait for a slow disk. Further events are lost, and counted.
+/// Maximum number of events that wait for a slow disk. Further events are lost and counted.
 const UNKEPT: usize = 10_000;
 
-/// An event with its time, as it is shown and kept.
+/// Event with its time, in the form in which it is shown and stored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Entry {
     /// Time as RFC 3339.
     pub at: String,
-    /// Kind of event: one word for programs, and label of the counter.
+    /// Kind of the event: one word for programs, and label of the counter.
     pub kind: Cow<'static, str>,
     /// Severity of the event.
     pub level: Level,
     /// Sentence for people.
     pub text: String,
-    /// Values of the sentence, for programs.
+    /// Values that the sentence contains, for programs.
     #[serde(default, skip_serializing_if = "serde_json::Value::is_null")]
     pub data: serde_json::Value,
 }
 
-/// An event that has just been reported, for the listener.
+/// Event that has just been reported, for a listener.
 #[derive(Clone, Copy, Debug)]
 pub struct ReportedEvent<'a> {
     /// Event with its data.
     pub event: &'a Event,
-    /// The event as it is shown and kept.
+    /// Event in the form in which it is shown and stored.
     pub entry: &'a Entry,
-    /// Change of the alarms by this event.
+    /// Alarms that this event has raised or ended.
     pub change: &'a Change,
 }
 
-/// Receives every event at once, in order. It must not block, because it delays the code that reports the event,
-/// possibly a line task, and holds the lock of the journal.
+/// Function that receives every event at once, in order. It must not block: it holds the lock of the journal, and
+/// delays the code that reports the event, possibly a line task.
 pub type EventListener = Arc<dyn Fn(ReportedEvent<'_>) + Send + Sync>;
 
 /// Events of this run, and the last events of earlier runs.
@@ -67,7 +68,7 @@ struct Pages {
     last: VecDeque<Entry>,
     counts: BTreeMap<&'static str, u64>,
     alarms: Alarms,
-    /// Number of events in `last` from before the start.
+    /// Number of events in `last` that were reported before the start.
     restored: usize,
     unkept: Option<UnsavedEvents>,
 }
@@ -103,31 +104,31 @@ impl UnsavedEvents {
 }
 
 impl Journal {
-    /// Makes a journal without events.
+    /// Creates a journal without events.
     pub fn by(clock: &Clock) -> Journal {
         Journal { clock: clock.clone(), pages: Mutex::default(), listener: None }
     }
 
-    /// Adds a listener, which receives every event from now on.
+    /// Adds a listener, which receives every event from now on. With `None`, there is no listener.
     #[must_use]
     pub fn heard_by(self, listener: Option<EventListener>) -> Journal {
         Journal { listener, ..self }
     }
 
-    /// Reports an event: log, counter, page and disk.
+    /// Reports an event to the log, the counter, the web page and the disk.
     pub fn report(&self, at: Moment, event: &Event) {
         let at = self.clock.stamp(at);
         let entry = event.entry(at);
         let (kind, text) = (event.kind(), &entry.text);
-        debug_assert!(isotherm_profile::TRIGGERS.contains(&kind), "{kind} is not among what can be posted");
+        let name = kind.name();
         match entry.level {
-            Level::Info => tracing::info!(kind, "{text}"),
-            Level::Warning => tracing::warn!(kind, "{text}"),
-            Level::Error => tracing::error!(kind, "{text}"),
+            Level::Info => tracing::info!(kind = name, "{text}"),
+            Level::Warning => tracing::warn!(kind = name, "{text}"),
+            Level::Error => tracing::error!(kind = name, "{text}"),
         }
         let mut pages = self.pages();
-        *pages.counts.entry(kind).or_default() += 1;
-        let change = pages.alarms.note(event, &entry);
+        *pages.counts.entry(name).or_default() += 1;
+        let change = pages.alarms.note(kind, &entry);
         if let Some(listener) = &self.listener {
             listener(ReportedEvent { event, entry: &entry, change: &change });
         }
@@ -137,25 +138,25 @@ impl Journal {
         pages.show(entry);
     }
 
-    /// Last events, oldest first, and the number of events of each kind since the start.
+    /// Returns the last events, oldest first, and the number of events of each kind since the start.
     pub fn read(&self) -> (Vec<Entry>, BTreeMap<&'static str, u64>) {
         let pages = self.pages();
         (pages.last.iter().cloned().collect(), pages.counts.clone())
     }
 
-    /// Active alarms, newest first.
+    /// Returns the active alarms, newest first.
     pub fn alarms(&self) -> Vec<Alarm> {
         self.pages().alarms.all()
     }
 
-    /// Acknowledges one alarm, or all active ones. Returns how many were not acknowledged before; `None` if there is no
-    /// such alarm.
+    /// Acknowledges one alarm, or all active ones if `id` is `None`. Returns the number of alarms that were not
+    /// acknowledged before. `None` if there is no such alarm.
     pub fn acknowledge(&self, at: Moment, id: Option<&str>, by: String) -> Option<usize> {
         let seen = Acknowledgement { at: self.clock.stamp(at).to_string(), by };
         self.pages().alarms.acknowledge(id, &seen)
     }
 
-    /// Adds events from before the start, oldest first. They are shown, but neither counted nor written again.
+    /// Adds events from before the start, oldest first. They are shown, but neither counted nor written to disk again.
     pub fn recall(&self, before: Vec<Entry>) {
         let mut pages = self.pages();
         let since = std::mem::take(&mut pages.last);
@@ -163,8 +164,8 @@ impl Journal {
         before.into_iter().chain(since).for_each(|entry| pages.show(entry));
     }
 
-    /// Begins to keep events until they are on disk, including those that were reported before. Calls `wake` when there
-    /// are events to write.
+    /// Begins to store events until they are on disk, including those that were reported before. Calls `wake` when
+    /// there are events to write.
     pub fn keep(&self, wake: impl Fn() + Send + 'static) {
         let mut pages = self.pages();
         let entries: VecDeque<Entry> = pages.last.iter().skip(pages.restored).cloned().collect();
@@ -181,13 +182,13 @@ impl Journal {
         }
     }
 
-    /// First events that are not on disk yet, at most `most` of them.
+    /// Returns the oldest events that are not on disk yet, at most `most`.
     pub fn unkept(&self, most: usize) -> Vec<Entry> {
         let pages = self.pages();
         pages.unkept.iter().flat_map(|unkept| &unkept.entries).take(most).cloned().collect()
     }
 
-    /// Removes the first of these events, because it is on disk.
+    /// Removes the oldest event that waits for the disk, because it was written.
     pub fn kept(&self) {
         if let Some(unkept) = &mut self.pages().unkept {
             unkept.entries.pop_front();

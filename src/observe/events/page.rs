@@ -1,22 +1,22 @@
-//! Events about the port of the page, and about its tokens.
+//! Events about the port of the web page, and about its access tokens.
 
 use serde::Serialize;
 
-use super::{EventDescription, error, info, warning};
-use isotherm_core::explained::Explained;
+use super::description::{EventDescription, caused, plain};
+use isotherm_core::events::EventKind;
 
-/// State of the page that the profile requires.
+/// Change in the port of the web page, if the profile requires the page.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum PagePort {
-    /// The page cannot listen at its address.
+    /// The web page cannot listen at its address.
     Closed {
         /// Host and port.
         listen: String,
         /// Reason as a sentence.
         why: String,
     },
-    /// The page listens now.
+    /// The web page listens now.
     Open {
         /// Host and port.
         listen: String,
@@ -26,21 +26,18 @@ pub enum PagePort {
 impl PagePort {
     pub(super) fn described(&self) -> EventDescription {
         match self {
-            PagePort::Closed { listen, why } => warning(
-                "page-closed",
-                format!("the page cannot listen on {listen} (another address: --listen)"),
-                Explained::new(
-                    why.as_str(),
-                    "free the address or name another one; the gateway tries again every ten seconds, and \
-                     the compensation continues",
-                ),
-            ),
-            PagePort::Open { listen } => info("page-open", format!("the page listens on {listen}")),
+            PagePort::Closed { listen, why } => {
+                caused(format!("the web page cannot listen on {listen} (another address: --listen)"), why)
+                    .of(EventKind::PageClosed)
+            }
+            PagePort::Open { listen } => {
+                plain(format!("the web page listens on {listen}")).of(EventKind::PageOpen)
+            }
         }
     }
 }
 
-/// A token file of the page has changed while the gateway runs.
+/// Change of a token file of the web page while the gateway runs.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum PageToken {
@@ -61,18 +58,13 @@ pub enum PageToken {
 impl PageToken {
     pub(super) fn described(&self) -> EventDescription {
         match self {
-            PageToken::Changed { role } => info(
-                "token-changed",
-                format!("the {role}'s token has changed; sessions with the old token have ended"),
-            ),
-            PageToken::Gone { role, why } => error(
-                "token-gone",
-                format!("the {role}'s token is not valid any more"),
-                Explained::new(
-                    why.as_str(),
-                    "`isotherm token --out FILE` makes a token file that only its owner can read",
-                ),
-            ),
+            PageToken::Changed { role } => {
+                plain(format!("the {role}'s token has changed; sessions with the old token have ended"))
+                    .of(EventKind::TokenChanged)
+            }
+            PageToken::Gone { role, why } => {
+                caused(format!("the {role}'s token is not valid any more"), why).of(EventKind::TokenGone)
+            }
         }
     }
 }

@@ -1,30 +1,32 @@
-//! Events of a rejected sensor: its stand-in, and its end.
+//! Events about a rejected or suspected sensor: the beginning and the end of its stand-in.
 
 use std::time::Duration;
 
 use serde::Serialize;
 
 use super::data::in_seconds;
-use super::{EventDescription, info, warning};
+use super::description::{EventDescription, caused, plain};
+use isotherm_core::events::EventKind;
 use isotherm_core::explained::Explained;
 use isotherm_profile::{counted, duration_text};
 
-/// Change of the state of a sensor of an axis's model.
+/// Change in the state of a sensor that a model uses.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum StandIn {
-    /// The sensor is frozen or lost and has a stand-in; or it is suspected of being frozen, and its reading is used.
+    /// The sensor is frozen or lost, and a stand-in replaces its reading. Or the sensor is only suspected of being
+    /// frozen, and its reading is still used.
     Taken {
         /// Axis of the model.
         axis: String,
         /// Name of the signal.
         signal: String,
-        /// The reading does not change; else the sensor is lost.
+        /// Whether the reading does not change. If `false`, the sensor is lost.
         frozen: bool,
         /// Time since the fault began.
         #[serde(rename = "for_s", serialize_with = "in_seconds")]
         span: Duration,
-        /// Number of predictors of the stand-in; `None` without a stand-in.
+        /// Number of sensors from which the stand-in is calculated; `None` without a stand-in.
         others: Option<usize>,
     },
     /// The sensor has no stand-in any more.
@@ -33,42 +35,37 @@ pub enum StandIn {
         axis: String,
         /// Name of the signal.
         signal: String,
-        /// The sensor's own reading is accepted again; else it is still missing or rejected.
+        /// Whether the sensor's own reading is accepted again. If `false`, it is still missing or rejected.
         #[serde(rename = "believed")]
         accepted: bool,
     },
 }
 
-/// Returns the number of other sensors as text: `1 other sensor`, `5 other sensors`.
+/// Formats the number of other sensors, for example `1 other sensor` or `5 other sensors`.
 pub(crate) fn others(count: usize) -> String {
     counted(count, "other sensor")
 }
+
+/// Hint about a sensor that is suspected of being frozen, and whose reading is still used.
+const USED_MEANWHILE: &str =
+    "look at the sensor, its cable and its channel; until then, the axis uses the reading";
 
 impl StandIn {
     pub(super) fn described(&self) -> EventDescription {
         match self {
             StandIn::Taken { axis, signal, frozen, span, others: count } => {
-                let (kind, is) = if *frozen { ("frozen", "frozen") } else { ("stood-in", "lost") };
-                let span = duration_text(Duration::from_secs(span.as_secs()));
-                let (taken, hint) = match count {
-                    Some(count) => (
-                        format!("replaced by a stand-in from {}", others(*count)),
-                        "look at the sensor, its cable and its channel; the axis uses the sensor's own \
-                         reading again by itself",
-                    ),
-                    None => (
-                        "and not replaced by a stand-in".to_owned(),
-                        "look at the sensor, its cable and its channel; the axis uses its reading meanwhile",
-                    ),
+                let (kind, is) =
+                    if *frozen { (EventKind::Frozen, "frozen") } else { (EventKind::StoodIn, "lost") };
+                let is = format!("{signal} {is} for {}", duration_text(Duration::from_secs(span.as_secs())));
+                let why = match count {
+                    Some(count) => format!("{is}, replaced by a stand-in from {}", others(*count)).into(),
+                    None => Explained::new(format!("{is}, and not replaced by a stand-in"), USED_MEANWHILE),
                 };
-                let cause = format!("{signal} {is} for {span}, {taken}");
-                warning(kind, format!("axis {axis}"), Explained::new(cause, hint))
+                caused(format!("axis {axis}"), why).of(kind)
             }
-            StandIn::Over { axis, signal, accepted: true } => {
-                info("stand-in-over", format!("axis {axis}: {signal} is accepted again"))
-            }
-            StandIn::Over { axis, signal, accepted: false } => {
-                info("stand-in-over", format!("axis {axis}: {signal} is not replaced by a stand-in any more"))
+            StandIn::Over { axis, signal, accepted } => {
+                let is = if *accepted { "accepted again" } else { "not replaced by a stand-in any more" };
+                plain(format!("axis {axis}: {signal} is {is}")).of(EventKind::StandInOver)
             }
         }
     }

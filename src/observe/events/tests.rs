@@ -3,6 +3,11 @@
 use std::time::Duration;
 
 use super::*;
+use crate::clock::Correction;
+use crate::observe::requester::Channel;
+use crate::observe::status::DialDirection;
+use isotherm_core::explained::Explained;
+use isotherm_core::quantity::Micron;
 
 /// Returns one event of each kind of trouble.
 fn troubles() -> Vec<Event> {
@@ -171,58 +176,4 @@ fn each_event_that_tells_of_trouble_has_cause_and_hint_and_a_sentence_of_both() 
         assert!(text.matches(&hint).count() <= 1 || hint.is_empty(), "{kind} says its hint twice: {text}");
     }
     assert!(without.is_empty(), "{} of {}:\n{}", without.len(), troubles().len(), without.join("\n"));
-}
-
-/// Checks that every trigger that is trouble is in the list above.
-#[test]
-fn no_kind_of_trouble_is_missing_from_the_list() {
-    let known: Vec<String> =
-        troubles().iter().map(|event| event.entry(Moment::default()).kind.into()).collect();
-    let others = [
-        "axis-off",
-        "alarm",
-        "alarm-over",
-        "unverified",
-        "clock",
-        "started",
-        "stopping",
-        "stopped",
-        "link-up",
-        "device-back",
-        "as-expected",
-        "signal-good",
-        "command",
-        "waits-to-arm",
-        "armed",
-        "goes-on",
-        "interpolating",
-        "probed",
-        "probe-forgotten",
-        "heartbeat-written",
-        "verified",
-        "not-read-back",
-        "operator-change",
-        "ledger-opened",
-        "namespace-recorded",
-        "emergency-over",
-        "bus-well",
-        "interlocked",
-        "released",
-        "machine-started",
-        "zeroed",
-        "logs-deleted",
-        "kept-again",
-        "stand-in-over",
-        "worse-over",
-        "page-open",
-        "token-changed",
-        "broker-up",
-        "notify-back",
-        "register-released",
-        "place-confirmed",
-    ];
-    for kind in isotherm_profile::TRIGGERS {
-        let is_built_in = cfg!(feature = "opcua") || !kind.starts_with("certificate");
-        assert_eq!(known.iter().any(|known| known == kind), !others.contains(&kind) && is_built_in, "{kind}");
-    }
 }

@@ -1,18 +1,18 @@
-//! Access control of the page: who may view, and who may command.
+//! Access control of the web page: who may view, and who may command.
 //!
 //! | client | may view | may command |
 //! |---|---|---|
-//! | sends the operator's token, or has signed in with it | everything | yes; if signed in, only from the page |
+//! | sends the operator's token, or has signed in with it | everything | yes; after a sign-in, only from the web page |
 //! | sends the viewer's token, or has signed in with it | everything | no |
 //! | sends the scraper's token | `/metrics` | no |
-//! | is on this computer, `commands = "local"` | everything | yes, only from the page |
-//! | is on this computer, no such line in the profile | everything if there is no viewer's token | no |
-//! | any other | `/healthz`, and the page to sign in | no |
+//! | is on this computer, `commands = "local"` | everything | yes, only from the web page |
+//! | is on this computer, no such line in the profile | everything, unless the profile has a viewer's token | no |
+//! | any other | `/healthz`, and the sign-in page | no |
 //!
-//! A client is on this computer if it connects over loopback without a proxy. It must also name the host `localhost`,
-//! an address, or a name of the profile. These names protect against DNS rebinding, in which another site points a name
-//! of its own at this computer. That site could then read and command as if it were the page. It cannot do so with an
-//! address.
+//! A client is on this computer if it connects over loopback without a proxy. As the host, its request must name
+//! `localhost`, an IP address, or a name of the profile. This protects against DNS rebinding: another site lets one of
+//! its own names point to this computer, so that its scripts could read and command as if they were those of the page.
+//! With an IP address, this attack is not possible.
 
 use std::net::{IpAddr, SocketAddr};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -24,27 +24,27 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use isotherm_profile::Commands;
 
-use super::HttpState;
 use super::admission::Admission;
 use super::peer::Peer;
 use super::refusal::{Counts, Refusal};
 use super::refusals::{Refusals, Reports, TokenReport};
 use super::sessions::{SessionKey, Sessions};
+use super::state::HttpState;
 use super::tokens::{Change, Role, Tokens, random};
 use crate::clock::BootClock;
 use crate::observe::events::{Event, PageToken};
 use crate::observe::requester::{Channel, Requester};
 use crate::observe::status::Command;
 
-/// Interval of the checks for changed tokens and for wrong tokens to report.
+/// Interval of the checks for changed token files, and for wrong tokens to report.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
-/// Paths that every client may read. They make up the page to sign in.
+/// Paths that every client may read, because the sign-in page consists of them.
 const FOR_EVERYBODY: [&str; 4] = ["/healthz", "/login", "/page/login.css", "/page/icon.svg"];
 /// The only path that a scraper may read.
 const FOR_SCRAPERS: &str = "/metrics";
 pub(super) const LOGOUT: &str = "/api/logout";
 
-/// Role of a client, and how it has authenticated.
+/// Role of a client, and how the client has authenticated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Grant {
     pub(super) role: Role,
@@ -55,14 +55,14 @@ pub(super) struct Grant {
 enum By {
     /// The client is on this computer.
     Local,
-    /// The token itself, with its version.
+    /// The client has sent a token; contains the version of the token.
     Token(u64),
-    /// A cookie of a browser.
+    /// The client has signed in with a browser, which sends a cookie.
     Session(SessionKey),
 }
 
 impl Grant {
-    /// Returns whether the client has signed in with a browser, and can sign out.
+    /// Returns whether the client has signed in with a browser, and can therefore sign out.
     pub(super) fn is_visit(&self) -> bool {
         matches!(self.by, By::Session(_))
     }
@@ -72,7 +72,7 @@ pub(super) struct Access {
     commands: Commands,
     hosts: Vec<String>,
     listens_at: SocketAddr,
-    /// Whether the page uses TLS. The cookie is then marked so that browsers send it only over TLS.
+    /// Whether the page uses TLS. Browsers then send the cookie only over TLS.
     is_secure: bool,
     tokens: Tokens,
     sessions: Mutex<Sessions>,
@@ -82,7 +82,7 @@ pub(super) struct Access {
     reports: Mutex<Reports>,
 }
 
-/// Passes an allowed request on, or answers with the reason of the refusal.
+/// Passes an allowed request to `next`, or answers with the reason of the refusal.
 pub(super) async fn check(
     State(room): State<HttpState>,
     ConnectInfo(peer): ConnectInfo<Peer>,
@@ -117,7 +117,7 @@ fn changes(request: &Request) -> bool {
     !matches!(*request.method(), Method::GET | Method::HEAD)
 }
 
-/// Name of a command in events. An unknown path is not repeated there, because it may be very long.
+/// Returns the name of a command for events. An unknown path is not quoted, because it may be very long.
 fn named(path: &str) -> &'static str {
     let path = path.strip_prefix("/api/").unwrap_or_default();
     match Command::ALL.into_iter().find(|(name, _)| *name == path) {
@@ -147,7 +147,7 @@ impl Access {
         }
     }
 
-    /// Reads changed tokens again and reports wrong ones, forever.
+    /// Reads changed token files and reports wrong tokens, in an endless loop.
     pub(super) async fn keep(room: HttpState) {
         loop {
             tokio::time::sleep(LOOK_EVERY).await;
@@ -167,18 +167,18 @@ impl Access {
         }
     }
 
-    /// Returns true if the profile has an operator's token.
+    /// Returns whether the profile has an operator's token.
     pub(super) fn has_operator(&self) -> bool {
         self.tokens.has(Role::Operator)
     }
 
-    /// Returns true if the profile has a token with which a person can sign in: a viewer's or an operator's.
+    /// Returns whether the profile has a token with which a person can sign in: a viewer's or an operator's.
     pub(super) fn has_tokens(&self) -> bool {
         self.tokens.has(Role::Viewer) || self.tokens.has(Role::Operator)
     }
 
-    /// Returns whether a client still has its access: its token is unchanged, or its session is open. Watching counts
-    /// as activity in a viewer's session.
+    /// Returns whether a client may still read: its token is unchanged, or its session is open. In a viewer's session,
+    /// an open live stream counts as use.
     pub(super) fn is_still(&self, pass: &Grant) -> bool {
         match pass.by {
             By::Local => true,
@@ -187,7 +187,8 @@ impl Access {
         }
     }
 
-    /// Role of this token, and the version of the token.
+    /// Returns the role and the version of a token. The error is the refusal of a wrong token, or of any token while
+    /// the address is blocked.
     pub(super) fn shown(&self, token: &str, from: IpAddr) -> Result<(Role, u64), Refusal> {
         let now = now();
         let mut refusals = lock(&self.refusals);
@@ -201,7 +202,7 @@ impl Access {
         })
     }
 
-    /// Begins a session. Returns the cookie for it.
+    /// Begins a session. Returns the value of the header that sets its cookie.
     ///
     /// # Errors
     /// The kernel has no random numbers.
@@ -211,7 +212,7 @@ impl Access {
         Ok(self.cookie(&key.text()))
     }
 
-    /// Ends a session. Returns the header that removes the cookie.
+    /// Ends the session of a request. Returns the value of the header that removes the cookie.
     pub(super) fn end_visit(&self, headers: &HeaderMap) -> String {
         self.keys(headers).into_iter().for_each(|key| lock(&self.sessions).end(key));
         self.cookie("; Max-Age=0")
@@ -222,7 +223,8 @@ impl Access {
         format!("{}={value}; Path=/; HttpOnly; SameSite=Strict{secure}", self.cookie_name())
     }
 
-    /// Name of the cookie. A browser sends a cookie to every port of a host, so each gateway has another name.
+    /// Returns the name of the cookie. It contains the port, because a browser sends a cookie to all ports of a host,
+    /// and each port may be another gateway.
     fn cookie_name(&self) -> String {
         let prefix = if self.is_secure { "__Host-" } else { "" };
         format!("{prefix}isotherm_visit_{}", self.listens_at.port())
@@ -265,7 +267,7 @@ impl Access {
         }
     }
 
-    /// Highest role of the client; `None` if it has none.
+    /// Returns the highest role of the client. `None` if it has no role.
     fn who(&self, request: &Request, peer: IpAddr) -> Result<Option<Grant>, Refusal> {
         let headers = request.headers();
         if let Some(token) = bearer(headers).filter(|_| self.tokens.any()) {
@@ -285,7 +287,8 @@ impl Access {
             .or(session))
     }
 
-    /// Role of every client on this computer.
+    /// Returns the role that every client on this computer has. `None` if the client is elsewhere, or has no role
+    /// without a token.
     fn role_here(&self, request: &Request, peer: IpAddr) -> Option<Role> {
         if !is_local(request, peer) || !self.knows_host(request.headers()) {
             return None;
@@ -312,8 +315,8 @@ impl Access {
         })
     }
 
-    /// Returns whether a request comes from the gateway's own page. A browser states the origin of a request; a program
-    /// without `Origin` is no browser.
+    /// Returns whether a request comes from the gateway's own web page. Browsers send the origin of a request; a
+    /// request without `Origin` comes from another program.
     pub(super) fn is_own_page(&self, headers: &HeaderMap) -> bool {
         match text(headers, "origin") {
             Some(origin) => {
@@ -351,8 +354,9 @@ fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Returns whether a request comes from this computer without a proxy, as far as its headers show. HTTP/1.0 counts as a
-/// proxy: nginx uses it by default, without a header of its own. Current browsers and programs do not.
+/// Returns whether a request comes from this computer without a proxy, as far as its headers show. A request with
+/// HTTP/1.0 is treated as that of a proxy: nginx uses this version by default, and adds no header. Current browsers do
+/// not use it.
 fn is_local(request: &Request, peer: IpAddr) -> bool {
     let was_sent_on = |name: &HeaderName| {
         let name = name.as_str();

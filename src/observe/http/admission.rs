@@ -1,29 +1,29 @@
-//! Admission rules of the page, from the profile.
+//! Rules for access to the web page, from the profile.
 
 use isotherm_profile::{Commands, Web};
 
 use super::tokens::TokenFile;
 
-/// Tokens and names by which clients may view and command.
+/// Tokens, names and settings that determine which clients may view and command.
 #[derive(Debug, Default)]
 pub struct Admission {
-    /// Token for scraping the metrics, and nothing else.
+    /// Token for reading the metrics only.
     pub scraper: Option<TokenFile>,
-    /// Token for viewing page, API and metrics.
+    /// Token for reading page, API and metrics.
     pub viewer: Option<TokenFile>,
-    /// Token for viewing and for commands.
+    /// Token for reading and for commands.
     pub operator: Option<TokenFile>,
-    /// Whether every client on this computer may also command.
+    /// Whether clients on this computer may command without a token.
     pub commands: Commands,
-    /// Names of the page, in addition to localhost and its addresses.
+    /// Host names of the web page, in addition to `localhost` and IP addresses.
     pub hosts: Vec<String>,
 }
 
 impl Admission {
-    /// Reads the admission rules of a profile, with the token files.
+    /// Reads the access rules of a profile, and the token files.
     ///
     /// # Errors
-    /// A sentence with a token file and a remedy.
+    /// A token file cannot be used. The error is a sentence with the file and a remedy.
     pub fn of(web: &Web) -> Result<Admission, String> {
         let read = |path: &Option<_>| path.as_deref().map(TokenFile::read).transpose();
         let scraper = read(&web.scrape_token_file)?;
@@ -44,7 +44,7 @@ impl Admission {
         Ok(Admission { scraper, viewer, operator, commands, hosts })
     }
 
-    /// Returns true if the profile has any token. Without one, clients on other computers cannot be authenticated.
+    /// Returns whether the profile has any token. Without one, clients on other computers have no access.
     pub fn has_token(&self) -> bool {
         [&self.scraper, &self.viewer, &self.operator].into_iter().any(Option::is_some)
     }

@@ -5,7 +5,9 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 
 use super::peer::Peer;
-use super::{HttpState, answered, parameter};
+use super::reply::answered;
+use super::request::parameter;
+use super::state::HttpState;
 
 pub(super) async fn acknowledge(
     State(room): State<HttpState>,
@@ -14,5 +16,6 @@ pub(super) async fn acknowledge(
     headers: HeaderMap,
 ) -> Response {
     let alarm = query.and_then(|query| parameter(&query, "alarm"));
-    answered(&room, room.source.acknowledge(alarm.as_deref(), &room.requester(&peer, &headers)))
+    let said = room.source.acknowledge(alarm.as_deref(), &room.requester(&peer, &headers));
+    answered(&room.access.refused, said)
 }

@@ -1,10 +1,10 @@
-//! One connection of the page: HTTP/1.1 over TCP or TLS, with its timeouts.
+//! Connection to the web page: HTTP/1.1 over TCP or TLS, with its timeouts.
 //!
 //! | phase | timeout |
 //! |---|---|
-//! | in the handshake or the head of a request, from its first byte | `head` |
-//! | sending an answer | `stall` without a byte accepted by the client |
-//! | idle, or with the end of an answer under way | `idle` |
+//! | TLS handshake, or head of a request from its first byte | `head` |
+//! | answer of which the client accepts no byte | `stall` |
+//! | between two requests, also while the client still receives the end of an answer | `idle` |
 
 use std::io;
 use std::net::{Shutdown, SocketAddr};
@@ -30,13 +30,12 @@ use tokio_rustls::TlsAcceptor;
 use tokio_rustls::rustls::ServerConfig;
 
 use super::connection_limiter::{Limits, Permit};
-use super::ended;
 use super::peer::Peer;
 
-/// Largest head of a request, and largest part of an answer that waits for the client, in bytes.
+/// Maximum size of a request's head, and of the part of an answer that waits for the client, in bytes.
 const BUFFER: usize = 64 * 1024;
 
-/// The connection itself. Its permit is released when the last holder is dropped.
+/// TCP connection with its phase. When the last reference is dropped, its permit is released.
 #[derive(Debug)]
 pub(super) struct Line {
     stream: TcpStream,
@@ -51,7 +50,7 @@ enum Phase {
     Idle,
 }
 
-/// Serves the connection until it ends.
+/// Serves the connection until it ends, or until a timeout is over.
 pub(super) async fn serve(
     line: Arc<Line>,
     address: SocketAddr,
@@ -66,7 +65,7 @@ pub(super) async fn serve(
             None => converse(wire, &line, peer, router, stopped).await,
             Some(shown) => match TlsAcceptor::from(shown).accept(wire).await {
                 Ok(secured) => converse(secured, &line, peer, router, stopped).await,
-                Err(error) => tracing::debug!(%address, %error, "no TLS connection to the page"),
+                Err(error) => tracing::debug!(%address, %error, "no TLS connection to the web page"),
             },
         }
     };
@@ -112,12 +111,17 @@ async fn overdue(mut phase: watch::Receiver<Phase>, limits: Limits) {
     }
 }
 
+/// Completes when the sender has been dropped.
+pub(super) async fn ended(mut stopped: watch::Receiver<()>) {
+    while stopped.changed().await.is_ok() {}
+}
+
 impl Line {
     pub(super) fn new(stream: TcpStream, place: Permit) -> Line {
         Line { stream, phase: watch::Sender::new(Phase::Head), _place: place }
     }
 
-    /// Records received data: an idle connection begins a request.
+    /// Records received data. In an idle connection, they begin a request.
     fn receives(&self) {
         self.phase.send_if_modified(|phase| {
             let begins = *phase == Phase::Idle;
@@ -128,7 +132,7 @@ impl Line {
         });
     }
 
-    /// Records that the client has accepted data: its timeout begins again.
+    /// Records that the client has accepted data, and starts the timeout again.
     fn is_read(&self) {
         self.phase.send_if_modified(|phase| *phase != Phase::Head);
     }
@@ -140,7 +144,7 @@ impl AsFd for Line {
     }
 }
 
-/// Guard from a request to the end of its answer.
+/// Guard for the time from a request to the end of its answer. When it is dropped, the connection is idle.
 struct AnswerGuard(Arc<Line>);
 
 impl AnswerGuard {
@@ -156,7 +160,7 @@ impl Drop for AnswerGuard {
     }
 }
 
-/// Body of an answer.
+/// Body of an answer, with the guard for the time of sending.
 struct Answer {
     body: Body,
     _answering: AnswerGuard,
@@ -182,7 +186,7 @@ impl HttpBody for Answer {
     }
 }
 
-/// The connection as a byte stream.
+/// TCP connection as a byte stream that records its phase.
 struct Wire {
     line: Arc<Line>,
     has_read: bool,

@@ -1,26 +1,26 @@
-//! Limits on simultaneous connections of the page, in total and for each address.
+//! Limits on simultaneous connections to the web page, in total and for each client address.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv6Addr};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// Limits on connections, and their timeouts.
+/// Limits on connections to the web page, and their timeouts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Maximum number of simultaneous connections.
     pub connections: usize,
-    /// Maximum number of them from one IPv4 address, or from one IPv6 network of 64 bits.
+    /// Maximum number of simultaneous connections from one IPv4 address, or from one IPv6 network (64-bit prefix).
     pub of_one_address: usize,
-    /// Maximum number of simultaneous status streams (`/api/live`).
+    /// Maximum number of simultaneous live streams of the status (`/api/live`).
     pub streams: usize,
-    /// Timeout of the head of a request, from the connection on. It includes the TLS handshake.
+    /// Timeout for the head of a request, or for the TLS handshake and the first head.
     pub head: Duration,
-    /// Timeout of the body of a request.
+    /// Timeout for the body of a request.
     pub body: Duration,
-    /// Timeout between two requests.
+    /// Timeout of a connection between two requests.
     pub idle: Duration,
-    /// Timeout of an answer of which the client accepts no byte.
+    /// Timeout of an answer while the client accepts no byte of it.
     pub stall: Duration,
 }
 
@@ -31,7 +31,7 @@ impl Default for Limits {
 }
 
 impl Limits {
-    /// Limits for this number of simultaneous connections.
+    /// Returns the limits for this maximum number of simultaneous connections.
     pub fn of(connections: usize) -> Limits {
         Limits {
             connections,
@@ -45,14 +45,14 @@ impl Limits {
     }
 }
 
-/// Number of open connections of each address.
+/// Counter of the open connections of each client address.
 #[derive(Debug)]
 pub(super) struct ConnectionLimiter {
     limits: Limits,
     inside: Mutex<HashMap<IpAddr, usize>>,
 }
 
-/// Permit for a connection, which is released when it is dropped.
+/// Permit for one connection. When it is dropped, another connection may use it.
 #[derive(Debug)]
 pub(super) struct Permit {
     limiter: Arc<ConnectionLimiter>,
@@ -64,7 +64,7 @@ impl ConnectionLimiter {
         ConnectionLimiter { limits, inside: Mutex::default() }
     }
 
-    /// Returns a permit for this address; `None` if a limit is reached.
+    /// Returns a permit for a connection from this address. `None` if a limit is reached.
     pub(super) fn admit(self: &Arc<ConnectionLimiter>, address: IpAddr) -> Option<Permit> {
         let address = counted(address);
         let mut inside = self.inside.lock().unwrap_or_else(PoisonError::into_inner);
@@ -89,8 +89,8 @@ impl Drop for Permit {
     }
 }
 
-/// Address under which a client is counted. Each IPv6 user has a whole network, so that the network is counted. Each
-/// address of this computer is counted separately: a local user could exhaust other resources anyway.
+/// Returns the address under which a client is counted. For IPv6 it is the network, because each user has a whole
+/// network. Loopback addresses are counted separately: a local user could exhaust the computer in other ways.
 fn counted(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V6(address) if !address.is_loopback() => {

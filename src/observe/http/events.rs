@@ -1,4 +1,4 @@
-//! `GET /api/events?since=12h`: events, including those before the last restart.
+//! `GET /api/events?since=12h`: events since this time, including those before the last restart.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -11,27 +11,28 @@ use axum::response::{IntoResponse, Json, Response};
 use serde::Serialize;
 
 use super::history::CancelFlag;
-use super::{HttpState, parameter};
+use super::request::parameter;
+use super::state::HttpState;
 use crate::observe::events::Entry;
 use crate::observe::events::file::{FileItem, begin};
 use isotherm_core::quantity::time;
 use isotherm_profile::one_line;
 use isotherm_profile::safe_file::without_numbers;
 
-/// Time range of an answer if the query names none.
+/// Start of the time range if the query contains no `since`.
 const SINCE: &str = "12h";
 /// Maximum number of events in an answer. `isotherm events` shows all.
 const MOST: usize = 10_000;
-/// Longest wait for the permit.
+/// Maximum wait for the permit to read the events.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 #[derive(Default, Serialize)]
 struct Events {
-    /// Events, oldest first.
+    /// Events in the time range, oldest first.
     events: VecDeque<Entry>,
-    /// Number of older events that were left out.
+    /// Number of older events in the time range that were left out.
     left_out: usize,
-    /// Damage in the event files.
+    /// Damages of the event files, as sentences.
     damage: Vec<String>,
 }
 
@@ -39,7 +40,7 @@ pub(super) async fn since(State(room): State<HttpState>, RawQuery(query): RawQue
     let since = query.and_then(|query| parameter(&query, "since")).unwrap_or_else(|| SINCE.to_owned());
     let turn = Arc::clone(&room.events).acquire_owned();
     let Ok(turn) = tokio::time::timeout(PATIENCE, turn).await else {
-        let text = "Other clients are reading the events: ask again in a moment.\n";
+        let text = "Other clients are reading the events: try again in a moment.\n";
         return (StatusCode::SERVICE_UNAVAILABLE, [(header::RETRY_AFTER, "10")], text).into_response();
     };
     let gone = Arc::new(AtomicBool::new(false));
@@ -57,7 +58,8 @@ pub(super) async fn since(State(room): State<HttpState>, RawQuery(query): RawQue
     }
 }
 
-/// Reads the events as long as the client waits for them.
+/// Reads the events since `since`. `is_wanted` returns `false` when the client does not wait any more; reading then
+/// stops.
 fn read(room: &HttpState, since: &str, is_wanted: &dyn Fn() -> bool) -> Result<Events, (StatusCode, String)> {
     let now = time::parse(&room.source.status().now).unwrap_or_default();
     let since = begin(since, now).map_err(|why| (StatusCode::BAD_REQUEST, why))?;

@@ -1,7 +1,8 @@
-//! `GET /api/history?from=…&to=…&columns=bed,z_cz_um&points=600`: history from the gateway's own logs.
-//! `/api/history.csv` returns the rows themselves.
+//! `GET /api/history?from=…&to=…&columns=bed,z_cz_um&points=600`: values from the decision logs, for a chart.
+//! `/api/history.csv` returns the original rows.
 //!
-//! The line tasks are not affected: separate threads read the files, only a few at once, and for a limited time.
+//! The tasks of the bus lines are not affected: separate threads read the files. The number of threads and their time
+//! are limited.
 
 use std::io::ErrorKind;
 use std::path::PathBuf;
@@ -17,7 +18,8 @@ use tokio::sync::mpsc::error::TrySendError;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
 use tokio_stream::wrappers::ReceiverStream;
 
-use super::{HttpState, parameter};
+use super::request::parameter;
+use super::state::HttpState;
 use crate::clock::BootClock;
 use crate::observe::decision_history::{self, Column, Question};
 use crate::observe::events::file::begin;
@@ -26,15 +28,15 @@ use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::one_line;
 use isotherm_profile::safe_file::{quoted, without_numbers};
 
-/// Number of ranges that are read at once.
+/// Maximum number of requests that read the logs at the same time.
 pub(super) const AT_ONCE: usize = 2;
-/// Longest time to read a range. A download may take longer.
+/// Maximum time to read the values for a chart. A download may take longer.
 const LONGEST: Duration = Duration::from_secs(60);
-/// Timeouts of a download, for one piece and in total. Other clients wait for its permit, even if the client of this
-/// one accepts nothing or very little.
+/// Timeouts of a download, for one piece and in total. They end a download whose client accepts little or nothing,
+/// because other clients wait for its permit.
 const DOWNLOAD: DownloadTimeouts =
     DownloadTimeouts { piece: Duration::from_secs(30), all: Duration::from_mins(10) };
-/// Maximum number of pieces of a download that wait for the client.
+/// Maximum number of pieces of a download that wait until the client accepts them.
 const UNDER_WAY: usize = 4;
 const POINTS: usize = 600;
 const MOST_POINTS: usize = 4000;
@@ -42,7 +44,7 @@ const MOST_COLUMNS: usize = 64;
 
 type Refused = (StatusCode, String);
 
-/// Sets its flag when it is dropped, because the client has gone.
+/// Flag that is set when the client has disconnected: dropping this value sets it.
 pub(super) struct CancelFlag(pub(super) Arc<AtomicBool>);
 
 impl Drop for CancelFlag {
@@ -65,7 +67,8 @@ pub(super) async fn course(State(room): State<HttpState>, RawQuery(query): RawQu
         let continues = || !gone.load(Ordering::Relaxed) && BootClock::default().passed() < until;
         decision_history::course(&logs, &question, points, &continues).map_err(|error| match error.kind() {
             ErrorKind::Interrupted => {
-                let text = format!("reading takes more than {} s: ask for a shorter span", LONGEST.as_secs());
+                let text =
+                    format!("reading takes more than {} s: request a shorter time range", LONGEST.as_secs());
                 (StatusCode::SERVICE_UNAVAILABLE, text)
             }
             _ => (
@@ -112,15 +115,15 @@ pub(super) async fn download(State(room): State<HttpState>, RawQuery(query): Raw
 
 type Piece = std::io::Result<Bytes>;
 
-/// Time limits for a client that downloads.
+/// Timeouts of a download, for one piece and in total.
 #[derive(Clone, Copy)]
 struct DownloadTimeouts {
     piece: Duration,
     all: Duration,
 }
 
-/// Sends the pieces from `read` as long as the client accepts them. If the download is cut off, it ends with an error,
-/// which tells the client. One slot of the channel is reserved for that error.
+/// Sends the pieces from `read` as long as the client accepts them. A download that a timeout ends is closed with an
+/// error, so that the client sees that rows are missing. One slot of the channel is reserved for this error.
 fn hand_over(
     sender: mpsc::Sender<Piece>,
     patience: DownloadTimeouts,
@@ -156,7 +159,7 @@ fn turn(readers: &Arc<Semaphore>) -> Option<OwnedSemaphorePermit> {
 }
 
 fn busy() -> Response {
-    let text = format!("{AT_ONCE} spans are being read already: ask again in a moment");
+    let text = format!("{AT_ONCE} requests are reading the logs already: try again in a moment");
     ([(header::RETRY_AFTER, "2")], answered((StatusCode::SERVICE_UNAVAILABLE, text))).into_response()
 }
 
@@ -164,7 +167,7 @@ fn answered((code, why): Refused) -> Response {
     (code, format!("{}\n", one_line(&why))).into_response()
 }
 
-/// Parses the query, and lists the logs that may contain its range.
+/// Parses the query. Returns the requested values, and the logs that may contain them.
 fn asked(room: &HttpState, query: &str) -> Result<(Question, Vec<PathBuf>), Refused> {
     let wrong = |why: String| (StatusCode::BAD_REQUEST, why);
     let status = room.source.status();
@@ -176,11 +179,11 @@ fn asked(room: &HttpState, query: &str) -> Result<(Question, Vec<PathBuf>), Refu
     let to = moment("to", now)?;
     let from = moment("from", to.before(Duration::from_hours(8)))?;
     if from >= to {
-        return Err(wrong(format!("from {from} to {to}: the span ends before it begins")));
+        return Err(wrong(format!("from {from} to {to}: the time range ends before it begins")));
     }
     let columns = columns(&status, parameter(query, "columns").as_deref()).map_err(wrong)?;
     let logs = room.source.logs(from, to);
-    let logs = logs.ok_or_else(|| (StatusCode::NOT_FOUND, "this gateway keeps no logs".to_owned()))?;
+    let logs = logs.ok_or_else(|| (StatusCode::NOT_FOUND, "this gateway stores no logs".to_owned()))?;
     Ok((Question { from, to, columns }, logs))
 }
 
@@ -190,7 +193,7 @@ fn points(query: &str) -> Result<usize, Refused> {
     points.ok_or_else(|| (StatusCode::BAD_REQUEST, format!("points: write a number from 2 to {MOST_POINTS}")))
 }
 
-/// Named columns, or all columns.
+/// Returns the columns that the query names, or all columns. The error names an unknown column.
 fn columns(status: &Status, named: Option<&str>) -> Result<Vec<Column>, String> {
     let signals = status.signals.iter().map(|signal| Column { name: signal.name.clone(), unit: signal.unit });
     let of_axis = |axis: &AxisStatus| -> Vec<Column> {

@@ -1,7 +1,7 @@
-//! Listener of the page. It limits the number of connections and their idle time.
+//! Listener of the web page, which limits the number of connections and their idle time.
 //!
-//! The page may use a limited share of the program's resources. The listener counts connections before it reads
-//! anything, and closes those beyond the limit at once. The other file descriptors are reserved for lines, command
+//! The web page may use only a part of the program's file descriptors. The listener counts a connection before it reads
+//! from it, and closes connections above the limit at once. The other descriptors are reserved for bus lines, command
 //! socket and files.
 
 use std::io::{self, ErrorKind, Write};
@@ -15,16 +15,15 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio_rustls::rustls::ServerConfig;
 
-use super::connection::{self, Line};
+use super::connection::{self, Line, ended};
 use super::connection_limiter::{ConnectionLimiter, Limits};
-use super::ended;
 use crate::clock::BootClock;
 use isotherm_profile::counted;
 
-/// Current TLS configuration. The certificate may be renewed while the page is served.
+/// Receiver of the present TLS configuration. The certificate may be renewed while the page is served.
 pub type TlsReceiver = watch::Receiver<Arc<ServerConfig>>;
 
-/// Listener with its TLS configuration and limits.
+/// Listener of the web page, with its TLS configuration and limits.
 #[derive(Debug)]
 pub struct HttpListener {
     listener: TcpListener,
@@ -45,7 +44,7 @@ impl HttpListener {
         HttpListener { limits, ..self }
     }
 
-    /// Accepts only TLS, if there is a configuration.
+    /// Sets the TLS configuration. With one, the listener accepts only TLS; with `None`, only plain text.
     #[must_use]
     pub fn secured(self, shown: Option<TlsReceiver>) -> HttpListener {
         HttpListener { shown, ..self }
@@ -55,7 +54,7 @@ impl HttpListener {
         self.limits
     }
 
-    /// Returns `http` or `https`.
+    /// Returns the scheme of the page's address: `http` or `https`.
     pub(super) fn scheme(&self) -> &'static str {
         if self.shown.is_some() { "https" } else { "http" }
     }
@@ -64,7 +63,7 @@ impl HttpListener {
         self.listener.local_addr()
     }
 
-    /// Accepts connections until the sender of `stopped` is dropped, and serves the open ones to their end.
+    /// Accepts connections until the sender of `stopped` is dropped. Open connections are served to their end.
     pub(super) async fn serve(self, router: Router, stopped: watch::Receiver<()>) {
         let limiter = Arc::new(ConnectionLimiter::new(self.limits));
         let mut inside = JoinSet::new();
@@ -100,17 +99,17 @@ impl HttpListener {
     }
 }
 
-/// Waits after a failed accept. An error of the client needs no wait. Without a free file descriptor, an immediate
-/// retry would only use processor time.
+/// Waits after a connection that could not be accepted. An error of the client needs no wait. If no file descriptor is
+/// free, an immediate attempt would only use processor time.
 async fn after(error: &io::Error) {
-    /// Pause in which other connections may end.
+    /// Wait in which other connections may end, and so release file descriptors.
     const AGAIN: Duration = Duration::from_millis(200);
     let is_of_the_peer = matches!(
         error.kind(),
         ErrorKind::ConnectionAborted | ErrorKind::ConnectionReset | ErrorKind::Interrupted
     );
     if !is_of_the_peer {
-        tracing::debug!("the page cannot accept a connection: {error}");
+        tracing::debug!("the web page cannot accept a connection: {error}");
         tokio::time::sleep(AGAIN).await;
     }
 }
@@ -119,7 +118,7 @@ const FULL: &[u8] = b"HTTP/1.1 503 Service Unavailable\r\nRetry-After: 10\r\nCon
     Content-Type: text/plain; charset=utf-8\r\nContent-Length: 65\r\n\r\n\
     The page has too many connections. Close some, or wait a little.\n";
 
-/// Closes a connection. Over plain text, the client gets the reason if it can be sent without waiting.
+/// Closes a connection above the limit. Without TLS, the client receives the reason, if it can be sent without waiting.
 fn refuse(stream: TcpStream, is_plain: bool) {
     if is_plain && let Ok(mut stream) = stream.into_std() {
         // The socket is non-blocking. If it accepts nothing, the reason is not sent.
@@ -127,7 +126,7 @@ fn refuse(stream: TcpStream, is_plain: bool) {
     }
 }
 
-/// Number of rejected connections. They are logged once a minute.
+/// Number of connections that were closed because of a limit. They are logged once a minute.
 #[derive(Default)]
 struct RejectedCount {
     count: u64,
@@ -142,7 +141,7 @@ impl RejectedCount {
         if self.said.is_none_or(|said| now >= said + EVERY) {
             let count = counted(self.count, "connection");
             tracing::warn!(
-                "the page closed {count} at once: the limit of {connections} connections, or that of one \
+                "the web page closed {count} at once: the limit of {connections} connections, or that of one \
                  address, is reached"
             );
             (self.count, self.said) = (0, Some(now));

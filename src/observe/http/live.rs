@@ -1,4 +1,4 @@
-//! Live stream of the status, once a second. The status is serialized once for all open pages.
+//! Live stream of the status, once a second. The status is serialised once for all open web pages.
 
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -13,29 +13,30 @@ use tokio_stream::{Stream, StreamExt};
 use crate::observe::status::GatewayApi;
 
 const PERIOD: Duration = Duration::from_secs(1);
-/// Time after which a browser connects again.
+/// Time after which a browser connects again to an ended stream.
 const RETRY: Duration = Duration::from_secs(2);
 
 /// Source of the status streams.
 #[derive(Clone)]
 pub(super) struct Live {
     source: Arc<dyn GatewayApi>,
-    /// Receiver that all share. Therefore the sender has one receiver more than there are streams.
+    /// Receiver that is cloned for each stream. It is one of the sender's receivers itself, so their number is one more
+    /// than that of the streams.
     latest: Arc<watch::Receiver<Arc<str>>>,
     places: Arc<Semaphore>,
 }
 
 impl Live {
-    /// Starts the task that sends the status each second, to at most `streams` streams. The task and all streams end
-    /// when the sender of `stopped` is dropped.
+    /// Starts the task that sends the status each second, to at most `streams` streams. Task and streams end when the
+    /// sender of `stopped` is dropped.
     pub(super) fn start(source: Arc<dyn GatewayApi>, streams: usize, stopped: watch::Receiver<()>) -> Live {
         let (sender, latest) = watch::channel(Arc::from(""));
         tokio::spawn(tick(Arc::clone(&source), sender, stopped));
         Live { source, latest: Arc::new(latest), places: Arc::new(Semaphore::new(streams)) }
     }
 
-    /// Stream of the status: the current one, then one each second as long as `may` returns true. A slow client misses
-    /// some and gets the newest. `None` if the limit of streams is reached.
+    /// Returns a stream of the status: the present one, then one each second, as long as `may` returns `true`. A slow
+    /// client misses some, and receives the newest. Returns `None` if the limit of streams is reached.
     pub(super) fn stream<May: Fn() -> bool + Send + 'static>(
         &self,
         may: May,

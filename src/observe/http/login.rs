@@ -10,13 +10,15 @@ use axum::response::{Html, IntoResponse, Json, Redirect, Response};
 
 use super::peer::Peer;
 use super::refusal::Refusal;
+use super::reply::CommandReply;
+use super::request::{parameter, words};
+use super::state::HttpState;
 use super::tokens::Role;
-use super::{CommandReply, HttpState, parameter, words};
 use crate::observe::page::{self, Words};
 
 const WALL: &str = "wall";
 
-/// Returns whether the request comes from a browser that shows a page.
+/// Returns whether the request comes from a browser that will show the answer as a page.
 pub(super) fn is_asked_by_a_person(request: &Request) -> bool {
     request.method() == Method::GET && accepts_html(request.headers())
 }
@@ -28,8 +30,8 @@ fn accepts_html(headers: &HeaderMap) -> bool {
         .is_some_and(|kinds| kinds.contains("text/html"))
 }
 
-/// Returns the words in a language of the browser. The language of the profile is read only once, so that requests of
-/// clients without access cost little.
+/// Returns the texts of the page in a language of the profile or of the browser. The language of the profile is read
+/// only once, so that clients without access cause little work.
 fn spoken(room: &HttpState, headers: &HeaderMap) -> &'static Words {
     words(*room.language.get_or_init(|| room.source.status().language), headers)
 }
@@ -38,7 +40,7 @@ fn is_for_the_wall(query: Option<&str>) -> bool {
     query.and_then(|query| parameter(query, "view")).as_deref() == Some(WALL)
 }
 
-/// Page to sign in, as the answer to a refused request.
+/// Makes the sign-in page, as the answer to a refused request.
 pub(super) fn page(
     room: &HttpState,
     headers: &HeaderMap,

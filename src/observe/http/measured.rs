@@ -1,5 +1,5 @@
-//! `POST /api/axes/z/measured` with `{ "error_um": 3.2 }`: reports the measured error of an axis, with optional `time`
-//! and `id`. `DELETE` discards what was learned.
+//! `POST /api/axes/z/measured` with `{ "error_um": 3.2 }`: sends the measured error of an axis, with optional `time`
+//! and `id`. `DELETE` removes the correction that earlier errors have made.
 
 use axum::body::Bytes;
 use axum::extract::{ConnectInfo, Path, State};
@@ -8,7 +8,8 @@ use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 
 use super::peer::Peer;
-use super::{HttpState, answered};
+use super::reply::answered;
+use super::state::HttpState;
 use crate::observe::requester::Requester;
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_profile::one_line;
@@ -17,14 +18,14 @@ use isotherm_profile::safe_file::quoted;
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Measured {
-    /// Actual minus commanded, µm, with active compensation.
+    /// Actual minus commanded position of the axis, measured while the compensation is active, in µm.
     error_um: f64,
     time: Option<String>,
     id: Option<String>,
 }
 
 impl Measured {
-    /// Parses the body of a request.
+    /// Parses the body of a request. The error is a sentence about an invalid body.
     fn read(body: &[u8]) -> Result<MeasuredReport, String> {
         let Measured { error_um, time, id } =
             serde_json::from_slice(body).map_err(|error| error.to_string())?;
@@ -67,5 +68,5 @@ fn answer(room: &HttpState, axis: &str, report: Option<MeasuredReport>, requeste
         let text = format!("There is no axis {}; there are {}.\n", one_line(&quoted(axis)), names.join(", "));
         return (StatusCode::NOT_FOUND, text).into_response();
     }
-    answered(room, room.source.measured(axis, report, requester))
+    answered(&room.access.refused, room.source.measured(axis, report, requester))
 }

@@ -1,4 +1,4 @@
-//! The client of a connection.
+//! Client at the other end of a connection.
 
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
@@ -7,10 +7,10 @@ use axum::http::HeaderMap;
 
 use crate::observe::requester::{Channel, Connection, Requester};
 
-/// Header with which the page identifies its own requests, to distinguish its buttons from other programs.
+/// Header by which the web page marks its own requests. Commands of other programs do not have it.
 const WAY: &str = "isotherm-way";
 
-/// Address of the client, and the connection that shows whether the client is still there.
+/// Address of the client, and its connection, which shows whether the client still waits.
 #[derive(Clone)]
 pub(super) struct Peer {
     address: SocketAddr,

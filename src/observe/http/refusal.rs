@@ -1,4 +1,4 @@
-//! Reasons for which requests are refused, their messages, and their counters.
+//! Reasons for the refusal of requests to the web page, with their messages and counters.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -7,28 +7,28 @@ use axum::Json;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
-use super::CommandReply;
+use super::reply::CommandReply;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Refusal {
-    /// The request has no credentials.
+    /// The request contains no token and no session.
     NoToken,
     /// The token is not one of this gateway's tokens.
     WrongToken,
-    /// Too many wrong tokens came from this address. The next one is checked after this time.
+    /// Too many wrong tokens came from the client's address. The next token is checked after this time.
     TooManyWrong(Duration),
-    /// The client may only view.
+    /// The client may read, but not command.
     OnlyLooks,
     /// The client may only read the metrics.
     OnlyScrapes,
-    /// Commands over HTTP are not possible, because there is no operator's token.
+    /// The profile has no operator's token, so commands over HTTP are not possible.
     NoOperator,
     StrangeHost,
     StrangeOrigin,
     NotFromHere,
 }
 
-/// Labels of the counters. `too-often` counts commands that came too soon after another.
+/// Labels of the counters. `too-often` counts commands that followed the same command too soon.
 const WHYS: [&str; 10] = [
     "no-token",
     "wrong-token",
@@ -74,7 +74,7 @@ impl Refusal {
         }
     }
 
-    /// Returns whether signing in would help.
+    /// Returns whether the client would get access by signing in.
     pub(super) fn is_mended_by_signing_in(self) -> bool {
         matches!(self, Refusal::NoToken | Refusal::WrongToken | Refusal::TooManyWrong(_))
     }
@@ -134,7 +134,7 @@ impl Refusal {
         }
     }
 
-    /// Makes the answer, with the headers of its status code.
+    /// Makes the answer with this body, and with the headers of its status code.
     pub(super) fn as_answer(self, body: impl IntoResponse) -> Response {
         let code = self.code();
         match self {

@@ -1,29 +1,29 @@
-//! Rate limit for wrong tokens by address. After a few within a minute, tokens from that address are not checked for a
-//! minute.
+//! Rate limit for wrong tokens. After [`MOST`] wrong tokens within a minute, tokens from that address are not checked
+//! for a minute.
 //!
-//! The time is an argument: the time since the computer was started.
+//! The time is an argument: the time since the start of the computer.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 use std::time::Duration;
 
-/// Number of wrong tokens within [`SPAN`] that blocks an address.
+/// Number of wrong tokens within [`SPAN`] after which an address is blocked.
 const MOST: u32 = 5;
 const SPAN: Duration = Duration::from_secs(60);
-/// Maximum number of addresses that are remembered. Beyond that, the oldest ones are removed.
+/// Maximum number of addresses for which wrong tokens are counted. Above it, the oldest addresses are removed.
 const ADDRESSES: usize = 4096;
 
-/// Maximum number of addresses whose rejected commands are remembered at once.
+/// Maximum number of addresses whose rejected commands are reported within a minute.
 const REPORTED: usize = 6;
 
 /// Times at which a rejected command was reported, by address. Each address is reported once a minute. A client that
-/// sends commands continuously thus neither fills the disk nor hides others.
+/// sends commands continuously can therefore not fill the disk.
 #[derive(Debug, Default)]
 pub(super) struct Reports(Vec<(IpAddr, Duration)>);
 
 impl Reports {
-    /// Returns whether to report this rejection. If [`REPORTED`] other addresses are remembered already, a new one is
-    /// not reported.
+    /// Returns whether to report a rejected command. `false` if this address was reported within a minute, or if
+    /// [`REPORTED`] addresses were.
     pub(super) fn take(&mut self, from: IpAddr, now: Duration) -> bool {
         let from = household(from);
         self.0.retain(|(_, reported)| now < *reported + SPAN);
@@ -35,7 +35,7 @@ impl Reports {
     }
 }
 
-/// Wrong tokens from one address.
+/// Wrong tokens that came from one address.
 #[derive(Clone, Copy, Debug)]
 struct Guesses {
     /// Start of the minute in which wrong tokens are counted, or in which the address is blocked.
@@ -43,35 +43,35 @@ struct Guesses {
     count: u32,
 }
 
-/// Wrong tokens, by address.
+/// Wrong tokens by address, and those that are not reported yet.
 #[derive(Debug, Default)]
 pub(super) struct Refusals {
     by_address: HashMap<IpAddr, Guesses>,
-    /// Number of wrong tokens that are not reported yet.
+    /// Number of wrong or unchecked tokens that are not reported yet.
     unreported: u64,
-    /// Address from which the last of these tokens came.
+    /// Address of the last token that is not reported yet. `None` if all are reported.
     last: Option<IpAddr>,
     told: Option<Duration>,
 }
 
-/// Report about wrong tokens, at most once a minute.
+/// Report about wrong tokens, which is made at most once a minute.
 #[derive(Debug, PartialEq)]
 pub(super) struct TokenReport {
     pub(super) count: u64,
     pub(super) last: IpAddr,
-    /// Number of addresses that are blocked now.
+    /// Number of addresses that are blocked at present.
     pub(super) closed: usize,
 }
 
 impl Refusals {
-    /// Returns `Ok` if a token from this address may be checked, or the time after which it may.
+    /// Returns `Ok` if a token from this address may be checked. The error is the time until then.
     pub(super) fn may(&self, from: IpAddr, now: Duration) -> Result<(), Duration> {
         let Some(guesses) = self.by_address.get(&household(from)) else { return Ok(()) };
         let left = (guesses.since + SPAN).saturating_sub(now);
         if guesses.count < MOST || left.is_zero() { Ok(()) } else { Err(left) }
     }
 
-    /// Counts a wrong token.
+    /// Counts a wrong token from this address, and blocks the address if there are too many.
     pub(super) fn wrong(&mut self, from: IpAddr, now: Duration) {
         self.count_later(from);
         let from = household(from);
@@ -88,13 +88,13 @@ impl Refusals {
         }
     }
 
-    /// Counts a token that was not checked.
+    /// Counts a token that was not checked, because its address is blocked.
     pub(super) fn count_later(&mut self, from: IpAddr) {
         self.unreported += 1;
         self.last = Some(from.to_canonical());
     }
 
-    /// Returns the report that is due, at most once a minute.
+    /// Returns the report about wrong tokens if there is something to report, at most once a minute.
     pub(super) fn due(&mut self, now: Duration) -> Option<TokenReport> {
         let last = self.last?;
         if self.told.is_some_and(|told| now < told + SPAN) {
@@ -106,7 +106,7 @@ impl Refusals {
         Some(TokenReport { count: std::mem::take(&mut self.unreported), last, closed })
     }
 
-    /// Makes room: removes addresses with an expired minute. If that is not enough, removes the oldest quarter.
+    /// Removes addresses whose minute is over. If too many are left, removes the oldest quarter.
     fn forget(&mut self, now: Duration) {
         self.by_address.retain(|_, guesses| now < guesses.since + SPAN);
         if self.by_address.len() >= ADDRESSES {
@@ -123,8 +123,8 @@ impl Refusals {
     }
 }
 
-/// Address under which a client is counted. An IPv6 user has a network of 2⁶⁴ addresses, and a local user all that
-/// begin with 127.
+/// Returns the address under which a client is counted: the IPv6 network, because a user has 2⁶⁴ addresses, and one
+/// address for all that begin with 127.
 fn household(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         address if address.is_loopback() => Ipv4Addr::LOCALHOST.into(),

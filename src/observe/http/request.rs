@@ -1,17 +1,22 @@
-//! Checks of a request before authentication: it names one host, and its body is complete in time.
+//! A request: its parameters, and the language of its client. Checks that it names one host, and that its body is
+//! received completely and in time.
 
 use std::time::Duration;
 
 use axum::body::{Body, HttpBody, to_bytes};
 use axum::extract::{Request, State};
-use axum::http::{StatusCode, header};
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use isotherm_profile::Language;
+use percent_encoding::percent_decode_str;
 
-/// Largest body of a command, in bytes.
+use crate::observe::page::Words;
+
+/// Maximum size of a command's body, in bytes.
 const LARGEST_BODY: usize = 1024;
 
-/// Rejects a request that names two hosts. A proxy and this server could use different ones.
+/// Rejects a request that names two hosts, because a proxy and this server could use different ones.
 pub(super) async fn for_one_host(request: Request, next: Next) -> Response {
     match names_one_host(&request) {
         true => next.run(request).await,
@@ -32,7 +37,7 @@ fn names_one_host(request: &Request) -> bool {
     hosts.next().is_none() && request.uri().authority().is_none_or(is_so)
 }
 
-/// Passes a request on when its body is complete. The time limit is `longest`.
+/// Receives the body of a request for at most `longest`, then passes the request to `next`.
 pub(super) async fn whole(State(longest): State<Duration>, request: Request, next: Next) -> Response {
     if request.body().is_end_stream() {
         return next.run(request).await;
@@ -46,12 +51,27 @@ pub(super) async fn whole(State(longest): State<Duration>, request: Request, nex
     match read {
         Ok(Some(body)) => next.run(Request::from_parts(head, Body::from(body))).await,
         Ok(None) => {
-            let text = format!("The body may have at most {LARGEST_BODY} bytes, and must be complete.\n");
+            let text = format!(
+                "The body of the request may have at most {LARGEST_BODY} bytes, and must be complete.\n"
+            );
             (StatusCode::PAYLOAD_TOO_LARGE, text).into_response()
         }
         Err(_) => {
-            let text = format!("The body did not come within {} s.\n", longest.as_secs());
+            let text = format!("The body of the request did not arrive within {} s.\n", longest.as_secs());
             (StatusCode::REQUEST_TIMEOUT, [(header::CONNECTION, "close")], text).into_response()
         }
     }
+}
+
+/// Returns the value of a parameter in the query; `None` if the query does not contain it.
+pub(super) fn parameter(query: &str, name: &str) -> Option<String> {
+    let mut pairs = query.split('&').filter_map(|pair| pair.split_once('='));
+    let (_, given) = pairs.find(|(known, _)| *known == name)?;
+    Some(percent_decode_str(given).decode_utf8().ok()?.into_owned())
+}
+
+/// Returns the texts of the page in this language, or else in one that the client accepts.
+pub(super) fn words(named: Option<Language>, headers: &HeaderMap) -> &'static Words {
+    let accepted = headers.get(header::ACCEPT_LANGUAGE).and_then(|given| given.to_str().ok());
+    Words::choose(named, accepted.unwrap_or_default())
 }

@@ -1,7 +1,8 @@
-//! Sessions of browsers that have signed in. A random number in a cookie identifies a session; it is no token.
+//! Sessions of browsers that have signed in. A random number in a cookie identifies a session; the cookie does not
+//! contain the token.
 //!
 //! A session ends after twelve hours, after an hour without use, by sign-out, and when its token changes. The time is
-//! an argument: the time since the computer was started.
+//! an argument: the time since the start of the computer.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -9,10 +10,9 @@ use std::time::Duration;
 use super::tokens::Role;
 
 const LONGEST: Duration = Duration::from_secs(12 * 3600);
-/// Longest time without use.
+/// Maximum time without use, after which a session ends.
 const IDLE: Duration = Duration::from_secs(3600);
-/// Maximum number of open sessions of each role. If there are more, the session that was unused for the longest time
-/// ends.
+/// Maximum number of open sessions of each role. Above it, the session that was unused for the longest time ends.
 const MOST: usize = 64;
 
 /// Identifier of a session.
@@ -25,7 +25,7 @@ impl SessionKey {
         SessionKey(u128::from_be_bytes(random))
     }
 
-    /// Text for the cookie.
+    /// Formats the identifier for the cookie.
     pub(super) fn text(self) -> String {
         format!("{:032x}", self.0)
     }
@@ -45,7 +45,7 @@ struct Session {
     used: Duration,
 }
 
-/// Open sessions of browsers, by their identifiers.
+/// Open sessions, by their identifiers.
 #[derive(Debug, Default)]
 pub(super) struct Sessions(HashMap<SessionKey, Session>);
 
@@ -62,7 +62,8 @@ impl Sessions {
         self.0.insert(key, Session { role, version, begun: now, used: now });
     }
 
-    /// Role of a session, and the version of its token. The session counts as used if `uses` returns true.
+    /// Returns the role of a session and the version of its token. If `uses` returns `true` for the role, the request
+    /// counts as use of the session. `None` if no such session is open.
     pub(super) fn role_of(
         &mut self,
         key: SessionKey,
@@ -76,7 +77,7 @@ impl Sessions {
         Some((session.role, session.version))
     }
 
-    /// Ends a session. Its cookie is then invalid.
+    /// Ends a session, so that its cookie is invalid.
     pub(super) fn end(&mut self, key: SessionKey) {
         self.0.remove(&key);
     }

@@ -1,7 +1,7 @@
-//! Tokens of scrapers, viewers and operators. Each is in its own file, which is read again when it changes.
+//! Tokens of scrapers, viewers and operators. Each token is in a separate file, which is read again when it changes.
 //!
-//! A token that is no longer in its file is invalid. A token is also invalid if other users can access its file, or if
-//! the file cannot be read.
+//! A token is invalid if it is not in its file any more, if the file cannot be read, or if all users can access the
+//! file.
 
 use std::fmt;
 use std::fs::Metadata;
@@ -14,13 +14,13 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use isotherm_profile::safe_file;
 use rustix::rand::{GetRandomFlags, getrandom};
 
-/// Minimum length. A shorter token could be guessed.
+/// Minimum length of a token, in characters. A shorter token could be guessed.
 const SHORTEST: usize = 16;
-/// Maximum length, so that the token fits in the head of a request.
+/// Maximum length of a token, in characters, so that it fits into the head of a request.
 const LONGEST: usize = 512;
-/// Largest token file in bytes.
+/// Maximum size of a token file, in bytes.
 const LARGEST: u64 = 64 * 1024;
-/// Mode bits for all other users.
+/// Permission bits for users who are neither the owner of a file nor in its group.
 const OTHERS: u32 = 0o007;
 
 /// Role of an authenticated client.
@@ -35,7 +35,7 @@ pub(super) enum Role {
 }
 
 impl Role {
-    /// Roles with fewer rights first: a token of both viewer and operator is a viewer's.
+    /// All roles, those with fewer rights first. A token that two roles share gives the lesser rights.
     const ALL: [Role; 3] = [Role::Scraper, Role::Viewer, Role::Operator];
 
     pub(super) fn name(self) -> &'static str {
@@ -47,26 +47,26 @@ impl Role {
     }
 }
 
-/// A token, and the identity of its file when it was read.
+/// Token of one role, and the identity of its file when the token was read.
 pub struct TokenFile {
     path: PathBuf,
-    /// Token; `None` while the file contains no valid one.
+    /// Token; `None` while the file contains no valid token.
     token: Option<String>,
     seen: Option<FileIdentity>,
-    /// Number of changes of the token.
+    /// Number of times that the token has changed.
     version: u64,
-    /// An invalid file has been reported already.
+    /// Whether it was reported that the file contains no valid token.
     is_reported: bool,
 }
 
-/// The token itself must not appear in a log.
+/// Formats the token file without the token, which must not appear in a log.
 impl fmt::Debug for TokenFile {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "TokenFile({})", self.path.display())
     }
 }
 
-/// Identity of a file. Another value means that the file has changed.
+/// Identity of a file. If one of these values has changed, the file has changed.
 #[derive(Clone, Debug, PartialEq)]
 struct FileIdentity {
     modified: (i64, i64),
@@ -86,7 +86,7 @@ impl FileIdentity {
     }
 }
 
-/// Random bytes from the kernel.
+/// Returns random bytes from the kernel.
 pub(super) fn random<const SIZE: usize>() -> io::Result<[u8; SIZE]> {
     let mut bytes = [0; SIZE];
     let mut filled = 0;
@@ -105,11 +105,11 @@ pub fn new_token() -> io::Result<String> {
 }
 
 impl TokenFile {
-    /// Reads a token.
+    /// Reads a token from its file.
     ///
     /// # Errors
-    /// A sentence with the file and the remedy. The file cannot be read, other users can access it, or it contains no
-    /// valid token.
+    /// The file cannot be read, all users can access it, or it contains no valid token. The error is a sentence with
+    /// the file and the remedy.
     pub fn read(path: &Path) -> Result<TokenFile, String> {
         let (token, seen) = read(path)?;
         let path = path.to_owned();
@@ -121,7 +121,7 @@ impl TokenFile {
         self.token == other.token
     }
 
-    /// Applies what was read. Returns a change that must be reported.
+    /// Stores the result of reading the file. Returns a change that must be reported, if there is one.
     fn take(&mut self, found: Result<(String, FileIdentity), String>) -> Option<Change> {
         let (token, seen) = match found {
             Ok((token, seen)) => (token, seen),
@@ -146,7 +146,7 @@ fn read(path: &Path) -> Result<(String, FileIdentity), String> {
     let at = path.display();
     let cannot = |error: io::Error| match error.kind() {
         io::ErrorKind::NotFound => {
-            format!("the token file {at} is not there: isotherm token --out {at} makes one")
+            format!("the token file {at} is not there: isotherm token --out {at} makes a token")
         }
         _ => format!("the token file {at} cannot be read: {error}"),
     };
@@ -179,25 +179,25 @@ fn read(path: &Path) -> Result<(String, FileIdentity), String> {
     }
 }
 
-/// Change of a token.
+/// Change of a token file.
 #[derive(Debug, PartialEq)]
 pub(super) enum Change {
     /// The file contains another token.
     Another,
-    /// The file contains no valid token, with the reason.
+    /// The file contains no valid token any more; contains the reason.
     Gone(String),
 }
 
-/// Token files of all roles, in the order of [`Role::ALL`].
+/// Token files of all roles, in the order of [`Role::ALL`]; `None` for a role without a file.
 pub(super) struct Tokens(Mutex<[Option<TokenFile>; 3]>);
 
 impl Tokens {
-    /// Takes the files in the order of [`Role::ALL`].
+    /// Creates the list from token files in the order of [`Role::ALL`].
     pub(super) fn new(files: [Option<TokenFile>; 3]) -> Tokens {
         Tokens(Mutex::new(files))
     }
 
-    /// Returns whether the profile names a file for this role, regardless of its content.
+    /// Returns whether the profile names a token file for this role, even if the file is invalid.
     pub(super) fn has(&self, role: Role) -> bool {
         self.files()[place(role)].is_some()
     }
@@ -206,7 +206,7 @@ impl Tokens {
         self.files().iter().any(Option::is_some)
     }
 
-    /// Role of a token, and the version of the token.
+    /// Returns the role and the version of a token. `None` if the token is wrong.
     pub(super) fn role_of(&self, given: &str) -> Option<(Role, u64)> {
         let files = self.files();
         let matches = |file: &&TokenFile| file.token.as_deref().is_some_and(|token| same(given, token));
@@ -216,12 +216,12 @@ impl Tokens {
         })
     }
 
-    /// Version of a role's token. Clients that used an older version lose their access.
+    /// Returns the version of a role's token. Clients that have used an older version lose their access.
     pub(super) fn version(&self, role: Role) -> u64 {
         self.files()[place(role)].as_ref().map_or(0, |file| file.version)
     }
 
-    /// Reads files that have changed. It waits for the disk without holding the lock.
+    /// Reads the token files that have changed, and returns the changes. The lock is not held while the disk is read.
     pub(super) fn check(&self) -> Vec<(Role, Change)> {
         let look = |role: Role| {
             let (path, seen) = {
@@ -253,7 +253,7 @@ fn place(role: Role) -> usize {
     }
 }
 
-/// Compares in constant time, so that a token cannot be guessed character by character.
+/// Compares two tokens in constant time, so that response times do not help to guess a token.
 fn same(given: &str, token: &str) -> bool {
     let differences = given.bytes().zip(token.bytes()).fold(0, |seen, (a, b)| black_box(seen | (a ^ b)));
     given.len() == token.len() && differences == 0

@@ -1,4 +1,4 @@
-//! Interface of a broker for the publisher. It is small, so that the library behind it can be replaced.
+//! Interface to a broker, for the publisher. It is small, so that the MQTT library behind it can be replaced.
 
 use std::fmt;
 use std::future::Future;
@@ -7,82 +7,83 @@ use std::io::ErrorKind;
 use isotherm_core::quantity::Moment;
 use isotherm_plant::{Message, Subscription};
 
-/// Source of connections to a broker. Tests replace it.
+/// Broker to which the publisher connects. Tests replace it.
 pub(super) trait Broker {
     /// Type of a connection.
     type Connection: Connection;
 
-    /// Connects. `will` is the message that the broker publishes when the connection breaks.
+    /// Connects to the broker. `will` is the message that the broker publishes when the connection breaks.
     fn connect(&self, will: Option<Message>) -> impl Future<Output = Result<Self::Connection, Fault>>;
 }
 
-/// A connection to a broker. If it is dropped without [`Connection::close`], the broker publishes the will.
+/// Connection to a broker. If it is dropped without [`Connection::close`], the broker publishes the will message.
 pub(super) trait Connection {
-    /// Sends a message. `told` is the time at which it was made. Returns the message if there is no room for it now.
+    /// Sends a message. `told` is the time at which the message was made. Returns the message as an error if there is
+    /// no room for it now.
     fn send(&mut self, message: Message, told: Moment) -> Result<(), Message>;
 
-    /// Subscribes to the messages that match a filter.
+    /// Subscribes to the topics that match a filter.
     fn subscribe(&mut self, subscription: &Subscription) -> Result<(), Fault>;
 
-    /// Waits for the next report. It is safe to drop this future: no report is lost.
+    /// Waits for the next report about the connection. If this future is dropped, no report is lost.
     fn next(&mut self) -> impl Future<Output = BrokerReport>;
 
-    /// Time up to which all messages have reached the broker.
+    /// Returns the time up to which all messages have reached the broker.
     fn last_received(&self) -> Moment;
 
-    /// Returns whether the broker has every message that was sent.
+    /// Returns whether the broker has received every message that was sent.
     fn is_done(&self) -> bool;
 
-    /// Disconnects in order. The broker then does not publish the will.
+    /// Disconnects from the broker, which then does not publish the will message.
     fn close(self) -> impl Future<Output = ()>;
 }
 
-/// Report of a connection.
+/// Report about a connection.
 #[derive(Debug)]
 pub(super) enum BrokerReport {
-    /// Room for another message, or an acknowledgement of one.
+    /// There is room for another message, or the broker has acknowledged one.
     Room,
-    /// A message has arrived.
+    /// A message was received.
     Arrived(ReceivedMessage),
-    /// The connection has broken.
+    /// The connection is broken, for this reason.
     Lost(Fault),
 }
 
-/// A message from the broker.
+/// Message that was received from the broker.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct ReceivedMessage {
     pub(super) topic: String,
     pub(super) payload: Vec<u8>,
-    /// The broker has retained the message, which may be old.
+    /// Whether the broker had retained the message, which may therefore be old.
     pub(super) retained: bool,
-    /// The broker delivers the message again, because it does not know whether it arrived (DUP).
+    /// Whether the broker delivers the message again, because the first delivery was not acknowledged (DUP).
     pub(super) redelivered: bool,
 }
 
 /// Reason why there is no connection.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// The name has no address.
+    /// The host name of the broker has no address.
     NoAddress,
-    /// The computer cannot be reached.
+    /// The computer of the broker cannot be reached.
     Unreachable(ErrorKind),
     /// The broker did not answer in time.
     Silent,
-    /// TLS failed, with the reason in words.
+    /// The TLS handshake failed; contains the reason.
     Tls(String),
     /// The broker rejects the user name or the password.
     WrongUser,
-    /// The broker does not admit this user.
+    /// The broker does not allow this user to connect.
     NotAllowed,
-    /// The broker rejects this client, with the reason in words.
+    /// The broker rejects the connection; contains the reason.
     Refused(&'static str),
-    /// The server does not speak MQTT.
+    /// The server at this address does not speak MQTT.
     NoMqtt,
     /// The broker sends a message that is larger than this number of megabytes.
     TooLong(usize),
     /// The broker closed the connection, or the connection broke.
     Broken,
-    /// The MQTT library failed, for this reason.
+    /// The MQTT library failed; contains the reason.
     Inside(String),
 }
 
@@ -90,7 +91,9 @@ impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Fault::NoAddress => f.write_str("the host name of the broker has no address"),
-            Fault::Unreachable(ErrorKind::ConnectionRefused) => f.write_str("nothing listens at that port"),
+            Fault::Unreachable(ErrorKind::ConnectionRefused) => {
+                f.write_str("no program listens at this port")
+            }
             Fault::Unreachable(kind) => write!(f, "the broker cannot be reached ({kind})"),
             Fault::Silent => f.write_str("no answer"),
             Fault::Tls(why) => f.write_str(why),
@@ -103,7 +106,7 @@ impl fmt::Display for Fault {
             ),
             Fault::Refused(why) => f.write_str(why),
             Fault::NoMqtt => {
-                f.write_str("the server there does not speak MQTT, or only inside TLS (mqtts://)")
+                f.write_str("the server at this address does not speak MQTT, or only inside TLS (mqtts://)")
             }
             Fault::TooLong(most) => write!(
                 f,

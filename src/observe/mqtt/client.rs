@@ -1,7 +1,8 @@
-//! MQTT client based on a maintained fork of the library `rumqttc`. Only this file uses the library.
+//! MQTT client based on a maintained fork of the library `rumqttc`. No other file uses the library.
 //!
-//! Each connection has its own client, so that the library cannot resend messages of an earlier connection. A task
-//! drives its event loop. A panic in it counts as a broken connection. Both queues are bounded.
+//! Each connection has a new client, so that the library cannot send messages of an earlier connection again. A task
+//! runs its event loop. If the task panics, the connection is treated as broken. The queues in both directions are
+//! bounded.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::io;
@@ -26,26 +27,26 @@ use isotherm_core::quantity::Moment;
 use isotherm_plant::{Message, Qos, Subscription};
 use isotherm_profile::{BrokerUrl, Mqtt};
 
-/// Timeout of name lookup, connection, handshake and the broker's answer.
+/// Timeout for name resolution, connection, handshake and the broker's answer together.
 const CONNECT_WITHIN: Duration = Duration::from_secs(10);
-/// MQTT keep-alive interval. After twice this time without data, the client gives the broker up. After one and a half
-/// times, the broker publishes the will.
+/// MQTT keep-alive interval. If the client receives no data for twice this time, it closes the connection. If the
+/// broker receives none for one and a half times, it publishes the will message.
 const KEEP_ALIVE: Duration = Duration::from_secs(10);
-/// Longest delay between the ping that the library sends and its report about the ping.
+/// Maximum delay between a ping that the library sends and its report about the ping.
 const MARGIN: Duration = Duration::from_secs(1);
-/// Maximum number of messages in the library at one time.
+/// Maximum number of messages that the library holds at one time.
 const IN_LIBRARY: usize = 64;
-/// Maximum number of received messages that wait. Further ones are dropped.
+/// Maximum number of received messages that wait to be processed. Further messages are dropped.
 const UNHEARD: usize = 16;
-/// Largest received packet in bytes. A larger one breaks the connection. Commands, the only messages that are accepted,
-/// are much smaller.
+/// Maximum size of a received packet, in bytes. A larger packet breaks the connection. Commands, the only accepted
+/// messages, are much smaller.
 const LARGEST_IN: usize = 1 << 20;
-/// Largest sent packet in bytes. Published messages are smaller.
+/// Maximum size of a sent packet, in bytes. All published messages are smaller.
 const LARGEST_OUT: usize = 4 << 20;
-/// Timeout of a disconnect.
+/// Timeout for disconnecting.
 const CLOSE_WITHIN: Duration = Duration::from_secs(1);
 
-/// A broker with the settings of the profile.
+/// Broker, with the settings of the profile.
 #[derive(Clone)]
 pub(super) struct Client {
     to: BrokerUrl,
@@ -108,16 +109,16 @@ impl Broker for Client {
     }
 }
 
-/// Messages that the broker is known to have.
+/// Record of the messages that are known to have reached the broker.
 #[derive(Debug, Default)]
 struct Tally {
-    /// Times of messages in the library that are not written to the connection yet.
+    /// Times of the messages that the library has not written to the connection yet.
     unwritten: VecDeque<Moment>,
-    /// Times of written messages that the broker has not acknowledged yet.
+    /// Times of the written messages that the broker has not acknowledged yet, by packet identifier.
     unacknowledged: BTreeMap<u16, Moment>,
-    /// Time of the last ping. All messages made before it had been written by then.
+    /// Time of the last ping. All messages that were made before this time had been written then.
     pinged: Option<Moment>,
-    /// Time up to which the broker has all messages.
+    /// Returns the time up to which all messages have reached the broker.
     heard: Moment,
 }
 
@@ -130,8 +131,8 @@ impl Tally {
         }
     }
 
-    /// Records an acknowledgement. A broker processes messages in order, so that it also has all messages written
-    /// before this one.
+    /// Records an acknowledgement. A broker processes messages in order, so it also has all messages that were written
+    /// before.
     fn acknowledged(&mut self, id: u16) {
         if let Some(told) = self.unacknowledged.remove(&id) {
             self.heard = self.heard.max(told);
@@ -139,14 +140,14 @@ impl Tally {
     }
 }
 
-/// Sender of the library's reports. Reports of free room use a separate signal, and take no room from received
-/// messages.
+/// Sender of reports from the task of the library. Free room is signalled separately, so that it uses no place of a
+/// received message in the queue.
 struct ReportSender {
     heard: mpsc::Sender<BrokerReport>,
     room: Arc<Notify>,
 }
 
-/// Receiver of the library's reports.
+/// Receiver of reports from the task of the library.
 struct ReportReceiver {
     heard: mpsc::Receiver<BrokerReport>,
     room: Arc<Notify>,
@@ -158,7 +159,7 @@ fn inbox() -> (ReportSender, ReportReceiver) {
 }
 
 impl ReportReceiver {
-    /// Waits for the next report. `None` if there will be none.
+    /// Waits for the next report. Returns `None` if the task has ended.
     async fn next(&mut self) -> Option<BrokerReport> {
         tokio::select! {
             biased;
@@ -168,7 +169,7 @@ impl ReportReceiver {
     }
 }
 
-/// A connection to the broker.
+/// Open connection to the broker.
 pub(super) struct Connected {
     client: AsyncClient,
     tally: Arc<Mutex<Tally>>,
@@ -240,7 +241,7 @@ impl Drop for Connected {
     }
 }
 
-/// Drives the event loop of the library, and sends its reports.
+/// Runs the event loop of the library until the connection breaks, and sends its reports.
 async fn turn(mut turns: EventLoop, tally: Arc<Mutex<Tally>>, news: ReportSender, clock: Clock) {
     let tally = || tally.lock().unwrap_or_else(PoisonError::into_inner);
     loop {
@@ -322,13 +323,15 @@ fn fault(error: &ConnectionError) -> Fault {
     }
 }
 
-/// Cause of a failed TLS handshake, with a remedy.
+/// Converts a failed TLS handshake to a fault that contains the cause and a remedy.
 fn tls_fault(fault: TlsFault) -> Fault {
     let remedy = match fault {
         TlsFault::OtherName => {
             Some("write that name into `broker`, or name the certificate itself with `tls = { ca = \"…\" }`")
         }
-        TlsFault::UnknownAuthority => Some("name the authority that signed it with `tls = { ca = \"…\" }`"),
+        TlsFault::UnknownAuthority => {
+            Some("name the authority that signed the certificate with `tls = { ca = \"…\" }`")
+        }
         TlsFault::BadCertificate => {
             Some("to trust a self-signed certificate, name it with `tls = { ca = \"…\" }`")
         }
@@ -338,13 +341,13 @@ fn tls_fault(fault: TlsFault) -> Fault {
             Some("does the broker trust the authority of the certificate that `cert` names in `tls`?")
         }
         TlsFault::NoTls => Some("try another port, or mqtt://"),
-        TlsFault::Silent => Some("does the server speak TLS there, or plain MQTT (mqtt://)?"),
+        TlsFault::Silent => Some("does the server speak TLS at this port, or plain MQTT (mqtt://)?"),
         _ => None,
     };
     Fault::Tls(fault.advised(remedy))
 }
 
-/// Fault of a connection error.
+/// Converts the error of a connection to a fault.
 fn fault_of(error: &io::Error) -> Fault {
     match error.get_ref().and_then(|inside| inside.downcast_ref::<ConnectError>()) {
         Some(ConnectError::Unresolved) => Fault::NoAddress,

@@ -1,5 +1,5 @@
-//! Received messages: measured errors, if the profile accepts them, and nothing else. They cannot arm, disarm or move
-//! an axis.
+//! Commands from the broker. Only measured errors are accepted, and only if the profile allows this. No message can
+//! arm, disarm or move an axis.
 
 use std::time::Duration;
 
@@ -14,10 +14,11 @@ pub(super) const PAUSE: Duration = Duration::from_secs(1);
 /// Minimum time between two reports of rejected messages. Each report contains their number.
 const REPORT_EVERY: Duration = Duration::from_secs(60);
 
-/// Executes commands from the broker.
+/// Executor of commands from the broker.
 #[derive(Debug)]
 pub(super) struct Commands {
-    /// Address of the broker, which stands for the requester: MQTT does not identify the publisher.
+    /// Address of the broker. It is reported as the requester, because MQTT does not identify the publisher of a
+    /// message.
     broker: String,
     last: Option<Moment>,
     reported: Option<Moment>,
@@ -29,7 +30,8 @@ impl Commands {
         Commands { broker: broker.to_owned(), last: None, reported: None, unreported: 0 }
     }
 
-    /// Executes the command, or reports why not. `redelivered` means that the broker delivers the message again.
+    /// Executes an allowed command, or reports why a command is rejected. `redelivered` states that the broker delivers
+    /// the message again.
     pub(super) fn take(&mut self, now: Moment, outcome: Outcome, redelivered: bool, source: &dyn GatewayApi) {
         match outcome {
             Outcome::Asked(Command::Measured { axis, report }) => {
@@ -46,7 +48,7 @@ impl Commands {
         }
     }
 
-    /// Rejects a retained message. It may be old, and its sender does not wait any more.
+    /// Rejects a retained message, because it may be old, and its sender does not wait for it.
     pub(super) fn refuse_retained(&mut self, now: Moment, topic: &str, source: &dyn GatewayApi) {
         let command = topic.rsplit('/').next().unwrap_or(topic).chars().take(40).collect::<String>();
         let why = "the message is retained: publish commands without the retain flag";
@@ -61,7 +63,7 @@ impl Commands {
         self.reported = Some(now);
         let more = match std::mem::take(&mut self.unreported) {
             0 => String::new(),
-            more => format!(" (and {more} more that were refused since the last one reported)"),
+            more => format!(" (and {more} more rejected messages since the last report)"),
         };
         let requester = Requester::new(Channel::Broker, self.broker.clone());
         source.turned_away(command, &requester, &format!("{why}{more}"));

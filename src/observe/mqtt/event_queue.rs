@@ -1,4 +1,5 @@
-//! Events since the last sample of the status, which contains only the last events.
+//! Queue of the events since the last sample of the status. The queue is needed because the status contains only the
+//! last events.
 
 use std::collections::VecDeque;
 
@@ -7,20 +8,20 @@ use crate::observe::events::{Entry, Level};
 use crate::observe::status::Status;
 use isotherm_plant::{Importance, PlantEvent};
 
-/// Maximum number of events that wait for the broker. Beyond that, the oldest ones are dropped.
+/// Maximum number of events that wait for the broker. Above it, the oldest events are dropped.
 const MOST: usize = 1000;
 
-/// Queue of new events.
+/// Queue of events that are not published yet.
 #[derive(Debug, Default)]
 pub(super) struct EventQueue {
-    /// Number of all events at the last sample.
+    /// Number of all events since the start, at the last sample.
     seen: u64,
     waiting: VecDeque<PlantEvent>,
     dropped: u64,
 }
 
 impl EventQueue {
-    /// Adds the new events of a status.
+    /// Adds the events that are new in this status.
     pub(super) fn sample(&mut self, status: &Status) {
         let all: u64 = status.event_counts.values().sum();
         let new = usize::try_from(all.saturating_sub(self.seen)).unwrap_or(usize::MAX);
@@ -42,12 +43,12 @@ impl EventQueue {
         std::mem::take(&mut self.waiting).into()
     }
 
-    /// Number of waiting events.
+    /// Returns the number of waiting events.
     pub(super) fn len(&self) -> usize {
         self.waiting.len()
     }
 
-    /// Number of events lost since the last call.
+    /// Returns the number of events that were lost since the last call.
     pub(super) fn dropped(&mut self) -> u64 {
         std::mem::take(&mut self.dropped)
     }

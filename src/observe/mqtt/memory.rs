@@ -1,8 +1,8 @@
-//! Files from which the publisher knows what earlier runs have published.
+//! Files that show what earlier runs have published.
 //!
-//! The death number (bdSeq) of a Sparkplug node must differ from the last one. The broker retains readable messages for
-//! later subscribers. Retained messages of topics that are no longer published would look current forever. The topics
-//! are therefore kept on disk, and the next run clears those that it no longer publishes.
+//! The death number (bdSeq) of a Sparkplug node must differ from that of the last run. For JSON messages, the broker
+//! retains the last message of each topic. If a topic is not published any more, its last message would look current
+//! forever. The topics are therefore saved, and the next run clears those that it does not publish.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -12,29 +12,29 @@ use isotherm_core::quantity::Moment;
 use isotherm_plant::store::{NumberFile, TopicsFile};
 use isotherm_plant::{Message, Publisher, Qos};
 
-/// Name of the file with the death number, in the directory of the queue.
+/// Name of the file with the death number, in the directory of unpublished records.
 const DEATHS: &str = "bdseq";
-/// Name of the file with the topics.
+/// Name of the file with the topics, in the directory of unpublished records.
 const TOPICS: &str = "topics";
-/// Age of a connection after which its first messages count as delivered.
+/// Age of a connection after which its first messages are assumed to be delivered.
 const ARRIVED_AFTER: Duration = Duration::from_secs(60);
 
-/// Memory of earlier runs.
+/// Memory of what earlier runs have published.
 pub(super) enum Memory {
-    /// Death number of a Sparkplug node.
+    /// File with the death number of a Sparkplug node.
     Deaths(NumberFile),
-    /// Topics that the broker may have retained.
+    /// Topics of JSON messages that the broker may have retained.
     Topics {
         file: TopicsFile,
-        /// Topics of earlier runs that this run does not publish.
+        /// Topics of earlier runs that this run does not publish, and whose messages are not known to be cleared.
         gone: BTreeSet<String>,
-        /// Start of this connection, and the topics published on it.
+        /// Start of this connection, and the topics that were published on it.
         told: (Moment, BTreeSet<String>),
     },
 }
 
 impl Memory {
-    /// Reads the last death number.
+    /// Reads the death number of the last run; 0 if there is none.
     pub(super) fn of_deaths(directory: &Path) -> (Memory, u8) {
         let file = NumberFile::at(directory.join(DEATHS));
         // Without a file the number begins at zero. A host accepts any number except the last one.
@@ -50,7 +50,7 @@ impl Memory {
         Memory::Topics { file, gone, told: (Moment::default(), BTreeSet::new()) }
     }
 
-    /// Keeps the death number in the will of the next connection.
+    /// Saves the death number in the will message of the next connection.
     pub(super) fn wills(&self, publisher: &dyn Publisher) {
         if let (Memory::Deaths(file), Some(number)) = (self, publisher.number_to_keep()) {
             // If the disk fails, the next run may use the same number again.
@@ -58,7 +58,7 @@ impl Memory {
         }
     }
 
-    /// Adds messages that clear topics to the first messages of a connection.
+    /// Adds messages that clear the topics of earlier runs to the first messages of a connection, and saves the topics.
     pub(super) fn connects(&mut self, now: Moment, messages: &mut Vec<Message>) {
         let Memory::Topics { file, gone, told } = self else { return };
         let kept = messages.iter().filter(|message| message.retained);
@@ -70,7 +70,7 @@ impl Memory {
         *told = (now, topics);
     }
 
-    /// Forgets the cleared topics when these messages count as delivered.
+    /// Removes the cleared topics from the file when the messages that clear them are assumed to be delivered.
     pub(super) fn publishes(&mut self, now: Moment) {
         if let Memory::Topics { file, gone, told: (since, topics) } = self
             && !gone.is_empty()
@@ -82,7 +82,7 @@ impl Memory {
     }
 }
 
-/// Message that makes the broker delete the retained message of a topic.
+/// Makes a message by which the broker deletes the retained message of a topic.
 fn cleared(topic: &str) -> Message {
     Message { topic: topic.to_owned(), payload: Vec::new(), qos: Qos::AtLeastOnce, retained: true }
 }

@@ -1,4 +1,5 @@
-//! Queue of records for an unreachable broker. It is in memory, or on disk if the format supports records of the past.
+//! Queue of records for an unreachable broker. If the message format supports values of the past, the queue is on disk,
+//! otherwise in memory.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -7,18 +8,18 @@ use isotherm_core::quantity::Moment;
 use isotherm_plant::Record;
 use isotherm_plant::store::{DiskNews, Store};
 
-/// Maximum number of records in memory. Beyond that, the oldest ones are dropped.
+/// Maximum number of records in memory. Above it, the oldest records are dropped.
 const MOST: usize = 1000;
-/// Maximum number of old records that are published at a time, in addition to new ones.
+/// Maximum number of old records that are published together with new values.
 const AT_A_TIME: usize = 500;
 
 /// Queue of records that wait for the broker, oldest first.
 pub(super) enum RecordQueue {
-    /// Records in memory. They are removed when they are published; the publisher returns those that may not have
-    /// arrived.
+    /// Records in memory. They are removed when they are published. After a lost connection, the publisher returns
+    /// those that may be undelivered.
     Memory { records: VecDeque<Record>, dropped: u64 },
-    /// Records on disk. They stay until the broker has them. `told` is the time and number of the records published
-    /// last.
+    /// Records on disk. They are removed when the broker has received them. `told` contains the time and the number of
+    /// the records that were published last.
     Disk { store: Store, told: Option<(Moment, usize)> },
 }
 
@@ -27,7 +28,7 @@ impl RecordQueue {
         RecordQueue::Memory { records: VecDeque::new(), dropped: 0 }
     }
 
-    /// Opens the queue in this directory, with at most `most_bytes` bytes.
+    /// Opens the queue in this directory. Its files take at most `most_bytes` bytes.
     pub(super) fn on_disk(directory: &Path, most_bytes: u64) -> std::io::Result<RecordQueue> {
         Ok(RecordQueue::Disk { store: Store::open(directory, most_bytes)?, told: None })
     }
@@ -48,7 +49,7 @@ impl RecordQueue {
         }
     }
 
-    /// Returns records that were published before all waiting ones, and may not have arrived.
+    /// Puts back records that were published before the waiting ones, and may be undelivered.
     pub(super) fn take_back(&mut self, told: Vec<Record>) {
         match self {
             RecordQueue::Memory { records, .. } => {
@@ -60,7 +61,8 @@ impl RecordQueue {
         }
     }
 
-    /// Oldest records, to be published now. The broker has everything that was published before `heard`.
+    /// Returns the oldest records, to be published now. The broker has received everything that was published before
+    /// `heard`.
     pub(super) fn next(&mut self, now: Moment, heard: Moment) -> Vec<Record> {
         match self {
             RecordQueue::Memory { records, .. } => {
@@ -82,7 +84,8 @@ impl RecordQueue {
         }
     }
 
-    /// Records that would be lost at the end of the program, to be published now. Records on disk stay there.
+    /// Returns the records that would be lost at the end of the program, to be published now. Records on disk remain
+    /// there.
     pub(super) fn ends(&mut self) -> Vec<Record> {
         match self {
             RecordQueue::Memory { records, .. } => std::mem::take(records).into(),
@@ -90,7 +93,7 @@ impl RecordQueue {
         }
     }
 
-    /// Records that the connection has broken: the last published records are published again.
+    /// Notes that the connection is broken, so that the records of the last publication are published again.
     pub(super) fn is_broken(&mut self) {
         if let RecordQueue::Disk { told, .. } = self {
             *told = None;
@@ -104,7 +107,7 @@ impl RecordQueue {
         }
     }
 
-    /// Number of records lost since the last call.
+    /// Returns the number of records that were lost since the last call.
     pub(super) fn dropped(&mut self) -> u64 {
         match self {
             RecordQueue::Memory { dropped, .. } => std::mem::take(dropped),
@@ -112,7 +115,7 @@ impl RecordQueue {
         }
     }
 
-    /// Error of the disk, once when the disk begins to fail.
+    /// Returns the error of the disk once, when the disk begins to fail.
     pub(super) fn fails(&mut self) -> Option<String> {
         let RecordQueue::Disk { store, .. } = self else { return None };
         std::iter::from_fn(|| store.news()).find_map(|news| match news {

@@ -1,4 +1,4 @@
-//! Main loop of the publisher: connects, publishes, and keeps records while the broker is unreachable.
+//! Main loop of the publisher: it connects, publishes, and stores records while the broker is unreachable.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -24,16 +24,16 @@ use isotherm_core::quantity::{Moment, Shift};
 use isotherm_plant::{Message, Publisher, Snapshot};
 use isotherm_profile::stop;
 
-/// Another reason is reported after this many attempts in a row that fail with it.
+/// Number of consecutive failed attempts with a new reason after which the new reason is reported.
 const CHANGED_AFTER: u32 = 2;
 /// First pause after a failed or broken connection. Each further pause is twice as long.
 const FIRST_PAUSE: Duration = Duration::from_secs(1);
-/// Longest pause between two attempts to connect.
+/// Maximum pause between two attempts to connect.
 const LONGEST_PAUSE: Duration = Duration::from_secs(30);
-/// Longest wait for unpublished messages at the end of a run. The disconnect may take the same time again.
+/// Maximum wait for unpublished messages at the end of a run. Disconnecting may take the same time again.
 const LAST_PATIENCE: Duration = Duration::from_secs(stop::BROKER.as_secs() / 2);
 
-/// Publishes to one broker.
+/// Publisher for one broker, with its queues.
 pub(super) struct Runner {
     pub(super) publisher: Box<dyn Publisher>,
     pub(super) memory: Memory,
@@ -45,7 +45,7 @@ pub(super) struct Runner {
     pub(super) every: Duration,
     pub(super) resolutions: Vec<f64>,
     pub(super) happenings: EventQueue,
-    /// Metrics of the last sample, and its time.
+    /// Last sample of the state, and its time.
     pub(super) seen: (Moment, Snapshot),
     pub(super) kept: RecordQueue,
     pub(super) commands: Commands,
@@ -53,7 +53,7 @@ pub(super) struct Runner {
     pub(super) outbox: VecDeque<(Moment, Message)>,
 }
 
-/// End of a connection.
+/// Reason why a connection has ended.
 enum End {
     Broken(Fault),
     /// The gateway has ended.
@@ -61,7 +61,7 @@ enum End {
 }
 
 impl Runner {
-    /// Publishes until `stopped` is set.
+    /// Connects to the broker and publishes, again after each lost connection, until `stopped` is set.
     pub(super) async fn run(mut self, broker: impl Broker, mut stopped: watch::Receiver<bool>) {
         let mut ticks = interval(self.every);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
@@ -140,7 +140,7 @@ impl Runner {
         }
     }
 
-    /// Uses one connection from its start to its end.
+    /// Uses one connection until it breaks or the gateway ends.
     async fn published(
         &mut self,
         mut connection: impl Connection,
@@ -183,7 +183,8 @@ impl Runner {
         }
     }
 
-    /// Makes messages from the changes of the state, if all earlier messages have been sent. Kept records follow them.
+    /// Makes messages from the changes of the state, and from stored records. If earlier messages still wait, only
+    /// events are queued.
     fn tell(&mut self, last_received: Moment) {
         if !self.outbox.is_empty() {
             // The broker is slow. It gets the newest state later, and only events are queued.
@@ -219,8 +220,8 @@ impl Runner {
         Snapshot { events: self.happenings.take(), ..self.seen.1.clone() }
     }
 
-    /// Snapshot to publish now. If older events are queued and the format requires their order, new events are queued
-    /// after them.
+    /// Returns a snapshot to publish now. If the format requires the order of events and older ones are stored, the new
+    /// events are stored after them.
     fn snapshot_in_order(&mut self, now: Moment) -> Snapshot {
         let mut snapshot = self.snapshot();
         if self.publisher.publishes_in_order() && self.kept.len() > 0 {
@@ -230,7 +231,7 @@ impl Runner {
         snapshot
     }
 
-    /// Samples the state and keeps its records while there is no connection.
+    /// Samples the state and stores its records, while there is no connection.
     fn keep(&mut self) {
         let now = self.clock.time_of_day();
         let snapshot = self.snapshot();
@@ -290,7 +291,7 @@ impl Runner {
         self.figures.note(|figures| figures.queued = queued);
     }
 
-    /// Reports dropped messages once, when the broker accepts messages again.
+    /// Reports the number of lost messages, when the broker accepts messages again.
     fn report_dropped(&mut self) {
         let count = self.happenings.dropped() + self.kept.dropped() + self.publisher.left_out();
         if count > 0 {

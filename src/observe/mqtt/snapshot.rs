@@ -1,7 +1,7 @@
-//! Figures for publishing, from the state of the gateway.
+//! Conversion of the state of the gateway to metrics for publishing.
 //!
-//! Values that always change, for example counts of requests, are not published. They would be published every second,
-//! and are available as metrics. The age of a verified value is published in steps.
+//! Values that always change, for example counts of requests, are left out: they would be published every second.
+//! Prometheus can read them. The age of a verified value is published only in steps.
 
 use std::time::Duration;
 
@@ -12,13 +12,13 @@ use isotherm_core::quantity::Moment;
 use isotherm_plant::{Metric, Subject, Value};
 use isotherm_profile::Profile;
 
-/// Minimum increase of the age of a verified value that is published, s.
+/// Minimum increase, in seconds, after which the age of a verified value is published again.
 const AGES_BY_S: f64 = 30.0;
-/// Half of the displayed resolution of a compensation, µm.
+/// Minimum change of a length in µm that is published: half of the displayed resolution.
 const RESOLUTION_UM: f64 = 0.05;
 
-/// Returns the smallest change of each signal that is published, in the profile's order: half a count, and zero for
-/// floating-point numbers.
+/// Returns the smallest change of each signal that is published, in the profile's order: half a count, or zero for a
+/// floating-point number.
 pub(super) fn resolutions(profile: &Profile) -> Vec<f64> {
     let resolution = |encoding: &isotherm_core::codec::Encoding| match encoding.data_type {
         DataType::F32 | DataType::F64 => 0.0,
@@ -27,7 +27,7 @@ pub(super) fn resolutions(profile: &Profile) -> Vec<f64> {
     profile.signals.iter().map(|signal| resolution(&signal.encoding)).collect()
 }
 
-/// Returns the figures of a state.
+/// Converts a state to metrics.
 pub(super) fn metrics(status: &Status, resolutions: &[f64]) -> Vec<Metric> {
     let mut list = List { now: moment(&status.now).unwrap_or_default(), metrics: Vec::new() };
     list.gateway(status);
@@ -46,7 +46,7 @@ struct List {
     metrics: Vec<Metric>,
 }
 
-/// Figures of one subject.
+/// Builder for the metrics of one subject.
 struct Of<'l> {
     list: &'l mut List,
     subject: Subject,

@@ -1,4 +1,5 @@
-//! The answer of a server: status line and headers of HTTP/1.1, which show whether it has accepted the message.
+//! Reader for the answer of a server: status line and headers of HTTP/1.1 show whether the server has accepted the
+//! message.
 
 use std::time::Duration;
 
@@ -8,14 +9,14 @@ use tokio::io::{AsyncRead, AsyncReadExt};
 use super::post::Failure;
 use isotherm_profile::Url;
 
-/// Maximum number of bytes that are read of an answer.
+/// Maximum number of bytes of an answer that are read.
 const LONGEST: usize = 16 * 1024;
 /// Maximum number of headers of an answer.
 const MOST_HEADERS: usize = 64;
-/// Longest pause that a server may request.
+/// Maximum pause that a server may request. A longer one is shortened.
 const LONGEST_PAUSE: Duration = Duration::from_secs(3600);
 
-/// Returns whether the server has accepted the message. The body is not read.
+/// Reads an answer. Returns `Ok` if the server has accepted the message. The body of the answer is not read.
 pub(super) async fn read(mut stream: impl AsyncRead + Unpin) -> Result<(), Failure> {
     let (mut bytes, mut all) = (Vec::with_capacity(1024), 0);
     loop {
@@ -59,7 +60,7 @@ fn assessed(code: u16, headers: &[Header<'_>]) -> Result<(), Failure> {
     }
 }
 
-/// Target of a redirection, without parts that may be secret.
+/// Returns the address in a redirection, without parts that may be secret.
 fn shown(location: &str) -> String {
     Url::parse(location).map_or("another path of the same server".to_owned(), |url| url.to_string())
 }

@@ -1,4 +1,4 @@
-//! Delivery of messages, with retries and pauses.
+//! Delivery of messages to a server, with retries and pauses.
 
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::time::Duration;
@@ -10,26 +10,26 @@ use super::post::{Failure, Post};
 use crate::observe::events::Delivery;
 use isotherm_core::explained::Cause;
 
-/// Another reason is reported after this many attempts in a row that fail with it.
+/// Number of consecutive failed attempts with a new reason after which the new reason is reported.
 const CHANGED_AFTER: u32 = 2;
-/// Number of failed attempts in a row after which the failure is reported.
+/// Number of consecutive failed attempts after which the failure is reported.
 const TOLD: u32 = 2;
 
 /// Timeouts and retries of a delivery.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rules {
-    /// Time limit for a server to accept a message.
+    /// Maximum time in which a server must accept a message.
     pub timeout: Duration,
-    /// Pause after the first failure in a row. Each further pause is twice as long.
+    /// Pause after the first of consecutive failures. Each further pause is twice as long.
     pub first_pause: Duration,
-    /// Longest pause, unless the server requests a longer one.
+    /// Maximum pause, unless the server requests a longer one.
     pub longest_pause: Duration,
     /// Maximum number of attempts for a message.
     pub attempts: u32,
 }
 
 impl Default for Rules {
-    /// Returns the usual timeouts. With these, the first message is tried for a quarter of an hour.
+    /// Returns the default timeouts. With them, the first message is tried for a quarter of an hour.
     fn default() -> Rules {
         Rules {
             timeout: Duration::from_secs(10),
@@ -41,8 +41,8 @@ impl Default for Rules {
 }
 
 impl Rules {
-    /// Pause after this number of failures in a row. It is random, so that many gateways do not connect to one server
-    /// at the same time.
+    /// Returns the pause after this number of consecutive failures. It is partly random, so that many gateways do not
+    /// connect to one server at the same time.
     fn pause(&self, failures: u32) -> Duration {
         let doubled = 2_u32.saturating_pow(failures.saturating_sub(1));
         let pause = self.first_pause.saturating_mul(doubled).min(self.longest_pause);
@@ -51,7 +51,7 @@ impl Rules {
     }
 }
 
-/// Sends messages to a server, one after the other, until `stopped` is set and none waits.
+/// Sends the messages of an outbox to a server, one after the other, until `stopped` is set and no message waits.
 pub(super) async fn carry(
     outbox: &Outbox,
     server: &impl Post,

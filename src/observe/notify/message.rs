@@ -1,17 +1,17 @@
-//! The JSON document of a message.
+//! Message to a server, and its JSON document.
 
 use serde_json::{Map, Value};
 
 use crate::observe::events::{Change, Entry, ReportedEvent};
 
-/// Keys of the object that the event is about, if there is exactly one.
+/// Fields of an event that name its subject. If an event has exactly one of them, the message contains it.
 const ABOUT: [&str; 5] = ["axis", "device", "bus", "signal", "output"];
 
-/// Message about one event, for a server.
+/// Message about one event, for one server.
 #[derive(Clone, Debug)]
 pub(super) struct Message {
     machine: String,
-    /// Number of messages so far, including this one.
+    /// Number of messages for the server since the start, including this one.
     count: u64,
     dry_run: bool,
     entry: Entry,
@@ -24,7 +24,8 @@ impl Message {
         Message { machine: machine.to_owned(), count, dry_run, entry, change }
     }
 
-    /// Makes the document. `dropped` is the number of messages before this one that will never arrive.
+    /// Formats the document. `dropped` is the number of earlier messages that were dropped and are not reported to the
+    /// server yet.
     pub(super) fn json(&self, dropped: u64) -> Value {
         let Entry { at, kind, level, text, data } = &self.entry;
         let mut json = Map::new();

@@ -11,16 +11,11 @@ use crate::observe::events::{Delivery, Event, ReportedEvent};
 use isotherm_core::compensation::AxisState;
 use isotherm_profile::{ALARM, ALARM_OVER, AXIS_OFF, CLOCK, Notify, UNVERIFIED};
 
-/// Maximum number of waiting messages. Beyond that, the oldest ones are dropped, because the newest ones are the most
+/// Maximum number of waiting messages. Above it, the oldest messages are dropped, because the newest ones are the most
 /// useful.
 const MOST: usize = 100;
-/// Kinds of events for the word "unverified" of the profile.
-const OF_UNVERIFIED: [&str; 5] =
-    ["verify-failed", "write-failed", "read-failed", "not-applied", "not-read-back"];
-/// Kinds of events for the word "clock" of the profile.
-const OF_THE_CLOCK: [&str; 2] = ["clock-set", "clock-doubtful"];
 
-/// Queue of one server.
+/// Queue of messages for one server.
 pub struct Outbox {
     notify: Notify,
     machine: String,
@@ -32,16 +27,17 @@ pub struct Outbox {
 #[derive(Default)]
 struct Queue {
     waiting: VecDeque<Message>,
-    /// A message has been taken from the queue, and has not arrived.
+    /// Whether a message was taken from the queue and is neither delivered nor given up.
     is_under_way: bool,
     /// Number of messages added since the start.
     count: u64,
-    /// Number of dropped messages that the server does not know of yet.
+    /// Number of dropped messages that are not reported to the server yet.
     dropped: u64,
     losses: Losses,
 }
 
-/// Dropped messages to report: at once, then whenever their number has doubled, and when the queue is empty.
+/// Counter of the dropped messages that are reported as events: at once, then whenever their number has doubled, and
+/// when the queue is empty.
 #[derive(Debug, Default)]
 struct Losses {
     unreported: u64,
@@ -49,7 +45,7 @@ struct Losses {
 }
 
 impl Losses {
-    /// Adds dropped messages. Returns the number to report now, if any.
+    /// Adds dropped messages. Returns the number to report now; `None` if nothing is reported.
     fn more(&mut self, count: u64, is_over: bool) -> Option<u64> {
         self.unreported += count;
         let is_news = self.unreported > 0 && (is_over || self.unreported >= self.reported);
@@ -66,19 +62,19 @@ impl fmt::Debug for Outbox {
 }
 
 impl Outbox {
-    /// Makes an empty outbox.
+    /// Creates an empty queue.
     pub fn of(notify: &Notify, machine: &str, dry_run: bool) -> Outbox {
         let (notify, machine) = (notify.clone(), machine.to_owned());
         Outbox { notify, machine, dry_run, queue: Mutex::default(), wakeup: Wakeup::new() }
     }
 
-    /// Entry of the profile.
+    /// Returns the profile entry of the server.
     pub fn notify(&self) -> &Notify {
         &self.notify
     }
 
-    /// Adds a message if the profile selects this event. It waits only for the lock of this queue, which is never held
-    /// for long.
+    /// Adds a message if the profile selects this event. The call waits only for the lock of this queue, which is held
+    /// for a short time.
     pub fn receive(&self, happened: ReportedEvent<'_>) {
         if !self.includes(happened) {
             return;
@@ -104,13 +100,12 @@ impl Outbox {
             ALARM => change.raised.is_some(),
             ALARM_OVER => !change.ended.is_empty(),
             AXIS_OFF => loses_its_axis(event),
-            UNVERIFIED => OF_UNVERIFIED.contains(&entry.kind.as_ref()),
-            CLOCK => OF_THE_CLOCK.contains(&entry.kind.as_ref()),
+            word @ (UNVERIFIED | CLOCK) => event.kind().word() == Some(word),
             kind => entry.kind == kind,
         })
     }
 
-    /// Waits for the next message.
+    /// Waits for the next message and takes it from the queue.
     pub(super) async fn next(&self) -> Message {
         loop {
             if let Some(message) = self.take() {
@@ -120,7 +115,8 @@ impl Outbox {
         }
     }
 
-    /// Next message, if there is one. It is under way until [`Outbox::arrived`] or [`Outbox::given_up`].
+    /// Takes the next message from the queue, if there is one. The caller then calls [`Outbox::arrived`] or
+    /// [`Outbox::given_up`].
     pub(super) fn take(&self) -> Option<Message> {
         let mut queue = self.queue();
         let message = queue.waiting.pop_front();
@@ -128,13 +124,13 @@ impl Outbox {
         message
     }
 
-    /// Number of dropped messages, for the message that is sent now.
+    /// Returns the number of dropped messages, for the message that is sent now.
     pub(super) fn dropped(&self) -> u64 {
         self.queue().dropped
     }
 
-    /// Records that a message has arrived. `told`: number of dropped messages that it contained. Returns the number of
-    /// dropped messages to report now, if any.
+    /// Records that a message was delivered. `told` is the number of dropped messages that it contained. Returns the
+    /// number of dropped messages to report as an event; `None` if nothing is reported.
     pub(super) fn arrived(&self, told: u64) -> Option<u64> {
         let mut queue = self.queue();
         queue.is_under_way = false;
@@ -143,20 +139,20 @@ impl Outbox {
         queue.losses.more(told, is_over)
     }
 
-    /// Gives the current message up.
+    /// Records that the present message was given up.
     pub(super) fn given_up(&self) {
         let mut queue = self.queue();
         queue.is_under_way = false;
         queue.dropped += 1;
     }
 
-    /// Number of messages that would be lost if the program ended now.
+    /// Returns the number of messages that would be lost if the program ended now.
     pub(super) fn left(&self) -> u64 {
         let queue = self.queue();
         queue.dropped + u64::from(queue.is_under_way) + queue.waiting.len() as u64
     }
 
-    /// Report of all lost messages at the end; `None` if there are none.
+    /// Makes the event about all lost messages at the end of the program. `None` if there are none.
     pub(super) fn all_dropped(&self) -> Option<Delivery> {
         let (notify, to) = (self.notify.name.clone(), self.notify.url.to_string());
         let count = self.left() + self.queue().losses.unreported;
@@ -168,7 +164,7 @@ impl Outbox {
     }
 }
 
-/// Returns true if the axis followed its model and does not follow it now. A stop of the gateway is no such event.
+/// Returns whether the axis has stopped following its model. A stop of the gateway does not count.
 fn loses_its_axis(event: &Event) -> bool {
     let follows =
         |name: &str| [AxisState::Active, AxisState::Degraded].iter().any(|state| state.name() == name);

@@ -1,4 +1,4 @@
-//! Delivery of one message: a separate connection, HTTP/1.1, over TCP or TLS.
+//! Delivery of one message over HTTP/1.1, with TCP or TLS. Each message has a separate connection.
 
 use std::future::Future;
 use std::io::{self, ErrorKind};
@@ -12,16 +12,16 @@ use crate::net::{ConnectError, Host, Stream};
 use crate::tls::TlsFault;
 use isotherm_profile::{Notify, Url};
 
-/// Receiver of messages: a server, or a replacement in tests.
+/// Receiver of messages: a server, or its replacement in tests.
 pub trait Post {
-    /// Sends one message, and waits until it is accepted.
+    /// Sends one message, and waits until the server has accepted it.
     fn post(&self, body: &str) -> impl Future<Output = Result<(), Failure>> + Send;
 }
 
-/// Reason why a message has not arrived, or may not have arrived.
+/// Reason why a message was not delivered, or may not have been delivered.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Failure {
-    /// The token cannot be read.
+    /// The token for the server cannot be read; contains the reason.
     #[error("{0}")]
     Token(String),
     /// The host name cannot be resolved.
@@ -30,13 +30,13 @@ pub enum Failure {
          gateway does)"
     )]
     Unresolved,
-    /// No program listens at the address.
-    #[error("no program listens there: is the port in `url` right, does the server run?")]
+    /// No program listens at the address of the server.
+    #[error("no program listens at the address: is the port in `url` right, and does the server run?")]
     Refused,
-    /// The host cannot be reached.
+    /// The computer of the server cannot be reached; contains the reason.
     #[error("the server cannot be reached: {0}")]
     Unreachable(String),
-    /// The TLS handshake failed, for this reason.
+    /// The TLS handshake failed; contains the reason.
     #[error("{0}")]
     Tls(String),
     /// The server closed the connection before it answered.
@@ -45,14 +45,14 @@ pub enum Failure {
     /// The server did not answer in time.
     #[error("no answer within {} s", .0.as_secs_f64())]
     Silent(Duration),
-    /// The answer is not HTTP/1.1.
-    #[error("the server there does not speak HTTP/1.1, or it requires https")]
+    /// The answer of the server is not HTTP/1.1.
+    #[error("the server does not speak HTTP/1.1, or it requires https")]
     NoHttp,
-    /// The server redirects to another address.
+    /// The server redirects to another address; contains the status code and the address.
     #[error("the server answered {0}, a redirection to another address{at}. The gateway does not follow it: \
              write that address into `url`", at = place(.1.as_deref()))]
     Elsewhere(u16, Option<String>),
-    /// The server rejects the message, and may request a pause.
+    /// The server rejects the message; contains the status code, and the pause that the server requests.
     #[error("the server answered {0}{means}", means = meaning(*.0))]
     Answered(u16, Option<Duration>),
 }
@@ -75,7 +75,7 @@ fn meaning(code: u16) -> &'static str {
 }
 
 impl Failure {
-    /// Returns whether the server will never accept this message, so that it is not sent again.
+    /// Returns whether the server will never accept this message. The message is then not sent again.
     pub(super) fn is_final(&self) -> bool {
         // Errors that are temporary, or that a person can correct at the server or in the token file, are retried.
         matches!(self, Failure::Answered(code @ 400..500, _)
@@ -87,12 +87,12 @@ impl Failure {
         matches!(self, Failure::Silent(_))
     }
 
-    /// Pause that the server has requested.
+    /// Returns the pause that the server has requested. `None` if it has requested none.
     pub(super) fn pause(&self) -> Option<Duration> {
         if let Failure::Answered(_, pause) = self { *pause } else { None }
     }
 
-    /// Failure of a broken connection.
+    /// Makes the failure of a broken connection.
     pub(super) fn broken(error: &io::Error) -> Failure {
         // With TLS 1.3, the server checks the client's certificate after the handshake.
         if let Some(fault) = TlsFault::of(error) {
@@ -121,11 +121,11 @@ impl From<ConnectError> for Failure {
     }
 }
 
-/// Remedy for a TLS fault.
+/// Returns the remedy for a TLS fault. `None` if the message of the fault is sufficient.
 fn remedy(fault: TlsFault) -> Option<&'static str> {
     Some(match fault {
-        TlsFault::OtherName => "write that name into `url`, or name the certificate itself with `ca`",
-        TlsFault::UnknownAuthority => "name the authority that signed it with `ca`",
+        TlsFault::OtherName => "write that name into `url`, or name the certificate with `ca`",
+        TlsFault::UnknownAuthority => "name the authority that signed the certificate with `ca`",
         TlsFault::BadCertificate => "to trust a self-signed certificate, name it with `ca`",
         TlsFault::OursMissing => {
             "messages are posted without a certificate; use a token instead (`token_file`)"
@@ -136,16 +136,16 @@ fn remedy(fault: TlsFault) -> Option<&'static str> {
     })
 }
 
-/// A server of the profile.
+/// Server of a profile entry.
 pub struct Server {
     url: Url,
     token_file: Option<PathBuf>,
-    /// Host of the URL, or the reason why none can be trusted.
+    /// Host of the URL, with its certificates. The error is the reason why no certificate can be trusted.
     host: Result<Host, String>,
 }
 
 impl Server {
-    /// Makes the server of this entry. `trust` is used only for https.
+    /// Creates the server of a profile entry. `trust` is used only for https.
     pub fn of(notify: &Notify, trust: Trust) -> Server {
         let (url, token_file) = (notify.url.clone(), notify.token_file.clone());
         let trust = url.tls.then_some(trust).transpose();
@@ -153,10 +153,10 @@ impl Server {
         Server { url, token_file, host }
     }
 
-    /// Connects up to the end of the TLS handshake, and sends nothing.
+    /// Connects to the server up to the end of the TLS handshake, and sends nothing.
     ///
     /// # Errors
-    /// Reason why the server cannot be reached.
+    /// The server cannot be reached.
     pub async fn reached(&self, within: Duration) -> Result<(), Failure> {
         let connected = tokio::time::timeout(within, self.connect()).await;
         connected.unwrap_or(Err(Failure::Silent(within))).map(drop)

@@ -1,4 +1,4 @@
-//! The token for a server. It is read again for each message, because the file may change.
+//! Token for a server of `[[notify]]`. The file is read again for each message, because it may have changed.
 
 use std::io::{ErrorKind, Read};
 use std::os::unix::fs::MetadataExt;
@@ -6,15 +6,15 @@ use std::path::Path;
 
 use isotherm_profile::safe_file;
 
-/// Largest token file in bytes. No server accepts a longer header.
+/// Maximum size of a token file, in bytes. No server accepts a longer header.
 const LONGEST: u64 = 4096;
-/// Mode bits for all other users.
+/// Permission bits for users who are neither the owner of a file nor in its group.
 const OTHERS: u32 = 0o007;
 
 /// Reads the token from its file.
 ///
 /// # Errors
-/// A sentence with the file and the remedy. It quotes no part of the content.
+/// The token cannot be used. The error is a sentence with the file and the remedy; it does not quote the content.
 pub fn read(path: &Path) -> Result<String, String> {
     let at = path.display();
     let cannot = |error: std::io::Error| match error.kind() {

@@ -1,11 +1,11 @@
-//! The page to sign in: a plain form.
+//! Sign-in page: a plain form.
 
 use maud::{DOCTYPE, Markup, html};
 
 use super::{Words, heading};
 
-/// Makes the page, which does not reveal the machine. `view` is the view after signing in, and `trouble` the key of the
-/// error message.
+/// Makes the sign-in page, which does not show the name of the machine. `view` is the page to show after signing in,
+/// and `trouble` the key of an error message.
 pub(in crate::observe) fn login(words: &Words, view: Option<&str>, trouble: Option<&'static str>) -> Markup {
     html! {
         (DOCTYPE)

@@ -1,15 +1,15 @@
-//! Words of the page in each language. Each language is one file, and all have the same keys.
+//! Texts of the web page in each language. Each language has one file, and all files have the same keys.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 use isotherm_profile::Language;
 
-/// Words of one language, by key.
+/// Texts of one language, by key.
 pub(in crate::observe) struct Words {
-    /// Language code, as in `lang` and `Accept-Language`.
+    /// Code of the language, as in the attribute `lang` and the header `Accept-Language`.
     pub(super) language: &'static str,
-    /// Content of the file, which the scripts of the page read.
+    /// Content of the file, which the scripts of the web page read.
     pub(super) json: &'static str,
     by_key: BTreeMap<String, String>,
 }
@@ -32,8 +32,8 @@ static ALL: LazyLock<Vec<Words>> = LazyLock::new(|| {
 });
 
 impl Words {
-    /// Words in the named language. Without one, they are in the first known language of `Accept-Language`, or in
-    /// English.
+    /// Returns the texts in the language `named`. Without one, they are in the first available language of the header
+    /// `Accept-Language`, or in English.
     pub(in crate::observe) fn choose(named: Option<Language>, accepted: &str) -> &'static Words {
         let of = |wanted: &str| ALL.iter().find(|words| words.language.eq_ignore_ascii_case(wanted));
         named
@@ -42,13 +42,13 @@ impl Words {
             .unwrap_or(&ALL[0])
     }
 
-    /// Word of this key.
+    /// Returns the text with this key.
     pub(super) fn get(&self, key: &'static str) -> &str {
         self.by_key.get(key).map_or(key, String::as_str)
     }
 }
 
-/// Languages of a header such as `de-CH,de;q=0.9,en;q=0.8`, without countries, the most preferred first.
+/// Returns the languages in a header such as `de-CH,de;q=0.9,en;q=0.8`, without countries, the preferred one first.
 fn preferred(accepted: &str) -> Vec<&str> {
     let mut wanted: Vec<(f64, &str)> = accepted
         .split(',')

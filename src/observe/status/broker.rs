@@ -1,4 +1,4 @@
-//! State of publishing to a broker. The publisher writes it; the status contains it.
+//! State of publishing to the MQTT broker. The publisher changes it, and the status contains it.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -9,36 +9,36 @@ use serde::Serialize;
 pub struct BrokerStatus {
     /// Address of the broker.
     pub broker: String,
-    /// `true` if there is a connection.
+    /// Whether there is a connection to the broker.
     pub connected: bool,
-    /// Reason why there is no connection, in words; empty if there is one, or before the first attempt.
+    /// Reason why there is no connection; empty if there is one, or before the first attempt.
     pub fault: String,
-    /// Messages that wait for the broker.
+    /// Number of messages that wait for the broker.
     pub queued: u64,
-    /// Messages that were given to a connection.
+    /// Number of messages that were sent to the broker.
     pub published: u64,
-    /// Messages that were dropped and never arrive.
+    /// Number of messages that were dropped and will never be delivered.
     pub dropped: u64,
-    /// Connections that the broker has accepted.
+    /// Number of connections that the broker has accepted.
     pub connections: u64,
 }
 
-/// Shared [`BrokerStatus`], locked only briefly.
+/// [`BrokerStatus`] that several threads share. It is locked for a short time only.
 #[derive(Debug, Default)]
 pub struct BrokerFigures(Mutex<BrokerStatus>);
 
 impl BrokerFigures {
-    /// Makes the state before the first attempt.
+    /// Creates the state before the first attempt to connect.
     pub fn of(broker: String) -> BrokerFigures {
         BrokerFigures(Mutex::new(BrokerStatus { broker, ..BrokerStatus::default() }))
     }
 
-    /// Copy of the current state.
+    /// Returns a copy of the current state.
     pub fn read(&self) -> BrokerStatus {
         self.get().clone()
     }
 
-    /// Changes the state while it is locked.
+    /// Lets `change` modify the state while it is locked.
     #[cfg(feature = "mqtt")]
     pub(in crate::observe) fn note(&self, change: impl FnOnce(&mut BrokerStatus)) {
         change(&mut self.get());

@@ -5,59 +5,59 @@ use serde::Serialize;
 /// Correction of an axis from measured errors.
 #[derive(Clone, Debug, Serialize)]
 pub struct ProbeStatus {
-    /// Present correction of the model's Cz, µm.
+    /// Present correction that is added to the model's Cz, µm.
     pub correction_um: f64,
-    /// Largest absolute correction, µm.
+    /// Maximum absolute correction, µm.
     pub limit_um: f64,
-    /// Warning level of a residual, µm.
+    /// Residual error above which an event warns, µm; `None` if the profile has no such level.
     pub warn_um: Option<f64>,
-    /// Error level: a probing beyond it is refused, µm.
+    /// Measured error above which a probing is refused, µm.
     pub max_error_um: f64,
-    /// Last probing, even if nothing was learned from it.
+    /// Last probing, even if it was refused.
     pub last: Option<ProbedStatus>,
-    /// Last accepted probings, oldest first: time, and error that would have remained with the model's Cz, µm.
+    /// Last accepted probings, oldest first: the time, and the error that would have remained with the model's Cz, µm.
     pub history: Vec<(String, f64)>,
-    /// Learned change of each gain; empty if gains are not learned.
+    /// Changes of the model's gains that result from probings. Empty if probings do not change gains.
     pub gains: Vec<GainStatus>,
-    /// Comparison in which the model in use is worse than no compensation; `None` if probings do not show that.
+    /// Figures if probings show that the model in use is worse than no compensation; `None` otherwise.
     pub worse: Option<WorseStatus>,
 }
 
 /// Figures of a model that is worse than no compensation.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct WorseStatus {
-    /// Number of probings in the comparison; zero directly after a new datum.
+    /// Number of probings in the comparison; 0 directly after a new datum (zero point of Cz).
     pub touches: usize,
     /// Root mean square of the error without compensation, µm.
     pub without_um: f64,
     /// Root mean square of the error with the Cz of the model, µm.
     pub with_um: f64,
-    /// Cz goes to zero until the model is not worse any more.
+    /// Whether Cz goes to zero until the model is not worse any more.
     pub ramps: bool,
 }
 
-/// Result of one probing.
+/// Result of one probing: a measured error of the axis.
 #[derive(Clone, Debug, Serialize)]
 pub struct ProbedStatus {
     /// Time of the probing, RFC 3339.
     pub at: String,
-    /// The measured error, µm.
+    /// Measured error, µm.
     pub error_um: f64,
-    /// Cz that acted, µm.
+    /// Cz that acted during the probing, µm.
     pub acting_um: f64,
     /// Error that would remain with the model's Cz, µm; `None` if no model had a value.
     pub residual_um: Option<f64>,
-    /// Why nothing was learned, for display; `None` if the probing was accepted.
+    /// Reason why the probing was refused, for display; `None` if it was accepted.
     pub refused: Option<String>,
 }
 
-/// Learned change of one gain.
+/// Change of one gain that results from probings.
 #[derive(Clone, Debug, Serialize)]
 pub struct GainStatus {
     /// Name of the model.
     pub model: String,
     /// Name of the signal.
     pub signal: String,
-    /// Change as a share of the gain.
+    /// Change as a share of the gain in the profile.
     pub change: f64,
 }

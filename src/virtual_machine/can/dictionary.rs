@@ -1,35 +1,35 @@
-//! Objects of a node, and its SDO server: expedited and segmented transfers in both directions.
+//! Objects of a virtual CANopen node, and its SDO server: expedited and segmented transfers in both directions.
 
 use std::collections::BTreeMap;
 
-use crate::fieldbus::canopen::abort::AbortCode;
+use crate::fieldbus::kinds::can::canopen::abort::AbortCode;
 use isotherm_core::codec::Entry;
 
-/// Bytes of an object, lowest first, and whether they are writable.
+/// Value of an object, as bytes with the lowest first, and whether the object is writable.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct StoredObject {
-    /// Value of the object.
+    /// Value of the object, lowest byte first.
     bytes: Vec<u8>,
-    /// Whether an SDO may write the object.
+    /// Whether an SDO request may write the object.
     is_writable: bool,
 }
 
-/// Objects of a node.
+/// Objects of a node by index and sub-index.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Dictionary {
     objects: BTreeMap<Entry, StoredObject>,
 }
 
-/// Result of a request.
+/// Result of an SDO request.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct SdoReply {
-    /// Answer to the client.
+    /// Data of the answer to the client; `None` if the request gets no answer.
     pub(crate) answer: Option<[u8; 8]>,
-    /// Object that the request has written.
+    /// Object that the request has written; `None` if it wrote none.
     pub(crate) written: Option<Entry>,
 }
 
-/// State of one SDO channel: the segmented transfer in progress.
+/// State of the SDO server of a node: the segmented transfer in progress, if any.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Server(Option<Transfer>);
 
@@ -37,20 +37,20 @@ pub(crate) struct Server(Option<Transfer>);
 struct Transfer {
     at: Entry,
     way: TransferState,
-    /// Bytes to send, or bytes received so far.
+    /// Upload: all bytes to send. Download: bytes received so far.
     bytes: Vec<u8>,
     toggle: bool,
 }
 
 #[derive(Clone, Debug)]
 enum TransferState {
-    /// Upload: number of bytes sent so far.
+    /// Upload (the client reads): number of bytes sent so far.
     Out(usize),
-    /// Download: total number of bytes.
+    /// Download (the client writes): total number of bytes.
     In(usize),
 }
 
-/// Object that is named in the abort of a segment without transfer.
+/// Object in the abort message for a segment that belongs to no transfer.
 pub(crate) const NONE: Entry = Entry::new(0, 0);
 
 impl Dictionary {
@@ -59,7 +59,7 @@ impl Dictionary {
         self.objects.insert(at, StoredObject { bytes: bytes.to_vec(), is_writable });
     }
 
-    /// Changes the value of an existing object.
+    /// Changes the value of an existing object; does nothing if the object does not exist.
     pub(crate) fn set(&mut self, at: Entry, bytes: &[u8]) {
         if let Some(object) = self.objects.get_mut(&at) {
             object.bytes.clear();
@@ -67,12 +67,12 @@ impl Dictionary {
         }
     }
 
-    /// Value of an object.
+    /// Returns the value of an object; `None` if it does not exist.
     pub(crate) fn get(&self, at: Entry) -> Option<&[u8]> {
         self.objects.get(&at).map(|object| object.bytes.as_slice())
     }
 
-    /// Value of an object of at most eight bytes, as an unsigned number.
+    /// Returns the value of an object as an unsigned number; `None` if it has more than eight bytes or does not exist.
     pub(crate) fn number(&self, at: Entry) -> Option<u64> {
         let bytes = self.get(at)?;
         let mut eight = [0; 8];
@@ -80,14 +80,14 @@ impl Dictionary {
         Some(u64::from_le_bytes(eight))
     }
 
-    /// Restores the objects of these indices from another dictionary.
+    /// Restores the objects with these indices to their values in another dictionary.
     pub(crate) fn restore(&mut self, from: &Dictionary, indices: std::ops::Range<u16>) {
         for (at, object) in from.objects.range(Entry::new(indices.start, 0)..Entry::new(indices.end, 0)) {
             self.objects.insert(*at, object.clone());
         }
     }
 
-    /// Makes an existing object writable by SDO.
+    /// Makes an existing object writable by SDO requests.
     pub(crate) fn unlock(&mut self, at: Entry) {
         if let Some(object) = self.objects.get_mut(&at) {
             object.is_writable = true;
@@ -115,12 +115,12 @@ impl Dictionary {
 }
 
 impl Server {
-    /// Returns whether a request is part of a download.
+    /// Returns whether an SDO request is part of a download, that is, of a write.
     pub(crate) fn is_write(request: &[u8]) -> bool {
         request.first().is_some_and(|command| matches!(command >> 5, 0 | 1))
     }
 
-    /// Object that a request names; `None` for a segment.
+    /// Returns the object that an SDO request names; `None` for a segment, which names none.
     pub(crate) fn names(request: &[u8]) -> Option<Entry> {
         match request {
             [command, low, high, sub, ..] if matches!(command >> 5, 1 | 2) => {
@@ -130,7 +130,7 @@ impl Server {
         }
     }
 
-    /// Executes one request. A request that is not eight bytes long is ignored.
+    /// Executes one SDO request. A request that is not eight bytes long is ignored.
     pub(crate) fn serve(&mut self, request: &[u8], objects: &mut Dictionary) -> SdoReply {
         let Ok([command, low, high, sub, rest @ ..]) = <[u8; 8]>::try_from(request) else {
             return SdoReply::default();
@@ -185,7 +185,7 @@ impl Server {
         Ok((done, None))
     }
 
-    /// Transfers the next segment in either direction.
+    /// Transfers the next segment of an upload or a download.
     fn segment(&mut self, command: u8, data: &[u8], objects: &mut Dictionary) -> Answered {
         let is_out = command >> 5 == 3;
         let going =
@@ -229,10 +229,10 @@ impl Server {
     }
 }
 
-/// Answer and written object, or object and abort code of a rejected request.
+/// Answer and written object; or, for a rejected request, the object and the abort code.
 type Answered = Result<([u8; 8], Option<Entry>), (Entry, AbortCode)>;
 
-/// Makes the abort message for a request.
+/// Returns the abort message for a request.
 pub(crate) fn refusal(at: Entry, code: AbortCode) -> [u8; 8] {
     message(0x80, at, code.0.to_le_bytes())
 }
@@ -243,7 +243,7 @@ fn message(command: u8, at: Entry, rest: [u8; 4]) -> [u8; 8] {
     [command, low, high, at.sub, a, b, c, d]
 }
 
-/// Number of unused bytes.
+/// Returns how many of `places` bytes are unused if `taken` bytes are used.
 fn spare(places: usize, taken: usize) -> u8 {
     u8::try_from(places - taken).unwrap_or_default()
 }

@@ -1,4 +1,4 @@
-//! Frames that a device sends and receives: values of its bank as bits of a frame.
+//! Frames that a virtual device sends and receives: conversion between its stored values and the bits of a frame.
 
 use std::time::Duration;
 
@@ -6,45 +6,45 @@ use crate::virtual_machine::registers::Bank;
 use isotherm_core::codec::{Address, BitField, CanId, CanMatch, Encoded, Field, Frame, Selector};
 use isotherm_profile::{DeviceId, Profile, Verify};
 
-/// One kind of frame that a device sends. A multiplexed frame has one image for each selection.
+/// One kind of frame that a device sends. A multiplexed frame has one image for each value of its selector.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Image {
     id: CanId,
     length: usize,
-    /// Selector bits and their values.
+    /// Bits of each selector, and the value in them that identifies this frame.
     selected: Vec<(BitField, u64)>,
     parts: Vec<(Address, BitField)>,
 }
 
-/// A value that a device reads from frames.
+/// Value that a device receives in frames.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ReceivedValue {
     field: Field,
-    /// Cells for the value: its own cell, and the object at which it is read back.
+    /// Addresses at which the device stores the value: its own, and the object at which a client can read it back.
     cells: Vec<Address>,
 }
 
-/// Content of a frame for one device.
+/// Content of a received frame, as far as one device uses it.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Delivery {
     /// The device uses no value of this frame.
     Foreign,
-    /// Values with their cells.
+    /// The new values, each with the addresses at which the device stores it.
     Taken(Vec<(Vec<Address>, Encoded)>),
-    /// The frame has too few bytes. None of its values is used.
+    /// The frame has too few bytes. The device uses none of its values.
     Short,
 }
 
-/// Frames with one identifier that a device sends together.
+/// Frames with the same identifier that a device sends together.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Group {
     pub(crate) id: CanId,
-    /// Period: that of the device, or shorter if a value would become too old.
+    /// Period of sending: that of the device, or shorter if a value would become too old.
     pub(crate) every: Duration,
     pub(crate) images: Vec<Image>,
 }
 
-/// Frames that a device sends.
+/// Returns the frames that a device sends, grouped by identifier.
 pub(crate) fn sent(profile: &Profile, id: DeviceId) -> Vec<Group> {
     let device = profile.device(id);
     let mut sent: Vec<Group> = Vec::new();
@@ -77,7 +77,7 @@ pub(crate) fn sent(profile: &Profile, id: DeviceId) -> Vec<Group> {
     sent
 }
 
-/// Values that a device reads from the frames of outputs.
+/// Returns the values that a device receives in the frames of outputs.
 pub(crate) fn taken(profile: &Profile, id: DeviceId) -> Vec<ReceivedValue> {
     let outputs = profile.outputs.iter().filter(|output| output.device == id);
     let taken = outputs.filter_map(|output| {
@@ -94,7 +94,8 @@ const fn field(at: &Address) -> Option<&Field> {
     if let Address::Frame(field) = at { Some(field) } else { None }
 }
 
-/// An identifier that a listener accepts. A J1939 group is sent with the usual priority, 6.
+/// Returns an identifier with which the device sends, chosen among those that the profile accepts. A J1939 frame gets
+/// the usual priority, 6.
 fn sender(frames: CanMatch) -> CanId {
     let priority = 0x1800_0000 & !frames.mask;
     let any = frames.id.is_extended().then(|| CanId::extended(frames.id.raw() | priority)).flatten();
@@ -102,7 +103,7 @@ fn sender(frames: CanMatch) -> CanId {
 }
 
 impl Image {
-    /// Makes the frame with the current content of the bank.
+    /// Returns the frame with the current values in `bank`; `None` if a value does not exist or does not fit.
     pub(crate) fn frame(&self, bank: &Bank) -> Option<Frame> {
         let mut bytes = [0; BitField::LONGEST_FRAME];
         let bytes = &mut bytes[..Frame::fd_length(self.length)?];
@@ -116,25 +117,26 @@ impl Image {
         if self.length > 8 { Frame::fd(self.id, bytes) } else { Frame::classic(self.id, bytes) }
     }
 
-    /// Number of bytes that a listener needs.
+    /// Returns the number of bytes that the frame must have for all its values.
     pub(crate) const fn length(&self) -> usize {
         self.length
     }
 }
 
 impl ReceivedValue {
-    /// Position of the value, and its frames.
+    /// Returns the identifiers of the frames with the value, and its position in them.
     pub(crate) const fn field(&self) -> &Field {
         &self.field
     }
 
-    /// Returns the cell that holds the same value as this object, if the value is read back at the object; else `None`.
+    /// Returns the address in the frame of the value that is also read back at this object. Returns `None` if no value
+    /// is read back there.
     pub(crate) fn shown_at(&self, object: &Address) -> Option<Address> {
         self.cells.first().filter(|_| self.cells.get(1) == Some(object)).cloned()
     }
 }
 
-/// Reads the values of a frame for a device.
+/// Extracts the values that a device uses from a received frame.
 pub(crate) fn delivered(taken: &[ReceivedValue], frame: &Frame) -> Delivery {
     let awaited = taken.iter().filter(|value| value.field.frames.takes(frame.id()));
     let read: Option<Vec<_>> = awaited
@@ -148,7 +150,8 @@ pub(crate) fn delivered(taken: &[ReceivedValue], frame: &Frame) -> Delivery {
     }
 }
 
-/// Start of a frame, with this number of bytes, or fewer if its kind has no such length.
+/// Returns the start of a frame with this number of bytes. CAN FD does not have every length; the start is then
+/// shorter.
 pub(crate) fn beginning(frame: &Frame, bytes: usize) -> Option<Frame> {
     let length = bytes.min(frame.data().len());
     if !frame.is_fd() {

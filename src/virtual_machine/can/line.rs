@@ -1,4 +1,4 @@
-//! Socket of a CAN interface, and the times at which its devices act.
+//! Socket of a CAN interface, and the times at which its virtual devices act.
 
 use std::io;
 use std::time::Duration;
@@ -7,19 +7,19 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 
 use crate::clock::{Clock, Sleeper, SocketGate};
-use crate::fieldbus::can::socket::{ReceivedFrame, Socket};
 use crate::fieldbus::error::{CanFault, Fault, LinkFault};
+use crate::fieldbus::kinds::can::socket::{ReceivedFrame, Socket};
 use crate::virtual_machine::TICK;
 use crate::virtual_machine::hardware::can::Sent;
 use crate::virtual_machine::server::Shared;
 use isotherm_core::codec::{CanMatch, Frame};
 use isotherm_core::quantity::Moment;
 
-/// Pause between two attempts to add a frame to a full queue. With [`ATTEMPTS`] they take a quarter of a second.
+/// Pause between two attempts to add a frame to a full send queue. [`ATTEMPTS`] pauses take a quarter of a second.
 const PAUSE: Duration = Duration::from_millis(1);
 const ATTEMPTS: u32 = 250;
 
-/// Units of an interface.
+/// Virtual devices on one CAN interface.
 #[derive(Debug)]
 pub(crate) struct CanLine {
     pub(crate) places: Vec<usize>,
@@ -27,17 +27,18 @@ pub(crate) struct CanLine {
     pub(crate) begin: Moment,
 }
 
-/// A CAN interface. If it goes down or is deleted, its devices continue to run, and are visible again when it is back.
+/// CAN interface of the virtual machine. If the interface goes down or is deleted, its devices continue to run, and use
+/// the interface again when it is back.
 #[derive(Debug)]
 pub(crate) struct Port {
     interface: String,
     wanted: Vec<CanMatch>,
     clock: Clock,
-    /// Socket, and its registration with a virtual clock: time stands still while a received frame is unread.
+    /// Socket, and its registration with a virtual clock, which does not advance while a received frame is unread.
     socket: Option<(Socket, SocketGate)>,
 }
 
-/// Serves a line until `stop` changes or its sender is dropped.
+/// Serves the devices of an interface until `stop` changes or its sender is dropped.
 pub(crate) async fn serve(
     mut port: Port,
     line: CanLine,
@@ -72,10 +73,10 @@ pub(crate) async fn serve(
 }
 
 impl Port {
-    /// Opens the interface of this name, and receives these frames from it.
+    /// Opens the interface of this name, and receives the frames that match `wanted`.
     ///
     /// # Errors
-    /// The interface does not exist, is no CAN interface, or the kernel has no CAN.
+    /// The interface does not exist or is no CAN interface, or the kernel does not support CAN.
     pub(crate) fn open(interface: &str, wanted: Vec<CanMatch>, clock: &Clock) -> io::Result<Port> {
         let interface = interface.to_owned();
         let mut port = Port { interface, wanted, clock: clock.clone(), socket: None };
@@ -88,7 +89,7 @@ impl Port {
         let socket = Socket::open(interface, &self.wanted).map_err(|fault| {
             io::Error::other(match fault {
                 Fault::Link(LinkFault::Can(CanFault::NoInterface)) => format!(
-                    "there is no such interface; a virtual one is made by: ip link add dev {interface} type \
+                    "there is no such interface; a virtual one is created by: ip link add dev {interface} type \
                      vcan && ip link set {interface} up"
                 ),
                 Fault::Link(LinkFault::Can(CanFault::NoKernel)) => {
@@ -105,7 +106,7 @@ impl Port {
         Ok(())
     }
 
-    /// Completes when a frame or an error can be received.
+    /// Waits until a frame or an error can be received.
     async fn ready(&self) {
         match &self.socket {
             Some((socket, _)) => socket.ready().await,
@@ -113,7 +114,7 @@ impl Port {
         }
     }
 
-    /// Next frame, if one has been received.
+    /// Returns the next frame; `None` if no frame has been received.
     fn receive(&mut self) -> Option<Frame> {
         loop {
             match self.socket.as_ref()?.0.receive_now() {
@@ -141,7 +142,7 @@ impl Port {
         }
     }
 
-    /// Adds a frame to the queue of the interface. If the queue stays full, the frame is lost, as on any bus.
+    /// Adds a frame to the send queue of the interface. If the queue stays full, the frame is lost, as on a real bus.
     async fn put(&mut self, sent: Sent) {
         for _ in 0..ATTEMPTS {
             let Some((socket, _)) = &self.socket else { return };

@@ -1,4 +1,4 @@
-//! A device on a CAN line: a CANopen node with its states, or a device that only sends.
+//! Virtual device on a CAN line: a CANopen node with its states, or a device that only sends.
 
 use std::time::Duration;
 
@@ -7,7 +7,7 @@ use isotherm_core::quantity::Moment;
 
 use super::dictionary::{Dictionary, SdoReply, Server};
 
-/// Identifiers of CANopen services. All but NMT and SYNC have the number of the node added.
+/// Identifiers of CANopen services. For all services but NMT and SYNC, the number of the node is added.
 const NMT: u16 = 0x000;
 const SYNC: Entry = Entry::new(0x1005, 0);
 const EMERGENCY: u16 = 0x080;
@@ -15,32 +15,33 @@ const SDO_ANSWER: u16 = 0x580;
 const SDO_REQUEST: u16 = 0x600;
 const HEARTBEAT: u16 = 0x700;
 
-/// Heartbeat producer time, ms.
+/// Object with the heartbeat producer time, ms.
 pub(crate) const HEARTBEAT_TIME: Entry = Entry::new(0x1017, 0);
-/// Kinds of active errors.
+/// Object with the error register: one bit for each kind of active error.
 pub(crate) const ERROR_REGISTER: Entry = Entry::new(0x1001, 0);
-/// Cycle time of an encoder, ms: another name of the event timer of its first PDO.
+/// Object with the cycle time of an encoder, ms. It is another name of the event timer of its first PDO.
 pub(crate) const CYCLE: Entry = Entry::new(0x6200, 0);
 
-/// Objects with the communication parameters of a PDO: identifier, type, and event timer in ms.
+/// Returns the objects with the communication parameters of a PDO: identifier, transmission type, and event timer in
+/// ms.
 pub(crate) const fn communication(pdo: u16) -> [Entry; 3] {
     let index = 0x1800 + pdo;
     [Entry::new(index, 1), Entry::new(index, 2), Entry::new(index, 5)]
 }
 
-/// Objects of the communication profile, which a communication reset restores.
+/// Range of the objects of the communication profile, which a communication reset restores.
 const COMMUNICATION: std::ops::Range<u16> = 0x1000..0x2000;
 
-/// Returns whether the node itself determines the value of an object, so that it is not measured.
+/// Returns whether the node itself determines the value of an object, so that the value is not a measurement.
 pub(crate) fn is_own(at: Entry) -> bool {
     COMMUNICATION.contains(&at.index) || at == CYCLE
 }
 
 #[derive(Clone, Debug)]
 pub(crate) struct Node {
-    /// Number of the node; `None` for a device that only sends.
+    /// Node number; `None` for a device that only sends.
     number: Option<u8>,
-    /// The node becomes operational without a master.
+    /// Whether the node becomes operational by itself, without a command of a master.
     starts_itself: bool,
     state: State,
     pub(crate) objects: Dictionary,
@@ -48,7 +49,7 @@ pub(crate) struct Node {
     server: Server,
     heartbeat: Option<Moment>,
     pdos: Vec<Pdo>,
-    /// Actions for the next tick of its line.
+    /// Actions that the line of the node has to execute at its next tick.
     pub(crate) acts: Vec<NodeAction>,
 }
 
@@ -59,28 +60,28 @@ enum State {
     PreOperational = 0x7f,
 }
 
-/// A PDO with measured values.
+/// PDO (process data object): a frame in which the node sends measured values.
 #[derive(Clone, Debug)]
 pub(crate) struct Pdo {
     id: CanId,
-    /// Number of the PDO, whose objects contain its parameters.
+    /// Number of the PDO, which determines the objects with its parameters; `None`: no object has them.
     number: Option<u16>,
-    /// Period if there are no such objects.
+    /// Period of sending, used if no object has the parameters.
     every: Duration,
     due: Option<Moment>,
     syncs: u8,
 }
 
-/// An action of a node.
+/// Action of a node that its line executes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum NodeAction {
     /// Send this frame.
     Send(Frame),
-    /// Send the measured values of the PDO with this index.
+    /// Send the measured values of the PDO with this index in the node's list.
     Measured(usize),
-    /// Discard all written values, as at power-on. [`Node::boot`] must follow.
+    /// Discard all written values, as after power-on. A call of [`Node::boot`] must follow.
     Reset,
-    /// Report that the node has restored objects itself.
+    /// Copy the objects that the node has restored itself to the stored values.
     Restored,
 }
 
@@ -89,7 +90,7 @@ impl Pdo {
         Pdo { id, number, every, due: None, syncs: 0 }
     }
 
-    /// Period of the PDO if it is sent by a timer.
+    /// Returns the period of the PDO; `None` if it is not sent by a timer.
     fn period(&self, objects: &Dictionary) -> Option<Duration> {
         let Some(number) = self.number else { return Some(self.every) };
         let [_, kind, timer] = communication(number);
@@ -97,13 +98,13 @@ impl Pdo {
         milliseconds(objects, timer).filter(|_| is_by_clock && self.is_valid(objects))
     }
 
-    /// Number of SYNCs for each transmission if the PDO is sent with SYNC.
+    /// Returns after how many SYNC messages the PDO is sent; `None` if it is not sent with SYNC.
     fn every_sync(&self, objects: &Dictionary) -> Option<u8> {
         let kind = objects.number(communication(self.number?)[1])?;
         u8::try_from(kind).ok().filter(|kind| *kind <= 240 && self.is_valid(objects))
     }
 
-    /// Returns true if the objects of the node enable this PDO with the identifier of the profile. A PDO without
+    /// Returns whether the objects of the node enable this PDO with the identifier in the profile. A PDO without such
     /// objects is always enabled.
     fn is_valid(&self, objects: &Dictionary) -> bool {
         let Some(number) = self.number else { return true };
@@ -113,13 +114,13 @@ impl Pdo {
     }
 }
 
-/// Time in milliseconds in an object; `None` for 0.
+/// Returns the time that an object contains in milliseconds; `None` for 0.
 fn milliseconds(objects: &Dictionary, at: Entry) -> Option<Duration> {
     objects.number(at).filter(|time| *time > 0).map(Duration::from_millis)
 }
 
 impl Node {
-    /// Makes a node without power. [`Node::boot`] switches it on.
+    /// Returns a node whose power is off. [`Node::boot`] switches it on.
     pub(crate) fn new(number: Option<u8>, starts_itself: bool, objects: Dictionary, pdos: Vec<Pdo>) -> Node {
         Node {
             number,
@@ -134,14 +135,14 @@ impl Node {
         }
     }
 
-    /// Switches the power on.
+    /// Switches the power of the node on.
     pub(crate) fn boot(&mut self, now: Moment) {
         self.acts.clear();
         self.objects = self.at_power_on.clone();
         self.begin(now);
     }
 
-    /// Time of the next spontaneous action.
+    /// Returns the time of the next action that needs no request; `None` if there is none.
     pub(crate) fn due(&self) -> Option<Moment> {
         let heartbeat = self.heartbeat.filter(|_| milliseconds(&self.objects, HEARTBEAT_TIME).is_some());
         let by_clock = self.pdos.iter().filter(|pdo| pdo.period(&self.objects).is_some());
@@ -149,7 +150,7 @@ impl Node {
         pdos.filter(|_| self.state == State::Operational).chain(heartbeat).min()
     }
 
-    /// Advances the time, and collects the actions that are due.
+    /// Collects the actions that are due at `now`.
     pub(crate) fn tick(&mut self, now: Moment) {
         if let (Some(due), Some(period)) = (self.heartbeat, milliseconds(&self.objects, HEARTBEAT_TIME))
             && due <= now
@@ -170,7 +171,8 @@ impl Node {
         }
     }
 
-    /// Processes a frame of a CANopen service if it is for this node. Returns the result of an SDO request.
+    /// Processes a frame of a CANopen service, if the frame is for this node. Returns the result of an SDO request;
+    /// `None` for other frames.
     pub(crate) fn take(&mut self, frame: &Frame, now: Moment) -> Option<SdoReply> {
         let number = self.number?;
         let id = frame.id();
@@ -191,7 +193,7 @@ impl Node {
         None
     }
 
-    /// Identifiers of the services that the node receives.
+    /// Returns the identifiers of the services that the node receives.
     pub(crate) fn receives(&self) -> Vec<CanId> {
         let Some(number) = self.number else { return Vec::new() };
         let sync = self.objects.number(SYNC).and_then(|sync| CanId::standard(u32::try_from(sync).ok()?));
@@ -205,23 +207,24 @@ impl Node {
         request == Some(frame.id()) && self.state != State::Stopped
     }
 
-    /// Reverts the last write to these objects.
+    /// Reverts the last write to an object: restores `objects`, and the timers that depend on the object.
     pub(crate) fn undo(&mut self, at: Entry, objects: Dictionary, now: Moment) {
         self.objects = objects;
         self.has_changed(at, now);
     }
 
-    /// Returns whether the node accepts process data now.
+    /// Returns whether the node is in a state in which it accepts process data.
     pub(crate) const fn takes_process_data(&self) -> bool {
         matches!(self.state, State::Operational)
     }
 
-    /// Frame with the answer to an SDO request.
+    /// Returns the frame with this answer to an SDO request; `None` for a device that only sends.
     pub(crate) fn answer(&self, bytes: [u8; 8]) -> Option<Frame> {
         self.service(SDO_ANSWER, bytes)
     }
 
-    /// Sends an emergency, with the error register for the code. Code 0 means no error.
+    /// Sends an emergency message with this error code, and sets the error register accordingly. Code 0 means that no
+    /// error is present.
     pub(crate) fn complain(&mut self, code: u16) {
         let register = match code >> 12 {
             0 if code == 0 => 0,
@@ -274,7 +277,7 @@ impl Node {
         }
     }
 
-    /// Applies an object that an SDO has written.
+    /// Applies the new value of an object that an SDO request has written.
     fn has_changed(&mut self, at: Entry, now: Moment) {
         let timer = communication(0)[2];
         for (from, to) in [(CYCLE, timer), (timer, CYCLE)] {

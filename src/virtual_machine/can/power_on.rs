@@ -1,7 +1,8 @@
-//! Initial state of a device on a CAN line at power-on.
+//! Initial state of a virtual CAN device at power-on.
 //!
-//! Objects in the setup list of the profile are not set up yet. Timers in it are zero, so that a node without setup
-//! stays silent, as in reality. Objects that are only verified have the expected values.
+//! Objects in the setup list of the profile do not have the values of that list yet. Timers among them are zero, so
+//! that a node without setup sends nothing, as a real one. Objects that the profile only verifies have the expected
+//! values.
 
 use std::time::Duration;
 
@@ -12,12 +13,12 @@ use crate::virtual_machine::registers::Bank;
 use isotherm_core::codec::{Address, CanId, Entry};
 use isotherm_profile::{CanDevice, DeviceId, Profile};
 
-/// Transmission type: by timer or on a change that the manufacturer defines. It is the first of the two types with this
-/// meaning.
+/// Transmission type of a PDO that is sent by a timer, or on a change that the manufacturer defines. CiA 301 has two
+/// types with this meaning; this is the first.
 const BY_CLOCK: u8 = 254;
 
-/// Makes the node of a device, with the content of its bank. Objects with initial values of their own are copied to the
-/// bank.
+/// Returns the node of a device with its objects; `None` for a device on another line. Objects with initial values of
+/// their own are also stored in `bank`.
 pub(crate) fn node(profile: &Profile, id: DeviceId, bank: &mut Bank) -> Option<Node> {
     let device = profile.device(id);
     let can = device.can.as_ref()?;
@@ -95,12 +96,13 @@ fn is_timer(entry: Entry) -> bool {
     (0x1800..0x1a00).contains(&entry.index) && entry.sub == 5
 }
 
-/// Object at an address.
+/// Returns the index and sub-index of an address that is an object; `None` for other addresses.
 pub(crate) const fn named(address: &Address) -> Option<Entry> {
     if let Address::Object(object) = address { Some(object.entry) } else { None }
 }
 
-/// Number of the PDO with this identifier: from the setup list, or by the predefined connection set.
+/// Returns the number of the PDO with this identifier: from the setup list, or from the predefined connection set of
+/// CiA 301. Returns `None` if there is none.
 fn number_of(id: CanId, node: u8, can: &CanDevice) -> Option<u16> {
     let is_set_up = |pdo: &u16| {
         let mut of_pdo = can.setup.iter().filter(|setup| setup.object.entry == communication(*pdo)[0]);
@@ -109,7 +111,7 @@ fn number_of(id: CanId, node: u8, can: &CanDevice) -> Option<u16> {
     (0..512).find(is_set_up).or_else(|| (0..4).find(|pdo| usual(*pdo, node) == id))
 }
 
-/// Default identifier of a PDO; 0 for PDOs after the first four, which have none.
+/// Returns the default identifier of a PDO. PDOs after the first four have none, and get 0.
 fn usual(pdo: u16, node: u8) -> CanId {
     CanId::of_11_bits(if pdo < 4 { 0x180 + 0x100 * pdo + u16::from(node) } else { 0 })
 }

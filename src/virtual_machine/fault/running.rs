@@ -1,4 +1,4 @@
-//! State of a running fault script.
+//! State of a fault script during a run.
 
 use super::{
     AcknowledgeFault, BusError, CanFault, Fault, FaultDuration, FaultScript, Kind, Reads, ReplyFault,
@@ -8,7 +8,7 @@ use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::DeviceId;
 
-/// Faults of a run, with their progress.
+/// Faults of a run, each with its progress.
 #[derive(Clone, Debug)]
 pub(crate) struct Faults {
     begin: Moment,
@@ -20,9 +20,9 @@ struct Running {
     fault: Fault,
     begun: Option<Moment>,
     replies: u64,
-    /// Last time at which the fault caused a frame.
+    /// Time at which the fault last caused a frame; `None` before the first one.
     said: Option<Moment>,
-    /// The device has reported the end of the fault.
+    /// Whether the device has reported the end of the fault.
     is_over: bool,
 }
 
@@ -30,7 +30,7 @@ struct Running {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum FaultFrame {
     Babble(CanId),
-    /// Emergency; code 0 reports its end.
+    /// Emergency message with this code; code 0 reports the end of the error.
     Emergency(u16),
     Error(BusError),
 }
@@ -41,14 +41,14 @@ impl Faults {
         Faults { begin, running: script.faults.into_iter().map(fresh).collect() }
     }
 
-    /// Replaces devices by the first device of their hardware unit.
+    /// Replaces each device by the result of `name`: the first device of the same hardware unit.
     pub(crate) fn rename(&mut self, name: impl Fn(DeviceId) -> DeviceId) {
         for running in &mut self.running {
             running.fault.device = name(running.fault.device);
         }
     }
 
-    /// Begins the faults that are due by time and by number of requests. Returns those that happen only once.
+    /// Begins the faults that are due by time and by number of requests. Returns the faults that happen only once.
     pub(crate) fn advance(
         &mut self,
         now: Moment,
@@ -67,7 +67,7 @@ impl Faults {
         incidents
     }
 
-    /// Fault of the answer to this request. Counts it.
+    /// Returns the fault of the answer to this request, and counts it; `None` if there is none.
     pub(crate) fn reply(&mut self, device: DeviceId, is_write: bool, now: Moment) -> Option<ReplyFault> {
         self.strikes(device, now, |kind| match kind {
             Kind::Reply(ReplyFault::ShortRead | ReplyFault::LongRead) if is_write => None,
@@ -77,7 +77,7 @@ impl Faults {
         })
     }
 
-    /// Fault of the answer to this SDO request, or of the handling of a frame that writes. Counts it.
+    /// Returns the fault of an SDO request, or of a frame with written values, and counts it.
     pub(crate) fn sdo(&mut self, device: DeviceId, is_write: bool, now: Moment) -> Option<Kind> {
         self.strikes(device, now, |kind| match kind {
             Kind::Reply(ReplyFault::IgnoredWrite) if !is_write => None,
@@ -87,12 +87,12 @@ impl Faults {
         })
     }
 
-    /// Returns whether a device on a CAN line neither sends nor receives this frame. Counts it.
+    /// Returns whether a fault prevents a CAN device from sending or receiving a frame, and counts the fault.
     pub(crate) fn silences(&mut self, device: DeviceId, now: Moment) -> bool {
         self.strikes(device, now, |kind| (*kind == Kind::Reply(ReplyFault::Silent)).then_some(())).is_some()
     }
 
-    /// Fault of a frame with measured values: garbage, or too short. Counts it.
+    /// Returns the fault of a frame with measured values (random bytes, or too short), and counts it.
     pub(crate) fn spoils(&mut self, device: DeviceId, now: Moment) -> Option<Kind> {
         self.strikes(device, now, |kind| match kind {
             Kind::Reply(ReplyFault::Garbage) | Kind::Can(CanFault::ShortFrame) => Some(kind.clone()),
@@ -100,7 +100,7 @@ impl Faults {
         })
     }
 
-    /// Finds the first active fault of the device that `what` selects. Counts it.
+    /// Returns the first active fault of the device that `what` selects, and counts it.
     fn strikes<T>(&mut self, device: DeviceId, now: Moment, what: impl Fn(&Kind) -> Option<T>) -> Option<T> {
         self.running.iter_mut().filter(|running| running.fault.device == device).find_map(|running| {
             let found = what(&running.fault.kind).filter(|_| running.is_active(now))?;
@@ -109,7 +109,7 @@ impl Faults {
         })
     }
 
-    /// Current values of the device's broken signals.
+    /// Returns the broken signals of the device with the values that they show now.
     pub(crate) fn signals(&self, device: DeviceId, now: Moment) -> impl Iterator<Item = (SignalId, Reads)> {
         self.active(now).filter(move |fault| fault.device == device).filter_map(|fault| match fault.kind {
             Kind::Signal { signal, reads } => Some((signal, reads)),
@@ -117,7 +117,7 @@ impl Faults {
         })
     }
 
-    /// Counts a request that was answered while these signals were broken.
+    /// Counts an answer of the device for each of its broken signals.
     pub(crate) fn count_signals(&mut self, device: DeviceId, now: Moment) {
         for running in self.running.iter_mut().filter(|running| running.fault.device == device) {
             if matches!(running.fault.kind, Kind::Signal { .. }) && running.is_active(now) {
@@ -126,7 +126,7 @@ impl Faults {
         }
     }
 
-    /// Current fault of the device's acknowledges.
+    /// Returns the active fault of the device's handshakes; `None` if there is none.
     pub(crate) fn acknowledges(&self, device: DeviceId, now: Moment) -> Option<AcknowledgeFault> {
         self.active(now).filter(|fault| fault.device == device).find_map(|fault| match fault.kind {
             Kind::Acknowledge(fault) => Some(fault),
@@ -134,7 +134,7 @@ impl Faults {
         })
     }
 
-    /// Devices with a closed listener.
+    /// Returns the devices whose listener must be closed now.
     pub(crate) fn refused(&self, now: Moment) -> impl Iterator<Item = DeviceId> {
         self.active(now).filter(|fault| fault.kind == Kind::Refuse).map(|fault| fault.device)
     }
@@ -143,13 +143,14 @@ impl Faults {
         self.running.iter().filter(move |running| running.is_active(now)).map(|running| &running.fault)
     }
 
-    /// Frames that faults of the device cause now.
+    /// Returns the frames that faults of the device cause now.
     pub(crate) fn utter(&mut self, device: DeviceId, now: Moment) -> Vec<FaultFrame> {
         let of_device = self.running.iter_mut().filter(|running| running.fault.device == device);
         of_device.filter_map(|running| running.utter(now)).collect()
     }
 
-    /// Time at which a fault of the device begins, or causes its next frame.
+    /// Returns the time at which the next fault of the device begins, or causes a frame; `None` if that time is not
+    /// known.
     pub(crate) fn due(&self, device: DeviceId) -> Option<Moment> {
         let of_device = self.running.iter().filter(|running| running.fault.device == device);
         of_device.filter_map(|running| running.due(self.begin)).min()

@@ -1,4 +1,4 @@
-//! Fault script in TOML, and its check against the profile.
+//! Fault script in TOML, and its check against a profile.
 
 use std::time::Duration;
 
@@ -11,12 +11,12 @@ use isotherm_core::codec::{CanId, DataType, Register};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{DeviceId, Profile, Signal, Transport};
 
-/// A fault script that cannot be used, in words. Errors of TOML have line and column.
+/// Error of a fault script, as text. Errors of the TOML parser include line and column.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct FaultError(String);
 
-/// Types of lines on which a kind of fault is possible.
+/// Kinds of lines on which a kind of fault is possible.
 #[derive(Clone, Copy, PartialEq)]
 enum Lines {
     Any,
@@ -25,10 +25,10 @@ enum Lines {
 }
 use Lines::{Any, Can, Modbus};
 
-/// Makes a kind of fault from the keys that belong to it.
+/// Function that makes a fault from the keys that belong to its kind.
 type Make = fn(&mut FaultFile, &Profile) -> Result<Kind, String>;
 
-/// All kinds of faults.
+/// All kinds of faults: name in a script, possible lines, and function that makes the fault.
 const KINDS: [(&str, Lines, Make); 35] = [
     ("silent", Any, |_, _| reply(ReplyFault::Silent)),
     ("late", Any, |file, _| reply(ReplyFault::Late(file.delay()?))),
@@ -109,10 +109,10 @@ struct FaultFile {
 }
 
 impl FaultScript {
-    /// Parses a fault script for the machine of this profile.
+    /// Parses a fault script, and checks it against the profile of the virtual machine.
     ///
     /// # Errors
-    /// TOML's own message with line and column, or every fault that does not fit the profile, one on each line.
+    /// A message of the TOML parser with line and column; or all faults that contradict the profile, one on each line.
     pub fn parse(text: &str, profile: &Profile) -> Result<FaultScript, FaultError> {
         let file: ScriptFile = toml::from_str(text).map_err(|error| FaultError(error.to_string()))?;
         let (mut faults, mut errors) = (Vec::new(), Vec::new());
@@ -192,7 +192,9 @@ impl FaultFile {
                 return Err("`every` must be at least 100 µs: no bus is faster".to_owned());
             }
             Kind::Can(CanFault::Errors { every: None, .. }) if lasts != FaultDuration::Ever => {
-                return Err("happens once: write `every`, or remove `for` and `for_time`".to_owned());
+                return Err(
+                    "this fault happens once: write `every`, or remove `for` and `for_time`".to_owned()
+                );
             }
             Kind::Acknowledge(_) if self.replies.is_some() => {
                 return Err(
@@ -203,7 +205,7 @@ impl FaultFile {
                 return Err(format!("no output or set of `{}` has a handshake", self.device));
             }
             Kind::Register { .. } | Kind::Restart if lasts != FaultDuration::Ever => {
-                return Err("happens once: remove `for` and `for_time`".to_owned());
+                return Err("this fault happens once: remove `for` and `for_time`".to_owned());
             }
             _ => {}
         }
@@ -216,7 +218,8 @@ impl FaultFile {
         reply(ReplyFault::Exception(u8::try_from(code).map_err(|_| "`code` must be at most 255")?))
     }
 
-    /// Delay of the unit, and the code with which a gateway gives it up.
+    /// Returns the delay of the unit, and the exception code of the Modbus gateway that times out before (`None`: it
+    /// does not answer).
     fn given_up(&mut self) -> Result<(Duration, Option<u8>), String> {
         let code =
             self.code.take().map(u8::try_from).transpose().map_err(|_| "`code` must be at most 255")?;
@@ -293,7 +296,7 @@ impl FaultFile {
         Ok(Kind::Signal { signal: SignalId(place), reads })
     }
 
-    /// Rejects keys that the kind has not used.
+    /// Rejects keys that are set but have no effect for this kind of fault.
     fn no_key_is_left(&self) -> Result<(), String> {
         let left = [
             ("delay", self.delay.is_some()),

@@ -1,44 +1,44 @@
-//! Frames that the devices of a CAN line send, and their reaction to received frames.
+//! Frames that the virtual devices of a CAN line send, and their reaction to received frames.
 
 use std::time::Duration;
 
 use rand::RngExt;
 
 use super::{Hardware, Unit};
-use crate::fieldbus::canopen::abort::AbortCode;
+use crate::fieldbus::kinds::can::canopen::abort::AbortCode;
 use crate::virtual_machine::can::dictionary::{NONE, Server, refusal};
 use crate::virtual_machine::can::frames::{self, Delivery, Image, ReceivedValue};
 use crate::virtual_machine::can::node::{Node, NodeAction, is_own};
 use crate::virtual_machine::can::power_on;
 use crate::virtual_machine::fault::{BusError, CanFault, FaultFrame, Kind, ReplyFault};
 use crate::virtual_machine::journal::SeenRequest;
-use crate::virtual_machine::plant::stream;
+use crate::virtual_machine::random::stream;
 use isotherm_core::codec::{Address, CanMatch, Encoded, Entry, Frame, Object};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{DeviceId, Profile};
 
-/// CAN part of a unit.
+/// CAN part of a unit: its node, its frames and its objects.
 #[derive(Debug)]
 pub(crate) struct CanUnit {
     pub(super) node: Node,
-    /// Frames of each of the node's PDOs.
+    /// For each PDO of the node: the frames that it consists of.
     sent: Vec<Vec<Image>>,
     taken: Vec<ReceivedValue>,
     /// Objects that the profile reads or writes.
     objects: Vec<Object>,
 }
 
-/// A frame to send on a CAN line.
+/// Frame that the virtual machine sends on a CAN line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Sent {
-    /// A frame, with an optional delay in wall-clock time.
+    /// Frame to send, after an optional delay in wall-clock time.
     Frame(Frame, Option<Duration>),
     /// A bus error that a controller reports.
     Error(BusError),
 }
 
 impl CanUnit {
-    /// Makes the CAN part of a unit, without power.
+    /// Returns the CAN part of a unit, with its power off; `None` for a unit on another line.
     pub(super) fn of(profile: &Profile, unit: &mut Unit) -> Option<CanUnit> {
         let node = power_on::node(profile, unit.device, &mut unit.bank)?;
         let sent = frames::sent(profile, unit.device).into_iter().map(|group| group.images).collect();
@@ -46,7 +46,7 @@ impl CanUnit {
         Some(CanUnit { node, sent, taken, objects })
     }
 
-    /// Selected objects in use, with their values.
+    /// Returns the objects in use that `which` selects, with their values.
     fn standing(&self, which: impl Fn(Entry) -> bool) -> Vec<(Address, Encoded)> {
         let objects = self.objects.iter().filter(|object| which(object.entry));
         let current = |object: &Object| object.registers(self.node.objects.get(object.entry)?);
@@ -55,7 +55,7 @@ impl CanUnit {
 }
 
 impl Hardware {
-    /// Advances the time for the devices of a line. Returns the frames that they send, in order.
+    /// Advances the devices of a line to `now`. Returns the frames that they send, in order.
     pub(crate) fn can_tick(&mut self, places: &[usize], now: Moment) -> Vec<Sent> {
         self.advance_to(now);
         let mut sent = Vec::new();
@@ -78,7 +78,7 @@ impl Hardware {
         sent
     }
 
-    /// Latest time for the next call of [`Hardware::can_tick`].
+    /// Returns the latest time for the next call of [`Hardware::can_tick`]; `None` if no call is needed.
     pub(crate) fn can_due(&self, places: &[usize]) -> Option<Moment> {
         let due = places.iter().map(|place| &self.units[*place]).flat_map(|unit| {
             let node = unit.can.as_ref().and_then(|can| can.node.due());
@@ -87,12 +87,12 @@ impl Hardware {
         due.min()
     }
 
-    /// Units of these devices.
+    /// Returns the positions of the units of these devices.
     pub(crate) fn places(&self, devices: impl Iterator<Item = DeviceId>) -> Vec<usize> {
         devices.map(|device| self.unit_of[device.0]).collect()
     }
 
-    /// Frames that the devices of a line receive.
+    /// Returns the matches of the frames that the devices of a line receive.
     pub(crate) fn can_wanted(&self, places: &[usize]) -> Vec<CanMatch> {
         let units = places.iter().filter_map(|place| self.units[*place].can.as_ref());
         let wanted = units.flat_map(|can| {
@@ -105,7 +105,7 @@ impl Hardware {
         wanted
     }
 
-    /// Delivers a frame to the devices of a line. Returns the frames that they send.
+    /// Delivers a frame to the devices of a line. Returns the frames that they send in response.
     pub(crate) fn can_take(&mut self, places: &[usize], frame: &Frame, now: Moment) -> Vec<Sent> {
         self.advance_to(now);
         let mut sent = Vec::new();
@@ -120,7 +120,7 @@ impl Hardware {
         sent
     }
 
-    /// Processes a frame of a CANopen service.
+    /// Processes a frame of a CANopen service. Adds the answer to `sent`.
     fn receive(&mut self, place: usize, frame: &Frame, now: Moment, sent: &mut Vec<Sent>) {
         let device = self.units[place].device;
         let is_request = |can: &CanUnit| can.node.is_asked_by(frame);
@@ -167,7 +167,8 @@ impl Hardware {
         }
     }
 
-    /// Copies the cells to the objects. Objects that the node itself determines are copied in the other direction.
+    /// Copies the stored values to the node's objects. Objects that the node itself determines are copied in the other
+    /// direction.
     fn show_objects(&mut self, place: usize) {
         self.keep_objects(place, is_own);
         let unit = &mut self.units[place];
@@ -180,7 +181,7 @@ impl Hardware {
         }
     }
 
-    /// Copies a written object to its cells, and to the cells that depend on it.
+    /// Copies an object that was written to its stored value, and to the values that depend on it.
     fn take_object(&mut self, place: usize, at: Entry, now: Moment) {
         let Some(can) = &self.units[place].can else { return };
         for (cell, words) in can.standing(|object| object == at) {
@@ -191,7 +192,7 @@ impl Hardware {
         }
     }
 
-    /// Copies objects to their cells.
+    /// Copies the objects that `which` selects to their stored values.
     fn keep_objects(&mut self, place: usize, which: impl Fn(Entry) -> bool) {
         let unit = &mut self.units[place];
         let Some(can) = &unit.can else { return };
@@ -200,7 +201,7 @@ impl Hardware {
         }
     }
 
-    /// Processes values that outputs write in frames.
+    /// Processes a frame in which outputs write values.
     fn take_process_data(&mut self, place: usize, frame: &Frame, now: Moment) {
         let device = self.units[place].device;
         let Some(can) = &self.units[place].can else { return };
@@ -229,7 +230,7 @@ impl Hardware {
         }
     }
 
-    /// Writes to cells of the machine.
+    /// Stores a written value at these addresses, and records the write in the journal.
     fn put(&mut self, place: usize, cells: &[Address], words: &[u16], at: Moment) {
         let device = self.units[place].device;
         let count = u16::try_from(words.len()).unwrap_or(u16::MAX);
@@ -244,7 +245,7 @@ impl Hardware {
         }
     }
 
-    /// Executes the actions of a node.
+    /// Executes the collected actions of a node. Adds the resulting frames to `sent`.
     fn act(&mut self, place: usize, now: Moment, sent: &mut Vec<Sent>) {
         let device = self.units[place].device;
         loop {

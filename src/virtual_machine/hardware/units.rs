@@ -1,4 +1,4 @@
-//! Units of a machine, with their registers at power-on and their measured signals.
+//! Hardware units of a virtual machine, with their registers at power-on and their measured signals.
 
 use crate::virtual_machine::can::{node, power_on};
 use crate::virtual_machine::control::Control;
@@ -10,25 +10,26 @@ use isotherm_profile::{DeviceId, Expected, Output, Profile, Verify};
 
 use super::can::CanUnit;
 
-/// Hardware unit: the registers and the state of one physical device.
+/// Hardware unit: registers and state of one physical device.
 #[derive(Debug)]
 pub(super) struct Unit {
-    /// First device with this unit.
+    /// First device of the profile with this unit.
     pub(super) device: DeviceId,
     pub(super) bank: Bank,
     pub(super) at_power_on: Bank,
     pub(super) requests: u64,
-    /// Boot counters of the unit. `boots` is their value.
+    /// Addresses at which the unit shows how often it was started. `boots` is that number.
     pub(super) counters: Vec<Address>,
     pub(super) boots: u16,
-    /// CAN part of the unit.
+    /// CAN part of the unit; `None` for a unit on another line.
     pub(super) can: Option<CanUnit>,
-    /// Signals that the unit measures, without registers that belong to an output or the heartbeat.
+    /// Signals that the unit measures. Signals in registers of an output or the heartbeat are not among them, because a
+    /// client writes those registers.
     pub(super) measures: Vec<SignalId>,
 }
 
 impl Unit {
-    /// Discards everything that was written, and counts the restart.
+    /// Discards everything that was written to the unit, and counts the restart.
     pub(super) fn restart(&mut self) {
         self.bank = self.at_power_on.clone();
         self.boots = self.boots.wrapping_add(1);
@@ -38,7 +39,8 @@ impl Unit {
     }
 }
 
-/// Makes the units. Devices with one unit number on one line share a unit; on a CAN line each device has its own.
+/// Returns the units, and for each device the position of its unit. Devices with the same unit number on one line share
+/// a unit; on a CAN line each device has its own.
 pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
     let mut units: Vec<Unit> = Vec::new();
     let mut unit_of = Vec::new();
@@ -123,7 +125,8 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
     (units, unit_of)
 }
 
-/// Value without a fault of each signal that indicates a fault of another signal. `None` for other signals.
+/// Returns, for each signal that indicates a fault of another signal, its value while there is no fault. `None` for
+/// other signals.
 pub(super) fn well(profile: &Profile) -> Vec<Option<f64>> {
     let mut well = vec![None; profile.signals.len()];
     for condition in profile.signals.iter().filter_map(|signal| signal.fault_when.as_ref()) {

@@ -1,10 +1,11 @@
-//! Inputs of a plant that differ from day to day: air temperature and operation.
+//! Inputs of a plant that differ from day to day: air temperature, and operation of the machine.
 
 use rand::RngExt;
 use rand_pcg::Pcg32;
 
 use super::spec::{AmbientSpec, DutySpec, Span, When};
-use super::{STEP, stream};
+use super::time::STEP;
+use crate::virtual_machine::random::stream;
 use std::f64::consts::TAU;
 
 /// Air temperature of one day.
@@ -15,7 +16,7 @@ pub(super) struct Ambient {
     peak_hour: f64,
     drift_per_day: f64,
     weather: [Wave; 2],
-    /// Hour of the day at which the run begins.
+    /// Hour of the day (UTC) at which the run begins.
     begin_hour: f64,
 }
 
@@ -43,7 +44,8 @@ impl Ambient {
         Ambient { mean, amplitude, peak_hour, drift_per_day, weather, begin_hour }
     }
 
-    /// Air temperature at this time in seconds since the start of the run. Negative times belong to the soak before it.
+    /// Returns the air temperature in °C at a time in seconds since the start of the run. Negative times belong to the
+    /// soak before the run.
     pub(super) fn at(&self, seconds: f64) -> f64 {
         let hours = seconds / 3600.0;
         let day = self.amplitude * (TAU * (self.begin_hour + hours - self.peak_hour) / 24.0).cos();
@@ -56,16 +58,17 @@ impl Ambient {
     }
 }
 
-/// Operation of the machine, step by step.
+/// Operation of the machine: switched off, working or pausing, step by step.
 #[derive(Clone, Debug)]
 pub(super) struct Duty {
     spec: DutySpec,
     random: Pcg32,
     phase: Phase,
-    /// Load of the current work phase. It has its own random numbers, so that the phases do not depend on it.
+    /// Load of the current work phase, as a factor of the power. It has its own random numbers, so that it does not
+    /// change the phases.
     load: f64,
     loads: Pcg32,
-    /// Step at which the phase ends.
+    /// Step at which the current phase ends.
     until: u64,
 }
 
@@ -83,7 +86,7 @@ impl Duty {
         Duty { spec: *spec, random, phase: Phase::Off, load: 1.0, loads: stream(seed, "load"), until }
     }
 
-    /// Advances to this step. Steps must be in order.
+    /// Advances to this step. The steps of successive calls must ascend.
     pub(super) fn advance_to(&mut self, step: u64) {
         while step >= self.until {
             let (phase, span) = match self.phase {
@@ -99,7 +102,7 @@ impl Duty {
         }
     }
 
-    /// Current share of a source's power.
+    /// Returns the present share of the power of a heat source that runs in this state of the machine.
     pub(super) fn share(&self, when: When) -> f64 {
         match (self.holds(when), when) {
             (false, _) => 0.0,
@@ -117,7 +120,7 @@ impl Duty {
     }
 }
 
-/// Draws a duration from a range, in whole steps.
+/// Draws a duration from a range, and returns it as a number of steps.
 fn steps(random: &mut Pcg32, span: Span) -> u64 {
     let count = |duration: std::time::Duration| duration.as_secs() / STEP.as_secs().max(1);
     random.random_range(count(span.shortest)..=count(span.longest))

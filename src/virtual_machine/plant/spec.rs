@@ -1,4 +1,4 @@
-//! Description of a plant: `profiles/<machine>.plant.toml`, checked, with an index in place of each name.
+//! Description of a plant: the content of `profiles/<machine>.plant.toml`, checked, with an index instead of each name.
 
 use std::time::Duration;
 
@@ -9,16 +9,16 @@ use isotherm_core::quantity::Moment;
 
 mod file;
 
-/// Modes of the shipped column: the name in its plant file, and the content.
+/// File of thermal modes that the shipped plant of the column machine names, with its content.
 const COLUMN: (&str, &str) =
     ("column-hmc/modes.json", include_str!("../../../profiles/column-hmc/modes.json"));
 
-/// A plant file that cannot be used, in words. Errors of TOML have line and column.
+/// Error of a plant file, as text. Errors of the TOML parser include line and column.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct PlantError(String);
 
-/// A thermal network with its inputs, its sensors and its displacements.
+/// Thermal network with its inputs, its sensors and its displacements.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlantSpec {
     pub(super) start: Moment,
@@ -36,7 +36,7 @@ pub struct PlantSpec {
     published: Option<Published>,
 }
 
-/// Air temperature: a daily curve with slow weather.
+/// Air temperature: a daily curve, and slow changes of the weather.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct AmbientSpec {
@@ -44,13 +44,13 @@ pub(super) struct AmbientSpec {
     pub(super) amplitude: f64,
     pub(super) peak_hour: f64,
     pub(super) drift_per_day: f64,
-    /// Largest amplitude of the slow weather, K.
+    /// Largest amplitude of the slow changes by the weather, K.
     pub(super) weather: f64,
     #[serde(default)]
     pub(super) varies: AmbientVaries,
 }
 
-/// Largest difference between the days of different seeds, plus or minus, uniformly distributed.
+/// Largest differences between the days of different seeds, in both directions, uniformly distributed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct AmbientVaries {
@@ -60,15 +60,15 @@ pub(super) struct AmbientVaries {
     pub(super) drift_per_day: f64,
 }
 
-/// Time of switching on, and operation after it.
+/// Time at which the machine is switched on, and its operation after that.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct DutySpec {
-    /// Earliest and latest time of switching on, since the start of the run.
+    /// Earliest and latest time at which the machine is switched on, since the start of the run.
     pub(super) on_after: Span,
     pub(super) work: Span,
     pub(super) pause: Span,
-    /// Smallest and largest load of a work phase, by which the power of work is multiplied.
+    /// Smallest and largest load of a work phase. The load multiplies the power of sources that depend on work.
     #[serde(default = "full_load")]
     pub(super) load: [f64; 2],
 }
@@ -77,7 +77,7 @@ fn full_load() -> [f64; 2] {
     [1.0, 1.0]
 }
 
-/// A shortest and a longest duration. The seed determines a duration between them.
+/// Shortest and longest duration. The seed determines a duration between the two.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(try_from = "[String; 2]")]
 pub(super) struct Span {
@@ -92,7 +92,7 @@ pub(super) struct Node {
     pub(super) name: String,
     /// Heat capacity of the node, J/K.
     pub(super) capacity: f64,
-    /// Temperature before the soak, °C.
+    /// Temperature of the node before the soak, °C.
     pub(super) initial: f64,
 }
 
@@ -109,36 +109,36 @@ pub(super) struct Source {
     pub(super) name: String,
     pub(super) node: usize,
     pub(super) watts: f64,
-    /// Largest relative difference of the power between seeds.
+    /// Largest relative difference of the power between days of different seeds.
     pub(super) varies: f64,
     pub(super) when: When,
 }
 
-/// Required state of the machine.
+/// State of the machine in which a heat source has power.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum When {
     Always,
-    /// Switched on.
+    /// The machine is switched on.
     On,
-    /// Switched on and working, not pausing.
+    /// The machine is switched on and works, without a pause.
     Work,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct SensorSpec {
     pub(super) signal: String,
-    /// Measured temperatures with their weights.
+    /// Points whose temperatures the sensor measures, with their weights.
     pub(super) feels: Vec<(Point, f64)>,
-    /// Lag in seconds; zero means none.
+    /// Time constant of the sensor's lag, s; zero: no lag.
     pub(super) lag: f64,
-    /// Resolution; zero means none.
+    /// Resolution of the sensor; zero: no rounding.
     pub(super) resolution: f64,
-    /// Standard deviation of the noise.
+    /// Standard deviation of the sensor's noise.
     pub(super) noise: f64,
 }
 
-/// A scale that moves up and down: `middle + stroke/2 · sin(2π t / period)`, mm.
+/// Position of an axis that moves up and down: `middle + stroke/2 · sin(2π t / period)`, mm.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Position {
@@ -146,7 +146,7 @@ pub(super) struct Position {
     pub(super) signal: String,
     pub(super) middle: f64,
     pub(super) stroke: f64,
-    /// Period of one stroke up and down, s.
+    /// Time of one movement up and down, s.
     #[serde(deserialize_with = "seconds")]
     pub(super) period: f64,
 }
@@ -159,52 +159,53 @@ pub(super) struct Switch {
     pub(super) when: When,
 }
 
-/// True error of an axis: gains in µm/K for temperature rises since the start of the run, and parts that depend on a
-/// position.
+/// True error of an axis. It has gains in µm/K for temperature rises since the start of the run, and parts that depend
+/// on a position.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Displacement {
     pub(super) axis: String,
     pub(super) gains: Vec<(Point, f64)>,
     pub(super) stretches: Vec<Stretch>,
-    /// Direction of the structure's guideway with which the axis moves: 0 x, 1 y, 2 z.
+    /// Direction in which the structure's guideway moves the axis: 0 is x, 1 is y, 2 is z. `None`: the axis does not
+    /// follow the guideway.
     pub(super) guided: Option<usize>,
 }
 
-/// A part along a travel. Its effect grows with its length between a reference and the current position.
+/// Machine part along a travel, whose expansion acts between a reference and the current position.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Stretch {
-    /// Index in the positions.
+    /// Index of the position in the plant's list of positions.
     pub(super) position: usize,
-    /// Position without an effect, mm.
+    /// Position at which the part has no effect, mm.
     pub(super) reference: f64,
-    /// Start of the part along the travel, mm. `to` is its end.
+    /// Start of the part along the travel, mm; `to` is its end.
     pub(super) from: f64,
     pub(super) to: f64,
-    /// Gains in µm per mm and K.
+    /// Gains in µm per mm of length and K, each with its point.
     pub(super) gains: Vec<(Point, f64)>,
 }
 
-/// Results that the source of a machine reports, shown next to those of the virtual machine. The plant itself is part
-/// of isotherm.
+/// Results that the published source of a machine reports. They are displayed next to those of the virtual machine. The
+/// plant itself was made for isotherm.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Published {
-    /// Reference of the publication, with its content.
+    /// Reference of the publication and a summary of its content.
     pub text: String,
     /// Results for each axis.
     #[serde(default, rename = "axis")]
     pub axes: Vec<PublishedAxis>,
 }
 
-/// One axis of a publication.
+/// Results of a publication for one axis.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PublishedAxis {
-    /// Name in the profile.
+    /// Name of the axis in the profile.
     pub name: String,
-    /// Error without compensation, µm.
+    /// Reported error without compensation, µm.
     pub uncompensated_um: Option<f64>,
-    /// Error with compensation, µm.
+    /// Reported error with compensation, µm.
     pub compensated_um: Option<f64>,
 }
 
@@ -231,15 +232,15 @@ fn seconds<'de, D: Deserializer<'de>>(input: D) -> Result<f64, D::Error> {
 }
 
 impl Position {
-    /// Position at this time in seconds since the start of the run, mm.
+    /// Returns the position in mm at a time in seconds since the start of the run.
     pub(super) fn at(&self, seconds: f64) -> f64 {
         self.middle + 0.5 * self.stroke * (std::f64::consts::TAU * seconds / self.period).sin()
     }
 }
 
 impl Stretch {
-    /// Effective length at this position in mm: the part between position and reference. It is negative below the
-    /// reference.
+    /// Returns the effective length at this position, mm: the length of the part between the position and the
+    /// reference. It is negative below the reference.
     pub(super) fn effect(&self, position: f64) -> f64 {
         let within = |value: f64| value.clamp(self.from, self.to);
         within(position) - within(self.reference)
@@ -247,28 +248,28 @@ impl Stretch {
 }
 
 impl PlantSpec {
-    /// Parses a plant file, which may name files of the shipped plants.
+    /// Parses a plant file. It may name files that belong to the shipped plants.
     ///
     /// # Errors
-    /// As [`PlantSpec::parse_with`].
+    /// Same as for [`PlantSpec::parse_with`].
     pub fn parse(text: &str) -> Result<PlantSpec, PlantError> {
         let shipped = |name: &str| (name == COLUMN.0).then(|| COLUMN.1.to_owned());
         PlantSpec::parse_with(text, &shipped)
     }
 
-    /// Parses a plant file. `read` returns the text of a file that it names.
+    /// Parses a plant file. `read` returns the text of a file that the plant file names.
     ///
     /// # Errors
-    /// TOML's own message with line and column, or every name and number that does not fit, one on each line.
+    /// A message of the TOML parser with line and column; or all invalid names and numbers, one on each line.
     pub fn parse_with(text: &str, read: &dyn Fn(&str) -> Option<String>) -> Result<PlantSpec, PlantError> {
         let file: file::PlantFile = toml::from_str(text).map_err(|error| PlantError(error.to_string()))?;
         file.resolve(read).map_err(|errors| PlantError(errors.join("\n")))
     }
 
-    /// Plant of a shipped profile; `None` if there is none with this name.
+    /// Returns the plant of a shipped machine; `None` if no shipped plant has this name.
     ///
     /// # Errors
-    /// As [`PlantSpec::parse`].
+    /// Same as for [`PlantSpec::parse`].
     pub fn shipped(machine: &str) -> Option<Result<PlantSpec, PlantError>> {
         let text = match machine {
             "surface-grinder" => include_str!("../../../profiles/surface-grinder.plant.toml"),
@@ -287,24 +288,25 @@ impl PlantSpec {
         Some(PlantSpec::parse(text))
     }
 
-    /// Start time of a virtual clock. It determines the hour of the day at the start.
+    /// Returns the moment at which a virtual clock starts for this plant. It determines the hour of the day at the
+    /// start.
     pub fn start(&self) -> Moment {
         self.start
     }
 
-    /// Signals for which the plant has values.
+    /// Returns the names of the signals for which the plant has values.
     pub fn signals(&self) -> impl Iterator<Item = &str> {
         let sensors = self.sensors.iter().map(|sensor| sensor.signal.as_str());
         let positions = self.positions.iter().map(|position| position.signal.as_str());
         sensors.chain(positions).chain(self.switches.iter().map(|switch| switch.signal.as_str()))
     }
 
-    /// Results of the machine's source; `None` without a publication.
+    /// Returns the results that the published source of the machine reports; `None` if there is none.
     pub fn published(&self) -> Option<&Published> {
         self.published.as_ref()
     }
 
-    /// Axes with a known true error.
+    /// Returns the names of the axes whose true error the plant knows.
     pub fn axes(&self) -> impl Iterator<Item = &str> {
         self.axes.iter().map(|displacement| displacement.axis.as_str())
     }

@@ -1,25 +1,26 @@
-//! A structure as modes of its finite elements, from `isotherm place --modes`, advanced in time.
+//! Structure as the thermal modes of its finite elements, which `isotherm place --modes` calculates. The state advances
+//! step by step.
 //!
-//! Each mode decays at its own rate. Heat flows into the ports and the temperatures of the sinks excite it. If these
-//! are constant during a step, the step is exact at any rate.
+//! Each mode decays at its own rate. Heat flows into the ports and the temperatures of the sinks excite the modes. If
+//! the excitation is constant during a step, the calculated step is exact for any rate.
 
 use super::STEP;
 
-/// A point of a plant with a temperature.
+/// Point of a plant that has a temperature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Point {
     Node(usize),
     Ambient,
-    /// A patch of the structure through which heat enters.
+    /// Patch of the structure's surface through which heat enters.
     Port(usize),
-    /// A point of the structure that is only measured.
+    /// Point of the structure whose temperature is only measured.
     Spot(usize),
 }
 
 /// Structure of a machine, reduced to thermal modes. Its state is the amplitude of each mode.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Structure {
-    /// Temperature before the soak, °C.
+    /// Temperature of the structure before the soak, °C.
     pub(super) initial: f64,
     /// Index of the position that selects the point of the guideway.
     pub(super) position: usize,
@@ -27,16 +28,17 @@ pub(super) struct Structure {
     pub(super) keep: Vec<f64>,
     /// Amplitude that each mode gains in one step by an excitation of 1.
     pub(super) gain: Vec<f64>,
-    /// Amplitude of each mode if the whole structure is 1 °C warmer.
+    /// Amplitude that each mode has if the whole structure is 1 °C warm.
     pub(super) uniform: Vec<f64>,
-    /// Temperature of each port per unit of each mode. The same numbers give the excitation of the modes by one watt.
+    /// Temperature of each port per amplitude 1 of each mode. The same numbers are the excitation of the modes by one
+    /// watt at the port.
     pub(super) ports: Vec<Vec<f64>>,
     pub(super) sinks: Vec<Sink>,
-    /// Temperature at each sensor place per unit of each mode.
+    /// Temperature of each spot per amplitude 1 of each mode.
     pub(super) spots: Vec<Vec<f64>>,
-    /// Points of the guideway, mm, ascending.
+    /// Positions of the guideway's points, mm, ascending.
     pub(super) guide: Vec<f64>,
-    /// Displacement of each point along x, y and z, µm per unit of each mode.
+    /// Displacement of each point of the guideway along x, y and z, µm per amplitude 1 of each mode.
     pub(super) moves: [Vec<Vec<f64>>; 3],
 }
 
@@ -44,28 +46,30 @@ pub(super) struct Structure {
 /// input).
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Sink {
-    /// The medium: the air, or a node. Its temperature is the temperature of the sink.
+    /// Node or air with which the structure exchanges heat. Its temperature is the temperature of the sink.
     pub(super) point: Point,
     /// Film coefficient times area: heat flow per kelvin between medium and structure, W/K.
     pub(super) conductance: f64,
-    /// Conductance per unit of each mode, W/K.
+    /// For each mode: heat flow from the structure into the medium per amplitude 1 of the mode. The same numbers are
+    /// the excitation of the modes by 1 °C of the medium.
     pub(super) modes: Vec<f64>,
 }
 
 impl Structure {
-    /// Remaining part of a mode with this rate (1/s) after a step, and its change by an excitation of 1.
+    /// Returns two factors of a mode with this decay rate (1/s): the remaining part of its amplitude after one step,
+    /// and the change by an excitation of 1.
     pub(super) fn step(rate: f64) -> (f64, f64) {
         let seconds = STEP.as_secs_f64();
         ((-rate * seconds).exp(), -(-rate * seconds).exp_m1() / rate)
     }
 
-    /// Modes at the initial temperature.
+    /// Returns the amplitudes of the modes at the initial temperature.
     pub(super) fn begun(&self) -> Vec<f64> {
         self.uniform.iter().map(|one| one * self.initial).collect()
     }
 
-    /// Advances the modes by one step. `heat` is the heat flow into each port, W, and `around` the temperature of each
-    /// sink, °C.
+    /// Advances the amplitudes of the modes by one step. `heat` is the heat flow into each port, W. `around` is the
+    /// temperature of each sink, °C.
     pub(super) fn advance(&self, modes: &mut [f64], heat: &[f64], around: &[f64]) {
         for (mode, keep) in modes.iter_mut().zip(&self.keep) {
             *mode *= keep;
@@ -79,12 +83,13 @@ impl Structure {
         }
     }
 
-    /// Temperature rise of a port in a step with 1 W, K.
+    /// Returns how much 1 W warms a port in one step, K.
     pub(super) fn yields(&self, port: usize) -> f64 {
         self.ports[port].iter().zip(&self.gain).map(|(port, gain)| port * port * gain).sum()
     }
 
-    /// Displacement of the guideway at a position in one direction, µm. It is constant beyond the ends.
+    /// Returns the displacement of the guideway at a position in one direction, µm. Beyond the ends of the guideway it
+    /// is that of the end.
     pub(super) fn moved(&self, direction: usize, position: f64, modes: &[f64]) -> f64 {
         let after = self.guide.partition_point(|point| *point <= position);
         let (low, high) = (after.saturating_sub(1), after.min(self.guide.len() - 1));
@@ -95,7 +100,7 @@ impl Structure {
     }
 }
 
-/// Value of a quantity from its values per unit of each mode.
+/// Returns a quantity at these amplitudes. `each` has its values per amplitude 1 of each mode.
 pub(super) fn dot(each: &[f64], modes: &[f64]) -> f64 {
     each.iter().zip(modes).map(|(each, mode)| each * mode).sum()
 }

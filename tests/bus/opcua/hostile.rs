@@ -9,7 +9,7 @@ use std::thread;
 use super::rig::{Line, Server, machine, no_session, profile};
 use super::secured::{certificates, secured, serve};
 use isotherm::fieldbus::error::{Fault, PeerFault};
-use isotherm::fieldbus::opcua_fault::OpcUaFault;
+use isotherm::fieldbus::kinds::opcua::fault::OpcUaFault;
 
 /// Starts a peer that answers the first message like a server, and the second with these bytes. Returns its port.
 fn answers(second: Vec<u8>) -> u16 {

@@ -226,7 +226,7 @@ fn a_scan_shows_what_a_server_offers_and_what_a_profile_says_to_take_the_best_of
     let none = typing(isotherm(given.path()).args(["scan", "--bus", "opc.tcp://127.0.0.1:1"]), "");
     assert_eq!(none.code, Some(1));
     assert!(
-        none.said.contains("nothing listens there: is the port right (OPC UA has usually 4840)"),
+        none.said.contains("no program listens at this port: is the port right (OPC UA has usually 4840)"),
         "{}",
         none.said
     );

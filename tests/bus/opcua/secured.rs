@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use super::rig::{Line, Server, machine, no_session, profile, python};
-use isotherm::fieldbus::opcua_check;
-use isotherm::fieldbus::opcua_fault::OpcUaFault;
+use isotherm::fieldbus::kinds::opcua::check as opcua_check;
+use isotherm::fieldbus::kinds::opcua::fault::OpcUaFault;
 
 /// Creates a directory with certificates, and with the server's certificate among the trusted ones.
 pub(crate) fn certificates() -> tempfile::TempDir {

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::rig::{Line, SHORTLY, Server, no_session};
 use isotherm::fieldbus::error::{Fault, Outcome};
-use isotherm::fieldbus::opcua_fault::OpcUaFault;
+use isotherm::fieldbus::kinds::opcua::fault::OpcUaFault;
 use isotherm::fieldbus::wire::Answer;
 
 #[tokio::test]

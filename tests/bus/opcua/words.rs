@@ -11,8 +11,8 @@ use serde_json::Value;
 use super::process::{Running, isotherm};
 use super::rig::{Line, Server, machine, no_session, python};
 use super::secured::{certificates, secured, serve};
-use isotherm::fieldbus::opcua::certificate::Certificate;
-use isotherm::fieldbus::opcua_fault::OpcUaFault;
+use isotherm::fieldbus::kinds::opcua::client::certificate::Certificate;
+use isotherm::fieldbus::kinds::opcua::fault::OpcUaFault;
 use isotherm::gateway::certificates::expiring;
 use isotherm_core::quantity::Moment;
 

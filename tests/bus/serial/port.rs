@@ -118,7 +118,7 @@ pub(crate) fn answer((unit, function, from, count): (u8, u8, u16, u16)) -> Vec<u
 }
 
 pub(crate) fn read(from: u16, count: u16) -> Request<'static> {
-    Request::Read { from: Register { table: Table::Holding, offset: from }, count }
+    Request::read_registers(Register { table: Table::Holding, offset: from }, count)
 }
 
 pub(crate) fn bus(transport: Transport, address: &str, timeout: Duration) -> Bus {

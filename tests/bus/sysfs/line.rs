@@ -9,7 +9,7 @@ use isotherm::fieldbus::error::{CallerFault, Fault};
 use isotherm::fieldbus::explain::explain_on;
 use isotherm::fieldbus::line::DeviceLine;
 use isotherm::fieldbus::send_guard::SendDeadline;
-use isotherm::fieldbus::wire::Request;
+use isotherm::fieldbus::wire::{ModbusRequest, Request};
 use isotherm_core::reading::Reason;
 use isotherm_profile::{DeviceId, Profile, Transport};
 
@@ -151,7 +151,7 @@ async fn nothing_is_written_to_it() {
     let write = Request::write(&address, &[0, 0, 0, 0], functions);
     let refused = line.line.request(DeviceId(0), write, SendDeadline::None).await.map(|_| ());
     assert_eq!(refused, Err(Fault::Caller(CallerFault::Extent)));
-    let register = Request::WriteSingle { at: 0, value: 1 };
+    let register = Request::Modbus(ModbusRequest::WriteSingle { at: 0, value: 1 });
     let refused = line.line.request(DeviceId(0), register, SendDeadline::None).await.map(|_| ());
     assert_eq!(refused, Err(Fault::Caller(CallerFault::Function)));
 }

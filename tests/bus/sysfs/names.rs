@@ -1,8 +1,8 @@
 //! Tests of the search by name, with any directory numbers.
 
 use super::tree::{PROBE, Tree};
-use isotherm::discovery::sysfs::scan;
-use isotherm::fieldbus::sysfs::find::{all, find};
+use isotherm::fieldbus::kinds::sysfs::find::{all, find};
+use isotherm::fieldbus::kinds::sysfs::scan::temperatures;
 use isotherm_core::codec::PcSensor;
 use isotherm_core::reading::Reason;
 use std::time::Duration;
@@ -20,7 +20,7 @@ fn found(tree: &Tree, text: &str) -> Result<String, Reason> {
 /// Returns the values of all sensors, with their names.
 fn values(tree: &Tree) -> Vec<(String, Result<f64, String>)> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    let found = runtime.block_on(scan(tree.root(), Duration::from_secs(30)));
+    let found = runtime.block_on(temperatures(tree.root(), Duration::from_secs(30)));
     found.into_iter().map(|found| (found.sensor, found.value.ok_or(found.reason))).collect()
 }
 

@@ -18,14 +18,18 @@ fn a_person_sees_what_arming_waits_for_takes_it_back_and_reads_what_happened_bef
     let seen = Command::new("python3")
         .arg(look)
         .arg(format!("http://{}/", bench.page))
-        .args(["writes nothing yet: bed has an open circuit", "over the socket; expires in ", "stopped; "])
+        .args([
+            "writes nothing yet: bed has an open circuit",
+            "over the command socket; expires in ",
+            "stopped; ",
+        ])
         .args([
             "click:Show the last 24 hours",
             "stopped; ",
             "click:Cancel",
             "the request to arm is cancelled",
         ])
-        .args(["To do: arm the axis again", "cancelled by 127.0.0.1 on the page"])
+        .args(["To do: arm the axis again", "cancelled by 127.0.0.1 on the web page"])
         .output();
     let seen = seen.unwrap_or_else(|error| panic!("no python3 ({error}): `tests/run page` installs it"));
     let said = [seen.stdout, seen.stderr].map(|said| String::from_utf8(said).unwrap()).concat();
@@ -54,14 +58,14 @@ fn an_alarm_stands_until_its_end_and_that_somebody_has_seen_it_survives_the_page
         "signal bed: open circuit",
         "click:Acknowledge",
         "seen at",
-        "by 127.0.0.1 on the page",
+        "by 127.0.0.1 on the web page",
     ]);
     // Another page, and a program.
     let no_button = "eval:[...document.querySelectorAll('.alarms button')].every((button) => button.hidden)";
     look(&["signal bed: open circuit", "seen at", no_button]);
     let alarm = bench.status()["alarms"][0].clone();
     assert_eq!((&alarm["id"], &alarm["level"]), (&"signal bed".into(), &"warning".into()), "{alarm}");
-    assert_eq!(alarm["acknowledged"]["by"], "by 127.0.0.1 on the page");
+    assert_eq!(alarm["acknowledged"]["by"], "by 127.0.0.1 on the web page");
     let command = bench.events(&[]).into_iter().rfind(|event| event["kind"] == "command").unwrap();
     assert_eq!(
         (&command["data"]["command"], &command["data"]["way"]),

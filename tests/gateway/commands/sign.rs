@@ -116,7 +116,7 @@ fn a_wrong_sign_is_said_with_what_to_do_and_a_program_may_check_too() {
             (code, said) => Err(format!("{code} {said}")),
         });
         let (code, said) = bench.http("POST", "/api/sign-plus", "");
-        assert!(code == 200 || code == 409 && said.contains("has not arrived yet"), "{said}");
+        assert!(code == 200 || code == 409 && said.contains("does not hold the changed Cz yet"), "{said}");
         code == 409
     });
     assert!(is_early, "it was always there already");

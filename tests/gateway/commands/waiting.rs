@@ -17,7 +17,7 @@ fn who_arms_with_a_broken_sensor_hears_what_is_waited_for_until_the_axis_is_arme
     let axis = bench.is_in_state("waiting");
     assert_eq!((&axis["armed"], &axis["cause"]), (&false.into(), &"bed has an open circuit".into()));
     let asked = axis["waiting"]["asked"].as_str().unwrap();
-    assert!(asked.starts_with("by ") && asked.ends_with(" over the socket"), "{asked}");
+    assert!(asked.starts_with("by ") && asked.ends_with(" over the command socket"), "{asked}");
     assert!((60.0..120.1).contains(&axis["waiting"]["expires_s"].as_f64().unwrap()), "{axis}");
     assert!(bench.reported("command")[0].contains("z: waiting to arm: bed has an open circuit"));
     let (_, metrics) = bench.http("GET", "/metrics", "");
@@ -28,7 +28,7 @@ fn who_arms_with_a_broken_sensor_hears_what_is_waited_for_until_the_axis_is_arme
     assert_eq!(requester.ends_within(SOON).code(), Some(0));
     let axis = bench.is_in_state("active");
     assert_eq!(axis["waiting"], serde_json::Value::Null);
-    assert!(bench.reported("armed")[0].contains("over the socket"), "{:?}", bench.reported("armed"));
+    assert!(bench.reported("armed")[0].contains("over the command socket"), "{:?}", bench.reported("armed"));
 }
 
 #[test]
@@ -80,7 +80,7 @@ fn who_does_not_want_to_stay_leaves_it_waiting_and_anybody_can_take_it_back() {
     assert_eq!(bench.http("POST", "/api/cancel?axis=z", "isotherm-way: page\r\n").0, 200);
     let axis = bench.is_in_state("off");
     let why = axis["why"].as_str().unwrap();
-    assert_eq!(why, "cancelled by 127.0.0.1 on the page; arm the axis again");
+    assert_eq!(why, "cancelled by 127.0.0.1 on the web page; arm the axis again");
     let (code, said) = bench.http("POST", "/api/cancel", "");
     assert_eq!((code, said.as_str()), (409, r#"{"done":false,"answer":"no request to arm is waiting"}"#));
 

@@ -5,9 +5,10 @@ use std::time::Duration;
 
 use isotherm::fieldbus::connection::{Connection, Dial};
 use isotherm::fieldbus::error::Fault;
+use isotherm::fieldbus::kinds::modbus::wire::ModbusWire;
 use isotherm::fieldbus::send_guard::SendGuard;
 use isotherm::fieldbus::trace::Tap;
-use isotherm::fieldbus::wire::{Answer, Boxed, Request, Wire};
+use isotherm::fieldbus::wire::{Answer, Boxed, ModbusRequest, Request, Wire};
 use isotherm::gateway::Dialer;
 use isotherm::observe::status::Command;
 use isotherm::virtual_machine::SeenRequest;
@@ -227,10 +228,12 @@ impl Dial for Refusing {
     fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
         Box::pin(async {
             let wire = isotherm::fieldbus::dial(&self.bus).unwrap().dial(tap).await?;
-            Ok(Connection::Other(Box::new(RefusingWire { wire, by: self.clone() })))
+            Ok(Connection::Modbus(Box::new(RefusingWire { wire, by: self.clone() })))
         })
     }
 }
+
+impl ModbusWire for RefusingWire {}
 
 impl Wire for RefusingWire {
     fn exchange<'a>(
@@ -270,7 +273,9 @@ fn refusing(from: u32, times: u32, kind: fn(&Request<'_>) -> bool) -> Trace {
 
 #[test]
 fn a_strobe_that_cannot_be_raised_is_reported() {
-    let trace = refusing(5, 5, |request| matches!(request, Request::WriteCoil { value: true, .. }));
+    let trace = refusing(5, 5, |request| {
+        matches!(request, Request::Modbus(ModbusRequest::WriteCoil { value: true, .. }))
+    });
     let reported = texts(&trace, "strobe-not-written");
     assert_eq!(reported.len(), 1, "{}", trace.lines());
     assert!(
@@ -282,7 +287,8 @@ fn a_strobe_that_cannot_be_raised_is_reported() {
 #[test]
 fn a_strobe_that_cannot_be_dropped_is_reported_and_dropped_as_soon_as_that_is_possible() {
     let counted = Arc::new(std::sync::Mutex::new(0));
-    let kind: fn(&Request<'_>) -> bool = |request| matches!(request, Request::WriteCoil { value: false, .. });
+    let kind: fn(&Request<'_>) -> bool =
+        |request| matches!(request, Request::Modbus(ModbusRequest::WriteCoil { value: false, .. }));
     let dialer: Dialer = Arc::new(move |bus: &Bus| {
         let (bus, counted) = (bus.clone(), counted.clone());
         Some(Box::new(Refusing { bus, counted, from: 6, times: 5, kind, panics: false }))
@@ -306,7 +312,9 @@ fn a_strobe_that_cannot_be_dropped_is_reported_and_dropped_as_soon_as_that_is_po
 
 #[test]
 fn an_acknowledge_that_cannot_be_read_is_reported() {
-    let asks = |request: &Request<'_>| matches!(request, Request::Read { from: ACKNOWLEDGE, .. });
+    let asks = |request: &Request<'_>| {
+        matches!(request, Request::Modbus(ModbusRequest::Read { from: ACKNOWLEDGE, .. }))
+    };
     let trace = refusing(30, 6, asks);
     let reported = texts(&trace, "acknowledge-not-read");
     assert_eq!(reported.len(), 1, "{}", trace.lines());
@@ -376,7 +384,7 @@ fn a_panic_in_the_middle_of_a_handshake_leaves_no_strobe_up() {
             let text = shaken().replace("{ action = \"ramp\", after = \"30s\" }", action);
             let counted = Arc::new(std::sync::Mutex::new(0));
             let asks: fn(&Request<'_>) -> bool =
-                |request| matches!(request, Request::Read { from: ACKNOWLEDGE, .. });
+                |request| matches!(request, Request::Modbus(ModbusRequest::Read { from: ACKNOWLEDGE, .. }));
             let dialer: Dialer = Arc::new(move |bus: &Bus| {
                 let (bus, counted) = (bus.clone(), counted.clone());
                 Some(Box::new(Refusing { bus, counted, from, times: 1, kind: asks, panics: true }))

@@ -437,7 +437,7 @@ fn a_person_may_ask_twice_and_is_told_while_it_goes_back() {
     let (traces, said) = runs(directory.path(), &holds(0, "0s"), all);
     assert_eq!(done(&said[0]), done(&said[1]), "it is noted once");
     let why = said[2].as_ref().unwrap_err();
-    assert!(why.contains("is already returning"), "{why}");
+    assert!(why.contains("is already returning to its base value"), "{why}");
     let why = said[3].as_ref().unwrap_err();
     assert!(why.contains("output cnc_z: there is nothing to release"), "{why}");
     walks(&traces[2], left(&traces[0]), 0.0);

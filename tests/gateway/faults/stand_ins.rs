@@ -8,9 +8,10 @@ use isotherm::cli::replay::{SensorFault, replay};
 use isotherm::clock::Clock;
 use isotherm::fieldbus::connection::{Connection, Dial};
 use isotherm::fieldbus::error::{CallerFault, Fault};
+use isotherm::fieldbus::kinds::modbus::wire::ModbusWire;
 use isotherm::fieldbus::send_guard::SendGuard;
 use isotherm::fieldbus::trace::Tap;
-use isotherm::fieldbus::wire::{Answer, Boxed, Request, Wire};
+use isotherm::fieldbus::wire::{Answer, Boxed, ModbusRequest, Request, Wire};
 use isotherm::gateway::Dialer;
 use isotherm::observe::status::Command;
 use isotherm::virtual_machine::FaultScript;
@@ -182,10 +183,12 @@ impl Dial for Waiting {
     fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
         Box::pin(async {
             let wire = isotherm::fieldbus::dial(&self.bus).unwrap().dial(tap).await?;
-            Ok(Connection::Other(Box::new(WaitingWire { wire, by: self.clone() })))
+            Ok(Connection::Modbus(Box::new(WaitingWire { wire, by: self.clone() })))
         })
     }
 }
+
+impl ModbusWire for WaitingWire {}
 
 impl Wire for WaitingWire {
     fn exchange<'a>(
@@ -194,7 +197,7 @@ impl Wire for WaitingWire {
         request: Request<'a>,
         send_guard: &'a mut SendGuard,
     ) -> Boxed<'a, Result<Answer, Fault>> {
-        let is_change = matches!(request, Request::WriteMultiple { at: 104, .. });
+        let is_change = matches!(request, Request::Modbus(ModbusRequest::WriteMultiple { at: 104, .. }));
         let is_first = self.by.left.lock().unwrap().is_none();
         if !(is_change && is_first && self.by.clock.now() >= self.by.from) {
             return Box::pin(self.wire.exchange(unit, request, send_guard));

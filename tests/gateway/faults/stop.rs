@@ -8,6 +8,7 @@ use std::time::Duration;
 use isotherm::clock::Clock;
 use isotherm::fieldbus::connection::{Connection, Dial};
 use isotherm::fieldbus::error::Fault;
+use isotherm::fieldbus::kinds::modbus::wire::ModbusWire;
 use isotherm::fieldbus::send_guard::SendGuard;
 use isotherm::fieldbus::trace::Tap;
 use isotherm::fieldbus::wire::{Answer, Boxed, Request, Wire};
@@ -318,10 +319,12 @@ impl Dial for BadDial {
         Box::pin(async {
             let wire = self.dial.dial(tap).await?;
             let (calls, nth, mishap) = (self.calls.clone(), self.nth, self.mishap);
-            Ok(Connection::Other(Box::new(BadWire { wire, calls, nth, mishap })))
+            Ok(Connection::Modbus(Box::new(BadWire { wire, calls, nth, mishap })))
         })
     }
 }
+
+impl ModbusWire for BadWire {}
 
 impl Wire for BadWire {
     fn exchange<'a>(

@@ -132,7 +132,7 @@ fn check_says_what_is_published_and_online_whether_the_broker_is_there() {
     assert_eq!(published.count(), 0, "nothing was published");
     broker.dies();
     let (fits, said) = check(&["--online"]);
-    assert!(!fits && said.contains("nothing listens at that port"), "{said}");
+    assert!(!fits && said.contains("no program listens at this port"), "{said}");
     // Starts a listener that speaks another protocol.
     let other = std::net::TcpListener::bind(("127.0.0.1", broker.port)).unwrap();
     std::thread::spawn(move || {

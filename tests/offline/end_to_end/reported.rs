@@ -117,7 +117,7 @@ fn a_report_that_cannot_be_written_does_not_throw_the_result_away() {
     let answer = identify(home.path(), PROFILE, &logs, &more);
     assert_eq!(answer.code, Some(1));
     assert!(
-        answer.out.contains("Cz = −e, added up from") && answer.out.contains("the block is in z.toml"),
+        answer.out.contains("Cz = −e is the sum of") && answer.out.contains("the block is in z.toml"),
         "{}",
         answer.out
     );

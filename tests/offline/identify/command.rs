@@ -113,7 +113,7 @@ fn terms_that_come_to_most_are_first_whatever_their_units() {
     let home = tempfile::tempdir().unwrap();
     let logs: Vec<String> = speed::days(4).iter().map(|day| speed::log(day, |_| false)).collect();
     let (said, _) = identify(home.path(), &speed::profile_with(rig::NO_MODEL), &logs, &[]);
-    let terms = said.split_once("added up from\n").unwrap().1;
+    let terms = said.split_once("is the sum of\n").unwrap().1;
     let first: Vec<&str> = terms.lines().take(5).collect();
     assert!(first.iter().any(|line| line.contains("µm/rpm²")), "{terms}");
 }

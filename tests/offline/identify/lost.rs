@@ -85,7 +85,9 @@ fn each_stretch_in_which_a_sensor_stood_still_is_mended_and_one_that_is_kept_is_
     let kept = ready_with(&Choice { keep: vec!["s0".to_owned()], ..rig::choice() });
     assert_eq!(kept.repaired, []);
     let reported =
-        kept.notes.remarks.iter().filter(|remark| remark.starts_with("s0 is kept as requested: frozen"));
+        kept.notes.remarks.iter().filter(|remark| {
+            remark.starts_with("s0 is used as requested, although it was found faulty: frozen")
+        });
     assert_eq!(reported.count(), 2, "{:?}", kept.notes.remarks);
 }
 

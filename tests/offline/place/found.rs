@@ -224,9 +224,9 @@ fn a_method_of_one_case_says_by_which_it_placed() {
     write_inputs(home.path(), &CASES[..2]);
     let by = |arguments: &[&str]| place(home.path(), &[&["air.inp", "spindle.inp"], arguments].concat()).out;
     let shown = by(&["--method", "patent"]);
-    assert!(shown.contains("sensors by patent, placed by spindle"), "the one that moves it most: {shown}");
+    assert!(shown.contains("sensors by patent, placed for spindle"), "the one that moves it most: {shown}");
     let shown = by(&["--method", "bounded", "--case", "air"]);
-    assert!(shown.contains("sensors by bounded, placed by air"), "{shown}");
+    assert!(shown.contains("sensors by bounded, placed for air"), "{shown}");
 }
 
 #[test]

@@ -6,8 +6,8 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use isotherm::clock::Clock;
-use isotherm::fieldbus::can::error_frame::ErrorSeverity;
-use isotherm::fieldbus::can::{ReceivedFrame, Socket};
+use isotherm::fieldbus::kinds::can::error_frame::ErrorSeverity;
+use isotherm::fieldbus::kinds::can::{ReceivedFrame, Socket};
 use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::status::Status;
 use isotherm::virtual_machine::{FaultScript, PlantSpec, SeenRequest, Setup, Summary, VirtualMachine};
@@ -373,7 +373,7 @@ fn a_machine_whose_interface_is_missing_says_how_to_make_one() {
     }
     assert_eq!(
         reported,
-        "cannot listen at vm-none (bus `can`): there is no such interface; a virtual one is made by: \
+        "cannot listen at vm-none (bus `can`): there is no such interface; a virtual one is created by: \
          ip link add dev vm-none type vcan && ip link set vm-none up"
     );
 }

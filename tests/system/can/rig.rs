@@ -6,8 +6,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use isotherm::clock::Clock;
-use isotherm::fieldbus::can::{ReceivedFrame, Socket};
 use isotherm::fieldbus::error::Fault;
+use isotherm::fieldbus::kinds::can::{ReceivedFrame, Socket};
 use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::status::{GatewayApi, SignalStatus, Status};
 

@@ -6,7 +6,7 @@ use std::process::{Child, ChildStdout, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use isotherm::fieldbus::can::{ReceivedFrame, Socket};
+use isotherm::fieldbus::kinds::can::{ReceivedFrame, Socket};
 use isotherm_core::codec::{BitField, BitKind, ByteOrder, CanId, CanMatch, Frame};
 use isotherm_core::reading::Reason;
 

@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 
 use isotherm::clock::Clock;
-use isotherm::fieldbus::can::{CanDial, Images, Link, ReceivedFrame};
+use isotherm::fieldbus::kinds::can::{CanDial, Images, Link, ReceivedFrame};
 use isotherm::fieldbus::line::DeviceLine;
 use isotherm::fieldbus::send_guard::SendDeadline;
 use isotherm::fieldbus::wire::Request;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use isotherm::fieldbus::connection::{Connection, Dial};
 use isotherm::fieldbus::error::{Fault, LinkFault};
-use isotherm::fieldbus::modbus::ModbusTcp;
+use isotherm::fieldbus::kinds::modbus::tcp::ModbusTcp;
 use isotherm::fieldbus::trace::Tap;
 use isotherm::fieldbus::wire::Boxed;
 use isotherm::gateway::Dialer;
@@ -23,7 +23,7 @@ impl Dial for Lingering {
             let unreachable = |_| Fault::Link(LinkFault::Unreachable);
             let stream = TcpStream::connect(&self.0).await.map_err(unreachable)?;
             stream.set_nodelay(true).map_err(unreachable)?;
-            Ok(Connection::Modbus(ModbusTcp::new(stream, tap)))
+            Ok(Connection::ModbusTcp(ModbusTcp::new(stream, tap)))
         })
     }
 }

@@ -1,12 +1,16 @@
-//! Generated chapters: every key of a profile from its schema, every template from its file.
+//! Generated chapters: every key of a profile from its schema, every template from its file, every event from the
+//! catalogue, every field of the status from its comment.
 
 use std::fmt::Write;
 
 use isotherm_core::display::Display;
-use isotherm_profile::{schema, template};
+use isotherm_core::events::{EventKind, Level};
+use isotherm_profile::{ALARM, ALARM_OVER, schema, template};
 use serde_json::Value;
 
 use super::book::{read, root};
+
+mod status;
 
 /// Place of the profile itself.
 const WHOLE: &str = "";
@@ -254,6 +258,56 @@ fn templates() -> String {
                 writeln!(text, "- **{what}**: {}", said.as_str().unwrap()).unwrap();
             }
         }
+    }
+    text
+}
+
+#[test]
+fn the_table_of_events_is_what_the_catalogue_says() {
+    is_committed("docs/events.md", &events());
+}
+
+fn events() -> String {
+    let mut text = "# The events\n\n\
+        This chapter is made from `crates/core/src/events.rs`, and a test compares both: `TEST_WRITES_MANUAL=1 cargo test --features full --test verbs generated`.\n\
+        [Commands and events](commands.md#events) describes where to read events, and the data of an event.\n\n\
+        - **level**: an event with two levels has the second one if it reports no trouble.\n\
+        - **until**: the event raises an [alarm](page.md#alarms), and these events end it. An event `axis-state` without trouble ends the one before.\n\
+        - **`on`**: words of [`[[notify]]`](notify.md) that post the event, in addition to its name. `axis-off` posts `axis-state` if the axis does not follow a model any more.\n\
+        - **what to do**: the hint, unless the cause of the event has its own. Names in capitals are fields of the event's data.\n\n\
+        | event | level | until | `on` | meaning | what to do |\n|---|---|---|---|---|---|\n"
+        .to_owned();
+    let mut kinds = EventKind::ALL;
+    kinds.sort_unstable_by_key(|kind| kind.name());
+    for kind in kinds {
+        let level = match kind.level() {
+            Level::Info => "info",
+            Level::Warning => "warning",
+            Level::Error => "error",
+        };
+        let level = if kind.may_be_info() { format!("{level}, info") } else { level.to_owned() };
+        let until: Vec<String> = kind.ended_by().map(|end| format!("`{}`", end.name())).collect();
+        let until = match kind.raises() {
+            Some(_) if until.is_empty() => "the next start".to_owned(),
+            _ => until.join(", "),
+        };
+        let alarm = kind.raises().map(|_| ALARM);
+        let alarm_over = kind.ends().first().map(|_| ALARM_OVER);
+        let words: Vec<String> =
+            [alarm, alarm_over, kind.word()].into_iter().flatten().map(|word| format!("`{word}`")).collect();
+        let hint = kind.hint().unwrap_or_default().split(['{', '}']).enumerate();
+        let hint: String = hint
+            .map(|(place, part)| if place % 2 == 0 { part.to_owned() } else { part.to_uppercase() })
+            .collect();
+        writeln!(
+            text,
+            "| `{}` | {level} | {until} | {} | {} | {} |",
+            kind.name(),
+            words.join(", "),
+            cell(kind.meaning()),
+            cell(&hint)
+        )
+        .unwrap();
     }
     text
 }

@@ -6,10 +6,10 @@ use std::str::FromStr;
 
 use super::{Field, Node, Object, PcSensor};
 
-/// Address of a value on a line of any kind.
+/// Address of a value on a bus of any kind, or of a sensor of this computer.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Address {
-    /// Modbus registers that begin with this one, or one coil or discrete input.
+    /// First of the Modbus registers of the value, or its coil or discrete input.
     Modbus(Register),
     /// CANopen object, read and written by SDO.
     Object(Object),
@@ -37,7 +37,7 @@ pub enum Table {
 /// Register, coil or discrete input of a Modbus device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Register {
-    /// Table that contains it.
+    /// Table that contains the register, coil or discrete input.
     pub table: Table,
     /// Zero-based protocol address.
     pub offset: u16,
@@ -46,7 +46,7 @@ pub struct Register {
 impl Table {
     const ALL: [Table; 4] = [Table::Coil, Table::Discrete, Table::Input, Table::Holding];
 
-    /// Name in the profile.
+    /// Returns the name of the table in the profile.
     pub const fn name(self) -> &'static str {
         match self {
             Table::Coil => "coil",
@@ -66,7 +66,7 @@ impl Table {
         matches!(self, Table::Coil | Table::Holding)
     }
 
-    /// Function code for reading the table.
+    /// Returns the Modbus function code for reading the table.
     pub const fn read_function(self) -> u8 {
         match self {
             Table::Coil => 1,
@@ -76,7 +76,7 @@ impl Table {
         }
     }
 
-    /// First digit of the Modicon numbers of the table.
+    /// Returns the first digit of the Modicon numbers of the table.
     const fn digit(self) -> u32 {
         match self {
             Table::Coil => 0,
@@ -88,17 +88,17 @@ impl Table {
 }
 
 impl Address {
-    /// First register of the value. `None` for any other kind of address.
+    /// Returns the first register of the value. `None` for any other kind of address.
     pub const fn register(&self) -> Option<Register> {
         if let Address::Modbus(register) = self { Some(*register) } else { None }
     }
 
-    /// Node of the value. `None` for any other kind of address.
+    /// Returns the OPC UA node of the value. `None` for any other kind of address.
     pub const fn node(&self) -> Option<&Node> {
         if let Address::Node(node) = self { Some(node) } else { None }
     }
 
-    /// Sensor of this computer. `None` for any other kind of address.
+    /// Returns the sensor of this computer. `None` for any other kind of address.
     pub const fn sensor(&self) -> Option<&PcSensor> {
         if let Address::Sensor(sensor) = self { Some(sensor) } else { None }
     }
@@ -126,7 +126,7 @@ impl FromStr for Register {
     type Err = String;
 
     /// # Errors
-    /// A sentence with the allowed notations.
+    /// Returns a sentence with the allowed notations.
     fn from_str(text: &str) -> Result<Register, String> {
         if let Some((table, offset)) = text.split_once(':') {
             let table =

@@ -9,7 +9,7 @@ use std::fmt;
 use super::{DataType, Encoded};
 use crate::reading::Reason;
 
-/// Byte order of a value: which end is first in the frame.
+/// Byte order of a value in a CAN frame: which end of the value comes first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ByteOrder {
     /// Least significant byte first; `@1` in a DBC file.
@@ -18,7 +18,7 @@ pub enum ByteOrder {
     Motorola,
 }
 
-/// Interpretation of the bits of a value.
+/// Interpretation of the bits of a value in a CAN frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum BitKind {
     /// Unsigned integer.
@@ -63,7 +63,8 @@ impl BitField {
         }
     }
 
-    /// Returns the type of the value: the named type of this width, or one with exactly this number of bits.
+    /// Returns the type of the value: a type with a name such as `u16` for this width, else one with exactly this
+    /// number of bits.
     pub fn data_type(&self) -> DataType {
         match (self.kind, self.length) {
             (BitKind::Float, 32) => DataType::F32,
@@ -114,7 +115,8 @@ impl BitField {
         self.places().any(|(_, byte, bit)| other.places().any(|(_, b, i)| (byte, bit) == (b, i)))
     }
 
-    /// Iterates over the bits of the field: rank in the value, index of the byte, position in the byte.
+    /// Returns the bits of the field. Each item contains the rank of a bit in the value (0 is the least significant),
+    /// its byte, and its position in the byte.
     fn places(&self) -> impl Iterator<Item = (usize, usize, usize)> {
         let (start, length, order) = (usize::from(self.start), usize::from(self.length), self.order);
         (0..length).map(move |step| match order {

@@ -14,7 +14,7 @@ pub struct CanId {
 pub struct CanMatch {
     /// Identifier to compare with.
     pub id: CanId,
-    /// Bits that are compared. These are all bits, except for a J1939 parameter group.
+    /// Bits of the identifier that are compared: all bits, except in a filter for a J1939 parameter group.
     pub mask: u32,
 }
 
@@ -28,9 +28,9 @@ pub struct Frame {
 }
 
 impl CanId {
-    /// Largest identifier of 11 bits.
+    /// Largest number of an identifier of 11 bits.
     pub const LARGEST_STANDARD: u32 = 0x7ff;
-    /// Largest identifier of 29 bits.
+    /// Largest number of an identifier of 29 bits.
     pub const LARGEST_EXTENDED: u32 = 0x1fff_ffff;
 
     /// Creates an identifier of 11 bits. Returns `None` above 0x7FF.
@@ -48,7 +48,7 @@ impl CanId {
         CanId { is_extended: false, raw: number as u32 & CanId::LARGEST_STANDARD }
     }
 
-    /// Number of the identifier.
+    /// Returns the identifier as a number.
     pub const fn raw(self) -> u32 {
         self.raw
     }
@@ -60,14 +60,15 @@ impl CanId {
 }
 
 impl CanMatch {
-    /// Matches one identifier only.
+    /// Creates a filter that matches this identifier only.
     pub const fn exactly(id: CanId) -> CanMatch {
         let mask = if id.is_extended { CanId::LARGEST_EXTENDED } else { CanId::LARGEST_STANDARD };
         CanMatch { id, mask }
     }
 
-    /// Matches the J1939 parameter group of this identifier at any priority, from one sender or from any. A group with
-    /// a destination matches for each destination. Returns `None` if the identifier would not fit 29 bits.
+    /// Creates a filter for the J1939 parameter group of this identifier at any priority, from one sender (`source`) or
+    /// from any. A group with a destination matches for each destination. Returns `None` if the identifier would not
+    /// fit 29 bits.
     pub const fn parameter_group(id: u32, source: Option<u8>) -> Option<CanMatch> {
         // Data page and format. From format 240 on, the next eight bits belong to the group; below, they are the
         // destination.
@@ -88,7 +89,7 @@ impl CanMatch {
         self.id.is_extended == id.is_extended && (self.id.raw ^ id.raw) & self.mask == 0
     }
 
-    /// Returns whether an identifier exists that both filters match.
+    /// Returns whether both filters can match the same identifier.
     pub const fn meets(self, other: CanMatch) -> bool {
         self.id.is_extended == other.id.is_extended
             && (self.id.raw ^ other.id.raw) & self.mask & other.mask == 0
@@ -106,7 +107,8 @@ impl Frame {
         if bytes.len() > 8 { None } else { Frame::of(id, false, bytes) }
     }
 
-    /// Creates a classic frame of a length known at compile time. More than eight bytes do not compile.
+    /// Creates a classic frame from an array, which is never too long: an array of more than eight bytes does not
+    /// compile.
     pub fn short<const N: usize>(id: CanId, bytes: [u8; N]) -> Frame {
         const { assert!(N <= 8, "a classic frame has eight bytes at most") };
         let mut data = [0; 64];
@@ -114,13 +116,13 @@ impl Frame {
         Frame { id, is_fd: false, len: N, data }
     }
 
-    /// Creates a CAN FD frame. Returns `None` for a length that no such frame has. Allowed are 0 to 8, 12, 16, 20, 24,
-    /// 32, 48 and 64 bytes.
+    /// Creates a CAN FD frame. Returns `None` for a length that no CAN FD frame has. Allowed are 0 to 8, 12, 16, 20,
+    /// 24, 32, 48 and 64 bytes.
     pub fn fd(id: CanId, bytes: &[u8]) -> Option<Frame> {
         if Frame::fd_length(bytes.len()) == Some(bytes.len()) { Frame::of(id, true, bytes) } else { None }
     }
 
-    /// Returns the shortest length of a CAN FD frame for this number of bytes. `None` above 64.
+    /// Returns the shortest length of a CAN FD frame that has room for this number of bytes. `None` above 64 bytes.
     pub fn fd_length(bytes: usize) -> Option<usize> {
         const LENGTHS: [usize; 7] = [12, 16, 20, 24, 32, 48, 64];
         if bytes <= 8 { Some(bytes) } else { LENGTHS.into_iter().find(|length| *length >= bytes) }
@@ -132,7 +134,7 @@ impl Frame {
         Some(Frame { id, is_fd, len: bytes.len(), data })
     }
 
-    /// Identifier of the frame.
+    /// Returns the identifier of the frame.
     pub const fn id(&self) -> CanId {
         self.id
     }
@@ -142,12 +144,12 @@ impl Frame {
         self.is_fd
     }
 
-    /// Data bytes of the frame.
+    /// Returns the data bytes of the frame.
     pub fn data(&self) -> &[u8] {
         &self.data[..self.len]
     }
 
-    /// Data bytes of the frame, mutable.
+    /// Returns the data bytes of the frame as a mutable slice.
     pub fn data_mut(&mut self) -> &mut [u8] {
         &mut self.data[..self.len]
     }
@@ -160,7 +162,7 @@ impl fmt::Display for CanId {
     }
 }
 
-/// Formats the identifier, and the mask unless all bits are compared.
+/// Formats the identifier of the filter, and its mask if not all bits are compared.
 impl fmt::Display for CanMatch {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.id)?;

@@ -1,4 +1,5 @@
-//! The last check before a write: the correction that the control would apply for the registers.
+//! Last check before a write. It computes the correction that the control would apply for the registers, and rejects a
+//! wrong one.
 
 use std::fmt;
 
@@ -7,33 +8,34 @@ use crate::quantity::Micron;
 
 /// View of a control on the registers of one output.
 ///
-/// The gateway converts µm into registers by the settings of the merged profile. This view converts the registers back
-/// into µm by the settings of the profile file itself, without any layer above it. [`ControlView::admit`] compares the
-/// two directly before the registers are put into a request.
+/// The gateway converts µm into registers with the settings of the merged profile. This view converts the registers
+/// back into µm with the settings of the profile file alone. [`ControlView::admit`] compares the two directly before
+/// the registers are sent.
 ///
 /// The check protects against:
 /// - registers that do not hold the value: a count that wrapped or was limited to the range of its type, or a wrong
 ///   word order;
-/// - arithmetic that carries a value further than half a count past the limit;
-/// - a scale, bias, diameter or limit that differs from the profile file, whatever changed it;
-/// - a gateway share, or a corrected position, that is further than the limit from the operator offset or the position.
+/// - rounding of the calculation that exceeds the limit by more than half a count;
+/// - a scale, bias, diameter or limit that differs from the profile file, for any reason;
+/// - a gateway share whose distance from the operator offset exceeds the limit, or a corrected position whose distance
+///   from the position does.
 ///
-/// The check cannot protect against a wrong scale in the profile file, or against other settings in the control: the
-/// gateway has no other source. A control that reports the applied value (`read_back`) reveals both.
+/// The check cannot detect a wrong scale in the profile file, or other settings in the control, because the gateway has
+/// no other source. A control that reports the applied value (`read_back`) reveals both faults.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ControlView {
     /// Encoding that the control uses for the registers.
     pub encoding: Encoding,
     /// Size of a correction of 1 µm, in the unit of the value.
     pub per_micron: f64,
-    /// Largest absolute correction.
+    /// Largest absolute correction that may be written.
     pub limit: Micron,
 }
 
 /// Reason why registers must not be sent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Inadmissible {
-    /// The registers hold NaN, infinity or a sentinel, or their number is wrong.
+    /// The registers hold NaN, infinity or a sentinel, or the number of registers is wrong.
     NoNumber,
     /// The control would apply more than the limit.
     Beyond {
@@ -52,8 +54,8 @@ pub enum Inadmissible {
 }
 
 impl ControlView {
-    /// Returns the value that the control reads in the registers, in the unit of the output. `None` if they hold no
-    /// number.
+    /// Returns the value that the control reads in the registers, in the unit of the output. `None` if the registers
+    /// hold no number.
     pub fn value(&self, registers: &[u16]) -> Option<f64> {
         self.encoding.decode(registers).ok()
     }
@@ -62,11 +64,11 @@ impl ControlView {
     ///
     /// - `meant` is the intended correction.
     /// - `centre` is the value without a correction: zero, the operator offset, or the position.
-    /// - `held` is the correction in the register now. A correction beyond the limit passes if it is not larger than
-    ///   this one, because a register beyond the limit returns in steps.
+    /// - `held` is the correction in the register now. A correction beyond the limit is allowed if it is not larger
+    ///   than `held`, because a register beyond the limit returns in steps.
     ///
     /// # Errors
-    /// The reason why the registers must not be sent.
+    /// Returns why the registers must not be sent.
     pub fn admit(
         &self,
         registers: &[u16],
@@ -87,13 +89,13 @@ impl ControlView {
         Ok(())
     }
 
-    /// Converts a difference of the value into a correction. `None` if the result is NaN or infinite.
+    /// Converts a difference in the unit of the output into a correction. `None` if the result is NaN or infinite.
     pub fn micron(&self, value: f64) -> Option<Micron> {
         Micron::new(value / self.per_micron)
     }
 
-    /// Returns the allowed deviation from the intended correction, µm. It covers half a count, or the rounding of
-    /// floats.
+    /// Returns the allowed deviation from the intended correction, µm: half a count for an integer, or the rounding of
+    /// a float. `size`: magnitude of the value.
     fn slack(&self, size: f64) -> f64 {
         let data_type = self.encoding.data_type;
         let (count, digits) = match data_type.integer_range() {

@@ -1,48 +1,48 @@
 //! Counters of linear scales: the position after a rollover, and the detection of a new reference.
 //!
-//! A counter of 16 or 32 bits starts again after its last count. The difference of two counts, modulo that length, is
-//! the motion in between. A difference larger than the axis can travel is no motion. It is either a corrupted value,
-//! which the next one contradicts, or a counter that was referenced, preset or restarted, which the next one confirms.
-//! The functions are pure: the time of each reading is an argument.
+//! A counter of 16 or 32 bits starts again after its last count. The difference of two counts, modulo the number of
+//! counts, is the motion in between. A difference larger than the axis can travel is no motion. Either the value is
+//! corrupted, and the next value contradicts it. Or the counter was referenced, preset or restarted, and the next value
+//! confirms it. The functions are pure: the time of each reading is an argument.
 
 use std::time::Duration;
 
 use super::{DataType, Encoding};
 use crate::quantity::Moment;
 
-/// Settings of a counting signal.
+/// Settings of a signal that counts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Counter {
     /// Largest speed of the axis, in the signal's unit per second.
     pub max_speed: f64,
-    /// Largest error of the interval between two consecutive readings. The interval may be this much longer than their
-    /// times say.
+    /// Largest error of the interval between two consecutive readings. The true interval may be this much longer than
+    /// the difference of their times.
     pub slack: Duration,
 }
 
-/// State of a counting signal: last count, position, and a value that waits for confirmation.
+/// State of a signal that counts: last count, position, and a value that waits for confirmation.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Tracked {
     last: Option<CounterSample>,
-    /// Value out of reach of the axis. Accepted if the next value agrees with it.
+    /// Value that the axis cannot have reached. It is accepted if the next value agrees with it.
     leapt: Option<CounterSample>,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct CounterSample {
-    /// Count in the register, mapped to the range around zero.
+    /// Count in the register, mapped to a range with zero in its middle.
     count: i64,
-    /// Count that includes the rollovers since the first reading.
+    /// Count with the rollovers since the first reading added.
     position: i64,
     at: Moment,
 }
 
-/// Result for a new value, in the signal's unit.
+/// Result for a new value of a counter, in the signal's unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Motion {
     /// The axis is at this position.
     To(f64),
-    /// The axis cannot have reached this value; the next value decides.
+    /// The axis cannot have reached this value. The next value shows whether it is valid.
     Doubtful,
     /// The counter has a new reference: its value changed from `from` to `to`, and the axis did not move.
     Rereferenced {
@@ -54,7 +54,8 @@ pub enum Motion {
 }
 
 impl Counter {
-    /// Number of counts of a counter of this type before it starts again. `None` if the type cannot be a counter.
+    /// Returns the number of counts of a counter of this type before it starts again at its first count. `None` if the
+    /// type cannot be a counter.
     pub fn modulus(data_type: DataType) -> Option<i64> {
         match data_type {
             DataType::U16 | DataType::I16 => Some(1 << 16),
@@ -64,8 +65,8 @@ impl Counter {
         }
     }
 
-    /// Returns the least time in which the axis moves half the counter's length. After a longer gap the number of
-    /// rollovers is unknown.
+    /// Returns the shortest time in which the axis moves half the counts of the counter. After a longer gap, the number
+    /// of rollovers is unknown. `None` if the type cannot be a counter.
     pub fn half_way(&self, encoding: &Encoding) -> Option<Duration> {
         let half = Counter::modulus(encoding.data_type)? / 2;
         #[allow(clippy::cast_precision_loss, reason = "at most 2^31")]

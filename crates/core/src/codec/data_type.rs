@@ -2,7 +2,7 @@
 
 use super::Encoded;
 
-/// Largest number on a display of six digits.
+/// Largest number on a display with six digits.
 const SIX_DIGITS: i128 = 999_999;
 
 /// Representation of a number in registers.
@@ -30,10 +30,10 @@ pub enum DataType {
     Bit(u8),
     /// Two registers of a digit display: sign, number of decimals (0 to 5) and 24 bits of magnitude, for six digits.
     Decimal24(u8),
-    /// Unsigned integer of 1 to 64 bits in a CAN frame or CANopen object. Widths with a type of their own use that
-    /// type.
+    /// Unsigned integer of this number of bits (1 to 64), in a CAN frame or CANopen object. Widths with a type of their
+    /// own, such as [`DataType::U16`], use that type.
     Unsigned(u8),
-    /// Signed integer in two's complement, otherwise as [`DataType::Unsigned`].
+    /// Signed integer in two's complement of this number of bits, otherwise as [`DataType::Unsigned`].
     Signed(u8),
 }
 
@@ -51,7 +51,7 @@ impl DataType {
         DataType::F64,
     ];
 
-    /// Number of registers of a value.
+    /// Returns the number of registers that a value of this type occupies.
     pub const fn registers(self) -> u16 {
         match self {
             DataType::Bool | DataType::Bit(_) | DataType::U16 | DataType::I16 => 1,
@@ -61,7 +61,7 @@ impl DataType {
         }
     }
 
-    /// Number of bits of a value.
+    /// Returns the number of bits of a value of this type.
     pub const fn width(self) -> u8 {
         match self {
             DataType::Bool | DataType::Bit(_) => 1,
@@ -92,7 +92,7 @@ impl DataType {
         }
     }
 
-    /// Splits bits into registers, most significant first.
+    /// Splits the bits of a value into registers, most significant first.
     pub fn encode(self, bits: u64) -> Encoded {
         let len = usize::from(self.registers());
         let mut registers = [0u16; 4];
@@ -103,7 +103,7 @@ impl DataType {
         Encoded { registers, len, saturated: false }
     }
 
-    /// Name in the profile.
+    /// Returns the name of the type in the profile.
     pub const fn name(self) -> &'static str {
         match self {
             DataType::Bool | DataType::Bit(_) => "bool",
@@ -125,7 +125,7 @@ impl DataType {
         }
     }
 
-    /// Smallest and largest raw count of an integer type. `None` for floating point.
+    /// Returns the smallest and the largest raw count of an integer type. `None` for floating point.
     pub const fn integer_range(self) -> Option<(i128, i128)> {
         Some(match self {
             DataType::Bool | DataType::Bit(_) => (0, 1),
@@ -144,7 +144,7 @@ impl DataType {
 }
 
 impl DataType {
-    /// Encodes a raw count, which must be in range, as bits.
+    /// Encodes a raw count as bits. The count must be in the range of the type.
     pub(super) fn bits_of(self, raw: i128) -> u64 {
         match self {
             DataType::Bit(bit) => to_bits(raw) << bit,
@@ -165,7 +165,7 @@ fn to_bits(raw: i128) -> u64 {
     u64::from_le_bytes(low)
 }
 
-/// Decodes bits into a raw count.
+/// Decodes the bits of a value of this integer type into a raw count.
 pub(super) fn integer_of(data_type: DataType, bits: u64) -> i128 {
     let beyond = 64 - u32::from(data_type.width());
     match data_type {

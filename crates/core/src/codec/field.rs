@@ -5,7 +5,7 @@ use std::fmt;
 use super::{BitField, CanMatch, Encoded};
 use crate::reading::Reason;
 
-/// Value in CAN frames.
+/// Value in CAN frames: the frames that contain it, and its bits in them.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Field {
     /// Frames that contain the value.
@@ -14,7 +14,7 @@ pub struct Field {
     pub is_fd: bool,
     /// Bits of the value in the frame.
     pub bits: BitField,
-    /// Conditions on the frame. A frame contains the field only if all of them hold.
+    /// Multiplexer conditions on the frame. A frame contains the field only if all conditions are true.
     pub multiplex: Vec<Selector>,
 }
 
@@ -28,8 +28,8 @@ pub struct Selector {
 }
 
 impl Field {
-    /// Reads the value from a frame as registers, most significant first. Returns `None` if the frame does not contain
-    /// the field.
+    /// Reads the value from a frame as registers, most significant first. `None` if the frame does not contain the
+    /// field; an error if the frame is too short.
     pub fn read(&self, frame: &[u8]) -> Option<Result<Encoded, Reason>> {
         for selector in &self.multiplex {
             match selector.bits.bits(frame) {

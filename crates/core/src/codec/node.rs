@@ -6,10 +6,12 @@
 use std::fmt;
 use std::str::FromStr;
 
+use super::data_type::integer_of;
+use super::float::float_of;
 use super::{DataType, Encoded};
 use crate::reading::Reason;
 
-/// Identifier of a node, with its namespace. Prints in the notation of the profile.
+/// Identifier of a node, with its namespace. Formatted in the notation of the profile.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct NodeId {
     /// Namespace of the node.
@@ -24,7 +26,7 @@ pub enum Namespace {
     /// `ns=`: index in the namespace array of the server. The index may change when the server restarts. Index 0 is the
     /// namespace of OPC UA itself.
     Index(u16),
-    /// `nsu=`: URI of the namespace. The gateway queries the index at each connection.
+    /// `nsu=`: URI of the namespace. The gateway asks the server for the index at each connection.
     Uri(String),
 }
 
@@ -32,20 +34,21 @@ impl Namespace {
     /// URI of the namespace that has index 0 on every server.
     const OF_OPC_UA: &str = "http://opcfoundation.org/UA/";
 
-    /// Parses the namespace at the beginning of a node identifier. Returns it with the rest of the text.
+    /// Parses the namespace at the beginning of a node's notation. Returns the namespace and the rest of the text, or a
+    /// message about the mistake.
     fn parse(text: &str) -> Result<(Namespace, &str), String> {
         let (by_uri, by_index) = (text.strip_prefix("nsu="), text.strip_prefix("ns="));
         let Some(rest) = by_uri.or(by_index) else { return Ok((Namespace::Index(0), text)) };
         let ends = || format!("`{text}` has no `;` and no name after its namespace");
         let (name, rest) = rest.split_once(';').ok_or_else(ends)?;
         if by_index.is_some() {
-            let wrong = |_| format!("the namespace of `{text}` is no number up to 65535");
+            let wrong = |_| format!("the namespace of `{text}` is not a number from 0 to 65535");
             return Ok((Namespace::Index(name.parse().map_err(wrong)?), rest));
         }
         match unescaped(name)
-            .ok_or_else(|| format!("`%` in the URI of `{text}` is written %25, `;` is written %3B"))?
+            .ok_or_else(|| format!("in the URI of `{text}`, `%` must be written as %25 and `;` as %3B"))?
         {
-            uri if uri.is_empty() => Err(format!("`{text}` has no URI behind `nsu=`")),
+            uri if uri.is_empty() => Err(format!("`{text}` has no URI after `nsu=`")),
             uri if uri == Namespace::OF_OPC_UA => Ok((Namespace::Index(0), rest)),
             uri => Ok((Namespace::Uri(uri), rest)),
         }
@@ -95,12 +98,12 @@ pub struct Node {
 pub struct Scalar {
     /// Type of the number.
     pub data_type: DataType,
-    /// Bits of the number, as [`DataType::encode`] takes them.
+    /// Bits of the number, as [`DataType::encode`] expects them.
     pub bits: u64,
 }
 
 impl Node {
-    /// Type of the value in the registers that [`Node::registers`] returns.
+    /// Returns the type of the value in the registers that [`Node::registers`] returns.
     pub fn taken_as(&self) -> DataType {
         self.data_type.unwrap_or(DataType::F64)
     }
@@ -117,7 +120,7 @@ impl Node {
         }
     }
 
-    /// Encodes an integer as registers of the node's type. The type must be able to hold it.
+    /// Encodes an integer as registers of the node's type, which must have room for it.
     pub fn word(&self, number: u16) -> Encoded {
         self.taken_as().encode(u64::from(number))
     }
@@ -129,12 +132,12 @@ impl Node {
 }
 
 impl Scalar {
-    /// Converts the number to a float. Integers beyond 2^53 lose their last digits.
+    /// Returns the number as a float. Integers beyond 2^53 lose their last digits.
     #[allow(clippy::cast_precision_loss)]
     fn value(self) -> f64 {
         match self.data_type {
-            DataType::F32 | DataType::F64 => super::float_of(self.data_type, self.bits),
-            _ => super::data_type::integer_of(self.data_type, self.bits) as f64,
+            DataType::F32 | DataType::F64 => float_of(self.data_type, self.bits),
+            _ => integer_of(self.data_type, self.bits) as f64,
         }
     }
 }
@@ -143,15 +146,17 @@ impl FromStr for NodeId {
     type Err = String;
 
     /// # Errors
-    /// A sentence with the mistake.
+    /// Returns a sentence that describes the mistake.
     fn from_str(text: &str) -> Result<NodeId, String> {
         let (namespace, rest) = Namespace::parse(text)?;
         let (kind, name) = rest
             .split_once('=')
             .ok_or_else(|| format!("`{text}` is no node: write a node as `ns=2;s=name` or `i=2258`"))?;
         let identifier = match kind {
-            "i" => Identifier::Number(name.parse().map_err(|_| format!("`{name}` is no number of 32 bits"))?),
-            "s" if name.is_empty() => return Err(format!("`{text}` has no name behind `s=`")),
+            "i" => Identifier::Number(
+                name.parse().map_err(|_| format!("`{name}` is not a number from 0 to 4294967295"))?,
+            ),
+            "s" if name.is_empty() => return Err(format!("`{text}` has no name after `s=`")),
             "s" => Identifier::Text(name.to_owned()),
             "g" if is_guid(name) => Identifier::Guid(name.to_ascii_lowercase()),
             "g" => return Err(format!("`{name}` is no GUID")),
@@ -253,10 +258,10 @@ mod tests {
         for (text, word) in [
             ("holding:104", "is no node"),
             ("ns=2", "no name after its namespace"),
-            ("ns=65536;i=1", "no number up to 65535"),
+            ("ns=65536;i=1", "is not a number from 0 to 65535"),
             ("ns=2;s=", "no name"),
-            ("i=-1", "no number of 32 bits"),
-            ("i=4294967296", "no number of 32 bits"),
+            ("i=-1", "not a number from 0 to 4294967295"),
+            ("i=4294967296", "not a number from 0 to 4294967295"),
             ("ns=2;x=1", "allowed: i, s, g, b"),
             ("g=09087e75", "no GUID"),
             ("b=M/R", "no Base64"),
@@ -264,8 +269,8 @@ mod tests {
             ("b=QUF=", "not canonical Base64"),
             ("nsu=urn:plc", "no name after its namespace"),
             ("nsu=;s=offset", "no URI behind `nsu=`"),
-            ("nsu=urn:50%;s=offset", "is written %25"),
-            ("nsu=urn:a%20b;s=offset", "is written %25"),
+            ("nsu=urn:50%;s=offset", "written as %25"),
+            ("nsu=urn:a%20b;s=offset", "written as %25"),
         ] {
             let why = text.parse::<NodeId>().unwrap_err();
             assert!(why.contains(word), "{text}: {why}");

@@ -1,10 +1,10 @@
-//! CANopen objects: their place in the object dictionary, and conversion between their bytes and registers.
+//! CANopen objects: their entry in the object dictionary, and conversion between their bytes and registers.
 
 use std::fmt;
 
 use super::{DataType, Encoded};
 
-/// Entry of a node's object dictionary. Prints in the notation of the profile: `7130:01`.
+/// Entry of the object dictionary of a CANopen node. Formatted in the notation of the profile: `7130:01`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Entry {
     /// Index of the object.
@@ -41,7 +41,7 @@ impl Object {
         Object { entry: Entry::new(index, sub), data_type }
     }
 
-    /// Number of bytes of the value.
+    /// Returns the number of bytes of the value.
     pub const fn size(&self) -> usize {
         self.data_type.width().div_ceil(8) as usize
     }

@@ -7,12 +7,12 @@
 use std::fmt;
 use std::str::FromStr;
 
-/// Families of 1-Wire temperature sensors that the kernel supports.
+/// Family codes of 1-Wire temperature sensors that the kernel supports. A ROM ID begins with the family code.
 const FAMILIES: [&str; 5] = ["10", "22", "28", "3b", "42"];
-/// Family of the thermocouple converter. It is not related to the DS18B20, and has no fixed value at power-on.
+/// Family code of the thermocouple converter. Unlike a DS18B20, the converter has no fixed value at power-on.
 const THERMOCOUPLE: &str = "3b";
 
-/// Temperature sensor of this computer. Prints in the notation of the profile.
+/// Temperature sensor of this computer. Formatted in the notation of the profile.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum PcSensor {
     /// Temperature of a chip that monitors hardware (hwmon of the kernel).
@@ -23,19 +23,19 @@ pub enum PcSensor {
     OneWire(String),
 }
 
-/// Channel of a chip.
+/// Temperature channel of a chip.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Channel {
     /// Name of the chip in the kernel.
     pub chip: String,
     /// Device name of the chip, for example `1-0048` on an I2C bus. Required if several chips have the same name.
     pub device: Option<String>,
-    /// Label of the channel, or its name in the driver, for example `temp1`. `None` if the chip has only one.
+    /// Label of the channel, or its name in the driver, for example `temp1`. `None` if the chip has only one channel.
     pub channel: Option<String>,
 }
 
 impl PcSensor {
-    /// Name of every 1-Wire sensor in hwmon, which does not distinguish a wrong checksum from other errors.
+    /// Name that the kernel gives to every 1-Wire sensor in hwmon. There a wrong checksum looks like any other error.
     pub const ONE_WIRE_IN_HWMON: &str = "w1_slave_temp";
 
     /// Returns whether the sensor is a DS18B20 or related to it. Such a sensor measures from −55 to 125 °C. It shows 85
@@ -44,7 +44,8 @@ impl PcSensor {
         matches!(self, PcSensor::OneWire(id) if !id.starts_with(THERMOCOUPLE))
     }
 
-    /// Returns where the kernel has the sensor, for messages. `root` is the directory of the sensors.
+    /// Returns the path of the sensor in the kernel's file system and its name, for messages. `root` is the directory
+    /// of the sensors.
     pub fn sought_in(&self, root: &str) -> String {
         let root = root.trim_end_matches('/');
         match self {
@@ -87,7 +88,7 @@ impl FromStr for PcSensor {
     type Err = String;
 
     /// # Errors
-    /// A sentence with the mistake and, after `; `, the correct notation.
+    /// Returns a sentence with the mistake and, after `; `, the correct notation.
     fn from_str(text: &str) -> Result<PcSensor, String> {
         const FORMS: &str = "write \"w1:28-0316a2794f01\", \"hwmon:NAME/LABEL\" or \"iio:NAME/LABEL\"";
         if text.starts_with('/') {

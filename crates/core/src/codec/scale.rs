@@ -1,6 +1,9 @@
 //! Scales: engineering units per count.
 
-/// Scale of a value. It stores whether one unit is a whole number of counts, because finding out takes two divisions.
+use super::float::same;
+
+/// Scale of a value. It also stores whether one unit is a whole number of counts, because calculating this takes two
+/// divisions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scale {
     per_count: f64,
@@ -14,17 +17,17 @@ impl Scale {
     /// Creates a scale from units per count, which must not be zero.
     pub fn of(per_count: f64) -> Scale {
         let counts = (1.0 / per_count).round();
-        let is_whole = counts.abs() >= 1.0 && super::same(1.0 / counts, per_count);
+        let is_whole = counts.abs() >= 1.0 && same(1.0 / counts, per_count);
         Scale { per_count, counts_per_unit: is_whole.then_some(counts) }
     }
 
-    /// Units per count.
+    /// Returns the units per count.
     pub const fn get(self) -> f64 {
         self.per_count
     }
 
-    /// Returns `raw · scale`. If one unit is a whole number of counts, it divides instead. With scale 0.1, 229 counts
-    /// are then 22.9, not 22.900000000000002.
+    /// Returns `raw · scale`. If one unit is a whole number of counts, `raw` is divided by this number instead. With
+    /// scale 0.1, 229 counts are then 22.9, not 22.900000000000002.
     pub(super) fn scaled(self, raw: f64) -> f64 {
         match self.counts_per_unit {
             Some(counts) => raw / counts,

@@ -1,6 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
+use crate::reading::Reason;
 
 fn encoding(data_type: DataType, word_order: WordOrder) -> Encoding {
     Encoding {

@@ -23,11 +23,11 @@ pub(super) use sensor_watch::ModelWatch;
 #[derive(Clone, Debug)]
 pub(super) struct Axis {
     pub(super) settings: AxisSettings,
-    /// The axis has models, and none of them reads a signal.
+    /// Whether the axis has models, and none of them reads a signal.
     pub(super) reads_nothing: bool,
-    /// Lag of each term, by model.
+    /// Lags of the terms of each model.
     lags: Vec<Vec<Lag>>,
-    /// Rejected sensors and stand-ins, by model.
+    /// For each model: its rejected sensors and their stand-ins.
     watched: Vec<ModelWatch>,
     zeroing: Zeroing,
     pub(super) probe: Probe,
@@ -35,22 +35,22 @@ pub(super) struct Axis {
     slope_guard: Guard,
     state: AxisState,
     permit: Permit,
-    /// A model has requested more than the error level since the axis was armed.
+    /// Whether a model has requested more than the error level since the axis was armed.
     tripped: bool,
-    /// The axis keeps its value because the model's inputs are outside its envelope.
+    /// Whether the axis keeps its value because the model's inputs are outside its envelope.
     kept_outside: bool,
-    /// First fallback model that is not used because its inputs are outside its envelope.
+    /// First fallback model that the axis does not use because the model's inputs are outside its envelope.
     fallback_outside: Option<usize>,
     stepped: Option<Moment>,
     pub(super) due: Option<Moment>,
     pub(super) decision: Decision,
 }
 
-/// Result of the guards of Cz and slope.
+/// Result of the guards, which limit the changes of Cz and slope.
 struct GuardResult {
     cz: Micron,
     slope: Micron,
-    /// Requested Cz within the limit.
+    /// Requested Cz, clamped to the limit.
     target: Micron,
     slope_target: Micron,
     acted: Stages,
@@ -99,7 +99,7 @@ impl Axis {
         }
     }
 
-    /// Restores what is remembered. A term that differs from the remembered one starts again.
+    /// Restores the state of an earlier run. A term that differs from the saved one starts without its saved state.
     pub(super) fn recall(&mut self, remembered: &AxisMemory) {
         for (model, lags) in self.settings.models.iter().zip(&mut self.lags) {
             for ((place, input), lag) in model.rises().enumerate().zip(lags) {
@@ -115,12 +115,12 @@ impl Axis {
         }
     }
 
-    /// Returns the state to keep over a restart; `None` if there is none.
+    /// Returns the state that must be saved for a restart of the gateway; `None` if there is none.
     pub(super) fn remembered(&self) -> Option<AxisMemory> {
         AxisMemory::of(&self.settings, &self.lags, &self.watched, &self.zeroing, &self.probe)
     }
 
-    /// Restores the running state in the middle of a run.
+    /// Restores the running state of the axis, to continue in the middle of a run.
     pub(super) fn go_on(&mut self, running: &AxisRunning) {
         (self.guard, self.slope_guard) = (running.guard, running.slope_guard);
         (self.state, self.permit, self.tripped) = (running.state, running.permit, running.tripped);
@@ -128,7 +128,7 @@ impl Axis {
         (self.stepped, self.due, self.decision) = (running.stepped, running.due, running.decision);
     }
 
-    /// Returns the running state.
+    /// Returns the running state of the axis, with which another run can continue.
     pub(super) fn running(&self) -> AxisRunning {
         AxisRunning {
             axis: self.settings.name.clone(),
@@ -145,7 +145,7 @@ impl Axis {
         }
     }
 
-    /// Takes the datum of the axis from now on.
+    /// Starts to capture the datum (zero point of Cz) of the axis and the "zero" references of its models.
     pub(super) fn zero(&mut self, machine: &MachineSettings, now: Moment) {
         if self.settings.datum == Datum::Zero {
             self.zeroing.begin(now.after(machine.settle));
@@ -153,14 +153,15 @@ impl Axis {
         self.renew(Reference::Zero, now.after(machine.settle));
     }
 
-    /// Captures the references at machine start again, and resets the watches, after a machine start.
+    /// Handles a machine start: the models' machine-start references are captured again, and the checks of the sensors
+    /// are reset.
     pub(super) fn started(&mut self, machine: &MachineSettings, now: Moment) {
         self.renew(Reference::Start, now.after(machine.settle));
         self.restart_watches(now);
     }
 
-    /// Returns whether the axis must be stepped: at its period, or at once. It is stepped at once if it never ran, if
-    /// time went back, or if its control has a new demand.
+    /// Returns whether the axis must be stepped: because its period is over, or at once. It is stepped at once if it
+    /// never ran, if time went back, or if its control has a new demand.
     pub(super) fn is_due(&self, now: Moment, control: &Control) -> bool {
         let (Some(due), Some(last)) = (self.due, self.stepped) else { return true };
         let is_new = control.permit != self.permit || control.trust;
@@ -230,7 +231,8 @@ impl Axis {
         self.stepped = Some(now);
     }
 
-    /// Updates `tripped`. Beyond the error level the model is not followed until the axis is armed again.
+    /// Updates `tripped`. A model that requests more than the error level is not followed until the axis is armed
+    /// again.
     fn note_error_level(&mut self, chosen: Option<ModelChoice>, permit: Permit) {
         let beyond = chosen.is_some_and(|chosen| self.is_beyond_error(&chosen));
         self.tripped = permit != Permit::Off && (self.tripped || beyond);
@@ -241,8 +243,8 @@ impl Axis {
         error.is_some_and(|error| chosen.raw.abs() > error || chosen.slope.abs() > error)
     }
 
-    /// Returns the comparison of the model in use if it is worse than no compensation, else `None`. While no model can
-    /// be used, returns the comparison of the last decision.
+    /// Returns the comparison of the model in use with no compensation if the model is worse; else `None`. While no
+    /// model can be used, returns the comparison of the last decision.
     fn worse(&self, chosen: Option<ModelChoice>) -> Option<Worse> {
         match chosen {
             _ if self.settings.probe.is_none() => None,
@@ -251,7 +253,7 @@ impl Axis {
         }
     }
 
-    /// Returns the pace at which the fault action returns Cz to zero.
+    /// Returns the pace at which Cz goes to zero in the fault action.
     fn ramp_pace(&self) -> Pace {
         match self.settings.on_fault {
             OnFault::Zero => Pace::Steps,
@@ -259,13 +261,13 @@ impl Axis {
         }
     }
 
-    /// Returns the state of an axis that returns to zero or stays there, independent of its fault action.
+    /// Returns the state of an axis whose Cz goes to zero or is zero, independent of its fault action.
     fn returns_to_zero(&self) -> AxisState {
         if self.is_at_zero() { AxisState::Zeroed } else { AxisState::Ramping }
     }
 
-    /// Moves both guards towards the requested values. Returns their values, the targets, and the stages that changed
-    /// either value. `ramp`: pace at which the axis returns to zero.
+    /// Moves the guards of Cz and slope towards the requested values. Returns their values, the targets, and the stages
+    /// that changed either value. `dt`: time since the last step. `ramp`: pace at which Cz goes to zero.
     fn guarded(
         &mut self,
         followed: Option<ModelChoice>,
@@ -308,7 +310,7 @@ impl Axis {
         }
     }
 
-    /// Returns the settings of the slope's guard: the same bounds as for Cz, in counts of the slope's register.
+    /// Returns the settings of the guard of the slope: the same bounds as for Cz, in counts of the slope's register.
     fn slope_settings(&self) -> GuardSettings {
         GuardSettings {
             count: self.settings.intercept_slope.and_then(|line| line.count),
@@ -316,7 +318,8 @@ impl Axis {
         }
     }
 
-    /// Returns the next tick of the period, or the end of a hold if that is earlier.
+    /// Returns the time of the axis's next step: the next tick of its period, or the end of a hold if that is earlier.
+    /// `is_checked`: the operator checks the sign.
     fn next_due(&self, now: Moment, is_checked: bool) -> Moment {
         // The operator waits at the machine: the axis moves as fast as it may.
         let period = if is_checked { self.settings.ramp_period() } else { self.period() };
@@ -334,8 +337,8 @@ impl Axis {
         }
     }
 
-    /// Returns whether the axis must keep its value because the model is outside its envelope. This state lasts until
-    /// the inputs are clearly inside.
+    /// Returns whether the axis must keep its value because the inputs of this model are outside its envelope. This
+    /// state lasts until the inputs are clearly inside.
     fn keeps_outside(&self, chosen: &ModelChoice) -> bool {
         let envelope = self.settings.models.get(chosen.model).and_then(|model| model.envelope.as_ref());
         let Some(coverage) =

@@ -1,27 +1,27 @@
-//! The datum of an axis: `Cz(t) − Cz(t_zero)`.
+//! Datum of an axis: the zero point from which its Cz is measured, `Cz(t) − Cz(t_zero)`.
 //!
-//! A workpiece that is referenced on a warm machine has the drift of that time in its datum. Compensating all of the
-//! drift would count it twice. After a zero command, the value that each model requests is captured as the mean over
-//! the machine's settling time. From then on it is subtracted. Until the capture is complete, the old datum is used. A
-//! model that had no value meanwhile takes the datum of the first model that had one, so that a change to it is no
-//! jump.
+//! If a workpiece is referenced on a warm machine, the drift so far is part of its datum. Compensating the whole drift
+//! would count that part twice. After a zero command, the value that each model requests is therefore captured, as the
+//! mean over the machine's settling time. From then on, this mean is subtracted from the model's value. Until the
+//! capture is complete, the old datum is used. A model without a value during the capture gets the datum of the first
+//! model that had one. A change between the two models then causes no jump.
 
 use serde::{Deserialize, Serialize};
 
 use super::model::Outputs;
 use crate::quantity::{Micron, MicronPerMillimetre, Moment};
 
-/// The datum of one axis, model by model.
+/// Datum (zero point of Cz) of one axis, for each of its models.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Zeroing {
     models: Vec<Level>,
     /// End of a running capture; `None` if none is running.
     until: Option<Moment>,
-    /// Time at which the last capture was complete.
+    /// Time at which the last capture was complete; `None` if none was.
     at: Option<Moment>,
 }
 
-/// Datum of one model, and the sums of a running capture.
+/// Datum (zero point of Cz) of one model, and the sums of a running capture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Level {
     cz: Micron,
@@ -43,12 +43,12 @@ impl Zeroing {
         Zeroing { models, until, at }
     }
 
-    /// Returns the datum of each model, and the end of a running capture.
+    /// Returns the datum of each model, and the end of a running capture (`None` if none is running), for saving.
     pub(super) fn kept(&self) -> (&[Level], Option<Moment>) {
         (&self.models, self.until)
     }
 
-    /// Returns the time at which the datum in use was complete; `None` before the first one.
+    /// Returns the time at which the capture of the datum in use was complete; `None` before the first capture.
     pub(super) fn at(&self) -> Option<Moment> {
         self.at
     }
@@ -57,7 +57,7 @@ impl Zeroing {
         self.until.is_some()
     }
 
-    /// Returns the datum of a model, which is subtracted from its request.
+    /// Returns the datum of a model: the values that are subtracted from those that the model requests.
     pub(super) fn of(&self, model: usize) -> Outputs {
         self.models.get(model).map_or(Outputs::default(), |level| {
             let Level { cz, slope, apart, .. } = *level;
@@ -72,8 +72,8 @@ impl Zeroing {
         }
     }
 
-    /// Adds what the models request now. The capture is complete once its time is over and at least one model had a
-    /// value.
+    /// Adds the values that the models request now to a running capture. The capture is complete once its time is over
+    /// and at least one model has had a value.
     pub(super) fn gather(&mut self, now: Moment, evaluate: impl Fn(usize) -> Option<Outputs>) {
         let Some(until) = self.until else { return };
         for (place, level) in self.models.iter_mut().enumerate() {
@@ -95,7 +95,7 @@ impl Zeroing {
 }
 
 impl Level {
-    /// Returns the mean; `None` if nothing was counted or the mean is not finite.
+    /// Returns the mean of the captured values; `None` if there are none or the mean is not finite.
     fn mean(&self) -> Option<Outputs> {
         let count = f64::from(self.count);
         let mean = Outputs::of(self.sum.0 / count, self.sum.1 / count).ok()?;

@@ -1,7 +1,8 @@
-//! The guard between a model and a register: limit → deadband → step → rate → whole counts.
+//! Guard between a model and a register: the stages limit → deadband → step → rate → whole counts, which bound each
+//! change of the offset.
 //!
-//! Each stage reports if it changed the value. The guard keeps two numbers: the offset in µm, and the decided offset in
-//! whole counts. Without the first number, a rate of less than one count per update would never move the offset.
+//! Each stage reports if it changed the value. The guard stores two numbers: the offset in µm, and the decided offset
+//! in whole counts. With the counts alone, a rate of less than one count per update would never change the offset.
 
 use std::fmt;
 use std::time::Duration;
@@ -13,23 +14,23 @@ use crate::quantity::Micron;
 
 mod deadband;
 
-/// Set of guard stages: those that changed the value.
+/// Set of the guard stages that changed a value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Stages(u8);
 
 impl Stages {
     /// The model requested more than the limit.
     pub const LIMIT: Stages = Stages(1);
-    /// The change was too small to be made.
+    /// The change was smaller than the deadband and was not made.
     pub const DEADBAND: Stages = Stages(2);
-    /// The change was cut to the largest step.
+    /// The change was reduced to the largest step.
     pub const STEP: Stages = Stages(4);
-    /// The change was cut to the largest speed.
+    /// The change was reduced to the largest speed.
     pub const RATE: Stages = Stages(8);
     /// The value was rounded to whole counts.
     pub const ROUND: Stages = Stages(16);
 
-    /// Every stage with its name, in order.
+    /// All stages with their names, in the order in which they act.
     pub const ALL: [(Stages, &'static str); 5] = [
         (Stages::LIMIT, "limit"),
         (Stages::DEADBAND, "deadband"),
@@ -38,7 +39,7 @@ impl Stages {
         (Stages::ROUND, "round"),
     ];
 
-    /// Returns true if these stages include `stage`.
+    /// Returns whether these stages include `stage`.
     pub fn contains(self, stage: Stages) -> bool {
         self.0 & stage.0 == stage.0
     }
@@ -55,7 +56,7 @@ impl Stages {
     }
 }
 
-/// Prints the stages as `limit+step`; prints nothing if there are none.
+/// Formats the stages as `limit+step`; without stages, as an empty text.
 impl fmt::Display for Stages {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut between = "";
@@ -74,12 +75,12 @@ pub(super) enum Pace {
     Follow,
     /// Cz goes to zero at the axis's rate, without deadband.
     Ramp,
-    /// Cz goes to zero by one whole step at every update, whatever the rate is.
+    /// Cz goes to zero by one largest step at every update, without regard to the rate.
     Steps,
 }
 
-/// Guard of one offset. `place`: the offset in µm before rounding. `counted`: the same offset, rounded to whole counts
-/// of the register.
+/// Guard of one offset, Cz or the effect of the slope. `place`: the offset in µm before rounding. `counted`: the same
+/// offset, rounded to whole counts of the register.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Guard {
     place: Micron,
@@ -87,15 +88,15 @@ pub(super) struct Guard {
 }
 
 impl Guard {
-    /// Takes over the register value as whole counts inside the limit. Holding it then never writes a value that is not
-    /// allowed.
+    /// Takes over the register value `found`, as whole counts inside the limit. Keeping the value then never writes one
+    /// that is not allowed.
     pub(super) fn take_over(&mut self, found: Micron, settings: &GuardSettings) {
         let inside = found.clamp_to(settings.limit);
         self.place = settings.count.map_or(inside, |count| Grid { count, settings }.nearest(inside));
         self.counted = self.place;
     }
 
-    /// Limits the decided value to one step from the verified value `behind`. Returns the decided value.
+    /// Limits the decided value to at most one step from the verified value `behind`. Returns the decided value.
     pub(super) fn stay_near(&mut self, behind: Micron, settings: &GuardSettings) -> Micron {
         let near = behind + (self.counted - behind).clamp_to(settings.step);
         if near != self.counted {
@@ -109,8 +110,8 @@ impl Guard {
         self.counted
     }
 
-    /// Moves towards `target` as far as `dt` and the settings allow. Returns the decided value, and the stages that
-    /// changed it.
+    /// Moves the offset towards `target`, as far as the time `dt` and the settings allow. Returns the decided value,
+    /// and the stages that changed it.
     pub(super) fn advance(
         &mut self,
         target: Micron,
@@ -135,7 +136,7 @@ impl Guard {
         (self.counted, stages)
     }
 
-    /// Rounds the offset to whole counts: to the count nearest to `place` that is inside the limit and at most one step
+    /// Rounds the offset to whole counts: the count nearest to `place` that is inside the limit and at most one step
     /// from the previous result. Returns the stages that changed the value.
     fn count_off(&mut self, settings: &GuardSettings) -> Stages {
         let mut stages = Stages::default();
@@ -157,10 +158,10 @@ impl Guard {
     }
 }
 
-/// Values closer than this, relative to their size, differ only by the rounding of arithmetic.
+/// Relative difference below which two values differ only by the rounding of the calculation.
 const SAME: f64 = 1e-12;
 
-/// The values that a register can hold.
+/// Values that a register can hold: multiples of one count.
 struct Grid<'a> {
     count: Micron,
     settings: &'a GuardSettings,
@@ -186,14 +187,14 @@ impl Grid<'_> {
         (span.get() / self.count.get() * (1.0 + SAME)).floor()
     }
 
-    /// Returns the value of this number of counts, µm. Adding zero turns −0 into 0. The clamp removes the last digit by
+    /// Returns the value of this number of counts, µm. Adding zero turns −0 into 0. The clamp corrects the rounding by
     /// which 3 · 0.1 exceeds 0.3.
     fn value(&self, counts: f64) -> Micron {
         Micron::new(counts * self.count.get() + 0.0).unwrap_or_default().clamp_to(self.settings.limit)
     }
 }
 
-/// Returns the largest change of one update, and the stage that sets it: the rate times `dt`, or the step.
+/// Returns the largest change of one update, and the guard stage that determines it: the rate times `dt`, or the step.
 fn allowance(dt: Duration, pace: Pace, settings: &GuardSettings) -> (Micron, Stages) {
     let by_rate = Micron::new(settings.rate.get() * dt.as_secs_f64()).unwrap_or(settings.step);
     if pace != Pace::Steps && by_rate < settings.step {

@@ -1,12 +1,11 @@
-//! Models: from a snapshot to a raw Cz. Each kind is one file with an implementation of [`Evaluate`], and one line in
-//! `Kind::model`.
-
-use crate::reading::SignalId;
+//! Models, which compute a raw Cz from a snapshot of the machine. Each kind is one file with an implementation of
+//! [`Evaluate`], and one line in `Kind::model`.
 
 pub mod envelope;
 pub mod network;
 pub mod stand_ins;
 
+mod evaluate;
 mod expected;
 mod formula;
 mod input;
@@ -14,30 +13,29 @@ mod lag;
 mod linear;
 mod matrix;
 mod term;
+mod unusable;
 
 pub use super::reference::Reference;
 pub use envelope::{Beyond, CLEARLY_INSIDE, Coverage, Envelope, Extrapolation, Outside};
+pub use evaluate::{Evaluate, Outputs};
 pub use expected::{Expected, Growth};
 pub use formula::{Condition, Expression, ExpressionError, Formula, Symbol};
-pub use input::{Input, Rises};
+pub use input::{Input, Inputs, Rises};
 pub use lag::{Lag, Lagged, TimeConstant};
 pub use linear::{Linear, Slope};
 pub use matrix::Matrix;
 pub use network::Network;
 pub use stand_ins::StandIns;
 pub use term::Term;
+pub use unusable::Unusable;
 
-use serde::{Deserialize, Serialize};
-
-use super::Snapshot;
-use super::reference::Machine;
-use super::substitution::Substitution;
-use crate::quantity::{Micron, MicronPerMillimetre};
+use crate::quantity::Micron;
+use crate::reading::SignalId;
 
 /// Model with the name that the profile gives it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Model {
-    /// Name on the page, in the log and in `z_model`.
+    /// Name of the model in the profile, on the web page, and in the log (column `z_model` for an axis z).
     pub name: String,
     /// Kind of the model.
     pub kind: Kind,
@@ -45,25 +43,26 @@ pub struct Model {
     pub envelope: Option<Envelope>,
     /// Residual error on runs that were not used to identify the model, if the profile gives it.
     pub expected: Option<Expected>,
-    /// Predictions of its sensors from each other, if the profile names a file of them.
+    /// Predictions of the model's sensors from each other, if the profile names a file with such predictions.
     pub stand_ins: Option<StandIns>,
 }
 
-/// Kinds of models. A new kind is a file next to the others, a variant here, and its line in `Kind::model`.
+/// Kinds of models. A new kind is a file next to the others, a variant of this enum, and a line in `Kind::model`.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Kind {
     /// A sum of gains times temperature rises.
     Linear(Linear),
     /// An expression over temperatures and the time since machine start.
     Formula(Formula),
-    /// Displacements of a guideway from one temperature per block of the structure.
+    /// Displacements of a guideway from the temperatures of the blocks, parts of the machine's structure with one
+    /// temperature each.
     Matrix(Matrix),
     /// A network of neurons or radial basis functions.
     Network(Network),
 }
 
 impl Kind {
-    /// Returns the implementation of the model.
+    /// Returns the implementation of this kind of model.
     fn model(&self) -> &dyn Evaluate {
         match self {
             Kind::Linear(model) => model,
@@ -74,111 +73,22 @@ impl Kind {
     }
 }
 
-/// Interface of every kind of model.
-pub trait Evaluate {
-    /// Returns the compensation value, from good readings only.
-    ///
-    /// # Errors
-    /// Returns which input is missing, or that the result is not finite.
-    fn evaluate(&self, inputs: &Inputs<'_>) -> Result<Outputs, Unusable>;
-
-    /// Returns the signals that the model requires.
-    fn signals(&self) -> Vec<SignalId>;
-
-    /// Returns the inputs that may lag, in order. Each has one [`Lag`].
-    fn lagging(&self) -> Rises<'_> {
-        Rises::default()
-    }
-
-    /// Returns the position of the machine relative to bounds that the kind of model itself has; `None` without such
-    /// bounds.
-    fn coverage(&self, _: &Snapshot<'_>) -> Option<Coverage> {
-        None
-    }
-
-    /// Returns the linear model whose gains can be corrected by probings; `None` for other kinds.
-    fn correctable(&self) -> Option<&Linear> {
-        None
-    }
-}
-
-/// Reason why a model has no value now.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Unusable {
-    /// This signal cannot be used.
-    Signal(SignalId),
-    /// The reference of this signal has not been captured yet.
-    Reference(SignalId),
-    /// The machine has not been seen running. There is no time since its start.
-    MachineOff,
-    /// The reading of this signal is frozen, and it has no stand-in.
-    Frozen(SignalId),
-    /// This signal has a reading again, which is not accepted yet.
-    Unproven(SignalId),
-    /// The result is not a finite number (a division by zero, a root of a negative number).
-    NotANumber,
-}
-
-impl From<&Substitution> for Unusable {
-    /// Returns the reason for a sensor whose substitute has no value.
-    fn from(substitution: &Substitution) -> Unusable {
-        if substitution.frozen {
-            Unusable::Frozen(substitution.signal)
-        } else {
-            Unusable::Unproven(substitution.signal)
-        }
-    }
-}
-
-/// Inputs of a model.
-#[derive(Clone, Copy, Debug)]
-pub struct Inputs<'a> {
-    /// Readings of all signals, from which the model takes its inputs.
-    pub snapshot: Snapshot<'a>,
-    /// Time since machine start, and references.
-    pub machine: &'a Machine,
-    /// Lag of each input of [`Model::rises`], in the same order.
-    pub lags: &'a [Lag],
-    /// The control itself multiplies the slope by the distance, and gets both parts.
-    pub splits_slope: bool,
-}
-
-/// Values that a model requests.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Outputs {
-    /// Cz at the present position. If the slope is split off, it is K0: Cz at the reference position.
-    pub cz: Micron,
-    /// tanβ if the slope is split off, else zero.
-    pub slope: MicronPerMillimetre,
-    /// Difference of the Cz of the model's two halves; zero if the model is no mean of two models.
-    pub apart: Micron,
-}
-
-impl Outputs {
-    /// Creates the outputs from a computed Cz in µm and slope in µm/mm. Both must be finite.
-    pub(super) fn of(cz: f64, slope: f64) -> Result<Outputs, Unusable> {
-        let outputs = Micron::new(cz).zip(MicronPerMillimetre::new(slope));
-        outputs.map(|(cz, slope)| Outputs { cz, slope, apart: Micron::ZERO }).ok_or(Unusable::NotANumber)
-    }
-}
-
 /// Values that a model requests, and the position of the inputs in its envelope.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evaluated {
-    /// Values of the model itself, before the envelope shrinks them.
+    /// Values of the model itself, before the envelope reduces them.
     pub outputs: Outputs,
     /// Position of the machine inside or outside the range on which the model was identified; `None` if it is unknown.
     pub coverage: Option<Coverage>,
 }
 
 impl Model {
-    /// Creates a model without bounds.
+    /// Creates a model without envelope, expected error and stand-ins.
     pub fn new(name: String, kind: Kind) -> Model {
         Model { name, kind, envelope: None, expected: None, stand_ins: None }
     }
 
-    /// Returns the inputs that may lag, in order. Each has one [`Lag`]. For a linear model these are the inputs of its
+    /// Returns the inputs that may lag, in the order of their [`Lag`]s. For a linear model these are the inputs of its
     /// terms, those of the slope last. For a matrix they are its blocks, for a network its inputs.
     pub fn rises(&self) -> impl Iterator<Item = &Input> {
         self.kind.model().lagging().into_iter()
@@ -192,7 +102,7 @@ impl Model {
     /// Returns the values that the model requests now, without regard to its envelope.
     ///
     /// # Errors
-    /// Returns which input is missing, or that the result is not finite.
+    /// Returns which input has no value, or that the result is not finite.
     pub fn outputs(&self, inputs: &Inputs<'_>) -> Result<Outputs, Unusable> {
         self.kind.model().evaluate(inputs)
     }
@@ -200,14 +110,14 @@ impl Model {
     /// Returns the values that the model requests now, and the position of its inputs in the envelope.
     ///
     /// # Errors
-    /// Returns which input is missing.
+    /// Returns which input has no value, or that the result is not finite.
     pub fn evaluate(&self, inputs: &Inputs<'_>) -> Result<Evaluated, Unusable> {
         let outputs = Outputs { apart: self.apart(inputs)?, ..self.outputs(inputs)? };
         let envelope = self.envelope.as_ref().map(|envelope| envelope.coverage(inputs)).transpose()?;
         Ok(Evaluated { outputs, coverage: worse(envelope, self.kind.model().coverage(&inputs.snapshot)) })
     }
 
-    /// Returns the difference of the Cz of the model's two halves (the models whose mean is this model).
+    /// Returns the difference of Cz between the model's two halves (the two models whose mean is this model).
     fn apart(&self, inputs: &Inputs<'_>) -> Result<Micron, Unusable> {
         let apart = self.envelope.as_ref().map_or(&[][..], Envelope::apart);
         let mut sum = 0.0;
@@ -217,19 +127,20 @@ impl Model {
         Micron::new(sum).ok_or(Unusable::NotANumber)
     }
 
-    /// Returns the terms whose gains can be corrected: those of a linear model, without those of its slope.
+    /// Returns the terms whose gains probings can correct: those of a linear model, without those of its slope.
     pub fn correctable(&self) -> &[Term] {
         self.kind.model().correctable().map_or(&[], |linear| &linear.terms)
     }
 
-    /// Returns the terms of a linear model without slope; empty for any other model. A slope would add a value that is
-    /// not in the terms.
+    /// Returns the terms of a linear model without slope, whose sum with the offset is Cz. Returns none for any other
+    /// model, because a slope adds a value that is not in the terms.
     pub fn sum(&self) -> &[Term] {
         let plain = self.kind.model().correctable().filter(|linear| linear.slope.is_none());
         plain.map_or(&[], |linear| &linear.terms)
     }
 
-    /// Returns the contribution of each correctable term to Cz now, µm. A term without a usable value gives NaN.
+    /// Returns the present contribution to Cz of each term that probings can correct, µm. A term without a usable value
+    /// gives NaN.
     pub fn parts<'a>(&'a self, inputs: Inputs<'a>) -> impl Iterator<Item = f64> + Clone + 'a {
         self.correctable().iter().enumerate().map(move |(place, term)| {
             let lag = inputs.lags.get(place).unwrap_or(&Lag::NONE);
@@ -237,20 +148,20 @@ impl Model {
         })
     }
 
-    /// Returns the offset and the gains of a linear model in the profile.
+    /// Returns the offset and the gains of a linear model, as the profile gives them.
     pub fn numbers(&self) -> impl Iterator<Item = f64> {
         let linear = self.kind.model().correctable().into_iter();
         linear.flat_map(|linear| [linear.offset.get()].into_iter().chain(linear.gains()))
     }
 
-    /// Returns the references of the model's rises.
+    /// Returns the reference of each input that may lag, in the order of [`Model::rises`].
     pub fn references(&self) -> impl Iterator<Item = Reference> {
         self.rises().map(|input| input.reference)
     }
 }
 
-/// Returns the coverage that counts. The envelope comes first. The guideway counts if there is no envelope, or if only
-/// the end of the guideway is exceeded.
+/// Returns the coverage that is used. This is the coverage of the envelope, unless there is no envelope or only the end
+/// of the guideway is exceeded.
 fn worse(envelope: Option<Coverage>, guideway: Option<Coverage>) -> Option<Coverage> {
     match (envelope, guideway) {
         (Some(inside), Some(beyond)) if inside.extrapolating.is_none() && beyond.extrapolating.is_some() => {

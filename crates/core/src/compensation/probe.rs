@@ -1,31 +1,33 @@
-//! Probe updates: learning of an axis's models from measured errors.
+//! Probings: correction of an axis's models with measured errors.
 //!
 //! A probing measures the error e that remains while a Cz acts in the machine. The Cz that would have left no error is
-//! `Cz_acting − e`. The residual r is what a model lacks of that value:
+//! `Cz_acting − e`. The residual r is the difference between that Cz and the model's:
 //!
 //! ```text
 //! r = (Cz_acting − e) − (model's Cz + correction)        correction += K · r        |correction| ≤ limit
 //! ```
 //!
-//! K is a fixed share, or depends on the certainty of the correction.
+//! The factor K is a fixed share, or depends on the certainty of the correction.
 //!
-//! If Cz had reached the model's request, `r = −e`. If it had not, the missing way is not counted as an error of the
-//! model. Reasons are a ramp after arming, a limit, or a constant register while the axis is off.
+//! If the acting Cz was the one that the model requested, `r = −e`. If it was another one, the difference is not
+//! counted as an error of the model. Reasons are a ramp after arming, a limit, or a constant register while the axis is
+//! off.
 //!
 //! # Rules
-//! - The correction is added to the raw Cz, before the guard. It therefore reaches the register in steps.
-//! - Each model has its own correction. A probing teaches every model that has a value then, so that a fallback model
-//!   has learned as well. A model whose envelope holds or shrinks its value learns nothing outside.
-//! - A residual beyond `max_error` is rejected. A residual that is too large for the model's certainty waits for a
-//!   second one that agrees with it.
-//! - If a reference of the model is captured again (a zero, a machine start), its correction begins at zero. The new
-//!   datum contains what it had corrected. Learned gains are kept, and count from that point.
+//! - The correction is added to the raw Cz, before the guard. Therefore it reaches the register in steps.
+//! - Each model has its own correction. A probing corrects every model that has a value at that moment, so that a
+//!   fallback model is also corrected. A model whose envelope holds or reduces its value is not corrected while its
+//!   inputs are outside.
+//! - A residual beyond `max_error` is rejected. A residual that is too large for the certainty of the model's
+//!   correction waits for a second one that agrees with it.
+//! - If a reference of the model is captured again (a zero command, a machine start), its correction starts from zero.
+//!   The new datum (zero point of Cz) contains the error that the old correction had corrected. Corrections of gains
+//!   stay, and act from the new datum on.
 
 use std::collections::VecDeque;
 
 use serde::{Deserialize, Serialize};
 
-use super::Control;
 use super::model::Model;
 use super::settings::ProbeSettings;
 use crate::quantity::{Micron, Moment, Shift, Shifted, shifted};
@@ -44,15 +46,15 @@ pub(super) use comparison::{Credit, Touch};
 pub(super) use learned::Learned;
 pub use report::{MeasuredReport, Rejected};
 
-/// Number of residuals kept for display: two days with one in each hour.
+/// Number of residuals that are stored for display: two days with one in each hour.
 const KEPT: usize = 48;
 
 /// Measured error, and the Cz that acted in the machine during the measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {
-    /// Actual minus commanded position.
+    /// Measured error: actual minus commanded position.
     pub error: Micron,
-    /// Verified Cz that acted; `None` means the last decision of the axis.
+    /// Verified Cz that acted in the machine during the measurement; `None` stands for the last decision of the axis.
     pub acting: Option<Micron>,
 }
 
@@ -65,49 +67,51 @@ pub struct Probed {
     pub error: Micron,
     /// Cz that acted in the machine during the measurement.
     pub acting: Micron,
-    /// Error that would remain if the model's Cz with its correction acted. `None` if no model had a value.
+    /// Residual error: error that would remain if the model's Cz with its correction acted. `None` if no model had a
+    /// value.
     pub residual: Option<Micron>,
-    /// Why nothing was learned; `None` if the probing was accepted.
+    /// Reason why the models were not corrected; `None` if the probing was accepted.
     pub refused: Option<Refused>,
 }
 
-/// Reason why nothing is learned from a measured error.
+/// Reason why no model is corrected with a measured error.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Refused {
     /// No model can be used.
     NoModel,
-    /// The model has requested more than the error level and is not used.
+    /// The model has requested more than the error level of the axis, and is not used.
     Tripped,
-    /// The inputs are outside the range on which the model was identified, and it is not followed there.
+    /// The inputs are outside the range on which the model was identified, and the axis does not follow the model
+    /// there.
     Outside,
-    /// The error of the model would be more than `max_error`.
+    /// The residual error of the model is more than `max_error`.
     Implausible,
-    /// The error of the model would be more than its certainty allows, which is this value. A second probing must
-    /// agree.
+    /// The residual error of the model is more than the certainty of its correction allows: this value. A second
+    /// probing must agree.
     Doubted(Micron),
 }
 
-/// Residual from which the axis learned.
+/// Residual with which the axis corrected its models.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Residual {
     /// Time of the probing.
     pub at: Moment,
-    /// Residual, with the sign of an error.
+    /// Residual error of the model: actual minus commanded position.
     pub residual: Micron,
 }
 
 shifted!(Probed: at);
 shifted!(Residual: at);
 
-/// Result of all probings of one axis. It is kept over a restart.
+/// Results of all probings of one axis. They are saved for a restart.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Probe {
-    /// Learned correction of each model.
+    /// Correction of each model from probings.
     pub(super) models: Vec<Learned>,
     last: Option<Probed>,
     history: VecDeque<Residual>,
-    /// Reports that were taken. A repeated report is recognised by them.
+    /// Reports that were used, by which a repeated report is recognised.
     #[serde(default, skip_serializing_if = "TakenReports::is_empty")]
     pub(super) reports: TakenReports,
 }
@@ -124,7 +128,8 @@ impl Probe {
         }
     }
 
-    /// Restores what was kept, within the present bounds. A model that has changed since starts at zero.
+    /// Restores the saved results, within the present bounds. A model that has changed since starts without a
+    /// correction.
     pub(super) fn recall(&mut self, kept: &Probe, settings: &ProbeSettings) {
         for learned in &mut self.models {
             learned.recall(&kept.models, settings);
@@ -134,8 +139,9 @@ impl Probe {
         self.reports = kept.reports.clone().newest();
     }
 
-    /// Accounts for the time without the gateway. The times of manual measurements shift by the wall clock. The age of
-    /// a probing and the certainty of a correction use the longest possible time of the pause.
+    /// Shifts the saved times by the time in which the gateway did not run. Times of measurements and reports shift by
+    /// the wall clock. Times that determine the age of a probing or the certainty of a correction shift by the longest
+    /// possible pause.
     pub(super) fn away(&mut self, (by_the_clock, at_most): (Shift, Shift)) {
         self.last.shift(by_the_clock);
         self.history.shift(by_the_clock);
@@ -146,7 +152,7 @@ impl Probe {
         }
     }
 
-    /// Returns the last probing, even if nothing was learned from it.
+    /// Returns the last probing, even if it was refused; `None` before the first.
     pub fn last(&self) -> Option<&Probed> {
         self.last.as_ref()
     }
@@ -156,12 +162,13 @@ impl Probe {
         self.history.iter()
     }
 
-    /// Returns the learned relative change of each gain of a model; empty if gains are not learned.
+    /// Returns the relative correction of each gain of a model from probings; empty if the profile does not let gains
+    /// change.
     pub fn gains(&self, model: usize) -> &[f64] {
         self.models.get(model).map_or(&[], Learned::gains)
     }
 
-    /// Returns the comparison of a model that is worse than no compensation; `None` if it is not worse.
+    /// Returns the comparison with no compensation of a model that is worse; `None` if the model is not worse.
     pub fn worse(&self, model: usize) -> Option<Worse> {
         self.models.get(model).and_then(Learned::worse)
     }
@@ -176,15 +183,8 @@ impl Probe {
         self.last = Some(probed);
     }
 
-    /// Discards everything that was learned. The history of the measurements is kept.
+    /// Discards all corrections and comparisons. The history of the measurements stays.
     pub(super) fn clear(&mut self) {
         self.models.iter_mut().for_each(Learned::clear);
-    }
-}
-
-impl Control {
-    /// Returns whether the control contains something to learn or to forget.
-    pub fn teaches(&self) -> bool {
-        self.measured.is_some() || self.forget
     }
 }

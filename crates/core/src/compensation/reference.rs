@@ -1,7 +1,7 @@
 //! References of temperature rises, and the running time of the machine.
 //!
-//! Both belong to the machine, not to an axis, and are kept over a restart. [`Machine::observe`] detects edges of the
-//! `on` and `zero` signals by comparing two calls. The caller asks [`Machine::would_notice`] on every new reading, so
+//! Both belong to the machine, not to an axis, and are saved for a restart. [`Machine::observe`] detects edges of the
+//! `on` and `zero` signals by comparing two calls. The caller calls [`Machine::would_notice`] at every new reading, so
 //! that a short press of a button between two updates is not lost.
 
 use std::time::Duration;
@@ -14,25 +14,26 @@ use super::stand_in::StartEstimate;
 use crate::quantity::{Celsius, Moment, shifted};
 use crate::reading::SignalId;
 
-/// Reference of a temperature rise ΔT.
+/// Reference that is subtracted from a signal to get its rise ΔT.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reference {
-    /// Fixed temperature; 0 means the temperature itself.
+    /// Fixed value. If it is 0, the rise is the value of the signal itself.
     Fixed(Celsius),
-    /// Value at machine start.
+    /// Value of the signal at machine start.
     Start,
-    /// Value at the last zero command.
+    /// Value of the signal at the last zero command.
     Zero,
 }
 
-/// Time since machine start, and the captured references of every signal.
+/// State of the machine: time since its start, and the captured references of every signal.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Machine {
     on_since: Option<Moment>,
-    /// Running time of the machine before `on_since`, counted before a restart.
+    /// Running time of the machine before `on_since`, from before a restart of the gateway.
     #[serde(default)]
     on_before: Duration,
-    /// Largest time since machine start that was not counted, because the gateway was away.
+    /// Largest possible time since machine start in which the gateway did not run, so that it is not part of the
+    /// running time.
     #[serde(default, skip_serializing_if = "Duration::is_zero")]
     on_away: Duration,
     was_on: Option<bool>,
@@ -43,12 +44,13 @@ pub struct Machine {
     known: CaptureFacts,
 }
 
-/// Facts derived from the captures, to avoid searching them. They are not compared when machines are.
+/// Facts about the captures, stored so that a step need not search all captures. A comparison of two machines ignores
+/// them.
 #[derive(Clone, Copy, Debug, Default)]
 struct CaptureFacts {
-    /// Number of changes of the captured values since the gateway started.
+    /// Number of changes of the captured values since the gateway started. It wraps around.
     captures: u32,
-    /// No capture is running.
+    /// Whether no capture is running.
     is_complete: bool,
 }
 
@@ -58,18 +60,18 @@ impl PartialEq for CaptureFacts {
     }
 }
 
-/// Reference of one signal: captured, or being captured.
+/// Reference of one signal: its captured value, and a running capture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Capture {
     value: Option<f64>,
-    /// Time at which the capture was complete. It distinguishes two captures of the same value.
+    /// Time at which the capture was complete. It distinguishes two captures that gave the same value.
     #[serde(default)]
     at: Moment,
     gathering: Option<CaptureMean>,
-    /// The last reading was not used for the capture, because the sensor was rejected.
+    /// Whether the last reading was not used for the capture, because its sensor was rejected.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     withheld: bool,
-    /// Largest time since the capture that was not counted, because the gateway was away.
+    /// Largest possible time since the capture in which the gateway did not run.
     #[serde(default, skip_serializing_if = "Duration::is_zero")]
     away: Duration,
 }
@@ -79,11 +81,11 @@ struct Capture {
 pub struct CapturedReference {
     /// Value in the signal's unit.
     pub value: Celsius,
-    /// Time at which the capture was complete; the earliest time for a fixed reference.
+    /// Time at which the capture was complete. For a fixed reference, the earliest moment.
     pub at: Moment,
 }
 
-/// Sum of the values in a running capture. Their mean becomes the reference.
+/// Sum of the readings in a running capture, whose mean becomes the reference.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct CaptureMean {
     until: Moment,
@@ -91,23 +93,24 @@ struct CaptureMean {
     count: u32,
 }
 
-/// Result of [`Machine::observe`]: events of the machine in a snapshot.
+/// Result of [`Machine::observe`]: events of the machine that a snapshot shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MachineChange {
-    /// The time since machine start is counted from now on.
+    /// Whether a machine start was detected. The time since machine start is counted from this snapshot on.
     pub started: bool,
-    /// The "zero" references are captured from now on.
+    /// Whether a zero command was detected. The "zero" references are captured from this snapshot on.
     pub zeroed: bool,
 }
 
 impl Machine {
-    /// Counts the running time from `at` on. The time before is added up.
+    /// Returns the state with the running time up to `at` added to `on_before`, so that the time after `at` is counted
+    /// from `at`.
     pub(super) fn counted_until(self, at: Moment) -> Machine {
         let on_before = self.on_time(at).unwrap_or_default();
         Machine { on_since: self.on_since.map(|_| at), on_before, ..self }
     }
 
-    /// Accounts for a time without the gateway of at most `span`.
+    /// Returns the state after a time of at most `span` in which the gateway did not run.
     pub(super) fn away(mut self, span: Duration) -> Machine {
         for capture in self.start.iter_mut().chain(&mut self.zero) {
             capture.away = capture.away.saturating_add(span);
@@ -116,8 +119,8 @@ impl Machine {
         self
     }
 
-    /// Returns the largest possible age of a term's reference. It includes the time without the gateway. `None` for a
-    /// fixed reference, and while none has been captured.
+    /// Returns the largest possible age of a captured reference, including the time in which the gateway did not run.
+    /// `None` for a fixed reference, and while none has been captured.
     pub fn age(&self, reference: Reference, signal: SignalId, now: Moment) -> Option<Duration> {
         let capture = match reference {
             Reference::Fixed(_) => return None,
@@ -127,17 +130,19 @@ impl Machine {
         capture.value.map(|_| now.since(capture.at).saturating_add(capture.away))
     }
 
-    /// Returns the running time of the machine; `None` before it was first seen running.
+    /// Returns the running time of the machine since its start, without the time in which the gateway did not run.
+    /// `None` if the machine has never been seen running.
     pub fn on_time(&self, now: Moment) -> Option<Duration> {
         self.on_since.map(|since| self.on_before + now.since(since))
     }
 
-    /// Returns the running time, plus the largest time that was not counted.
+    /// Returns the running time of the machine, plus the largest time since its start in which the gateway may not have
+    /// run.
     pub(super) fn on_time_at_most(&self, now: Moment) -> Option<Duration> {
         self.on_time(now).map(|counted| counted.saturating_add(self.on_away))
     }
 
-    /// Returns the reference value of a term; `None` while it has not been captured.
+    /// Returns the reference of a signal; `None` while it has not been captured.
     #[inline]
     pub fn captured(&self, reference: Reference, signal: SignalId) -> Option<CapturedReference> {
         let capture = match reference {
@@ -148,19 +153,19 @@ impl Machine {
         Some(CapturedReference { value: Celsius::new(capture.value?)?, at: capture.at })
     }
 
-    /// Returns a number that changes whenever a reference is captured or removed. A caller can keep what it derived
-    /// while the number is the same.
+    /// Returns a number that changes whenever a reference is captured or removed. While the number is the same, results
+    /// derived from references stay valid.
     #[inline]
     pub(super) fn captures(&self) -> u32 {
         self.known.captures
     }
 
-    /// Notes that the captured values have changed.
+    /// Records that captured values have changed.
     fn changed(&mut self) {
         self.known.captures = self.known.captures.wrapping_add(1);
     }
 
-    /// Returns whether a capture waits because its sensor is rejected.
+    /// Returns whether the capture of this reference is waiting because the signal's sensor is rejected.
     pub(super) fn is_withheld(&self, reference: Reference, signal: SignalId) -> bool {
         let captures = match reference {
             Reference::Fixed(_) => return false,
@@ -170,13 +175,13 @@ impl Machine {
         captures.get(signal.0).is_some_and(|capture| capture.gathering.is_some() && capture.withheld)
     }
 
-    /// Returns whether a zero command is in progress for this signal.
+    /// Returns whether the "zero" reference of this signal is being captured.
     pub(super) fn is_zeroed_again(&self, signal: SignalId) -> bool {
         self.zero.get(signal.0).is_some_and(|capture| capture.gathering.is_some())
     }
 
-    /// Sets the start reference of a sensor that is accepted again. A reference that was captured before the sensor was
-    /// rejected is kept.
+    /// Sets the machine-start reference of a sensor that is accepted again, to an estimate. A reference that was
+    /// captured before the sensor was rejected stays.
     pub(super) fn begins(&mut self, signal: SignalId, beginning: StartEstimate) {
         let Some(capture) = self.start.get_mut(signal.0) else { return };
         let Some(began) = self.on_since.filter(|_| beginning.value.is_finite()) else { return };
@@ -189,8 +194,9 @@ impl Machine {
         self.changed();
     }
 
-    /// Returns whether these values contain an edge, or the first good reading, that [`Machine::observe`] would act
-    /// upon.
+    /// Returns whether [`Machine::observe`] would react to the present values: to an edge of the `on` or `zero` signal,
+    /// or to the first good reading. `value` returns the value of a signal, and `any_usable` whether any reading may be
+    /// used.
     pub fn would_notice(
         &self,
         settings: &MachineSettings,
@@ -206,12 +212,13 @@ impl Machine {
             || (self.waits_for_a_reading(settings) && any_usable())
     }
 
-    /// Observes a snapshot: edges, machine start, and running captures.
+    /// Processes a snapshot: detects a machine start and a zero command, and continues running captures.
     pub fn observe(&mut self, settings: &MachineSettings, snapshot: &Snapshot<'_>) -> MachineChange {
         self.observe_without(settings, snapshot, |_| false)
     }
 
-    /// Observes a snapshot without capturing references from rejected sensors.
+    /// Processes a snapshot as [`Machine::observe`] does, without capturing references from sensors for which
+    /// `is_distrusted` returns true.
     pub(super) fn observe_without(
         &mut self,
         settings: &MachineSettings,
@@ -250,7 +257,7 @@ impl Machine {
         MachineChange { started, zeroed }
     }
 
-    /// Adds the present readings to the running captures.
+    /// Adds the readings of the snapshot to the running captures.
     fn gather(&mut self, snapshot: &Snapshot<'_>, is_distrusted: impl Fn(SignalId) -> bool) {
         let is_open = |capture: &Capture| capture.gathering.is_some();
         let mut has_captured = false;
@@ -272,8 +279,8 @@ impl Machine {
         self.known.is_complete = !self.start.iter().chain(&self.zero).any(is_open);
     }
 
-    /// Discards the references of this signal. They are captured again from the next snapshot on. Returns true if at
-    /// least one had been captured.
+    /// Discards the references of this signal, which are then captured again from the next snapshot on. Returns whether
+    /// at least one had been captured.
     pub(super) fn forget(&mut self, signal: SignalId) -> bool {
         let mut was_captured = false;
         for capture in [&mut self.start, &mut self.zero].into_iter().filter_map(|all| all.get_mut(signal.0)) {
@@ -284,7 +291,8 @@ impl Machine {
         was_captured
     }
 
-    /// Captures the "zero" references from now on. The old ones are used until the new ones are complete.
+    /// Starts to capture the "zero" references of all signals. The old references are used until the new ones are
+    /// complete.
     pub fn zero(&mut self, settings: &MachineSettings, now: Moment) {
         self.zero.resize(settings.signals, Capture::default());
         self.known.is_complete = false;
@@ -293,7 +301,7 @@ impl Machine {
         }
     }
 
-    /// Captures the "zero" references of these signals from now on.
+    /// Starts to capture the "zero" references of these signals.
     pub(super) fn zero_of(&mut self, signals: &[SignalId], settings: &MachineSettings, now: Moment) {
         self.zero.resize(settings.signals, Capture::default());
         self.known.is_complete = false;
@@ -311,7 +319,8 @@ impl Machine {
         self.waits_for_a_reading(settings) && snapshot.has_usable()
     }
 
-    /// Returns whether the first good reading starts the machine, because it has no `on` signal.
+    /// Returns whether the next good reading counts as machine start: the machine has no `on` signal, and has not
+    /// started yet.
     fn waits_for_a_reading(&self, settings: &MachineSettings) -> bool {
         settings.on.is_none() && self.on_since.is_none()
     }
@@ -328,7 +337,7 @@ impl CaptureMean {
 }
 
 impl Capture {
-    /// Returns true if no value has been captured, and no capture is running.
+    /// Returns whether no value has been captured, and no capture is running.
     fn is_nothing(&self) -> bool {
         self.value.is_none() && self.gathering.is_none()
     }
@@ -348,12 +357,13 @@ impl Capture {
     }
 }
 
-/// Returns whether a signal is high.
+/// Returns whether this value of an on/off signal is high.
 fn is_high(value: f64) -> bool {
     value >= 0.5
 }
 
-/// Returns whether a signal is high now and was not before. The first value counts as an edge if it is high.
+/// Returns whether a signal is high now and was not before, and stores its level in `last`. The first value counts as
+/// an edge if it is high.
 fn rising(last: &mut Option<bool>, signal: Option<SignalId>, snapshot: &Snapshot<'_>) -> bool {
     let Some(now) = signal.and_then(|id| snapshot.value(id)).map(is_high) else { return false };
     let rose = now && *last != Some(true);

@@ -1,9 +1,9 @@
-//! State that is kept over a restart: the machine's references, the lags of the terms, the datum of the axes, and the
-//! corrections from probings.
+//! State that is saved for a restart: references of the machine, lags of the terms, datum of the axes, and corrections
+//! from probings. The datum of an axis is the zero point of its Cz.
 //!
-//! The state file contains it, and so does the first row of a run in its log. A replay therefore decides as the gateway
-//! did. A lag is kept with the axis, the model and the index of its term. A term whose signal, lag or kind of reference
-//! has changed starts without it.
+//! The state file contains this state, and so does the first row of a run in its log. A replay of the log therefore
+//! gives the decisions of the gateway. A lag is saved with the axis, the model and the index of its term. A term whose
+//! signal, lag or kind of reference has changed starts without its saved lag.
 
 use std::time::Duration;
 
@@ -20,30 +20,30 @@ use super::stand_in::Watch;
 use crate::quantity::{Moment, Shift, Shifted, shifted};
 use crate::reading::SignalId;
 
-/// Kept state of a machine.
+/// Saved state of a machine and its axes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Remembered {
-    /// Time since machine start, and references.
+    /// State of the machine: time since its start, and references.
     #[serde(flatten)]
     pub machine: Machine,
-    /// Axes with lags, a datum or a probe.
+    /// States of the axes that have lags, a datum, watched sensors or probings.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub axes: Vec<AxisMemory>,
-    /// Running state of the axes, for a log that continues in a new file. It is empty after a restart, because the axes
-    /// are off then.
+    /// Running state of the axes, for a log that continues in a new file. It is empty after a restart, because all axes
+    /// are then off.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub running: Vec<AxisRunning>,
 }
 
-/// Kept state of one axis.
+/// Saved state of one axis.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AxisMemory {
     axis: String,
     lags: Vec<KeptLag>,
     datum: Vec<KeptDatum>,
-    /// End of a running capture of the datum.
+    /// End of a running capture of the datum (zero point of Cz); `None` if none is running.
     datum_until: Option<Moment>,
-    /// Time at which the last datum was complete.
+    /// Time at which the last capture of the datum was complete; `None` if none was.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     datum_at: Option<Moment>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -56,7 +56,7 @@ pub struct AxisMemory {
 struct KeptLag {
     model: String,
     term: usize,
-    /// Index in the list of signals.
+    /// Index of the term's signal in the profile's list of signals.
     signal: usize,
     constant: Duration,
     reference: ReferenceKind,
@@ -80,15 +80,17 @@ struct KeptDatum {
 }
 
 impl Remembered {
-    /// Counts the time since machine start from `at` on.
+    /// Returns the state with the running time of the machine added up to `at`, so that the time after `at` is counted
+    /// from `at`.
     #[must_use]
     pub fn counted_until(mut self, at: Moment) -> Remembered {
         self.machine = self.machine.counted_until(at);
         self
     }
 
-    /// Continues at `now` with the state that was kept at `kept`. Both times may be of different clocks. Counted times
-    /// keep their length. Of the time in between, only `stop` is used.
+    /// Returns the state for a run that starts at `now`, from one that was saved at `kept`. The two moments may be of
+    /// different clocks: saved times are shifted by their difference. The length of the time between the two runs comes
+    /// from `stop`.
     #[must_use]
     pub fn resumed(self, kept: Moment, now: Moment, stop: Stop) -> Remembered {
         let mut resumed = self.counted_until(kept).shifted(Shift::between(kept, now));
@@ -104,7 +106,8 @@ impl Remembered {
         resumed
     }
 
-    /// Returns the first axis and model, by name, whose stand-ins file differs from the one at the time of keeping.
+    /// Returns the names of the first axis and model with another stand-ins file than when the state was saved; `None`
+    /// if there are none.
     pub fn other_stand_ins<'a>(
         &'a self,
         axes: impl IntoIterator<Item = &'a AxisSettings>,
@@ -119,9 +122,9 @@ impl Remembered {
         })
     }
 
-    /// Discards what was measured with this signal, because its sensor or its settings have changed. This includes its
-    /// references, its lags, and the datum of models that read it. All of that is captured again from the next snapshot
-    /// on. Returns whether a model of these axes reads the signal and a reference was captured.
+    /// Discards everything that was measured with this signal, because its sensor or its settings have changed. This
+    /// includes its references, its lags, and the datum of models that read it. All of it is captured again from the
+    /// next snapshot on. Returns whether a model of these axes reads the signal and a reference had been captured.
     pub fn forget(&mut self, signal: SignalId, axes: &[AxisSettings]) -> bool {
         let was_captured = self.machine.forget(signal);
         let mut is_used = false;
@@ -135,7 +138,7 @@ impl Remembered {
             kept.lags.retain(|lag| lag.signal != signal.0);
             kept.watches.retain(|watch| !reads(&watch.model));
             if kept.datum.iter().any(|datum| reads(&datum.model)) {
-                // The datum of all models is of the same moment.
+                // The datum (zero point) of all models is of the same moment.
                 kept.datum.clear();
                 (kept.datum_until, kept.datum_at) = (Some(Moment::from_nanos(1)), None);
             }
@@ -143,12 +146,12 @@ impl Remembered {
         was_captured && is_used
     }
 
-    /// Returns the running state of an axis; `None` if there is none.
+    /// Returns the saved running state of the axis with this name; `None` if there is none.
     pub(super) fn running(&self, name: &str) -> Option<&AxisRunning> {
         self.running.iter().find(|axis| axis.axis == name)
     }
 
-    /// Returns the kept state of an axis; `None` if there is none.
+    /// Returns the saved state of the axis with this name; `None` if there is none.
     pub(super) fn axis(&self, name: &str) -> Option<&AxisMemory> {
         self.axes.iter().find(|axis| axis.axis == name)
     }
@@ -158,21 +161,22 @@ shifted!(Remembered: machine, axes, running);
 shifted!(AxisMemory: lags, datum_until, datum_at, probe, watches);
 shifted!(KeptLag: lagged);
 
-/// Time between two runs, in which nothing was counted. The wall clock gives it if it is valid.
+/// Time between two runs of the gateway. The wall clock gives it if the clock is valid.
 ///
-/// Everything that follows a temperature continues over it. The time since machine start does not: a gateway that was
-/// off for a day does not know whether the machine was on.
+/// Everything that follows a temperature continues over this time. The running time of the machine does not: after a
+/// day off, the gateway does not know whether the machine was on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stop {
-    /// Time by the wall clock. `None` if the clock was set meanwhile, or if the time was too long.
+    /// Time between the two runs by the wall clock. `None` if the clock was set in between, or if the time is too long.
     pub by_the_clock: Option<Duration>,
 }
 
 impl Stop {
-    /// Longest time that is accepted.
+    /// Longest time between two runs that is accepted.
     pub const LONGEST: Duration = Duration::from_hours(30 * 24);
 
-    /// Returns the time from `kept` to `now`, both by the wall clock. A negative or too long time is rejected.
+    /// Returns the time from `kept`, when the state was saved, to `now`, both by the wall clock. A negative or too long
+    /// time is rejected.
     pub fn between(kept: Moment, now: Moment) -> Stop {
         let span = now.since(kept);
         Stop { by_the_clock: (now >= kept && span <= Stop::LONGEST).then_some(span) }

@@ -1,4 +1,4 @@
-//! Running state of an axis. The first row of a log file contains it, so that a replay needs no earlier file.
+//! Running state of an axis. The first row of each log file contains it, so that a replay needs no earlier file.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,7 +6,7 @@ use super::guard::Guard;
 use super::{AxisState, Decision, Permit};
 use crate::quantity::{Moment, shifted};
 
-/// Running state of one axis.
+/// Running state of one axis: its guards, its state and its last decision.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AxisRunning {
     pub(super) axis: String,
@@ -25,4 +25,3 @@ pub struct AxisRunning {
 }
 
 shifted!(AxisRunning: state, stepped, due, decision);
-shifted!(Decision: at, stood_in);

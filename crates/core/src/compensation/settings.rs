@@ -14,36 +14,38 @@ pub use machine::MachineSettings;
 pub struct AxisSettings {
     /// Name of the axis in the profile.
     pub name: String,
-    /// Models. The first one whose signals are all good is used. Empty before a model has been identified.
+    /// Models in order of preference. The first one whose signals are all good is used. Empty before a model has been
+    /// identified.
     pub models: Vec<Model>,
-    /// Bounds of the offset.
+    /// Bounds of Cz and its changes.
     pub guard: GuardSettings,
     /// Time between two decisions of the axis.
     pub every: Duration,
-    /// Action if no model can be used.
+    /// Action if no model can be used, or a write cannot be verified.
     pub on_fault: OnFault,
-    /// Levels of Cz for a warning, and for the fault action.
+    /// Absolute values of Cz beyond which the axis gives a warning, and beyond which it runs its fault action.
     pub levels: Levels,
-    /// Datum from which Cz is measured.
+    /// Datum: zero point from which Cz is measured.
     pub datum: Datum,
-    /// Bounds of the slope, if the control multiplies the slope by the distance itself. `None` if it gets Cz.
+    /// Bounds of the slope if the control multiplies the slope by the distance itself. `None` if the control gets Cz
+    /// only.
     pub intercept_slope: Option<InterceptSlope>,
-    /// Settings for learning from measured errors; `None` if the axis does not learn.
+    /// Settings for correcting the models with measured errors; `None` if the profile has no probing for the axis.
     pub probe: Option<ProbeSettings>,
 }
 
-/// Settings for learning from measured errors.
+/// Settings for correcting an axis's models with measured errors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProbeSettings {
-    /// Largest correction of a model's Cz, µm.
+    /// Largest absolute correction of a model's Cz, µm.
     pub limit: Micron,
-    /// Share of a residual that one probing adds to the offset.
+    /// Rule for the share of a residual that one probing adds to the correction.
     pub filter: Filter,
-    /// Largest accepted error of a model. A probing beyond it is refused.
+    /// Largest accepted residual error of a model. A probing with a larger one is refused.
     pub max_error: Micron,
-    /// Residual beyond which an aged model is reported.
+    /// Residual error beyond which the model is reported as aged; `None` if it is never reported.
     pub warn: Option<Micron>,
-    /// Settings for learning the gains of linear models; `None` if they do not learn.
+    /// Settings for correcting the gains of linear models; `None` if gains are not corrected.
     pub gains: Option<GainSettings>,
     /// Action while probings show that the axis is worse with the model than without compensation.
     pub worse: OnWorse,
@@ -62,23 +64,24 @@ impl ProbeSettings {
 /// Action of an axis while probings show that it is worse with its model than without compensation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum OnWorse {
-    /// The axis continues to follow the model, and the result is reported.
+    /// The axis continues to follow the model. The result of the comparison is reported.
     #[default]
     Warn,
-    /// Cz goes to zero at the axis's rate, until probings show that the model is better than no compensation.
+    /// Cz goes to zero at the axis's rate, and stays zero until probings show that the model is better than no
+    /// compensation.
     Ramp,
 }
 
-/// Share of a residual that one probing adds to the offset of a model.
+/// Rule for the share of a residual that one probing adds to the correction of a model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Filter {
-    /// Constant share, above 0 and up to 1.
+    /// Constant share of the residual, above 0 and up to 1.
     Share(f64),
-    /// Share by the certainty of the offset compared with that of the probing.
+    /// Share that depends on the certainty of the correction compared with that of the probing.
     Weighed {
         /// Standard deviation of a probing, µm. Above zero.
         repeat: f64,
-        /// Increase of the variance of the offset in each hour, µm²/h. Above zero.
+        /// Increase of the variance of the correction in each hour, µm²/h. Above zero.
         walk: f64,
     },
 }
@@ -86,36 +89,38 @@ pub enum Filter {
 impl Filter {
     /// Standard deviation of a probing if the profile does not name it, µm.
     pub const REPEAT: f64 = 0.5;
-    /// Increase of the variance if the profile does not name it, µm²/h.
+    /// Increase of the variance of a correction in each hour if the profile does not name it, µm²/h.
     pub const WALK: f64 = 4.0;
 }
 
-/// Settings for learning gains.
+/// Settings for correcting the gains of linear models with probings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GainSettings {
-    /// Weight of earlier probings at the next one, above 0 and up to 1.
+    /// Factor that each probing applies to the weight of all earlier ones, above 0 and up to 1.
     pub forgetting: f64,
-    /// Largest relative change of a gain.
+    /// Largest relative correction of a gain.
     pub limit: f64,
 }
 
-/// Two levels of |Cz|, as controls have them (Beckhoff TF5200: warn, error). `warn` ≤ `limit` ≤ `error`.
+/// Two levels of |Cz|, as controls have them (Beckhoff TF5200: warn, error). With the limit of the guard: `warn` ≤
+/// `limit` ≤ `error`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Levels {
-    /// Level beyond which one warning is given.
+    /// Absolute value of Cz beyond which one warning is given; `None` for no warning.
     pub warn: Option<Micron>,
-    /// Level beyond which a model is not used. The axis takes its fault action until it is armed again.
+    /// Absolute value of Cz beyond which a model is not used. The axis then runs its fault action until it is armed
+    /// again.
     pub error: Option<Micron>,
 }
 
-/// Datum from which an axis's Cz is measured.
+/// Datum: zero point from which the Cz of an axis is measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Datum {
-    /// Zero of the model itself.
+    /// Cz is the value that the model requests.
     #[default]
     Model,
-    /// Value that the model requested at the last zero command: `Cz(t) − Cz(t_zero)`. A datum measured while the
-    /// machine is warm already contains that drift.
+    /// Cz is measured from the value at the last zero command: `Cz(t) − Cz(t_zero)`. A workpiece zero that is set on a
+    /// warm machine already contains the drift up to that time.
     Zero,
 }
 
@@ -124,19 +129,21 @@ pub enum Datum {
 pub struct InterceptSlope {
     /// Position P0 at which the slope adds nothing.
     pub reference: Millimetre,
-    /// Largest distance of the axis from the reference position. tanβ times this distance obeys the axis's guard.
+    /// Largest distance of the axis from the reference position. The guard of the axis applies to tanβ times this
+    /// distance.
     pub reach: Millimetre,
-    /// One count of the slope's register, as its effect at the reach in µm; `None` if the register takes fractions.
+    /// One count of the slope's register, as its effect at the distance `reach`, µm. `None` if the register accepts
+    /// fractions.
     pub count: Option<Micron>,
 }
 
 impl AxisSettings {
-    /// Returns true if Cz goes to zero while probings show that the model is worse than no compensation.
+    /// Returns whether Cz goes to zero while probings show that the model is worse than no compensation.
     pub fn leaves_what_is_worse(&self) -> bool {
         self.probe.is_some_and(|probe| probe.worse == OnWorse::Ramp)
     }
 
-    /// Returns the update period of an axis that goes to zero. It is as short as the rate requires, but not shorter
+    /// Returns the update period of an axis whose Cz goes to zero. It is as short as the rate requires, but not shorter
     /// than a fieldbus can follow.
     pub fn ramp_period(&self) -> Duration {
         let one_step = self.guard.step.get() / self.guard.rate.get();
@@ -144,7 +151,8 @@ impl AxisSettings {
         self.every.min(one_step.max(SHORTEST_PERIOD))
     }
 
-    /// Returns the duration of the fault action from this Cz, without its waiting time.
+    /// Returns the time in which the fault action brings this Cz to zero, without its waiting time; zero if the action
+    /// keeps the value.
     pub fn time_to_rest(&self, cz: Micron) -> Duration {
         let period = self.ramp_period();
         let a_step_each = self.guard.step.get() / period.as_secs_f64();
@@ -158,34 +166,34 @@ impl AxisSettings {
     }
 }
 
-/// Shortest update period of a ramp.
+/// Shortest update period of an axis whose Cz goes to zero.
 const SHORTEST_PERIOD: Duration = Duration::from_millis(100);
 
-/// Bounds of an offset. All values are positive and finite, except a deadband of zero.
+/// Bounds of Cz and its changes. All values are positive and finite, except a deadband of zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GuardSettings {
     /// Largest absolute value of Cz. The guard never exceeds it.
     pub limit: Micron,
-    /// Largest change of one update.
+    /// Largest change of Cz at one update.
     pub step: Micron,
     /// Largest speed at which Cz changes.
     pub rate: MicronPerSecond,
-    /// Smallest change that is made.
+    /// Smallest change of Cz that is made.
     pub deadband: Micron,
-    /// One count of the register in µm of Cz; `None` if the register takes fractions.
+    /// One count of the register in µm of Cz; `None` if the register accepts fractions.
     pub count: Option<Micron>,
 }
 
 /// Action of an axis if its inputs or outputs fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OnFault {
-    /// Keeps the last value for as long as the fault lasts.
+    /// The axis keeps its last Cz for as long as the fault lasts.
     Hold,
-    /// Keeps the value for this time, then goes to zero at the axis's `rate`.
+    /// The axis keeps its last Cz for this time. Then Cz goes to zero at the axis's `rate`.
     Ramp {
-        /// Time for which the last value is kept.
+        /// Time for which the axis keeps its last Cz.
         after: Duration,
     },
-    /// Goes to zero at once, as fast as `step` per update allows.
+    /// Cz goes to zero at once, by one `step` at each update.
     Zero,
 }

@@ -1,46 +1,50 @@
-//! The stuck test, and stand-ins for frozen and lost sensors. Pure, without allocation in a step.
+//! Detection of frozen sensors, and stand-ins (estimates from other sensors) for frozen and lost ones. A step is pure,
+//! and allocates no memory.
 //!
-//! Notation: x̂ is the rise of a sensor that its predictors predict, as the mean of a minute. s is the time at which
-//! its reading last changed, and y the reading then. For a machine at rest, no motion is predicted. A constant reading
-//! is suspected only if
+//! Notation: x̂ is the rise of a sensor as its predictors (other sensors) predict it, as the mean of a minute. s is the
+//! time at which the sensor's reading last changed, and y the reading at that time. If the machine does not change, the
+//! predictors predict no change. A constant reading is suspected to be frozen only if
 //!
 //! ```text
 //! D = |x̂(now) − x̂(s)| > θ          0 while the reading changed less than 3 min ago
 //! ```
 //!
-//! Three such minutes in a row are a suspicion. It is reported, and the reading is still used. The value
-//! `y + x̂ − x̂(s)` replaces the reading if that moves the target by at most one step of the axis. The lags of its
-//! terms then become those that have followed this value since s. For that, each lag has a shadow. The shadow equals
-//! the lag at every change of the reading, and follows the prediction in between. A lost sensor is replaced from its
-//! last good reading on. If it was already lost when the machine started, x̂ is its rise.
+//! The sensor is suspected after three such minutes in a row. The suspicion is reported, and the reading is still used.
+//! Then the value `y + x̂ − x̂(s)` replaces the reading if this changes the axis's target by at most one step of the
+//! axis. The lags of the sensor's terms are then replaced by lags that have followed this value since s. For this
+//! purpose, each lag has a shadow. The shadow is set to the lag at every change of the reading, and follows the
+//! prediction in between. A lost sensor is replaced from its last good reading on. If it was already lost when the
+//! machine started, x̂ is its rise.
 //!
 //! # Rules
-//! - A suspicion alone never puts an axis on hold. If a suspected sensor has no stand-in, its reading is used for
+//! - A suspicion alone never puts an axis on hold. The reading of a suspected sensor without a stand-in is used for
 //!   everything except the predictions of other sensors. The same applies to models whose own watch has no stand-in for
-//!   it.
-//! - The reading of a sensor with a stand-in, or of a lost sensor that is not accepted yet, is not used. If a lost
-//!   sensor has no stand-in, lags wait, nothing is learned, and no reference is captured from it.
-//! - A stand-in never contributes to another stand-in. A suspected, frozen or lost sensor only contributes to the stuck
-//!   test, so that a second frozen sensor is found.
-//! - A stand-in depends on at least two other sensors. They and the stand-in must be inside the ranges on which the
-//!   model was identified; the envelope gives a range for each input. The distance from the envelope does not count,
-//!   because a frozen sensor changes it.
-//! - A sensor is not suspected while one of its predictors is beyond its range. Nor is it while the sensor itself, or a
-//!   lagged predictor, is beyond its range by more than a tenth. For a frozen sensor, the last value from inside is
-//!   used meanwhile, because its own reading is older.
-//! - A mean uses the readings that were present. A prediction ends with the first whole minute in which one of its
-//!   predictors had no reading. It also ends after two minutes without a check. For a frozen sensor, the last
-//!   prediction is used for ten more minutes; then its reading is used again.
+//!   the sensor.
+//! - The reading of a sensor with a stand-in is not used, and neither is that of a lost sensor that is not accepted
+//!   yet. If a lost sensor has no stand-in, its lags wait, no probing corrects the model, and no reference is captured
+//!   from the sensor.
+//! - A stand-in is never part of another stand-in. A suspected, frozen or lost sensor only contributes to the detection
+//!   of frozen sensors, so that a second one is found.
+//! - A stand-in depends on at least two other sensors. These sensors and the stand-in must be inside the ranges on
+//!   which the model was identified. The envelope gives a range for each input. The Mahalanobis distance of the
+//!   envelope is ignored, because a frozen sensor changes it.
+//! - A sensor is not suspected while one of its predictors is beyond its range. It is not suspected either while it or
+//!   a lagged predictor is beyond its range by more than a tenth. During this time, a frozen sensor keeps the last
+//!   stand-in from inside, because its own reading is older.
+//! - The mean of a minute uses the readings that were present. A prediction ends with the first whole minute in which
+//!   one of its predictors had no reading. It also ends after two minutes without a check. For a frozen sensor, the
+//!   last prediction is used for ten more minutes; then its reading is used again.
 //! - A sensor has no prediction while a lag on which the prediction depends is not settled. A lag that began on a warm
-//!   machine settles after five of its time constants.
-//! - A sensor with a stand-in is accepted again if it has moved and stayed within θ of the prediction for an hour. It
-//!   is also accepted when the operator disarms its axis after a check. A suspected sensor is accepted when it moves.
-//! - A sensor that was lost for less than 3 min is accepted at once, because the line was lost. A sensor without a
-//!   prediction during its loss is also accepted at once. If there is no prediction later, the sensor is accepted after
-//!   an hour.
-//! - When a sensor is accepted, its value at machine start is its reading minus its predicted rise, unless a valid
-//!   reference was captured.
-//! - A machine start resets everything. A frozen sensor stays frozen until it has moved.
+//!   machine is settled after five of its time constants.
+//! - A sensor with a stand-in is accepted again if its reading has changed and stayed within θ of the prediction for an
+//!   hour. It is also accepted when the operator disarms its axis after a check. A suspected sensor is accepted when
+//!   its reading changes.
+//! - A sensor that was lost for less than 3 min is accepted at once, because only the connection was lost. A sensor
+//!   without a prediction during its loss is also accepted at once. If there is no prediction after the loss, the
+//!   sensor is accepted after an hour.
+//! - When a sensor is accepted, its value at machine start is set to its reading minus its predicted rise, unless a
+//!   valid reference was captured.
+//! - A machine start resets everything. A frozen sensor stays frozen until its reading has changed.
 
 use std::time::Duration;
 
@@ -60,90 +64,91 @@ pub(super) use sensor::StartEstimate;
 use sensor::{Predicted, Prediction, Sensor, Verdict};
 use serde::{Deserialize, Serialize};
 
-/// Time over which a prediction is the mean.
+/// Time over which the mean of a prediction is calculated.
 const MINUTE: Duration = Duration::from_secs(60);
-/// Maximum time between two checks. After a longer pause, earlier predictions are discarded.
+/// Maximum time between two checks of the readings. After a longer pause, earlier predictions are discarded.
 const PAUSE: Duration = Duration::from_secs(2 * 60);
 
-/// Sensor that has a stand-in.
+/// Sensor whose reading is replaced by a stand-in, an estimate from other sensors.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SubstitutedSensor {
-    /// Signal of the sensor.
+    /// Signal of the sensor that is predicted.
     pub signal: SignalId,
-    /// Time at which its reading last changed, or was last good.
+    /// Time at which the sensor's reading last changed (frozen), or was last good (lost).
     pub since: Moment,
-    /// The reading does not change; else the sensor is lost.
+    /// Whether the sensor is frozen: its reading does not change. Otherwise the sensor is lost.
     pub frozen: bool,
-    /// Number of predictors of the stand-in.
+    /// Number of other sensors from which the stand-in is estimated.
     pub others: usize,
 }
 
-/// Rejected sensor of an axis.
+/// Sensor of an axis that is suspected, frozen or lost.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RejectedSensor {
-    /// Signal of the sensor.
+    /// Signal of the sensor that is predicted.
     pub signal: SignalId,
-    /// Time at which its reading last changed, or was last good.
+    /// Time at which the sensor's reading last changed (suspected or frozen), or was last good (lost).
     pub since: Moment,
-    /// The reading does not change; else the sensor was lost.
+    /// Whether the sensor is suspected or frozen: its reading does not change. Otherwise the sensor is lost.
     pub frozen: bool,
-    /// Number of predictors of its stand-in; `None` if it has no stand-in. The reading of a frozen sensor without a
-    /// stand-in is still used.
+    /// Number of other sensors from which the stand-in is estimated; `None` if the sensor has no stand-in. The reading
+    /// of a frozen sensor without a stand-in is still used.
     pub others: Option<usize>,
 }
 
 shifted!(SubstitutedSensor: since);
 
-/// Watch of the sensors of one model. Its state is kept over a restart, and in the first row of a log.
+/// Watch of the sensors of one model: it detects frozen and lost sensors, and estimates their stand-ins. Its state is
+/// saved for a restart, and in the first row of a log.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Watch {
     /// Name of the model.
     pub(super) model: String,
     /// Fingerprint of the stand-ins file.
     pub(super) file: u64,
-    /// Offset and gains of the model in the profile.
+    /// Offset and gains of the model in the profile. A saved state with other numbers is not used.
     numbers: Vec<f64>,
-    /// Inputs of the model's terms.
+    /// Signals and lags of the model's terms.
     #[serde(default)]
     terms: Vec<TermOfModel>,
-    /// State of each sensor of the file.
+    /// State of each sensor of the stand-ins file.
     sensors: Vec<Sensor>,
-    /// State of each input of the bank.
+    /// State of each input of the predictions (the bank).
     bank: Vec<BankInput>,
-    /// Shadow of each lag, by term of the model.
+    /// Shadow of the lag of each term of the model.
     shadows: Vec<Lag>,
-    /// End of the current minute.
+    /// End of the current minute, over which means are calculated; `None` before the first one.
     until: Option<Moment>,
-    /// Time of the last check.
+    /// Time of the last check of the readings.
     #[serde(default)]
     looked: Option<Moment>,
-    /// Sensor of each term of the model, as an index; `None` if the file does not contain it.
+    /// For each term of the model: index of its sensor in `sensors`; `None` if the stand-ins file does not contain it.
     #[serde(skip)]
     of_terms: Vec<Option<usize>>,
-    /// Substitutes for the rejected readings. There are never more than sensors.
+    /// Substitutes for the rejected readings, at most one for each sensor.
     #[serde(skip)]
     substitutions: Vec<Substitution>,
-    /// Beginning of each sensor that was accepted again in this step.
+    /// For each sensor that was accepted again in this step: the estimate of its reading at machine start.
     #[serde(skip)]
     beginnings: Vec<Option<StartEstimate>>,
-    /// Buffers in which a substitution is tried.
+    /// Buffers for trying the effect of a substitution.
     #[serde(skip)]
     tried: (Vec<Substitution>, Vec<Lag>),
 }
 
-/// Limits for the effect of a substitution on the target of the axis.
+/// Limits for the effect of a substitution on the target of the axis, and how the effect is computed.
 #[derive(Clone, Copy)]
 pub(super) struct Bounds<'a> {
-    /// The largest step of the axis.
+    /// Largest step of the axis.
     pub(super) step: Micron,
-    /// The control itself multiplies the slope by the distance.
+    /// Whether the control itself multiplies the slope by the distance from the reference position.
     pub(super) splits_slope: bool,
-    /// Cz, and the effect of the slope at the reach, that the axis would follow. The envelope and the learned
-    /// correction are applied. `None` if the model has no value.
+    /// Function that returns Cz, and the effect of the slope, that the axis would follow with these inputs. The
+    /// envelope and the correction from probings are applied. `None` if the model has no value.
     pub(super) target: &'a dyn Fn(&Inputs<'_>) -> Option<(Micron, Micron)>,
 }
 
-/// Signal that a term reads, by its place in the list of signals, and the time constant of its lag.
+/// Signal that a term of the model reads, as an index of the list of signals, and the time constant of its lag.
 type TermOfModel = (usize, Option<Duration>);
 
 shifted!(Watch: sensors, bank, shadows, until, looked);
@@ -171,7 +176,7 @@ impl Watch {
         }
     }
 
-    /// Returns the state to keep: lags without their scratch values, and nothing that the next step computes again.
+    /// Returns the state that must be saved, without values that the next step computes again.
     pub(super) fn kept(&self) -> Watch {
         let mut kept = self.clone();
         let lags = kept.bank.iter_mut().map(|gathered| &mut gathered.lag).chain(&mut kept.shadows);
@@ -180,7 +185,7 @@ impl Watch {
         kept
     }
 
-    /// Restores the kept state, if it belongs to this model and this file.
+    /// Restores the saved state, if it belongs to the same model and the same stand-ins file.
     pub(super) fn recall(&mut self, kept: &Watch) {
         let sizes = |watch: &Watch| (watch.sensors.len(), watch.bank.len(), watch.shadows.len());
         let is_same = kept.file == self.file && kept.numbers == self.numbers && kept.terms == self.terms;
@@ -192,7 +197,8 @@ impl Watch {
         }
     }
 
-    /// Accounts for the time without the gateway. The lags follow over that time. Predictions from before it end.
+    /// Handles a time of length `span` in which the gateway did not run. The lags are advanced over this time.
+    /// Predictions from before it end if it was longer than [`PAUSE`].
     pub(super) fn away(&mut self, span: Duration) {
         if span > PAUSE {
             self.sensors.iter_mut().for_each(Sensor::away);
@@ -208,7 +214,7 @@ impl Watch {
         &self.substitutions
     }
 
-    /// Returns the rejected sensors, with the number of predictors of each stand-in.
+    /// Returns the rejected sensors, each with the number of other sensors that its stand-in uses.
     pub(super) fn rejected<'a>(
         &'a self,
         settings: &'a StandIns,
@@ -222,7 +228,7 @@ impl Watch {
         })
     }
 
-    /// Resets everything after a machine start.
+    /// Resets predictions, lags and shadows after a machine start.
     pub(super) fn started(&mut self, model: &Model, settings: &StandIns, now: Moment) {
         self.sensors.iter_mut().for_each(|sensor| sensor.started(now));
         for (input, shadow) in model.rises().zip(&mut self.shadows) {
@@ -236,7 +242,7 @@ impl Watch {
         self.fill((model, settings), None, now);
     }
 
-    /// Accepts every sensor that has a reading, because the operator has checked them.
+    /// Accepts every sensor that has a reading, because the operator has checked the sensors.
     pub(super) fn trust(&mut self, (model, settings): (&Model, &StandIns), machine: &Machine, now: Moment) {
         for (sensor, beginning) in self.sensors.iter_mut().zip(&mut self.beginnings) {
             if let Some(Verdict::Accepted(found)) = sensor.trust(now) {
@@ -246,7 +252,8 @@ impl Watch {
         self.fill((model, settings), Some(machine), now);
     }
 
-    /// Checks the readings before lags and references use them. `every`: intended time between two checks.
+    /// Checks the readings of the sensors before lags and references use them. `every`: intended time between two
+    /// checks.
     pub(super) fn check(
         &mut self,
         (model, settings): (&Model, &StandIns),
@@ -267,8 +274,8 @@ impl Watch {
         self.fill((model, settings), Some(machine), now);
     }
 
-    /// Computes the substitutes for the rejected readings. Without `machine`, nothing has been captured yet. A frozen
-    /// sensor without a stand-in becomes suspected.
+    /// Computes the substitutes for the rejected readings. `machine` is `None` while no reference has been captured. A
+    /// frozen sensor without a stand-in becomes suspected.
     fn fill(&mut self, (model, settings): (&Model, &StandIns), machine: Option<&Machine>, now: Moment) {
         self.substitutions.clear();
         for (place, known) in settings.sensors().iter().enumerate() {
@@ -298,8 +305,9 @@ impl Watch {
         known.terms.iter().filter_map(|(place, _)| of(place)).any(|sensor| self.sensors[sensor].is_doubted())
     }
 
-    /// Updates the shadows and the bank after the lags of the model. At the end of a minute, judges each sensor.
-    /// `lags`: the lags of a frozen sensor become their shadows. `seen`: the readings as the model uses them.
+    /// Updates the shadows and the inputs of the predictions, after the lags of the model. At the end of a minute,
+    /// judges each sensor. `lags`: lags of the model; those of a sensor that is now replaced are set to their shadows.
+    /// `seen`: the snapshot as the model uses it.
     pub(super) fn follow(
         &mut self,
         (model, settings, bounds): (&Model, &StandIns, Bounds<'_>),
@@ -319,8 +327,8 @@ impl Watch {
         }
     }
 
-    /// Updates the shadows as the lags would be if the sensor had frozen at its last change. A shadow without a
-    /// prediction waits. A shadow of a lost sensor does not change.
+    /// Updates the shadows to the values that the lags would have if the sensor had been frozen since its last change.
+    /// A shadow without a prediction, or of a lost sensor, does not change.
     fn follow_shadows(&mut self, model: &Model, lags: &[Lag], seen: &Snapshot<'_>, machine: &Machine) {
         let shadows = model.rises().zip(lags).zip(&mut self.shadows).zip(&self.of_terms);
         for (((input, lag), shadow), sensor) in shadows {
@@ -342,7 +350,8 @@ impl Watch {
         }
     }
 
-    /// Judges each sensor by the minute that has ended.
+    /// Judges each sensor by the minute that has ended: it may become suspected, replaced by its stand-in, or accepted
+    /// again.
     fn assess(
         &mut self,
         (model, settings, bounds): (&Model, &StandIns, Bounds<'_>),
@@ -378,7 +387,7 @@ impl Watch {
         }
     }
 
-    /// Returns by how much the target would move, µm, if a stand-in replaced this sensor from now on. `None` if the
+    /// Returns the change of the axis's target, µm, if a stand-in replaced this sensor from now on. `None` if the
     /// sensor is not suspected, if it has no stand-in, or if the model has no value.
     fn moved_by(
         &mut self,
@@ -416,7 +425,7 @@ impl Watch {
         Some(of_cz.abs().get().max(of_slope.abs().get()))
     }
 
-    /// Returns the prediction of the last minute for one sensor.
+    /// Returns the prediction of one sensor for the minute that has ended.
     fn predict(
         &self,
         (model, settings): (&Model, &StandIns),
@@ -447,7 +456,7 @@ impl Watch {
         Prediction::Known(Predicted { inside, ..predicted })
     }
 
-    /// Returns the sum of the terms of one sensor; `None` if a required predictor has no value.
+    /// Returns the predicted rise of one sensor, the sum of its terms; `None` if one of its predictors has no value.
     fn sum(&self, settings: &StandIns, known: &VirtualSensor, seen: &Snapshot<'_>) -> Option<Predicted> {
         let mut predicted = Predicted { rise: 0.0, lent: false, present: true, inside: true };
         for (place, gain) in &known.terms {
@@ -467,8 +476,8 @@ impl Watch {
         self.bank.iter_mut().for_each(BankInput::begin_minute);
     }
 
-    /// Calls `take` with the estimated start reading of each sensor that was accepted again since the last call, and
-    /// clears these readings.
+    /// Calls `take` for each sensor that was accepted again since the last call, with the estimate of its reading at
+    /// machine start. Then discards the estimates.
     pub(super) fn take_beginnings(
         &mut self,
         settings: &StandIns,
@@ -482,7 +491,7 @@ impl Watch {
     }
 }
 
-/// Returns the substitute for a sensor with this predicted rise.
+/// Returns the source of a substitute for a sensor, from its predicted rise.
 fn source(sensor: &Sensor, signal: SignalId, rise: f64, machine: Option<&Machine>) -> SubstituteSource {
     let value = sensor.value(rise);
     let start = machine.and_then(|machine| machine.captured(Reference::Start, signal));
@@ -490,7 +499,7 @@ fn source(sensor: &Sensor, signal: SignalId, rise: f64, machine: Option<&Machine
     SubstituteSource::Predictors { value, rise }
 }
 
-/// Returns whether a substitute provides every input that a model and its envelope take from the sensor.
+/// Returns whether a substitute for a sensor provides every input that a model and its envelope take from this sensor.
 fn answers(model: &Model, substitution: &Substitution, machine: Option<&Machine>, now: Moment) -> bool {
     let Some(machine) = machine.filter(|_| substitution.has_source()) else { return false };
     let only_this = [*substitution];

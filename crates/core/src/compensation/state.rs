@@ -1,4 +1,4 @@
-//! The states of an axis.
+//! States of an axis, and the transitions between them.
 //!
 //! ```text
 //!            armed                    no usable model, or outputs not verified
@@ -13,13 +13,13 @@
 //! ```
 //!
 //! # Theory of operation
-//! An axis that is off decides nothing, and the register value stays. When it is armed, it takes over the register
-//! value. The first decision is therefore one step from that value. The axis follows a model through the guard while
-//! the model can be used and the last write was verified. If it follows a fallback model, its state shows that. If
-//! either condition fails, the axis keeps its value, and then runs the fault action of the profile. When it recovers,
-//! it moves through the guard in the same way. A model that requests more than the error level cannot be used until the
-//! axis is armed again. When the gateway stops, the action runs without its waiting time. An axis that is off stays
-//! off.
+//! An axis that is off decides nothing, and the register value does not change. When the axis is armed, it takes over
+//! the register value. The first decision is therefore one step from that value. The axis follows a model through the
+//! guard while the model can be used and the last write was verified. If it follows a fallback model, its state shows
+//! this. If no model can be used or a write was not verified, the axis keeps its value. Then it runs the fault action
+//! of the profile. When the axis recovers, the guard also limits its changes. A model that requests more than the error
+//! level cannot be used until the axis is armed again. When the gateway stops, the fault action runs without its
+//! waiting time. An axis that is off stays off.
 
 use std::fmt;
 
@@ -31,23 +31,23 @@ use crate::quantity::{Moment, Shift, Shifted};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum AxisState {
-    /// Not armed. The axis decides and writes nothing.
+    /// The axis is not armed. It decides and writes nothing.
     #[default]
     Off,
     /// The axis follows its preferred model.
     Active,
     /// The axis follows a fallback model, because the preferred one cannot be used.
     Degraded,
-    /// The axis has kept its last value since this moment.
+    /// The axis has kept its last Cz since this moment.
     Holding(Moment),
-    /// Going to zero at the axis's rate.
+    /// Cz of the axis goes to zero.
     Ramping,
     /// Cz is zero until the inputs and outputs of the axis are good again.
     Zeroed,
 }
 
 impl AxisState {
-    /// Returns the name of the state in `z_state`, page, metrics and log.
+    /// Returns the name of the state in the log (column `z_state` for an axis z), on the web page, and in metrics.
     pub fn name(self) -> &'static str {
         match self {
             AxisState::Off => "off",
@@ -62,11 +62,12 @@ impl AxisState {
     /// Names of all states, as [`AxisState::name`] returns them.
     pub const NAMES: [&'static str; 6] = ["off", "active", "degraded", "holding", "ramping", "zeroed"];
 
-    /// Words of events for the decided states. "At zero" is missing, because it is used only for a verified value.
+    /// Words for the states in events. "At zero" is not among them, because it means that zero was verified in the
+    /// control.
     const DISPLAYED: [&'static str; 6] =
         ["off", "compensating", "fallback model", "frozen", "returning to zero", "zero requested"];
 
-    /// Returns the displayed word for the state of this name. An unknown name is returned as it is.
+    /// Returns the word in events for the state of this name. An unknown name is returned unchanged.
     pub fn display_of(name: &str) -> &str {
         let found = AxisState::NAMES.iter().zip(AxisState::DISPLAYED).find(|(known, _)| **known == name);
         found.map_or(name, |(_, word)| word)

@@ -1,30 +1,31 @@
-//! Substitutes for rejected readings.
+//! Substitutes for the readings of rejected sensors.
 
 use crate::quantity::Moment;
 use crate::reading::SignalId;
 
-/// Substitute for a sensor whose own reading is not used.
+/// Substitute for the reading of a sensor whose own reading is not used.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Substitution {
     pub(super) signal: SignalId,
-    /// The reading is constant; else the sensor was lost.
+    /// Whether the reading is constant (suspected or frozen). Otherwise the sensor was lost.
     pub(super) frozen: bool,
-    /// Time at which the reading last changed, or was last good.
+    /// Time at which the sensor's reading last changed, or was last good.
     pub(super) since: Moment,
     pub(super) source: SubstituteSource,
 }
 
-/// Source of a substitute.
+/// Source from which a substitute gets its value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum SubstituteSource {
-    /// A stand-in, predicted from other sensors.
+    /// The substitute is a stand-in, predicted from other sensors.
     Predictors {
-        /// Value in the unit of the sensor; `None` if the sensor's start is unknown.
+        /// Predicted value in the unit of the sensor; `None` if the reading from which the change is counted is
+        /// unknown.
         value: Option<f64>,
-        /// Rise since machine start.
+        /// Predicted rise since machine start.
         rise: f64,
     },
-    /// No source. Everything that requires the sensor waits.
+    /// The substitute has no value. Everything that requires the sensor waits.
     None,
 }
 

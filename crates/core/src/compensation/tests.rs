@@ -2,7 +2,7 @@ use super::model::{Expression, Formula, Input, Kind, Linear, Model, Reference, S
 use super::settings::{Datum, GuardSettings, InterceptSlope, Levels, OnFault};
 use super::*;
 use crate::quantity::of;
-use crate::reading::Reason;
+use crate::reading::{Reading, Reason};
 use std::time::Duration;
 
 mod behind;

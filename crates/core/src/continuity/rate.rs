@@ -1,61 +1,64 @@
-//! Rate of change of one signal, also over a break of its device's continuity and over a start of the gateway.
+//! Check of the rate of change of one signal, also across a break of its device's continuity and a start of the
+//! gateway.
 
 use std::time::Duration;
 
 use crate::quantity::Moment;
 
-/// Least interval between two values in the calculation, seconds. Noise between two polls in quick succession would
-/// otherwise be too fast.
+/// Shortest interval between two values that the calculation uses, seconds. With a shorter interval, noise between two
+/// polls would count as too fast a change.
 const LEAST_SECONDS: f64 = 1.0;
 
 /// Reason why a value is implausible.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RateFault {
-    /// Change faster than `max_rate`.
+    /// The value changed faster than the `max_rate` of the profile.
     TooFast,
-    /// The difference from the last value before a break exceeds `max_rate` times the time without a value.
+    /// The value differs too much from the last value before a break. The limit is `max_rate` times the time without a
+    /// value.
     Jumped,
 }
 
-/// Filter of implausible values of one signal. It compares each value with the last good one. It compares the first
-/// value after a break of continuity with the last one before it.
+/// Filter that rejects implausible values of one signal. It compares each value with the last good one, and the first
+/// value after a break of continuity with the last value before the break.
 ///
-/// While contact lasts, the allowed change grows with the time since the last good value. Over a break it grows only
-/// while no value arrives: a replaced device does not become plausible by waiting. The signal is accepted again when a
-/// value is within the allowed change. It is also accepted after [`RateFilter::forget`], when the operator has
+/// While contact lasts, the allowed change grows with the time since the last good value. Over a break, the allowed
+/// change grows only while no value arrives: a replaced device does not become plausible by waiting. The signal is
+/// accepted again when a value is within the allowed change, or after [`RateFilter::forget`], when the operator has
 /// confirmed the device.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RateFilter {
-    /// Last good value with its time. Later values are compared with it.
+    /// Last good value with its time; `None` if there is none. Later values are compared with it.
     good: Option<(f64, Moment)>,
-    /// Last value, good or not.
+    /// Last value with its time, even if it was rejected; `None` if there is none.
     last: Option<(f64, Moment)>,
-    /// Number of breaks of continuity at the last value.
+    /// Number of breaks of the device's continuity when the last value arrived.
     breaks: u64,
-    /// Time without a value before `last`, if `last` has the time of the start.
+    /// Time without a value before the gateway started, if `last` is a value of the former run; else zero.
     away: Duration,
     jump: Option<Jump>,
 }
 
-/// Rejected difference from the last value before a break.
+/// Difference from the last value before a break that has not been accepted yet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Jump {
     /// Last value before the break.
     before: f64,
-    /// Largest accepted difference from it.
+    /// Largest accepted difference from `before`.
     allowed: f64,
 }
 
 impl RateFilter {
-    /// Creates a filter with the result of [`RateFilter::before_stop`] in a former run. `away` is the time without a
-    /// value before the start. The first value is compared as after a break.
+    /// Creates a filter after a start of the gateway. `before` is the value from [`RateFilter::before_stop`] of the
+    /// former run, and `away` the time without a value before the start. The first new value is checked as after a
+    /// break.
     pub fn after_start(before: f64, start: Moment, away: Duration) -> RateFilter {
         RateFilter { last: Some((before, start)), breaks: u64::MAX, away, ..RateFilter::default() }
     }
 
-    /// Returns the value with which the first one after a stop is to be compared, and the time since then. This is the
-    /// last good value, or the last one before a jump that is not resolved. Waiting does not make a jump plausible.
-    /// Returns `None` without any value.
+    /// Returns the value with which the first value of the next run must be compared, and its age. This is the last
+    /// good value, or the value before an unresolved jump. For a jump, the age is the time in which `rate` gives the
+    /// allowed difference, because waiting does not make a jump plausible. `None` if there is no value.
     pub fn before_stop(&self, now: Moment, rate: f64) -> Option<(f64, Duration)> {
         if let Some(Jump { before, allowed }) = self.jump {
             return Some((before, Duration::try_from_secs_f64(allowed / rate).unwrap_or(Duration::MAX)));
@@ -65,11 +68,11 @@ impl RateFilter {
         Some((value, now.since(taken).saturating_add(self.away)))
     }
 
-    /// Checks a value of this time against `rate`, the `max_rate` per second. `breaks` is the number of breaks of
-    /// continuity so far. A plausible value becomes the last good one.
+    /// Checks a value that was measured at `at` against `rate`, the `max_rate` per second (`None`: no limit). `breaks`
+    /// is the number of breaks of continuity so far. A plausible value becomes the last good one.
     ///
     /// # Errors
-    /// The reason why the value is implausible. The last good value stays.
+    /// Returns why the value is implausible. The last good value does not change.
     pub fn assess(
         &mut self,
         value: f64,
@@ -103,12 +106,12 @@ impl RateFilter {
         Ok(())
     }
 
-    /// Returns whether a value was rejected because of a jump over a break, and none has been accepted since.
+    /// Returns whether a value was rejected because of a jump across a break, and no value has been accepted since.
     pub fn has_jumped(&self) -> bool {
         self.jump.is_some()
     }
 
-    /// Forgets all values. The next value is accepted.
+    /// Discards all stored values, so that the next value is accepted.
     pub fn forget(&mut self) {
         (self.good, self.last, self.jump) = (None, None, None);
     }

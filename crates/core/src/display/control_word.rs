@@ -1,9 +1,10 @@
-//! Control word of a set: the state of its axes as the control sees it.
+//! Control word of a set of outputs: the register in which the gateway tells the control the state of the set's axes.
 
 use crate::compensation::AxisState;
 use crate::output::ControlWord;
 
-/// Control word of a set with these axes: whether each is armed, and what it does. `ends`: the gateway ends, with fault actions.
+/// Returns the control word of a set of outputs. `axes`: for each axis, whether it is armed, and its last decided
+/// state. `ends`: the gateway is shutting down with fault actions, so the word is not enabled.
 pub fn control_word(axes: impl Iterator<Item = (bool, Option<AxisState>)>, ends: bool) -> u16 {
     let first = if ends { 0 } else { ControlWord::ENABLE };
     axes.fold(first, |word, (is_armed, state)| {

@@ -1,7 +1,8 @@
 //! Applied value: a control reports in another register which offset it applies. That verifies the write.
 //!
-//! The written register itself is compared like any other. After each change, the control has the time `settle` to
-//! apply the value. Until it does, nothing else is sent. If it does not, the axis is frozen.
+//! The written register itself is read and compared like the register of any other output. After each change, the
+//! control has the time `settle` to apply the value. Until the control applies the value, nothing else is sent. If the
+//! control does not apply the value in this time, the axis is frozen.
 
 use std::time::Duration;
 
@@ -17,7 +18,7 @@ use crate::quantity::{Counts, Moment, shifted};
 pub(super) struct Applied {
     /// Register value, and the time when it was first known.
     value: Option<TimedValue>,
-    /// Time of the last read of the applied value since then.
+    /// Time of the last read of the applied value. `None` if the register value has changed since.
     read_at: Option<Moment>,
     shown: AppliedState,
 }
@@ -26,10 +27,10 @@ pub(super) struct Applied {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum AppliedState {
-    /// The control has not reported that it applies the value.
+    /// The control has not reported that it applies the register value.
     #[default]
     NotYet,
-    /// The control applies the value.
+    /// The control applies the register value.
     Applied,
 }
 
@@ -58,7 +59,7 @@ impl Applied {
         fits
     }
 
-    /// Records that the control did not answer.
+    /// Records that a read of the applied value was not answered.
     pub(super) fn no_answer(&mut self, asked: Moment) {
         self.read_at = Some(asked);
     }
@@ -68,9 +69,9 @@ impl Applied {
         self.value.is_some_and(|known| asked >= known.asked.after(settings.settle))
     }
 
-    /// Returns the time of the next read of the applied value. The first read follows a change directly. The next ones
-    /// follow soon, each after twice the time, until the settling time is over. Then it is read every second if the
-    /// control does not apply the value, and otherwise with the period of the axis.
+    /// Returns the time of the next read of the applied value. The first read follows a change directly. Until the
+    /// settling time is over, the next reads follow at doubled intervals. After that, the applied value is read every
+    /// second if the control does not apply the register value. Otherwise it is read with the period of the axis.
     pub(super) fn due(&self, settings: &AppliedSettings, every: Duration) -> Moment {
         let Some(TimedValue { asked: since, .. }) = self.value else { return Moment::END };
         let over = since.after(settings.settle);
@@ -85,7 +86,8 @@ impl Applied {
         }
     }
 
-    /// Maps every moment, for the comparison of two states that differ only in time.
+    /// Returns a copy in which `to` is applied to every moment, for the comparison of two states that differ only in
+    /// time.
     pub(super) fn moved(self, to: impl Fn(Moment) -> Moment) -> Applied {
         Applied {
             value: self.value.map(|known| TimedValue { asked: to(known.asked), ..known }),

@@ -1,6 +1,8 @@
 //! Controller of one output. It decides what is sent to the register, when it is sent, and what the results mean.
 //!
-//! [`step`](super::step) decides about the register. The controller decides about everything around it:
+//! [`step`](super::step) decides about the register. The controller works in *turns*: the line task gives the output a
+//! turn, which lasts from [`Input::Demand`](super::Input::Demand) to [`Input::TurnEnds`](super::Input::TurnEnds). The
+//! controller decides about everything around the register:
 //! - which decision of the axis the register step receives;
 //! - when the axis resumes from the register value;
 //! - what a failure means;
@@ -38,7 +40,7 @@ use super::state_parts::ArmState;
 use super::{Action, Event, Fact, State, step};
 use crate::quantity::{Counts, Moment, Shift, Shifted, shifted};
 
-/// Capacity for the events of one input.
+/// Capacity for the events of one input. One input never causes so many.
 pub const MOST_EVENTS: usize = 24;
 
 /// Controller of one output.
@@ -53,7 +55,7 @@ pub struct Controller {
 /// State of a controller, apart from the state of its register.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Policy {
-    /// Pending exchange: requested, without a result.
+    /// Exchange that was requested and has no result yet.
     action: Action,
     inputs: LastInputs,
     follow: Follow,
@@ -64,7 +66,7 @@ pub struct Policy {
     said: ReportedTopics,
 }
 
-/// Values of the last demand.
+/// Values of the last demand. A difference from the next demand shows what has changed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 struct LastInputs {
     is_armed: bool,
@@ -95,12 +97,12 @@ impl Controller {
         Controller::resumed(state, policy)
     }
 
-    /// Creates a controller that resumes from a record.
+    /// Creates a controller from states that were recorded earlier.
     pub fn resumed(state: State, policy: Policy) -> Controller {
         Controller { state, policy, events: Slots::default() }
     }
 
-    /// Ends every pending exchange of an interrupted task.
+    /// Ends every pending exchange, because the task that executed it was interrupted.
     pub fn interrupted(&mut self, settings: &Settings, now: Moment) {
         let ends = [Fact::Paused, Fact::Unknown { left: now }, Fact::NoAnswer, Fact::NotKept, Fact::NoAnswer];
         for fact in ends {
@@ -125,17 +127,17 @@ impl Controller {
         &self.policy
     }
 
-    /// Returns whether the output follows the decisions of its axis, and if not, why.
+    /// Returns whether the output follows the decisions of its axis, and if it does not, the reason.
     pub fn follow(&self) -> Follow {
         self.policy.follow
     }
 
-    /// Reason why the register does not hold the decided value.
+    /// Returns the reason why the register does not hold the decided value. `None` if there is no trouble.
     pub fn trouble(&self) -> Option<Trouble> {
         self.policy.trouble
     }
 
-    /// Pending exchange: requested, without a result.
+    /// Returns the exchange that was requested and has no result yet, or else [`Action::Nothing`].
     pub fn action(&self) -> Action {
         self.policy.action
     }
@@ -165,15 +167,15 @@ impl Controller {
         self.state.shown(settings).verified.map_or(settings.bias, |seen| seen.value)
     }
 
-    /// Returns whether the state must be on disk before anything is sent. It must before a value of a promise is sent,
-    /// and before a new division of the register value is reported.
+    /// Returns whether the caller must wait until the state is saved on disk: before a promised value is sent, or
+    /// before a new division into operator offset and gateway share is reported.
     pub fn must_keep(&self, settings: &Settings) -> bool {
         let mut said = self.policy.said;
         let has_to_report = is_open(&self.state, settings) && said.first(Topic::Division);
         settings.promises() && (self.state.is_promising() || has_to_report)
     }
 
-    /// Health of the output. `None` until its register has been read.
+    /// Returns the health of the output. `None` until its register has been read.
     pub fn health(&self, settings: &Settings, interlock: Condition) -> Option<OutputHealth> {
         let shown = self.state.shown(settings);
         let _ = shown.verified?;
@@ -188,7 +190,7 @@ impl Controller {
         })
     }
 
-    /// Processes an input and returns the requested exchange. While another exchange is pending, that is
+    /// Processes an input and returns the requested exchange. While another exchange is pending, the result is
     /// [`Action::Nothing`].
     pub fn step(&mut self, settings: &Settings, input: Input, now: Moment) -> Action {
         let before = self.policy.action;
@@ -255,7 +257,8 @@ impl Controller {
         self.give(settings, Fact::Look, now);
     }
 
-    /// Opens or closes the interlock. When it closes, the axis resumes from the register value in any case.
+    /// Records the condition of the interlock. When the interlock closes, the axis always resumes from the register
+    /// value.
     fn interlock(&mut self, settings: &Settings, condition: Condition, now: Moment) {
         let is_armed = self.policy.inputs.is_armed;
         let is_held = is_armed && condition != Condition::Met;
@@ -274,8 +277,8 @@ impl Controller {
         }
     }
 
-    /// Processes a new decision. An axis that holds its offset requests no write. It resumes from the register value if
-    /// that differs from its offset.
+    /// Processes a new decision. An axis that holds its offset requests no write. Such an axis resumes from the
+    /// register value if the register value differs from the offset of the axis.
     fn decide(&mut self, settings: &Settings, decision: &OutputDecision, now: Moment) {
         if self.policy.follow == Follow::Late {
             self.policy.follow = Follow::Target;
@@ -365,15 +368,15 @@ impl Controller {
         }
     }
 
-    /// Records a failed write. While the axis is off, the register value was only sent along with others, and nothing
-    /// is recorded.
+    /// Records a failed write. While the axis is off, the register value is only sent along with other outputs of a
+    /// set, and a failure is not recorded.
     fn write_fails(&mut self, trouble: Trouble) {
         if self.policy.inputs.is_armed {
             self.fails(trouble);
         }
     }
 
-    /// Processes an answer. `is_written` means that the register holds the written value.
+    /// Processes an answer of the device. `is_written` means that the register holds the written value.
     fn answered(&mut self, settings: &Settings, is_written: bool) {
         if self.state.shown(settings).is_untaken {
             let before = self.policy.trouble;
@@ -454,7 +457,8 @@ impl Controller {
         }
     }
 
-    /// Records a missing answer. While the control applies the register value, a single missing answer has no meaning.
+    /// Records that a read of the applied value was not answered. This is no trouble while the control is known to
+    /// apply the register value.
     fn applied_no_answer(&mut self, asked: Moment) {
         self.policy.applied.no_answer(asked);
         if !self.policy.applied.is_applied() {
@@ -487,7 +491,7 @@ impl Controller {
         }
     }
 
-    /// Ends the turn. A write that a read of this turn has made possible is dropped.
+    /// Ends the turn. A requested read or write that was not executed is dropped.
     fn turn_ends(&mut self, settings: &Settings, now: Moment) {
         let given_up = match self.policy.action {
             Action::Nothing { .. } | Action::Keep => None,
@@ -524,8 +528,8 @@ impl Controller {
         }
     }
 
-    /// Disarms the axis if only the operator can divide the register value. The axis stays off until the operator arms
-    /// it.
+    /// Disarms the axis if only the operator can say which part of the register value is the operator offset. The axis
+    /// stays off until the operator arms it.
     fn ask(&mut self, settings: &Settings) {
         let shown = self.state.shown(settings);
         let is_asked = settings.is_shared && shown.standing == ArmState::Barred && shown.verified.is_some();
@@ -535,7 +539,7 @@ impl Controller {
         }
     }
 
-    /// Passes a fact to the register step. Stores the returned action, unless another one is pending.
+    /// Passes a fact to [`step`]. Stores the action that it returns, unless another action is pending.
     fn give(&mut self, settings: &Settings, fact: Fact, now: Moment) {
         let was_open = is_open(&self.state, settings);
         let action = step(&mut self.state, settings, fact, now);
@@ -563,7 +567,8 @@ impl Controller {
         let _ = self.events.push(event);
     }
 
-    /// Maps every moment, and drops the events. The next call comes at `now` at the earliest.
+    /// Returns a copy in which `to` is applied to every moment. The events are dropped. The next call is at `now` at
+    /// the earliest.
     #[doc(hidden)]
     pub fn moved(&self, to: impl Fn(Moment) -> Moment, now: Moment) -> Controller {
         let Policy { inputs, applied, action, .. } = self.policy;

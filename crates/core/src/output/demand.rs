@@ -1,4 +1,4 @@
-//! Input of a controller: the demand of the axis, and the results of exchanges.
+//! Input of the controller of an output: the demand of the axis, and the results of exchanges.
 
 use serde::{Deserialize, Serialize};
 
@@ -25,19 +25,19 @@ pub struct Demand {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OutputDecision {
-    /// Counts from the bias, or the gateway share of a shared register.
+    /// Offset in counts, without the bias. For a shared register: the gateway share.
     pub offset: Counts,
-    /// Target of the offset. `None` if unknown, and for a constant.
+    /// Target that the offset approaches. `None` for a constant, and if the target is unknown.
     pub target: Option<Counts>,
     /// Time of the decision.
     pub at: Moment,
-    /// Last moment for sending a change.
+    /// Last moment at which a change may be sent.
     pub not_after: Moment,
-    /// Mode of the axis.
+    /// Mode in which the axis made the decision.
     pub mode: Mode,
 }
 
-/// Mode of a deciding axis.
+/// Mode in which an axis makes a decision.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Mode {
@@ -46,7 +46,7 @@ pub enum Mode {
     Follow,
     /// The axis keeps its offset.
     Hold,
-    /// The axis carries out a fault action or a stop, or writes a constant.
+    /// The axis carries out a fault action or a stop, returns to an earlier Cz, or writes a constant.
     Finish,
 }
 
@@ -62,20 +62,20 @@ pub enum Condition {
     Unknown,
 }
 
-/// Input of a controller.
+/// Input of the controller of an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Input {
-    /// The turn of the output begins.
+    /// The turn of the output begins: the line task works on this output until [`Input::TurnEnds`].
     Demand(Demand),
-    /// A fact of the register.
+    /// Event of the register, its axis or its device.
     Fact(Fact),
-    /// The write was not sent, for this reason.
+    /// The write was not sent, for the given reason.
     NotSent(NotSent),
-    /// The promise is on disk. [`Fact::Kept`] means that it need not be.
+    /// The state of the output is now saved on disk. [`Fact::Kept`] means instead that nothing needs to be saved.
     OnDisk,
-    /// The applied value was read from the control.
+    /// The value that the control applies was read from the control.
     Applied {
-        /// Thousandths of a count of the register. `None` if the value is not a number.
+        /// Applied value in thousandths of a count of the register. `None` if the value is not a number.
         found: Option<i64>,
         /// Time of the request.
         asked: Moment,
@@ -85,7 +85,7 @@ pub enum Input {
         /// Time of the request.
         asked: Moment,
     },
-    /// Result of the set of the output.
+    /// Whether the control has taken the last values of the set to which the output belongs.
     Set(SetCommit),
     /// The turn of the output ends. Pending exchanges of the turn are dropped.
     TurnEnds,
@@ -98,7 +98,7 @@ impl From<Fact> for Input {
 }
 
 impl Input {
-    /// Returns true if this is the result of an exchange with the device.
+    /// Returns whether this is the result of an exchange with the device or the disk.
     pub(super) fn is_result(self) -> bool {
         match self {
             Input::Fact(fact) => matches!(
@@ -125,26 +125,26 @@ impl Input {
 /// Reason why a write was not sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum NotSent {
-    /// The last moment of the write had passed.
+    /// The last moment for sending the write had passed.
     TooLate,
     /// The device could not be reached.
     Unreachable,
-    /// The request cannot be built.
+    /// The gateway could not build a request for the write.
     Rejected,
-    /// The line backs off from the device.
+    /// The line sends nothing to the device for a while (back-off), because the device did not answer.
     BacksOff,
 }
 
-/// Result of the set that an output belongs to.
+/// Whether the control has taken the last values of a set of outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SetCommit {
     /// The control has taken the register values. Also the state of an output without a set.
     #[default]
     Taken,
-    /// The control may not have taken the register values. Nothing else is sent.
+    /// The control may not have taken the register values. No other values are sent until it has.
     Open,
-    /// The control has not taken the values that were sent.
+    /// An attempt has failed: the control has not taken the values that were sent, or may not have taken them.
     Failed,
 }
 

@@ -17,7 +17,7 @@ pub enum Event {
         /// Time of sending.
         sent: Moment,
     },
-    /// The register value may be from a write before the start. The axis resumes from it.
+    /// The register value may be from a write before the start. The axis resumes from this value.
     PerhapsFromBefore {
         /// Register value.
         value: Counts,
@@ -57,26 +57,26 @@ pub enum Event {
         /// Register value.
         found: Counts,
     },
-    /// A write was acknowledged, but the register still holds the value before.
+    /// A write was acknowledged, but the register still holds the earlier value.
     NotTaken {
         /// Value that was written.
         wrote: Counts,
         /// Register value.
         found: Counts,
     },
-    /// A late write may still arrive, and the next change would be too far from it.
+    /// A late write may still arrive, and the next change would be too far from the value of that write.
     WaitingForLateWrite {
         /// Longest possible wait, s.
         seconds: u64,
     },
-    /// The device acknowledges writes, and the register is not read back.
+    /// The device acknowledges writes, but the register is not read back.
     AcknowledgedNotReadBack,
     /// The device refused a write.
     WriteRefused {
         /// Value of the write.
         value: Counts,
     },
-    /// The state cannot be written to disk, which is necessary before anything is sent.
+    /// The state of the output cannot be saved to disk, and nothing may be sent before it is saved.
     DiskDoesNotKeep,
     /// The decision of the axis exceeds the range of the register.
     Saturated {
@@ -87,9 +87,9 @@ pub enum Event {
     Interlocked,
     /// The interlock allows writing again.
     Released,
-    /// The turn came too late for the last decision.
+    /// The turn of the output (the work of the line task on it) came too late for the last decision.
     Late {
-        /// Last moment of the decision.
+        /// Last moment at which the decision could have been sent.
         not_after: Moment,
     },
     /// The axis resumes from the verified value.
@@ -99,23 +99,24 @@ pub enum Event {
     },
     /// A write is verified.
     Written,
-    /// A write or a set was not taken, or still is not.
+    /// The device did not take a written value, or the control did not take a set of outputs. Each failed attempt is
+    /// reported.
     StillUntaken,
     /// The register holds the expected value, and can be written again.
     Recovered {
-        /// Whether the register did not hold the written value at the end of an earlier turn.
+        /// Whether the register did not hold the written value at the end of an earlier turn of the output.
         was_untaken: bool,
     },
     /// The control has not applied the register value in time.
     NotApplied,
-    /// The division of a shared register into operator offset and gateway share is known and on disk.
+    /// The division of a shared register into operator offset and gateway share is known and saved on disk.
     Opened {
         /// Operator offset, as it was recorded.
         base: Counts,
         /// Gateway share, as it was recorded.
         share: Counts,
     },
-    /// Only the operator can divide the register value. The axis is off.
+    /// Only the operator can say which part of the register value is the operator offset. The axis is off until then.
     Question,
 }
 
@@ -126,11 +127,11 @@ impl Event {
     }
 }
 
-/// Reason why the account of a shared register is not accepted.
+/// Reason why the operator offset and the gateway share of a shared register are uncertain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Doubt {
-    /// The register changed while a write was under way.
+    /// The register changed while a write of the gateway was under way.
     ChangedMeanwhile,
     /// The register value is a change of the operator, or a very late write of the gateway.
     YoursOrOurs,
@@ -146,13 +147,13 @@ pub enum Doubt {
     SecondGateway,
     /// The register changed while the operator armed the axis.
     ChangedWhileArming,
-    /// The ledger cannot be read.
+    /// The ledger, which contains the saved states of shared registers, cannot be read.
     Unreadable,
-    /// An offset was written before, but its ledger is missing.
+    /// An offset was written before, but the ledger, which contains the saved states of shared registers, is missing.
     Lost,
-    /// The ledger is for another register, or for counts of another size.
+    /// The saved state in the ledger is for another register, or for counts of another size.
     Elsewhere,
-    /// The ledger was restored from a backup.
+    /// The ledger, which contains the saved states of shared registers, was restored from a backup.
     Restored,
 }
 

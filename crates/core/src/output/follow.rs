@@ -1,23 +1,24 @@
-//! Relation between an output and the decisions of its axis.
+//! Whether an output follows the decisions of its axis, and if not, the reason.
 
 use serde::{Deserialize, Serialize};
 
 use crate::quantity::Counts;
 
-/// Relation between an output and the decisions of its axis.
+/// Whether an output follows the decisions of its axis, and if not, the reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Follow {
     /// The output follows the decisions of the axis.
     #[default]
     Target,
-    /// The axis was given this register value to resume from.
+    /// The axis was instructed to resume from this register value. The request is not repeated for the same value.
     HoldAt(Counts),
-    /// The axis must resume from the verified value, which differs from its decision.
+    /// The axis must resume from the verified register value, which may differ from its decision.
     TakeOver(Cause),
-    /// The turn came too late for the last decision. The output has priority on its line at the next one.
+    /// The turn of the output (the work of the line task on it) came too late for the last decision. At the next
+    /// decision, the output has priority on its line.
     Late,
-    /// A change waits for copies that may still arrive.
+    /// A change of the register waits for earlier writes that may still arrive.
     Waiting,
 }
 
@@ -32,14 +33,15 @@ pub enum Cause {
 }
 
 impl Follow {
-    /// Requests that the axis resumes from the verified value. A restart remains the cause.
+    /// Requests that the axis resume from the verified register value. A cause that was recorded before stays.
     pub(super) fn take_over(&mut self) {
         if !matches!(self, Follow::TakeOver(_)) {
             *self = Follow::TakeOver(Cause::Other);
         }
     }
 
-    /// Records that the turn came too late. A request to resume from the register value stays.
+    /// Records that the decision could not be sent in time. A pending request to resume from the register value takes
+    /// precedence.
     pub(super) fn late(&mut self) {
         if !matches!(self, Follow::TakeOver(_)) {
             *self = Follow::Late;
@@ -51,34 +53,34 @@ impl Follow {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Trouble {
-    /// The device did not answer.
+    /// The device did not answer a read, or the line backs off from the device.
     Link,
-    /// The device did not answer a write, and none has been sent since.
+    /// The device did not answer the last write, or could not be reached for it.
     Unanswered,
-    /// The device answered, but the register does not hold the written value.
+    /// The device refused a write, or the register does not hold the written value.
     Untaken,
-    /// The register still did not hold the written value at the end of the last turn.
+    /// The same trouble as [`Trouble::Untaken`], but for more than one turn (visit of the line task to the output).
     StillUntaken,
-    /// The state cannot be written to disk.
+    /// The state of the output cannot be saved to disk.
     Disk,
 }
 
 impl Trouble {
-    /// Returns whether the device answered, but the register does not hold the written value.
+    /// Returns whether the device refused a write, or the register does not hold the written value.
     pub(super) fn is_untaken(self) -> bool {
         matches!(self, Trouble::Untaken | Trouble::StillUntaken)
     }
 }
 
-/// Health of an output.
+/// Health of an output: whether its register value is known and accepted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum OutputHealth {
-    /// The register value is known, and was written by the gateway.
+    /// The register value was read or acknowledged, and the gateway accepts it.
     Verified,
-    /// The last exchange failed, or the register does not hold the written value.
+    /// The last exchange failed, the register does not hold the written value, or the interlock signal is unknown.
     Unverified,
     /// The interlock does not allow writing.
     Interlocked,
-    /// The operator must assess the register value.
+    /// The operator must assess the register value, for example because another client wrote it.
     Foreign,
 }

@@ -2,38 +2,40 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::events::EventKind;
+
 /// Stage at which a handshake failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum HandshakeFault {
-    /// The acknowledge was up before the strobe, and stayed up.
+    /// The acknowledge of the control was up before the strobe was raised, and stayed up.
     AcknowledgeEarly,
-    /// The strobe could not be raised.
+    /// The gateway could not set the strobe of a handshake.
     StrobeNotWritten,
-    /// The acknowledge did not come.
+    /// The control did not raise its acknowledge in time.
     AcknowledgeMissing,
-    /// The acknowledge could not be read.
+    /// The acknowledge of the control could not be read.
     AcknowledgeNotRead,
-    /// The strobe could not be dropped.
+    /// The gateway could not reset the strobe of a handshake.
     StrobeNotDropped,
-    /// The acknowledge did not drop after the strobe.
+    /// The control did not drop its acknowledge after the strobe was dropped.
     AcknowledgeStuck,
 }
 
 impl HandshakeFault {
-    /// Name for programs: label of the counter.
-    pub const fn kind(self) -> &'static str {
+    /// Returns the kind of the event that reports this failure.
+    pub const fn kind(self) -> EventKind {
         match self {
-            HandshakeFault::AcknowledgeEarly => "acknowledge-early",
-            HandshakeFault::StrobeNotWritten => "strobe-not-written",
-            HandshakeFault::AcknowledgeMissing => "acknowledge-missing",
-            HandshakeFault::AcknowledgeNotRead => "acknowledge-not-read",
-            HandshakeFault::StrobeNotDropped => "strobe-not-dropped",
-            HandshakeFault::AcknowledgeStuck => "acknowledge-stuck",
+            HandshakeFault::AcknowledgeEarly => EventKind::AcknowledgeEarly,
+            HandshakeFault::StrobeNotWritten => EventKind::StrobeNotWritten,
+            HandshakeFault::AcknowledgeMissing => EventKind::AcknowledgeMissing,
+            HandshakeFault::AcknowledgeNotRead => EventKind::AcknowledgeNotRead,
+            HandshakeFault::StrobeNotDropped => EventKind::StrobeNotDropped,
+            HandshakeFault::AcknowledgeStuck => EventKind::AcknowledgeStuck,
         }
     }
 
-    /// Failure, as text for a status line.
+    /// Returns the failure as a text for the status of the output.
     pub const fn message(self) -> &'static str {
         match self {
             HandshakeFault::AcknowledgeEarly => "the acknowledge is up before the strobe",
@@ -45,22 +47,9 @@ impl HandshakeFault {
         }
     }
 
-    /// Hint for the operator.
-    pub const fn hint(self) -> &'static str {
-        match self {
-            HandshakeFault::AcknowledgeEarly | HandshakeFault::AcknowledgeStuck => {
-                "does the control's program drop the acknowledge when the strobe drops?"
-            }
-            HandshakeFault::AcknowledgeMissing => {
-                "does the control's program run, does it read this strobe? If so, raise `timeout` of the \
-                 handshake"
-            }
-            HandshakeFault::StrobeNotWritten
-            | HandshakeFault::StrobeNotDropped
-            | HandshakeFault::AcknowledgeNotRead => {
-                "is the control on, may the gateway read and write this address?"
-            }
-        }
+    /// Returns the hint for the operator; empty if there is none.
+    pub fn hint(self) -> &'static str {
+        self.kind().hint().unwrap_or_default()
     }
 
     /// Returns whether the failure concerns the strobe, not the acknowledge.

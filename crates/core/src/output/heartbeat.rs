@@ -2,20 +2,21 @@
 
 use serde::{Deserialize, Serialize};
 
-/// State of the heartbeat in the next request.
+/// Change of the heartbeat count in the next request.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Beat {
-    /// No heartbeat is sent: no axis has been armed yet, or this is a dry run.
+    /// No heartbeat is sent: in a dry run, before the first arming with `arm = "manual"`, and otherwise before the
+    /// first reading.
     #[default]
     Silent,
-    /// The count stays, because the axes were not stepped in time.
+    /// The count does not change, because the gateway did not step the axes in time.
     Stands,
     /// The count increases with each request.
     Counts,
 }
 
-/// Controller of a heartbeat in a register of its own. A failed request is not repeated.
+/// Counter of a heartbeat that has a register of its own. A failed request is not repeated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct HeartbeatController {
     count: u16,
@@ -31,7 +32,7 @@ impl HeartbeatController {
     }
 }
 
-/// Returns the next count, which is zero after the highest.
+/// Returns the count after `count`: one more, or zero after `highest`.
 pub(super) fn count_after(count: u16, highest: u16) -> u16 {
     if count >= highest { 0 } else { count + 1 }
 }

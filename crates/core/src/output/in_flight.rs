@@ -1,4 +1,5 @@
-//! Values that were sent and may still arrive, and the values that may be sent meanwhile.
+//! Values that were sent and may still arrive at the register, and the values that may be sent before they have
+//! arrived.
 //!
 //! A sent value is **under way** until one of these events:
 //!
@@ -6,7 +7,7 @@
 //! |---|---|
 //! | a | the write was answered as done, and a read requested after that answer shows the value |
 //! | b | the write was refused or not sent: it is not added at all |
-//! | c | one read showed another value, and a later one shows this value. In between, this was the only copy of its value that could arrive. Not for zero, which a restarted CNC shows too, for an expired value, or for a pinned copy |
+//! | c | one read showed another value, and a later one shows this value. In between, this was the only copy of its value that could arrive. Not for zero, which a restarted CNC shows too, for an expired value, or for a copy with `is_pinned` |
 //! | d | a read was requested when the copy could no longer arrive. If the output cannot be read: a write begun after that time was acknowledged |
 //!
 //! A copy that ends by (d) without an answer is **expired**. It is still recognised for a while, in case a device on
@@ -19,9 +20,10 @@ use serde::{Deserialize, Serialize};
 use super::slots::Slots;
 use crate::quantity::{Counts, Moment, shifted};
 
-/// A write is sent only if fewer copies than this are under way.
+/// Largest number of writes to one register that may still arrive. At this number, the next write waits.
 pub const MOST_UNDER_WAY: usize = 8;
-/// A write is sent only if fewer copies than this are under way or expired. Otherwise it waits.
+/// Largest number of writes to one register that may still arrive or are still recognised. At this number, the next
+/// write waits.
 pub const MOST_REMEMBERED: usize = 24;
 
 /// Copy of a value on its way to the register.
@@ -31,31 +33,33 @@ pub struct InFlightWrite {
     pub value: Counts,
     /// Time of sending, for messages.
     pub at: Moment,
-    /// Time after the last byte was sent. The copy arrives within `late` of this time, or never.
+    /// Time after the last byte was sent. The write arrives within `late` of this time, or never.
     pub left: Moment,
-    /// Time of the answer as done.
+    /// Time at which the device answered that it has carried out the write. `None` without such an answer.
     pub answered: Option<Moment>,
-    /// Time of the first read that showed another value, if this has been the only copy of its value since.
+    /// Time of the first read that showed another value. `None` if there was none, or if the same value was sent again
+    /// since.
     pub other_seen: Option<Moment>,
-    /// Whether only time ends the copy. It was found on disk at the start, or was under way when the operator armed.
+    /// Whether a read of the value does not prove that an unanswered write has arrived: the write is from before the
+    /// start, the operator may have entered the value, or the value was sent twice.
     pub is_pinned: bool,
 }
 
-/// Value without an answer, whose time to arrive is over.
+/// Write without an answer whose longest delay is over. The value is still recognised in the register for a while.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct ExpiredWrite {
     /// Register value of the write, including the operator offset of a shared register.
     pub value: Counts,
     /// Time of sending, for messages.
     pub at: Moment,
-    /// Time when the value is forgotten.
+    /// Time at which the value is forgotten.
     pub until: Moment,
 }
 
 /// All values of the gateway that may still appear in one register.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct InFlightWrites {
-    /// Copies that may still arrive. There is room for two more than are ever sent: a promise and the register value,
+    /// Writes that may still arrive. There is room for two more than are ever sent: a promise and the register value,
     /// both found on disk at a start.
     under_way: Slots<InFlightWrite, { MOST_UNDER_WAY + 2 }>,
     #[serde(rename = "lately")]
@@ -66,41 +70,42 @@ shifted!(InFlightWrites: under_way, expired);
 shifted!(InFlightWrite: at, left, answered, other_seen);
 shifted!(ExpiredWrite: at, until);
 
-/// Result of a read, as far as it concerns copies.
+/// Result of a read, with the settings that decide which writes it ends.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ReadResult {
     pub(super) found: Counts,
     pub(super) asked: Moment,
     pub(super) late: Duration,
     pub(super) remembered: Duration,
-    /// Earliest time for the first read of a pair. Before it, values from before the start may still arrive.
+    /// Earliest time of a read that may prove that a write had not arrived yet. Before it, writes of the previous run
+    /// may still arrive.
     pub(super) pairs_from: Moment,
     /// Value, other than zero, that a restarted CNC may show.
     pub(super) bias: Counts,
 }
 
 impl InFlightWrites {
-    /// Returns whether another value may be sent without forgetting one.
+    /// Returns whether there is room for another write.
     pub fn has_room(&self) -> bool {
         self.under_way.len() < MOST_UNDER_WAY && self.under_way.len() + self.expired.len() < MOST_REMEMBERED
     }
 
-    /// Returns the copies that may still arrive in the register.
+    /// Returns the writes that may still arrive at the register.
     pub fn under_way(&self) -> impl Iterator<Item = &InFlightWrite> {
         self.under_way.iter()
     }
 
-    /// Returns the values whose time to arrive is over, and that are still recognised.
+    /// Returns the writes whose longest delay is over, and whose values are still recognised in the register.
     pub fn expired(&self) -> impl Iterator<Item = &ExpiredWrite> {
         self.expired.iter()
     }
 
-    /// Newest copy of this value that is under way.
+    /// Returns the newest write of this value that may still arrive.
     pub fn of(&self, value: Counts) -> Option<&InFlightWrite> {
         self.under_way.iter().filter(|sent| sent.value == value).last()
     }
 
-    /// Expired entry of this value.
+    /// Returns the write of this value whose longest delay is over, if the value is still recognised.
     pub fn expired_of(&self, value: Counts) -> Option<&ExpiredWrite> {
         self.expired.iter().find(|sent| sent.value == value)
     }
@@ -115,15 +120,15 @@ impl InFlightWrites {
         })
     }
 
-    /// Adds a copy that was sent directly after a read at `other_seen` had shown another value. Returns false if the
-    /// list was full; the copy is then not added.
+    /// Adds a write that was sent. An earlier write of the same value that cannot be distinguished from it is merged
+    /// with it. Returns false if the list was full; the write is then not added.
     #[must_use]
     pub(super) fn add(&mut self, mut sent: InFlightWrite) -> bool {
         if sent.answered.is_some()
             && let Some(before) =
                 self.under_way.iter_mut().find(|one| one.value == sent.value && one.answered.is_some())
         {
-            // Both were carried out. Only the last answer is still compared with.
+            // Both writes were carried out. Only the times of the last write are kept.
             (before.left, before.answered) = (sent.left, sent.answered);
             return true;
         }
@@ -141,7 +146,7 @@ impl InFlightWrites {
         self.under_way.push(sent)
     }
 
-    /// Adds an expired value. Returns false if the list was full; the value is then not added.
+    /// Adds a write whose longest delay is over. Returns false if the list was full; the write is then not added.
     #[must_use]
     pub(super) fn add_expired(&mut self, sent: ExpiredWrite) -> bool {
         if let Some(same) = self.expired.iter_mut().find(|one| one.value == sent.value) {
@@ -151,7 +156,8 @@ impl InFlightWrites {
         self.expired.push(sent)
     }
 
-    /// Ends the copies that a read ends. Returns true if the list of copies under way has changed.
+    /// Removes the writes that, according to this read, have arrived or can no longer arrive. Returns true if the list
+    /// of writes that may still arrive has changed.
     pub(super) fn apply_read(&mut self, result: ReadResult) -> bool {
         let before = *self;
         self.under_way.retain(|sent| {
@@ -174,7 +180,8 @@ impl InFlightWrites {
         self.under_way != before.under_way
     }
 
-    /// Ends the copies that could no longer arrive when a request was made at this time.
+    /// Removes the writes whose longest delay `late` was over when a request was sent at `asked`. If such a write has
+    /// no answer, its value is still recognised for the time `remembered`.
     pub(super) fn end_late(&mut self, asked: Moment, late: Duration, remembered: Duration) {
         let before = self.under_way;
         for sent in before.iter().filter(|sent| asked > sent.left.after(late) && sent.answered.is_none()) {
@@ -185,29 +192,29 @@ impl InFlightWrites {
         self.under_way.retain(|sent| asked <= sent.left.after(late));
     }
 
-    /// Forgets expired values whose time is over. Returns true if at least one was forgotten.
+    /// Forgets the values that need no longer be recognised. Returns true if at least one was forgotten.
     pub(super) fn expire(&mut self, now: Moment) -> bool {
         let before = self.expired.len();
         self.expired.retain(|sent| sent.until > now);
         self.expired.len() != before
     }
 
-    /// Pins all copies: only time ends them.
+    /// Pins all writes: a read of their value does not prove any more that an unanswered write has arrived.
     pub(super) fn pin(&mut self) {
         self.under_way.iter_mut().for_each(|sent| sent.is_pinned = true);
     }
 
-    /// Time when the last copy can no longer arrive. `None` if nothing is under way.
+    /// Returns the time when the last write can no longer arrive. `None` if no write may still arrive.
     pub fn all_over(&self, late: Duration) -> Option<Moment> {
         self.under_way.iter().map(|sent| sent.left.after(late)).max()
     }
 
-    /// Time when the first copy can no longer arrive. `None` if nothing is under way.
+    /// Returns the time when the first write can no longer arrive. `None` if no write may still arrive.
     pub fn first_over(&self, late: Duration) -> Option<Moment> {
         self.under_way.iter().map(|sent| sent.left.after(late)).min()
     }
 
-    /// Maps every moment that affects decisions, and clears the others.
+    /// Returns a copy in which `to` is applied to every moment that affects decisions. The other moments are cleared.
     pub(super) fn moved(&self, to: impl Fn(Moment) -> Moment) -> InFlightWrites {
         let mut copies = *self;
         for sent in copies.under_way.iter_mut() {

@@ -5,27 +5,27 @@ use super::settings::{Rule, Settings};
 use super::state::State;
 use crate::quantity::{Counts, Moment};
 
-/// Meaning of a register value.
+/// Meaning of a register value that was read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Meaning {
-    /// First read: any value is accepted.
+    /// First read of the register: any value is accepted.
     First,
     /// The register holds the expected value.
     Same,
-    /// Write of the gateway that was under way or expired, sent at this time. `is_late` means that an earlier read did
-    /// not show it.
+    /// Value of a write of the gateway, sent at `sent`. `is_late`: a read after the sending had not shown the value
+    /// yet.
     Ours { sent: Moment, is_late: bool },
-    /// Value from before the start, perhaps written by the gateway.
+    /// Unexpected value soon after a start. It may be from a late write of the previous run.
     FromBefore,
-    /// A write was answered as done, but the register still holds the value before.
+    /// A write was answered as done, but the register still holds the earlier value.
     NotTaken,
-    /// Zero, without another explanation.
+    /// Value that a restarted CNC may show: zero, the bias, or after a reported restart any value within the limit.
     Restarted,
     /// Another client wrote to a register that belongs to the gateway.
     Foreign,
-    /// The operator offset changed by this difference.
+    /// The operator changed the operator offset of a shared register by this difference.
     Moved { by: Counts },
-    /// The meaning cannot be determined.
+    /// The cause of the value cannot be determined.
     Doubtful(Doubt),
 }
 
@@ -94,9 +94,9 @@ fn shared(state: &State, settings: &Settings, expected: Counts, found: Counts, a
     }
 }
 
-/// Returns whether the share would be larger than ever, given the present operator offset. Two causes are possible. The
-/// operator has entered a value that the gateway sent with another operator offset. Or that write has arrived, and
-/// undone the operator's change.
+/// Returns whether the gateway share in `found` would be larger than the limit and than the present share, if the
+/// operator offset were unchanged. Two causes are possible. The operator has entered a value that the gateway sent with
+/// another operator offset. Or that write has arrived, and undone the operator's change.
 fn is_no_share(state: &State, settings: &Settings, found: Counts) -> bool {
     state.account.is_some_and(|account| {
         let share = found.abs_diff(account.base);
@@ -110,7 +110,7 @@ fn ours(state: &State, settings: &Settings, found: Counts) -> Option<Meaning> {
     Some(Meaning::Ours { sent: sent.at, is_late })
 }
 
-/// Returns whether a write may have arrived and the operator have changed it, between the last read and this one. The
+/// Returns whether a write may have arrived since the last read, and the operator may then have changed the value. The
 /// operator offset would then be wrong by one step.
 fn hides_a_step(state: &State, settings: &Settings, expected: Counts, asked: Moment) -> bool {
     let mut others =

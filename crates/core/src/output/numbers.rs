@@ -1,4 +1,4 @@
-//! Numbers of a set whose control acknowledges each set that it takes.
+//! Numbers of a set of outputs whose control acknowledges each set that it takes.
 //!
 //! Some controls take a set only if its number follows the last one that they took. If an answer is lost, the gateway
 //! does not know whether the control took the set. The number therefore advances only when the control has acknowledged
@@ -17,31 +17,34 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Largest distance between the last acknowledged number and one that an earlier run has sent.
+/// Largest distance from the last acknowledged number at which a number may be from an earlier run. A number farther
+/// away was set by the control.
 const REACH: u16 = 200;
-/// Count of set numbers: 1 to 65535. Zero is reserved for a control that has just been started.
+/// Number of possible set numbers: 1 to 65535. Zero is reserved for a control that has just been started.
 const ALL: u16 = u16::MAX;
 
-/// Numbers that a control may take next.
+/// Numbers of which the control may accept one as the number of the next set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Numbers {
     /// Last number that the control has acknowledged.
     taken: u16,
-    /// Count of possible numbers after it. An hour of refusals increases it to 69, a week to about 900.
+    /// Count of possible numbers after `taken`. An hour of refusals increases this count to 69, a week to about 900.
     count: u16,
-    /// Count of refused numbers in this turn, highest first.
+    /// Count of possible numbers that were refused in the present round of attempts. The attempts begin with the
+    /// highest number.
     refused: u16,
     values: Values,
     floor: Floor,
 }
 
-/// Whether the last number that the control took may be lower than the assumed one.
+/// Whether the number that the control took last may be lower than `Numbers::taken`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Floor {
-    /// The number is not lower.
+    /// The number that the control took last is not lower than `Numbers::taken`.
     Known,
-    /// The number may be lower: an earlier run may have sent numbers that the control refused.
+    /// The number that the control took last may be lower than `Numbers::taken`: an earlier run may have sent numbers
+    /// that the control refused.
     Open,
 }
 
@@ -49,9 +52,10 @@ enum Floor {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Values {
-    /// All attempts had the same values.
+    /// All attempts since the last acknowledge sent the same values.
     Same,
-    /// Attempts may have had different values. An acknowledge does not show which values the control has taken.
+    /// The attempts since the last acknowledge may have sent different values. An acknowledge then does not show which
+    /// values the control has taken.
     Changed,
 }
 
@@ -62,23 +66,23 @@ pub(super) enum Attempt {
     Acknowledged,
     /// The control answered each request, but has not acknowledged the set in time.
     Refused,
-    /// The result is unknown.
+    /// The result is unknown, because a request or an answer was lost.
     Unknown,
 }
 
 impl Numbers {
-    /// Numbers for a control that has taken the number in its register.
+    /// Creates the numbers for a control that has taken `number`, which its register holds.
     pub(super) fn after(number: u16) -> Numbers {
         Numbers { taken: number, count: 1, refused: 0, values: Values::Same, floor: Floor::Known }
     }
 
-    /// Numbers for a control that may not have taken `number`, which an earlier run wrote to its register.
+    /// Creates the numbers for a control that may not have taken `number`, which an earlier run wrote to its register.
     pub(super) fn perhaps(number: u16) -> Numbers {
         let (values, floor) = (Values::Changed, Floor::Open);
         Numbers { taken: number.saturating_sub(1), count: 1, refused: 0, values, floor }
     }
 
-    /// Number of the next attempt.
+    /// Returns the number to send with the next attempt.
     pub(super) fn next(&self) -> u16 {
         later(self.taken, self.count - self.refused)
     }
@@ -88,12 +92,12 @@ impl Numbers {
         distance(self.taken, number).is_some_and(|place| place <= self.count)
     }
 
-    /// Returns whether other values may have been sent with these numbers.
+    /// Returns whether different values may have been sent with these numbers.
     pub(super) fn is_unsure(&self) -> bool {
         self.values == Values::Changed
     }
 
-    /// Returns whether this number may follow the last acknowledged one.
+    /// Returns whether `number` is near enough to the last acknowledged one to be from an earlier run.
     pub(super) fn reaches(&self, number: u16) -> bool {
         distance(self.taken, number).is_some_and(|place| place < REACH)
     }
@@ -104,12 +108,13 @@ impl Numbers {
         Numbers { count: self.count.max(place + 1), refused: 0, values: Values::Changed, ..self }
     }
 
-    /// Records that the next attempt has other values.
+    /// Records that the next attempt sends other values than the attempts before.
     pub(super) fn change_values(&mut self) {
         self.values = Values::Changed;
     }
 
-    /// Records the result of an attempt. Returns whether the control has taken the values that were sent.
+    /// Records the result of an attempt. Returns whether it is certain that the control has taken the values that were
+    /// sent.
     pub(super) fn result(&mut self, attempt: Attempt) -> bool {
         match attempt {
             Attempt::Acknowledged => {
@@ -133,7 +138,7 @@ impl Numbers {
     }
 }
 
-/// Returns the number `count` places later.
+/// Returns the number `count` places after `number`. The numbers continue with 1 after 65535.
 fn later(number: u16, count: u16) -> u16 {
     match (u32::from(number), u32::from(count)) {
         (_, 0) => number,
@@ -141,7 +146,7 @@ fn later(number: u16, count: u16) -> u16 {
     }
 }
 
-/// Returns the previous number.
+/// Returns the number before `number`. The number before 1 is 65535.
 fn earlier(number: u16) -> u16 {
     if number <= 1 { ALL } else { number - 1 }
 }

@@ -17,7 +17,7 @@ enum Aim {
     There,
     /// This value is nearer to the requested one, and may be sent.
     Send(Counts),
-    /// Every nearer value is too far from copies that may still arrive.
+    /// Every value that is nearer to the requested one is too far from a write that may still arrive.
     Blocked,
 }
 
@@ -80,8 +80,8 @@ pub(super) fn act(state: &mut State, settings: &Settings, fresh: Option<Moment>,
     Action::Nothing { until: until(state, settings, aim, now) }
 }
 
-/// Chooses the action for a request that contains other values. The register value is sent with them, as it was just
-/// read. Nothing is sent if a late write could then be too far from it.
+/// Chooses the action if a request with the values of other outputs is sent. The register value is sent with them,
+/// unchanged. It is not sent if a late write could then be too far from it.
 pub(super) fn piggyback(state: &mut State, settings: &Settings, now: Moment) -> Action {
     let Some(seen) = state.verified.filter(|_| state.pending_action == PendingAction::Nothing) else {
         return Action::Nothing { until: Moment::END };
@@ -95,14 +95,15 @@ pub(super) fn piggyback(state: &mut State, settings: &Settings, now: Moment) -> 
     Action::Nothing { until: until(state, settings, None, now) }
 }
 
-/// Limits the writes to disk. A whole register contains its value itself, so its state is saved only with other
-/// changes. The record that the run writes to the register is saved before the first write.
+/// Limits the writes to disk. A register that can be read and is not shared needs no saved value. For it, only the
+/// start of the run is saved, before the first write.
 fn saves_only_what_it_must(state: &mut State, settings: &Settings) {
     let has_to_begin = !state.disk.has_begun && state.standing == ArmState::Armed;
     state.disk.is_unsaved &= settings.promises() || has_to_begin;
 }
 
-/// Returns where the requested change can go. `None` if no change is requested or allowed.
+/// Returns the value to send for the requested change, or the reason why none is sent. `None` if no change is requested
+/// or allowed.
 fn change(state: &State, settings: &Settings, now: Moment) -> Option<Aim> {
     let order =
         state.order.filter(|order| now <= order.not_after || !settings.rules.has(Rule::LastMoment))?;
@@ -115,13 +116,13 @@ fn change(state: &State, settings: &Settings, now: Moment) -> Option<Aim> {
     Some(aim(state, settings, current, order, now))
 }
 
-/// Returns whether a value is a zero to avoid. Zero is the value of a restarted CNC, and would hide the operator
-/// offset. The adjacent count is near enough.
+/// Returns whether this value must be avoided: in a shared register, zero looks like a restarted CNC, and would hide
+/// the operator offset. The adjacent count is near enough.
 fn avoids(settings: &Settings, centre: Counts, value: Counts) -> bool {
     settings.is_shared && settings.rules.has(Rule::Doubt) && settings.is_zero(value) && value != centre
 }
 
-/// Returns whether a register with the value `current` has this offset from the operator offset or the bias.
+/// Returns whether a register with the value `current` holds this offset, counted from the operator offset or the bias.
 pub(super) fn is_there(state: &State, settings: &Settings, current: Counts, offset: Counts) -> bool {
     let centre = state.centre(settings);
     let target = settings.target(centre, offset);
@@ -206,7 +207,8 @@ fn note_waiting(state: &mut State, settings: &Settings, aim: Option<Aim>, now: M
     }
 }
 
-/// Writes the promise, or the value that was promised. Called directly after a read that showed nothing new.
+/// Saves the value to disk as a promise, if that is necessary, or else writes it to the register. Called directly after
+/// a read that showed nothing new.
 fn send(state: &mut State, settings: &Settings, value: Counts, asked: Moment, now: Moment) -> Action {
     if settings.promises() && (state.promised != Some(value) || state.disk.is_unsaved) {
         if state.promised != Some(value) {
@@ -231,7 +233,7 @@ fn send(state: &mut State, settings: &Settings, value: Counts, asked: Moment, no
 /// Returns whether the register value must be sent again, for one of three reasons:
 /// - it is refreshed;
 /// - a register that did not take the last write must be tested;
-/// - the output cannot be read, and copies under way must be ended.
+/// - the output cannot be read, and only another acknowledged write ends an unanswered one.
 fn repeats(state: &State, settings: &Settings, aim: Option<Aim>, now: Moment) -> bool {
     let Some(seen) = state.verified else { return false };
     let rests = !state.is_waiting && aim.is_none_or(|aim| aim == Aim::There) && state.answered.is_none();
@@ -251,7 +253,8 @@ fn repeats(state: &State, settings: &Settings, aim: Option<Aim>, now: Moment) ->
         && is_repeatable(state, settings, seen)
 }
 
-/// Returns whether a late copy that arrives after the repeat would be at most one step away.
+/// Returns whether the register value may be sent again: a late write that arrives after it would be at most one step
+/// away.
 fn is_repeatable(state: &State, settings: &Settings, seen: TimedValue) -> bool {
     let room = state.copies.room(seen.value, settings.step, settings.step);
     room.contains(seen.value) || !settings.rules.has(Rule::NearCopies)

@@ -1,11 +1,12 @@
-//! Controller of a corrected position: value of each write, and meaning of its result.
+//! Controller of a corrected position: value of each write, and meaning of the result of the write. A *turn* is one
+//! call of the controller by the line task, with its action and result.
 //!
 //! The latest position is sent at once in every armed state, even while the axis is frozen. Only its Cz follows the
 //! rules in [`PositionCz`].
 //!
 //! | state at the turn | action |
 //! |---|---|
-//! | a display, and no axis that is on or no usable position | dashes, now and every ten seconds |
+//! | a display, and no axis that is on or no usable position | dashes instead of a position, now and every ten seconds |
 //! | no new position | nothing |
 //! | an axis that is off, or a dry run | nothing: the next Cz is the decided one |
 //! | a device that backs off | nothing: the position is used later |
@@ -21,17 +22,18 @@ use super::follow::Trouble;
 use super::position_cz::PositionCz;
 use crate::quantity::{Micron, Moment, shifted};
 
-/// Period of repeated dashes. A display that was switched off and on may show something else.
+/// Period at which the dashes on a display are written again. A display that was switched off and on does not show them
+/// any more.
 const DASHES_AGAIN: Duration = Duration::from_secs(10);
 
-/// Controller of a corrected position.
+/// Controller of a corrected position: a position that was read, plus Cz, is written to the control or a display.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionController {
-    /// Read time of the last corrected position.
+    /// Time at which the last corrected position was read.
     corrected: Moment,
     inside: PositionCz,
-    /// Time of the last dashes on a display. `None` while it shows a value.
+    /// Time at which dashes were last written to the display. `None` while the display shows a position.
     dashes_at: Option<Moment>,
     trouble: Option<Trouble>,
     interlock: Interlock,
@@ -46,11 +48,11 @@ enum Interlock {
     Open,
 }
 
-/// Demand on a corrected position.
+/// Demand on a corrected position: the position that was read, the decision of the axis, and the interlock.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionDemand {
-    /// Read time of the latest position.
+    /// Time at which the latest position was read.
     pub read_at: Moment,
     /// Whether the position can be used.
     pub is_usable: bool,
@@ -60,7 +62,7 @@ pub struct PositionDemand {
     pub interlock: Condition,
     /// Whether the line backs off from the device.
     pub backs_off: bool,
-    /// Whether the display supports dashes, and they may be written.
+    /// Whether the display can show dashes instead of a position, and the gateway may write them.
     pub may_show_dashes: bool,
 }
 
@@ -76,17 +78,17 @@ pub struct PositionDecision {
     pub at: Moment,
 }
 
-/// Action for a position.
+/// Action for the latest position.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PositionAction {
-    /// Nothing is written in this turn.
+    /// Write nothing in this turn.
     Nothing,
-    /// Nothing: the interlock does not allow writing, or its signal is unknown.
+    /// Write nothing: the interlock does not allow writing, or its signal is unknown.
     Interlocked(Condition),
     /// Write the position with this Cz.
     Correct(Micron),
-    /// Write dashes: the position is not corrected.
+    /// Write dashes to the display, because the position is not corrected.
     ShowDashes,
 }
 
@@ -102,17 +104,17 @@ impl PositionAction {
     }
 }
 
-/// Result of a write of a corrected position or of dashes.
+/// Result of writing a corrected position, or the dashes that a display shows instead.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PositionResult {
-    /// Answered as done. If the position is read back, the read showed it.
+    /// The write was answered as done. If the position is read back, the read showed the written value.
     Written,
-    /// The read back showed another value.
+    /// The value read back differs from the written value.
     NotShown,
-    /// Not sent: its last moment had passed.
+    /// The write was not sent: the last moment for it had passed.
     Lapsed,
-    /// Not answered as done.
+    /// The write was refused, not answered or not sent.
     Failed {
         /// Whether the device did not answer, or did not take the value.
         trouble: Trouble,
@@ -121,7 +123,8 @@ pub enum PositionResult {
     },
 }
 
-/// Turn of a corrected position, for the log. With the same demand and result, the controller decides the same again.
+/// Turn of a corrected position (one call of its controller by the line task), for the log. With the same demand and
+/// result, the controller decides the same again.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionTurn {
@@ -140,13 +143,13 @@ pub enum PositionEvent {
     Interlocked,
     /// The interlock is closed again.
     Released,
-    /// The read back showed another value than the written one. Reported again only after a success.
+    /// The value read back differs from the written value. This event is reported again only after a success.
     NotShown,
 }
 
 impl PositionTurn {
-    /// Returns whether this turn repeats another with a newer position. `before` and `after` are the states after each
-    /// of them.
+    /// Returns whether this turn repeats the turn `last` with a newer position. `before`: state of the controller after
+    /// `last`. `after`: its state after this turn.
     pub fn repeats(
         &self,
         last: &PositionTurn,
@@ -183,8 +186,8 @@ impl PositionController {
         *self == PositionController { corrected: self.corrected, ..*other }
     }
 
-    /// Returns whether both controllers decide equally about a next position with the same Cz and target. The time of
-    /// the written decision may differ.
+    /// Returns whether both controllers will decide equally about the next position, if Cz and target do not change.
+    /// The time of the written decision may differ.
     fn is_alike_inside(&self, other: &PositionController) -> bool {
         let inside = match (self.inside, other.inside) {
             (PositionCz::Written(one, at), PositionCz::Written(another, _)) if one == another => {
@@ -201,12 +204,13 @@ impl PositionController {
         demand.may_show_dashes && !is_corrected && !demand.backs_off && !is_fresh
     }
 
-    /// Returns whether this position has been corrected already.
+    /// Returns whether the position that was read at `read_at` has already been handled.
     pub fn has_corrected(&self, read_at: Moment) -> bool {
         self.corrected == read_at
     }
 
-    /// Decides about the latest position. `step` is the largest change of Cz.
+    /// Decides about the latest position. `step` is the largest change of Cz, µm. Also returns an event, if one must be
+    /// reported.
     pub fn next(
         &mut self,
         demand: &PositionDemand,
@@ -259,7 +263,7 @@ impl PositionController {
         }
     }
 
-    /// Records the result of a turn's write.
+    /// Records the result of the write of a turn. Returns an event, if one must be reported.
     pub fn result(&mut self, turn: &PositionTurn, now: Moment) -> Option<PositionEvent> {
         let (cz, at) = match (turn.action, turn.demand.decision) {
             (PositionAction::Correct(cz), Some(decision)) => (cz, decision.at),

@@ -6,16 +6,16 @@ use serde::{Deserialize, Serialize};
 
 use crate::quantity::{Micron, Moment, Shift, Shifted};
 
-/// Cz in a corrected position. The latest position is sent at once, whatever may still arrive. Only Cz moves in steps,
-/// one for each decision. After a write with an unknown result, Cz stays as it was sent. Only that value is near enough
-/// to both possible register values.
+/// Cz in a corrected position. The latest position is sent at once, even if earlier writes may still arrive. Only Cz
+/// moves in steps, one for each decision. After a write with an unknown result, Cz stays as it was sent. Only that
+/// value is near enough to both possible register values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PositionCz {
     /// Nothing has been written since the axis was armed.
     #[default]
     Nothing,
-    /// The previous run wrote this Cz last.
+    /// The previous run last wrote a position with this Cz.
     Left(Micron),
     /// This Cz was written, after the decision at this time.
     Written(Micron, Moment),
@@ -44,7 +44,7 @@ impl Shifted for PositionCz {
 }
 
 /// Returns the Cz of the next position, µm. `last` is the Cz of the previous one. The result approaches the target by
-/// one step at most, never moves away from it, and never passes it. `decided` is the Cz after the guard of the axis,
+/// one step at most, never moves away from it, and never passes it. `decided` is the Cz that the axis has decided,
 /// which may be ahead of the value sent.
 fn next_inside(last: Micron, decided: Micron, target: Micron, step: Micron) -> Micron {
     let next = last + (decided - last).clamp_to(step);
@@ -59,7 +59,8 @@ fn next_inside(last: Micron, decided: Micron, target: Micron, step: Micron) -> M
 }
 
 /// Returns the verified value that is farthest from the last decision. An axis with several outputs stays within one
-/// step of it. `values` are those of the outputs that answer and do not hold the decision. `None` if there are none.
+/// step of this value. `values`: verified values of the outputs that answer and do not hold the decision. `None` if
+/// there are no such values.
 pub fn farthest_behind<T>(decided: T, values: impl Iterator<Item = T>) -> Option<T>
 where
     T: Copy + PartialOrd + Sub<Output = T>,

@@ -1,16 +1,16 @@
-//! Pending events, and topics that have been reported, so that each is reported once.
+//! Pending events of an output, and the conditions that have already been reported.
 
 use serde::{Deserialize, Serialize};
 
 use super::event::Event;
 use super::slots::Slots;
 
-/// Condition that is reported once until it is over.
+/// Condition that is reported only once while it lasts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Topic {
     /// The device acknowledges writes, and the register is not read.
     Acknowledged,
-    /// The state cannot be written to disk.
+    /// The state of the output cannot be saved to disk.
     Disk,
     /// The decision exceeds the range of the register.
     Range,
@@ -18,13 +18,13 @@ pub(super) enum Topic {
     Interlock,
     /// The control does not apply the register value.
     Applied,
-    /// The operator must divide the register value.
+    /// Only the operator can say which part of the register value is the operator offset.
     Question,
-    /// The division of the register value is known and on disk.
+    /// The operator offset and the gateway share of the register are known, and saved on disk.
     Division,
 }
 
-/// Topics that have been reported and are not over.
+/// Conditions that have been reported and have not ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(transparent)]
 pub(super) struct ReportedTopics(u8);
@@ -34,14 +34,14 @@ impl ReportedTopics {
         1 << topic as u8
     }
 
-    /// Records that a topic is reported. Returns true if it was not reported before.
+    /// Records that a condition is reported. Returns true if it was not reported before.
     pub(super) fn first(&mut self, topic: Topic) -> bool {
         let is_first = self.0 & ReportedTopics::bit(topic) == 0;
         self.0 |= ReportedTopics::bit(topic);
         is_first
     }
 
-    /// Ends a topic. Returns true if the topic had been reported.
+    /// Records that a condition has ended. Returns true if it had been reported.
     pub(super) fn over(&mut self, topic: Topic) -> bool {
         let was_said = self.0 & ReportedTopics::bit(topic) != 0;
         self.0 &= !ReportedTopics::bit(topic);
@@ -49,7 +49,7 @@ impl ReportedTopics {
     }
 }
 
-/// Pending events of the register step.
+/// Events of [`step`](super::step) that the caller has not taken yet.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Reports {
     events: Slots<Event, 8>,
@@ -62,14 +62,15 @@ impl Reports {
         let _ = self.events.push(event);
     }
 
-    /// Reports once that the state cannot be written to disk, until a write succeeds.
+    /// Reports that the state of the output cannot be saved to disk. The report is not repeated until a write to disk
+    /// succeeds.
     pub(super) fn report_disk(&mut self) {
         if self.said.first(Topic::Disk) {
             self.report(Event::DiskDoesNotKeep);
         }
     }
 
-    /// Reports once that the device acknowledges writes without a read back.
+    /// Reports that the device acknowledges writes, but the register is not read back. The report is not repeated.
     pub(super) fn report_acknowledged(&mut self) {
         if self.said.first(Topic::Acknowledged) {
             self.report(Event::AcknowledgedNotReadBack);

@@ -1,4 +1,4 @@
-//! State of an output that must survive the process.
+//! State of an output that is saved on disk, because it must survive the end of the process.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,17 +12,18 @@ use crate::quantity::{Counts, Moment, shifted};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SavedOutput {
-    /// Whether the process ended with nothing under way, and nothing has been written since.
+    /// Whether the last run was stopped cleanly: no write may still arrive, and nothing has been written since.
     pub in_order: bool,
-    /// Operator offset and gateway share of a shared register.
+    /// Operator offset and gateway share of a shared register, if they are known.
     pub account: Option<Account>,
-    /// Last register value. For an output that cannot be read, the last acknowledged value.
+    /// Last register value that was read. For an output that cannot be read, the last acknowledged value.
     pub stood: Option<Counts>,
-    /// Values that may still appear in the register.
+    /// Values that were sent, or are about to be sent, and may still appear in the register.
     pub promises: Slots<Promise, { MOST_REMEMBERED + 4 }>,
 }
 
-/// Account of a register that the operator also writes to. The register value is base + share.
+/// Account of a register that the operator also writes to. The register value is the sum of base (operator offset) and
+/// share (gateway share).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Account {
@@ -30,11 +31,11 @@ pub struct Account {
     pub base: Counts,
     /// Gateway share: the part of the register value that the gateway has written.
     pub share: Counts,
-    /// Reason why the account is not accepted. Only the operator ends a doubt.
+    /// Reason why `base` and `share` are uncertain. `None` if they are certain. Only the operator ends a doubt.
     pub doubt: Option<Doubt>,
 }
 
-/// Value of the gateway that may appear in the register.
+/// Value that the gateway has sent or is about to send, and that may appear in the register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Promise {
@@ -42,7 +43,8 @@ pub struct Promise {
     pub value: Counts,
     /// Time of sending, for messages.
     pub at: Moment,
-    /// Whether it is under way, or about to be sent. If not, it has expired.
+    /// Whether the value may still arrive at the register. If not, its longest delay is over, and the value is only
+    /// remembered.
     pub is_under_way: bool,
 }
 
@@ -50,8 +52,8 @@ shifted!(SavedOutput: promises);
 shifted!(Promise: at);
 
 impl SavedOutput {
-    /// Creates the state for a missing or unreadable account. It assumes no share in the register, and the operator
-    /// decides.
+    /// Creates the state of a shared register whose saved state is missing or unreadable. The gateway share is assumed
+    /// to be zero until the operator confirms it.
     pub fn in_question(doubt: Doubt) -> SavedOutput {
         SavedOutput {
             account: Some(Account { doubt: Some(doubt), ..Account::default() }),
@@ -59,7 +61,7 @@ impl SavedOutput {
         }
     }
 
-    /// Returns the copies that may still appear, from the state on disk at the start.
+    /// Returns the writes of earlier runs that may still arrive, from the state on disk at the start.
     pub(super) fn copies(&self, settings: &Settings, now: Moment) -> InFlightWrites {
         let mut copies = InFlightWrites::default();
         // A whole register waits until nothing from before the start can arrive. Then the values are sufficient.
@@ -81,7 +83,7 @@ impl SavedOutput {
     }
 }
 
-/// Adds a copy that was sent at an unknown time before the start.
+/// Adds a write that was sent at an unknown time before the start.
 fn add(copies: &mut InFlightWrites, value: Counts, at: Moment, start: Moment) {
     let sent = InFlightWrite { value, at, left: start, answered: None, other_seen: None, is_pinned: true };
     // The capacity is sufficient for all promises and the last register value.

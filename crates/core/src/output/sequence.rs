@@ -1,9 +1,9 @@
-//! Number of a set, as its register shows it.
+//! Number of a set of outputs, as the register of the number shows it.
 //!
-//! A control takes a set when its number differs from the last, or only when it is the next one. A number must
-//! therefore not repeat with other values, and no number may be omitted. A set gets the number after the latest one
-//! that the register has held. A set that arrives late restores an older number, or puts other values under the same
-//! number. The control may then not have taken the register values.
+//! Some controls take a set when its number differs from the last one, others only when it is the next number. A number
+//! must therefore not repeat with other values, and no number may be omitted. A set gets the number after the latest
+//! one that the register has held. A set that arrives late restores an older number, or puts other values under the
+//! same number. The control may then not have taken the register values.
 
 use std::time::Duration;
 
@@ -11,10 +11,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::quantity::{Counts, Moment, shifted};
 
-/// Largest number of sets that are sent while one of them is under way: ten per second, for more than a minute.
+/// Largest number of sets that are sent before a late set arrives: ten per second, for more than a minute. A number
+/// that is lower by more than this is not from a late set.
 const LATELY: u16 = 1024;
 
-/// Number of a set, as its register shows it.
+/// Number of a set of outputs, as the register of the number shows it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Sequence {
     /// Latest number that the register has held, and the values of the set at that time.
@@ -24,18 +25,18 @@ pub(super) struct Sequence {
 }
 
 impl Sequence {
-    /// Latest number that the register has held.
+    /// Returns the latest number that the register has held. `None` before the first read.
     pub(super) fn newest(&self) -> Option<u16> {
         self.newest.as_ref().map(|(newest, _)| *newest)
     }
 
-    /// Number of the next set.
+    /// Returns the number for the next set.
     pub(super) fn next(&self) -> u16 {
         next(self.newest.as_ref().map_or(0, |(newest, _)| *newest))
     }
 
-    /// Records number and values of the registers. Returns whether the control may have taken something else, because a
-    /// set arrived late.
+    /// Records the number and the values that the registers hold. Returns whether the control may have taken other
+    /// values, because a set arrived late.
     pub(super) fn record(&mut self, number: u16, values: &[Counts], now: Moment, late: Duration) -> bool {
         let Some((newest, beside)) = self.newest.as_ref().filter(|(newest, _)| !is_older(*newest, number))
         else {
@@ -60,7 +61,8 @@ impl Sequence {
         *self = Sequence::default();
     }
 
-    /// Maps every moment, for the comparison of two states that differ only in time.
+    /// Returns a copy in which `to` is applied to every moment, for the comparison of two states that differ only in
+    /// time.
     pub(super) fn moved(&self, to: impl Fn(Moment) -> Moment) -> Sequence {
         Sequence { older_since: self.older_since.map(to), ..self.clone() }
     }

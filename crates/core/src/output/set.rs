@@ -11,7 +11,7 @@ use super::settings::Settings;
 use super::transaction::CommitTrigger;
 use crate::quantity::{Counts, Moment, Shift, Shifted, shifted};
 
-/// Settings of a set.
+/// Settings of a set of outputs.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SetSettings {
     /// Settings of each output.
@@ -24,15 +24,15 @@ pub struct SetSettings {
     pub timeout: Option<Duration>,
     /// Period after which the set is sent again without a change.
     pub refresh: Option<Duration>,
-    /// Heartbeat and control word.
+    /// Whether the set has a heartbeat and a control word, and whether these can be written alone.
     pub words: SetWords,
 }
 
-/// Heartbeat and control word of a set.
+/// Presence of a heartbeat and a control word in a set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SetWords {
-    /// The set has neither.
+    /// The set has neither heartbeat nor control word.
     None,
     /// The set has a heartbeat.
     Heartbeat(StandaloneWrite),
@@ -40,13 +40,13 @@ pub enum SetWords {
     Control(StandaloneWrite),
 }
 
-/// Whether heartbeat and control word can be written without the members.
+/// Whether heartbeat and control word can be written without the values of the outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StandaloneWrite {
-    /// No: the control takes the set as a whole or not at all.
+    /// Heartbeat and control word cannot be written alone: the control takes the set as a whole or not at all.
     No,
-    /// Yes: a request with only these words is possible.
+    /// Heartbeat and control word can be written alone, in a request without the values.
     Yes,
 }
 
@@ -60,7 +60,7 @@ impl SetWords {
     }
 }
 
-/// Bits of the control word.
+/// Bits of the control word, which shows the control the states of the axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ControlWord;
 
@@ -83,9 +83,9 @@ pub struct SetDemand {
     pub members: Vec<MemberDemand>,
     /// Control word to send: bits with the states of the axes.
     pub control: u16,
-    /// State of the heartbeat in the next request.
+    /// Change of the heartbeat count in the next request.
     pub beat: Beat,
-    /// Whether the gateway is about to end. It then drops the strobe and waits for nothing.
+    /// Whether the gateway is about to end. The set then drops the strobe and does not wait for the control.
     pub is_leaving: bool,
 }
 
@@ -95,11 +95,12 @@ pub struct SetDemand {
 pub struct MemberDemand {
     /// Demand on the output.
     pub demand: Demand,
-    /// Last moment for sending an earlier value once more. `None` if the axis decides nothing.
+    /// Last moment at which an earlier value may be sent again, to complete a set of which only a part was written.
+    /// `None` if the axis is off.
     pub again_until: Option<Moment>,
 }
 
-/// Words of a set that are not values of outputs.
+/// Number, heartbeat and control word of a set, which are sent with the values of the outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct OwnWords {
     /// Number of the set.
@@ -133,7 +134,7 @@ impl SetValue {
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum SetInput {
-    /// The turn of the set begins.
+    /// The turn of the set begins: the line task works on this set until [`SetInput::TurnEnds`].
     Demand(SetDemand),
     /// The computer was paused.
     Paused,
@@ -144,7 +145,7 @@ pub enum SetInput {
         /// Answer of the disk or the control.
         answer: OutputAnswer,
     },
-    /// The disk has not answered yet. The next turn asks again.
+    /// The disk has not yet confirmed that the state of an output is saved. The next turn asks again.
     DiskNotYet,
     /// The registers were read.
     Read {
@@ -157,7 +158,7 @@ pub enum SetInput {
         /// Time of the request.
         asked: Moment,
     },
-    /// The read was not answered.
+    /// The device did not answer the read.
     NoAnswer,
     /// Result of the write of the values, or of heartbeat and control word alone.
     Sent {
@@ -166,7 +167,8 @@ pub enum SetInput {
         /// Time after the last byte was sent.
         left: Moment,
     },
-    /// The last check rejected a value, because the control would apply another one. Nothing was sent.
+    /// The last check before the write rejected a value, because the control would apply another value or exceed the
+    /// limit. Nothing was sent.
     NotAdmitted,
     /// Result of a write of the strobe.
     Strobe(StrobeResult),
@@ -180,11 +182,11 @@ pub enum SetInput {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum OutputAnswer {
-    /// The promise is on disk.
+    /// The state of the output is saved on disk.
     OnDisk,
-    /// Nothing needs to be on disk.
+    /// Nothing needs to be saved on disk.
     Kept,
-    /// The promise cannot be written to disk.
+    /// The state of the output cannot be saved on disk.
     NotKept,
     /// Applied value in thousandths of a count, with the time of the request. `None` if the value is not a number.
     Applied(Option<i64>, Moment),
@@ -193,7 +195,7 @@ pub enum OutputAnswer {
 }
 
 impl OutputAnswer {
-    /// Returns the answer as an input of the output's controller.
+    /// Returns the answer as an input for the controller of the output.
     pub fn input(self) -> Input {
         match self {
             OutputAnswer::OnDisk => Input::OnDisk,
@@ -211,17 +213,17 @@ impl OutputAnswer {
 pub enum WriteResult {
     /// The device answered that it has carried out the write.
     Done,
-    /// Not answered, or partly carried out.
+    /// The request was not answered, or was carried out only in part.
     Unknown,
-    /// Refused by the device.
+    /// The device refused the write.
     Refused,
-    /// Not sent: its last moment had passed.
+    /// The request was not sent: the last moment for it had passed.
     TooLate,
-    /// Not sent, for another reason.
+    /// The request was not sent, for another reason.
     NotSent,
-    /// Not sent: the device could not be reached.
+    /// The request was not sent: the device could not be reached.
     Unreachable,
-    /// Not sent: the request cannot be built.
+    /// The request was not sent, because it cannot be built.
     Rejected,
 }
 
@@ -231,7 +233,8 @@ impl WriteResult {
         matches!(self, WriteResult::Done | WriteResult::Unknown)
     }
 
-    /// Returns the result as an input of an output's controller. The output's value was to change or to be repeated.
+    /// Returns the result as an input for the controller of an output whose value was to be written. `left`: time after
+    /// the last byte was sent.
     pub fn input(self, left: Moment) -> Input {
         match self {
             WriteResult::Done => Input::Fact(Fact::Done { left }),
@@ -261,12 +264,12 @@ pub enum StrobeResult {
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SetAction {
-    /// Nothing until this moment.
+    /// Do nothing until this moment.
     Nothing {
         /// Time of the next call.
         until: Moment,
     },
-    /// Write the promise of the output with this index to disk.
+    /// Save the state of the output with this index to disk.
     Keep(usize),
     /// Read all registers of the set.
     Read,
@@ -274,12 +277,12 @@ pub enum SetAction {
     Write {
         /// Value of each output.
         values: Vec<SetValue>,
-        /// Words that are not values of outputs.
+        /// Number, heartbeat and control word.
         own: OwnWords,
         /// Last moment for the first byte.
         not_after: Moment,
     },
-    /// Write heartbeat and control word alone.
+    /// Write only the heartbeat and the control word.
     WriteOwn(OwnWords),
     /// Read the acknowledge of the control.
     Acknowledge,

@@ -9,7 +9,7 @@
 //!                                         TurnEnds ◄─ taken ◄─ acknowledge ◄─ Raise ◄──────────────────┘
 //! ```
 //!
-//! The caller executes each action and gives its result. A wait for the control ends the turn. The next one continues.
+//! The caller executes each action and gives its result. A wait for the control continues in the next turn.
 
 use std::time::Duration;
 
@@ -31,12 +31,12 @@ use super::transaction::Transaction;
 use super::{Action, Fact};
 use crate::quantity::{Counts, Moment, Shift, Shifted};
 
-/// Largest count of the heartbeat of a set. It does not reach the sign bit of its register.
+/// Largest count of the heartbeat of a set. It is positive even in a register that the control reads as signed.
 const HIGHEST_BEAT: u16 = 32767;
 /// Least time between a failure and the next attempt.
 const RETRY: Duration = Duration::from_secs(1);
 
-/// Controller of a set.
+/// Controller of a set of outputs, which are written together.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct SetController {
     members: SetMembers,
@@ -62,8 +62,8 @@ pub struct SetController {
 }
 
 impl SetController {
-    /// Creates the controller of a set at a start. `was_in_order` means that the last run ended in order, and no task
-    /// of this run was interrupted.
+    /// Creates the controller of a set at a start. `was_in_order`: the last run was stopped cleanly, and no task of
+    /// this run was interrupted.
     pub fn new(
         settings: &SetSettings,
         members: Vec<Controller>,
@@ -125,7 +125,7 @@ impl SetController {
         self.members.is_late()
     }
 
-    /// Returns whether both controllers decide equally from the next turn on. A turn begins with its own demand.
+    /// Returns whether both controllers decide equally from the next turn on, in which each gets a new demand.
     pub fn is_like(&self, other: &SetController) -> bool {
         let with_demand = |one: &SetController| SetController { demand: self.demand.clone(), ..one.clone() };
         self.phase == Phase::Rest && *self == with_demand(other)
@@ -169,7 +169,7 @@ impl SetController {
         }
     }
 
-    /// Decides until an exchange is required, or nothing is left to do.
+    /// Advances through the phases until an exchange is required or the turn is complete. Returns the exchange.
     fn next(&mut self, settings: &SetSettings, now: Moment) -> SetAction {
         loop {
             match &self.phase {
@@ -381,8 +381,8 @@ impl SetController {
         };
     }
 
-    /// Returns whether the set must be sent although no output is written. It must if it is refreshed, if its control
-    /// word changes, or if the control has not taken the register values.
+    /// Returns whether the set must be sent although no output changes: for a refresh, for a new control word, or
+    /// because the control has not taken the register values.
     fn sends_anyway(&self, settings: &SetSettings, now: Moment) -> bool {
         if now < self.tries_from {
             return false;
@@ -398,7 +398,7 @@ impl SetController {
         settings.words.has_control() && self.control != Some(self.demand.control)
     }
 
-    /// Returns the time when the set must be sent again without a change.
+    /// Returns the time when the set must be sent again without a change. `None` if there is no such time.
     fn refreshes(&self, settings: &SetSettings) -> Option<Moment> {
         settings.refresh.map(|refresh| self.written_at.after(refresh))
     }
@@ -430,7 +430,7 @@ impl SetController {
     fn assess(&mut self, settings: &SetSettings, reason: Reason, now: Moment) {
         self.members.wait_for_each_other(settings, now);
         let is_due = self.members.is_writing() || reason == Reason::Send;
-        // For a look, the acknowledge has not been checked. The next turn checks it.
+        // With `Reason::Look`, the acknowledge has not been checked. The next turn checks it.
         if !is_due || (reason == Reason::Look && settings.timeout.is_some()) {
             self.phase = Phase::Rest;
             return;
@@ -445,7 +445,7 @@ impl SetController {
         }
     }
 
-    /// Chooses the value of the next output. Returns its index if its promise must be on disk first.
+    /// Chooses the value of the next output. Returns the index of the output if its state must first be saved.
     fn piggyback(&mut self, settings: &SetSettings, now: Moment) -> Option<usize> {
         let Phase::GoAlong { values, not_after, promise } = &mut self.phase else { return None };
         let place = values.len();
@@ -479,8 +479,8 @@ impl SetController {
         OwnWords { number, beat, control: self.demand.control }
     }
 
-    /// Drops the writes of the outputs. While a late write forbids them, heartbeat and control word continue alone. If
-    /// the control takes all of the set or nothing, they wait too.
+    /// Drops the writes of the outputs. Heartbeat and control word are then written alone, if the control accepts them
+    /// without the values.
     fn give_up(&mut self, settings: &SetSettings, now: Moment) {
         self.members.give_up_writing(settings, now);
         let is_due =
@@ -535,7 +535,7 @@ impl SetController {
         }
     }
 
-    /// Compares the registers after the write. If they hold what was sent, the control takes it.
+    /// Checks the registers after the write. If they hold the sent values, the control must take them now.
     fn confirm(&mut self, settings: &SetSettings, now: Moment) {
         self.phase = Phase::Rest;
         if !self.transaction.is_sent(&self.found) || self.demand.is_leaving {
@@ -556,7 +556,7 @@ impl SetController {
         self.phase = Phase::Raise;
     }
 
-    /// Returns the time of the next call. [`Strobe::next_read`] returns that of an awaited acknowledge.
+    /// Returns the time of the next call. [`Strobe::next_read`] returns the time for an awaited acknowledge.
     fn due(&self, settings: &SetSettings, now: Moment) -> Moment {
         let is_unfinished = self.strobe.level() == StrobeLevel::Up || self.is_bound();
         let tries = is_unfinished.then_some(self.tries_from.max(now));
@@ -564,7 +564,8 @@ impl SetController {
         [self.members.wakes(now), tries, refreshes].into_iter().flatten().min().unwrap_or(Moment::END)
     }
 
-    /// Maps every moment, and drops the events. The next call comes at `now` at the earliest.
+    /// Returns a copy in which `to` is applied to every moment. The demand, the faults and the events of the outputs
+    /// are dropped. The next call of an output is at `now` at the earliest.
     #[doc(hidden)]
     #[must_use]
     pub fn moved(&self, to: impl Fn(Moment) -> Moment, now: Moment) -> SetController {

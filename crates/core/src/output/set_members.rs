@@ -1,4 +1,4 @@
-//! Outputs of a set, seen as a whole.
+//! Controllers of the outputs of a set, and their common decisions.
 
 use serde::{Deserialize, Serialize};
 
@@ -20,9 +20,9 @@ pub(super) struct SetMembers {
 
 /// Value of an output in the next request.
 pub(super) enum Choice {
-    /// This value, until this moment.
+    /// Value to send, and the last moment for sending it.
     Value(SetValue, Moment),
-    /// The promise of the output must be on disk first.
+    /// The state of the output must first be saved to disk.
     KeepsFirst,
     /// The output must not be written now.
     Nothing,
@@ -79,7 +79,7 @@ impl SetMembers {
         }
     }
 
-    /// Passes their demands to the outputs.
+    /// Passes each output its demand.
     pub(super) fn demand(
         &mut self,
         settings: &SetSettings,
@@ -91,7 +91,7 @@ impl SetMembers {
         }
     }
 
-    /// Requests the earlier values once more if the registers hold only a part of them.
+    /// Requests that the values of the last write are sent again, if the registers hold only a part of them.
     pub(super) fn demand_again(
         &mut self,
         settings: &SetSettings,
@@ -123,7 +123,7 @@ impl SetMembers {
         self.controllers.get(place).map_or(Action::Nothing { until: Moment::END }, Controller::action)
     }
 
-    /// Returns the index of the first output from `from` on whose promise must be written to disk.
+    /// Returns the index of the first output, from `from` on, whose state must be saved to disk.
     pub(super) fn keeps(&self, from: usize) -> Option<usize> {
         (from..self.controllers.len()).find(|place| self.action(*place) == Action::Keep)
     }
@@ -152,12 +152,12 @@ impl SetMembers {
         self.controllers.iter().any(|one| one.follow() == Follow::Late)
     }
 
-    /// Returns whether an output requests a write after the next read, if that shows nothing new.
+    /// Returns whether an output will request a write if the next read shows nothing new.
     pub(super) fn may_write(&self, settings: &SetSettings, now: Moment) -> bool {
         self.with(settings).any(|(controller, settings)| controller.state().may_write(settings, now))
     }
 
-    /// Returns the time of the next call of an output.
+    /// Returns the earliest time at which an output must be called. `None` if the set has no outputs.
     pub(super) fn wakes(&self, now: Moment) -> Option<Moment> {
         let wakes = self.controllers.iter().map(|one| match one.action() {
             Action::Nothing { until } => until,
@@ -176,7 +176,7 @@ impl SetMembers {
         self.with(settings).map(view).collect()
     }
 
-    /// Passes the result of the set to the outputs for which it is new.
+    /// Passes `commit`, which states whether the control has taken the set, to the outputs for which it is new.
     pub(super) fn commit(&mut self, settings: &SetSettings, commit: SetCommit, now: Moment) {
         let is_open = commit != SetCommit::Taken;
         self.each(settings, |one| (one.is_bound() != is_open).then_some(Input::Set(commit)), now);
@@ -213,7 +213,8 @@ impl SetMembers {
         }
     }
 
-    /// Returns the values of the next request, if every other output keeps its register value.
+    /// Returns the values of the next request: the new value of each output that changes, and the value in `found` of
+    /// each other output.
     pub(super) fn next_values(&self, found: &[Counts]) -> Vec<Counts> {
         let next = self.controllers.iter().zip(found).map(|(one, found)| match one.action() {
             Action::Write { value, is_repeat: false, .. } => value,
@@ -223,7 +224,7 @@ impl SetMembers {
     }
 
     /// Chooses the value of an output whose register holds `found`. If the output is not written, it keeps the register
-    /// value.
+    /// value. `may_keep`: the state of the output may be saved to disk first.
     pub(super) fn choose(
         &mut self,
         settings: &SetSettings,

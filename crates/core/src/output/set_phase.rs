@@ -1,4 +1,4 @@
-//! Phases in the turn of a set.
+//! Phases in the turn of a set. A turn is the work of the line task on the set, from the demand to the end of the turn.
 
 use serde::{Deserialize, Serialize};
 
@@ -23,7 +23,7 @@ pub(super) enum Phase {
     Raise,
     /// The outputs process their demands.
     Demand,
-    /// Promises of the outputs from this index on are written to disk.
+    /// The states of the outputs from this index on are saved to disk, if that is necessary.
     Keep(usize, NextPhase),
     /// The set decides whether an exchange is necessary.
     Decide,
@@ -37,9 +37,9 @@ pub(super) enum Phase {
     GoAlong {
         /// Values of the outputs so far.
         values: Vec<SetValue>,
-        /// Last moment for sending them.
+        /// Last moment for sending the values.
         not_after: Moment,
-        /// State of the next output's promise.
+        /// Whether the disk was asked to save the state of the next output.
         promise: PromiseState,
     },
     /// The values are written.
@@ -50,7 +50,7 @@ pub(super) enum Phase {
     Confirm,
 }
 
-/// Whether the disk was asked to store the promise of an output.
+/// Whether the disk was asked to save the state of an output before its value is sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum PromiseState {
@@ -58,13 +58,13 @@ pub(super) enum PromiseState {
     Asked,
 }
 
-/// Next phase after an acknowledge.
+/// Phase that follows when the acknowledge has the awaited level.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum After {
-    /// The rest of an earlier handshake comes first, then the turn.
+    /// The handshake of an earlier turn is completed first. Then the present turn begins.
     Begin,
-    /// The registers are read before a write.
+    /// The registers are read and then written.
     Clear(Reason),
     /// The strobe is raised.
     Raise,
@@ -86,7 +86,7 @@ pub(super) enum DropReason {
     Failed(HandshakeFault),
 }
 
-/// Next phase after all promises are on disk, or after the registers were read.
+/// Phase that follows when all states are saved on disk, or when the registers were read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum NextPhase {

@@ -11,7 +11,7 @@ use crate::quantity::Counts;
 pub struct Settings {
     /// Largest change of the register by one write. At least 1; at least 2 for a shared register.
     pub step: Counts,
-    /// Largest distance from the bias or from the operator offset.
+    /// Largest distance of a value from the bias, or in a shared register from the operator offset.
     pub limit: Counts,
     /// Register value for an offset of zero. A restarted CNC may show it instead of zero.
     pub bias: Counts,
@@ -23,7 +23,7 @@ pub struct Settings {
     pub remembered: Duration,
     /// Longest time between two reads of the register.
     pub every: Duration,
-    /// Period for sending the register value again.
+    /// Period at which the register value is sent again. `None`: it is sent only when it changes.
     pub refresh: Option<Duration>,
     /// Whether the register is shared with an operator, whose offset it also contains.
     pub is_shared: bool,
@@ -32,7 +32,7 @@ pub struct Settings {
     /// Applied value that the control reports in another register, if there is one.
     #[serde(default)]
     pub applied: Option<AppliedSettings>,
-    /// Active rules. All are active, except in the search that shows the purpose of each.
+    /// Active rules of [`step`](super::step). All are active, except in tests that show what each rule prevents.
     #[serde(skip)]
     pub rules: Rules,
 }
@@ -49,20 +49,20 @@ impl Settings {
         (centre + offset).clamp(lowest, highest)
     }
 
-    /// Returns whether a value must be on disk before it is sent. A register that can be read and is not shared
-    /// requires no promise.
+    /// Returns whether a value must be saved on disk before it is sent: for a shared register, and for one that cannot
+    /// be read.
     pub fn promises(&self) -> bool {
         self.is_shared || self.verify == Verify::Echo
     }
 
-    /// Largest distance between a value and another one under way. For a shared register it is one count less than a
-    /// step. An edit of exactly one step is then never mistaken for a write of the gateway.
+    /// Returns the largest distance between a value to send and a write that may still arrive. For a shared register it
+    /// is one count less than a step. An edit of exactly one step is then never mistaken for a write of the gateway.
     pub(super) fn reach(&self) -> Counts {
         if self.is_shared { self.step - Counts(1) } else { self.step }
     }
 }
 
-/// Settings of an applied value.
+/// Settings of an applied value, which the control reports in a register of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AppliedSettings {
     /// Largest deviation from the register value, in thousandths of a count.
@@ -81,15 +81,15 @@ pub enum Verify {
     Echo,
 }
 
-/// Rule that the search deactivates, to show what the rule prevents.
+/// Rule of [`step`](super::step) that a test can deactivate, to show what the rule prevents.
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rule {
-    /// Nothing that may still arrive is more than one step away.
+    /// No earlier write that may still arrive is more than one step from the value that is sent.
     NearCopies,
-    /// A value that appears belongs to the gateway if it is under way.
+    /// A value that appears in the register belongs to the gateway if a write of this value may still arrive.
     OwnWrites,
-    /// A change has a last moment for sending.
+    /// A change may be sent only until its last moment.
     LastMoment,
     /// Nothing is sent beyond the limit.
     Limit,
@@ -107,7 +107,7 @@ pub struct Rules {
 }
 
 impl Rules {
-    /// All rules but this one.
+    /// Returns all rules but this one.
     pub const fn without(rule: Rule) -> Rules {
         Rules { off: Some(rule) }
     }

@@ -83,7 +83,7 @@ impl<T: Copy, const N: usize> TryFrom<Vec<T>> for Slots<T, N> {
         if items.into_iter().all(|item| slots.push(item)) {
             Ok(slots)
         } else {
-            Err("more than it has room for")
+            Err("the list has more items than it can hold")
         }
     }
 }

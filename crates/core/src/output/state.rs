@@ -1,4 +1,4 @@
-//! State of one output.
+//! State of one output: its last known register value, the writes that may still arrive, and the pending action.
 
 use std::time::Duration;
 
@@ -21,16 +21,16 @@ use crate::quantity::{Counts, Moment, shifted};
 /// Least time before a failed action is repeated, and the period of reads while the register value is uncertain.
 pub(super) const RETRY: Duration = Duration::from_secs(1);
 
-/// State of one output. Its serialised form contains what determines the next actions, but no pending reports. The keys
-/// of `disk`, `required_read` and `evidence` are in the same object as the others.
+/// State of one output. The serialised form contains everything that determines the next actions, but no pending
+/// events.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct State {
     #[serde(rename = "doing")]
     pub(super) pending_action: PendingAction,
     pub(super) copies: InFlightWrites,
-    /// Last value read. For an output that cannot be read, the last acknowledged value.
+    /// Last register value that was read. For an output that cannot be read, the last acknowledged value.
     pub(super) verified: Option<TimedValue>,
-    /// Value that was answered as done since then.
+    /// Value of the last write that was answered as done. `None` once the register has been read after that write.
     pub(super) answered: Option<Counts>,
     /// Operator offset and gateway share of a shared register, if known.
     pub(super) account: Option<Account>,
@@ -38,30 +38,32 @@ pub struct State {
     pub(super) is_interlocked: bool,
     /// Decision to carry out, with the last moment for sending it.
     pub(super) order: Option<Setpoint>,
-    /// Value on disk that is about to be sent.
+    /// Value that is sent as soon as it is saved on disk.
     pub(super) promised: Option<Counts>,
-    /// Last moment for sending it, given by the age of its readings.
+    /// Last moment for sending the value in `promised`, given by the age of the readings on which the value depends.
     #[serde(default)]
     pub(super) promised_until: Option<Moment>,
     #[serde(flatten)]
     pub(super) disk: DiskState,
-    /// Time after which a read permits writing a whole register, after a start without an orderly stop. `None` at other
-    /// starts, and for other registers.
+    /// Time until which late writes of a previous run may arrive, if that run was not stopped cleanly. The register is
+    /// written only after it was read later than this. `None` in all other cases.
     pub(super) settles_at: Option<Moment>,
-    /// Earliest time for the first read of a pair.
+    /// Earliest time of a read that may prove that a write had not arrived yet. Before it, writes of the previous run
+    /// may still arrive.
     pub(super) pairs_from: Moment,
     #[serde(flatten)]
     pub(super) required_read: RequiredRead,
-    /// Change by the last write, if it was not answered as done, until the next read.
+    /// Change of the register value by the last write, if the write was not answered as done. `None` after the next
+    /// read.
     pub(super) unanswered_change: Option<Counts>,
     #[serde(flatten)]
     pub(super) evidence: Evidence,
-    /// Alternate changes of a shared register by the gateway and by another client.
+    /// Numbers of changes of a shared register by the gateway and by another client, to detect a second gateway.
     #[serde(default)]
     pub(super) turns: Turns,
-    /// Whether a change waits for copies that may still arrive.
+    /// Whether a change waits for earlier writes that may still arrive.
     pub(super) is_waiting: bool,
-    /// Time when a change last waited.
+    /// Time when a change last waited for an earlier write.
     pub(super) waited_at: Moment,
     /// Earliest time for the next read.
     pub(super) reads_from: Moment,
@@ -134,7 +136,7 @@ impl State {
         }
     }
 
-    /// Values of the gateway that may still appear in the register.
+    /// Returns the writes of the gateway that may still arrive, and those that are still recognised.
     pub fn copies(&self) -> &InFlightWrites {
         &self.copies
     }
@@ -146,7 +148,7 @@ impl State {
         sent.chain(self.being_written()).filter(|value| self.verified.map(|seen| seen.value) != Some(*value))
     }
 
-    /// Value of the pending write.
+    /// Returns the value of the pending write. `None` if no write is pending.
     fn being_written(&self) -> Option<Counts> {
         match self.pending_action {
             PendingAction::Writing { value, .. } => Some(value),
@@ -180,8 +182,8 @@ impl State {
         }
     }
 
-    /// Ends the output, and returns the last state to write to disk. Nothing is begun any more. The stop is in order if
-    /// no copy may still arrive.
+    /// Ends the output and returns the last state to save to disk. No further action is begun. The state is marked as a
+    /// clean stop if no write may still arrive.
     pub fn end(&mut self) -> SavedOutput {
         (self.promised, self.promised_until) = (None, None);
         let is_writing = self.being_written().is_some();
@@ -194,25 +196,26 @@ impl State {
         kept
     }
 
-    /// Drops the decision: it is not sent any more.
+    /// Drops the decision: its value is not sent any more.
     pub(super) fn drop_order(&mut self, settings: &Settings) {
         if settings.rules.has(Rule::LastMoment) {
             self.order = None;
         }
     }
 
-    /// Offset that the register is expected to hold. `None` until it was read.
+    /// Returns the offset that the register is expected to hold. `None` if the register value is unknown.
     pub(super) fn expected_offset(&self, settings: &Settings) -> Option<Counts> {
         self.expected().map(|value| value - self.centre(settings))
     }
 
-    /// Expected register value: the last one answered as done, or else the last verified one.
+    /// Returns the expected register value: the last one answered as done, else the last verified one, else the one
+    /// saved on disk.
     pub(super) fn expected(&self) -> Option<Counts> {
         let from_disk = || self.account.map(|account| account.base + account.share);
         self.acknowledged().or_else(from_disk)
     }
 
-    /// Returns whether the register contains a gateway share, or something may still arrive.
+    /// Returns whether the register contains a gateway share, or a write of the gateway may still arrive.
     pub(super) fn has_anything_of_ours(&self) -> bool {
         self.account.is_some_and(|account| account.share != Counts::ZERO)
             || self.copies.under_way().next().is_some()
@@ -223,12 +226,12 @@ impl State {
         self.evidence.was_like_our_own && self.unanswered_change == Some(change)
     }
 
-    /// Value from which the offset is counted: the operator offset, or the bias.
+    /// Returns the value from which the offset is counted: the operator offset, or the bias.
     pub(super) fn centre(&self, settings: &Settings) -> Counts {
         self.account.map_or(settings.bias, |account| account.base)
     }
 
-    /// Returns whether the last verified value has this offset.
+    /// Returns whether the last verified register value contains this offset.
     pub fn is_at(&self, settings: &Settings, offset: Counts) -> bool {
         self.verified.is_some_and(|seen| plan::is_there(self, settings, seen.value, offset))
     }
@@ -243,12 +246,12 @@ impl State {
         self.pending_action != PendingAction::Nothing
     }
 
-    /// Returns whether values from before the start can no longer arrive.
+    /// Returns whether writes from before the start can no longer arrive.
     pub fn is_settled(&self) -> bool {
         self.settles_at.is_none()
     }
 
-    /// Returns whether a write may follow a read that shows nothing new.
+    /// Returns whether the output will request a write if the next read shows the expected value.
     pub fn may_write(&self, settings: &Settings, now: Moment) -> bool {
         let is_wanted =
             self.order.is_some_and(|order| now <= order.not_after && !self.is_at(settings, order.offset));
@@ -261,7 +264,7 @@ impl State {
         self.answered.is_some()
     }
 
-    /// Register value last answered as done, or else last verified.
+    /// Returns the register value that was last answered as done, or else last verified.
     pub(super) fn acknowledged(&self) -> Option<Counts> {
         self.answered.or(self.verified.map(|verified| verified.value))
     }
@@ -273,17 +276,19 @@ impl State {
         order.filter(|_| settings.rules.has(Rule::LastMoment)).map(|order| order.not_after)
     }
 
-    /// Returns whether a value is on disk, or must be written to it, before it is sent.
+    /// Returns whether a value waits to be sent until it is saved on disk.
     pub fn is_promising(&self) -> bool {
         self.promised.is_some()
     }
 
-    /// Returns the latest time until which copies and the start can delay a change.
+    /// Returns the time until which earlier writes, of this run or the previous one, can delay a change. `None` if
+    /// there are none.
     pub fn waits_until(&self, settings: &Settings) -> Option<Moment> {
         self.copies.all_over(settings.late).into_iter().chain(self.settles_at).max()
     }
 
-    /// Maps every moment, and drops what only reports use. Two states that are equal afterwards behave equally.
+    /// Returns a copy in which `to` is applied to every moment, without the data that only reports use. Two states with
+    /// equal copies behave equally.
     #[doc(hidden)]
     pub fn moved(&self, to: impl Fn(Moment) -> Moment) -> State {
         State {

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::saved_output::Account;
 use crate::quantity::{Counts, Moment, Shift, Shifted, shifted};
 
-/// Value with the time of its request.
+/// Register value, and the time of the request that gave it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct TimedValue {
     /// Register value.
@@ -26,16 +26,17 @@ pub(super) enum PendingAction {
         read: Option<Moment>,
     },
     Keeping,
-    /// The process ends, and nothing is begun any more.
+    /// The process is about to end. No further action is begun.
     Ended,
 }
 
-/// Whether the disk contains what it must contain before the next write.
+/// Whether the state on disk is sufficient for the next write to the register.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct DiskState {
-    /// Whether the disk lacks something that it must contain before the next write.
+    /// Whether a change must be saved to disk before the next write to the register.
     pub(super) is_unsaved: bool,
-    /// Whether the disk contains that this run has begun. A run ends in order only if its end is recorded too.
+    /// Whether the disk shows that this run writes to the register. If the run is killed, the next start then knows
+    /// that the run was not stopped cleanly.
     #[serde(rename = "has_begun_on_disk")]
     pub(super) has_begun: bool,
 }
@@ -44,7 +45,7 @@ pub(super) struct DiskState {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(from = "ReadFlags", into = "ReadFlags")]
 pub(super) enum RequiredRead {
-    /// No read is required. The register is read with its period.
+    /// No read is required before the next decision. The register is read at its normal period.
     None,
     /// The register must be read.
     Pending,
@@ -94,10 +95,10 @@ impl From<RequiredRead> for ReadFlags {
     }
 }
 
-/// Evidence for a doubt about the operator offset. The same evidence twice in a row is a doubt.
+/// Evidence for a doubt about the operator offset. A doubt arises only when the same evidence occurs twice in a row.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Evidence {
-    /// Whether the last change of the operator equalled an unanswered one of the gateway.
+    /// Whether the last change by another client equalled an unanswered change by the gateway.
     pub(super) was_like_our_own: bool,
     /// Whether the register held another value after the last write that was answered as done.
     pub(super) was_unsteady: bool,
@@ -107,18 +108,19 @@ pub(super) struct Evidence {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum WriteFailure {
-    /// The write was refused or not sent, or its result is unknown. Any write that is answered as done ends this.
+    /// The write was refused or not sent, or its result is unknown. The register value is sent again as a test.
     Refused,
     /// The write was answered as done, but the register holds another value. Only another write that is verified ends
-    /// this.
+    /// this failure.
     Ignored,
 }
 
-/// Decision to carry out. The offset is in counts from the bias, or is the gateway share.
+/// Decision of the axis that is to be carried out. The offset is counted from the bias, or in a shared register from
+/// the operator offset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Setpoint {
     pub(super) offset: Counts,
-    /// Target of the offset.
+    /// Target that the offset approaches.
     #[serde(default)]
     pub(super) target: Option<Counts>,
     pub(super) not_after: Moment,
@@ -128,13 +130,13 @@ pub(super) struct Setpoint {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ArmState {
-    /// Not armed yet, or disarmed.
+    /// The output is not armed yet, or was disarmed.
     Off,
-    /// Off until the operator arms it: something happened that only the operator can assess.
+    /// The output is off until the operator arms it: something happened that only the operator can assess.
     Barred,
-    /// The operator armed and confirmed this value of a shared register, which is read once more.
+    /// The operator armed the output, and confirmed this value of the shared register. The register is read once more.
     Confirming(Counts),
-    /// The register follows the decisions.
+    /// The output is armed: its register follows the decisions of the axis.
     Armed,
 }
 
@@ -155,15 +157,15 @@ impl Shifted for PendingAction {
 pub struct OutputView {
     /// Last verified register value, and the time of its request.
     pub verified: Option<TimedValue>,
-    /// Whether the value was acknowledged, but not read.
+    /// Whether the last write was acknowledged, but the register was not read.
     pub is_only_acknowledged: bool,
-    /// Operator offset and gateway share of a shared register.
+    /// Operator offset and gateway share of a shared register, if they are known.
     pub account: Option<Account>,
     /// Whether the register may be written.
     pub standing: ArmState,
-    /// Number of copies that may still arrive.
+    /// Number of writes that may still arrive.
     pub under_way: usize,
-    /// Time until which a change waits for them.
+    /// Time until which a change waits for earlier writes. `None` if no change waits.
     pub waits_until: Option<Moment>,
     /// Whether the last write was refused or not taken.
     pub is_untaken: bool,

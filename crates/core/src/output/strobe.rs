@@ -1,4 +1,4 @@
-//! Strobe of a set, and its acknowledge.
+//! Strobe of a set (signal to the control to take the values), and the acknowledge of the control.
 //!
 //! ```text
 //!   values written and read back ─► strobe up ─► Acknowledge ─► strobe down ─► Release ─► taken
@@ -7,10 +7,10 @@
 //!                                     strobe down at once, reported, tried again: the same values, from the beginning
 //! ```
 //!
-//! Before anything is written, the acknowledge must be down (`Clear`). An acknowledge from before would otherwise be
-//! taken for the answer to the next strobe. If a raise was not answered, the strobe may rise late. The acknowledge must
-//! then be checked once more directly before the strobe rises. No wait blocks the line: the acknowledge is read once in
-//! each cycle, and other exchanges use the rest of the cycle.
+//! Before anything is written, the acknowledge must be down (`Clear`). Otherwise an earlier acknowledge would be
+//! mistaken for the answer to the next strobe. If the write that raises the strobe was not answered, the strobe may
+//! rise late. The acknowledge must then be checked once more directly before the strobe rises. No wait blocks the line:
+//! the acknowledge is read once in each cycle, and other exchanges use the rest of the cycle.
 
 use std::time::Duration;
 
@@ -29,7 +29,7 @@ pub struct Strobe {
     wait: Option<Wait>,
     /// Time until which an unanswered write may raise the strobe.
     may_rise_until: Option<Moment>,
-    /// Reported failure. The next success ends it.
+    /// Failure that was reported last. `None` after a successful handshake.
     reported: Option<HandshakeFault>,
 }
 
@@ -37,12 +37,12 @@ pub struct Strobe {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StrobeLevel {
-    /// Unknown: an earlier run may have left it up. It is dropped before the first write.
+    /// The level is unknown, because an earlier run may have left the strobe up. It is dropped before the first write.
     #[default]
     Unknown,
-    /// The strobe is dropped.
+    /// The strobe is down.
     Down,
-    /// Raised, or perhaps raised. It is dropped as soon as the device can be reached.
+    /// The strobe is up, or may be. It is dropped as soon as the device can be reached.
     Up,
 }
 
@@ -50,18 +50,18 @@ pub enum StrobeLevel {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Awaited {
-    /// Down before anything is written: an earlier acknowledge drops.
+    /// The acknowledge must be down before anything is written, so that it cannot belong to an earlier strobe.
     Clear,
-    /// Up: the control has taken the set.
+    /// The acknowledge must be up: the control has taken the set.
     Acknowledge,
-    /// Down again after the strobe has dropped.
+    /// The acknowledge must be down again after the strobe was dropped.
     Release,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 struct Wait {
     what: Awaited,
-    /// End of the timeout for the control.
+    /// Time at which the wait fails with a timeout.
     until: Moment,
     /// Time of the next read of the acknowledge.
     ask: Moment,
@@ -98,7 +98,7 @@ impl Strobe {
         self.wait.map(|wait| wait.what)
     }
 
-    /// Time of the next read of the acknowledge. `None` if the set waits for nothing.
+    /// Returns the time of the next read of the acknowledge. `None` if the set does not wait for the acknowledge.
     pub fn next_read(&self) -> Option<Moment> {
         self.wait.map(|wait| wait.ask)
     }
@@ -108,12 +108,13 @@ impl Strobe {
         self.level == StrobeLevel::Up || self.may_rise_until.is_some()
     }
 
-    /// Failure of the last handshake, until one succeeds.
+    /// Returns the failure of the last handshake. `None` after a successful handshake.
     pub fn failed(&self) -> Option<HandshakeFault> {
         self.reported
     }
 
-    /// Prepares the end of the gateway: the set waits for nothing, and a strobe that may have risen is dropped.
+    /// Prepares the end of the gateway: the set stops waiting for the control, and a strobe that may have risen is
+    /// dropped.
     pub(super) fn prepare_end(&mut self) {
         self.wait = None;
         if self.may_rise_until.take().is_some() {
@@ -148,7 +149,8 @@ impl Strobe {
         self.wait = None;
     }
 
-    /// Processes the level of the acknowledge. Returns `None` if the set waits for nothing.
+    /// Processes the level of the acknowledge that was read. Returns `None` if the set does not wait for the
+    /// acknowledge.
     pub(super) fn receive_acknowledge(&mut self, is_up: bool, now: Moment) -> Option<AcknowledgeResult> {
         let Wait { what, until, ask: _ } = self.wait?;
         if is_up == (what == Awaited::Acknowledge) {
@@ -176,7 +178,8 @@ impl Strobe {
         self.reported = None;
     }
 
-    /// Maps every moment, for the comparison of two states that differ only in time.
+    /// Returns a copy in which `to` is applied to every moment, for the comparison of two states that differ only in
+    /// time.
     #[doc(hidden)]
     pub fn moved(&self, to: impl Fn(Moment) -> Moment) -> Strobe {
         let wait = self.wait.map(|wait| Wait { until: to(wait.until), ask: to(wait.ask), ..wait });
@@ -185,7 +188,7 @@ impl Strobe {
 }
 
 impl Awaited {
-    /// Returns the failure that a timeout of this wait means.
+    /// Returns the failure to report if the acknowledge does not reach this level in time.
     pub(super) fn fault(self) -> HandshakeFault {
         match self {
             Awaited::Clear => HandshakeFault::AcknowledgeEarly,

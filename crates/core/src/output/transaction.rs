@@ -1,9 +1,10 @@
-//! Transfer of a set to its control: the values sent, the values taken, and their number.
+//! Transfer of a set of outputs to its control: values that were sent, values that the control has taken, and the
+//! number of the set.
 //!
-//! A control takes a set when its number changes or its strobe rises. If that is not in one request with the values,
-//! the registers can hold values that the control has not taken. The values it has taken are at most one step from
-//! them. Therefore nothing else is sent until the control has taken the register values. If this run does not end in
-//! order, the next run begins with them.
+//! A control takes a set when the number of the set changes or its strobe rises. If that happens after the request with
+//! the values, the registers can hold values that the control has not taken yet. Such values differ by one step at most
+//! from the values that the control has taken. No other values are sent until the control has taken them. If this run
+//! is not stopped cleanly, the next run first sends the register values again.
 
 use std::time::Duration;
 
@@ -18,57 +19,59 @@ use crate::quantity::{Counts, Moment, shifted};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CommitTrigger {
-    /// The request that writes the values. If the set has a number, the control takes the values when it changes; it is
-    /// in the same request.
+    /// The control takes the values with the request that writes them. If the set has a number, that request contains
+    /// the number too.
     AtOnce,
-    /// A change of the number, which is written after the values.
+    /// The control takes the values when the number of the set changes. The number is written after the values.
     Number,
-    /// The rising edge of the strobe. The control acknowledges it.
+    /// The control takes the values at the rising edge of the strobe, and acknowledges them.
     Strobe,
-    /// The write of each node: each value is taken by itself. A server may carry out only a part of a call.
+    /// The control takes each value separately, when its node is written. An OPC UA server may carry out only some of
+    /// the writes of a request.
     Nodes,
 }
 
-/// History of the next number.
+/// Whether the control may have received the next number before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum NextNumber {
-    /// The control has not received it.
+    /// The control has not received the next number.
     New,
-    /// The control may have received it with other values, because an earlier run may have sent it.
+    /// The control may have received the next number with other values, from an earlier run or an earlier attempt.
     PerhapsOld,
 }
 
-/// End of the last run.
+/// Way in which the previous run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum LastRun {
-    /// The run ended in order: the control has taken the first register values of this run.
+    /// The previous run was stopped cleanly: the control has taken the values that this run reads first.
     InOrder,
-    /// The run did not end in order, or the registers have been read since.
+    /// The previous run was not stopped cleanly, or its end no longer matters because the registers have been read.
     Over,
 }
 
-/// Transfer state of a set.
+/// State of the transfer of a set of outputs to its control.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Transaction {
     taking: CommitTrigger,
     last_run: LastRun,
-    /// Values that were sent and must be taken.
+    /// Values that were sent and that the control must still take.
     sent: Option<Vec<Counts>>,
-    /// Values that the control last took.
+    /// Values that the control took last, if they are known.
     taken: Option<Vec<Counts>>,
     sequence: Sequence,
-    /// Numbers of a set that the control acknowledges. `None` until its register was read.
+    /// Numbers of which the control may accept one next, if it acknowledges sets. `None` until the register of the
+    /// number was read.
     numbers: Option<Numbers>,
-    /// Values of the last attempt since the control acknowledged one.
+    /// Values of the last attempt. `None` after the control has acknowledged a set.
     tried: Option<Vec<Counts>>,
     /// Number and values of the last attempt, if it was not answered. Unused if the control acknowledges sets.
     unanswered: Option<(u16, Vec<Counts>)>,
     next_number: NextNumber,
 }
 
-/// Output of a set.
+/// Output of a set, as the transfer needs it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Member {
     /// Last verified register value.
@@ -80,8 +83,8 @@ pub(super) struct Member {
 }
 
 impl Transaction {
-    /// Creates the state at a start. If the last run did not end in order, the control may not have taken the register
-    /// values. The returned result applies to the members.
+    /// Creates the state at a start. `was_in_order`: the previous run was stopped cleanly. If it was not, the control
+    /// may not have taken the register values. The second result must be passed to the outputs of the set.
     pub(super) fn new(
         taking: CommitTrigger,
         has_number: bool,
@@ -102,8 +105,8 @@ impl Transaction {
         (transaction, if is_open { SetCommit::Open } else { SetCommit::Taken })
     }
 
-    /// Records number and values of the registers. Values that were not taken must be taken before anything else is
-    /// sent. Returns the result for the members, or `None` if it does not change.
+    /// Records the number and the values that the registers hold. Returns whether the control has taken these values,
+    /// for the outputs of the set. `None` if that has not changed.
     pub(super) fn read(
         &mut self,
         number: Option<u16>,
@@ -131,7 +134,7 @@ impl Transaction {
         }
     }
 
-    /// Compares the latest number of the register with the numbers that the control may have.
+    /// Updates the possible numbers with the latest number that the register has held.
     fn number_is(&mut self, was_in_order: bool) {
         let Some(newest) = self.sequence.newest() else { return };
         let next = std::mem::replace(&mut self.next_number, NextNumber::New);
@@ -151,7 +154,7 @@ impl Transaction {
         });
     }
 
-    /// Number of the next set.
+    /// Returns the number to send with the next set.
     pub(super) fn next_number(&self) -> u16 {
         self.numbers.map_or_else(|| self.sequence.next(), |numbers| numbers.next())
     }
@@ -162,8 +165,8 @@ impl Transaction {
         (self.numbers, self.tried, self.unanswered) = (None, None, None);
     }
 
-    /// Records that these values were sent with this number, or may have been. Returns the result for the members, or
-    /// `None` if it does not change.
+    /// Records that these values were, or may have been, sent with this number. `is_done`: the device answered that it
+    /// has carried out the write. Returns the new result for the outputs of the set, or `None` if it does not change.
     pub(super) fn sends(
         &mut self,
         number: Option<u16>,
@@ -193,7 +196,7 @@ impl Transaction {
         self.sent.as_deref() == Some(values)
     }
 
-    /// Records the result of an attempt to have the set taken.
+    /// Records the result of an attempt to make the control take the set.
     pub(super) fn attempt(&mut self, attempt: Attempt) {
         if attempt == Attempt::Acknowledged {
             self.tried = None;
@@ -205,7 +208,7 @@ impl Transaction {
         }
     }
 
-    /// Returns the values that were sent, if only some of the members hold theirs.
+    /// Returns the values that were sent, if the registers of only some outputs hold them.
     fn half_sent(&self, members: &[Member]) -> Option<&[Counts]> {
         let sent = self.sent.as_ref().filter(|_| members.iter().any(|member| member.is_bound))?;
         let is_new = |place: usize| self.taken.as_ref().is_none_or(|taken| taken[place] != sent[place]);
@@ -216,8 +219,9 @@ impl Transaction {
         (!held.is_empty() && !missing.is_empty()).then_some(sent)
     }
 
-    /// Returns the values that were sent, if the registers hold only a part of them and the rest can be sent once more.
-    /// `can_be` decides that for each member. It is false after another change, and if the readings are too old.
+    /// Returns the values that were sent, if the registers hold only a part of them and all can be sent once more.
+    /// `can_be` decides that for each output by index and value. A value can no longer be sent after another change, or
+    /// if its readings are too old.
     pub(super) fn demanded_again(
         &mut self,
         members: &[Member],
@@ -231,7 +235,8 @@ impl Transaction {
         can_be.then_some(values)
     }
 
-    /// Returns whether these values complete a set of which the registers hold only a part.
+    /// Returns false if the registers hold only a part of the values that were sent, and `values` would not complete
+    /// them.
     pub(super) fn is_whole(&self, members: &[Member], values: &[Counts]) -> bool {
         self.half_sent(members).is_none_or(|sent| {
             let mut each = members.iter().zip(values).zip(sent);
@@ -254,7 +259,8 @@ impl Transaction {
         self.taken = None;
     }
 
-    /// Maps every moment, for the comparison of two states that differ only in time.
+    /// Returns a copy in which `to` is applied to every moment, for the comparison of two states that differ only in
+    /// time.
     pub(super) fn moved(&self, to: impl Fn(Moment) -> Moment) -> Transaction {
         Transaction { sequence: self.sequence.moved(to), ..self.clone() }
     }

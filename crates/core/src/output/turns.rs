@@ -1,5 +1,5 @@
-//! Detection of a second gateway. For each change of this gateway there is a small change by another client, soon after
-//! it.
+//! Detection of a second gateway that writes to the same shared register. Soon after each change of this gateway,
+//! another client makes a small change.
 //!
 //! Two gateways do not alternate strictly. The criterion is that both make the same number of changes, whichever comes
 //! first. An operator makes far fewer changes, or many at once with a handwheel. After enough changes, this gateway
@@ -32,8 +32,8 @@ impl Turns {
         self.compare();
     }
 
-    /// Counts a change by another client. A large one, which no gateway makes, restarts the count. A late one is
-    /// ignored.
+    /// Counts a change by another client. A large change, which no gateway makes, restarts the count. A change that is
+    /// not soon after one of this gateway is ignored.
     pub(super) fn another(&mut self, is_small: bool, is_soon: bool) {
         if !is_small {
             *self = Turns::default();

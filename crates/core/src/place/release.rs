@@ -1,47 +1,50 @@
-//! Release of a register that belongs to no output any more: its saved state, accepted values, and duration.
+//! Release of a register that belongs to no output any more: its return to the base value. Contains its saved state,
+//! the values from which it may continue, and its duration.
 //!
-//! The gateway moves the register like an ordinary output, with its controller. This module only decides whether a
-//! value that was read may be moved. Any other value may be the operator's.
+//! The gateway changes the register in steps, with the same controller as for an output. This module only decides
+//! whether the gateway may change the value that it has read. Any other value may be the operator's. The base value of
+//! a register is its value without the gateway's offset: zero, the bias, or the operator offset.
 //!
 //! | stage | accepted value |
 //! |---|---|
-//! | any | the base |
-//! | [`Stage::Asked`] | the value that the operator has seen, or up to one step nearer to the base |
-//! | [`Stage::Begun`] | the last verified value, or up to two steps nearer to the base: one verified since, one sent |
+//! | any | the base value |
+//! | [`Stage::Asked`] | the value that the operator has seen, or up to one step nearer to the base value |
+//! | [`Stage::Begun`] | the last verified value, or up to two steps nearer to the base value: one verified, one sent |
 //!
-//! A release ends with its run. The next run lists the register again, with the last verified value.
+//! A release ends with the run of the gateway. The next run reports the register again, with the last verified value.
 
 use serde::{Deserialize, Serialize};
 
 use super::{FormerPlace, OutputPlace};
 
-/// Bounds within which an output is moved, and what else is needed to move its register when the output is gone.
+/// Bounds within which the gateway changes an output. They are stored, so that its register can be released after the
+/// output was removed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Bounds {
-    /// Largest absolute value of Cz, µm.
+    /// Maximum absolute value of Cz, µm.
     pub limit_um: f64,
-    /// Largest change of one update, µm.
+    /// Largest change of Cz at one update, µm.
     pub step_um: f64,
-    /// Largest speed at which Cz changes, µm/s.
+    /// Maximum speed at which Cz changes, µm/s.
     pub rate_um_per_s: f64,
     /// Time between two updates, s.
     pub every_s: f64,
-    /// Interlock of the output in the profile.
+    /// Condition in the profile under which the output may be written; `None` if there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub when: Option<String>,
-    /// Reason why the register cannot be moved by itself.
+    /// Reason why the gateway cannot change the register alone; `None` if it can.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub obstacle: Option<Obstacle>,
 }
 
-/// Property of an output that prevents its register from being moved by itself.
+/// Property of an output because of which the gateway cannot change its register alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Obstacle {
-    /// The control takes the value only with the others of its set, or after a strobe.
+    /// The control accepts the value only together with the other values of its set, or after a strobe.
     Set,
-    /// The value is no offset.
+    /// The value of the output is no offset.
     Writes,
     /// The value is not in a Modbus register.
     Address,
@@ -50,10 +53,10 @@ pub enum Obstacle {
 }
 
 impl Obstacle {
-    /// Returns the cause as text, for a register.
+    /// Returns the obstacle as a text about the register.
     pub fn cause(self) -> &'static str {
         match self {
-            Obstacle::Set => "the control accepts the register only with the other values of the set",
+            Obstacle::Set => "the control accepts the register only together with others of its set",
             Obstacle::Writes => "the register holds no offset",
             Obstacle::Address => "the value is not in a Modbus register",
             Obstacle::Unread => "the register cannot be read",
@@ -62,13 +65,13 @@ impl Obstacle {
 }
 
 impl Bounds {
-    /// Returns whether each bound is a positive number. Other values are only possible in a changed document.
+    /// Returns whether each bound is a positive number. Any other value means that someone has edited the stored state.
     pub fn are_sound(&self) -> bool {
         let all = [self.limit_um, self.step_um, self.rate_um_per_s, self.every_s];
         all.iter().all(|bound| bound.is_finite() && *bound > 0.0)
     }
 
-    /// Returns the minimum duration of the way from this Cz to the base, s.
+    /// Returns the shortest time in which the register can return from this Cz to its base value, s.
     pub fn seconds(&self, from_um: f64) -> f64 {
         let speed = self.rate_um_per_s.min(self.step_um / self.every_s);
         from_um.abs() / speed
@@ -81,35 +84,37 @@ impl Bounds {
 pub enum Stage {
     /// The operator has requested the release.
     Asked,
-    /// The register was read and may have been moved.
+    /// The gateway has read the register and may have changed its value.
     Begun,
 }
 
-/// Release of a register that belongs to no output any more: the operator has requested its return to the base.
+/// Request of the operator to return a register that belongs to no output any more to its base value, and its progress.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Release {
     /// Former name of the output.
     pub output: String,
-    /// Place of the register.
+    /// Address of the register, and the meaning of its counts.
     pub place: OutputPlace,
     /// Bounds of the output.
     pub bounds: Bounds,
-    /// Cz that the operator has seen, µm.
+    /// Cz of the register that the operator saw when requesting the release, µm.
     pub from_um: f64,
-    /// Operator offset of a shared register that the operator has seen, in the unit of the register.
+    /// Operator offset of a shared register that the operator saw when requesting the release, in the unit of the
+    /// register.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub operator: Option<f64>,
-    /// Last verified Cz, µm.
+    /// Last verified Cz in the register, µm.
     pub held_um: f64,
     /// Progress of the release.
     pub stage: Stage,
-    /// Operator and channel of the request.
+    /// Operator who requested the release, and the channel of the request.
     pub by: String,
 }
 
 impl Release {
-    /// Returns whether the register may be moved from a Cz that was read. `grain_um`: half a count of the register.
+    /// Returns whether the gateway may change a register in which it has read the Cz `found_um`, µm. `grain_um`: half a
+    /// count of the register, µm.
     pub fn may_move_from(&self, found_um: f64, grain_um: f64) -> bool {
         let steps = match self.stage {
             Stage::Asked => 1.0,
@@ -120,7 +125,7 @@ impl Release {
         Release::is_back(found_um, grain_um) || (found <= farthest + grain_um && found >= nearest - grain_um)
     }
 
-    /// Returns the Cz of the gateway that is expected in the register, µm.
+    /// Returns the Cz of the gateway that the register is expected to contain, µm.
     pub fn known_um(&self) -> f64 {
         match self.stage {
             Stage::Asked => self.from_um,
@@ -128,18 +133,19 @@ impl Release {
         }
     }
 
-    /// Returns true if the register is back at its base: the Cz in it is zero, to half a count (`grain_um`).
+    /// Returns whether the register has its base value: the Cz in the register is zero within half a count (`grain_um`,
+    /// µm).
     pub fn is_back(found_um: f64, grain_um: f64) -> bool {
         found_um.abs() <= grain_um
     }
 
-    /// Returns the former place of the output, for which no axis waits.
+    /// Returns the former place of the output. No axis waits for its confirmation.
     pub fn former(&self) -> FormerPlace {
         let former = FormerPlace::of(self.output.clone(), self.place.clone(), Some(self.held_um));
         FormerPlace { bounds: Some(self.bounds.clone()), ..former }
     }
 
-    /// Returns true if this release is for the output that had this name and place.
+    /// Returns whether this release is for the output that had this name and place.
     pub fn is_of(&self, output: &str, place: &OutputPlace) -> bool {
         self.output == output && self.place == *place
     }

@@ -1,5 +1,5 @@
-//! Format of logs from other programs. For example, a spreadsheet set to German has semicolons between columns, commas
-//! in numbers, and local times.
+//! Format of a log from another program: separator of columns, decimal mark, and time zone. For example, a spreadsheet
+//! set to German has semicolons between columns, commas in numbers, and local times.
 
 use std::borrow::Cow;
 
@@ -8,19 +8,20 @@ use jiff::tz::{AmbiguousOffset, TimeZone};
 
 use super::{Moment, time};
 
-/// Format of one file.
+/// Format of one log file: separator of columns, decimal mark, and time zone.
 #[derive(Clone, Debug)]
 pub struct Dialect {
     separator: u8,
-    /// Time zone of times without an offset from UTC; `None` rejects such times.
+    /// Time zone of times without an offset from UTC. If `None`, such times are rejected.
     zone: Option<TimeZone>,
-    /// First number with a decimal point or comma. All others must have the same mark.
+    /// Decimal mark of the first number that has one, and this number as text. All later numbers must have the same
+    /// mark.
     first: Option<(char, String)>,
 }
 
 impl Dialect {
-    /// Detects the format from the first line. The separator of columns is the most frequent of comma, semicolon and
-    /// tab.
+    /// Detects the format from the header line. Comma, semicolon or tab separates the columns: the one that occurs most
+    /// often outside quotes.
     #[must_use]
     pub fn of(header: &str, zone: Option<TimeZone>) -> Dialect {
         // Every other part is inside quotes.
@@ -37,11 +38,12 @@ impl Dialect {
         self.separator
     }
 
-    /// Replaces the decimal comma of a number by a point, unless commas separate columns. Other texts are returned as
-    /// they are.
+    /// Replaces the decimal comma of a number by a point, unless commas separate columns. Any other text is returned
+    /// unchanged.
     ///
     /// # Errors
-    /// Returns a message if the file contains both marks, so that `1.234` could be two numbers.
+    /// Returns a message if the number has separators of thousands, or another decimal mark than an earlier number of
+    /// the file.
     pub fn number<'a>(&mut self, text: &'a str) -> Result<Cow<'a, str>, String> {
         let is_number = |text: &str| text.parse::<f64>().is_ok();
         let (mark, pointed) = match (text.contains(','), text.contains('.')) {
@@ -71,11 +73,12 @@ impl Dialect {
         Ok(pointed)
     }
 
-    /// Parses a time: seconds, RFC 3339, or `2026-01-05 06:00:10` and `05.01.2026 06:00:10` in the time zone. `last` is
-    /// the time of the row before. It distinguishes the two equal hours of a night in autumn.
+    /// Parses a time: seconds, RFC 3339, or a local time such as `2026-01-05 06:00:10` or `05.01.2026 06:00:10`. `last`
+    /// is the time of the previous row. It decides which hour is meant if the hour occurs twice, at the end of summer
+    /// time.
     ///
     /// # Errors
-    /// Returns a message that says how to write it.
+    /// Returns a message that says how to write the time.
     pub fn moment(&mut self, text: &str, last: Option<Moment>) -> Result<Moment, String> {
         let text = text.trim();
         if !text.contains(':') {
@@ -89,12 +92,13 @@ impl Dialect {
     }
 }
 
-/// Parses a date and a time without a zone; `None` if the text has another format.
+/// Parses a date and a time without a time zone. `None` if the text has another format; a message if the date is
+/// ambiguous.
 fn by_the_wall(text: &str) -> Option<Result<DateTime, String>> {
     let (date, time) = text.split_once([' ', 'T'])?;
     let date = date.trim_end_matches(',');
     if date.contains('/') {
-        return Some(Err(format!("`{text}`: day and month cannot be told apart; write 2026-01-31 12:00:00")));
+        return Some(Err(format!("`{text}`: day and month are ambiguous; write 2026-01-31 12:00:00")));
     }
     let date = match date.contains('.') {
         true => {
@@ -110,7 +114,7 @@ fn by_the_wall(text: &str) -> Option<Result<DateTime, String>> {
     Some(Ok(date.to_datetime(of_day(time.trim())?)))
 }
 
-/// Parses a time of day: `6:00`, `06:00:10` or `06:00:10,25`.
+/// Parses a time of day: `6:00`, `06:00:10` or `06:00:10,25`. `None` for any other text.
 fn of_day(text: &str) -> Option<Time> {
     let (text, fraction) = text.split_once(['.', ',']).unwrap_or((text, ""));
     let mut parts = text.split(':').map(|part| part.parse::<i8>().ok());
@@ -218,7 +222,7 @@ mod tests {
                 "29.03.2026 02:30:00",
                 "Europe/Berlin has no 2026-03-29T02:30:00: the clocks of this zone were set forward",
             ),
-            ("01/05/2026 06:00:00", "day and month cannot be told apart"),
+            ("01/05/2026 06:00:00", "day and month are ambiguous"),
             ("05.01.26 06:00:10", "write the year with four digits"),
             ("31.02.2026 06:00:10", "`31.02.2026 06:00:10` is no time"),
             ("05.01.2026 25:00:10", "is no time"),

@@ -1,25 +1,25 @@
 //! Conversion of times between clocks.
 //!
-//! A gateway counts time from its start. Its decisions do not use the wall clock, which may be wrong and may be set at
-//! any time. Everything that is shown, logged or kept has the wall-clock time: the counted time, shifted. All times of
-//! a file are shifted equally, so that the spans between them are the counted ones.
+//! The gateway measures time with a monotonic clock from its start. Its decisions do not use the wall clock, which may
+//! be wrong and may be set at any time. Displayed, logged and stored times are wall-clock times: the monotonic time
+//! plus a [`Shift`]. All times of a file get the same shift, so that the intervals between them do not change.
 
 use std::collections::VecDeque;
 
 use super::Moment;
 
-/// Difference of another clock.
+/// Difference between two clocks. Adding it to a time of one clock gives the time of the other.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Shift(i64);
 
 impl Shift {
-    /// Returns the difference between two times.
+    /// Returns the shift that converts the time `from` of one clock to the time `to` of the other.
     pub fn between(from: Moment, to: Moment) -> Shift {
         let nanos = i128::from(to.as_nanos()) - i128::from(from.as_nanos());
         Shift(i64::try_from(nanos).unwrap_or(if nanos < 0 { i64::MIN } else { i64::MAX }))
     }
 
-    /// Creates a shift of these nanoseconds; positive is forward.
+    /// Creates a shift from nanoseconds; positive is forward.
     pub const fn from_nanos(nanos: i64) -> Shift {
         Shift(nanos)
     }
@@ -29,19 +29,19 @@ impl Shift {
         self.0
     }
 
-    /// Returns the opposite shift.
+    /// Returns the opposite shift, which converts times back to the first clock.
     #[must_use]
     pub const fn reversed(self) -> Shift {
         Shift(self.0.saturating_neg())
     }
 }
 
-/// Value that contains times.
+/// Value that contains times and can be converted to another clock.
 pub trait Shifted: Sized {
-    /// Converts its times to the other clock.
+    /// Adds the shift to every time that the value contains.
     fn shift(&mut self, by: Shift);
 
-    /// Returns the value by the other clock.
+    /// Returns the value with every time in it converted to the other clock.
     #[must_use]
     fn shifted(mut self, by: Shift) -> Self {
         self.shift(by);
@@ -49,7 +49,8 @@ pub trait Shifted: Sized {
     }
 }
 
-/// The earliest time means "not yet", the latest "never": neither is shifted. No other time becomes one of them.
+/// Shifts a moment. The earliest moment means "not yet" and the latest "never": these two are not shifted, and no other
+/// moment becomes one of them.
 impl Shifted for Moment {
     fn shift(&mut self, by: Shift) {
         if *self != Moment::default() && *self != Moment::END {
@@ -77,7 +78,7 @@ impl<T: Shifted> Shifted for VecDeque<T> {
     }
 }
 
-/// Implements [`Shifted`] for a structure by shifting these fields.
+/// Implements [`Shifted`] for a structure by shifting the listed fields.
 macro_rules! shifted {
     ($name:ty: $($field:ident),+) => {
         impl $crate::quantity::Shifted for $name {

@@ -1,13 +1,13 @@
-//! The time of a row of a log: seconds or RFC 3339, exact to the nanosecond in both directions.
+//! Times of the rows of a log: parsing and writing as seconds or RFC 3339, exact to the nanosecond in both directions.
 
 use std::io::Write;
 
 use super::Moment;
 
-/// Reads seconds (`12`, `0.1`, `1.7e9`) or RFC 3339.
+/// Parses a time: seconds (`12`, `0.1`, `1.7e9`) or RFC 3339.
 ///
 /// # Errors
-/// A sentence that says how to write it.
+/// Returns a sentence that says how to write the time.
 pub fn parse(text: &str) -> Result<Moment, String> {
     let text = text.trim();
     if text.is_empty() {
@@ -20,7 +20,7 @@ pub fn parse(text: &str) -> Result<Moment, String> {
         return Err(format!("`{text}` has a decimal comma; write {}", text.replace(',', ".")));
     }
     if text.starts_with('-') {
-        return Err(format!("`{text}` is negative; count from the beginning of the log, or from 1970"));
+        return Err(format!("`{text}` is negative; write seconds since the start of the log, or since 1970"));
     }
     seconds(text).ok_or_else(|| format!("`{text}` is no time; write seconds or 2026-01-31T12:00:00Z"))
 }
@@ -33,7 +33,8 @@ fn stamp(text: &str) -> Result<Moment, String> {
     nanos.map(Moment::from_nanos).map_err(|_| format!("`{text}` lies before 1970"))
 }
 
-/// Decimal digits are read as such: a detour through floating point would lose nanoseconds.
+/// Parses seconds digit by digit, because a conversion through floating point would lose nanoseconds. `None` if the
+/// text is no such number, or the time is too late for a [`Moment`].
 fn seconds(text: &str) -> Option<Moment> {
     let (mantissa, exponent) = text.split_once(['e', 'E']).unwrap_or((text, "0"));
     let exponent: i32 = exponent.parse().ok()?;
@@ -59,7 +60,7 @@ fn seconds(text: &str) -> Option<Moment> {
     u64::try_from(nanos).ok().map(Moment::from_nanos)
 }
 
-/// Writes RFC 3339 in UTC with nine decimals.
+/// Appends the moment to the line, as RFC 3339 in UTC with nine decimals.
 pub fn write(line: &mut Vec<u8>, moment: Moment) {
     // Writing to a vector never fails.
     let _ = match jiff::Timestamp::from_nanosecond(i128::from(moment.as_nanos())) {

@@ -126,24 +126,25 @@ impl Status {
     /// BadTypeMismatch: the node has another type than the value.
     pub const TYPE_MISMATCH: Status = Status(0x8074_0000);
 
-    /// Returns whether the value may be used.
+    /// Returns whether a value with this status may be used.
     pub const fn is_good(self) -> bool {
         self.0 >> 30 == 0
     }
 
-    /// Returns whether both codes are the same. The lower half is ignored, because it only adds details of the value.
+    /// Returns whether both codes are the same. The lower 16 bits are ignored, because they only add details about the
+    /// value.
     pub const fn is(self, other: Status) -> bool {
         self.0 >> 16 == other.0 >> 16
     }
 
-    /// Returns the name of the code; `None` if it is not in the list.
+    /// Returns the name of the code; `None` if the code is not in the list of known codes.
     pub fn name(self) -> Option<&'static str> {
         let found = NAMES.iter().find(|(code, _)| *code == self.0 >> 16);
         found.map(|(_, name)| *name)
     }
 }
 
-/// Prints `BadUserAccessDenied`, or `status 80AB0000h` for an unknown code.
+/// Formats the status as its name, for example `BadUserAccessDenied`; as `status 80AB0000h` if the name is unknown.
 impl fmt::Display for Status {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.name() {

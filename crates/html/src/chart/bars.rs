@@ -6,27 +6,27 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::{COOL, INK, QUIET, count, letters, pixels, sheet, span};
 
-/// One bar of a chart.
+/// One bar of a bar chart.
 #[derive(Clone, Debug, Default)]
 pub struct Bar {
     /// Name to the left of the bar.
     pub name: String,
-    /// Length; a negative bar points to the left.
+    /// Length of the bar, in the unit of the chart; a negative bar points to the left.
     pub value: f64,
-    /// Half the width of the whisker at the end of the bar; 0 for no whisker.
+    /// Uncertainty of `value`: half the length of the whisker at the end of the bar. With 0, no whisker is drawn.
     pub doubt: f64,
-    /// Length of a second, hollow bar around this one.
+    /// Length of a second bar, drawn as an outline around this bar.
     pub outline: Option<f64>,
-    /// Text at the right edge.
+    /// Text of the value, printed at the right edge.
     pub figure: String,
 }
 
 const WIDTH: f64 = 480.0;
 const ROW: f64 = 28.0;
-/// Approximate width of one letter in pixels.
+/// Approximate width of one letter, in pixels.
 const LETTER: f64 = 9.6;
 
-/// Draws bars below each other, on one scale that includes zero. `says` is the text for screen readers.
+/// Draws the bars one below the other, on a common scale that includes zero. `says` is the text for screen readers.
 pub fn bars(says: &str, all: &[Bar]) -> Markup {
     let ends = all
         .iter()
@@ -77,7 +77,11 @@ pub fn bars(says: &str, all: &[Bar]) -> Markup {
 }
 
 fn letters_in(pixels: f64) -> usize {
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some tens of letters")]
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "fewer than a hundred letters"
+    )]
     let letters = ((pixels - 8.0) / LETTER).max(4.0) as usize;
     letters
 }

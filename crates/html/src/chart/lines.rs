@@ -1,4 +1,4 @@
-//! Line charts over hours or a length, a curve over a count, and a scatter plot.
+//! Charts with lines over hours or over a position, a curve over a count, and a scatter plot.
 
 use maud::Markup;
 use plotters::prelude::*;
@@ -12,31 +12,31 @@ pub enum LineStyle {
     Solid,
     /// Dashed.
     Dashed,
-    /// Filled down to zero.
+    /// Area between the line and zero filled.
     Filled,
-    /// Thin and grey, for one of many lines.
+    /// Thin and grey, for one of many lines in a chart.
     Faint,
     /// Circles without a line.
     Points,
 }
 
-/// A line over hours or a length.
+/// Line of a chart, over hours or over a position.
 #[derive(Clone, Debug)]
 pub struct Line {
     /// Style in which the line is drawn.
     pub style: LineStyle,
-    /// Pairs of an hour or position, and a value.
+    /// Points of the line: the hour or the position, and the value.
     pub points: Vec<(f64, f64)>,
 }
 
-/// Maximum number of points of a line: more than a printer resolves at this width.
+/// Maximum number of points of a line. A printer cannot resolve more at this width.
 const MOST_POINTS: usize = 200;
 /// Maximum number of points of a [`LineStyle::Faint`] line.
 const MOST_POINTS_FAINT: usize = 80;
 
 impl Line {
-    /// Makes a line from the finite values. If there are too many, it keeps the minimum and the maximum of each
-    /// interval, so that no spike is lost.
+    /// Creates a line from the finite values. If there are too many points, each interval keeps only its minimum and
+    /// its maximum, so that no spike is lost.
     pub fn new(style: LineStyle, points: impl Iterator<Item = (f64, f64)>) -> Line {
         let all: Vec<(f64, f64)> = points.filter(|(_, value)| value.is_finite()).collect();
         let most = if style == LineStyle::Faint { MOST_POINTS_FAINT } else { MOST_POINTS };
@@ -55,8 +55,8 @@ impl Line {
     }
 }
 
-/// Draws lines over hours, at a width of `width` pixels. `within` is the value range that several charts share; by
-/// default, it is the range of the values.
+/// Draws lines over hours in a chart of `width` × `height` pixels. `within` is the value range, for charts with the
+/// same scale. With `None`, the values determine the range.
 pub fn lines(
     width: u32,
     height: u32,
@@ -73,7 +73,7 @@ pub fn lines(
     sheet(width, height, says, |paper| draw(&mut axes.plot(paper)?, &axes, all))
 }
 
-/// Draws lines over a position in mm, with values in `unit`.
+/// Draws lines over a position. `unit` is the unit of the values, and `across` labels the position.
 pub fn along(unit: &str, across: &str, says: &str, all: &[Line]) -> Markup {
     let points = || all.iter().flat_map(|line| line.points.iter().copied());
     let y = span(points().map(|(_, value)| value), true);
@@ -110,7 +110,8 @@ fn draw(chart: &mut Plot<'_, '_>, axes: &Axes<'_>, all: &[Line]) -> Drawn {
     Ok(())
 }
 
-/// Draws values over a count from 0 on. The value at `marked` has a ring; `level` is a dashed horizontal line.
+/// Draws `values` over their index, from 0 on. The value at the index `marked` has a ring; `level` is a dashed
+/// horizontal line.
 pub fn curve(unit: &str, says: &str, values: &[f64], marked: usize, level: f64) -> Markup {
     let (_, high) = span(values.iter().copied().chain([level]), true);
     let places = || values.iter().enumerate().map(|(place, value)| (count(place), *value));
@@ -130,7 +131,7 @@ pub fn curve(unit: &str, says: &str, values: &[f64], marked: usize, level: f64) 
     })
 }
 
-/// Draws the second value of each pair over the first, with the line on which both are equal.
+/// Draws each pair as a point, the second value over the first, with the line on which both are equal.
 pub fn scatter(unit: &str, says: &str, pairs: &[(f64, f64)]) -> Markup {
     let (low, high) = span(pairs.iter().flat_map(|(one, other)| [*one, *other]), true);
     let both = (low, high);

@@ -9,7 +9,7 @@ use super::{INK, count, letters, pixels, sheet};
 const CELL: f64 = 30.0;
 const LETTER: f64 = 8.4;
 
-/// Draws the matrix with one row and one column for each name, in hundredths.
+/// Draws the matrix with one row and one column for each name. A cell shows its correlation in hundredths.
 pub fn map(says: &str, names: &[&str], values: &[Vec<f64>]) -> Markup {
     let longest = names.iter().map(|name| name.chars().count()).max().unwrap_or(0);
     let before = count(longest) * LETTER + 34.0;
@@ -40,7 +40,8 @@ pub fn map(says: &str, names: &[&str], values: &[Vec<f64>]) -> Markup {
     })
 }
 
-/// Colours of a cell, from white to dark blue, and of its letters.
+/// Returns the background of a cell, from white to dark blue with the strength of the correlation, and the colour of
+/// its text.
 fn tones(strength: f64) -> (RGBColor, RGBColor) {
     // The cube keeps strong correlations distinguishable.
     let share = strength.clamp(0.0, 1.0).powi(3);

@@ -6,9 +6,9 @@ use super::touches::{Touch, time};
 use super::{DIRECTIONS, RoundTerms};
 use crate::statistics::{count, range};
 
-/// Maximum drift, µm. A larger one is another ball or another unit.
+/// Maximum drift, µm. A larger value means that another ball was touched, or that the unit is wrong.
 const NO_DRIFT: f64 = 1000.0;
-/// Minimum difference of two positions or stylus lengths, mm. A smaller difference counts as none.
+/// Minimum difference of two positions or stylus lengths, mm. A smaller difference is treated as zero.
 const APART: f64 = 1.0;
 
 /// Movement of one touch since the cold round: position along the array and stylus length in mm, movement in µm.
@@ -61,8 +61,8 @@ pub(super) fn fit(cold: &[Touch], round: &[Touch], along: usize, origin: f64) ->
     })
 }
 
-/// Movement since the touches of the same ball with the same stylus in the cold round, or since their mean. `Ok(None)`
-/// if there are none.
+/// Returns the movement of a touch since the cold round, relative to the mean of the touches of the same ball with the
+/// same stylus. `Ok(None)` if the cold round has no such touch; `Err` if the movement is too large for a drift.
 fn since_cold(cold: &[Touch], touch: &Touch, along: usize) -> Result<Option<Moved>, String> {
     let same: Vec<&Touch> = cold.iter().filter(|other| other.is_like(touch)).collect();
     if same.is_empty() {
@@ -73,7 +73,7 @@ fn since_cold(cold: &[Touch], touch: &Touch, along: usize) -> Result<Option<Move
     let by = [0, 1, 2].map(|direction| 1000.0 * (touch.at_mm[direction] - mean(direction)));
     if let Some(far) = (0..3).find(|direction| by[*direction].abs() > NO_DRIFT) {
         return Err(format!(
-            "ball {} is {:.3} mm from its cold place along {}, too far for a drift. Are the balls numbered \
+            "ball {} is {:.3} mm from its position in the cold round along {}, too far for a drift. Are the balls numbered \
              as in the first round, and the coordinates in mm?",
             touch.ball,
             by[far] / 1000.0,
@@ -83,7 +83,7 @@ fn since_cold(cold: &[Touch], touch: &Touch, along: usize) -> Result<Option<Move
     Ok(Some(Moved { place: mean(along), stylus: touch.stylus_mm, by }))
 }
 
-/// Least-squares solution; `None` with too few rows or dependent columns.
+/// Returns the least-squares solution; `None` with too few rows or linearly dependent columns.
 fn least_squares(matrix: &DMatrix<f64>, target: &DVector<f64>) -> Option<DVector<f64>> {
     if matrix.nrows() < matrix.ncols() {
         return None;

@@ -1,4 +1,4 @@
-//! The terms as a log for `identify`.
+//! Writes the thermal terms as a log for `isotherm identify`.
 
 use std::time::Duration;
 
@@ -10,7 +10,7 @@ use isotherm_core::quantity::Moment;
 const NEAR: Duration = Duration::from_mins(10);
 
 /// Writes a CSV log: `time` in seconds, the columns of `recorded`, then the terms. The terms of a round are in the row
-/// that is nearest to it, and empty in the others.
+/// that is nearest in time. In all other rows, these cells are empty.
 ///
 /// The terms are d (`d_x_um` …), k or A (`k_z_um_per_mm`, `a_x_um_per_mm` …) and B (`b_x_um_per_mm` …). The errors of
 /// the machine, from which a model is identified, are `x_error_um` … = −d and `x_slope_error_um_per_mm` … = −k or −A.
@@ -44,7 +44,8 @@ pub fn log(terms: &Terms, recorded: Option<&Dataset>) -> Result<String, BadLog> 
 /// Row of the log: time, recorded cells, and the index of its round, if any.
 type Row = (Moment, Vec<f64>, Option<usize>);
 
-/// Names and rows of the recorded columns, except those with one of `names`.
+/// Returns the names and rows of the recorded columns, without the columns in `names`. The row nearest to a round
+/// contains the index of that round.
 fn beside<'a>(
     terms: &Terms,
     recorded: &'a Dataset,
@@ -87,7 +88,7 @@ fn beside<'a>(
     Ok((own, run.times.iter().enumerate().map(row).collect()))
 }
 
-/// Names and values of the terms of a round.
+/// Returns the names and values of the terms of a round.
 fn columns(terms: &Terms, round: &RoundTerms) -> Vec<(String, f64)> {
     let each = |name: fn(&str, bool) -> String, values: [f64; 3]| {
         (0..3).map(move |place| (name(DIRECTIONS[place], place == terms.along), values[place]))

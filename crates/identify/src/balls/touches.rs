@@ -22,18 +22,18 @@ impl Touch {
     }
 }
 
-/// Touches of one round. A ball occurs more than once only with a column `round`.
+/// Touches of one round. Without a column `round`, each ball occurs only once with the same stylus.
 pub(super) type Round = Vec<Touch>;
 
-/// Mean time of the touches of a round.
+/// Returns the mean time of the touches of a round.
 pub(super) fn time(round: &[Touch]) -> Moment {
     let nanos: u128 = round.iter().map(|touch| u128::from(touch.time.as_nanos())).sum();
     let mean = nanos / (round.len() as u128).max(1);
     Moment::from_nanos(u64::try_from(mean).unwrap_or(u64::MAX))
 }
 
-/// Divides the table into rounds. A new round begins when the column `round` changes. Without that column, it begins
-/// when a ball occurs again.
+/// Divides the table into rounds. A new round begins when the column `round` changes. Without that column, a round
+/// begins when a ball occurs again with the same stylus.
 pub(super) fn rounds(dataset: &Dataset) -> Result<Vec<Round>, BadLog> {
     let mut wrong = Vec::new();
     let mut needed = |name: &str, what: &str| {

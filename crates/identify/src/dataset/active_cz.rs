@@ -1,11 +1,12 @@
-//! Active Cz during logging. The log of the gateway contains every decision, and a measured error contains Cz.
+//! Cz that was active while a log was recorded. A log of the gateway contains the Cz that it decided in each row; a
+//! measured error contains the Cz that was active.
 
 use super::table::{Cells, Table};
 
 /// Columns of an axis in a log of the gateway, besides `cz_um` and `slope_um`. They are not used for identification.
 const DECIDED: [&str; 9] =
     ["permit", "from_um", "raw_um", "model", "state", "acted", "sign_um", "slope_from_um", "correction_um"];
-/// Columns of the machine in such a log. The last one occurs in the log of a dry run, which writes nothing.
+/// Columns of the machine in a log of the gateway. Only the log of a dry run, which writes nothing, has the last one.
 const MACHINE: [&str; 3] = ["machine_memory", "machine_zero", DRY_RUN];
 const DRY_RUN: &str = "machine_dry_run";
 
@@ -19,9 +20,10 @@ pub(super) fn needs(column: &str) -> bool {
     ["_permit", "_cz_um", "_slope_um", "_from_um"].iter().any(|end| column.ends_with(end))
 }
 
-/// Replaces the decisions of the gateway by the active values: `<axis>_cz_um`, and `<axis>_slope_um` if the control
-/// receives the slope. Each value is the register value when the row was read. The table stores the names of these
-/// columns. Returns the `_permit` column of each axis without a known active value.
+/// Replaces the decided values of each axis by the active ones: `<axis>_cz_um`, and `<axis>_slope_um` if the control
+/// receives the slope. Each value is the register value when the row was read. `table.acted` lists these columns. A dry
+/// run has no active values, so its columns are removed. Returns the `_permit` column of each axis without a known
+/// active value.
 pub(super) fn keep_what_acted(table: &mut Table) -> Vec<String> {
     let mut unknown = Vec::new();
     let axes: Vec<String> = (table.columns.iter())
@@ -51,9 +53,9 @@ pub(super) fn keep_what_acted(table: &mut Table) -> Vec<String> {
     unknown
 }
 
-/// Active Cz of each row. The readings of a row are older than its decision, so the decision of the row before was
-/// active. Before the first take-over, it is the register value found at the take-over. While the register was not
-/// verified, it is NaN.
+/// Returns the active Cz of each row. The readings of a row are older than its decision, so the decision of the
+/// previous row was active. Until the gateway first took over the register, the value found in the register was active.
+/// The result is NaN while the register was not verified.
 fn acted(table: &Table, axis: &str) -> Vec<f64> {
     let mut acted = before(table, &format!("{axis}_cz_um"));
     let found = table.numbers(&format!("{axis}_from_um")).unwrap_or_default();

@@ -10,7 +10,7 @@ use isotherm_profile::safe_file::{self, quoted};
 /// Maximum number of columns. A file with more is not a log of a machine.
 pub(super) const MOST_COLUMNS: usize = 10_000;
 
-/// Reads a file. Error messages contain line numbers.
+/// Reads a CSV log. Error messages contain line numbers.
 pub(super) fn read(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, BadLog> {
     from_text(file, files::open(file)?, split, uses)
 }

@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use super::BadLog;
 use isotherm_profile::safe_file;
 
-/// Files in the given order. A directory contributes its .csv and .parquet files by name, except logs of outputs.
+/// Returns the log files in the order of `named`. A directory is replaced by its .csv and .parquet files, sorted by
+/// name, except logs of outputs.
 pub(super) fn logs(named: &[PathBuf], wrong: &mut Vec<String>) -> Vec<PathBuf> {
     if named.is_empty() {
         wrong.push("no log is named: give one or more CSV or Parquet files".to_owned());
@@ -39,8 +40,8 @@ pub(super) fn logs(named: &[PathBuf], wrong: &mut Vec<String>) -> Vec<PathBuf> {
     files
 }
 
-/// Returns whether this is the log of the outputs, which the gateway writes next to the log of its decisions. It
-/// contains no measurement.
+/// Returns whether this file is a log of outputs, which the gateway writes next to the log of its decisions. Such a
+/// file contains no measurement.
 fn is_of_outputs(path: &Path) -> bool {
     path.to_str().is_some_and(|path| path.ends_with(".outputs.csv"))
 }

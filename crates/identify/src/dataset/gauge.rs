@@ -1,4 +1,4 @@
-//! Readings of a dial gauge, added to the rows that the machine recorded at that time.
+//! Readings of a dial gauge, added to the rows that the machine recorded at the same time.
 
 use std::path::Path;
 use std::time::Duration;
@@ -72,7 +72,7 @@ pub(super) fn add(
     Ok(())
 }
 
-/// Run and row that are nearest to a time, if they are near enough.
+/// Returns the run and the row that are nearest to the time `at`; `None` if no row is within the duration `within`.
 fn nearest_row(runs: &[Run], at: Moment, within: Duration) -> Option<(usize, usize)> {
     let near = runs.iter().enumerate().flat_map(|(run, recorded)| {
         let times = &recorded.times;
@@ -98,7 +98,7 @@ fn overlapping(runs: &[Run]) -> Option<(&str, &str)> {
     spans.windows(2).find(|pair| pair[1].0 < pair[0].1).map(|pair| (pair[0].2, pair[1].2))
 }
 
-/// Formats the first and the last time.
+/// Returns the first and the last of these times as text.
 fn span(times: &mut dyn Iterator<Item = &Moment>) -> String {
     let text = |at: Moment| {
         let mut text = Vec::new();

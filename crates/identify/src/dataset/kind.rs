@@ -46,7 +46,7 @@ impl Kind {
         if is_named || is_plausible { Kind::Temperature } else { Kind::Other }
     }
 
-    /// Kind by the unit in the profile or by the ending of the name; `None` if only the values can decide.
+    /// Returns the kind by the unit in the profile, or by the ending of the name; `None` if only the values can decide.
     pub(crate) fn of_name(name: &str, unit: Option<&str>) -> Option<Kind> {
         if let Some(kind) = unit.and_then(of_unit) {
             return Some(kind);

@@ -4,7 +4,7 @@
 //! metadata: rows × columns, pages ── within the limits? ── column by column into the table
 //! ```
 //! A file of some kilobytes can claim to contain gigabytes. Therefore the claims are checked before anything is
-//! decompressed. The reader is a library of another project, and may panic.
+//! decompressed. The Parquet library may panic, so the file is read in a way that catches panics.
 
 use std::fs::File;
 use std::path::Path;
@@ -30,12 +30,12 @@ mod thrift;
 
 /// Maximum memory of the numbers, as a multiple of the file size.
 const PER_BYTE: u64 = 10;
-/// Memory in bytes that is allowed in addition.
+/// Memory for the numbers that is always allowed, in addition to the multiple of the file size, bytes.
 const AT_LEAST: u64 = 96_000_000;
 /// Number of values that are decoded at a time.
 const BATCH: usize = 8192;
 
-/// Reads a file. Error messages contain row numbers, counted from one.
+/// Reads a Parquet log. Error messages contain row numbers, counted from one.
 pub(super) fn read(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, BadLog> {
     let opened = files::open(file)?;
     let refused = |why: String| BadLog(vec![format!("{}: {why}", file.display())]);
@@ -85,7 +85,7 @@ fn from_file(path: &Path, file: File, split: &Split, uses: Uses<'_>) -> Result<T
     table.finish((1, "there are no rows"))
 }
 
-/// Name of a column; the whole path of a value in a structure.
+/// Returns the name of a column. For a value in a nested structure, it is the whole path.
 fn name(column: &ColumnDescPtr) -> String {
     if is_plain(column) { column.name().to_owned() } else { column.path().string() }
 }
@@ -95,9 +95,9 @@ fn is_plain(column: &ColumnDescPtr) -> bool {
     column.path().parts().len() == 1 && column.max_rep_level() == 0
 }
 
-/// Reason for which a column is not read further.
+/// Reason why the reading of a column stopped.
 enum Stopped {
-    /// The table contains the error message already.
+    /// The table already contains the error message.
     Told,
     Wrong(String),
 }
@@ -132,7 +132,7 @@ impl Opened {
         if needed > limit {
             let million = |bytes: u64| bytes.div_ceil(1_000_000);
             return Err(format!(
-                "{rows} rows of {columns} columns take {} MB, but of a file of {} MB at most {} MB are read. \
+                "{rows} rows of {columns} columns take {} MB, but from a file of {} MB at most {} MB are read. \
                  Write fewer rows or columns, or write CSV",
                 million(needed),
                 million(self.length),
@@ -298,7 +298,7 @@ impl Cells<'_> {
     }
 }
 
-/// Text of a field in CSV; numbers with all digits.
+/// Returns the text that this field would have in CSV. Numbers have all digits.
 fn text(field: &Field) -> String {
     match field {
         Field::Null => String::new(),

@@ -2,14 +2,28 @@
 
 use std::collections::HashMap;
 use std::ops::Range;
+use std::time::Duration;
+
+use jiff::tz::TimeZone;
 
 use super::table::{Cells, Table};
-use super::{BadLog, Run, Split};
+use super::{BadLog, Run};
 
 /// Maximum number of runs. A column with more changes does not identify runs.
 const MOST_RUNS: usize = 10_000;
 
-/// Runs of all tables, with the columns `names`.
+/// Division of files into runs.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Split {
+    /// Column whose changes begin a new run.
+    pub column: Option<String>,
+    /// Time without a row after which a new run begins.
+    pub gap: Option<Duration>,
+    /// Time zone of times without an offset from UTC. Without a time zone, such times are rejected.
+    pub zone: Option<TimeZone>,
+}
+
+/// Divides all tables into runs. Each run has the columns `names`, in this order.
 pub(super) fn runs(tables: Vec<Table>, names: &[String], split: &Split) -> Result<Vec<Run>, BadLog> {
     let (mut runs, mut wrong) = (Vec::new(), Vec::new());
     for table in tables {
@@ -66,7 +80,7 @@ fn of_table(mut table: Table, names: &[String], split: &Split) -> Result<Vec<Run
     Ok(named.into_iter().map(|(name, rows)| run(&mut table, names, name, rows)).collect())
 }
 
-/// Row ranges of the runs, in order.
+/// Returns the range of rows of each run, in order.
 fn parts(table: &Table, labels: Option<&Labels<'_>>, split: &Split) -> Result<Vec<Range<usize>>, BadLog> {
     let ends = |row: &usize| {
         labels.is_some_and(|labels| !labels.are_alike(row - 1, *row))
@@ -89,7 +103,8 @@ fn parts(table: &Table, labels: Option<&Labels<'_>>, split: &Split) -> Result<Ve
     Ok(parts)
 }
 
-/// Makes one run. If it is the whole table, it takes over the columns.
+/// Creates the run of these rows. If the run is the whole table, the columns are moved out of the table instead of
+/// copied.
 fn run(table: &mut Table, names: &[String], name: String, rows: Range<usize>) -> Run {
     if rows.len() == table.times.len() {
         let mut columns: HashMap<String, Cells> = std::mem::take(&mut table.columns).into_iter().collect();
@@ -140,7 +155,7 @@ fn labels<'t>(table: &'t Table, name: &str) -> Result<Labels<'t>, BadLog> {
         None => {
             let known: Vec<&str> = table.columns.iter().map(|(name, _)| name.as_str()).collect();
             Err(BadLog(vec![format!(
-                "{}: there is no column {name} to split it by; there are {}",
+                "{}: there is no column {name} to split the file by; there are {}",
                 table.file.display(),
                 known.join(", ")
             )]))

@@ -4,11 +4,12 @@ use std::collections::HashMap;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-use super::{BadLog, Uses, active_cz};
+use super::{BadLog, active_cz};
 use isotherm_core::quantity::{Dialect, Moment, time};
 use isotherm_profile::safe_file::quoted;
 
-/// Maximum number of rows of a file, as of seven months with one row per second. More would take too long to read.
+/// Maximum number of rows of a file: those of seven months with one row per second. More rows would take too long to
+/// read.
 const MOST_ROWS: usize = 20_000_000;
 /// Maximum number of numbers of a file; with 8 bytes each, they take 1.2 GB.
 const MOST_NUMBERS: usize = 150_000_000;
@@ -16,8 +17,18 @@ const MOST_NUMBERS: usize = 150_000_000;
 const MOST_WORDS: usize = 100_000;
 /// Number of rows of an unused column from which its kind is guessed.
 const SAMPLED: usize = 1000;
-/// Maximum number of listed errors; further errors are counted.
+/// Maximum number of listed errors; further errors are only counted.
 const MOST_LISTED: usize = 20;
+
+/// Function that returns whether a column is used, by its name. Unused columns are not read completely, because a log
+/// may have hundreds of columns, of which a model requires ten.
+pub type Uses<'a> = &'a dyn Fn(&str) -> bool;
+
+/// Selects all columns; for use as [`Uses`].
+#[must_use]
+pub fn every_column(_: &str) -> bool {
+    true
+}
 
 /// Rows of one file, by column.
 #[derive(Clone, Debug, Default)]
@@ -27,7 +38,7 @@ pub(super) struct Table {
     /// Line or row number of each row in the file.
     pub(super) lines: Numbering,
     pub(super) columns: Vec<(String, Cells)>,
-    /// Columns with active Cz.
+    /// Names of the columns that contain the active Cz.
     pub(super) acted: Vec<String>,
 }
 
@@ -36,7 +47,7 @@ pub(super) struct Table {
 pub(super) enum Cells {
     /// Numbers; NaN if missing.
     Numbers(Vec<f64>),
-    /// Texts, for example names and states. Texts are kept only if they may divide runs.
+    /// Texts, for example names and states. Texts are stored only if they may divide runs or show when Cz was active.
     Text(Words),
     /// First numbers of an unused column, from which its kind is guessed.
     Unread(Vec<f64>),
@@ -51,7 +62,7 @@ pub(super) struct Words {
 }
 
 impl Words {
-    /// Texts in the order of the rows.
+    /// Returns the texts in the order of the rows.
     pub(super) fn iter(&self) -> impl Iterator<Item = &str> {
         self.places.iter().map(|place| self.words[*place as usize].as_str())
     }
@@ -73,7 +84,7 @@ impl Words {
     }
 }
 
-/// Line number of each row in its file. Only numbers that do not follow the one before are stored.
+/// Line number of each row in its file. Only numbers that are not the number of the previous row plus one are stored.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Numbering {
     jumps: Vec<(usize, u64)>,
@@ -88,7 +99,7 @@ impl Numbering {
         self.rows += 1;
     }
 
-    /// Line number of this row, which is counted from zero.
+    /// Returns the line number of this row in the file. `row` is counted from zero.
     pub(super) fn of(&self, row: usize) -> u64 {
         let behind = self.jumps.partition_point(|(first, _)| *first <= row);
         behind.checked_sub(1).map_or(0, |last| {
@@ -115,7 +126,7 @@ impl Table {
         numbers.map(|(name, _)| name.as_str())
     }
 
-    /// Unused columns, with some of their numbers.
+    /// Returns the unused columns, with their first numbers.
     pub(super) fn unread(&self) -> impl Iterator<Item = (&str, &[f64])> {
         self.columns.iter().filter_map(|(name, cells)| match cells {
             Cells::Unread(sample) => Some((name.as_str(), sample.as_slice())),
@@ -138,7 +149,7 @@ struct Column {
     has_numbers: bool,
     /// Line and text of the first cell that is not a number.
     text: Option<(u64, String)>,
-    /// Whether something uses the column. Otherwise some cells are enough.
+    /// Whether the column is used. Only the first cells of an unused column are read.
     is_used: bool,
     /// Whether reading of the column has ended, because it is not needed or an error has been reported.
     is_over: bool,
@@ -150,7 +161,7 @@ pub(super) struct Reader {
     columns: Vec<Column>,
     /// Index of the time column, and the parser of its cells.
     time: (usize, ReadTime),
-    /// Number of columns that are kept.
+    /// Number of columns that are read completely, without the time.
     kept: usize,
     /// Word for a row in messages: line or row.
     row: &'static str,
@@ -160,7 +171,8 @@ pub(super) struct Reader {
 }
 
 impl Reader {
-    /// Returns `None` without a time column. `by` is the column that divides runs. `uses` selects the columns.
+    /// Creates a reader; `None` if no column contains the time. `by` is the column that divides runs. `uses` selects
+    /// the columns.
     pub(super) fn new(
         file: &Path,
         names: Vec<String>,
@@ -209,7 +221,7 @@ impl Reader {
         self.listed.push(format!("{}, {place}{column}: {message}", self.table.file.display()));
     }
 
-    /// Index of the time column.
+    /// Returns the index of the time column.
     pub(super) fn time_at(&self) -> usize {
         self.time.0
     }
@@ -219,7 +231,7 @@ impl Reader {
         self.wants(place) > 0
     }
 
-    /// Number of further cells of this column that are needed.
+    /// Returns how many more cells of this column are needed.
     pub(super) fn wants(&self, place: usize) -> usize {
         match self.columns.get(place) {
             Some(column) if column.is_over => 0,
@@ -241,14 +253,15 @@ impl Reader {
         self.columns.get(place).is_some_and(|column| column.words.is_some())
     }
 
-    /// Marks the column as one of texts that are not kept.
+    /// Marks the column as a column of texts that are not stored.
     #[cfg(feature = "parquet")]
     pub(super) fn is_text(&mut self, place: usize) {
         self.columns[place].is_over = true;
         self.columns[place].text = Some((0, String::new()));
     }
 
-    /// Begins a row with its time. Returns `false` if the time is invalid; the error is reported.
+    /// Begins a row with its time. Returns `false` if the time is invalid, and adds the error. Returns `Err` if the
+    /// file is too large.
     pub(super) fn begin(&mut self, number: u64, time: &str) -> Result<bool, TooMuch> {
         let rows = self.table.times.len();
         if rows >= MOST_ROWS || rows.saturating_mul(self.kept) >= MOST_NUMBERS {
@@ -324,7 +337,7 @@ impl Reader {
         }
     }
 
-    /// Finishes the table. `empty` is the line number and the message for a file without rows.
+    /// Returns the finished table, or all errors. `empty` is the line number and the message for a file without rows.
     pub(super) fn finish(mut self, empty: (u64, &str)) -> Result<Table, BadLog> {
         if self.table.times.is_empty() && self.listed.is_empty() {
             self.refuse(empty.0, None, empty.1);
@@ -350,8 +363,8 @@ impl Reader {
         BadLog::unless(self.listed, self.table)
     }
 
-    /// Cells of a finished column: numbers if all cells are numbers. A used column with both numbers and texts is an
-    /// error at its first text.
+    /// Returns the cells of a finished column: numbers if all cells are numbers. A used column with both numbers and
+    /// texts is an error at its first text.
     fn cells(&mut self, name: &str, column: Column) -> Cells {
         let Some((line, text)) = column.text else {
             let of = if column.is_used { Cells::Numbers } else { Cells::Unread };
@@ -367,14 +380,14 @@ impl Reader {
         }
         let hint = match has_comma {
             true => format!("`{text}` has a decimal comma; write {dotted}"),
-            false => format!("`{text}` is no number; leave the cell empty where the value is missing"),
+            false => format!("`{text}` is no number; leave the cell empty if the value is missing"),
         };
         self.refuse(line, Some(name), hint);
         Cells::Numbers(column.numbers)
     }
 }
 
-/// Error: the file is larger than allowed. The message has been added.
+/// Error: the file is larger than allowed. The reader has already added the message.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TooMuch;
 

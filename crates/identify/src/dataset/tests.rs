@@ -2,6 +2,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use super::*;
+use isotherm_core::quantity::Moment;
 
 fn read(log: &str, split: &Split) -> Result<Dataset, BadLog> {
     read_used(log, split, &every_column)
@@ -64,7 +65,7 @@ fn a_file_is_split_by_a_column_or_a_gap() {
     assert_eq!(names(&column), owned(&[("day A 1", 2), ("day B", 2), ("day A 3", 1)]));
     let missing = Split { column: Some("cycle".to_owned()), ..Split::default() };
     let reported = read(log, &missing).unwrap_err().to_string();
-    assert_eq!(reported, "day.csv: there is no column cycle to split it by; there are t1, part");
+    assert_eq!(reported, "day.csv: there is no column cycle to split the file by; there are t1, part");
 }
 
 #[test]

@@ -14,12 +14,12 @@ const ONE_SPEED: f64 = 0.02;
 /// Minimum duration of a stage, s. A shorter one is the change from one speed to the next.
 const SHORTEST_STAGE: f64 = 150.0;
 
-/// Period with one speed, with movement, or of standstill.
+/// Period of a run with one constant speed, with movement of a position, or without movement.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Stage {
-    /// First minute of the stage, h since the first row of the run.
+    /// Name of the column with the movement.
     pub column: String,
-    /// First minute, h since the first row of the run.
+    /// First minute of the stage, h since the first row of the run.
     pub from_h: f64,
     /// Last minute of the stage, h since the first row of the run.
     pub to_h: f64,
@@ -64,7 +64,7 @@ pub(crate) fn is_feed(name: &str, unit: Option<&str>) -> bool {
         || ["mm_min", "mm/min", "_m_s", "feed"].iter().any(|ending| name.ends_with(ending))
 }
 
-/// Returns the test, the column of its movement, and the reason.
+/// Chooses the test of ISO 230-3. Returns the test, the column of its movement, and the reason for the choice.
 pub(super) fn likeness<'a>(
     asked: Option<Test>,
     active: &[&'a Mover],
@@ -110,7 +110,7 @@ impl Mover {
         }
     }
 
-    /// Stages of the movement, from its values in each minute.
+    /// Divides the movement into stages, from its values in each minute.
     pub(super) fn stages(&self, run: &Run) -> Vec<Stage> {
         let minutes = if self.is_speed { Minutes::of(run, self.column) } else { self.paths(run) };
         let fastest = minutes.values.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
@@ -140,7 +140,8 @@ impl Mover {
         long.map(stage).collect()
     }
 
-    /// Path of a position within each minute, and the first second of each minute.
+    /// Returns the distance that the position travels within each minute, with the time of the first row of each
+    /// minute.
     fn paths(&self, run: &Run) -> Minutes {
         let mut paths = Minutes::default();
         let values = run.seconds().zip(run.values[self.column].iter().copied());

@@ -1,20 +1,21 @@
-//! Repair of faults. A fault affects one run of a sensor. Its rows are replaced if the good runs show that this is
-//! possible.
+//! Repair of faults. A fault affects one run of a sensor. The readings of its rows are replaced if the good runs show
+//! that this is possible.
 //!
 //! - Spikes are replaced by straight lines.
 //! - After a permanent jump, the step is subtracted from the readings. Its size follows from the neighbours and the
 //!   good runs.
-//! - Rows of a freeze are masked: they are not used to learn or to judge any model. For the lags after them, the
-//!   readings are rebuilt from the neighbours. If that is not possible, they are missing, and a lag crosses them in a
-//!   straight line. If masks leave less than [`LEFT_OF_RUN`] of a run, the rebuilt readings are used for learning.
+//! - Rows of a freeze are masked: they are used neither to identify nor to test any model. For the lags after them, the
+//!   readings are rebuilt from the neighbours. If that is not possible, the readings are treated as missing, and lags
+//!   are computed over a straight line between the neighbouring readings. If masks leave less than [`LEFT_OF_RUN`] of a
+//!   run, the rebuilt readings are used for identification.
 //!
 //! A sensor is left out of every run in these cases:
 //! - It jumps or spikes in most runs, or its faulty rows are unknown (constant, missing).
-//! - The repair of a jump leaves more than [`BELIEVED`] of the sensor's movement.
+//! - The error of a repaired jump is more than [`BELIEVED`] of the change of the sensor's readings in good runs.
 //! - It was frozen for more than [`MASKED`] of the time.
 //! - Masks would leave less than [`LEAST_OF_RUN`] of a run, and nothing can be rebuilt.
 //!
-//! Replacements are learned only from temperatures, never from the error. A held-out run does not contribute to them.
+//! Replacements are computed only from temperatures, never from the error. A held-out run does not contribute to them.
 
 use std::collections::HashMap;
 
@@ -23,24 +24,24 @@ use super::{Damage, Fault, Finding, Frozen, Repaired, faults};
 use crate::dataset::{Dataset, Run};
 use crate::statistics::count;
 
-/// Largest accepted error of a replacement, as a share of the root mean square that the sensor moves. The error is
-/// measured on hidden hours of good runs.
+/// Largest accepted error of a replacement, as a share of the root mean square by which the readings of the sensor
+/// change. The error is measured on hidden hours of good runs.
 const BELIEVED: f64 = 0.8;
-/// Maximum number of jumps in one run. A sensor with more is loose.
+/// Maximum number of jumps in one run. A sensor with more jumps has a loose contact.
 const MOST_JUMPS: usize = 3;
 /// Maximum share of the time of all runs for which a sensor may be frozen. Otherwise it is left out.
 const MASKED: f64 = 0.25;
-/// Minimum share of a run's rows that masks must leave. Otherwise rebuilt readings are used for learning, so that the
-/// run stays.
+/// Minimum share of a run's rows that masks must leave. Otherwise rebuilt readings are used for identification, so that
+/// the run is not lost.
 const LEFT_OF_RUN: f64 = 0.25;
 /// Minimum share of a run's rows that masks must leave if nothing can be rebuilt. Otherwise the sensor is left out.
 const LEAST_OF_RUN: f64 = 0.05;
 
-/// Logs, and the replacements in them.
+/// Logs as recorded, and the faults that are repaired in them.
 #[derive(Clone, Debug)]
 pub(crate) struct Mending<'a> {
     logs: &'a Dataset,
-    /// Sensors that are not left out.
+    /// Columns of the sensors that are not left out.
     columns: Vec<usize>,
     faults: Vec<Fault>,
 }
@@ -48,13 +49,13 @@ pub(crate) struct Mending<'a> {
 /// Result of the repair.
 #[derive(Clone, Debug)]
 pub(crate) struct Mended<'a> {
-    /// State with which the logs can be repaired again without a held-out run; `None` if there was no fault.
+    /// State with which the logs can be repaired again without a held-out run; `None` if nothing was repaired.
     pub(crate) mending: Option<Mending<'a>>,
     pub(crate) excluded: Vec<Finding>,
     pub(crate) repaired: Vec<Repaired>,
 }
 
-/// Repair of a fault as a message; `None` if no replacement is accepted.
+/// Description of the repair of a fault; `None` if no replacement is accepted.
 type Done = Option<String>;
 
 /// Finds the faults of these temperature columns, and repairs those faults and freezes that can be repaired.
@@ -101,7 +102,7 @@ pub(crate) fn mend<'a>(logs: &'a Dataset, columns: &[usize], frozen: &[Frozen]) 
             _ => {
                 let share = shares.get(&fault.column).copied().unwrap_or_default();
                 let more = match fault.damage.is_frozen() && share > MASKED {
-                    true => format!(", as it is for {:.0} % of the time of all runs,", 100.0 * share),
+                    true => format!(", and for {:.0} % of the time of all runs in total,", 100.0 * share),
                     false => String::new(),
                 };
                 excluded.push(fault.finding(logs, &more));
@@ -112,8 +113,8 @@ pub(crate) fn mend<'a>(logs: &'a Dataset, columns: &[usize], frozen: &[Frozen]) 
     Mended { mending, excluded, repaired }
 }
 
-/// Returns whether a sensor must be left out: it jumps or spikes in most runs, it is loose, its faulty rows are
-/// unknown, or it was frozen for too long.
+/// Returns whether a sensor must be left out: it jumps or spikes in most runs, it jumps too often in one run, its
+/// faulty rows are unknown, or it was frozen for too long.
 fn is_hopeless(logs: &Dataset, found: &[Fault], column: usize) -> bool {
     let own = || found.iter().filter(move |fault| fault.column == column);
     let mut runs: Vec<usize> =
@@ -128,8 +129,8 @@ fn is_hopeless(logs: &Dataset, found: &[Fault], column: usize) -> bool {
         || masked_share(logs, found, column) > MASKED
 }
 
-/// Returns the share of the time of all runs in which a column was frozen. Runs may have different numbers of rows per
-/// minute.
+/// Returns the share of the time of all runs in which a column was frozen. Rows are weighted by their duration, because
+/// runs may have different numbers of rows per minute.
 fn masked_share(logs: &Dataset, found: &[Fault], column: usize) -> f64 {
     let (mut frozen, mut all) = (0.0, 0.0);
     for (number, run) in logs.runs.iter().enumerate() {
@@ -142,8 +143,9 @@ fn masked_share(logs: &Dataset, found: &[Fault], column: usize) -> f64 {
     frozen / f64::max(all, 1.0)
 }
 
-/// Returns the final damage of a fault, with its repair. A freeze that cannot be rebuilt is masked. `masks`: rows that
-/// are masked so far, by run. The rows of this fault are added if they leave enough of the run.
+/// Decides whether the rows of a freeze are masked or rebuilt. Returns the resulting damage and the repair; the repair
+/// is `None` if the sensor must be left out. `masks` contains the masked rows of each run. The rows of this fault are
+/// added to it if they leave enough of the run.
 fn settled(fault: &Fault, masks: &mut [Vec<bool>], done: Done) -> (Damage, Done) {
     let (Damage::Frozen, Some(run)) = (fault.damage, fault.run) else { return (fault.damage, done) };
     let mut mask = masks[run].clone();
@@ -164,7 +166,7 @@ fn settled(fault: &Fault, masks: &mut [Vec<bool>], done: Done) -> (Damage, Done)
 }
 
 impl Mending<'_> {
-    /// Returns the logs that are used for learning.
+    /// Returns the repaired logs, from which models are identified.
     pub(crate) fn mended(&self) -> Dataset {
         self.dataset(None).0
     }
@@ -177,7 +179,7 @@ impl Mending<'_> {
         self.faults.iter().filter(is_masked).flat_map(|fault| fault.rows.iter().copied()).collect()
     }
 
-    /// Returns the logs as if this run had not been recorded; `None` if no repair used it.
+    /// Returns the logs, repaired without the data of this run; `None` if no repair uses this run.
     pub(crate) fn never_saw(&self, run: usize) -> Option<Dataset> {
         let needs = |fault: &Fault| {
             fault.run != Some(run) && !matches!(fault.damage, Damage::Spikes | Damage::Missing)
@@ -185,8 +187,8 @@ impl Mending<'_> {
         self.faults.iter().any(needs).then(|| self.dataset(Some(run)).0)
     }
 
-    /// Returns the logs with all repairs that are possible, and the repair of each fault. `unseen`: run that must not
-    /// contribute.
+    /// Returns the logs with all repairs that are possible, and the repair of each fault. `unseen` is a run that must
+    /// not contribute to the repairs.
     fn dataset(&self, unseen: Option<usize>) -> (Dataset, Vec<Done>) {
         let mut dataset = self.logs.clone();
         let mut done: Vec<Done> = vec![None; self.faults.len()];

@@ -1,9 +1,10 @@
 //! Rebuilds the readings of a sensor from its neighbours.
 //!
-//! The reading is a sum of the neighbours' readings, with and without lags. The sum is learned by ridge regression on
-//! the donors and on the good rows of its own run. Donors are the runs in which all sensors were good. Its error is
-//! measured: the same hours are hidden in each donor in turn and rebuilt from the rest. The lags and the ridge with the
-//! smallest error are chosen. The rebuilt readings are shifted so that they join the good readings at both ends.
+//! The reading is a sum of the neighbours' readings, with and without lags. The gains of this sum are fitted by ridge
+//! regression on the donors and on the good rows of the same run. Donors are the runs in which the sensor and its
+//! neighbours were good. The error of the sum is measured: the same hours are hidden in each donor in turn and rebuilt
+//! from the rest. The lags and the ridge with the smallest error are chosen. The rebuilt readings are shifted so that
+//! they join the good readings at both ends.
 
 use std::ops::Range;
 
@@ -17,26 +18,28 @@ use crate::statistics::{count, median};
 /// Time constants of the neighbours' lags, s.
 const LAGS: [f64; 4] = [180.0, 720.0, 3000.0, 12_000.0];
 const RIDGES: [f64; 4] = [1e-2, 1e-3, 1e-4, 1e-5];
-/// Ridge for the correction of a step. It has little effect, because the window is short.
+/// Ridge for the correction of a step. Its value has little effect, because the window is short.
 const STEP_RIDGE: f64 = 1e-3;
 /// Time next to each end of the rebuilt rows over which the residuals of the prediction are averaged, s.
 const TIE: f64 = 300.0;
-/// Minutes over which the means before and after a step are taken.
+/// Lengths of the windows before and after a step whose mean readings are compared, min.
 const WINDOWS: [usize; 4] = [1, 3, 10, 30];
 /// Time between rows of the good runs that are used, s.
 const THIN: f64 = 60.0;
-/// Minutes between places in the good runs at which a step of zero is measured, and their minimum distance from the
-/// ends.
+/// Minutes between the points of the good runs at which a step is estimated to measure the error of the estimate. The
+/// true step is zero at these points.
 const EVERY: usize = 7;
+/// Minimum distance of such a point from both ends of its run, min.
 const FROM_ENDS: usize = 10;
 
-/// One sensor, its neighbours, and the donors.
+/// Prediction of one sensor from its neighbours, with the donors: the runs in which all these sensors were good.
 pub(super) struct Likeness<'a> {
     dataset: &'a Dataset,
     column: usize,
     neighbours: Vec<usize>,
-    /// Rows of each donor. `grams` are their products.
+    /// Rows of each donor.
     tables: Vec<Table>,
+    /// Gram products of each table.
     grams: Vec<Gram>,
 }
 
@@ -44,7 +47,7 @@ pub(super) struct Likeness<'a> {
 pub(super) struct Replaced {
     /// Values, °C, row by row.
     pub(super) values: Vec<f64>,
-    /// Repair, as a message.
+    /// Description of the repair.
     pub(super) message: String,
     /// Error of the same repair on good runs: root mean square, °C.
     pub(super) error: f64,
@@ -73,7 +76,7 @@ impl Likeness<'_> {
         own
     }
 
-    /// Rebuilds these consecutive rows of this run from the neighbours.
+    /// Rebuilds these consecutive rows of this run from the neighbours. `None` if there are no rows.
     pub(super) fn rebuilt(&self, run: usize, rows: &[usize]) -> Option<Replaced> {
         let own = self.table(run, 0.0);
         let (first, last) = (*rows.first()?, *rows.last()?);
@@ -92,7 +95,7 @@ impl Likeness<'_> {
         says.sort_by(|one, other| other.0.total_cmp(&one.0));
         let mostly = says.iter().take(2).map(|(_, neighbour)| self.dataset.columns[*neighbour].name.as_str());
         let message = format!(
-            "the readings of that time were rebuilt, mostly from {} (± {error:.2} °C in good runs that were \
+            "the constant readings were rebuilt, mostly from {} (± {error:.2} °C in good runs that were \
              rebuilt in the same way)",
             mostly.collect::<Vec<&str>>().join(" and ")
         );
@@ -102,7 +105,8 @@ impl Likeness<'_> {
         Some(Replaced { values, message, error })
     }
 
-    /// Returns the columns and the ridge with the smallest error on the hidden hours of the donors, and that error.
+    /// Returns the columns and the ridge with the smallest error on the hidden hours of the donors, and that error, °C.
+    /// `None` if no donor has these hours.
     fn choose(&self, hidden: Span) -> Option<(Vec<usize>, f64, f64)> {
         let plain = self.neighbours.len();
         let widths: [Vec<usize>; 2] = [(0..plain).collect(), (0..plain * (1 + LAGS.len())).collect()];
@@ -133,8 +137,8 @@ impl Likeness<'_> {
         best
     }
 
-    /// Removes the step at the start of these rows. The step is estimated with the window that has the smallest error
-    /// on the good runs.
+    /// Removes the step at the start of these rows. The step is estimated from the mean readings in a window before and
+    /// after it. The window with the smallest error on the good runs is used.
     pub(super) fn without_step(&self, run: usize, rows: &[usize]) -> Option<Replaced> {
         let columns: Vec<usize> = (0..self.neighbours.len() * (1 + LAGS.len())).collect();
         let gains = ridge(&Gram::total(&self.grams), &columns, STEP_RIDGE);
@@ -157,17 +161,18 @@ impl Likeness<'_> {
         let (error, step) = tried.min_by(|one, other| one.0.total_cmp(&other.0))?;
         let mut values = self.dataset.runs[run].values[self.column].clone();
         rows.iter().for_each(|row| values[*row] -= step);
-        let message = format!("{:+.2} °C (± {error:.2}) were added to the readings from that time on", -step);
+        let message = format!("{:+.2} °C (± {error:.2}) were added to all readings after the jump", -step);
         Some(Replaced { values, message, error })
     }
 
-    /// Returns the movement of the sensor: root mean square about the mean of each good run, °C.
+    /// Returns how much the readings change in the good runs, °C: root mean square of each reading minus the mean of
+    /// its run.
     pub(super) fn moves(&self) -> f64 {
         let all = Gram::total(&self.grams);
         (all.power / all.rows.max(1.0)).sqrt()
     }
 
-    /// Returns the rows of a run whose times differ by at least `apart`, s.
+    /// Returns the rows of a run that are at least `apart` seconds apart.
     fn table(&self, run: usize, apart: f64) -> Table {
         let run = &self.dataset.runs[run];
         let seconds: Vec<f64> = run.seconds().collect();
@@ -196,7 +201,7 @@ impl Likeness<'_> {
 }
 
 impl Table {
-    /// Returns the products about the means of the rows that are not hidden.
+    /// Returns the Gram products of the rows outside `hidden`, with the mean subtracted.
     fn gram(&self, hidden: Option<Span>) -> Gram {
         let hidden = hidden.map_or(0..0, |hidden| self.inside(hidden));
         let may = |row: &usize| self.values[*row].is_finite() && !hidden.contains(row);

@@ -1,18 +1,18 @@
 //! Periods of constant readings of a sensor in a run, and how each of them ends.
 //!
 //! The reading of a sensor at thermal equilibrium is constant, and so is that of a frozen sensor. The end of the period
-//! distinguishes them. A temperature leaves its value by one or two counts, a frozen sensor by everything that it
-//! missed.
+//! distinguishes them. The next reading of a good sensor differs by one or two counts. The next reading of a frozen
+//! sensor differs by the whole change that it missed.
 
 use crate::dataset::Run;
 use crate::statistics::median;
 
 /// Minimum duration of constant readings, s.
 const LEAST: f64 = 180.0;
-/// Maximum time between two consecutive readings, as a factor of the usual time.
+/// Maximum time between two consecutive readings, as a multiple of the median time.
 const FOLLOWS: f64 = 2.0;
-/// Time over which a row may be a mean, s. Such a row may contain readings from before and after a step, so that the
-/// next row has a part of the step, too.
+/// Longest time over which a row may be averaged, s. Such a row may contain readings from before and after a step, so
+/// that the next row has a part of the step, too.
 const MEAN: f64 = 60.0;
 
 /// Constant readings for at least three minutes.
@@ -92,8 +92,8 @@ pub(crate) fn standstills(run: &Run, column: usize) -> Vec<Standstill> {
     found
 }
 
-/// Returns the largest step of a column between two consecutive readings, except near the ends of constant readings. It
-/// is the largest step of the temperature itself; 0 if there is none.
+/// Returns the largest step of a column between two consecutive readings, except near the ends of constant readings.
+/// The result is the largest step of the temperature itself; 0 if there is none.
 pub(crate) fn largest_step(run: &Run, column: usize) -> f64 {
     let Readings { seconds, good, apart } = Readings::of(run, column);
     let values = &run.values[column];

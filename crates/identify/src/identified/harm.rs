@@ -1,23 +1,24 @@
-//! Models that are worse than no compensation on too many held-out runs: they are refused, or there is a warning.
+//! Models that are worse than no compensation on too many held-out runs: such a model is refused, or a warning is
+//! added.
 
 use super::{Fallback, Identified};
 use crate::validate::Means;
 
-/// Largest share of the held-out runs that may be worse than without compensation.
+/// Largest permitted share of held-out runs that are worse with the model than without compensation.
 const MOST_WORSE: f64 = 1.0 / 3.0;
 /// Minimum number of held-out runs for a refusal. With fewer runs there is only a warning.
 const ENOUGH_RUNS: usize = 6;
 
 impl Identified {
-    /// Returns why the block should not be written, and what to do. `None` if it may be written, or if there is no
-    /// model.
+    /// Returns why the model should not be written to the profile, and what to do. `None` if it may be written, or if
+    /// there is no model.
     pub fn refusal(&self) -> Option<String> {
         let means = self.unprobed();
         let is_refused = self.is_assessed() && is_harmful(&means) && !self.learned.inputs().is_empty();
         is_refused.then(|| {
             format!(
                 "{}; at most a third is allowed. Find out what was different on these days and record more \
-                 such days, or leave inputs out with --without. --force writes the block anyway",
+                 such days, or leave inputs out with --without. --force writes the model in spite of this",
                 self.leaves_worse("the model", &means)
             )
         })
@@ -65,8 +66,8 @@ impl Identified {
         self.runs.len() >= ENOUGH_RUNS
     }
 
-    /// Returns the means without a probe. A probe would hide the harm of a model, and an axis with the block may have
-    /// none.
+    /// Returns the means of the held-out results without the simulated probe. The probe would hide the harm of a model,
+    /// and not every axis that uses the model has a probe.
     fn unprobed(&self) -> Means {
         Means::unprobed(&self.held_out)
     }
@@ -81,7 +82,8 @@ impl Identified {
     }
 }
 
-/// Returns whether a model is harmful. Without held-out runs the share is NaN, and the model is not harmful.
+/// Returns whether a model makes more than [`MOST_WORSE`] of the held-out runs worse. Without held-out runs, the share
+/// is NaN, and the model is not harmful.
 fn is_harmful(means: &Means) -> bool {
     means.worse_share > MOST_WORSE
 }

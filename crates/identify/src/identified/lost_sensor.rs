@@ -21,13 +21,13 @@ pub struct Fallback {
     pub method: &'static str,
     /// Terms of the model; empty for a formula.
     pub terms: Vec<TermFound>,
-    /// Range of the inputs. `None` if there are too many inputs, or if one never moved.
+    /// Range of the inputs. `None` if there are too many inputs, or if one is constant.
     #[serde(rename = "envelope")]
     pub region: Option<Region>,
-    /// Remaining sensor of a model with the time since machine start; `None` for other models.
+    /// Formula with the remaining sensor and the time since machine start; `None` for other models.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub alone: Option<Alone>,
-    /// Expected error of the model. It grows with the hours.
+    /// Expected error of the model, which grows with the hours; `None` if it is not known.
     pub expected: Option<Expected>,
     /// Means of the held-out results.
     #[serde(flatten)]
@@ -44,7 +44,7 @@ impl Fallback {
     }
 }
 
-/// Returns fallbacks for the loss of each input of the model, best first. They use only inputs of `among`.
+/// Returns fallbacks for the loss of each input of the model, best first. The fallbacks use only inputs of `among`.
 pub(super) fn fallbacks(
     campaign: &Campaign<'_>,
     learner: &dyn Learner,
@@ -68,7 +68,7 @@ pub(super) fn fallbacks(
     Ok(found)
 }
 
-/// Returns a fallback for each lost input. A method that needs every sensor has none.
+/// Returns a fallback for each lost input. An input has none if the method cannot identify a model without it.
 fn without_each(
     campaign: &Campaign<'_>,
     learner: &dyn Learner,
@@ -103,7 +103,7 @@ fn without_each(
 }
 
 /// Chooses between virtual sensor and fallback for each sensor. The virtual sensor is used if it depends on at least
-/// two others and no model without the sensor leaves less error.
+/// two other sensors, and if no model without the sensor has a smaller residual error.
 pub(super) fn keep_the_better(stand_ins: &mut [StandIn], fallbacks: &mut Vec<Fallback>) {
     for stand_in in stand_ins {
         let is_for_it = |fallback: &Fallback| fallback.without == stand_in.signal;

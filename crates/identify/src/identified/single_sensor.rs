@@ -1,9 +1,9 @@
-//! Fallback of a `difference` after the loss of one sensor: the other sensor with the time t since machine start, JP
-//! H07-61598 B2: Cz = F(T, t).
+//! Fallback of a `difference` model after the loss of one sensor: the other sensor with the time t since machine start,
+//! JP H07-61598 B2: Cz = F(T, t).
 //!
-//! `Kz·A + f1(t)` with `f1(t) = −Kz·(b·t + c)`: after two or three hours B rises in nearly a straight line.
-//! `−Kz·B + f2(t)` with `f2(t) = Kz·(K·√t + c)`: A rises with the root of the time. Kz is that of the difference. b, c
-//! and K are fitted by least squares to the temperatures themselves, as in the patent. No rises are used.
+//! `Kz·A + f1(t)` with `f1(t) = −Kz·(b·t + c)`: after two or three hours B rises in nearly a straight line. `−Kz·B +
+//! f2(t)` with `f2(t) = Kz·(K·√t + c)`: A rises with the root of the time. Kz is the gain of the difference. b, c and K
+//! are fitted by least squares to the temperatures themselves, as in the patent. No rises are used.
 
 use nalgebra::{Matrix2, Vector2};
 use serde::Serialize;
@@ -29,8 +29,8 @@ pub struct Alone {
     pub constants: [(&'static str, f64); 3],
 }
 
-/// Remaining sensor. With its temperature T, the other temperature is taken as slope·f(t) + c, and Cz = sign·Kz·(T −
-/// other).
+/// Remaining sensor with the temperature T. The temperature of the lost sensor is estimated as slope·f(t) + c, and Cz =
+/// sign·Kz·(T − estimate).
 struct Side {
     sign: f64,
     formula: &'static str,
@@ -60,7 +60,7 @@ pub(super) fn alone(
     [FIRST, SECOND].iter().filter_map(one).collect()
 }
 
-/// Returns Kz, A and B; `None` if the model is no difference.
+/// Returns the gain Kz and the inputs A and B; `None` if the model is no difference.
 fn pair(learned: &Learned) -> Option<(f64, usize, usize)> {
     match learned.sum()? {
         [(first, gain), (second, _)] if gain.abs() > 0.0 => Some((*gain, first.input, second.input)),
@@ -124,7 +124,7 @@ fn rows(campaign: &Campaign<'_>, run: usize, input: usize) -> Rows {
 }
 
 impl Side {
-    /// Returns slope and constant of the other sensor's estimated temperature; `None` if they cannot be computed.
+    /// Returns slope and constant of the estimated temperature of the lost sensor; `None` if they cannot be computed.
     fn line<'a>(&self, runs: impl Iterator<Item = &'a Rows>, gain: f64) -> Option<(f64, f64)> {
         let (mut square, mut cross) = (Matrix2::zeros(), Vector2::zeros());
         for (temperature, seconds, target) in runs.flatten() {

@@ -1,8 +1,7 @@
-//! `difference`: Cz = Kz·(A − B), JP H07-61598 B2. A and B are the two inputs, or the pair with the best fit. If one of
-//! them fails, the other one alone is used: see `identified/alone.rs`.
+//! `difference`: Cz = Kz·(A − B), JP H07-61598 B2. A and B are the two inputs, or the pair with the best fit. If one
+//! sensor fails, the other one alone is used: see `identified/single_sensor.rs`.
 
-use super::Gains;
-use crate::gram::Gram;
+use crate::gram::{Gains, Gram};
 
 pub(super) fn fit(gram: &Gram, columns: &[usize]) -> Result<Gains, String> {
     let mut best: Option<(f64, f64, usize, usize)> = None;

@@ -1,7 +1,7 @@
 //! Forward search, validated on held-out runs.
 //!
 //! For each column, a fold stores its product with the residual, its unexplained part, and its effect on the held-out
-//! runs. Therefore trying a column takes a few products. Adding one takes a pass over all columns for each chosen
+//! runs. Therefore trying a column takes a few products. Adding a column takes a pass over all columns for each chosen
 //! column.
 
 use nalgebra::DVector;
@@ -13,12 +13,13 @@ use crate::folds::Scaled;
 struct Search<'a> {
     fold: &'a Scaled,
     penalty: f64,
-    /// Training runs, by column: squared norm of the rest with the penalty, and its product with the residual of the
-    /// target (`pull`).
+    /// Training runs, for each column: squared norm of its rest, plus the penalty.
     own: DVector<f64>,
+    /// Training runs, for each column: product of its rest with the residual of the target.
     pull: DVector<f64>,
-    /// The same figures in the held-out runs, without a penalty.
+    /// Held-out runs, for each column: squared norm of its rest, without the penalty.
     held_own: DVector<f64>,
+    /// Held-out runs, for each column: product of its rest with the residual of the target.
     held_pull: DVector<f64>,
     taken: Vec<ColumnEffect>,
     /// Squared residual |y − Xw|² of the held-out runs.
@@ -52,12 +53,12 @@ impl Search<'_> {
         }
     }
 
-    /// Gain of a column if it is chosen next.
+    /// Returns the gain of a column if this column is chosen next.
     fn gain(&self, column: usize) -> f64 {
         self.pull[column] / self.own[column].max(1e-9)
     }
 
-    /// Squared residual of the held-out runs if this column is chosen next.
+    /// Returns the squared residual of the held-out runs if this column is chosen next.
     fn left(&self, column: usize) -> f64 {
         let gain = self.gain(column);
         self.left + gain * (gain * self.held_own[column] - 2.0 * self.held_pull[column])
@@ -88,7 +89,8 @@ impl Search<'_> {
     }
 }
 
-/// Returns the chosen columns in their order, and the squared residual of the held-out runs.
+/// Adds columns while the residual of the held-out runs decreases, at most `most`. Returns the chosen columns in their
+/// order, and the squared residual of the held-out runs.
 pub(super) fn forward(folds: &[&Scaled], penalty: f64, most: usize) -> (Vec<usize>, f64) {
     let width = folds.first().map_or(0, |fold| fold.held.cross.len());
     let each_its_own: Vec<Option<usize>> = (0..width).map(Some).collect();

@@ -27,11 +27,12 @@ pub(super) struct Lagging<'a> {
 /// Default of the maximum number of sensors. Janeczko has one to three per axis.
 const MOST_TERMS: usize = 4;
 const PENALTY: f64 = 1e-3;
-/// Number of passes over the time constants, and the initial factor of the search range around a time constant. The
-/// factor is the step of the bank.
+/// Number of passes over the time constants.
 const ROUNDS: usize = 4;
+/// Initial factor of the search range around a time constant: about the ratio of neighbouring time constants in the
+/// bank.
 const AROUND: f64 = 2.2;
-/// Time constant in seconds that has no effect with rows of a minute. A smaller one is written as no lag.
+/// Time constant below which a lag has no effect on rows of a minute, s. The term is then written without a lag.
 const FASTEST: f64 = 20.0;
 const SLOWEST: f64 = 5.0 * 86_400.0;
 
@@ -50,7 +51,7 @@ impl<'a> Lagging<'a> {
         chosen.into_iter().map(|column| self.bank.candidates[column]).collect()
     }
 
-    /// Columns of the candidates, for the rows of these runs.
+    /// Returns the rises of the candidates in the rows of these runs.
     fn columns(&self, runs: &[usize], candidates: &[Candidate]) -> Vec<DMatrix<f64>> {
         runs.iter().map(|run| trace(self.campaign, *run, candidates, Rows::WithError).rises).collect()
     }
@@ -106,7 +107,8 @@ impl Learner for Lagging<'_> {
     }
 }
 
-/// Minimum of a unimodal function by golden-section search, within 0.001. The argument is a logarithm.
+/// Returns the position of the minimum of a unimodal function, within 0.001, by golden-section search. The position is
+/// the logarithm of a time constant in s.
 fn golden(mut low: f64, mut high: f64, cost: &mut dyn FnMut(f64) -> f64) -> f64 {
     const SHARE: f64 = 0.618_033_988_75;
     let (mut left, mut right) = (high - SHARE * (high - low), low + SHARE * (high - low));

@@ -1,7 +1,6 @@
 //! `ols`: ordinary least squares on all columns.
 
-use super::Gains;
-use crate::gram::Gram;
+use crate::gram::{Gains, Gram};
 use crate::solve::ridge;
 use crate::statistics::count;
 

@@ -1,17 +1,15 @@
 //! `position`: Δz(z) = Δz(z0) + k·(z − z0), Li, Yang, Zhang, Zhang 1998. Both parts are sums over (sensor, lag). The
 //! forward search of `sparse-lag` selects the terms of both together, on held-out runs.
 //!
-//! The columns of a position and of its mirror image on the travel differ by construction. Therefore a small ridge
-//! penalty is enough.
+//! A rise and the same rise times the distance differ by construction. Therefore a small ridge penalty is enough.
 
 use std::time::Duration;
 
-use super::Gains;
 use super::sparse::{by_forward, in_columns, most_terms};
 use crate::bank::{Bank, Candidate};
 use crate::campaign::Campaign;
 use crate::folds::Inner;
-use crate::gram::Gram;
+use crate::gram::{Gains, Gram};
 use crate::statistics::range;
 
 /// Ridge penalty of the forward search, for columns of root mean square 1.
@@ -24,7 +22,8 @@ pub(super) fn fit(grams: &[Gram], runs: &[usize], columns: &[usize], terms: Opti
     in_columns(&by_forward(&inner.all, &inner.scaled(), most, &HELD, false), columns)
 }
 
-/// Bank with every input through every lag, and each of these multiplied by the distance from the reference position.
+/// Creates the bank with every input through every lag, and each of these also multiplied by the distance from the
+/// reference position.
 pub(super) fn bank(campaign: &Campaign<'_>, lags: &[Option<Duration>]) -> Result<Bank, String> {
     let Some(position) = &campaign.position else {
         return Err("position needs the signal with the position of the axis: --position scale_z".to_owned());
@@ -59,8 +58,8 @@ fn returns(campaign: &Campaign<'_>, name: &str) -> Result<(), String> {
         return Ok(());
     }
     Err(format!(
-        "{name} rarely returns to a position ({once} of {rows} rows are first visits). An error counts from \
-         the first visit of its position, to a millimetre. Measure repeatedly at the same few positions, \
+        "{name} rarely returns to a position ({once} of {rows} rows are first visits). An error is counted \
+         from the first visit of its position, rounded to a millimetre. Measure repeatedly at the same few positions, \
          from the cold machine on"
     ))
 }

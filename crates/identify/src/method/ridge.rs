@@ -3,9 +3,8 @@
 //!
 //! This method is best inside the envelope; a sparse model is safer outside it.
 
-use super::Gains;
 use crate::folds::Inner;
-use crate::gram::Gram;
+use crate::gram::{Gains, Gram};
 use crate::solve::least_squares;
 use crate::statistics::least_sum;
 

@@ -1,20 +1,20 @@
 //! `sparse-lag`: mean of two searches over (sensor, lag) with different errors.
 //!
-//! - Forward search with a ridge, validated on held-out runs: it adds the term that reduces their residual most, at
-//!   most ten. It uses few sensors, and is safe outside the envelope. However, small differences decide which of two
-//!   similar sensors it selects. Therefore the search is repeated without each of the folds, and the results are
-//!   averaged.
+//! - Forward search with a ridge, validated on held-out runs: it repeatedly adds the term that reduces their residual
+//!   most, up to ten terms. It uses few sensors, and is safe outside the envelope. However, small differences decide
+//!   which of two similar sensors it selects. Therefore the search is repeated without each of the folds, and the
+//!   results are averaged.
 //! - Elastic net. Validation on held-out runs determines the position on its path. Its L1 part removes most terms, and
 //!   its L2 part divides a gain among similar sensors. It is more stable inside the envelope, with more terms.
 //!
-//! Both are linear, and so is their mean. With a limit on the number of terms, only the first is used.
+//! Both searches give linear models, so their mean is linear, too. With a limit on the number of terms, only the
+//! forward search is used.
 
 use nalgebra::DVector;
 
-use super::Gains;
 use super::forward::forward;
 use crate::folds::{Inner, Scaled};
-use crate::gram::Gram;
+use crate::gram::{Gains, Gram};
 use crate::solve::{Net, ridge};
 use crate::statistics::{count, least_sum};
 
@@ -26,7 +26,7 @@ const CLEARLY: f64 = 0.4;
 const MOST_TERMS: usize = 10;
 /// L2 penalties of the elastic net, chosen in the same way. Sensors of one machine are similar.
 const SHARED: [f64; 2] = [0.1, 0.003];
-/// Length of the path below the first penalty, in steps of a quarter decade.
+/// Number of penalties on the path of the elastic net, each a quarter decade below the previous one.
 const STEPS: usize = 13;
 /// Step of the path, and maximum number of terms, for a single run, which allows no validation.
 const UNVALIDATED: usize = 5;
@@ -44,13 +44,13 @@ pub(super) fn fit(grams: &[Gram], runs: &[usize], columns: &[usize], terms: Opti
     in_columns(&gains, columns)
 }
 
-/// Maximum number of terms of a forward search.
+/// Returns the maximum number of terms of a forward search.
 pub(super) fn most_terms(runs: &[usize], asked: Option<usize>) -> usize {
     let most = asked.unwrap_or(MOST_TERMS);
     if runs.len() < 2 { most.min(UNVALIDATED) } else { most }
 }
 
-/// Gains that are not zero, with their columns.
+/// Returns the gains that are not zero, with their columns.
 pub(super) fn in_columns(gains: &DVector<f64>, columns: &[usize]) -> Gains {
     let gains = columns.iter().copied().zip(gains.iter().copied());
     gains.filter(|(_, gain)| gain.abs() > 0.0).collect()
@@ -109,7 +109,7 @@ fn first_unless_clearly<T>(tried: impl Iterator<Item = (f64, T)>) -> Option<T> {
     tried.reduce(better).map(|(_, best)| best)
 }
 
-/// Gains after each of the first steps of the path, in scaled columns.
+/// Returns the gains at each of the first penalties on the path of the elastic net, for scaled columns.
 fn path(scaled: &Gram, shared: f64, steps: usize) -> Vec<DVector<f64>> {
     let mut net = Net::new(scaled, shared);
     let first = net.first_penalty();

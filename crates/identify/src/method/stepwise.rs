@@ -5,16 +5,16 @@
 
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
-use super::Gains;
-use crate::gram::Gram;
+use crate::gram::{Gains, Gram};
 use crate::solve::ridge;
 use crate::statistics::count;
 
-/// Significance levels: a term is added below the first, and removed above the second.
+/// Significance level (p-value) below which a term is added.
 const ENTERS: f64 = 0.01;
+/// Significance level (p-value) above which a term is removed.
 const LEAVES: f64 = 0.05;
 
-/// A column is added or removed.
+/// Step of the search: a column that is added or removed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Move {
     pub(crate) column: usize,
@@ -39,7 +39,8 @@ pub(super) fn fit(gram: &Gram, rows_per_sample: f64, columns: &[usize], most: us
     chosen.into_iter().zip(gains.iter().copied()).collect()
 }
 
-/// Returns the steps in order, and the next column, which is not significant.
+/// Returns the steps in order, and the next best column, which is not added because it is not significant. This column
+/// is `None` if the search ends for another reason.
 pub(crate) fn search(gram: &Gram, samples: f64, columns: &[usize], most: usize) -> (Vec<Move>, Option<Move>) {
     let left = |chosen: &[usize]| match chosen {
         [] => gram.power,

@@ -1,9 +1,9 @@
-//! Common part of `rbf` and `network` (M10, after Ren et al., Chen and Wang).
+//! Common part of `rbf` and `network` (after Ren et al., Chen and Wang).
 //!
-//! Both use each input directly and through a few lags, as the gateway calculates them. Like the linear methods, both
-//! are zero without a rise. Their smoothness is chosen on runs that are held out of the training runs, never on the run
-//! of the final validation. The criterion is the residual about its own mean, because the range of a run is the most
-//! important figure.
+//! Both methods use each input directly and through a few lags, as the gateway calculates them. Like the linear
+//! methods, both give zero without a rise. Their smoothness is chosen on runs that are held out of the training runs,
+//! never on the run of the final validation. The criterion is the residual about its own mean, because the range of the
+//! error in a run is the most important figure.
 //!
 //! If rows are averaged, the training uses means of rises. A gateway with a shorter period applies the network to each
 //! rise. For a non-linear network, the results differ, but by much less than the noise of a probe.
@@ -45,7 +45,7 @@ pub(super) enum Shape {
 /// A network method with its data.
 pub(super) struct Trained {
     bank: Bank,
-    /// Columns of the bank that it may use.
+    /// Columns of the bank that the network may use.
     columns: Vec<usize>,
     /// Names of the inputs.
     names: Vec<String>,
@@ -83,7 +83,8 @@ struct Fold<'a> {
 }
 
 impl Fold<'_> {
-    /// Sum over the held-out runs of the squared residual of `output` about the mean of each run.
+    /// Returns the squared residual of `output`, summed over the held-out runs. Each residual is counted from the mean
+    /// of its run.
     fn left(&self, output: impl Fn(&DMatrix<f64>) -> DVector<f64>) -> f64 {
         self.held.iter().map(|run| about_mean(&(output(&run.rises) - &run.target))).sum()
     }
@@ -93,7 +94,7 @@ fn about_mean(left: &DVector<f64>) -> f64 {
     left.norm_squared() - left.mean().powi(2) * count(left.len())
 }
 
-/// Index with the least sum of costs over all folds; `None` without folds.
+/// Returns the index with the least sum of costs over all folds; `None` without folds.
 fn least(folds: &[Fold<'_>], costs: impl Fn(&Fold<'_>) -> Vec<f64> + Sync + Send) -> Option<usize> {
     let costs: Vec<Vec<f64>> = folds.par_iter().map(costs).collect();
     least_sum(costs).map(|(place, _)| place)
@@ -196,7 +197,7 @@ impl Learner for Trained {
     }
 }
 
-/// Root mean square; 1 for constant zeros.
+/// Returns the root mean square of the values; 1 if all are zero.
 fn scale(values: &[f64]) -> f64 {
     Some(rms(values)).filter(|scale| *scale > 1e-9).unwrap_or(1.0)
 }

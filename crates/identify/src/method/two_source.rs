@@ -1,9 +1,10 @@
 //! `two-source`: C = Cw + Ch, Tachiya et al. 2013. In some runs only the first source is active, because the spindle
-//! waits. Its sensors give Cw. The residual of Cw in the other runs gives Ch, from the sensors of the second source.
+//! does not turn. The sensors of this source give Cw. The residual of Cw in the other runs gives Ch, from the sensors
+//! of the second source.
 
-use super::{Gains, Settings};
+use super::Settings;
 use crate::campaign::Campaign;
-use crate::gram::Gram;
+use crate::gram::{Gains, Gram};
 use crate::solve::ridge;
 
 pub(super) struct TwoSource {
@@ -13,14 +14,15 @@ pub(super) struct TwoSource {
 }
 
 impl TwoSource {
-    /// Uses a bank without lags, in which the index of an input is its column.
+    /// Finds the runs and the inputs that the settings name. The index of an input is also its column, because the
+    /// method uses a bank without lags.
     pub(super) fn new(campaign: &Campaign<'_>, settings: &Settings) -> Result<TwoSource, String> {
         let runs: Vec<&str> = campaign.dataset.runs.iter().map(|run| run.name.as_str()).collect();
         let inputs: Vec<&str> = campaign.inputs.iter().map(|input| input.name.as_str()).collect();
         let waiting = places("--waiting", "run", &settings.waiting, &runs)?;
         if waiting.len() < 2 || waiting.len() == runs.len() {
             return Err(format!(
-                "two-source needs at least two runs in which the spindle waits, and other runs: --waiting \
+                "two-source needs at least two runs in which the spindle waits (does not turn), and other runs: --waiting \
                  RUN,RUN of {}",
                 runs.join(", ")
             ));

@@ -5,8 +5,8 @@
 //! - The elastic net removes most columns. Its position on the path is chosen by the residual on whitened rows of
 //!   held-out runs.
 //!
-//! Both have different errors, in particular outside the training range. Their difference there is a measure of
-//! confidence in the mean.
+//! The two models have different errors, in particular outside the training range. Outside this range, their difference
+//! shows how reliable the mean is.
 //!
 //! One or two runs allow no choice. The model is then a ridge regression with a fixed penalty; with one run it is
 //! multiplied by 0.7.
@@ -27,7 +27,7 @@ use crate::statistics::{count, least_sum, median};
 
 /// Penalty if there are too few runs for a choice.
 const UNCHOSEN: f64 = 0.3;
-/// Factor of a ridge regression from one run.
+/// Factor of the gains of a ridge regression from one run.
 const OF_ONE_RUN: f64 = 0.7;
 /// L2 penalties of the elastic net. The weaker one is used only if its residual is less than [`CLEARLY`] times as
 /// large.
@@ -35,10 +35,10 @@ const SHARED: [f64; 2] = [0.1, 0.003];
 const CLEARLY: f64 = 0.4;
 /// Number of quarter-decade steps on the path of the elastic net.
 const STEPS: usize = 13;
-/// Minimum scale of a column. A column that changes less is scaled by this value.
+/// Minimum of the scale by which all columns are divided.
 const STANDS_STILL: f64 = 1e-9;
 
-/// Default time constants. Four give the same results as eight.
+/// Returns the default time constants: none, 6, 25 and 100 minutes. Four time constants give the same results as eight.
 pub(crate) fn usual_lags() -> Vec<Option<Duration>> {
     [0, 6, 25, 100].map(|minutes: u64| (minutes > 0).then(|| Duration::from_mins(minutes))).to_vec()
 }
@@ -52,7 +52,8 @@ pub(super) struct Whitening {
     prior: Option<Vec<(Candidate, f64)>>,
 }
 
-/// Gains by column: of the mean, and, if the model is a mean, of the ridge regression and the elastic net.
+/// Gains of each column: those of the model, and, if the model is a mean, also those of the ridge regression and the
+/// elastic net.
 pub(crate) struct Fitted {
     pub(crate) gains: Vec<f64>,
     pub(crate) halves: Option<Vec<[f64; 2]>>,
@@ -73,7 +74,7 @@ impl Whitening {
     }
 }
 
-/// Terms of an existing model, as candidates of this campaign.
+/// Returns the terms of an existing model as candidates of this campaign.
 fn known(campaign: &Campaign<'_>, prior: &[PriorTerm]) -> Result<Vec<(Candidate, f64)>, String> {
     let input = |term: &PriorTerm| campaign.inputs.iter().position(|input| input.name == term.signal);
     let mut foreign: Vec<&str> =
@@ -173,7 +174,7 @@ fn towards(
     Fitted { gains: (gains + prior).component_div(&units).data.into(), halves: None }
 }
 
-/// Divisor of each column. Values of speeds and their squares have other magnitudes than those of temperatures. Each
+/// Returns the divisor of each column. Speeds and their squares have other magnitudes than temperatures. Therefore each
 /// kind is scaled to the size of a typical temperature.
 fn units(products: &Products, runs: &[usize], columns: &[usize], bank: &Bank) -> DVector<f64> {
     let kind = |column: usize| {
@@ -197,7 +198,8 @@ fn units(products: &Products, runs: &[usize], columns: &[usize], bank: &Bank) ->
     DVector::from_iterator(columns.len(), columns.iter().map(unit))
 }
 
-/// Ridge regression. Its validation uses plain rows, because whitened rows would choose the weaker penalty.
+/// Identifies a model by ridge regression. The penalty is chosen on plain rows, because whitened rows would choose a
+/// penalty that is too weak.
 fn ridge(all: &Gram, folds: &[Fold]) -> DVector<f64> {
     let penalties = decades(-4, 2, 2);
     let costs = folds.iter().map(|fold| {
@@ -220,8 +222,8 @@ fn net(all: &Gram, folds: &[Fold]) -> DVector<f64> {
     path(all, shared, step + 1).pop().unwrap_or_else(|| DVector::zeros(all.cross.len()))
 }
 
-/// Gains after each of the first steps on the path of the elastic net. All columns have one scale, so that no column
-/// has an advantage.
+/// Returns the gains at each of the first penalties on the path of the elastic net. All columns have one scale, so that
+/// no column has an advantage.
 fn path(gram: &Gram, shared: f64, steps: usize) -> Vec<DVector<f64>> {
     let rows = gram.rows.max(1.0);
     let moves = gram.square.diagonal().iter().map(|square| (square / rows).max(0.0).sqrt()).collect();

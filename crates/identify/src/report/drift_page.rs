@@ -1,15 +1,16 @@
-//! Page of the verb `report`: drift in the terms of ISO 230-3.
+//! HTML report of the command `isotherm report`: drift in the terms of ISO 230-3.
 
 use maud::{Markup, html};
 
-use super::chart::{self, Line, LineStyle};
-use super::{date, decimals, duration, figure, list, machine, number, optional, page, row, runs, table};
+use super::page::{list, machine, optional, page, runs};
 use crate::dataset::{Dataset, Run};
 use crate::drift::{Displacement, Drift};
 use isotherm_core::quantity::Moment;
+use isotherm_html::chart::{self, Line, LineStyle};
+use isotherm_html::{date, decimals, duration, figure, number, row, table};
 use isotherm_profile::Profile;
 
-/// Renders the page as one HTML file.
+/// Renders the report as one HTML file.
 pub fn drift_page(dataset: &Dataset, drifts: &[Drift], profile: Option<&Profile>, made: Moment) -> String {
     let hours: f64 = drifts.iter().map(|drift| drift.hours).sum();
     let content = html! {
@@ -19,8 +20,8 @@ pub fn drift_page(dataset: &Dataset, drifts: &[Drift], profile: Option<&Profile>
             (runs(drifts.len(), hours * 3600.0))
         }
         p {
-            "What the logs say about drift, in the terms of ISO 230-3. It describes them: no duration and no limit of the \
-             standard is applied. Displacements are means of each minute; a range is the largest minus the smallest."
+            "Drift in the logs, in the terms of ISO 230-3. This is a description: no duration and no limit of the standard \
+             is applied. Displacements are means of each minute; a range is the largest minus the smallest."
         }
         @for (run, drift) in dataset.runs.iter().zip(drifts) { (of_run(dataset, run, drift)) }
     };
@@ -48,7 +49,7 @@ fn of_run(dataset: &Dataset, run: &Run, drift: &Drift) -> Markup {
             @if let Some(stage) = drift.stages.first() {
                 (figure(&stage.column,
                     &course(dataset, run, &stage.column, (480, 280), if stage.speed.is_some() { "speed" } else { "position" }),
-                    "What turned or moved meanwhile."))
+                    "Turning or movement during this time."))
             }
         }
         (displacements(drift.displacements.iter().map(|moved| (moved.name.as_str(), moved))))
@@ -76,14 +77,14 @@ fn headline(all: &[Displacement]) -> Markup {
     }
 }
 
-/// Chart of a column over the hours of a run.
+/// Renders a chart of a column over the hours of a run.
 fn course(dataset: &Dataset, run: &Run, name: &str, (width, height): (u32, u32), unit: &str) -> Markup {
     let values = dataset.column(name).map_or(&[] as &[f64], |column| run.values[column].as_slice());
     let line = Line::new(LineStyle::Solid, run.hours().zip(values.iter().copied()));
     chart::lines(width, height, unit, &format!("{name} over {}", run.name), &[line], None)
 }
 
-/// Table with one row for each displacement and its name.
+/// Renders a table with one row for each displacement. Each item is the name in the first cell, and the displacement.
 pub(super) fn displacements<'a>(all: impl Iterator<Item = (&'a str, &'a Displacement)>) -> Markup {
     let cells = |moved: &Displacement| {
         [

@@ -1,15 +1,17 @@
-//! The report of `identify`.
+//! HTML report of the command `isotherm identify`.
 
 use maud::{Markup, html};
 
 use super::drift_page::displacements;
-use super::{date, duration, list, logs, machine, number, page, runs, terms, validation_page};
+use super::page::{list, machine, page, runs};
+use super::{logs, terms, validation_page};
 use crate::drift::Drift;
 use crate::facts::of_error;
 use crate::faults::{Finding, Omission, Repaired};
 use crate::identified::Identified;
 use crate::setup::Ready;
 use isotherm_core::quantity::Moment;
+use isotherm_html::{date, duration, number};
 use isotherm_profile::Profile;
 
 /// Content of the report: the model, its machine and its logs.
@@ -17,7 +19,7 @@ use isotherm_profile::Profile;
 pub struct Subject<'a> {
     /// Profile of the machine.
     pub profile: &'a Profile,
-    /// Runs from which the model was learned.
+    /// Runs from which the model was identified.
     pub ready: &'a Ready<'a>,
     /// Model with its cross-validation.
     pub found: &'a Identified,
@@ -79,13 +81,13 @@ pub fn identified(subject: &Subject<'_>) -> String {
     page(&format!("{}: thermal compensation of axis {}", profile.name, found.axis), made, &content)
 }
 
-/// Displacements of each run in the terms of ISO 230-3, from its measured error.
+/// Renders the drift of the measured error in each run, in the terms of ISO 230-3.
 fn drift(drifts: &[Drift]) -> Markup {
     let rows =
         drifts.iter().flat_map(|drift| drift.displacements.iter().map(|moved| (drift.name.as_str(), moved)));
     html! {
         h2 { "Drift tests" }
-        p { "The measured error of each run, without compensation, in the terms of ISO 230-3. A description: no duration and no limit of the standard is applied." }
+        p { "The measured error of each run, without compensation, in the terms of ISO 230-3. This is a description: no duration and no limit of the standard is applied." }
         ul { @for drift in drifts { li { (drift.name) ": " (drift.test.title()) ", as " (drift.because) } } }
         (displacements(rows))
     }

@@ -2,8 +2,6 @@
 
 use maud::{Markup, html};
 
-use super::chart::{self, Line, LineStyle};
-use super::{date, decimals, duration, figure, plain, table, three_digits};
 use crate::ambient::ambient_column;
 use crate::bank::Bank;
 use crate::campaign::Campaign;
@@ -11,11 +9,13 @@ use crate::dataset::{Column, Dataset, Kind, Run};
 use crate::faults::{self, Finding};
 use crate::similarity::{correlations, order};
 use crate::statistics::{count, least_and_most};
+use isotherm_html::chart::{self, Line, LineStyle};
+use isotherm_html::{date, decimals, duration, figure, plain, table, three_digits};
 
 /// Maximum number of inputs in a correlation map.
 const MOST_MAPPED: usize = 32;
 
-/// Table of the runs: date, duration, rows, speeds and ambient temperature.
+/// Renders the table of the runs: date, duration, rows, speeds and ambient temperature.
 pub(super) fn runs(dataset: &Dataset, like: &[Finding]) -> Markup {
     let name = |column: usize| dataset.columns[column].name.as_str();
     let speeds: Vec<usize> = dataset.of_kind(Kind::Speed).collect();
@@ -52,7 +52,8 @@ fn spanned<'a>(values: impl IntoIterator<Item = &'a f64>, places: usize) -> Stri
     })
 }
 
-/// Speeds that take at least a twentieth of the run each, if they are at most six; otherwise the range.
+/// Formats the speeds that each take at least a twentieth of the run, if there are at most six of them; otherwise the
+/// range of the speed.
 fn stages(values: &[f64]) -> String {
     const FEW: usize = 6;
     let mut held: Vec<f64> =
@@ -67,7 +68,7 @@ fn stages(values: &[f64]) -> String {
     if (1..=FEW).contains(&long.len()) { long.join(", ") } else { spanned(values, 0) }
 }
 
-/// Table of the sensors: kind, resolution, range, use, and findings.
+/// Renders the table of the sensors: kind, resolution, range, use, and findings.
 pub(super) fn sensors(
     dataset: &Dataset,
     used: &dyn Fn(&str) -> &'static str,
@@ -112,7 +113,7 @@ fn remarks(column: &Column, excluded: &[Finding], like: &[Finding]) -> String {
     }
 }
 
-/// Small chart of each temperature, with all runs on top of each other.
+/// Renders a small chart of each temperature, with the curves of all runs in one chart.
 pub(super) fn over_time(dataset: &Dataset, excluded: &[Finding]) -> Markup {
     html! {
         h2 { "Sensors over time" }
@@ -138,7 +139,7 @@ fn sensor(dataset: &Dataset, column: usize, excluded: &[Finding]) -> Markup {
     figure(name, &picture, &format!("up to {} °C in a run", three_digits(widest)))
 }
 
-/// Correlation map of the inputs and the error.
+/// Renders the correlation map of the inputs and the error.
 pub(super) fn alike(campaign: &Campaign<'_>) -> Markup {
     let bank = Bank::of(campaign, &[None]);
     let inputs: Vec<usize> = (0..campaign.inputs.len()).collect();
@@ -158,9 +159,9 @@ pub(super) fn alike(campaign: &Campaign<'_>) -> Markup {
     html! {
         h2 { "Sensors with similar values" }
         p {
-            "Correlations in hundredths, over the rows of all runs. They are those of the rises of the \
-             sensors since the start of a run, and of the measured error. The darker, the stronger. Below \
-             zero, one falls as the other rises."
+            "Correlations in hundredths, over the rows of all runs, of the measured error and of the rises of \
+             the sensors since the start of a run. A darker cell is a stronger correlation. If the \
+             correlation is negative, one value falls while the other rises."
         }
         // The map has a fixed minimum width, so that its figures remain legible.
         div .scroll tabindex="0" {

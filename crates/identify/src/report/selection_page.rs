@@ -1,13 +1,15 @@
-//! Page of the verb `select`.
+//! HTML report of the command `isotherm select`.
 
 use maud::{Markup, html};
 
-use super::chart::{self, Bar};
-use super::{date, decimals, figure, logs, number, page, runs, table, three_digits, validation_page};
+use super::page::{page, runs};
+use super::{logs, validation_page};
 use crate::select::{Counted, Point, Pointed, Selected, Step};
 use isotherm_core::quantity::Moment;
+use isotherm_html::chart::{self, Bar};
+use isotherm_html::{date, decimals, figure, number, table, three_digits};
 
-/// Renders the page as one HTML file.
+/// Renders the report as one HTML file.
 pub fn selection_page(pointed: &Pointed<'_>, found: &Selected, made: Moment) -> String {
     let dataset = pointed.campaign.dataset.as_ref();
     let used = |name: &str| {
@@ -65,7 +67,7 @@ fn recommended(found: &Selected) -> Markup {
             }
         }
     };
-    table(&["point", "chosen in held-out fits", "much the same:"], &rows)
+    table(&["point", "chosen in held-out fits", "similar points:"], &rows)
 }
 
 fn by_count(found: &Selected) -> Markup {
@@ -96,10 +98,10 @@ fn by_count(found: &Selected) -> Markup {
             "held out, over the number of points; a ring marks the recommended \
              number" } li .dashed { "with every point" } }
         div .gallery {
-            (figure("Mean range of a run", &of(|row| row.means.mean_range_um), ""))
-            (figure("Mean RMS of a run", &of(|row| row.means.mean_rmse_um), ""))
+            (figure("Mean range of the residual error in a run", &of(|row| row.means.mean_range_um), ""))
+            (figure("Mean RMS of the residual error in a run", &of(|row| row.means.mean_rmse_um), ""))
         }
-        (table(&["points", "mean RMS, µm", "mean range, µm", "worst run, µm", "comes in (on all runs):"], &rows))
+        (table(&["points", "mean RMS, µm", "mean range, µm", "worst run, µm", "point added (on all runs):"], &rows))
     }
 }
 
@@ -115,8 +117,8 @@ fn points(found: &Selected) -> Markup {
         h2 { "Each point alone" }
         div .gallery {
             (figure("Correlation with the error", &bars("correlation of each point with the error", |point| point.correlation),
-                "Over the rows of all runs, of rises since the start of a run. Below zero, the point falls \
-                 as the error rises."))
+                "Over the rows of all runs, of rises since the start of a run. If it is negative, the \
+                 point falls while the error rises."))
             (figure("Grey relational grade", &bars("grey relational grade of each point", |point| point.grey_grade),
                 "After Deng, ζ = 0.5: 1 if the course of a point is that of the error."))
         }
@@ -148,15 +150,15 @@ fn stepwise(found: &Selected) -> Markup {
         }
     };
     let rows = html! {
-        @for step in &found.stepwise.steps { (row(step, if step.comes_in { "comes in" } else { "leaves" })) }
+        @for step in &found.stepwise.steps { (row(step, if step.comes_in { "added" } else { "removed" })) }
         @if let Some(next) = &found.stepwise.next { (row(next, "not significant")) }
     };
     html! {
         h2 { "Stepwise, by partial F tests" }
         p {
-            "In the order in which points come in, on rises without lags, counting " (decimals(found.stepwise.samples, 0))
-            " independent samples. The chance is the probability of such an F if the point has nothing to do \
-             with the error."
+            "In the order in which points are added, on rises without lags, with " (decimals(found.stepwise.samples, 0))
+            " independent samples. The chance is the probability of such an F if the point has no effect on \
+             the error."
         }
         (table(&["point", "step:", "partial F", "chance"], &rows))
     }

@@ -5,8 +5,7 @@ use std::time::Duration;
 
 use maud::{Markup, html};
 
-use super::chart::{self, Bar};
-use super::{decimals, duration, figure, number, optional, row, table, three_digits};
+use super::page::optional;
 use crate::expected::Growth;
 use crate::identified::{Fallback, Identified, TermFound};
 use crate::region::Region;
@@ -14,12 +13,14 @@ use crate::select::Counted;
 use crate::stand_in::StandIn;
 use crate::validate::Means;
 use isotherm_core::compensation::settings::{AxisSettings, OnFault};
+use isotherm_html::chart::{self, Bar};
+use isotherm_html::{decimals, duration, figure, number, row, table, three_digits};
 use isotherm_profile::counted;
 
 /// Maximum number of bars. The table contains all terms.
 const MOST_BARS: usize = 30;
 
-/// Bars with their standard errors, then the figures.
+/// Renders the model: a chart of the gains with their standard errors, then a table of all terms.
 pub(super) fn terms(found: &Identified) -> Markup {
     let Some(gains) = found.learned.sum() else {
         return html! {
@@ -103,7 +104,8 @@ fn named(term: &TermFound) -> String {
     format!("{}{}", term.signal, if term.squared { "²" } else { "" })
 }
 
-/// Charts of each signal's effect in equilibrium, after all lags: the sum of its gains. One chart for each unit.
+/// Renders charts of each signal's effect in equilibrium, after all lags: the sum of its gains. Each unit has one
+/// chart.
 fn at_rest(terms: &[TermFound]) -> Markup {
     let mut sums: Vec<(&TermFound, f64)> = Vec::new();
     for term in terms.iter().filter(|term| !term.slope) {
@@ -130,7 +132,7 @@ fn at_rest(terms: &[TermFound]) -> Markup {
     html! {
         @for bars in units.iter().map(of_unit) {
             (figure(
-                "Each sensor at rest",
+                "Each sensor in equilibrium",
                 &chart::bars("sum of the gains of each sensor", &bars),
                 "The sum of a sensor's gains: the effect of one unit after all lags.",
             ))
@@ -145,7 +147,7 @@ fn lag(term: &TermFound) -> String {
     }
 }
 
-/// Residual errors after the loss of each sensor.
+/// Renders the residual errors after the loss of each sensor.
 pub(super) fn stand_ins(found: &Identified) -> Markup {
     let figures = |means: &Means| {
         let [mean, worst, rms] = [means.mean_range_um, means.worst_range_um, means.mean_rmse_um].map(number);
@@ -177,8 +179,8 @@ pub(super) fn stand_ins(found: &Identified) -> Markup {
         h2 { "Without one of its sensors" }
         p {
             "If a sensor is frozen or fails, a value predicted from the other sensors replaces it, or a \
-             model without this sensor is used. The one with the smaller error is chosen. Held out, with the \
-             sensor lost from the beginning of each run"
+             model without this sensor is used. The one with the smaller error is chosen. Errors on held-out \
+             runs, with the sensor lost from the beginning of each run"
             @if found.probe_s.is_some() { ", without the probe" }
             ":"
         }
@@ -197,7 +199,7 @@ pub(super) fn stand_ins(found: &Identified) -> Markup {
     }
 }
 
-/// Results by the number of sensors.
+/// Renders the held-out results by the number of sensors.
 pub(super) fn by_sensors(counted: &[Counted]) -> Markup {
     if counted.len() < 3 {
         return html! {};
@@ -221,15 +223,16 @@ pub(super) fn by_sensors(counted: &[Counted]) -> Markup {
             "The value of one more sensor: for each run, the sensors were chosen from all the others, and \
              tested on that run." }
         div .gallery {
-            (figure("Mean range of a run", &chart::curve("µm", says, &ranges, few, ranges[0]),
+            (figure("Mean range of the residual error in a run",
+                &chart::curve("µm", says, &ranges, few, ranges[0]),
                 "Over the number of sensors; dashed: without sensors. A ring marks the smallest number that \
                  is within a tenth of the best."))
         }
-        (table(&["sensors", "mean range, µm", "worst run, µm", "comes in (on all runs):"], &rows))
+        (table(&["sensors", "mean range, µm", "worst run, µm", "sensor added (on all runs):"], &rows))
     }
 }
 
-/// Expected error of the model.
+/// Renders the expected error of the model.
 pub(super) fn expected(found: &Identified) -> Markup {
     let Some(expected) = found.expected else { return html! {} };
     let after = |[a, b]: Growth, hours: f64| format!("± {} µm", number((a * hours + b).sqrt()));
@@ -243,23 +246,23 @@ pub(super) fn expected(found: &Identified) -> Markup {
         h2 { "Expected error" }
         p {
             "Standard deviation of the residual error, from the held-out runs. It grows with the time since \
-             the datum, or since the last touch of a probe. Two rows of three should be within one standard \
-             deviation, 19 of 20 within two."
+             the datum (zero point of Cz), or since the last touch of a probe. Two rows of three should be \
+             within one standard deviation, 19 of 20 within two."
         }
         (table(&["after", "since the datum", "since a touch"], &rows))
         p .quiet {
-            "Within one and two standard deviations that the other runs predict: "
+            "Share of the rows within one and within two standard deviations that the other runs predict: "
             (shares.map(|(run, inside)| format!("{} {} and {} %", run.name, decimals(100.0 * inside.inside_1, 0), decimals(100.0 * inside.inside_2, 0))).collect::<Vec<_>>().join("; ")) "."
         }
         @if let Some(q) = found.probe_q {
             p {
                 "The residual error drifts randomly, by " (three_digits(q)) " µm² an hour: "
-                code { "q = " (three_digits(q)) } " is for the probe of the axis, if it has one." }
+                code { "q = " (three_digits(q)) } " is the setting for a probe of the axis." }
         }
     }
 }
 
-/// Rises on which the model was identified.
+/// Renders the envelope: the range of rises on which the model was identified.
 pub(super) fn envelope(region: Option<&Region>) -> Markup {
     let Some(region) = region else {
         return html! {
@@ -276,18 +279,20 @@ pub(super) fn envelope(region: Option<&Region>) -> Markup {
         h2 { "Envelope" }
         p {
             "The model was identified on these rises since the start of a run. Outside this range nothing \
-             was measured, and the axis reports this." }
+             was measured, and the gateway reports it." }
         (table(&["sensor", "least, °C", "mean, °C", "most, °C"], &rows))
     }
 }
 
-/// Limits of the axis, whichever value the model requests.
+/// Renders the limits of the axis, which apply to every Cz that the model requests.
 pub(super) fn limits(axis: &AxisSettings) -> Markup {
     let micron = |value: f64| format!("{} µm", chart::tick(value));
     let time = |time: Duration| duration(time.as_secs_f64());
     let fault = match axis.on_fault {
         OnFault::Hold => "Cz stays as it is".to_owned(),
-        OnFault::Ramp { after } => format!("Cz stays for {}, then goes to zero at the rate", time(after)),
+        OnFault::Ramp { after } => {
+            format!("Cz stays for {}, then goes to zero at the largest rate", time(after))
+        }
         OnFault::Zero => "Cz goes to zero in steps".to_owned(),
     };
     html! {

@@ -2,14 +2,14 @@
 
 use maud::{Markup, html};
 
-use super::chart::{self, Bar, Line, LineStyle};
-use super::{decimals, figure, number, table};
 use crate::identified::Identified;
 use crate::statistics::{count, least_and_most};
 use crate::validate::{HeldOut, Means, RunScore};
+use isotherm_html::chart::{self, Bar, Line, LineStyle};
+use isotherm_html::{decimals, figure, number, table};
 use isotherm_profile::counted;
 
-/// Renders the headline: range and root mean square of the error with and without the model.
+/// Renders the headline figures: range and root mean square of the error, with the model and without compensation.
 pub(super) fn headline(means: &Means, uncompensated: &Means) -> Markup {
     let figures = [
         ("mean range of a run", means.mean_range_um, uncompensated.mean_range_um),
@@ -141,7 +141,7 @@ fn against(found: &Identified) -> Markup {
     html! {
         div .gallery style="margin-top: 1.2rem" {
             (figure("Predicted against measured", &chart::scatter("µm predicted, over µm measured", "predicted against measured error", &pairs),
-                "Every run held out; on the line both are equal."))
+                "Each run was held out. On the line, both errors are equal."))
             (figure(
                 "Distribution of the residual \
                  error", &chart::bars("share of the rows by residual error", &histogram),

@@ -1,8 +1,8 @@
 //! Grey relational grades (Deng 1982): similarity of the course of a point with that of the error.
 //!
-//! Each series is divided by its largest absolute value over all runs. It is negated if its correlation with the error
-//! is negative. With Δi(k) = |error(k) − pointi(k)| at row k, Δmin and Δmax over all points and rows, and ζ = 0.5:
-//! ξi(k) = (Δmin + ζ·Δmax) / (Δi(k) + ζ·Δmax). The grade is the mean of ξi over the rows.
+//! Each series is divided by its largest absolute value over all runs. The series is negated if its correlation with
+//! the error is negative. With Δi(k) = |error(k) − pointi(k)| at row k, Δmin and Δmax over all points and rows, and ζ =
+//! 0.5: ξi(k) = (Δmin + ζ·Δmax) / (Δi(k) + ζ·Δmax). The grade is the mean of ξi over the rows.
 
 use crate::bank::Bank;
 use crate::statistics::mean;
@@ -10,7 +10,7 @@ use crate::statistics::mean;
 /// Distinguishing coefficient ζ: weight of the largest distance.
 const DISTINGUISHING: f64 = 0.5;
 
-/// Grade of each point. The last column of `correlations` is the error.
+/// Returns the grade of each point. The last column of `correlations` is the error.
 pub(super) fn grades(bank: &Bank, points: &[usize], correlations: &[Vec<f64>]) -> Vec<f64> {
     let error = scaled(&bank.errors(), 1.0);
     let distances = |point: &usize| {

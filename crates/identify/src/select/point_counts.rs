@@ -27,10 +27,11 @@ pub struct Counted {
     pub means: Means,
 }
 
-/// Maximum ratio to the best result. Smaller differences are not significant with few runs.
+/// Maximum ratio of a result to the best one that is not clearly worse. Smaller differences are not significant with
+/// few runs.
 const AS_GOOD: f64 = 1.1;
 
-/// Results of all held-out runs.
+/// Results of all held-out runs by the number of points.
 pub(crate) struct Counts {
     /// Order in which the search adds points, over all runs.
     path: Vec<usize>,
@@ -73,8 +74,8 @@ pub(crate) fn point_counts(
     Counts { path, held_out, table, all_points }
 }
 
-/// Score of the run `out` with these points. Speeds of the spindle are always used, because they do not count as
-/// points.
+/// Returns the score of the held-out run `out` with these points. Speeds of the spindle are always used, because they
+/// are no points.
 fn score(bank: &Bank, products: &Products, others: &[usize], out: usize, points: &[usize]) -> RunScore {
     let run = &bank.runs[out];
     let may = |input: usize| points.contains(&input) || bank.is_speed[input];
@@ -88,12 +89,12 @@ fn score(bank: &Bank, products: &Products, others: &[usize], out: usize, points:
 }
 
 impl Counts {
-    /// Scores of each held-out run with this number of points.
+    /// Returns the score of each held-out run with this number of points.
     pub(super) fn scores(&self, k: usize) -> Vec<RunScore> {
         self.held_out.iter().filter_map(|(_, scores)| scores.get(k).cloned()).collect()
     }
 
-    /// Smallest number of points whose result is not clearly worse than the best.
+    /// Recommends the smallest number of points whose result is not clearly worse than the best.
     pub(super) fn recommended(&self, groups: &[Grouped], name: &dyn Fn(usize) -> String) -> Recommended {
         let size = |row: &Counted| (row.means.mean_range_um * row.means.mean_rmse_um).sqrt();
         let sizes: Vec<f64> = self.table.iter().map(size).collect();
@@ -112,8 +113,8 @@ impl Counts {
         } else {
             let points = if k == 1 { "1 point leaves".to_owned() } else { format!("{k} points leave") };
             format!(
-                "{points} a mean range of {:.2} µm on held-out runs, {:.2} µm without compensation. Up to \
-                 {most} points improve this by a tenth at most, which is not significant with few runs",
+                "{points} a mean range of {:.2} µm on held-out runs, {:.2} µm without compensation. More \
+                 points, up to {most}, improve this by at most a tenth, which is not significant with few runs",
                 range(k),
                 range(0)
             )

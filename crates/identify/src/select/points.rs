@@ -1,4 +1,4 @@
-//! Check of a choice against the logs, without a profile.
+//! Check of the chosen columns against the logs, without a profile.
 
 use crate::ambient;
 use crate::campaign::{Campaign, Input, temperatures_of, without};
@@ -15,7 +15,7 @@ use isotherm_profile::Unit;
 /// Temperature points that can be analysed.
 #[derive(Clone, Debug)]
 pub struct Pointed<'a> {
-    /// Runs. Every column is a signal.
+    /// Runs, in which every column is a signal.
     pub(crate) campaign: Campaign<'a>,
     /// Remarks about the points and the logs.
     pub notes: Notes,
@@ -24,7 +24,7 @@ pub struct Pointed<'a> {
 /// Checks the choice, leaves faulty sensors out, and masks the rows in which a sensor was frozen.
 ///
 /// # Errors
-/// Returns all errors as messages.
+/// The choice does not fit the logs, or a log is unusual. All errors are returned as messages.
 pub fn points<'a>(dataset: &'a Dataset, choice: &Choice) -> Result<Pointed<'a>, BadLog> {
     let mut wrong = Vec::new();
     let error = checks::column_of(dataset, choice.error.as_deref().unwrap_or_default(), &mut wrong);
@@ -63,7 +63,7 @@ pub fn points<'a>(dataset: &'a Dataset, choice: &Choice) -> Result<Pointed<'a>, 
             if left_out.is_empty() { String::new() } else { format!(" ({} left out)", left_out.join("; ")) };
         return Err(BadLog(vec![format!(
             "{} temperature points are left{left_out}: there is nothing to choose from; name columns with --inputs, or \
-             keep one in with --keep",
+             keep a point with --keep",
             good.len()
         )]));
     }
@@ -72,8 +72,8 @@ pub fn points<'a>(dataset: &'a Dataset, choice: &Choice) -> Result<Pointed<'a>, 
     Ok(Pointed { campaign, notes: Notes { excluded, omissions: Vec::new(), ambient, remarks } })
 }
 
-/// Returns every freeze of these points, except of points with another fault. Also returns a remark on what was not
-/// tested.
+/// Returns every freeze of these points, except of points with another fault. Also returns a remark if some constant
+/// readings could not be tested.
 fn find_freezes(
     dataset: &Dataset,
     choice: &Choice,

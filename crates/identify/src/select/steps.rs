@@ -6,18 +6,19 @@ use crate::bank::Bank;
 use crate::gram::Gram;
 use crate::method::stepwise::{self, Move};
 
-/// Order of the points, and the reason for its end.
+/// Result of the stepwise selection: its steps, and the next best point.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Steps {
     /// Steps in their order.
     pub steps: Vec<Step>,
-    /// Next point, which is not significant.
+    /// Next best point, which is not added because it is not significant; `None` if the search ended for another
+    /// reason.
     pub next: Option<Step>,
     /// Number of independent samples.
     pub samples: f64,
 }
 
-/// A point is added or removed.
+/// Step of the selection: a point that is added or removed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Step {
     /// Name of the point.
@@ -30,7 +31,7 @@ pub struct Step {
     pub chance: f64,
 }
 
-/// Stepwise selection over all runs.
+/// Selects points stepwise, over all runs.
 pub(super) fn steps(bank: &Bank, rows_per_sample: f64, name: &dyn Fn(usize) -> String) -> Steps {
     let gram = Gram::total(&bank.grams());
     let is_plain = |column: &usize| bank.candidates[*column].lag.is_none();

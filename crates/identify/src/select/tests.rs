@@ -145,7 +145,11 @@ fn a_frozen_point_stays_in_and_its_rows_are_masked_unless_it_is_kept() {
     assert!(!masked.campaign.masked(1).contains(&true));
     let kept = points(&week, &Choice { keep: vec!["bearing".to_owned()], ..choice() }).unwrap();
     assert!(kept.notes.excluded.is_empty());
-    assert!(kept.notes.remarks[0].contains("is kept as requested: frozen from"), "{:?}", kept.notes.remarks);
+    assert!(
+        kept.notes.remarks[0].contains("is used as requested, although it was found faulty: frozen from"),
+        "{:?}",
+        kept.notes.remarks
+    );
     assert!(!kept.campaign.masked(2).contains(&true));
 }
 

@@ -1,4 +1,5 @@
-//! Selection of the sensors for learning. Faults are repaired, masked or left out, with the cost of each omission.
+//! Selection of the sensors for identification. Faulty readings are repaired or masked, or the sensor is left out, with
+//! the effect of leaving it out.
 
 use super::Choice;
 use crate::campaign::{Campaign, Input, temperatures_of, without};
@@ -11,17 +12,17 @@ use crate::resolution;
 use crate::stand_in::freeze::{freezes, untested};
 use isotherm_profile::Profile;
 
-/// Campaign with the sensors that are used, and the findings about the others.
+/// Campaign with the sensors that are used, and the findings about the other sensors.
 pub(super) struct SoundSensors<'a> {
     pub(super) campaign: Campaign<'a>,
     pub(super) excluded: Vec<Finding>,
     pub(super) omissions: Vec<Omission>,
     pub(super) repaired: Vec<Repaired>,
-    /// Remarks on faulty sensors that are kept on request, and on what was not tested.
+    /// Remarks on faulty sensors that are used on request, and on constant readings that could not be tested.
     pub(super) remarks: Vec<String>,
 }
 
-/// Examines the temperatures among these inputs.
+/// Searches the temperatures among these inputs for faults, and selects the sensors that are used.
 ///
 /// # Errors
 /// Returns a message if no sensor is left.
@@ -85,8 +86,8 @@ pub(super) fn examine<'a>(
     Ok(SoundSensors { campaign, excluded, omissions, repaired, remarks })
 }
 
-/// Returns every freeze of these inputs, and a remark on what was not tested. `assessed`: columns in which other faults
-/// are searched.
+/// Returns every freeze of these inputs, and a remark if some constant readings could not be tested. `assessed` are the
+/// columns in which other faults are searched.
 fn find_freezes(
     profile: &Profile,
     dataset: &Dataset,
@@ -106,7 +107,7 @@ fn find_freezes(
     (freezes(&campaign, dataset, &count_of), untested(&campaign))
 }
 
-/// Returns the cost of each excluded sensor, except of those in `known`.
+/// Returns the effect of leaving out each excluded sensor, except of those in `known`.
 fn costs(
     campaign: &Campaign<'_>,
     inputs: &[Input],

@@ -1,10 +1,10 @@
-//! Elastic net, along its path.
+//! Elastic net for a series of decreasing L1 penalties (its path).
 
 use nalgebra::DVector;
 
 use crate::gram::Gram;
 
-/// Elastic net `½|y − Xw|² + l1·|w|₁ + ½·l2·|w|²` on scaled columns, for one `l1` after the other. The solution is
+/// Elastic net `½|y − Xw|² + l1·|w|₁ + ½·l2·|w|²` on scaled columns, for a series of values of `l1`. The solution is
 /// exact, by the feature-sign search of Lee, Battle, Raina and Ng (2006). Coordinate descent needs many thousand rounds
 /// if columns are similar.
 ///
@@ -22,18 +22,18 @@ pub(crate) struct Net<'a> {
 }
 
 impl Net<'_> {
-    /// Starts with no active column.
+    /// Creates the net with no active column.
     pub(crate) fn new(scaled: &Gram, l2: f64) -> Net<'_> {
         let gains = DVector::zeros(scaled.cross.len());
         Net { scaled, l2, gains, columns: Vec::new(), signs: Vec::new(), factor: Vec::new() }
     }
 
-    /// Smallest L1 penalty at which all gains are zero.
+    /// Returns the smallest L1 penalty at which all gains are zero.
     pub(crate) fn first_penalty(&self) -> f64 {
         self.scaled.cross.amax()
     }
 
-    /// Gains at this L1 penalty, calculated from those of the penalty before.
+    /// Returns the gains at this L1 penalty. The search starts from the gains of the previous penalty.
     pub(crate) fn at(&mut self, l1: f64) -> &DVector<f64> {
         let size = self.gains.len();
         // Each round reduces the cost. The bound is a safeguard.
@@ -83,7 +83,7 @@ impl Net<'_> {
         }
     }
 
-    /// Solution for the signs of the active columns.
+    /// Returns the gains of the active columns that solve the system for the present signs.
     fn answer(&self, l1: f64) -> Vec<f64> {
         let mut answer: Vec<f64> = Vec::with_capacity(self.columns.len());
         for (row, (column, sign)) in self.factor.iter().zip(self.columns.iter().zip(&self.signs)) {
@@ -99,7 +99,8 @@ impl Net<'_> {
         answer
     }
 
-    /// Moves the gains to the solution for these signs, as far as the signs hold. Removes columns that reach zero.
+    /// Moves the gains towards the solution for the present signs. If a gain reaches zero on the way, its column is
+    /// removed, and the move is repeated with the others.
     fn settle(&mut self, l1: f64) {
         while !self.columns.is_empty() {
             let answer = self.answer(l1);
@@ -123,7 +124,7 @@ impl Net<'_> {
     }
 }
 
-/// Dot product over the common length.
+/// Returns the dot product over the common length.
 fn dot(one: &[f64], other: &[f64]) -> f64 {
     one.iter().zip(other).map(|(one, other)| one * other).sum()
 }

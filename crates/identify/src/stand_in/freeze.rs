@@ -1,24 +1,24 @@
 //! Frozen sensors in logs: constant readings while the predictions from the other sensors move.
 //!
 //! ```text
-//! D(t) = |x̂(t) − x̂(s)|   °C, s being when the reading last changed; 0 for the 3 minutes after that
-//! θ    = max(0.05 °C, 2 × the largest of the other runs' largest D)
-//!        with the second largest instead, if the largest exceeds three times it
+//! D(t) = |x̂(t) − x̂(s)|   °C, s: time of the last change of the reading; D is 0 in the 3 minutes after s
+//! θ    = max(0.05 °C, 2 × the largest D of the other runs)
+//!        The run with the largest D is ignored if its D exceeds
+//!        three times the largest D of the remaining runs.
 //! ```
 //!
-//! Each run is judged as if it came after all the others: x̂ and θ are learned from the others only. A period of
-//! constant readings is a freeze if
+//! Each run is tested with x̂ and θ from the other runs only. A period of constant readings is a freeze if
 //! - it **thaws** with a step of more than three counts to the next reading, and D exceeded θ before; or
 //! - it lasts to the end of its run, for at least half an hour, and D exceeds θ at the end.
 //!
-//! The reading of a sensor in thermal equilibrium is constant, too, but it leaves its value by one or two counts. In a
-//! log with one row per minute, a fast sensor leaves it by many counts. Therefore the step of a sensor with coarse
-//! counts must also be twice as large as its own largest step. The air of a hall may be constant for hours, and the
-//! other sensors predict it badly. Therefore D of such a sensor must, at the end of a run, also exceed the usual error
-//! of x̂.
+//! The reading of a sensor in thermal equilibrium is constant, too, but then it changes by one or two counts. In a log
+//! with one row per minute, a fast sensor may change by many counts. Therefore the step of a sensor with coarse counts
+//! must also be twice as large as its own largest step. The air of a hall may be constant for hours, and the other
+//! sensors predict it badly. Therefore D of such a sensor must, at the end of a run, also exceed the usual error of x̂.
 //!
-//! The other runs cannot judge conditions that they did not contain. Therefore x̂ uses rises that are clipped to
-//! theirs. A sensor that is constant far beyond its own readings in the other runs is not judged.
+//! Predictions are unreliable under conditions that the other runs do not contain. Therefore the rises for x̂ are
+//! clipped to the range of the other runs. A sensor that is constant far beyond its own readings in the other runs is
+//! not tested.
 //!
 //! False alarms cost more than frozen sensors. An earlier test left out eight of twelve sound sensors of two machines.
 //! The models without them left nearly twice as much error.
@@ -34,11 +34,11 @@ use crate::folds::folds;
 use crate::resolution::finest_step;
 use crate::statistics::{least_and_most, median, rms};
 
-/// Maximum step of a temperature between two readings, in counts.
+/// Maximum step of a good sensor between two readings, in counts.
 const COUNTS: f64 = 3.0;
-/// Relative rounding error. A step of three counts is not more than three counts.
+/// Relative rounding error, so that a step of exactly three counts does not exceed three counts.
 const ROUNDING: f64 = 1e-6;
-/// Minimum number of runs for a judgement.
+/// Minimum number of runs. With fewer runs, sensors are not tested for freezes.
 const FEWEST_RUNS: usize = 3;
 /// Minimum duration of constant readings if there are only [`FEWEST_RUNS`] runs, s.
 const LONG: f64 = 3600.0;
@@ -47,7 +47,8 @@ const LONG: f64 = 3600.0;
 const LONG_AT_THE_END: f64 = 1800.0;
 /// Factor by which the step of a thaw must exceed the largest own step of a coarse sensor.
 const LARGER: f64 = 2.0;
-/// Share of the span of a sensor's rises. A sensor that is constant farther beyond them is not judged.
+/// Share of the span of a sensor's rises by which constant readings may be beyond this span. If they are farther
+/// beyond, the sensor is not tested.
 const BEYOND: f64 = 0.25;
 
 /// Returns a message on constant readings that were not tested; `None` if all were tested.
@@ -64,9 +65,9 @@ pub(crate) fn untested(campaign: &Campaign<'_>) -> Option<String> {
     }
 }
 
-/// Returns every freeze of the sensors of a campaign. What follows constant readings is taken from `logs`, which are as
-/// recorded. Predictions are made from the campaign, in which other faults are repaired. `resolution` returns the count
-/// of a column of the logs in its unit, or 0 if it is unknown.
+/// Returns every freeze of the sensors of a campaign. The reading after each period of constant readings is taken from
+/// `logs`, which are as recorded. Predictions are made from the campaign, in which other faults are repaired.
+/// `resolution` returns the count of a column of the logs in its unit, or 0 if it is unknown.
 pub(crate) fn freezes(
     campaign: &Campaign<'_>,
     logs: &Dataset,
@@ -117,7 +118,7 @@ struct Suspect {
     /// Index of the sensor among the inputs.
     sensor: usize,
     run: usize,
-    /// The sensor may be constant without a fault.
+    /// Whether the sensor may be constant without a fault, because its counts are coarse.
     is_coarse: bool,
     stills: Vec<Standstill>,
 }
@@ -175,8 +176,8 @@ impl<'a> Judge<'a> {
         found.into_iter().map(frozen).collect()
     }
 
-    /// Returns D (the predicted motion, °C) of a period of constant readings: the largest if it ends with a step, else
-    /// that at its end. `None` if no row shows it. Also `None` if the sensor is constant far beyond its own readings in
+    /// Returns D (the predicted motion, °C) of a period of constant readings: the largest D if the period ends with a
+    /// step, else the last D. `None` if no row can be used, or if the sensor is constant far beyond its own readings in
     /// the training runs.
     fn missed(
         &self,
@@ -216,8 +217,8 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// Returns θ of a sensor and the usual error of x̂, °C, from these runs. The error is the median of their root mean
-    /// squares.
+    /// Returns θ of a sensor and the usual error of x̂, °C, from these runs. The error is the median of the root mean
+    /// squares of these runs.
     fn limits(&self, sensor: usize, runs: &[usize], penalty: f64) -> (f64, f64) {
         let (mut largest, mut errors) = (Vec::new(), Vec::new());
         for held in folds(runs) {
@@ -257,7 +258,7 @@ impl<'a> Judge<'a> {
     }
 }
 
-/// Returns θ from the largest D of each run. With two runs, the outlier cannot be determined.
+/// Returns θ from the largest D of each run. With two runs, an outlier cannot be recognized.
 fn theta(mut largest: Vec<f64>) -> f64 {
     largest.sort_by(|one, other| other.total_cmp(one));
     let seen = match largest.as_slice() {

@@ -1,4 +1,5 @@
-//! Cost of a frozen sensor, and the time to its detection, by the rules of the gateway, on rows of one minute.
+//! Simulation of frozen sensors by the rules of the gateway, on rows of one minute. The results are the effect on the
+//! error, and the time to detection.
 
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
@@ -9,16 +10,16 @@ use crate::setup::Ready;
 use crate::statistics::{least_and_most, range};
 use crate::validate::HeldOut;
 
-/// Number of rows in a row with a predicted motion that the reading lacks, until a sensor is suspected.
+/// Number of consecutive rows in which D exceeds the threshold, after which a sensor is suspected.
 const MISSED: usize = 3;
-/// Tolerated share of its range by which a predictor or the value of a stand-in may be beyond it.
+/// Share of its range by which a predictor, or the value of a stand-in, may be beyond this range.
 const EDGE: f64 = 0.01;
-/// Tolerated share of its range for the sensor itself, and for a lagged predictor.
+/// Share of its range by which the sensor itself, or a lagged predictor, may be beyond this range.
 const FAR: f64 = 0.10;
-/// Largest step of an axis without one, µm.
+/// Largest step that is assumed if the axis is not known, µm.
 const USUAL_STEP: f64 = 1.0;
 
-/// Sensor that froze in a held-out run.
+/// Result of the simulated freeze of one sensor in a held-out run.
 #[derive(Clone, Debug, Serialize)]
 pub struct Frozen {
     /// Name of the signal.
@@ -31,11 +32,11 @@ pub struct Frozen {
     pub noticed_after: Option<f64>,
     /// Time from the freeze to the use of a stand-in, s; `None` if none was used.
     pub replaced_after: Option<f64>,
-    /// Whether all readings after the freeze were within the range of the other runs.
+    /// Whether the other sensors and the predicted value were within the range of the other runs after the freeze.
     pub inside: bool,
-    /// Range of the error with the freeze, and without it, µm. Both are held out.
+    /// Range of the error with the freeze and without it, µm. Both are results on a held-out run.
     pub range: (f64, f64),
-    /// Range if the freeze had not been detected, µm.
+    /// Range of the error if the freeze had not been detected, µm.
     pub range_unnoticed: f64,
     /// Whether the test reported the sensor in this run while it was good.
     pub false_alarm: bool,
@@ -47,16 +48,16 @@ struct WatchedSensor {
     run: usize,
     gains: Gains,
     threshold: f64,
-    /// Range of its rise in the other runs.
+    /// Range of the rise of the sensor in the other runs, °C.
     span: (f64, f64),
     /// Predicted rise in each row.
     predicted: Vec<f64>,
-    /// Whether a predictor is beyond its range in each row, or its lagged rise far beyond.
+    /// For each row: whether a predictor is beyond its range in the other runs, or a lagged predictor far beyond.
     outside: Vec<bool>,
 }
 
-/// Freezes each sensor of the model once in each run, at a random time. Model, predictions, thresholds and ranges are
-/// from the other runs only.
+/// Simulates a freeze of each sensor of the model in each run, at a random time. Model, predictions, thresholds and
+/// ranges are from the other runs only.
 pub fn frozen(ready: &Ready<'_>, held_out: &[HeldOut], seed: u64) -> Vec<Frozen> {
     let campaign = &ready.campaign;
     let others = Others::new(campaign, &campaign.sensors());
@@ -96,7 +97,7 @@ impl Others<'_> {
     }
 
     /// Returns for each row of a run whether a predictor with these gains is beyond its range in the training runs, or
-    /// its lagged rise far beyond.
+    /// a lagged predictor far beyond.
     fn outside(&self, gains: &Gains, training: &[usize], run: usize) -> Vec<bool> {
         let mut outside = vec![false; self.bank.runs[run].seconds.len()];
         for (candidate, _) in gains.iter().filter(|(_, gain)| gain.abs() > 0.0) {
@@ -113,7 +114,8 @@ impl Others<'_> {
         outside
     }
 
-    /// Returns the result if the sensor freezes at this share of the run.
+    /// Returns the result if the sensor freezes after the share `when` of the run. `step` is the largest step of the
+    /// axis, µm.
     fn frozen_once(&self, watched: &WatchedSensor, held: &HeldOut, when: f64, step: f64) -> Frozen {
         let WatchedSensor { sensor, run, ref predicted, ref outside, .. } = *watched;
         let (seconds, rise) = (&self.bank.runs[run].seconds, self.rise(sensor, run));
@@ -171,8 +173,8 @@ impl WatchedSensor {
         (at..self.outside.len()).find(|row| !self.outside[*row])
     }
 
-    /// Returns the stand-in in each row if the reading is constant from `at` on. Beyond a range, it is the last value
-    /// from inside.
+    /// Returns the stand-in in each row if the reading is constant from `at` on. If a predictor or the stand-in is
+    /// beyond its range, the previous value is used.
     fn values(&self, reads: f64, at: usize) -> Vec<f64> {
         let base = self.base(at);
         let mut value = reads;
@@ -186,8 +188,8 @@ impl WatchedSensor {
         (0..self.outside.len()).map(row).collect()
     }
 
-    /// Returns the first row in which the sensor is suspected. `rises`: its readings. `apart`: predicted motion D of a
-    /// row, °C.
+    /// Returns the first row in which the sensor is suspected; `None` if there is none. `rises` contains the rise of
+    /// the sensor in each row. `apart` returns D of a row, °C.
     fn first_missed(&self, rises: &[f64], from: usize, apart: impl Fn(usize) -> f64) -> Option<usize> {
         let mut missed = 0;
         (from..self.outside.len()).find(|row| {
@@ -203,7 +205,7 @@ impl WatchedSensor {
     }
 }
 
-/// Returns by which share of its range a rise is beyond it; negative inside.
+/// Returns how far a rise is beyond a range, as a share of this range; negative inside.
 fn beyond((least, most): (f64, f64), rise: f64) -> f64 {
     if most > least { (least - rise).max(rise - most) / (most - least) } else { f64::NEG_INFINITY }
 }

@@ -51,7 +51,7 @@ impl Line {
         self.values().nth(place).unwrap_or_default()
     }
 
-    /// Rejects a line with fewer or more values than `names` has.
+    /// Returns an error if the line has fewer or more values than `names`.
     pub(super) fn exactly(&self, names: &[&str]) -> Result<(), Fault> {
         let (has, wanted) = (self.len(), names.len());
         let counted = if has == 1 { "1 value".to_owned() } else { format!("{has} values") };
@@ -66,7 +66,7 @@ impl Line {
         Ok(())
     }
 
-    /// Parses a finite number, also one with a Fortran exponent (`1.5D3`).
+    /// Parses a finite number from the value at index `place`. A Fortran exponent (`1.5D3`) is accepted.
     pub(super) fn number(&self, place: usize, name: &str) -> Result<f64, Fault> {
         let text = self.text(place);
         let parsed = text.parse::<f64>().or_else(|_| text.replace(['d', 'D'], "E").parse());
@@ -112,7 +112,7 @@ pub(super) struct Card {
 }
 
 impl Card {
-    /// Value of a parameter, in capitals.
+    /// Returns the value of a parameter, in capitals; `None` if the card does not have the parameter.
     pub(super) fn value(&self, name: &str) -> Option<String> {
         let (_, value) = self.parameters.iter().find(|(known, _)| known == name)?;
         Some(value.as_deref().unwrap_or_default().to_uppercase())
@@ -122,7 +122,7 @@ impl Card {
         self.parameters.iter().any(|(known, _)| known == name)
     }
 
-    /// Rejects parameters that are not in `known`, a list separated by blanks.
+    /// Adds an error for each parameter that is not in `known`, a list separated by blanks.
     pub(super) fn only(&self, known: &str, faults: &mut Faults) {
         for (name, _) in
             self.parameters.iter().filter(|(name, _)| !known.split(' ').any(|known| known == name))
@@ -147,14 +147,14 @@ const MOST_TIMES: usize = 2;
 /// Maximum size of all files of a load case together, in bytes; enough for ten million nodes and their elements.
 const LARGEST: u64 = 2_000_000_000;
 
-/// Reads all cards of an FE input file, in their order with included files.
+/// Reads all cards of an FE input file and of the files that it includes, in their order.
 pub(super) fn read(path: &Path, faults: &mut Faults) -> Vec<Card> {
     let mut gathering = Gathering { cards: Vec::new(), faults, taken: HashMap::new(), bytes: 0 };
     gathering.file(path, None, 0);
     gathering.cards
 }
 
-/// Data read so far.
+/// State of the reader: the cards read so far, and the counters for the limits.
 struct Gathering<'f> {
     cards: Vec<Card>,
     faults: &'f mut Faults,
@@ -181,7 +181,7 @@ impl Gathering<'_> {
         self.bytes += found.len();
         if self.bytes > LARGEST {
             let limit = LARGEST / 1_000_000_000;
-            return Err(format!("with {} there are more than {limit} GB of files", path.display()));
+            return Err(format!("with {}, the files of the load case exceed {limit} GB", path.display()));
         }
         let mut bytes = Vec::new();
         let read = File::open(path).and_then(|file| file.take(LARGEST).read_to_end(&mut bytes));
@@ -277,7 +277,7 @@ fn keyword(text: &str, file: &Rc<Path>, line: usize) -> Card {
     }
 }
 
-/// Converts to capitals, and removes blanks.
+/// Returns the text in capitals, without blanks.
 pub(super) fn plain(text: &str) -> String {
     text.split_whitespace().collect::<String>().to_uppercase()
 }

@@ -57,7 +57,7 @@ const KEYWORDS: [Keyword; 27] = [
 const CONSTANTS: &str = "ABSOLUTEZERO STEFANBOLTZMANN NEWTONGRAVITY";
 const PRINTED: &str = "NSET ELSET FREQUENCY FREQUENCYF TOTALS GLOBAL OUTPUT TIMEPOINTS NODES 2D 3D";
 
-/// Reads the cards. Returns the content if there are no errors, including those in `faults`.
+/// Reads the cards. Returns the content of the files, or all errors, including those that `faults` already contains.
 pub(super) fn read(path: &Path, cards: &[Card], mut faults: Faults) -> Result<FeInput, Faults> {
     let known = known(cards, &mut faults);
     let before = faults.len();
@@ -96,7 +96,7 @@ pub(super) fn read(path: &Path, cards: &[Card], mut faults: Faults) -> Result<Fe
     }
 }
 
-/// Known cards with their stages and reader functions. Unknown or misplaced cards are added to `faults`.
+/// Returns the known cards with their stages and reader functions. Unknown or misplaced cards are added to `faults`.
 fn known<'a>(cards: &'a [Card], faults: &mut Faults) -> Vec<(Stage, &'a Card, Read)> {
     let mut known = Vec::new();
     // The card that began the step, and whether the step has ended.
@@ -109,7 +109,8 @@ fn known<'a>(cards: &'a [Card], faults: &mut Faults) -> Vec<(Stage, &'a Card, Re
                 began = Some(card);
             }
             "STEP" => {
-                let message = "a second step: an FE input file is one load case, write one file for each";
+                let message =
+                    "a second step: an FE input file has one load case; write one file for each load case";
                 faults.push(card.fault(message));
                 return known;
             }

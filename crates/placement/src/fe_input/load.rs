@@ -51,7 +51,7 @@ fn transient(card: &Card) -> Result<Case, Fault> {
     Ok(Case::Transient { step, period })
 }
 
-/// Reads every line of a load of the step.
+/// Reads every line of a load card with `read`. Fails if no `*HEAT TRANSFER` precedes the card.
 fn loads(
     reader: &mut Reader,
     card: &Card,
@@ -64,7 +64,8 @@ fn loads(
     Ok(())
 }
 
-/// Side in the second value of the line; `None` if it is only the letter, so that the first value names a surface.
+/// Returns the side in the second value of the line; `None` if this value is only the letter. The first value then
+/// names a surface.
 fn side_or_surface(line: &Line, letter: &str) -> Result<Option<usize>, Fault> {
     if line.text(1).eq_ignore_ascii_case(letter) { Ok(None) } else { side(line, letter).map(Some) }
 }
@@ -208,7 +209,7 @@ pub(super) fn initial(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Nodes that are fixed in all three directions.
+/// Returns the nodes that are fixed. Adds an error if a node is not fixed in all three directions.
 pub(super) fn supports(reader: &mut Reader) -> Vec<usize> {
     let partly = reader.supports.iter().find(|(_, (directions, _))| directions.contains(&false));
     if let Some((node, (_, at))) = partly {
@@ -220,7 +221,8 @@ pub(super) fn supports(reader: &mut Reader) -> Vec<usize> {
     reader.supports.keys().copied().collect()
 }
 
-/// Load case, if every node has an initial temperature.
+/// Returns the load case with the names of its surfaces. If the step has no `*HEAT TRANSFER`, or a node has no initial
+/// temperature, adds an error and returns `None`.
 pub(super) fn finish(path: &Path, reader: &mut Reader) -> Option<(LoadCase, SurfaceNames)> {
     // A wrong line of the card has been reported; its missing values are not reported in addition.
     let is_reported = reader.faults.described.iter().any(|fault| fault.card == "*INITIAL CONDITIONS");

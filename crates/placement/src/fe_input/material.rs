@@ -11,7 +11,7 @@ use crate::body::{Case, Material, Materials};
 pub(super) struct Draft {
     name: String,
     at: Location,
-    /// Values by the names below.
+    /// Values by the names of the properties, for example [`YOUNG`].
     properties: BTreeMap<&'static str, f64>,
     /// Whether one of its cards is wrong. Missing properties are then not reported in addition.
     is_spoiled: bool,
@@ -24,7 +24,7 @@ const CONDUCTIVITY: &str = "conductivity";
 const SPECIFIC_HEAT: &str = "specific heat";
 const DENSITY: &str = "density";
 
-/// Range of plausible values of a property in the stated unit.
+/// Returns the range of plausible values of a property, and its unit with an example.
 fn bounds(name: &str) -> (f64, f64, &'static str) {
     match name {
         // From lead to diamond.
@@ -66,7 +66,7 @@ pub(super) fn property(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
 const CONSTANT: &str =
     "a material that changes with temperature is not read: give the value at working temperature";
 
-/// Values of a property card, by their names.
+/// Returns the values of a property card with the names of their properties.
 fn values(card: &Card) -> Result<Vec<(&'static str, f64)>, Fault> {
     if let Some(kind) = card.value("TYPE").filter(|kind| kind != "ISO" && kind != "ISOTROPIC") {
         return Err(card.fault(format!(
@@ -140,7 +140,7 @@ pub(super) fn section(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Materials, if every element has a complete one.
+/// Returns the materials; `None` if an element has no material. Adds an error for each missing material and property.
 pub(super) fn finish(reader: &mut Reader) -> Option<Materials> {
     let missing = reader.of_element.iter().filter(|material| material.is_none()).count();
     let is_reported = reader.faults.described.iter().any(|fault| fault.card == "*SOLID SECTION");

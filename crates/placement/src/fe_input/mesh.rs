@@ -58,7 +58,8 @@ pub(super) fn elements(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Number and nodes of each element of a card. An element may continue over several lines.
+/// Returns the numbers in each element of a card: its own number, then those of its nodes. An element may continue over
+/// several lines.
 fn listed(card: &Card, name: &str, nodes: usize) -> Result<Vec<(Vec<u32>, Location)>, Fault> {
     let mut listed: Vec<(Vec<u32>, Location)> = Vec::new();
     for line in &card.lines {
@@ -82,7 +83,7 @@ fn listed(card: &Card, name: &str, nodes: usize) -> Result<Vec<(Vec<u32>, Locati
     }
 }
 
-/// Indexes of the nodes of an element, if all are defined.
+/// Returns the indices of the nodes of an element. If a node is not defined, adds an error and returns `None`.
 fn places(reader: &mut Reader, id: u32, nodes: &[u32], at: &Location) -> Option<Vec<usize>> {
     let mut places = Vec::with_capacity(nodes.len());
     for node in nodes {
@@ -113,7 +114,7 @@ fn solid(reader: &mut Reader, element: Element, at: Location) {
     reader.element_at.push(at);
 }
 
-/// Set name in a parameter.
+/// Returns the set name in a parameter; `None` if the card does not have the parameter.
 fn named(card: &Card, parameter: &str) -> Result<Option<String>, Fault> {
     let Some(name) = card.value(parameter) else { return Ok(None) };
     if name.is_empty() {
@@ -185,7 +186,7 @@ pub(super) fn set(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     Ok(())
 }
 
-/// First number, last number and step of a range.
+/// Returns first number, last number and step of a range.
 fn range(line: &Line) -> Result<(u32, u32, u32), Fault> {
     let by = if line.len() == 2 { 1 } else { line.id(line.text(2), "step")? };
     if line.len() > 3 {
@@ -213,7 +214,8 @@ pub(super) fn surface(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Parses a side of a tetrahedron from the second value of a line: `F1` to `F4` or `S1` to `S4`, counted from 0.
+/// Parses a side of a tetrahedron from the second value of a line: `F1` to `F4` or `S1` to `S4`. Returns the side
+/// counted from 0.
 pub(super) fn side(line: &Line, letter: &str) -> Result<usize, Fault> {
     let text = line.text(1).to_uppercase();
     let number = text.strip_prefix(letter).and_then(|number| number.parse::<usize>().ok());

@@ -1,4 +1,4 @@
-//! Data read so far, and the meaning of names in them.
+//! Content of an FE input file as far as it has been read, and the look-up of names in it.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
@@ -8,7 +8,7 @@ use super::{Fault, Faults, SurfaceNames};
 use crate::body::{Case, Film, Flux};
 use crate::mesh::{Face, Mesh, NodeId};
 
-/// Data read so far.
+/// Content of an FE input file as far as it has been read.
 #[derive(Default)]
 pub(super) struct Reader {
     pub(super) faults: Faults,
@@ -18,14 +18,15 @@ pub(super) struct Reader {
     /// Nodes in the order of the file.
     pub(super) nodes: Vec<(u32, [f64; 3], Location)>,
     pub(super) mesh: Mesh,
-    /// Indexes of the elements by their numbers, and the location of each element.
+    /// Indices of the elements by their numbers.
     pub(super) numbers: HashMap<u32, usize>,
+    /// Location of each element in the files.
     pub(super) element_at: Vec<Location>,
-    /// Numbers and nodes of the lines and surfaces of the geometry. In sets, their indexes follow those of the
-    /// elements.
+    /// Outlines: lines and surfaces of the geometry, with their numbers and nodes. In sets, the indices of outlines
+    /// follow those of the elements.
     pub(super) outlines: Vec<(u32, Vec<usize>)>,
     outline_numbers: HashMap<u32, usize>,
-    /// Sets named by `*NODE` (true) and `*ELEMENT` (false).
+    /// Sets that `*NODE` (true) or `*ELEMENT` (false) defines: name, and numbers of the members.
     pub(super) named: Vec<(bool, String, Vec<u32>)>,
     /// Outer faces by their corners.
     outer: HashMap<[usize; 3], Face>,
@@ -46,7 +47,7 @@ pub(super) struct Reader {
     pub(super) fluxes: Vec<Flux>,
     pub(super) nodal: Vec<(usize, f64)>,
     pub(super) names: SurfaceNames,
-    /// Values that may be set only once, and the line that set them.
+    /// Loads that may be defined only once, and the line that defined each of them.
     once: HashMap<(u8, usize, usize), usize>,
 }
 
@@ -63,27 +64,30 @@ impl Reader {
         }
     }
 
-    /// Reports a reference to something that is not defined.
+    /// Reports a reference to something that is not defined. After an error in the mesh, nothing is reported.
     pub(super) fn missed(&mut self, at: &Location, message: String) {
         if !self.is_spoiled {
             self.faults.push(at.fault(message));
         }
     }
 
-    /// Indexes of a node, or of the nodes of a set.
+    /// Returns the index of a node, or the indices of the nodes of a set. If the name is unknown, adds an error and
+    /// returns none.
     pub(super) fn nodes(&mut self, name: &str, at: &Location) -> Vec<usize> {
         let found = look_up(name, "node", |id| self.mesh.place(NodeId(id)), &self.mesh.node_sets);
         self.found(found, at)
     }
 
-    /// Indexes of an element, or of the elements of a set.
+    /// Returns the index of an element, or the indices of the elements of a set. If the name is unknown, adds an error
+    /// and returns none.
     pub(super) fn elements(&mut self, name: &str, at: &Location) -> Vec<usize> {
         let number = |id: u32| self.numbers.get(&id).copied();
         let found = look_up(name, "element", number, &self.mesh.element_sets);
         self.found(found, at)
     }
 
-    /// Faces of a surface, or these sides of an element or of a set. `letter` is the prefix of a side.
+    /// Returns the faces of a surface, or one side of an element or of each element of a set. `letter` is the prefix of
+    /// a side. Adds an error for each face inside the structure.
     pub(super) fn faces(&mut self, line: &Line, side: Option<usize>, letter: &str) -> Vec<Face> {
         let faces = match side {
             None => {
@@ -107,7 +111,8 @@ impl Reader {
         faces
     }
 
-    /// Rejects a value that is set a second time.
+    /// Adds an error if a load is defined a second time. `key` identifies the load, and `what` describes it in the
+    /// message.
     pub(super) fn once(&mut self, line: &Line, key: (u8, usize, usize), what: impl Fn() -> String) {
         if let Some(first) = self.once.insert(key, line.at.line) {
             self.faults.push(line.fault(format!("{} already (line {first}); remove one of them", what())));
@@ -125,7 +130,7 @@ impl Reader {
         if of_nodes { &mut self.mesh.node_sets } else { &mut self.mesh.element_sets }
     }
 
-    /// Index of a member of a set; `None` if there is no member with this number.
+    /// Returns the index of a node, or of an element or outline; `None` if none has this number.
     pub(super) fn member(&self, of_nodes: bool, id: u32) -> Option<usize> {
         if of_nodes {
             return self.mesh.place(NodeId(id));
@@ -134,8 +139,8 @@ impl Reader {
         self.numbers.get(&id).copied().or_else(outline)
     }
 
-    /// Numbers and indexes of the existing members between two numbers with this step, ascending. The cost does not
-    /// depend on how many numbers are between them.
+    /// Returns numbers and indices of the existing members between two numbers with this step, ascending. The cost does
+    /// not depend on how many numbers are between them.
     pub(super) fn members_between(
         &self,
         of_nodes: bool,
@@ -173,7 +178,7 @@ impl Reader {
         self.mesh.xyz = self.nodes.iter().map(|(_, xyz, _)| *xyz).collect();
     }
 
-    /// Creates the sets to which nodes and elements were assigned when they were read.
+    /// Creates the sets that `*NODE` and `*ELEMENT` define.
     pub(super) fn begin_sets(&mut self) {
         let outlines = self.outlines.iter().enumerate();
         self.outline_numbers = outlines.map(|(place, (id, _))| (*id, place)).collect();
@@ -185,8 +190,9 @@ impl Reader {
         }
     }
 
-    /// Converts sets with outlines to surfaces, and to node sets if no node set has the same name. The set keeps its
-    /// elements. An inner surface becomes a node set only, because no fluid can flow along it.
+    /// Converts sets with outlines to surfaces, and to node sets if no node set has the same name. Elements in such a
+    /// set remain an element set. A surface inside the structure becomes a node set only, because no fluid can flow
+    /// along it.
     pub(super) fn find_surfaces(&mut self) {
         let mesh = &mut self.mesh;
         let outer = mesh.outer_faces().into_iter();
@@ -213,7 +219,8 @@ impl Reader {
         }
     }
 
-    /// Rejects nodes without elements, faces of more than two elements, and neighbours of different kinds.
+    /// Adds errors for nodes without elements, for faces of more than two elements, and for neighbours of different
+    /// kinds.
     pub(super) fn check_mesh(&mut self) {
         if self.is_spoiled {
             return;
@@ -251,7 +258,7 @@ impl Reader {
     }
 }
 
-/// Meaning of a number or of a set name, or the reason why it has none.
+/// Returns the item with this number, or the items of the set with this name. Returns a message if there is none.
 fn look_up<T: Clone>(
     name: &str,
     what: &str,
@@ -269,7 +276,7 @@ fn look_up<T: Clone>(
     })
 }
 
-/// Corners of a flat triangle, ascending; `None` for a line.
+/// Returns the corners of a flat triangle, ascending; `None` for a line.
 fn key(nodes: &[usize]) -> Option<[usize; 3]> {
     // The middle of a line with three nodes is no corner of a face, so that no face is found.
     let mut key = [*nodes.first()?, *nodes.get(1)?, *nodes.get(2)?];

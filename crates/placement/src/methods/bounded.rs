@@ -1,5 +1,5 @@
-//! Least residual of one load case that block temperatures allow: least squares, with each temperature within the range
-//! of its block.
+//! Smallest residual of one load case that block temperatures can reach: least squares, with each temperature within
+//! the range of its block.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -46,8 +46,8 @@ pub(crate) fn least_squares(square: &DMatrix<f64>, cross: &DVector<f64>, bounds:
     theta.as_slice().to_vec()
 }
 
-/// Solves for the free variables. A variable that would leave its bounds is fixed at the bound, the first one first.
-/// Returns `false` if no variable changes.
+/// Solves for the free variables. If variables would leave their bounds, the first one is fixed at its bound, and the
+/// others are solved again. Returns `false` if no variable changes.
 fn settle(
     square: &DMatrix<f64>,
     cross: &DVector<f64>,
@@ -96,7 +96,7 @@ fn settle(
     (&*theta - before).amax() > 0.0
 }
 
-/// Solution for the free variables with all others fixed.
+/// Returns the solution for the free variables with all others fixed; `None` if the system is singular.
 fn solved(
     square: &DMatrix<f64>,
     cross: &DVector<f64>,

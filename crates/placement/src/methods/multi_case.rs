@@ -11,8 +11,8 @@
 //!
 //! Single nodes are changed under a decreasing threshold (threshold accepting; Dueck and Scheuer, Journal of
 //! Computational Physics 90, 1990), from several random starts. At the end, each block in turn gets its best node,
-//! until no change helps. The placements for single cases are starts too. With a single case, the result is therefore
-//! never worse than the patent's method or bounded least squares. The same input gives the same result.
+//! until no change helps. The search also starts from the placements for single cases. With a single case, the result
+//! is therefore never worse than the patent's method or bounded least squares. The same input gives the same result.
 
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::{Rng, SeedableRng};
@@ -27,23 +27,24 @@ use crate::problem::{Problem, Target};
 /// Effort of the search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Effort {
-    /// Number of random starts; the best result is kept.
+    /// Number of random starts; the best result is used.
     pub starts: u64,
     /// Number of tried changes for each start.
     pub changes: u32,
 }
 
 impl Effort {
-    /// Effort for the placement itself.
+    /// Effort for the placement of the sensors.
     pub const FULL: Effort = Effort { starts: 4, changes: 1_000_000 };
     /// Effort for comparisons, for example without one case or with another number of blocks.
     pub const SHORT: Effort = Effort { starts: 2, changes: 150_000 };
 }
 
-/// Share of the sensor noise that remains in the mean of a minute. It is combined with the lower bound.
+/// Share of the sensor noise that remains in the mean of a minute. The unavoidable error contains the effect of this
+/// share.
 const LEFT_OF_NOISE: f64 = 0.3;
 
-/// Errors that are negligible.
+/// Errors that are negligible, and end the calculation of a method.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerance {
     /// Noise of a sensor, K.
@@ -52,7 +53,8 @@ pub struct Tolerance {
     pub enough: f64,
 }
 
-/// Selects the sensor of each block on the load cases `cases`. Returns indexes in the lists of candidates.
+/// Selects the sensor of each block on the load cases `cases`. Returns for each block the index in its list of
+/// candidates.
 #[must_use]
 pub fn multi_case(problem: &Problem, cases: &[usize], tolerance: Tolerance, effort: Effort) -> Vec<usize> {
     let alone: Vec<Alone> = cases.par_iter().map(|case| Alone::new(problem, *case, tolerance)).collect();
@@ -66,18 +68,18 @@ pub fn multi_case(problem: &Problem, cases: &[usize], tolerance: Tolerance, effo
     best.map(|(_, places)| places).unwrap_or_default()
 }
 
-/// Effect of the noise of all sensors on the guideway, µm RMS.
+/// Returns the effect of the noise of all sensors on the guideway, µm RMS. `noise` is that of one sensor, K.
 #[must_use]
 pub fn noise_um(problem: &Problem, noise: f64) -> f64 {
     noise * (problem.matrix.norm_squared() / problem.rows().max(1.0)).sqrt()
 }
 
-/// Placements for one case alone.
+/// One load case, with the placements and the reference error for this case alone.
 struct Alone<'a> {
     target: &'a Target,
     /// Placements by the patent's method, and by bounded least squares.
     placements: [Vec<usize>; 2],
-    /// Reciprocal of the squared reference error of the case, summed over the guideway, µm².
+    /// Weight of the case, 1/µm²: 1 / (squared reference error × number of rows of the guideway).
     weight: f64,
 }
 
@@ -113,12 +115,12 @@ struct SearchState {
     cost: f64,
 }
 
-/// First and last threshold, as a share of the cost.
+/// First and last threshold: relative increase of the cost up to which a change is accepted.
 const THRESHOLD: (f64, f64) = (2.0, 1e-4);
-/// Number of tried changes between two thresholds.
+/// Number of tried changes after which the threshold is lowered.
 const STRETCH: u32 = 256;
 
-/// Cost of a squared error: the third power of its ratio, which is the sixth power of the ratio of errors.
+/// Returns the cost of a squared error: the third power of its ratio, which is the sixth power of the ratio of errors.
 fn weighed(error: f64, weight: f64) -> f64 {
     let ratio = error.max(0.0) * weight;
     ratio * ratio * ratio
@@ -173,7 +175,7 @@ impl<'a> Search<'a> {
         SearchState { places, error, slope, cost }
     }
 
-    /// Total cost with the sensor of this block at the candidate `place`.
+    /// Returns the total cost with the sensor of this block at the candidate `place`.
     fn cost_of(&self, at: &SearchState, block: usize, place: usize) -> f64 {
         let own = self.problem.square[(block, block)];
         let (now, then) = (self.rises(block, at.places[block]), self.rises(block, place));
@@ -230,7 +232,8 @@ impl<'a> Search<'a> {
         self.settle(self.stand(best.1))
     }
 
-    /// Moves each block in turn to its best node, until no change helps.
+    /// Moves the sensor of each block in turn to its best node, until no change helps. Returns the cost and the
+    /// candidates.
     fn settle(&self, mut at: SearchState) -> (f64, Vec<usize>) {
         loop {
             let before = at.cost;

@@ -5,7 +5,7 @@
 //! - S7: if δ2 is close enough to δ1, continue with S11.
 //! - S8: the displacement δ3 of each tendency pattern θ3; selects the pattern with the δ3 most similar to δ1 − δ2.
 //! - S9: the difference degree r, by least squares of δ1 − δ2 on δ3.
-//! - S10: θg = θ2 + r·θ3, with each block within the range of its nodes. It is the next θ2; continue with S6.
+//! - S10: θg = θ2 + r·θ3, with each block within the range of its nodes. θg is the next θ2; continue with S6.
 //! - S11, S12: in each block, the node with the temperature nearest to θg gets the sensor.
 
 use nalgebra::DVector;
@@ -18,7 +18,7 @@ use crate::problem::{Problem, Target};
 pub struct Round {
     /// Name of the selected pattern.
     pub pattern: String,
-    /// Similarity of its displacement to the residual: absolute cosine of the angle between them.
+    /// Similarity of the displacement of the pattern to the residual: absolute cosine of the angle between them.
     pub likeness: f64,
     /// Difference degree r, K.
     pub r: f64,
@@ -40,7 +40,8 @@ pub const MOST_ROUNDS: usize = 120;
 /// Minimum relative decrease of the residual in a round.
 const LEAST: f64 = 1e-4;
 
-/// Iterates on one case, until the residual is `enough` µm RMS, or no pattern reduces it.
+/// Iterates on one case, until the residual is at most `enough` µm RMS, no pattern reduces it, or [`MOST_ROUNDS`] is
+/// reached.
 #[must_use]
 pub fn patent(problem: &Problem, target: &Target, enough: f64) -> Iterated {
     let patterns = patterns(&problem.blocks);

@@ -1,13 +1,13 @@
 //! Tendency patterns (θ3 of JP 6507619 B2): sets of blocks that are warmed together.
 //!
-//! The patent shows some for a column of eight blocks: the whole, the foot, the back, the middle. Here they follow from
-//! the positions of the blocks of any structure. They are the whole, the low, middle and high blocks along each
-//! direction, the corners of two directions, and each single block.
+//! The patent shows some patterns for a column of eight blocks: the whole, the foot, the back, the middle. Here the
+//! patterns follow from the positions of the blocks of any structure. They are the whole, the low, middle and high
+//! blocks along each direction, the corners of two directions, and each single block.
 
 use crate::mesh::{AXES, range};
 use crate::problem::Block;
 
-/// A pattern: its name, and the blocks that are one kelvin warmer.
+/// Pattern: its name, and the blocks that are one kelvin warmer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pattern {
     /// Name of the pattern in the report.
@@ -16,7 +16,7 @@ pub struct Pattern {
     pub warmed: Vec<bool>,
 }
 
-/// All patterns of a layout, without duplicates.
+/// Returns all patterns of these blocks, without duplicates.
 #[must_use]
 pub fn patterns(blocks: &[Block]) -> Vec<Pattern> {
     let mut found: Vec<Pattern> = Vec::new();
@@ -43,7 +43,8 @@ pub fn patterns(blocks: &[Block]) -> Vec<Pattern> {
     found
 }
 
-/// Low, middle and high blocks along a direction; empty if the blocks hardly differ in it.
+/// Returns the low, middle and high blocks along a direction, as name, warmed blocks and direction; empty if the blocks
+/// hardly differ in it.
 fn along(blocks: &[Block], axis: usize) -> Vec<(String, Vec<bool>, usize)> {
     let extents = [0, 1, 2].map(|axis| range(blocks.iter().map(|block| block.centre[axis])));
     let length = extents.iter().map(|(low, high)| high - low).fold(0.0, f64::max);

@@ -6,8 +6,8 @@ use super::Study;
 use crate::mesh::count;
 use crate::problem::Problem;
 
-/// Additional error of a case if sensors are `far` mm from their places, each in any direction along the surface. It is
-/// in µm RMS over the guideway and the directions.
+/// Returns the additional error of a case if sensors are `far` mm from their places, each in any direction along the
+/// surface. The result is in µm RMS over the guideway and the directions.
 pub(super) fn added(study: &Study, problem: &Problem, places: &[usize], case: usize, far: f64) -> f64 {
     let rise = &study.loads[case].rise;
     let squares = problem.blocks.iter().zip(places).enumerate().map(|(block, (own, place))| {
@@ -20,7 +20,7 @@ pub(super) fn added(study: &Study, problem: &Problem, places: &[usize], case: us
     squares.sum::<f64>().sqrt()
 }
 
-/// Gradient of the temperature along the surface, K/mm: least squares over the neighbours on the surface.
+/// Returns the gradient of the temperature along the surface, K/mm: least squares over the neighbours on the surface.
 fn gradient(study: &Study, node: usize, rise: &[f64]) -> Vector3<f64> {
     let mesh = &study.mesh;
     let around = mesh.elements.iter().filter(|element| element.nodes.contains(&node));

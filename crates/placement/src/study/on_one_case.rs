@@ -1,4 +1,4 @@
-//! The most expensive results for one case, which do not depend on other results.
+//! Results for one case that take the most time, and do not depend on other results.
 
 use crate::methods::bounded::bounded;
 use crate::methods::multi_case::{Effort, Tolerance, multi_case};
@@ -7,7 +7,7 @@ use crate::problem::Problem;
 
 /// Results for one case alone, and the residual with sensors for all other cases.
 pub(super) struct OnOneCase {
-    /// Block temperatures with the least residual.
+    /// Block temperatures with the smallest residual (rises, K).
     pub(super) floor: Vec<f64>,
     /// Block temperatures of the patent's iteration.
     pub(super) iterated: Iterated,

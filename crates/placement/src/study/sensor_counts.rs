@@ -8,7 +8,7 @@ use crate::divisions::{Division, Floors};
 use crate::methods::multi_case::{Effort, multi_case};
 use crate::problem::Problem;
 
-/// Number of blocks that are added for the curve of numbers.
+/// Maximum number of further cuts. Each adds a block and a sensor.
 const MORE: usize = 4;
 
 /// Results of other divisions.
@@ -22,8 +22,8 @@ pub(super) struct Divisions {
 }
 
 impl Divisions {
-    /// Best further cut, and the error by number of sensors. `rms_um` is the error of the placed sensors, one in each
-    /// of the `own` blocks.
+    /// Returns the best further cut, and the error by number of sensors. `rms_um` is the error of the placed sensors,
+    /// one in each of the `own` blocks.
     pub(super) fn with_own(self, own: usize, rms_um: f64) -> (Option<(String, f64)>, Vec<SensorCount>) {
         let placed =
             self.own_floor_um.map(|floor_um| SensorCount { sensors: own, floor_um, rms_um, cut: None });
@@ -31,12 +31,12 @@ impl Divisions {
     }
 }
 
-/// Maximum number of other divisions.
+/// Returns the maximum number of other divisions that are evaluated.
 pub(super) fn other_divisions_at_most(study: &Study) -> usize {
     if study.adjoint.is_some() { study.parts.len().saturating_sub(1) + MORE } else { 0 }
 }
 
-/// Evaluates divisions into fewer and into more blocks. Calls `step` for each.
+/// Evaluates divisions into fewer and into more blocks. Calls `step` after each division.
 pub(super) fn other_divisions(study: &Study, criteria: &Criteria, step: &(dyn Fn() + Sync)) -> Divisions {
     let Some(adjoint) = &study.adjoint else { return Divisions::default() };
     let floors = Floors::new(&study.mesh, adjoint, &study.loads, &criteria.components);

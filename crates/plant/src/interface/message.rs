@@ -9,7 +9,7 @@ pub struct Message {
     pub topic: String,
     /// Content of the message, in the chosen format.
     pub payload: Vec<u8>,
-    /// Quality of service: how often the message may be delivered.
+    /// Quality of service: how the broker confirms the message.
     pub qos: Qos,
     /// Whether the broker retains the message for later subscribers.
     pub retained: bool,
@@ -24,56 +24,58 @@ pub enum Qos {
     AtLeastOnce,
 }
 
-/// Subscription at a broker.
+/// Subscription to topics of a broker.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Subscription {
-    /// Topics, with the wildcards of MQTT.
+    /// Topic filter, in which `+` and `#` are the wildcards of MQTT.
     pub filter: String,
-    /// Maximum quality of service.
+    /// Maximum quality of service of the messages that the broker sends for this subscription.
     pub qos: Qos,
 }
 
-/// Data that are stored on disk until the broker is available again. Only the format can read them.
+/// Data that are stored on disk until the broker is available again. Only the message format that made them can read
+/// them.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Record(pub Vec<u8>);
 
-/// Result of a received message.
+/// Effect of a received message.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Reaction {
     /// Messages to publish immediately.
     pub messages: Vec<Message>,
-    /// Command for the gateway, or the reason why it is refused; `None` without a command.
+    /// Command for the gateway, or the reason why it is refused. `None` if the message contains no command.
     pub outcome: Option<Outcome>,
 }
 
 /// Result of a command from the broker.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Outcome {
-    /// Allowed command. The gateway decides whether it executes it.
+    /// Allowed command. The gateway decides whether it is executed.
     Asked(Command),
     /// Command that is not allowed or cannot be understood.
     Refused {
-        /// Name of the command.
+        /// Name of the refused command.
         command: String,
-        /// Reason, as a sentence.
+        /// Reason for the refusal, as a sentence.
         why: String,
     },
 }
 
-/// Command that may arrive over a broker, if the profile allows it. No command arms, disarms or moves an axis.
+/// Command that the gateway may accept from the broker, if the profile allows it. No such command arms, disarms or
+/// moves an axis.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Command {
     /// Measured error of an axis.
     Measured {
         /// Name of the axis in the profile.
         axis: String,
-        /// Measured error, with the identification of its measurement.
+        /// Measured error, with the time and the identification of the measurement if the sender gives them.
         report: MeasuredReport,
     },
 }
 
 impl Command {
-    /// Returns whether the sender has identified the measurement.
+    /// Returns whether the sender has given an identification of the measurement.
     pub fn is_identified(&self) -> bool {
         let Command::Measured { report, .. } = self;
         report.is_identified()

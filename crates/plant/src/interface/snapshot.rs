@@ -7,34 +7,34 @@ use isotherm_core::quantity::{Moment, Shift};
 /// Metrics and events of a gateway at one time.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Snapshot {
-    /// Metrics. As long as the gateway runs, they are the same ones in the same order.
+    /// Metrics, in an order that stays the same for the whole run of the gateway.
     pub metrics: Vec<Metric>,
-    /// Events since the snapshot before, oldest first.
+    /// Events since the previous snapshot, oldest first.
     pub events: Vec<PlantEvent>,
-    /// Difference between the publisher's `now` and wall-clock time.
+    /// Difference between wall-clock time and the monotonic time `now` of the [`Publisher`](super::Publisher).
     pub shift: Shift,
 }
 
-/// A number, word or flag.
+/// Current value of one number, text or flag of the gateway.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Metric {
-    /// Subject of the metric.
+    /// Part of the machine or of the gateway that the metric describes.
     pub subject: Subject,
     /// Name within its subject, for example `cz_um`.
     pub name: &'static str,
-    /// Value; `None` if it is not known now.
+    /// Current value; `None` if it is not known.
     pub value: Option<Value>,
-    /// An empty value of its type, which never changes.
+    /// Example value that states the type of the metric, also while `value` is `None`. It never changes.
     pub kind: Value,
-    /// Unit; empty without one.
+    /// Unit; empty if the metric has none.
     pub unit: &'static str,
-    /// Smallest change that counts; 0 if every change counts.
+    /// Smallest change that is published, in the unit of the metric; 0 if every change is published.
     pub resolution: f64,
-    /// Wall-clock time of the value.
+    /// Wall-clock time of the value; zero if it has never been known.
     pub at: Moment,
 }
 
-/// Subject of a metric.
+/// Part of the machine or of the gateway that a metric describes.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Subject {
     /// Gateway as a whole.
@@ -52,7 +52,7 @@ pub enum Subject {
 }
 
 impl Subject {
-    /// Returns the kind and the name; the gateway has an empty name.
+    /// Returns the kind and the name of the subject, for example `axis` and `z`. The name of the gateway is empty.
     pub fn parts(&self) -> (&'static str, &str) {
         match self {
             Subject::Gateway => ("gateway", ""),
@@ -65,7 +65,7 @@ impl Subject {
     }
 }
 
-/// Formats the subject: `axis/z`, `gateway`.
+/// Formats the subject as part of a topic or metric name, for example `axis/z` or `gateway`.
 impl fmt::Display for Subject {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.parts() {
@@ -75,7 +75,7 @@ impl fmt::Display for Subject {
     }
 }
 
-/// Value of a type that both formats support.
+/// Value of a type that both message formats (JSON and Sparkplug B) support.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
     /// Real number; always finite.
@@ -89,7 +89,8 @@ pub enum Value {
 }
 
 impl Value {
-    /// Returns whether both values are equal, or differ by less than the resolution.
+    /// Returns whether two real numbers are equal or differ by less than `resolution`. Values of other types must be
+    /// equal.
     pub fn is_near(&self, other: &Value, resolution: f64) -> bool {
         match (self, other) {
             (Value::Real(one), Value::Real(other)) => {
@@ -105,29 +106,29 @@ impl Value {
 pub struct PlantEvent {
     /// Wall-clock time of the event.
     pub at: Moment,
-    /// Kind for programs: `axis-state`.
+    /// Kind of the event, for programs, for example `axis-state`.
     pub kind: String,
     /// Importance of the event.
     pub importance: Importance,
     /// Text for people.
     pub text: String,
-    /// Parts of the text as JSON; empty without more data.
+    /// Details of the event as JSON; empty if the event has none.
     pub data: String,
 }
 
-/// Importance of an event.
+/// Importance of an event for the operator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Importance {
     /// Information that requires no attention.
     Info,
-    /// A person should know about it.
+    /// The operator should know about the event.
     Warning,
-    /// A person should act.
+    /// The operator should act.
     Error,
 }
 
 impl Importance {
-    /// Returns the name of the importance in messages.
+    /// Returns the name of the importance in MQTT messages.
     pub fn name(self) -> &'static str {
         match self {
             Importance::Info => "info",

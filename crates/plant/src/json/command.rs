@@ -5,16 +5,16 @@ use serde::Deserialize;
 
 use crate::interface::{Command, Outcome};
 
-/// Maximum length of a command in bytes.
+/// Maximum length of a received command, in bytes.
 const LONGEST: usize = 1000;
-/// Maximum length of a name in a message, in characters.
+/// Maximum length of a command name in a refusal, in characters. The rest of a longer name is cut.
 const LONGEST_NAME: usize = 40;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Measured {
     axis: String,
-    /// Actual minus commanded position while the compensation is active, µm.
+    /// Actual minus commanded position of the axis, measured while the compensation is active, in µm.
     error_um: f64,
     time: Option<String>,
     id: Option<String>,
@@ -29,7 +29,8 @@ impl Measured {
     }
 }
 
-/// Parses a command, or returns the reason why it is refused.
+/// Parses a received command. `command` is the last level of its topic. The outcome of an invalid command contains the
+/// reason.
 pub(super) fn read(command: &str, payload: &[u8]) -> Outcome {
     let refused = |why: String| {
         let command = command.chars().take(LONGEST_NAME).collect();

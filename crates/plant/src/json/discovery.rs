@@ -5,7 +5,8 @@ use serde_json::{Value as Document, json};
 use super::JsonSettings;
 use crate::interface::{Message, Metric, Qos, Snapshot, Subject};
 
-/// Makes a message for each displayed metric. Home Assistant identifies them by `unique_id`.
+/// Makes a discovery message for each metric that Home Assistant can display. Home Assistant identifies the metrics by
+/// `unique_id`.
 pub(super) fn messages(settings: &JsonSettings, snapshot: &Snapshot) -> Vec<Message> {
     snapshot
         .metrics
@@ -64,7 +65,8 @@ fn message(settings: &JsonSettings, metric: &Metric) -> Message {
     }
 }
 
-/// Unit in the notation of Home Assistant, and device class of the sensor.
+/// Returns the unit in the notation of Home Assistant, and the device class of the sensor. Either is empty if there is
+/// none.
 fn unit(metric: &Metric) -> (&'static str, &'static str) {
     match metric.unit {
         "degC" => ("°C", "temperature"),

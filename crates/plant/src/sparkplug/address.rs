@@ -1,9 +1,9 @@
-//! Topics of an edge node.
+//! MQTT topics of an edge node.
 
 /// First level of every topic of Sparkplug B.
 const NAMESPACE: &str = "spBv1.0";
 
-/// Group and name of an edge node.
+/// Address of an edge node: the names of its group and of the node.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Address {
     group: String,
@@ -24,10 +24,10 @@ pub enum Verb {
 }
 
 impl Address {
-    /// Makes the address of an edge node.
+    /// Creates the address of an edge node.
     ///
     /// # Errors
-    /// Message with the part that MQTT does not allow in a topic.
+    /// The group or the node contains a character that MQTT does not allow in a topic. The message names it.
     pub fn new(group: &str, node: &str) -> Result<Address, String> {
         for (what, name) in [("group", group), ("node", node)] {
             if name.is_empty() {
@@ -49,7 +49,7 @@ impl Address {
         Ok(Address { group: group.to_owned(), node: node.to_owned() })
     }
 
-    /// Topic of this kind of message.
+    /// Returns the topic for messages of this kind.
     pub fn topic(&self, verb: Verb) -> String {
         format!("{NAMESPACE}/{}/{}/{}", self.group, verb.word(), self.node)
     }

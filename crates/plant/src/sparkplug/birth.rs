@@ -1,4 +1,4 @@
-//! Metrics of a birth: every name that data may use, with alias and type.
+//! Metrics of a birth message: every name that later data may use, with its alias and type.
 
 use std::collections::HashMap;
 
@@ -11,24 +11,24 @@ use crate::interface::{self, Snapshot, Subject, Value};
 /// Metric by which hosts request a birth.
 pub(super) const REBIRTH: &str = "Node Control/Rebirth";
 
-/// Metric of the number that is common to a birth and its death.
+/// Metric with the death number, which is the same in a birth and in its death message.
 pub(super) const BD_SEQ: &str = "bdSeq";
 
-/// Metric of events.
+/// Metric that publishes events.
 pub(super) const EVENT: &str = "gateway/event";
 
-/// Last part of the name of a metric by which hosts send a measured error.
+/// Last part of the name of the metric by which hosts send a measured error. The axis is in the middle: `axis/z/…`.
 const MEASURED: &str = "measured_error_um";
 
 /// Codes of the property `Quality`: the value is unknown, or valid again.
 pub(super) const BAD: i64 = 0;
 pub(super) const GOOD: i64 = 192;
 
-/// Metrics of a birth.
+/// Metrics of a birth message, with the aliases that later data use.
 #[derive(Debug, Default)]
 pub(super) struct BirthMetrics {
     names: HashMap<String, MetricAlias>,
-    /// Names by alias, from 1.
+    /// Metric names; the first has the alias 1.
     aliases: Vec<String>,
 }
 
@@ -39,8 +39,8 @@ struct MetricAlias {
 }
 
 impl BirthMetrics {
-    /// Makes the birth of this snapshot: the names, and its metrics without the number that is common to birth and
-    /// death.
+    /// Makes the birth from a snapshot. Returns the names with their aliases, and the metrics of the message. The
+    /// caller adds the death number.
     pub(super) fn of(snapshot: &Snapshot, now: Moment, takes_measured: bool) -> (BirthMetrics, Vec<Metric>) {
         let mut born = BirthMetrics::default();
         let mut metrics = vec![null(REBIRTH, DataType::Boolean, now)];
@@ -80,8 +80,8 @@ impl BirthMetrics {
         Some(alias)
     }
 
-    /// Converts a metric with a name to one with its alias, for data. `None` if the birth does not contain it, or with
-    /// another type.
+    /// Replaces the name of a metric by its alias, for data messages. Returns `None` if the birth does not contain the
+    /// metric, or contains it with another type.
     pub(super) fn as_data(&self, mut metric: Metric) -> Option<Metric> {
         let promised = self.names.get(metric.name.as_deref()?)?;
         let is_of_this_type = metric.datatype.take() == Some(promised.kind.number());
@@ -90,7 +90,8 @@ impl BirthMetrics {
         is_of_this_type.then_some(metric)
     }
 
-    /// Name of a received metric.
+    /// Returns the name of a received metric, which contains either the name or an alias. `None` if the alias is
+    /// unknown.
     pub(super) fn name_of<'a>(&'a self, metric: &'a Metric) -> Option<&'a str> {
         match (&metric.name, metric.alias) {
             (Some(name), _) => Some(name),
@@ -103,12 +104,12 @@ impl BirthMetrics {
     }
 }
 
-/// Axis in the name of a metric for measured errors.
+/// Returns the axis in the name of a metric for measured errors; `None` if the metric has another purpose.
 pub(super) fn measured_axis(name: &str) -> Option<&str> {
     name.strip_prefix("axis/")?.strip_suffix(MEASURED)?.strip_suffix('/')
 }
 
-/// Axes of a snapshot, each once.
+/// Returns the names of the axes in a snapshot, each once.
 pub(super) fn axes(snapshot: &Snapshot) -> Vec<&str> {
     let mut axes: Vec<&str> = Vec::new();
     for metric in &snapshot.metrics {
@@ -121,12 +122,12 @@ pub(super) fn axes(snapshot: &Snapshot) -> Vec<&str> {
     axes
 }
 
-/// Metric by which hosts send the measured error of an axis.
+/// Returns the name of the metric by which hosts send the measured error of an axis.
 pub(super) fn measured(axis: &str) -> String {
     format!("axis/{axis}/{MEASURED}")
 }
 
-/// Data type for values of this kind.
+/// Returns the data type in which values of this kind are published.
 pub(super) fn kind_of(value: &Value) -> DataType {
     match value {
         Value::Real(_) => DataType::Double,
@@ -146,13 +147,13 @@ fn datum(value: &Value) -> Option<Datum> {
     })
 }
 
-/// Returns whether metrics of this subject have a quality. A signal without a value was rejected; other metrics without
-/// a value have none now.
+/// Returns whether metrics of this subject have the property `Quality`. Only signals have it: their value is missing
+/// because isotherm rejected it.
 pub(super) fn has_quality(subject: &Subject) -> bool {
     matches!(subject, Subject::Signal(_))
 }
 
-/// Converts a metric, with its name and type. Without a value, it is null.
+/// Converts a metric of the gateway to a Sparkplug metric with name and type. If it has no value, the metric is null.
 pub(super) fn named(metric: &interface::Metric, now: Moment) -> Metric {
     let kind = kind_of(&metric.kind);
     let value = metric.value.as_ref().and_then(datum).and_then(|datum| kind.write(&datum));
@@ -167,7 +168,7 @@ pub(super) fn named(metric: &interface::Metric, now: Moment) -> Metric {
     published
 }
 
-/// Metric without a value.
+/// Makes a metric that has no value (null).
 pub(super) fn null(name: &str, kind: DataType, at: Moment) -> Metric {
     Metric {
         name: Some(name.to_owned()),

@@ -1,4 +1,4 @@
-//! Commands of hosts.
+//! Commands that Sparkplug hosts send to the gateway.
 
 use std::time::Duration;
 
@@ -10,23 +10,23 @@ use super::datum::{DataType, Datum};
 use super::payload::{Metric, Payload, PropertyRaw, Raw};
 use crate::interface::{Command, Outcome, Snapshot};
 
-/// Maximum age of a measured error. An older one belongs to another Cz.
+/// Maximum age of a measured error. An older error was measured with another Cz.
 const HEEDED_FOR: Duration = Duration::from_secs(60);
 
-/// Maximum number of characters of a name in a message.
+/// Maximum length of a metric name in a refusal, in characters. The rest of a longer name is cut.
 const MOST_LETTERS: usize = 64;
 
-/// Result of a command.
+/// Content of a received command message.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct CommandResult {
     pub(super) asks_for_birth: bool,
-    /// Time of sending by the sender's clock, ms since 1970.
+    /// Time at which the message was sent, by the sender's clock, in ms since 1970.
     pub(super) sent: Option<u64>,
     pub(super) outcome: Option<Outcome>,
 }
 
-/// Evaluates a received command. The sender is not trusted. If a message contains several other commands, only a
-/// requested birth is executed.
+/// Evaluates a received command message from an untrusted sender. If the message contains several commands other than a
+/// request for a birth, only the birth is executed.
 pub(super) fn receive(
     bytes: &[u8],
     now: Moment,
@@ -103,7 +103,7 @@ fn other(
     }
 }
 
-/// Measured error with the properties `time`, as text or in milliseconds since 1970, and `id`.
+/// Makes the report of a measured error from a metric. The property `time` is text or ms since 1970; `id` is text.
 fn report_of(metric: &Metric, error_um: f64) -> Result<MeasuredReport, String> {
     let time = match property(metric, "time") {
         Some(PropertyRaw::Long(milliseconds)) => Some(format!("{milliseconds}e-3")),
@@ -120,7 +120,7 @@ fn property<'a>(metric: &'a Metric, key: &str) -> Option<&'a PropertyRaw> {
     property.value.as_ref()
 }
 
-/// Text of a property. A value of another type becomes an empty text, which is invalid.
+/// Returns the text of a property. A property of another type becomes an empty text, which the caller rejects.
 fn text_of(value: Option<&PropertyRaw>) -> Option<String> {
     value.map(|value| if let PropertyRaw::String(text) = value { text.clone() } else { String::new() })
 }
@@ -156,7 +156,7 @@ fn error_of(metric: &Metric) -> Option<f64> {
     }
 }
 
-/// Result for a measured error that repeats the last one.
+/// Returns the refusal of a measured error that the broker delivered twice.
 pub(super) fn repeated_outcome(command: &Command) -> Outcome {
     let Command::Measured { axis, .. } = command;
     refused(&measured(axis), "the message arrived twice, and was accepted the first time".to_owned())
@@ -166,7 +166,7 @@ fn refused(command: &str, why: String) -> Outcome {
     Outcome::Refused { command: command.to_owned(), why }
 }
 
-/// Name of a received metric for messages: short, and without control characters.
+/// Returns the name of a received metric for a message to people: shortened, and without control characters.
 fn spoken(metric: &Metric, born: &BirthMetrics) -> String {
     match (born.name_of(metric), metric.alias) {
         (Some(name), _) => name.chars().take(MOST_LETTERS).flat_map(char::escape_debug).collect(),

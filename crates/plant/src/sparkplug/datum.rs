@@ -1,4 +1,4 @@
-//! Typed values.
+//! Values of the Sparkplug data types.
 
 use super::payload::{PropertyRaw, Raw};
 
@@ -34,7 +34,7 @@ pub enum DataType {
     DateTime = 13,
 }
 
-/// Value of one of these types.
+/// Value of one of the Sparkplug data types.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Datum {
     /// Value of a signed type.
@@ -79,8 +79,8 @@ impl DataType {
         DataType::ALL.into_iter().find(|kind| kind.number() == number)
     }
 
-    /// Encodes a value of this type; `None` if it is out of range or of another kind. A real number is rounded to 32
-    /// bits if necessary. A negative number is truncated to the width of its type.
+    /// Encodes a value of this type. Returns `None` if the value is out of range or of another kind. `Float` rounds a
+    /// real number to 32 bits. A negative number of 8 or 16 bits is encoded in its width, without sign extension.
     pub fn write(self, datum: &Datum) -> Option<Raw> {
         Some(match (self, datum) {
             (DataType::Int8, Datum::Signed(value)) => {
@@ -104,10 +104,11 @@ impl DataType {
         })
     }
 
-    /// Decodes a value of this type; `None` if the encoding belongs to another type, or if it is out of range.
+    /// Decodes a value of this type. Returns `None` if the encoding belongs to another type, or if the value is out of
+    /// range.
     ///
-    /// Some senders truncate a negative number of 8 or 16 bits to its width, others extend it to 32 bits. Both are
-    /// accepted.
+    /// Some senders encode a negative number of 8 or 16 bits in its width, others extend its sign to 32 bits. Both
+    /// encodings are accepted.
     pub fn read(self, raw: &Raw) -> Option<Datum> {
         Some(match (self, raw) {
             (DataType::Int8, Raw::Int(value)) => Datum::Signed(narrow(*value, 8)?),
@@ -129,7 +130,7 @@ impl DataType {
 }
 
 impl Raw {
-    /// Converts to the value of a property, which cannot contain bytes.
+    /// Converts an encoded value to that of a property. Returns `None` for bytes, which a property cannot contain.
     pub fn into_property(self) -> Option<PropertyRaw> {
         Some(match self {
             Raw::Int(value) => PropertyRaw::Int(value),
@@ -143,7 +144,8 @@ impl Raw {
     }
 }
 
-/// Decodes a signed number of this many bits, truncated to its width or extended.
+/// Decodes a signed number of `bits` bits, whether or not its sign is extended to 32 bits. Returns `None` if it is out
+/// of range.
 fn narrow(value: u32, bits: u32) -> Option<i64> {
     let (sign, extended) = (1u32 << (bits - 1), u32::MAX << (bits - 1));
     let is_cut = value >> bits == 0;
@@ -154,7 +156,7 @@ fn narrow(value: u32, bits: u32) -> Option<i64> {
 
 #[allow(
     clippy::cast_possible_truncation,
-    reason = "rounded to what the type can hold; what it cannot is refused"
+    reason = "the value is rounded; a value out of the range of f32 is refused"
 )]
 fn single(value: f64) -> Option<f32> {
     let rounded = value as f32;

@@ -14,15 +14,15 @@ pub struct Payload {
     /// Metrics of the message.
     #[prost(message, repeated, tag = "2")]
     pub metrics: Vec<Metric>,
-    /// Sequence number since the birth: 0 to 255, then 0 again. A death and a command have none.
+    /// Sequence number since the birth: 0 to 255, then again from 0. Deaths and commands have none.
     #[prost(uint64, optional, tag = "3")]
     pub seq: Option<u64>,
 }
 
-/// A value with its name or its alias.
+/// Value with its name or its alias.
 #[derive(Clone, PartialEq, Message)]
 pub struct Metric {
-    /// Name. Data contain the alias instead.
+    /// Name of the metric. Data messages contain the alias instead.
     #[prost(string, optional, tag = "1")]
     pub name: Option<String>,
     /// Number that the birth assigns to the name.
@@ -31,13 +31,13 @@ pub struct Metric {
     /// Time of the value, ms since 1970.
     #[prost(uint64, optional, tag = "3")]
     pub timestamp: Option<u64>,
-    /// Number of a [`DataType`](super::DataType). Data do not contain it.
+    /// Number of the [`DataType`](super::DataType). Data messages do not contain it.
     #[prost(uint32, optional, tag = "4")]
     pub datatype: Option<u32>,
-    /// Whether the value is from the past.
+    /// Whether the value is of the past, and is published late.
     #[prost(bool, optional, tag = "5")]
     pub is_historical: Option<bool>,
-    /// Whether there is no value.
+    /// Whether the metric has no value.
     #[prost(bool, optional, tag = "7")]
     pub is_null: Option<bool>,
     /// Properties of the metric, for example its quality.
@@ -91,7 +91,7 @@ pub struct Property {
     /// Number of a [`DataType`](super::DataType).
     #[prost(uint32, optional, tag = "1")]
     pub datatype: Option<u32>,
-    /// Whether there is no value.
+    /// Whether the property has no value.
     #[prost(bool, optional, tag = "2")]
     pub is_null: Option<bool>,
     /// Encoded value; `None` if there is no value.
@@ -122,14 +122,14 @@ pub enum PropertyRaw {
     String(String),
 }
 
-/// Reason why bytes from a broker are not a message of Sparkplug B.
+/// Reason why received bytes are rejected as a message of Sparkplug B.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Unreadable {
-    /// Number of bytes above the limit.
+    /// The message is longer than the limit; contains its number of bytes.
     TooLong(usize),
-    /// Number of metrics above the limit.
+    /// The message has more metrics than the limit; contains their number.
     TooMany(usize),
-    /// They are not Protocol Buffers of this form; contains the reason.
+    /// The bytes are no valid Protocol Buffers message of Sparkplug B; contains the reason.
     Malformed(String),
 }
 
@@ -137,10 +137,10 @@ impl fmt::Display for Unreadable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Unreadable::TooLong(bytes) => {
-                write!(f, "{bytes} bytes; more than {} are not read", Payload::MOST_BYTES)
+                write!(f, "the message has {bytes} bytes; at most {} are accepted", Payload::MOST_BYTES)
             }
             Unreadable::TooMany(metrics) => {
-                write!(f, "{metrics} metrics; more than {} are not read", Payload::MOST_METRICS)
+                write!(f, "the message has {metrics} metrics; at most {} are accepted", Payload::MOST_METRICS)
             }
             Unreadable::Malformed(why) => write!(f, "not a message of Sparkplug B ({why})"),
         }
@@ -148,13 +148,14 @@ impl fmt::Display for Unreadable {
 }
 
 impl Payload {
-    /// Maximum length of a received message in bytes. A command takes about fifty bytes.
+    /// Maximum length of a received message, in bytes. A normal command has about fifty bytes.
     pub const MOST_BYTES: usize = 16 * 1024;
 
     /// Maximum number of metrics in a received message.
     pub const MOST_METRICS: usize = 64;
 
-    /// Decodes a received message from an untrusted sender. [`MOST_BYTES`](Payload::MOST_BYTES) limits the memory.
+    /// Decodes a message from an untrusted sender. The limit [`MOST_BYTES`](Payload::MOST_BYTES) also bounds the memory
+    /// that is used.
     ///
     /// # Errors
     /// The message is too long, contains too many metrics, or is invalid.

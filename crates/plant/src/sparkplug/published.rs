@@ -1,4 +1,4 @@
-//! Last published values, from which changes are found.
+//! Values that were published last. A comparison with the current values finds the changes.
 
 use isotherm_core::quantity::Moment;
 
@@ -7,11 +7,11 @@ use super::datum::{DataType, Datum};
 use super::payload::Metric;
 use crate::interface::{PlantEvent, Snapshot, Subject, Value};
 
-/// Range in which events of the same millisecond get times one millisecond apart. Some hosts store only one value for
-/// each time.
+/// Maximum difference, in ms, by which the time of an event is moved after that of the event before. Some hosts store
+/// only one value for each time, so events need different times.
 const APART_WITHIN_MS: u64 = 1000;
 
-/// Last value of each metric that was published or stored on disk.
+/// Last value of each metric that was published, or stored on disk for later.
 #[derive(Debug, Default)]
 pub(super) struct PublishedMetrics {
     figures: Vec<Figure>,
@@ -34,7 +34,7 @@ enum Last {
 }
 
 impl PublishedMetrics {
-    /// Returns whether the snapshot has the same metrics in the same order.
+    /// Returns whether the snapshot has the same metrics as the last one, in the same order.
     pub(super) fn is_of(&self, snapshot: &Snapshot) -> bool {
         self.figures.len() == snapshot.metrics.len()
             && self.figures.iter().zip(&snapshot.metrics).all(|(figure, metric)| {
@@ -44,8 +44,8 @@ impl PublishedMetrics {
             })
     }
 
-    /// Returns the metrics that have changed, and the events, in the order of time. The changes then count as
-    /// published.
+    /// Returns the metrics that have changed, and metrics for the events, in the order of time. The changed values are
+    /// recorded as published.
     pub(super) fn changes(
         &mut self,
         snapshot: &Snapshot,
@@ -80,7 +80,7 @@ impl PublishedMetrics {
         changed
     }
 
-    /// Returns the metrics of these events.
+    /// Converts events to metrics, with times that differ by at least one millisecond.
     pub(super) fn happened(&mut self, events: &[PlantEvent]) -> Vec<Metric> {
         events.iter().map(|event| self.event(event)).collect()
     }

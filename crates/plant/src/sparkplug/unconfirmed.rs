@@ -1,4 +1,4 @@
-//! Published records that may be undelivered.
+//! Published records whose delivery is not confirmed.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -7,13 +7,14 @@ use isotherm_core::quantity::Moment;
 
 use crate::interface::Record;
 
-/// Maximum age of a record. If the broker has not answered for this time, the connection is lost.
+/// Time after which a record is assumed to be delivered. If the broker does not answer for so long, the connection is
+/// lost before.
 const KEPT_FOR: Duration = Duration::from_secs(300);
 
-/// Maximum size of all records in bytes.
+/// Maximum size of all unconfirmed records together, in bytes.
 const MOST_BYTES: usize = 1024 * 1024;
 
-/// Records that were published last, oldest first, with their times.
+/// Records that were published last, oldest first, with the times of publication.
 #[derive(Debug, Default)]
 pub(super) struct Unconfirmed {
     published: VecDeque<(Moment, Record)>,
@@ -38,15 +39,15 @@ impl Unconfirmed {
         }
     }
 
-    /// Removes and returns the records that may not have reached the broker. `last_received`: time of the broker's last
-    /// answer.
+    /// Removes all records. Returns those that may not have reached the broker: published at or after `last_received`,
+    /// the time of the broker's last answer.
     pub(super) fn take(&mut self, last_received: Moment) -> Vec<Record> {
         let all = std::mem::take(&mut self.published);
         self.bytes = 0;
         all.into_iter().skip_while(|(at, _)| *at < last_received).map(|(_, record)| record).collect()
     }
 
-    /// Number of records that were removed for lack of memory although they might be undelivered.
+    /// Returns the number of records that may be undelivered, but were removed because the limit of memory was reached.
     pub(super) fn dropped(&self) -> u64 {
         self.dropped
     }

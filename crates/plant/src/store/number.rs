@@ -1,4 +1,4 @@
-//! A number in its own file, which is replaced as a whole.
+//! File that stores one number. A change replaces the whole file.
 
 use std::fs;
 use std::io::{self, Write};
@@ -6,15 +6,15 @@ use std::path::PathBuf;
 
 use super::{CHECKSUM, create};
 
-/// Number that is stored over restarts. After a kill, the file contains either the number before or the number after a
-/// change.
+/// Number that is stored for the next run of the gateway. After a kill, the file contains either the old or the new
+/// number.
 #[derive(Clone, Debug)]
 pub struct NumberFile {
     path: PathBuf,
 }
 
 impl NumberFile {
-    /// Refers to the number in this file.
+    /// Creates a handle for the number in this file. The file is not opened.
     pub fn at(path: impl Into<PathBuf>) -> NumberFile {
         NumberFile { path: path.into() }
     }
@@ -31,10 +31,10 @@ impl NumberFile {
         }
     }
 
-    /// Replaces the number. After a power failure, the file may contain the old number, or be invalid.
+    /// Replaces the number in the file. After a power failure, the file may contain the old number, or be invalid.
     ///
     /// # Errors
-    /// The file still contains the old number.
+    /// The disk cannot be written. The file still contains the old number.
     pub fn write(&self, number: u64) -> io::Result<()> {
         let fresh = self.path.with_extension("new");
         let number = number.to_le_bytes();

@@ -1,4 +1,4 @@
-//! Files of records: a header, then one record after the other. Records are only appended.
+//! Files of records in a store: a header, then one record after the other. A file is only appended to.
 
 use std::fs::{self, File};
 use std::io::{self, Read, Write};
@@ -11,7 +11,7 @@ use crate::interface::Record;
 pub(super) const HEADER: u64 = 20;
 const MAGIC: [u8; 8] = *b"plant-01";
 
-/// Size of the prefix of each record in bytes: its length, and the checksum of its number and its bytes.
+/// Size in bytes of the prefix of each record: the length of the record, and a checksum of its number and content.
 pub(super) const FRAME: u64 = 8;
 
 /// Maximum length of a record in bytes.
@@ -19,10 +19,10 @@ pub(super) const LONGEST: usize = 1024 * 1024;
 
 const EXTENSION: &str = "records";
 
-/// Known properties of one file.
+/// File of a store, as far as it was read or written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Segment {
-    /// Number of its first record.
+    /// Number of the first record in the file.
     pub(super) first: u64,
     /// Number of valid records in the file.
     pub(super) count: u64,
@@ -31,7 +31,7 @@ pub(super) struct Segment {
 }
 
 impl Segment {
-    /// Number of the record after the last one.
+    /// Returns the number after that of the last record in the file.
     pub(super) fn end(&self) -> u64 {
         self.first.saturating_add(self.count)
     }
@@ -40,7 +40,7 @@ impl Segment {
         directory.join(format!("{:020}.{EXTENSION}", self.first))
     }
 
-    /// Size on a disk with blocks of 4 kB.
+    /// Returns the space that a file takes on a disk with blocks of 4 KiB, in bytes.
     pub(super) fn on_disk(bytes: u64) -> u64 {
         bytes.next_multiple_of(4096)
     }
@@ -68,7 +68,7 @@ impl Segment {
         Ok(())
     }
 
-    /// Opens the file of this number; `None` if it contains no record.
+    /// Opens the file whose first record has the number `first`. Returns `None` if it contains no valid record.
     pub(super) fn open(directory: &Path, first: u64) -> io::Result<Option<Segment>> {
         let mut segment = Segment { first, count: 0, bytes: 0 };
         let mut file = File::open(segment.path(directory))?;
@@ -83,8 +83,8 @@ impl Segment {
         Ok((segment.count > 0).then_some(segment))
     }
 
-    /// Returns up to `most` records, from the one with number `from` on. Fewer records than expected mean that the rest
-    /// is damaged.
+    /// Returns up to `most` records, starting with the number `from`. Fewer records than exist mean that the rest is
+    /// damaged.
     pub(super) fn records(&self, directory: &Path, from: u64, most: u64) -> io::Result<Vec<Record>> {
         let mut found = Vec::new();
         let mut file = match File::open(self.path(directory)) {
@@ -108,7 +108,7 @@ impl Segment {
     }
 }
 
-/// Numbers in the file names of a directory, in order.
+/// Returns the first record numbers of the files in a directory, in ascending order.
 pub(super) fn numbers(directory: &Path) -> io::Result<Vec<u64>> {
     let mut found = Vec::new();
     for entry in fs::read_dir(directory)? {
@@ -131,7 +131,7 @@ fn has_header(file: &mut File, first: u64) -> io::Result<bool> {
     Ok(is_whole && named == [MAGIC, first.to_le_bytes()].concat())
 }
 
-/// Reads the next record; `None` if it is incomplete or has another number.
+/// Reads the next record. Returns `None` if it is incomplete, or its checksum does not match the number.
 fn read_record(reader: &mut impl Read, number: u64) -> io::Result<Option<Record>> {
     let Some((length, expected)) = read_frame(reader)? else { return Ok(None) };
     let mut bytes = vec![0; length];
@@ -146,7 +146,8 @@ fn skip_record(reader: &mut io::BufReader<File>) -> io::Result<()> {
     Ok(())
 }
 
-/// Reads length and checksum; `None` at the end of the file, or if the length is invalid.
+/// Reads the length and the checksum of the next record. Returns `None` at the end of the file, or if the length is
+/// invalid.
 fn read_frame(reader: &mut impl Read) -> io::Result<Option<(usize, u32)>> {
     let mut frame = [0; 8];
     if !fill(reader, &mut frame)? {
@@ -157,7 +158,7 @@ fn read_frame(reader: &mut impl Read) -> io::Result<Option<(usize, u32)>> {
     Ok((length <= LONGEST).then_some((length, u32::from_le_bytes([e, f, g, h]))))
 }
 
-/// Fills `bytes`; `false` if the file ends before.
+/// Fills `bytes` from the reader. Returns `false` if the file ends before.
 fn fill(reader: &mut impl Read, bytes: &mut [u8]) -> io::Result<bool> {
     match reader.read_exact(bytes) {
         Ok(()) => Ok(true),
@@ -166,7 +167,7 @@ fn fill(reader: &mut impl Read, bytes: &mut [u8]) -> io::Result<bool> {
     }
 }
 
-/// Checksum that includes the number, so that a record at another position is invalid.
+/// Returns the checksum of a record and its number, which makes a record at another position invalid.
 fn checksum(number: u64, bytes: &[u8]) -> u32 {
     let mut digest = CHECKSUM.digest();
     digest.update(&number.to_le_bytes());

@@ -1,4 +1,4 @@
-//! Topic names in their own file, which is replaced as a whole.
+//! File that stores topic names. A change replaces the whole file.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -7,23 +7,23 @@ use std::path::PathBuf;
 
 use super::{CHECKSUM, create};
 
-/// Maximum size of the file in bytes. A larger one was not written by this program.
+/// Maximum size of the file, in bytes. A larger file was not written by isotherm.
 const LARGEST: u64 = 4 << 20;
 
-/// Topics that are stored over restarts. After a kill, the file contains either the topics before or those after a
-/// change.
+/// Topic names that are stored for the next run of the gateway. After a kill, the file contains either the old or the
+/// new topics.
 #[derive(Clone, Debug)]
 pub struct TopicsFile {
     path: PathBuf,
 }
 
 impl TopicsFile {
-    /// Refers to the topics in this file.
+    /// Creates a handle for the topics in this file. The file is not opened.
     pub fn at(path: impl Into<PathBuf>) -> TopicsFile {
         TopicsFile { path: path.into() }
     }
 
-    /// Reads the topics; empty if the file is missing or invalid.
+    /// Reads the topics. Returns an empty set if the file is missing or invalid.
     ///
     /// # Errors
     /// The file exists and cannot be read.
@@ -37,10 +37,10 @@ impl TopicsFile {
         Ok(topics(&bytes).unwrap_or_default())
     }
 
-    /// Replaces the topics. After a power failure, the file may contain the old topics, or be invalid.
+    /// Replaces the topics in the file. After a power failure, the file may contain the old topics, or be invalid.
     ///
     /// # Errors
-    /// The file still contains the old topics.
+    /// The disk cannot be written. The file still contains the old topics.
     pub fn write<'t>(&self, topics: impl IntoIterator<Item = &'t String>) -> io::Result<()> {
         let fresh = self.path.with_extension("new");
         let lines: String = topics.into_iter().flat_map(|topic| [topic.as_str(), "\n"]).collect();

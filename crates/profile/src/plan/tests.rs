@@ -3,10 +3,11 @@ use std::time::Duration;
 use proptest::prelude::*;
 
 use super::*;
-use crate::{BusId, DeviceId, Functions, Quirks, Unit};
+use crate::kinds::modbus::requests::MAX_BITS;
+use crate::{BusId, DeviceId, Functions, Quirks, ReadBy, Unit};
 use isotherm_core::codec::{
-    self, Address, BitField, BitKind, ByteOrder, CanId, CanMatch, DataType, Encoding, Object, Scale,
-    WordOrder,
+    self, Address, BitField, BitKind, ByteOrder, CanId, CanMatch, DataType, Encoding, Object, Register,
+    Scale, WordOrder,
 };
 
 fn device(quirks: Quirks) -> Device {
@@ -64,10 +65,7 @@ fn shape(requests: &[ReadRequest]) -> Vec<String> {
         let fields: Vec<String> = request.fields.iter().map(|field| field.signal.0.to_string()).collect();
         let span = match &request.asks {
             ReadTarget::Registers { from, count } => format!("{from}+{count}"),
-            ReadTarget::Object(object) => format!("read {object}"),
-            ReadTarget::Nodes(nodes) => format!("{} nodes", nodes.len()),
-            ReadTarget::Subscription(sent) => format!("{} nodes by themselves", sent.nodes.len()),
-            ReadTarget::Sensors(sensors) => format!("{} sensors", sensors.len()),
+            _ => request.to_string(),
         };
         format!("{span} [{}]", fields.join(" "))
     };

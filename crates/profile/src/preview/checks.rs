@@ -1,20 +1,23 @@
-//! Period of the checks of a device in operation, and the effect of a change between two checks.
+//! Repeated checks (`verify`) of a device in operation: their periods, and how far an axis may move before a changed
+//! setting is detected.
 
 use std::time::Duration;
 
 use super::load::exchange_time;
-use super::traffic::{Exchange, read_cells};
+use super::traffic::Exchange;
 use crate::document::Section;
 use crate::duration::shown;
+use crate::kinds;
+use crate::kinds::modbus::frames::read_cells;
 use crate::tables::device::verify::Expected;
 use crate::{BusId, Device, DeviceId, Profile};
 use isotherm_core::compensation::model::Model;
 
-/// Largest share of a line's time for checks of its devices.
+/// Largest fraction of a line's time that the checks of its devices may take.
 const SHARE: f64 = 0.01;
 
-/// Returns the factor by which the periods of all checks on a line are extended, so that they take at most 1 % of its
-/// time. At least 1.
+/// Returns the factor by which the periods of all checks on a line are extended. The checks then take at most 1 % of
+/// the line's time. The factor is at least 1.
 pub fn stretch(profile: &Profile, bus: BusId) -> f64 {
     let checks =
         profile.devices_on(bus).flat_map(|(id, device)| device.verify.iter().map(move |check| (id, check)));
@@ -23,7 +26,8 @@ pub fn stretch(profile: &Profile, bus: BusId) -> f64 {
     (share.sum::<f64>() / SHARE).max(1.0)
 }
 
-/// Returns the actual period of a check. An extended period is in whole seconds.
+/// Returns the period of a check, multiplied by the factor `stretch` of its line. A longer period is rounded up to
+/// whole seconds.
 pub fn period(check: &Expected, stretch: f64) -> Duration {
     if stretch <= 1.0 {
         return check.every;
@@ -32,12 +36,11 @@ pub fn period(check: &Expected, stretch: f64) -> Duration {
     Duration::from_secs(seconds.as_secs() + u64::from(seconds.subsec_nanos() > 0))
 }
 
-/// Returns the names of the devices without identification. They answer requests or are written to, but have no
-/// `verify`.
+/// Returns the names of the devices that answer requests but have no `verify`. A replaced device would not be detected.
 pub(super) fn unidentified(profile: &Profile) -> Vec<&str> {
-    let is_asked = |device: &Device| match &device.can {
-        Some(can) => can.node.is_some(),
-        None => !device.is_pc,
+    let is_asked = |device: &Device| {
+        let (kind, _) = kinds::of(profile.bus(device.bus).transport);
+        (kind.can_be_identified)(device)
     };
     let devices = profile.devices.iter().filter(|device| is_asked(device) && device.verify.is_empty());
     devices.map(|device| device.name.as_str()).collect()
@@ -64,8 +67,8 @@ pub(super) fn preview(profile: &Profile, id: DeviceId, device: &Device) -> (Vec<
         let guard = &axis.settings.guard;
         let moved = (guard.rate.get() * longest.as_secs_f64()).min(2.0 * guard.limit.get());
         format!(
-            "settings that are changed in operation are detected within {}: axis {} moves by at most {:.1} \
-             µm until then",
+            "settings that are changed in operation are detected within {}: until then, axis {} moves by at \
+             most {:.1} µm",
             shown(longest),
             axis.settings.name,
             moved
@@ -83,10 +86,13 @@ mod tests {
 
     /// Creates a line at 9600 baud with this number of units, each with one check.
     fn line(units: usize, every: &str) -> Profile {
-        let mut text = "[machine]\nname = \"line\"\n[bus.b]\ntype = \"modbus-rtu\"\nport = \"/dev/serial/by-id/usb-x\"\nbaud = 9600\n".to_owned();
+        let mut text = "[machine]\nname = \"line\"\n[bus.b]\ntype = \"modbus-rtu\"\nport = \
+                        \"/dev/serial/by-id/usb-x\"\nbaud = 9600\n"
+            .to_owned();
         for unit in 1..=units {
             text += &format!(
-                "[device.m{unit}]\nbus = \"b\"\nunit = {unit}\nverify = [{{ register = \"holding:90\", equals = 1{every} }}]\n"
+                "[device.m{unit}]\nbus = \"b\"\nunit = {unit}\nverify = [{{ register = \"holding:90\", \
+                 equals = 1{every} }}]\n"
             );
         }
         let loaded = parse(Path::new("line.toml"), &text, &[], &[]);

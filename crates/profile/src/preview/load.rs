@@ -1,7 +1,8 @@
-//! Load of a line: the exchanges per second, and the share of its time that they take.
+//! Load of a line: the exchanges per second, and the share of the line's time that they take.
 //!
-//! The load is that of the busiest time without a fault: every axis moves at each update. Profiles do not state the
-//! answer time of devices, so it is assumed. The answer time at which the line would be full is shown with it.
+//! The load assumes the busiest time without a fault, when every axis moves at each update. Profiles do not state the
+//! answer time of devices, so a typical one is assumed. The preview also shows the answer time at which the line would
+//! be full.
 
 use std::time::Duration;
 
@@ -9,30 +10,27 @@ use serde::Serialize;
 
 use super::traffic::{Exchange, traffic};
 use crate::document::{Section, entries};
+use crate::duration::ms;
+use crate::kinds;
 use crate::wording::counted;
-use crate::{Bus, BusId, Device, Profile, ProfileError, Transport};
+use crate::{Bus, BusId, Device, Profile, ProfileError};
 
-/// Assumed time until a current device begins its answer, including its network.
-const ANSWER: Duration = Duration::from_millis(10);
-/// Assumed answer time through a plain serial server. It includes two short frames at 9600 baud, because profiles do
-/// not state the baud rate.
-const ANSWER_THROUGH_SERVER: Duration = Duration::from_millis(30);
 /// Load in percent above which a line has no reserve for lost answers and repetitions.
 const TIGHT: f64 = 80.0;
 const FULL: f64 = 100.0;
 
-/// Load of a line.
+/// Load of a line: the share of its time that the exchanges take.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Load {
     /// Exchanges per second while every axis moves at each update.
     pub exchanges_per_second: f64,
     /// Share of the line's time for reading signals, in percent.
     pub polls_percent: f64,
-    /// Share for writing, including the reads for it, in percent.
+    /// Share of the line's time for writing, including the reads before and after a write, in percent.
     pub writes_percent: f64,
     /// Share of the line's time for all exchanges, in percent.
     pub percent: f64,
-    /// Assumed answer time of a device in milliseconds, on a serial port without the transfer of the bytes.
+    /// Assumed answer time of a device in milliseconds. On a serial port, the transfer of the bytes is not included.
     pub answer_ms: f64,
     /// Answer time at which the line would be full, in milliseconds. `None` if it is full with any answer time.
     pub full_at_answer_ms: Option<f64>,
@@ -50,11 +48,11 @@ pub enum Verdict {
     Fits,
     /// The exchanges fit, but without reserve for lost answers.
     Tight,
-    /// The exchanges do not fit.
+    /// The exchanges take more time than the line has.
     Full,
 }
 
-/// Time of an exchange: the known part, and the number of answer times.
+/// Time of an exchange: a known time, plus a number of answer times of the device.
 struct Cost {
     known: Duration,
     waits: f64,
@@ -62,12 +60,8 @@ struct Cost {
 
 fn cost(bus: &Bus, device: &Device, asked: &Exchange) -> Cost {
     let quirks = &device.quirks;
-    let bytes = match bus.transport {
-        Transport::Serial(serial) => serial.exchange(asked.question, asked.answer),
-        Transport::Tcp | Transport::RtuOverTcp | Transport::Can | Transport::OpcUa | Transport::Sysfs => {
-            Duration::ZERO
-        }
-    };
+    let serial = bus.transport.serial();
+    let bytes = serial.map_or(Duration::ZERO, |serial| serial.exchange(asked.question, asked.answer));
     let known = bytes + quirks.pause_between_requests;
     if quirks.close_after_each {
         // The next request requires a new connection first.
@@ -79,21 +73,8 @@ fn cost(bus: &Bus, device: &Device, asked: &Exchange) -> Cost {
 /// Returns the time of one exchange, including the assumed answer time of the device.
 pub(super) fn exchange_time(bus: &Bus, device: &Device, asked: &Exchange) -> Duration {
     let Cost { known, waits } = cost(bus, device, asked);
-    known + answer_time(bus.transport).mul_f64(waits)
-}
-
-/// Returns the assumed answer time of a device on such a line.
-fn answer_time(transport: Transport) -> Duration {
-    match transport {
-        Transport::RtuOverTcp => ANSWER_THROUGH_SERVER,
-        Transport::Tcp | Transport::Serial(_) | Transport::Can | Transport::OpcUa | Transport::Sysfs => {
-            ANSWER
-        }
-    }
-}
-
-pub(super) fn ms(span: Duration) -> f64 {
-    1000.0 * span.as_secs_f64()
+    let (_, line) = kinds::of(bus.transport);
+    known + line.answer.mul_f64(waits)
 }
 
 /// Warns about lines that have less time than their exchanges require.
@@ -105,11 +86,14 @@ pub fn warnings(profile: &Profile) -> Vec<ProfileError> {
         let help = if load.polls_percent > load.writes_percent {
             "poll its devices less often (`every`), or put some of them on another line"
         } else {
-            "update the axes less often (`every`; `refresh` of their outputs), or put the outputs on another line"
+            "update the axes less often (`every`; `refresh` of their outputs), or put the outputs on \
+             another line"
         };
-        let message =
-            format!("{}: readings will be older, and corrections later, than the profile \
-                     requires", load.asked_of_it());
+        let message = format!(
+            "{}: readings will be older, and corrections later, than the profile \
+                     requires",
+            load.asked_of_it()
+        );
         let about = ProfileError::about(profile.path.display().to_string(), message, Some(help.to_owned()));
         ProfileError { key: format!("bus.{}", bus.name), ..about }
     });
@@ -121,14 +105,15 @@ impl Load {
     /// send by themselves. Returns `None` for sensors of this computer too, because all are read at the same time.
     pub fn of(profile: &Profile, id: BusId) -> Option<Load> {
         let bus = profile.bus(id);
-        if bus.transport == Transport::Sysfs {
+        let (kind, line) = kinds::of(bus.transport);
+        if !kind.has_load {
             return None;
         }
         let asked = traffic(profile, id);
         if asked.is_empty() {
             return None;
         }
-        let answer = answer_time(bus.transport);
+        let answer = line.answer;
         let (mut known, mut waits, mut percent) = (0.0, 0.0, [0.0; 2]);
         for asked in &asked {
             let cost = cost(bus, profile.device(asked.device), asked);
@@ -153,7 +138,7 @@ impl Load {
                 _ => Verdict::Fits,
             },
             timeout_ms: ms(bus.timeout),
-            is_serial: matches!(bus.transport, Transport::Serial(_)),
+            is_serial: bus.transport.serial().is_some(),
         })
     }
 
@@ -191,7 +176,7 @@ impl Load {
     }
 }
 
-/// Formats a number with one decimal below 10, and without decimals from there on.
+/// Formats a number with at most one decimal below 10, and without decimals from 10.
 fn figure(number: f64) -> String {
     if number < 9.95 && number.fract().abs() > 0.0 {
         let text = format!("{number:.1}");

@@ -1,4 +1,4 @@
-//! Preview of a stop: its effect on the registers, and its longest duration.
+//! Preview of a stop of the gateway: its effect on the registers, and its longest duration.
 
 use std::time::Duration;
 
@@ -30,7 +30,7 @@ pub(super) fn preview(profile: &Profile) -> Section {
         told.map_or(String::new(), |span| format!(", then at most {} until {last}", duration_text(span)));
     section.line("stop");
     section.line(format!("  {does}: at most {}{after}{until}", duration_text(longest)));
-    entries!(section, on_stop = profile.on_stop.word(), longest_s = longest.as_secs());
+    entries!(section, on_stop = profile.on_stop, longest_s = longest.as_secs());
     entries!(section, late_s = late.map(|late| late.as_secs()));
     if let Some(span) = told {
         section.entry("told_s", span.as_secs());

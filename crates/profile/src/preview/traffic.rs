@@ -1,16 +1,17 @@
-//! Exchanges on a line and their rates: polls, heartbeat, outputs, sets. Pure.
+//! Exchanges on a line and their rates: polls, heartbeat, outputs, sets. The calculation has no side effects.
 
 use std::time::Duration;
 
-use crate::plan::{ReadRequest, ReadTarget};
-use crate::{
-    Bit, BusId, Capture, Device, DeviceId, Output, OutputSet, Profile, Share, Stretch, WriteFunction, Writes,
+use crate::kinds::modbus::frames::{
+    cells_read, holding, read_frames, register_for, registers_read, write_frames,
 };
-use isotherm_core::codec::{Address, Register, Table};
+use crate::plan::{ReadRequest, ReadTarget};
+use crate::{Bit, BusId, Capture, DeviceId, Output, OutputSet, Profile, Share, Stretch, Writes};
+use isotherm_core::codec::Address;
 use isotherm_core::reading::SignalId;
 
-/// Reads of the acknowledge in one handshake: once before the strobe, twice for its rise, twice for its fall. The
-/// second read of each pair comes after the cycle of the control.
+/// Number of reads of the acknowledge bit in one handshake: one before the strobe, two when the bit rises, two when it
+/// falls. The second read of each pair follows after one cycle of the control.
 const ASKS: u8 = 5;
 
 /// Exchange that is repeated at a constant rate.
@@ -21,7 +22,7 @@ pub(super) struct Exchange {
     /// Length of the request on a serial line in bytes, with unit and checksum.
     pub(super) question: usize,
     pub(super) answer: usize,
-    /// Whether it belongs to an output or the heartbeat.
+    /// Whether the exchange serves an output or the heartbeat. Otherwise it reads a signal.
     pub(super) writes: bool,
 }
 
@@ -112,7 +113,7 @@ impl Traffic<'_> {
         }
     }
 
-    /// Rate at which a position is read, and therefore corrected.
+    /// Returns how often per second a position is read. Each reading is corrected and written.
     fn position(&self, position: SignalId) -> f64 {
         let signal = self.profile.signal(position);
         let device = self.profile.device(signal.device);
@@ -120,7 +121,7 @@ impl Traffic<'_> {
         per(sync.map_or(device.every, |sync| sync.every))
     }
 
-    /// Adds the writes of an output's value, with the other registers of a display.
+    /// Adds the writes of an output's value. For a digit display, the writes include its further registers.
     fn write(&mut self, output: &Output, per_second: f64) {
         if !is_asked_for(&output.address) {
             return;
@@ -147,7 +148,8 @@ impl Traffic<'_> {
         }
     }
 
-    /// Adds the reads of the applied value: after each change, and again when the control applies it.
+    /// Adds the reads of the value that the control reports as applied: one after each change, and one when the control
+    /// has applied it.
     fn applied(&mut self, output: &Output, per_second: f64) {
         if let Some(applied) = &output.applied {
             let registers = applied.encoding.data_type.registers();
@@ -155,7 +157,7 @@ impl Traffic<'_> {
         }
     }
 
-    /// Adds this number of reads for each write of an output that is read back.
+    /// Adds `times` reads for each write, if the output is read back.
     fn read_back(&mut self, output: &Output, per_second: f64, times: f64) {
         let from = output.reads_at();
         if !output.verify.reads() || !is_asked_for(&from) {
@@ -198,18 +200,9 @@ impl Traffic<'_> {
     }
 }
 
-/// Returns whether a value is requested. Values in CAN frames are not.
+/// Returns whether the gateway requests the value at this address. Values in CAN frames arrive without a request.
 fn is_asked_for(address: &Address) -> bool {
     !address.is_in_frames()
-}
-
-/// Returns the register of a value. A value without a register, such as a node, counts as the shortest request.
-fn register_for(address: &Address) -> Register {
-    address.register().unwrap_or(holding(0))
-}
-
-const fn holding(offset: u16) -> Register {
-    Register { table: Table::Holding, offset }
 }
 
 /// Number of exchanges for one value. A CANopen object of more than four bytes is transferred in segments of seven.
@@ -232,7 +225,8 @@ fn per(every: Duration) -> f64 {
     1.0 / every.as_secs_f64()
 }
 
-/// Refreshes per second between the changes of a value. Each change restarts the period.
+/// Returns how often per second a value that changes once in `every` is also written unchanged (`refresh`). Each change
+/// restarts the refresh period.
 fn refreshes(every: Duration, refresh: Option<Duration>) -> f64 {
     refresh.map_or(0.0, |refresh| {
         let spans = (every.as_secs_f64() / refresh.as_secs_f64()).ceil();
@@ -246,30 +240,4 @@ fn together(periods: &[Duration]) -> f64 {
         periods[..*place].iter().all(|shorter| !period.as_nanos().is_multiple_of(shorter.as_nanos()))
     });
     own.map(|(_, period)| per(*period)).sum()
-}
-
-/// Lengths of a read request and its answer in bytes, with unit and checksum.
-pub(super) fn read_frames(request: &ReadRequest) -> (usize, usize) {
-    request.span().map_or((0, 0), |(from, count)| cells_read(from.table, count))
-}
-
-/// Lengths of the request and the answer that read this many registers, in bytes, with unit and checksum.
-pub(super) fn read_cells(address: &Address, registers: u16) -> (usize, usize) {
-    cells_read(register_for(address).table, registers)
-}
-
-fn registers_read(count: u16) -> (usize, usize) {
-    cells_read(Table::Holding, count)
-}
-
-fn cells_read(table: Table, count: u16) -> (usize, usize) {
-    let count = usize::from(count);
-    (8, 5 + if table.is_bits() { count.div_ceil(8) } else { 2 * count })
-}
-
-fn write_frames(device: &Device, at: Register, registers: u16) -> (usize, usize) {
-    match device.functions.writes(registers) {
-        Some(WriteFunction::Multiple) if !at.table.is_bits() => (9 + 2 * usize::from(registers), 8),
-        _ => (8, 8),
-    }
 }

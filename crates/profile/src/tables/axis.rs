@@ -3,8 +3,8 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::KeyContext;
 use super::label::{self, labelled};
+use super::{Check, KeyContext, optional};
 use crate::Profile;
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
@@ -27,7 +27,7 @@ pub(crate) mod probe;
 pub(crate) struct RawAxis {
     /// Display name of the axis in any script, shown next to its name.
     label: Option<String>,
-    /// Largest absolute value of Cz, µm.
+    /// Largest absolute value of Cz, the compensation of the axis, µm.
     #[schemars(required, extend("x-layers" = "less"))]
     limit: Option<f64>,
     /// Largest change of Cz in one update, µm.
@@ -36,21 +36,22 @@ pub(crate) struct RawAxis {
     /// Largest rate of change of Cz, µm/s.
     #[schemars(required, extend("x-layers" = "less"))]
     rate: Option<f64>,
-    /// Smallest change of Cz that is made, µm. Default 0.
+    /// Smallest change of Cz that is made, µm. Smaller changes are ignored. Default 0.
     deadband: Option<f64>,
-    /// Period of the updates.
+    /// Period in which Cz is updated.
     #[schemars(required)]
     pub(super) every: Option<Timespan>,
     /// Action if no model or no output can be used.
     #[schemars(required, extend("x-layers" = "same"))]
     on_fault: Option<FaultAction>,
-    /// Level of |Cz| for a warning, µm; at most `limit`. Each time it is exceeded is reported once.
+    /// Absolute value of Cz above which the gateway warns, µm; at most `limit`. Each crossing of this level is reported
+    /// once.
     warn: Option<f64>,
-    /// Level of the model's value for an error, µm; at least `limit`. Beyond it, the axis executes its fault action,
-    /// and stays off until it is armed.
+    /// Absolute value of the model's result above which the axis executes its fault action, µm; at least `limit`. The
+    /// axis then stays off until it is armed.
     error: Option<f64>,
-    /// Zero point of Cz. With "zero", Cz is measured from the model's value at the last zero. Default: the model's own
-    /// zero.
+    /// Zero point of Cz. With "zero", Cz is the change of the model's value since the last zero (time at which the
+    /// operator set the zero). Default: the model's own zero.
     datum: Option<DatumWord>,
     /// Whether the offset is a diameter, as for X of a lathe. Cz is then doubled when written. Default false.
     #[schemars(extend("x-layers" = "arrives"))]
@@ -95,21 +96,21 @@ pub enum Purpose {
     /// The axis compensates the error of its machine axis.
     #[default]
     Compensation,
-    /// The axis returns a released register to its base. Such a register belongs to no output any more. No profile file
-    /// has such an axis.
+    /// The axis only returns a register that no output uses any more to its base value, which is its value without Cz.
+    /// A profile file cannot contain such an axis.
     Release,
 }
 
 /// Axis of the profile, after all its keys were checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
-    /// Settings for the pure step.
+    /// Settings for the calculation of Cz in each update.
     pub settings: AxisSettings,
     /// Display name. Empty if the profile has none.
     pub label: String,
     /// Whether the offset is a diameter, as for X of a lathe. Cz is then doubled when written.
     pub diameter: bool,
-    /// Input of measured errors. `None` if errors are only given by command, or not at all.
+    /// Signal from which measured errors are read. `None` if errors come only by command, or not at all.
     pub probe_input: Option<ProbeInput>,
     /// Purpose of the axis.
     pub purpose: Purpose,
@@ -138,7 +139,7 @@ impl Axis {
             sign += "; the position is a diameter, so twice Cz is written";
         }
         if self.settings.datum == Datum::Zero {
-            sign += "; Cz counts from the last zero";
+            sign += "; Cz is measured from the last zero";
         }
         let (limit, step, every, rate) =
             (guard.limit.get(), guard.step.get(), shown(self.settings.every), guard.rate.get());
@@ -148,7 +149,9 @@ impl Axis {
         if guard.deadband.get() > 0.0 {
             bounds += &format!("; a change of up to {} µm is not made", guard.deadband.get());
         }
-        bounds.extend(guard.count.map(|count| format!("; Cz moves in counts of {} µm", count.get())));
+        bounds.extend(
+            guard.count.map(|count| format!("; Cz changes in steps of {} µm, one count", count.get())),
+        );
         bounds.extend(levels.warn.map(|warn| format!("; beyond ±{} µm the gateway warns", warn.get())));
         bounds.extend(levels.error.map(|error| {
             format!("; a model value beyond ±{} µm switches the axis off until it is armed", error.get())
@@ -179,14 +182,15 @@ impl Axis {
         !self.settings.models.is_empty()
     }
 
-    /// Returns whether Cz is measured from this reference. It is the datum of the axis, or a reference in its models.
+    /// Returns whether Cz is measured from this reference: it is the datum (zero point of Cz) of the axis, or a
+    /// reference in its models.
     pub fn counts_from(&self, reference: Reference) -> bool {
         let by_datum = reference == Reference::Zero && self.settings.datum == Datum::Zero;
         by_datum
             || self.settings.models.iter().flat_map(Model::rises).any(|input| input.reference == reference)
     }
 
-    /// Returns whether a model of the axis states its expected error.
+    /// Returns whether a model of the axis states how large its error probably is.
     pub fn says_how_wrong(&self) -> bool {
         self.settings.models.iter().any(|model| model.expected.is_some())
     }
@@ -198,7 +202,7 @@ impl Axis {
 }
 
 impl RawAxis {
-    pub(super) fn resolve(&self, at: &KeyContext<'_>, name: &str) -> Option<Axis> {
+    pub(super) fn resolve(&self, check: &Check<'_>, at: &KeyContext<'_>, name: &str) -> Option<Axis> {
         let guard = self.guard(at);
         let every = at.key("every").period(self.every);
         let on_fault = self.on_fault.as_ref().and_then(|action| action.resolve(&at.key("on_fault")));
@@ -212,13 +216,11 @@ impl RawAxis {
         }
         let levels = self.levels(at);
         let datum = self.datum(&at.key("datum"));
-        let probe = match &self.probe {
-            Some(probe) => probe.resolve(&at.key("probe"), self).map(Some),
-            None => Some(None),
-        };
+        let probe = optional(self.probe.as_ref(), |probe| probe.resolve(&at.key("probe"), self));
         // All models are checked, even after one with an error.
-        let models: Vec<Option<Model>> =
-            models.iter().enumerate().map(|(index, model)| model.resolve(&list.item(index))).collect();
+        let settle = check.raw.machine.as_ref().and_then(|machine| machine.settle);
+        let models = models.iter().enumerate().map(|(index, model)| model.resolve(&list.item(index), settle));
+        let models: Vec<Option<Model>> = models.collect();
         let (probe, probe_input) = probe?.unzip();
         let settings = AxisSettings {
             name: name.to_owned(),
@@ -249,11 +251,11 @@ impl RawAxis {
         if let Some(limit) = limit {
             if deadband >= limit {
                 let message = format!("the deadband of {deadband} µm is as large as the limit of {limit} µm");
-                at.key("deadband").invalid(message, "the axis would never move: make `deadband` smaller");
+                at.key("deadband").invalid(message, "Cz would never change: make `deadband` smaller");
             }
             if let Some(step) = step.filter(|step| *step > 2.0 * limit) {
                 let message =
-                    format!("a step of {step} µm is more than from one limit of {limit} µm to the other");
+                    format!("a step of {step} µm is more than the whole range from −{limit} to +{limit} µm");
                 at.key("step")
                     .invalid(message, "`step` is the largest change of one update: up to twice `limit`");
             }
@@ -267,8 +269,8 @@ impl RawAxis {
         })
     }
 
-    /// Resolves the datum. It must not be "zero" if a reference is captured at zero: the same drift would be subtracted
-    /// twice.
+    /// Resolves the datum (zero point of Cz). Reports the datum "zero" if a reference of a model is also captured at
+    /// zero, because the same drift would be subtracted twice.
     fn datum(&self, at: &KeyContext<'_>) -> Datum {
         let Some(DatumWord::Zero) = self.datum else { return Datum::Model };
         let models = || self.model.iter().flatten();
@@ -316,19 +318,16 @@ impl FaultAction {
             FaultActionWord::Hold => Some(OnFault::Hold),
             FaultActionWord::Zero => Some(OnFault::Zero),
             FaultActionWord::Ramp => {
-                if self.after.is_none() {
-                    let help =
-                        "write how long the last value is kept before the ramp, as \"60s\" (\"0s\": at once)";
-                    at.key("after")
-                        .missing("`after` is missing: a ramp needs the time before it begins", help);
-                }
+                let help =
+                    "write how long the last value is kept before the ramp, as \"60s\" (\"0s\": at once)";
+                at.key("after").missing("`after` is missing: a ramp needs the time before it begins", help);
                 self.after.map(|Timespan(after)| OnFault::Ramp { after })
             }
         }
     }
 }
 
-/// Resolves an optional level. `Some(None)` if there is none.
+/// Resolves an optional level. Returns `Some(None)` if the profile has none, and `None` if the level is invalid.
 fn level(at: &KeyContext<'_>, level: Option<f64>) -> Option<Option<Micron>> {
     match level {
         Some(_) => at.positive(level).map(Micron::new),

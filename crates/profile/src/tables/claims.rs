@@ -1,4 +1,5 @@
-//! Ownership of registers and nodes: two tables must not overlap, or write the same place.
+//! Ownership of registers and nodes. The registers of two tables must not overlap, and two tables must not write the
+//! same register or node.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 
@@ -10,7 +11,7 @@ use isotherm_core::codec::{Address, DataType, NodeId, Register};
 
 /// Registers that a table reads or writes.
 struct Claim<'c> {
-    /// Address of the line, and unit. The same device may have two names.
+    /// Address of the line, and unit. They identify a device, which may have two names in the profile.
     device: (String, u8),
     address: Register,
     data_type: DataType,
@@ -56,7 +57,7 @@ impl Claim<'_> {
 pub(super) fn check(check: &Check<'_>, heartbeat: Option<&Heartbeat>) {
     let mut claims = claims(check, heartbeat);
     // The later one of two keys gets the error.
-    claims.sort_by_key(|claim| check.spans.rank(&claim.at.path));
+    claims.sort_by_key(|claim| check.report.spans.rank(&claim.at.path));
     let mut claimed: HashMap<(&str, u8, Register), Vec<usize>> = HashMap::new();
     for (index, later) in claims.iter().enumerate() {
         let mut earlier = BTreeSet::new();
@@ -159,7 +160,8 @@ fn collision(earlier: &Claim<'_>, later: &Claim<'_>) {
     later.at.invalid(message, help);
 }
 
-/// Reports a corrected position in the registers of its own position. It would grow by Cz with every write.
+/// Reports an output that would write a corrected position into the registers from which the position is read. The
+/// position would grow by Cz with every write.
 fn runaway(check: &Check<'_>, claims: &[Claim<'_>]) {
     let by_path: HashMap<&str, &Claim<'_>> =
         claims.iter().rev().map(|claim| (claim.at.path.as_str(), claim)).collect();
@@ -173,14 +175,14 @@ fn runaway(check: &Check<'_>, claims: &[Claim<'_>]) {
         {
             let message =
                 format!("the corrected position would overwrite {}, from which it is computed", read.shown());
-            written.at.invalid(message, "read the register of the scale, and write another register");
+            written.at.invalid(message, "read the register of the linear scale, and write another register");
         }
     }
 }
 
 /// Node that a table writes.
 struct Written<'c> {
-    /// Address of the server. Two devices may be one server.
+    /// Address of the server, because two devices of the profile may be one server.
     server: String,
     node: NodeId,
     /// Key that names the node.
@@ -192,7 +194,7 @@ struct Written<'c> {
 pub(super) fn one_writer_each(check: &Check<'_>, heartbeat: Option<&Heartbeat>) {
     let mut written = written(check, heartbeat);
     // The later one of two keys gets the error.
-    written.sort_by_key(|written| check.spans.rank(&written.at.path));
+    written.sort_by_key(|written| check.report.spans.rank(&written.at.path));
     for (place, later) in written.iter().enumerate() {
         let is_same = |first: &&Written<'_>| (&first.server, &first.node) == (&later.server, &later.node);
         if let Some(first) = written[..place].iter().find(is_same) {

@@ -6,29 +6,25 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use super::bus::APART;
 use super::bus::periods::EVERY;
-use super::bus::{APART, LineKind, Transport};
 use super::label::{self, labelled};
-use super::opcua::{ReadBy, SourceTime};
-use super::quirks::{self, Quirks, RawQuirks};
-use super::{Check, KeyContext, dbc};
+use super::{Check, KeyContext};
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
-use crate::plan::summary;
+use crate::kinds::can::node::{CanDevice, RawEmergency, RawSetup};
+use crate::kinds::modbus::functions::{Function, Functions};
+use crate::kinds::modbus::quirks::{Quirks, RawQuirks};
+use crate::kinds::opcua::nodes::{ReadBy, SourceTime};
 use crate::schema_of::schema_of;
 use crate::template::Template;
 use crate::{BusId, DeviceId, Profile};
-use functions::{Function, Functions};
 use isotherm_core::codec::Table;
-use node::{CanDevice, RawEmergency, RawSetup};
 use verify::{Expected, RawVerify};
 
-pub(crate) mod emergency;
-pub(crate) mod functions;
-pub(crate) mod node;
 pub(crate) mod verify;
 
-/// Unit on a line.
+/// Device on a line: a Modbus unit, a CAN device, an OPC UA server, or sensors of this computer.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Device", extend("x-layers" = "arrives"))]
@@ -38,13 +34,14 @@ pub(crate) struct RawDevice {
     label: Option<String>,
     /// Line to which the device is connected.
     #[schemars(required)]
-    pub(super) bus: Option<String>,
+    pub(crate) bus: Option<String>,
     /// Modbus unit identifier. Required on a Modbus line.
-    unit: Option<u8>,
+    pub(crate) unit: Option<u8>,
     /// Poll period of the device's signals. Default "1s".
     #[schemars(extend("x-layers" = "free"))]
-    pub(super) every: Option<Timespan>,
-    /// Device template with the registers, types and sentinels of its channels.
+    pub(crate) every: Option<Timespan>,
+    /// Device template, which sets registers, types and sentinels (raw values that mean "no measurement") of its
+    /// channels.
     template: Option<String>,
     /// Variant of the template, for example "T" for a thermocouple type.
     #[allow(dead_code, reason = "resolved before the profile is checked")]
@@ -53,50 +50,50 @@ pub(crate) struct RawDevice {
     /// Default: any template is accepted.
     #[allow(dead_code, reason = "resolved before the profile is checked")]
     sha256: Option<String>,
-    /// Number added to every register of the template, if the manufacturer lets the first register be set.
+    /// Number added to every register of the template, for a device on which the first register can be set.
     #[allow(dead_code, reason = "resolved before the profile is checked")]
     base: Option<u16>,
-    /// Expected results of the template's checks on this device, by name. "unchecked" omits a check.
+    /// Expected values for checks of the template on this device, by the name of the check. "unchecked" omits a check.
     #[allow(dead_code, reason = "resolved before the profile is checked")]
     expect: Option<BTreeMap<String, ExpectValue>>,
     /// Function codes that the gateway may send to the device. Default: all.
     functions: Option<Vec<Function>>,
-    /// Quirks of the device. They take precedence over those of the bus.
+    /// Quirks: special requirements of the device. They take precedence over those of the bus.
     #[schemars(extend("x-layers" = "free"))]
     quirks: Option<RawQuirks>,
     /// CAN: DBC file next to the profile that describes the frames of the device.
-    pub(super) dbc: Option<String>,
+    pub(crate) dbc: Option<String>,
     /// CAN, with a DBC file: J1939 source address of the device. Its messages are parameter groups, and those of other
     /// senders are ignored.
-    pub(super) source_address: Option<u8>,
+    pub(crate) source_address: Option<u8>,
     /// CANopen node number.
     #[schemars(range(min = 1, max = 127))]
-    pub(super) node: Option<u8>,
-    /// OPC UA: meaning of the server's timestamps. "sampled": time of measurement, which is the age of the reading.
-    /// "changed": time of the last change, which does not affect the age. Default "sampled".
+    pub(crate) node: Option<u8>,
+    /// OPC UA: meaning of the server's timestamps. "sampled": time of measurement, from which the age of the reading is
+    /// calculated. "changed": time of the last change, which does not affect the age. Default "sampled".
     #[schemars(extend("x-layers" = "free"))]
-    source_time: Option<SourceTime>,
+    pub(crate) source_time: Option<SourceTime>,
     /// OPC UA: way of reading signals. "poll": the gateway requests them. "subscription": the server samples them once
     /// in `every` and sends changes. Default "poll".
     #[schemars(extend("x-layers" = "free"))]
     read: Option<ReadBy>,
     /// CANopen: whether the gateway starts the node by NMT, at the beginning and after each boot-up. Default true.
-    start: Option<bool>,
+    pub(crate) start: Option<bool>,
     /// CANopen: timeout of the node's heartbeat. A heartbeat missing for this time, also at the start, is a fault.
     /// Default: not monitored.
     #[schemars(extend("x-layers" = "free"))]
-    heartbeat: Option<Timespan>,
+    pub(crate) heartbeat: Option<Timespan>,
     /// CANopen: objects written before each start, in this order.
-    setup: Option<Vec<RawSetup>>,
+    pub(crate) setup: Option<Vec<RawSetup>>,
     /// CANopen: meanings of the device's emergency codes, in addition to those of CiA 301.
     #[schemars(extend("x-layers" = "free"))]
-    emergency: Option<Vec<RawEmergency>>,
+    pub(crate) emergency: Option<Vec<RawEmergency>>,
     /// Registers (CANopen: objects) that are read before arming and in operation. A mismatch prevents arming, and makes
     /// the readings of the device bad.
-    verify: Option<Vec<RawVerify>>,
+    pub(crate) verify: Option<Vec<RawVerify>>,
 }
 
-/// Expected result of a check of the template.
+/// Expected value for a check of the template.
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
 #[allow(dead_code, reason = "resolved before the profile is checked")]
@@ -112,6 +109,16 @@ enum ExpectWord {
 }
 
 schema_of!(ExpectValue as "Expect": { "anyOf": [{ "type": "integer" }, { "type": "string", "enum": ["unchecked"] }] });
+
+/// Parts of a device that depend on the kind of its line.
+#[derive(Default)]
+pub(crate) struct DeviceParts {
+    /// Unit or node number. `None` if it has an error.
+    pub(crate) unit: Option<u8>,
+    pub(crate) can: Option<CanDevice>,
+    pub(crate) source_time: Option<SourceTime>,
+    pub(crate) is_pc: bool,
+}
 
 /// Resolved device on a bus.
 #[derive(Clone, Debug, PartialEq)]
@@ -129,7 +136,7 @@ pub struct Device {
     pub every: Duration,
     /// Function codes that may be sent.
     pub functions: Functions,
-    /// Quirks of the bus, replaced by those of the device.
+    /// Quirks: special requirements of the device, from the device or otherwise from its bus.
     pub quirks: Quirks,
     /// Registers, objects or nodes that are read before arming.
     pub verify: Vec<Expected>,
@@ -141,7 +148,7 @@ pub struct Device {
     pub source_time: Option<SourceTime>,
     /// Way of reading the signals of an OPC UA server. Other devices are polled.
     pub read: ReadBy,
-    /// Whether the device is sensors of this computer.
+    /// Whether the device consists of sensors of this computer.
     pub is_pc: bool,
 }
 
@@ -155,31 +162,23 @@ impl Device {
         }
     }
 
-    /// Returns whether the device has `verify`, or the setup list of a CANopen node.
+    /// Returns whether the gateway checks or sets up the device before arming: it has `verify`, or a CANopen `setup`.
     pub fn is_checked(&self) -> bool {
         !self.verify.is_empty() || self.can.as_ref().is_some_and(|can| !can.setup.is_empty())
     }
 
-    /// Preview of the device: its reads, its checks with their bounds, and its template.
+    /// Preview of the device: its description, its reads, its checks with their bounds, and its template.
     pub(crate) fn preview(
         &self,
-        profile: &Profile,
-        id: DeviceId,
+        (profile, id): (&Profile, DeviceId),
+        described: &str,
+        (summary, requests): (String, Vec<Section>),
         (checks, bounds): (Vec<Section>, Vec<String>),
     ) -> Section {
-        let requests = profile.register_requests(id);
-        let (name, unit, every, summary) = (&self.name, self.unit, shown(self.every), summary(&requests));
+        let (name, unit, every) = (&self.name, self.unit, shown(self.every));
         let can = self.can.as_ref().map(|can| can.preview(profile, id));
-        let shown = labelled(name, &self.label);
         let mut section = Section::default();
-        section.line(match self.can.as_ref().map(|can| can.node) {
-            None if self.source_time.is_some() || self.is_pc => {
-                format!("  {shown}: every {every}: {summary}")
-            }
-            None => format!("  {shown}: unit {unit}, every {every}: {summary}"),
-            Some(Some(node)) => format!("  {shown}: CANopen node {node}"),
-            Some(None) => format!("  {shown}: sends frames by itself"),
-        });
+        section.line(format!("  {}: {described}", labelled(name, &self.label)));
         can.iter().for_each(|can| section.lines_of(can));
         let stamped = self.source_time.map(|source_time| match source_time {
             SourceTime::Sampled => "the age of a reading is counted from the server's time stamp",
@@ -195,7 +194,7 @@ impl Device {
         section.lines("    ", sent);
         entries!(section, read = sent, name, label = &self.label, bus = &profile.bus(self.bus).name, unit);
         entries!(section, every, summary);
-        section.parts("requests", requests.iter().map(|request| request.preview(profile)));
+        section.parts("requests", requests.into_iter());
         section.parts("checks", checks.into_iter());
         section.lines("    ", &bounds);
         section.entry("settings_bounds", bounds);
@@ -205,7 +204,7 @@ impl Device {
     }
 
     /// Describes the channel of a signal or an output with this name: `channel 0 of icp-das-m7019r; the profile itself
-    /// says scale`.
+    /// sets scale`.
     pub(crate) fn channel(&self, user: &str) -> Option<String> {
         let template = self.template.as_ref()?;
         let used = template.uses.iter().find(|used| used.name == user)?;
@@ -216,7 +215,7 @@ impl Device {
         Some(format!("channel {} of {}{own}", used.channel, template.name))
     }
 
-    /// Returns the largest number of registers that one request can write and read.
+    /// Returns the largest number of registers that the device accepts in one read as well as in one write.
     pub fn longest_request(&self) -> u16 {
         // Function 16 writes 123 registers, function 06 one.
         let most = if self.functions.write_multiple { 123 } else { 1 };
@@ -224,7 +223,7 @@ impl Device {
     }
 
     /// Reports an error if the device does not allow writing this number of registers.
-    pub(super) fn must_write(&self, at: &KeyContext<'_>, registers: u16) {
+    pub(crate) fn must_write(&self, at: &KeyContext<'_>, registers: u16) {
         if self.functions.writes(registers).is_none() {
             let functions =
                 if registers == 1 { "\"write-single\" or \"write-multiple\"" } else { "\"write-multiple\"" };
@@ -233,7 +232,7 @@ impl Device {
     }
 
     /// Reports an error if the device does not allow reading this table.
-    pub(super) fn must_read(&self, at: &KeyContext<'_>, table: Table) {
+    pub(crate) fn must_read(&self, at: &KeyContext<'_>, table: Table) {
         if !self.functions.reads(table) {
             let function = match table {
                 Table::Coil => "read-coils",
@@ -241,22 +240,21 @@ impl Device {
                 Table::Holding => "read-holding",
                 Table::Input => "read-input",
             };
-            self.lacks(at, &format!("reading this needs {function}"), &format!("\"{function}\""));
+            self.lacks(at, &format!("reading this address needs {function}"), &format!("\"{function}\""));
         }
     }
 
-    /// Reports functions that the device does not allow.
-    pub(super) fn lacks(&self, at: &KeyContext<'_>, needs: &str, functions: &str) {
+    /// Reports that the device does not allow the necessary `functions`. `needs` begins the message.
+    pub(crate) fn lacks(&self, at: &KeyContext<'_>, needs: &str, functions: &str) {
         let help = format!("add {functions} to `functions` of the device, if the device supports it");
         at.invalid(format!("{needs}, which is not among the `functions` of `{}`", self.name), help);
     }
 }
 
 impl RawDevice {
-    pub(super) fn resolve(&self, at: &KeyContext<'_>, name: &str) -> Option<Device> {
-        let check = at.check;
+    pub(super) fn resolve(&self, check: &Check<'_>, at: &KeyContext<'_>, name: &str) -> Option<Device> {
         if self.template.is_none() {
-            let help = "write template = \"…\" as well, or remove it";
+            let help = "write template = \"…\" as well, or remove this key";
             at.not_applicable(&["variant", "sha256", "base", "expect"], "a device template", help);
         }
         let every = at.key("every").period(self.every).unwrap_or(EVERY);
@@ -266,53 +264,26 @@ impl RawDevice {
             at.key("functions").invalid("a device without an allowed function cannot be used", help);
         }
         let functions = self.functions.as_deref().map_or(Functions::ALL, Functions::of);
-        let bus = at.key("bus").named(&check.buses, self.bus.as_ref());
+        let bus = at.key("bus").named(&check.buses.names, self.bus.as_ref());
         let line = bus.and_then(|bus| check.buses.get(bus));
         let over = line.map_or_else(Quirks::default, |line| line.quirks);
         let quirks = self.quirks.as_ref().map_or(over, |quirks| quirks.over(over));
         if line.is_some_and(|line| line.pipeline > 1 && line.quirks.support_two()) && !quirks.support_two() {
             at.key("quirks").invalid(APART, "remove the quirk, or `pipeline` of the bus");
         }
-        if line.is_some_and(|line| matches!(line.transport, Transport::Serial(_) | Transport::RtuOverTcp)) {
-            at.key("quirks").not_applicable(&["gateway"], quirks::OF_TCP, quirks::WAITS);
+        let known = check.line_kind_of(self);
+        if let Some(kind) = known {
+            for (keys, owner, help) in kind.foreign_device_keys {
+                at.not_applicable(keys, owner, help);
+            }
+            check.kinds_beside(kind).for_each(|other| (other.device_keys_elsewhere)(self, at));
         }
-        let kind = self.line_kind(check);
-        let on_can = kind.map(|kind| kind == LineKind::Can);
-        let (on_opcua, on_sysfs) = (kind == Some(LineKind::OpcUa), kind == Some(LineKind::Sysfs));
-        if on_opcua {
-            let help = "remove it: an OPC UA server has nodes";
-            at.not_applicable(&["unit", "functions", "quirks", "base"], "a Modbus device", help);
-        } else if on_sysfs {
-            let help = "remove it: the sensors of this computer are named at their signals";
-            at.not_applicable(&["unit", "functions", "quirks", "template"], "a Modbus device", help);
-            at.not_applicable(&["verify"], "a device with settings that can change", help);
-        }
-        if kind.is_some() && !on_opcua {
-            let help = "remove it, or put the device on an opcua line";
-            at.not_applicable(&["source_time", "read"], "a device on an OPC UA line", help);
-        }
-        let can = node::resolve(self, at, on_can);
-        let unit = if on_can == Some(true) {
-            Some(self.node.unwrap_or(0))
-        } else if on_opcua || on_sysfs {
-            Some(0)
-        } else {
-            self.unit(at, line.map(|line| line.transport))
-        };
-        let verify = at.key("verify");
-        let verify = self.verify.iter().flatten().enumerate().filter_map(|(place, raw)| match on_can {
-            Some(true) => raw.object(&verify.item(place)),
-            _ if on_opcua => raw.node(&verify.item(place)),
-            _ if on_sysfs => None,
-            _ => raw.register(&verify.item(place), functions),
-        });
+        let kind = known.unwrap_or(check.kinds[0]);
+        let DeviceParts { unit, can, source_time, is_pc } = (kind.device)(check, self, at, line);
+        let list = at.key("verify");
+        let verify = self.verify.iter().flatten().enumerate();
+        let verify = verify.filter_map(|(place, raw)| (kind.verify)(raw, &list.item(place), functions));
         let verify = verify.collect();
-        if let Some(can) = &can {
-            node::heartbeat_produced(at, can);
-        }
-        if let Some(dbc) = self.dbc.as_ref().filter(|_| can.is_some()) {
-            dbc::read(&at.key("dbc"), dbc);
-        }
         let template = check.templates.get(name).cloned();
         let (bus, unit) = (BusId(bus?), unit?);
         let label = label::resolve(&at.key("label"), self.label.as_ref());
@@ -327,34 +298,9 @@ impl RawDevice {
             verify,
             template,
             can,
-            source_time: on_opcua.then(|| self.source_time.unwrap_or_default()),
+            source_time,
             read: self.read.unwrap_or_default(),
-            is_pc: on_sysfs,
+            is_pc,
         })
-    }
-
-    /// Checks the unit of a Modbus device.
-    fn unit(&self, at: &KeyContext<'_>, transport: Option<Transport>) -> Option<u8> {
-        let at = at.key("unit");
-        if self.unit.is_none() {
-            let help = "write the unit identifier of the device, 0 to 255; a device that is alone at its \
-                        address often has 1 or 255";
-            at.missing("`unit` is missing", help);
-        }
-        let over_rtu = matches!(transport, Some(Transport::Serial(_) | Transport::RtuOverTcp));
-        if let Some(unit) = self.unit.filter(|unit| over_rtu && !(1..=247).contains(unit)) {
-            let message = if unit == 0 {
-                "unit 0 addresses all devices of an RTU line at once, and none of them answers".to_owned()
-            } else {
-                format!("an RTU line has no unit {unit}: 248 to 255 are reserved")
-            };
-            at.invalid(message, "write the address set at the device, 1 to 247");
-        }
-        self.unit
-    }
-
-    /// Returns the protocol family of the device's line. `None` if that is unknown.
-    pub(super) fn line_kind(&self, check: &Check<'_>) -> Option<LineKind> {
-        check.raw.bus.get(self.bus.as_ref()?)?.line_kind()
     }
 }

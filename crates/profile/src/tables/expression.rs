@@ -1,4 +1,4 @@
-//! Conditions and formulas. Errors have a position within the text.
+//! Parsing of conditions and formulas in a profile. Errors state the position in the text.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
@@ -13,12 +13,12 @@ const WORDS: [&str; 9] = ["and", "or", "not", "abs", "exp", "ln", "sqrt", "min",
 
 /// Parses the condition at this key. `of`: the signal that the condition marks as bad, `None` if it marks none.
 pub(super) fn condition(at: &KeyContext<'_>, text: Option<&String>, of: Option<&str>) -> Option<Condition> {
-    let (text, signals) = (text?, &at.check.signals);
+    let (text, signals) = (text?, &at.report.signals);
     match Condition::parse(text, &|name: &str| signals.place(name).map(SignalId)) {
         Ok(condition) => {
             for id in condition.signals() {
-                at.check.used.borrow_mut()[id.0] = true;
-                if of.is_some_and(|of| signals.names[id.0] == of) {
+                at.uses(id);
+                if of.is_some_and(|of| signals[id.0] == of) {
                     let help =
                         "name the status bit of the device; for the value itself write `range` or `bad`";
                     at.invalid("the signal must not be in its own condition", help);
@@ -27,7 +27,7 @@ pub(super) fn condition(at: &KeyContext<'_>, text: Option<&String>, of: Option<&
             Some(condition)
         }
         Err(why) => {
-            in_text(at, text, &why, signals.names.iter().map(String::as_str));
+            in_text(at, text, &why, signals.iter().map(String::as_str));
             None
         }
     }
@@ -69,7 +69,7 @@ pub(super) fn formula(
             let given = inputs.keys().map(|name| ("inputs", name));
             for (table, name) in given.chain(constants.keys().map(|name| ("constants", name))) {
                 if !seen.contains(name) {
-                    let help = format!("the formula is `{text}`: use `{name}` in it, or remove it");
+                    let help = format!("use `{name}` in the formula `{text}`, or remove `{name}`");
                     at.key(table).key(name).wrong_key(format!("the formula does not use `{name}`"), help);
                 }
             }
@@ -100,5 +100,5 @@ fn in_text<'n>(at: &KeyContext<'_>, text: &str, why: &ExpressionError, known: im
     let end = rest.find(|c: char| !(c.is_alphanumeric() || c == '_')).unwrap_or(rest.len());
     let is_unknown = why.message.contains("is not known");
     let help = is_unknown.then(|| allowed(&rest[..end], known));
-    at.error(at.check.spans.inside(&at.path, text, why.at, why.message.clone(), help));
+    at.error(at.report.spans.inside(&at.path, text, why.at, why.message.clone(), help));
 }

@@ -7,10 +7,11 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::KeyContext;
-use super::opcua::{Place, read};
+use super::device::Device;
 use super::register::{Flag, Notation};
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
+use crate::kinds::opcua::nodes::{Place, read};
 use isotherm_core::codec::{Address, Node, Table};
 
 /// Handshake with a strobe and its acknowledgement.
@@ -26,7 +27,7 @@ pub(super) struct RawHandshake {
     /// bit of a register ("input:16.0"). On an OPC UA server a node (0 or not): { node = "ns=2;s=…" }.
     #[schemars(required)]
     acknowledge: Option<Place>,
-    /// Timeout for the acknowledge to rise, and again for it to drop.
+    /// Timeout for the acknowledge bit to rise after the strobe, and again for the bit to drop.
     #[schemars(required)]
     timeout: Option<Timespan>,
 }
@@ -36,7 +37,7 @@ pub(super) struct RawHandshake {
 pub enum Bit {
     /// Bit of a Modbus device.
     Flag(Flag),
-    /// Node of an OPC UA server: 0 or not.
+    /// Node of an OPC UA server. The bit is set if the value of the node is not 0.
     Node(Node),
 }
 
@@ -47,12 +48,13 @@ pub struct Handshake {
     pub strobe: Bit,
     /// Acknowledgement, read from the control.
     pub acknowledge: Bit,
-    /// Timeout for the acknowledge to rise, and again for it to drop.
+    /// Timeout for the acknowledge bit to rise after the strobe, and again for the bit to drop.
     pub timeout: Duration,
 }
 
 impl Handshake {
-    /// Preview of both exchanges. `function` writes one register of the device.
+    /// Preview of the handshake: strobe and acknowledge on, then off. `function` is the Modbus function that writes one
+    /// register.
     pub(super) fn preview(&self, function: u8) -> Section {
         let function = match &self.strobe {
             Bit::Flag(flag) if flag.address.table.is_bits() => 5,
@@ -79,7 +81,7 @@ impl RawHandshake {
     pub(super) fn resolve(
         &self,
         at: &KeyContext<'_>,
-        device: Option<usize>,
+        device: Option<&Device>,
         is_in_nodes: bool,
     ) -> Option<Handshake> {
         let timeout = at.key("timeout").duration(self.timeout);
@@ -92,8 +94,7 @@ impl RawHandshake {
             };
             let (Some(Address::Node(strobe)), Some(acknowledge)) = (strobe, acknowledge) else { return None };
             if strobe.id == acknowledge.id {
-                itself(&at_acknowledge, &strobe);
-                return None;
+                return itself(&at_acknowledge, &strobe);
             }
             let (strobe, acknowledge) = (Bit::Node(strobe), Bit::Node(acknowledge));
             return Some(Handshake { strobe, acknowledge, timeout: timeout? });
@@ -102,18 +103,16 @@ impl RawHandshake {
         let acknowledge = flag(&at_acknowledge, self.acknowledge.as_ref());
         if let Some(strobe) = strobe.filter(|strobe| !strobe.address.table.is_writable()) {
             let help = "write a coil or a holding register, as \"coil:20\" or \"holding:101\"";
-            at_strobe.invalid(format!("{} cannot be written", strobe.address), help);
-            return None;
+            return at_strobe.reject(format!("{} cannot be written", strobe.address), help);
         }
         let (strobe, acknowledge) = (strobe?, acknowledge?);
         if strobe.address == acknowledge.address {
-            itself(&at_acknowledge, &acknowledge.address);
-            return None;
+            return itself(&at_acknowledge, &acknowledge.address);
         }
-        if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
+        if let Some(device) = device {
             if strobe.address.table == Table::Coil && !device.functions.write_coil {
                 let message = format!(
-                    "writing this needs write-coil, which is not among the `functions` of `{}`",
+                    "writing a coil needs write-coil, which is not among the `functions` of `{}`",
                     device.name
                 );
                 let help = "add \"write-coil\" to `functions` of the device, or use a holding register";
@@ -161,9 +160,9 @@ impl fmt::Display for Bit {
     }
 }
 
-fn itself(at: &KeyContext<'_>, strobe: &impl fmt::Display) {
+fn itself<T>(at: &KeyContext<'_>, strobe: &impl fmt::Display) -> Option<T> {
     let message = format!("{strobe} is the strobe itself, and would acknowledge at once");
-    at.invalid(message, "name the bit that the control sets when it has accepted the value");
+    at.reject(message, "name the bit that the control sets when it has accepted the value")
 }
 
 fn flag(at: &KeyContext<'_>, place: Option<&Place>) -> Option<Flag> {

@@ -5,17 +5,15 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::bus::LineKind;
-use super::opcua::{holds, written};
-use super::register::{Notation, TypeWord, holding};
-use super::{KeyContext, sysfs};
+use super::register::{Notation, TypeWord};
+use super::{Check, KeyContext};
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
 use crate::{DeviceId, Profile};
 use isotherm_core::codec::{Address, DataType, Node};
 
 /// Smallest value that the heartbeat's counter must be able to reach.
-const FEW: u16 = 100;
+pub(crate) const FEW: u16 = 100;
 
 /// Register or node with a counter that shows the control that the gateway runs.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -25,13 +23,13 @@ pub(crate) struct RawHeartbeat {
     /// Device to which the heartbeat is written.
     #[schemars(required)]
     pub(super) device: Option<String>,
-    /// Holding register of 16 bits.
-    register: Option<String>,
+    /// Holding register of 16 bits in which the heartbeat counts.
+    pub(crate) register: Option<String>,
     /// Node of an OPC UA server, for example "ns=2;s=…".
-    node: Option<String>,
+    pub(crate) node: Option<String>,
     /// Type of the node, an integer. Required for a node.
     #[serde(rename = "type")]
-    kind: Option<TypeWord>,
+    pub(crate) kind: Option<TypeWord>,
     /// Period of the heartbeat.
     #[schemars(required, extend("x-layers" = "free"))]
     pub(super) every: Option<Timespan>,
@@ -40,7 +38,7 @@ pub(crate) struct RawHeartbeat {
 /// Heartbeat of the profile, after its keys were checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Heartbeat {
-    /// Device to which it is written.
+    /// Device to which the heartbeat is written.
     pub device: DeviceId,
     /// Holding register or node.
     pub address: Address,
@@ -54,7 +52,7 @@ impl Heartbeat {
         self.address.node().map_or(DataType::U16, Node::taken_as)
     }
 
-    /// Returns the largest count: that of the type, at most 65535.
+    /// Returns the largest value of the counter: that of its type, at most 65535.
     pub fn highest(&self) -> u16 {
         let highest = self.data_type().integer_range().map_or(0, |(_, highest)| highest);
         u16::try_from(highest).unwrap_or(u16::MAX)
@@ -78,49 +76,16 @@ impl Heartbeat {
 }
 
 impl RawHeartbeat {
-    pub(super) fn resolve(&self, at: &KeyContext<'_>) -> Option<Heartbeat> {
+    pub(super) fn resolve(&self, check: &Check<'_>, at: &KeyContext<'_>) -> Option<Heartbeat> {
         let every = at.key("every").period(self.every);
-        let index = at.key("device").named(&at.check.devices, self.device.as_ref());
-        let address = match at.check.line_kind(self.device.as_ref()) {
-            Some(LineKind::OpcUa) => {
-                at.not_applicable(
-                    &["register"],
-                    "a Modbus device",
-                    "remove it, and write node = \"ns=2;s=…\"",
-                );
-                let node = written(at, self.node.as_ref(), self.kind)?;
-                holds(at, &node, FEW)?;
-                Some(Address::Node(node))
-            }
-            Some(LineKind::Can) => {
-                let help =
-                    "name a Modbus device; a CANopen node has a heartbeat consumer of its own, object 1016";
-                at.key("device").invalid(
-                    "the heartbeat is written to a register, and this device has no registers",
-                    help,
-                );
-                return None;
-            }
-            Some(LineKind::Sysfs) => {
-                at.key("device")
-                    .invalid(sysfs::ONLY_READ, "name the device of the control that watches the gateway");
-                return None;
-            }
-            _ => {
-                let help = "remove it, and write register = \"holding:100\"";
-                at.not_applicable(&["node", "type"], "an OPC UA server", help);
-                let place = at.key("register");
-                if self.register.is_none() {
-                    place.missing(
-                        "`register` is missing: in which register does the heartbeat count?",
-                        "write a holding register, as \"holding:100\"",
-                    );
-                }
-                holding(&place, self.register.as_ref()).map(Address::from)
-            }
-        };
+        let index = at.key("device").named(&check.devices.names, self.device.as_ref());
+        let known = check.line_kind(self.device.as_ref());
+        if let Some(why) = known.and_then(|kind| kind.only_read) {
+            return at.key("device").reject(why, "name the device of the control that watches the gateway");
+        }
+        let address = (known.unwrap_or(check.kinds[0]).heartbeat)(self, at);
         let is_register = address.as_ref().is_some_and(|address| address.register().is_some());
-        let device = index.and_then(|index| at.check.devices.get(index));
+        let device = index.and_then(|index| check.devices.get(index));
         if let Some(device) = device.filter(|_| is_register) {
             device.must_write(&at.key("register"), 1);
         }

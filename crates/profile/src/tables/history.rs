@@ -24,7 +24,8 @@ pub(crate) struct RawHistory {
     directory: Option<String>,
     /// Time for keeping logs, counted back from the date of the newest one. Default "90d".
     keep: Option<Timespan>,
-    /// Largest size of all logs together. Beyond it the oldest are deleted, but never today's. Default "2GB".
+    /// Largest size of all logs together. If the logs exceed this size, the oldest are deleted, but never those of
+    /// today. Default "2GB".
     max_size: Option<Size>,
 }
 

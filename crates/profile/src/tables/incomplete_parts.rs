@@ -11,7 +11,7 @@ pub(super) fn only_recorded(check: &Check<'_>) -> Vec<String> {
     if check.axes.names.iter().any(|name| lacks_model(check, name)) {
         return Vec::new();
     }
-    let names = check.signals.names.iter().zip(check.used.borrow().clone());
+    let names = check.signals.names.iter().zip(check.report.used());
     names.filter(|(_, is_used)| !is_used).map(|(name, _)| name.clone()).collect()
 }
 
@@ -50,7 +50,8 @@ pub(super) fn warn(check: &Check<'_>) {
     }
 }
 
-/// Warns about `pipeline` on a line without a corrected position, or without a read that could be sent with it.
+/// Warns about `pipeline` on a line without a corrected position, or without a signal whose read request could be sent
+/// at the same time.
 fn two_at_a_time(check: &Check<'_>) {
     let line = |device: usize| check.devices.get(device).map(|device| device.bus.0);
     let corrected = check.outputs.valid().filter(|output| output.writes.position().is_some());
@@ -61,7 +62,7 @@ fn two_at_a_time(check: &Check<'_>) {
         if is_two && !(written.contains(&place) && read.contains(&place)) {
             let message = "`pipeline` has no effect here: this line has no written corrected position, or no \
                            read signal";
-            check.at("bus").key(name).key("pipeline").warn_key(message, Some("remove it"));
+            check.at("bus").key(name).key("pipeline").warn_key(message, Some("remove `pipeline`"));
         }
     }
 }

@@ -3,7 +3,7 @@
 
 use super::KeyContext;
 
-/// Largest length in characters. A longer label does not fit next to a figure.
+/// Largest length of a label, in characters. A longer label does not fit next to a value on the web page.
 const LONGEST: usize = 60;
 
 /// Checks a label. Returns an empty text if there is none.
@@ -13,7 +13,10 @@ pub(super) fn resolve(at: &KeyContext<'_>, raw: Option<&String>) -> String {
     if label.is_empty() {
         at.invalid("the label is empty", "write a name to display, or remove `label`");
     } else if count > LONGEST {
-        at.invalid(format!("a label of {count} characters is too long for the page"), "allowed: up to 60");
+        at.invalid(
+            format!("a label of {count} characters is too long for the web page"),
+            "allowed: up to 60 characters",
+        );
     }
     label.to_owned()
 }

@@ -3,12 +3,11 @@
 use std::time::Duration;
 
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::{KeyContext, label};
 use crate::duration::Timespan;
 use crate::error::allowed;
-use crate::protected_keys::guarded_keys;
 use isotherm_core::compensation::settings::MachineSettings;
 
 /// Settings of the whole machine.
@@ -31,23 +30,24 @@ pub(crate) struct RawMachine {
     zero: Option<String>,
     /// Averaging time of captured references. Default "0s": the first good reading.
     pub(super) settle: Option<Timespan>,
-    /// Arming of the axes. "auto": by itself, once all devices are verified and all readings are good. "manual": by the
-    /// operator. Default "auto".
+    /// Arming of the axes. "auto": automatically, once all devices are verified and all readings are good. "manual": by
+    /// the operator. Default "auto".
     arm: Option<Arm>,
     /// Timeout of a request to arm that cannot be executed yet. The request is shown while it waits. Default "10min".
     arm_timeout: Option<Timespan>,
-    /// Action on the registers at a stop. "fault-action": the fault actions of the axes. "hold": the register values
-    /// stay. Default "fault-action".
+    /// Action on the registers when the gateway stops. "fault-action": the fault actions of the axes. "hold": the
+    /// register values stay. Default "fault-action".
     on_stop: Option<OnStop>,
-    /// Keys that a layer above this file may set, although they protect an axis or change what arrives at the machine.
-    /// These keys are marked in this chapter, for example "axis.z.limit", "machine.arm" and "output.cnc_z.scale".
-    /// Default: none. Layers may always reduce `limit`, `step` and `rate`, and set `arm` to "manual".
+    /// Keys that a layer above this file may set, although they protect an axis or change the data that the machine
+    /// receives. The manual's chapter on the profile marks these keys, for example "axis.z.limit", "machine.arm" and
+    /// "output.cnc_z.scale". Default: none. Layers may always reduce `limit`, `step` and `rate`, and set `arm` to
+    /// "manual".
     allow_override: Option<Vec<String>>,
 }
 
 /// Version of the profile's format that this program supports.
 const FORM: u64 = 1;
-/// Longest name. With a date and an extension it must be a valid file name.
+/// Longest name of a machine, in characters. With a date and an extension, the name must be a valid file name.
 const LONGEST_NAME: usize = 64;
 /// Default timeout of a request to arm.
 const ARM_TIMEOUT: Duration = Duration::from_secs(600);
@@ -59,33 +59,23 @@ const LONGEST_ARM_TIMEOUT: Duration = Duration::from_secs(24 * 3600);
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "ArmWord", description = "")]
 pub enum Arm {
-    /// By itself, once its devices are verified and its readings are good.
+    /// The axis is armed automatically, once its devices are verified and its readings are good.
     #[default]
     Auto,
-    /// By the operator.
+    /// Only the operator arms the axis.
     Manual,
 }
 
 /// Action on the registers when the gateway stops.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "OnStopWord", description = "")]
 pub enum OnStop {
-    /// The fault actions of the axes, without their waiting time.
+    /// The axes execute their fault actions, without the waiting time before a ramp.
     #[default]
     FaultAction,
-    /// None: the register values stay, and the next start resumes from them.
+    /// The register values stay, and the next start resumes from them.
     Hold,
-}
-
-impl OnStop {
-    /// Value of `on_stop` in a profile.
-    pub fn word(self) -> &'static str {
-        match self {
-            OnStop::FaultAction => "fault-action",
-            OnStop::Hold => "hold",
-        }
-    }
 }
 
 /// Resolved settings of the whole machine.
@@ -100,7 +90,12 @@ pub(super) struct Machine {
     pub(super) on_stop: OnStop,
 }
 
-pub(super) fn resolve(at: &KeyContext<'_>, raw: Option<&RawMachine>) -> Machine {
+/// Resolves the table. `guarded` lists the keys that a layer may only set with permission.
+pub(super) fn resolve(
+    at: &KeyContext<'_>,
+    raw: Option<&RawMachine>,
+    guarded: impl Fn() -> Vec<String>,
+) -> Machine {
     let Some(raw) = raw else { return Machine::default() };
     let name = raw.name.clone().unwrap_or_default();
     let is_plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
@@ -128,7 +123,7 @@ pub(super) fn resolve(at: &KeyContext<'_>, raw: Option<&RawMachine>) -> Machine 
         at.key("arm_timeout").invalid(message, "write at most \"24h\"");
     }
     if let Some(keys) = &raw.allow_override {
-        only_guarded(&at.key("allow_override"), keys);
+        only_guarded(&at.key("allow_override"), keys, &guarded());
     }
     Machine {
         name,
@@ -141,18 +136,8 @@ pub(super) fn resolve(at: &KeyContext<'_>, raw: Option<&RawMachine>) -> Machine 
     }
 }
 
-/// Reports keys that a layer may set without permission, or that do not exist.
-fn only_guarded(at: &KeyContext<'_>, keys: &[String]) {
-    let check = at.check;
-    let guarded = guarded_keys(&[
-        ("axis", &check.axes.names),
-        ("output", &check.outputs.names),
-        ("set", &check.sets.names),
-        ("heartbeat", &[]),
-        ("bus", &check.buses.names),
-        ("device", &check.devices.names),
-        ("signal", &check.signals.names),
-    ]);
+/// Rejects the keys of `allow_override` that a layer may set without this permission, and those that do not exist.
+fn only_guarded(at: &KeyContext<'_>, keys: &[String], guarded: &[String]) {
     for (place, key) in keys.iter().enumerate().filter(|(_, key)| !guarded.contains(key)) {
         let help = allowed(key, guarded.iter().map(String::as_str));
         at.item(place).invalid(format!("`{key}` is not a key that needs this permission"), help);

@@ -1,15 +1,15 @@
 //! `[mqtt]`: publication to a broker.
 //!
-//! The files are read with the profile, so that a missing one is reported at its key. The module that connects checks
-//! their content, because it has TLS.
+//! The files are read with the profile, so that a missing file is reported at its key. The module that connects checks
+//! their content, because only that module has a TLS library.
 
 use std::time::Duration;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::KeyContext;
-use super::bus::tls::{NamedFile, file};
+use super::bus::tls::{NamedFile, file, own_pair, password};
+use super::{KeyContext, optional};
 use crate::duration::Timespan;
 use crate::error::ProfileError;
 use crate::host_port::is_loopback;
@@ -21,13 +21,14 @@ mod preview;
 
 /// Default period of publication.
 const EVERY: Duration = Duration::from_secs(1);
-/// Shortest period. The state is copied for each publication.
+/// Shortest allowed period of publication. A shorter one would cost too much time, because the state is copied for each
+/// publication.
 const SHORTEST: Duration = Duration::from_millis(100);
 /// Default time after which unchanged values are published again.
 const REFRESH: Duration = Duration::from_secs(60);
 /// Default size of the buffer on disk in bytes, while the broker is unreachable.
 const BUFFER: u64 = 100_000_000;
-/// Longest group. Every message contains its topic.
+/// Largest length of a group in bytes. The length is limited because every message contains its topic.
 const LONGEST_GROUP: usize = 100;
 
 /// Publication to a broker.
@@ -46,7 +47,7 @@ pub(crate) struct RawMqtt {
     user: Option<RawMqttUser>,
     /// Trusted certificates, and the certificate of the gateway. Only with mqtts://.
     tls: Option<RawMqttTls>,
-    /// Shortest period of each topic, at least "100ms". Default "1s".
+    /// Shortest time between two messages of one topic, at least "100ms". Default "1s".
     every: Option<Timespan>,
     /// Time after which an unchanged value is published again. Default "1min".
     refresh: Option<Timespan>,
@@ -102,7 +103,7 @@ pub enum MqttFormat {
 #[serde(rename_all = "lowercase")]
 #[schemars(rename = "MqttCommandWord", description = "")]
 enum MqttCommand {
-    /// Measured error of an axis, from which it learns.
+    /// Measured error of an axis, which corrects its models.
     Measured,
 }
 
@@ -119,15 +120,15 @@ pub struct Mqtt {
     pub user: Option<MqttUser>,
     /// Trusted certificate. `None` for the authorities that this computer trusts.
     pub ca: Option<NamedFile>,
-    /// Certificate and private key of the gateway.
+    /// Certificate and private key of the gateway. `None` if the profile names none.
     pub own: Option<(NamedFile, NamedFile)>,
-    /// Shortest period of each topic.
+    /// Shortest time between two messages of one topic.
     pub every: Duration,
     /// Time after which an unchanged value is published again.
     pub refresh: Duration,
     /// Size of the buffer on disk in bytes, while the broker is unreachable.
     pub buffer: u64,
-    /// Whether measured errors are accepted.
+    /// Whether measured errors are accepted from the broker.
     pub takes_measured: bool,
     /// Whether discovery topics for Home Assistant are published.
     pub home_assistant: bool,
@@ -165,23 +166,18 @@ impl RawMqtt {
         });
         let format = self.format.unwrap_or_default();
         let group = self.group(at, format);
-        let user = match &self.user {
-            None => Some(None),
-            Some(user) => user.resolve(&at.key("user")).map(Some),
-        };
+        let user = optional(self.user.as_ref(), |user| user.resolve(&at.key("user")));
         if let Some(broker) = &broker {
             self.doubts(at, broker);
         }
-        let (ca, own) = match &self.tls {
-            None => (Some(None), Some(None)),
-            Some(tls) => tls.resolve(&at.key("tls")),
-        };
+        let tls = self.tls.as_ref().map(|tls| tls.resolve(&at.key("tls")));
+        let (ca, own) = tls.unwrap_or((Some(None), Some(None)));
         if format == MqttFormat::SparkplugB {
-            let help = "remove it: the birth message of a Sparkplug node lists all values";
+            let help = "remove this key: the birth message of a Sparkplug node lists all values";
             at.not_applicable(&["home_assistant"], "format = \"json\"", help);
         } else {
-            let help = "remove it: after a lost connection only the newest values are published; events wait \
-                        in memory";
+            let help = "remove this key: after a lost connection only the newest values are published; \
+                        events wait in memory";
             at.not_applicable(&["buffer"], "format = \"sparkplug-b\"", help);
         }
         let every = self.every(at);
@@ -192,10 +188,8 @@ impl RawMqtt {
         }
         let buffer = match self.buffer {
             Some(Size(size)) if size < 100_000 => {
-                at.key("buffer").invalid(
-                    "this size is too small for one minute of values",
-                    "write a larger size, as \"100MB\"",
-                );
+                let help = "write a larger size, as \"100MB\"";
+                at.key("buffer").invalid("this size is too small for one minute of values", help);
                 BUFFER
             }
             size => size.map_or(BUFFER, |Size(size)| size),
@@ -212,7 +206,7 @@ impl RawMqtt {
             buffer,
             takes_measured: self.commands.contains(&MqttCommand::Measured),
             home_assistant: self.home_assistant.unwrap_or(false),
-            table_at: at.check.spans.at_key(&at.path, "", None),
+            table_at: at.report.spans.at_key(&at.path, "", None),
         })
     }
 
@@ -228,33 +222,23 @@ impl RawMqtt {
     fn group(&self, at: &KeyContext<'_>, format: MqttFormat) -> Option<String> {
         let is_sparkplug = format == MqttFormat::SparkplugB;
         let at = at.key("group");
-        let Some(group) = &self.group else {
-            if is_sparkplug {
-                at.missing(
-                    "`group` is missing: to which group does this node belong?",
-                    "write group = \"plant-1\"",
-                );
-                return None;
-            }
-            return Some("isotherm".to_owned());
-        };
+        if is_sparkplug {
+            let help = "write group = \"plant-1\"";
+            at.missing("`group` is missing: to which group does this node belong?", help);
+        }
+        let Some(group) = &self.group else { return (!is_sparkplug).then(|| "isotherm".to_owned()) };
         let is_meant =
             |one: char| one.is_control() || matches!(one, '+' | '#') || (one == '/' && is_sparkplug);
         if is_sparkplug && group == "STATE" {
-            at.invalid(
-                "the group `STATE` is reserved: hosts publish their own state there",
-                "give the group another name",
-            );
-            return None;
+            let message = "the group `STATE` is reserved: hosts publish their own state in this group";
+            return at.reject(message, "give the group another name");
         }
         let is_whole = !group.is_empty() && group.split('/').all(|part| !part.is_empty());
         if !is_whole || group.contains(is_meant) || group.starts_with('$') || group.len() > LONGEST_GROUP {
             let slash = if is_sparkplug { "no `/`, " } else { "" };
-            at.invalid(
-                format!("`{group}` cannot begin a topic"),
-                format!("write a short name, as \"plant-1\": {slash}no `+`, no `#`, no `$` at its beginning"),
-            );
-            return None;
+            let help =
+                format!("write a short name, as \"plant-1\": {slash}no `+`, no `#`, no `$` at its beginning");
+            return at.reject(format!("`{group}` cannot begin a topic"), help);
         }
         Some(group.clone())
     }
@@ -264,7 +248,7 @@ impl RawMqtt {
         if broker.tls {
             return;
         }
-        let help = "remove it, or write mqtts:// in `broker`";
+        let help = "remove this key, or write mqtts:// in `broker`";
         at.not_applicable(&["tls"], "mqtts://", help);
         if is_loopback(&broker.host) {
             return;
@@ -286,36 +270,21 @@ impl RawMqtt {
 
 impl RawMqttUser {
     fn resolve(&self, at: &KeyContext<'_>) -> Option<MqttUser> {
-        let help = "name a file that holds the password alone, readable for the gateway only";
-        let password = match &self.password_file {
-            None => None,
-            name => Some(file(at, "password_file", name.as_ref(), help)?),
-        };
-        at.key("password_file").secret(self.password_file.as_ref());
+        let password = optional(self.password_file.as_ref(), |name| password(at, Some(name)))?;
         Some(MqttUser { name: self.name.clone()?, password })
     }
 }
 
-/// Trusted certificate, and certificate with private key of the gateway. The outer `None` means an error.
+/// Trusted certificate, and certificate with private key of the gateway. The inner `None` means that the profile names
+/// none, the outer `None` means an error.
 type Files = (Option<Option<NamedFile>>, Option<Option<(NamedFile, NamedFile)>>);
 
 impl RawMqttTls {
     fn resolve(&self, at: &KeyContext<'_>) -> Files {
-        let help = "name a PEM file beside the profile with the certificate of the broker, or of the \
+        let help = "name a PEM file next to the profile with the certificate of the broker, or of the \
                     authority that signed it";
-        let ca = match &self.ca {
-            None => Some(None),
-            name => file(at, "ca", name.as_ref(), help).map(Some),
-        };
-        if self.cert.is_none() && self.key.is_none() {
-            return (ca, Some(None));
-        }
-        let help = "name a PEM file beside the profile with the gateway's certificate, followed by the \
-                    certificates of its authorities";
-        let cert = file(at, "cert", self.cert.as_ref(), help);
-        let help = "name a PEM file beside the profile with the private key of the certificate in `cert`";
-        let key = file(at, "key", self.key.as_ref(), help);
-        at.key("key").secret(self.key.as_ref());
-        (ca, cert.zip(key).map(Some))
+        let ca = optional(self.ca.as_ref(), |name| file(at, "ca", Some(name), help));
+        let named = (self.cert.is_some() || self.key.is_some()).then_some((&self.cert, &self.key));
+        (ca, optional(named, |(cert, key)| own_pair(at, cert.as_ref(), key.as_ref())))
     }
 }

@@ -3,14 +3,16 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use schemars::{JsonSchema, Schema};
+use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
-use super::KeyContext;
 use super::bus::tls::NamedFile;
+use super::{KeyContext, optional};
 use crate::document::{Section, entries};
 use crate::host_port::is_loopback;
 use crate::source_map::element;
+use isotherm_core::events::EventKind;
+pub use isotherm_core::events::{CLOCK, UNVERIFIED};
 use url::Url;
 
 pub(crate) mod url;
@@ -25,30 +27,22 @@ pub const ALARM_OVER: &str = "alarm-over";
 /// Trigger: an axis that followed a model does not follow it any more, and the gateway is not being stopped.
 pub const AXIS_OFF: &str = "axis-off";
 
-/// Trigger: the register value is not the written one, or is unknown.
-pub const UNVERIFIED: &str = "unverified";
-/// Trigger: the time of this computer differs from the expected one.
-pub const CLOCK: &str = "clock";
+/// Triggers that are not the name of a single kind of event.
+const WORDS: [&str; 5] = [ALARM, ALARM_OVER, AXIS_OFF, UNVERIFIED, CLOCK];
 
-/// Words for `on`: the five words above, and every kind of event. The words that most profiles need come first, because
-/// the message on an unknown word shows only the first part of the list.
-#[rustfmt::skip]
-pub const TRIGGERS: [&str; 116] = [
-    ALARM, ALARM_OVER, AXIS_OFF, UNVERIFIED, CLOCK, "axis-state", "disarmed", "armed", "arm-refused", "arm-ended",
-    "waits-to-arm", "goes-on", "device-lost", "device-back", "link-down", "link-up", "bus-trouble", "bus-well", "signal-bad",
-    "signal-good", "write-failed", "read-failed", "verify-failed", "verified", "not-applied", "foreign-change", "heartbeat-failed",
-    "heartbeat-written", "cnc-restarted", "cnc-booted", "extrapolating", "interpolating", "model-ages", "worse", "worse-over", "at-limit", "warned",
-    "beyond-error", "saturated", "frozen", "stood-in", "stand-in-over", "clock-set", "clock-doubtful", "certificate-expires",
-    "certificate-expired", "task-failed", "not-as-expected", "as-expected", "emergency", "emergency-over", "node-reset",
-    "interlocked", "released", "output-moved", "register-left", "register-released", "place-confirmed", "reference-forgotten", "namespace-recorded", "namespace-moved", "position-from-zero", "ledger-doubt", "first-account", "ledger-opened", "operator-change", "own-write-late",
-    "perhaps-from-before", "waits-for-late-write", "not-read-back", "acknowledge-early", "acknowledge-missing",
-    "acknowledge-not-read", "acknowledge-stuck", "strobe-not-written", "strobe-not-dropped", "probed", "probe-refused",
-    "probe-forgotten", "sign-checked", "sign-ended", "rereferenced", "machine-started", "zeroed", "overrun",
-    "pipeline-given-up", "subscription", "stood-still", "started", "stopping", "stopped", "template-changed", "not-exclusive", "not-kept",
-    "kept-again", "not-believed", "handover-refused", "profile-differs", "taken-from-earlier", "events-lost", "events-full", "logs-deleted", "page-closed",
-    "page-open", "token-changed", "token-gone", "notify-failed", "notify-back", "notify-dropped", "broker-down", "broker-up", "broker-dropped", "broker-not-kept", "command",
-    "command-refused", "command-dropped",
-];
+/// Words for the key `on`: the triggers that are not a single kind of event, and the name of every kind of event.
+pub const TRIGGERS: [&str; WORDS.len() + EventKind::ALL.len()] = {
+    let mut all = [""; WORDS.len() + EventKind::ALL.len()];
+    let mut place = 0;
+    while place < all.len() {
+        all[place] = match place.checked_sub(WORDS.len()) {
+            None => WORDS[place],
+            Some(place) => EventKind::ALL[place].name(),
+        };
+        place += 1;
+    }
+    all
+};
 
 /// Server that receives messages about events.
 #[derive(Deserialize, JsonSchema)]
@@ -62,8 +56,8 @@ pub(crate) struct RawNotify {
     /// Kinds of events that are posted, and five further words. "alarm" and "alarm-over": begin and end of an alarm.
     /// "axis-off": an axis does not follow its model any more. "unverified": a register value is not known, or differs
     /// from the written value. "clock": the time of this computer was not as expected.
-    #[schemars(required)]
-    on: Option<Vec<Trigger>>,
+    #[schemars(required, schema_with = "words")]
+    on: Option<Vec<String>>,
     /// File next to the profile with the token, not readable by others. The token is sent as `Authorization: Bearer …`,
     /// or in the place of `{token}`. The file is read again for every message.
     token_file: Option<String>,
@@ -79,23 +73,8 @@ impl fmt::Debug for RawNotify {
     }
 }
 
-/// Word of [`TRIGGERS`]. It has been checked against the schema.
-#[derive(Debug, Deserialize)]
-#[serde(transparent)]
-struct Trigger(String);
-
-impl JsonSchema for Trigger {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        "Trigger".into()
-    }
-
-    fn inline_schema() -> bool {
-        true
-    }
-
-    fn json_schema(_: &mut schemars::SchemaGenerator) -> Schema {
-        schemars::json_schema!({ "type": "string", "enum": TRIGGERS.as_slice() })
-    }
+fn words(_: &mut SchemaGenerator) -> Schema {
+    schemars::json_schema!({ "type": "array", "items": { "type": "string", "enum": TRIGGERS.as_slice() } })
 }
 
 /// Server to which events are posted.
@@ -131,16 +110,11 @@ impl RawNotify {
         });
         let on = self.on.as_ref().and_then(|on| triggers(&at.key("on"), on));
         if self.ca.is_some() && url.as_ref().is_some_and(|url| !url.tls) {
-            at.not_applicable(&["ca"], "https", "remove it, or write https:// in `url`");
+            at.not_applicable(&["ca"], "https", "remove this key, or write https:// in `url`");
         }
-        let ca = match &self.ca {
-            None => Some(None),
-            Some(name) => {
-                let help = "name a PEM file beside the profile with the certificate of the server, or of the \
-                            authority that signed it";
-                NamedFile::read(&at.key("ca"), name, help).map(Some)
-            }
-        };
+        let help = "name a PEM file next to the profile with the certificate of the server, or of the \
+                    authority that signed it";
+        let ca = optional(self.ca.as_ref(), |name| NamedFile::read(&at.key("ca"), name, help));
         if self.token_file.is_none() && url.as_ref().is_some_and(Url::has_token) {
             let help = "name the file with the token in `token_file`";
             at.key("url").invalid("the address has a place for a token, but there is no `token_file`", help);
@@ -150,25 +124,23 @@ impl RawNotify {
             let help = "write https:// in `url`, if the server supports it";
             at.key("token_file").warn("the token goes over the network in plain text", help);
         }
-        let token_file = self.token_file.as_ref().map(|name| PathBuf::from(at.check.files.path(name)));
+        let token_file = self.token_file.as_ref().map(|name| PathBuf::from(at.report.files.path(name)));
         Some(Notify { name: element("notify", place), url: url?, on: on?, token_file, ca: ca? })
     }
 }
 
-fn triggers(at: &KeyContext<'_>, written: &[Trigger]) -> Option<Vec<&'static str>> {
+fn triggers(at: &KeyContext<'_>, written: &[String]) -> Option<Vec<&'static str>> {
     if written.is_empty() {
-        at.invalid(
-            "the list is empty: nothing would be posted",
-            format!("write on = [\"{ALARM}\", \"{ALARM_OVER}\"]"),
-        );
-        return None;
+        let help = format!("write on = [\"{ALARM}\", \"{ALARM_OVER}\"]");
+        return at.reject("the list is empty: nothing would be posted", help);
     }
     let mut on = Vec::new();
-    for (place, Trigger(word)) in written.iter().enumerate() {
+    for (place, word) in written.iter().enumerate() {
+        // The word has been checked against the schema.
         let known = TRIGGERS.into_iter().find(|known| known == word)?;
         if on.contains(&known) {
-            at.item(place)
-                .warn(format!("`{known}` is listed twice"), "remove one of them: each event is posted once");
+            let help = "remove one of them: each event is posted once";
+            at.item(place).warn(format!("`{known}` is listed twice"), help);
         } else {
             on.push(known);
         }
@@ -177,7 +149,7 @@ fn triggers(at: &KeyContext<'_>, written: &[Trigger]) -> Option<Vec<&'static str
 }
 
 impl Notify {
-    /// Returns the text of `check`: the server and what is posted to it.
+    /// Preview of one server: its address, token file, trusted certificates, and the events that are posted.
     pub(crate) fn preview(&self) -> Section {
         let mut section = Section::default();
         let (to, on) = (self.url.to_string(), self.on.join(", "));

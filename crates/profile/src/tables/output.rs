@@ -5,20 +5,19 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::bus::LineKind;
-use super::can::{self, RawFrame, RawPdo, Sender, Written};
 use super::handshake::RawHandshake;
-use super::register::{self, Notation, TypeWord, WordOrderWord, plain};
+use super::register::{self, Notation, TypeWord, WordOrderWord};
 use super::restart::RawRestart;
 use super::signal::ChannelValue;
-use super::{Check, KeyContext, expression, opcua, sysfs};
+use super::{Check, KeyContext, expression};
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
+use crate::kinds::can::fields::{RawFrame, RawPdo};
 use crate::wording::counted;
 use crate::{AxisId, DeviceId, Profile, SetId};
 use applied::{Applied, ReadBackValue};
 use display::{Display, RawBeside, RawStale};
-use isotherm_core::codec::{Address, DataType, Encoding, Node, Scale, Table};
+use isotherm_core::codec::{Address, DataType, Encoding, Scale};
 use isotherm_core::compensation::model::Condition;
 use isotherm_core::reading::SignalId;
 use share::Share;
@@ -40,10 +39,10 @@ pub(crate) mod writes;
 pub(crate) struct RawOutput {
     /// Axis whose Cz is written.
     #[schemars(required)]
-    pub(super) axis: Option<String>,
+    pub(crate) axis: Option<String>,
     /// Device that is written to.
     #[schemars(required)]
-    pub(super) device: Option<String>,
+    pub(crate) device: Option<String>,
     /// Target of the device's template, which sets register, type and scale.
     #[allow(dead_code, reason = "resolved before the profile is checked")]
     channel: Option<ChannelValue>,
@@ -51,30 +50,30 @@ pub(crate) struct RawOutput {
     /// (µm), tanβ (µm/mm) and P0 (mm), for a control that applies K0 + tanβ·(P − P0) itself.
     #[schemars(required)]
     writes: Option<WritesWord>,
-    /// corrected: signal of the scale, in mm.
+    /// corrected: signal with the position that the linear scale measures, in mm.
     position: Option<String>,
     /// Holding register, for example "holding:104" or "40105".
-    register: Option<String>,
+    pub(crate) register: Option<String>,
     /// Node of an OPC UA server that is written, for example "ns=2;s=…".
-    node: Option<String>,
+    pub(crate) node: Option<String>,
     /// Type of the value. Required for registers, CANopen objects and nodes.
     #[serde(rename = "type")]
-    kind: Option<TypeWord>,
+    pub(crate) kind: Option<TypeWord>,
     /// CANopen process data that is written, for example { cob_id = 0x20C, start = 0, length = 32, signed = true }.
-    pdo: Option<RawPdo>,
+    pub(crate) pdo: Option<RawPdo>,
     /// CANopen object that is written, for example "2000:01".
     #[schemars(regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
-    sdo: Option<String>,
+    pub(crate) sdo: Option<String>,
     /// CAN frame that is written, for example { id = 0x300, start = 0, length = 32, order = "little", signed = true }.
-    frame: Option<RawFrame>,
+    pub(crate) frame: Option<RawFrame>,
     /// Other place for verification. Modbus: the register in which the control reports the applied value. Process data
     /// and frames: the CANopen object that reads the written value, of the same length, for example "6004:00". Required
-    /// for them, except for a display.
-    read_back: Option<ReadBackValue>,
+    /// for process data and frames, except for a display.
+    pub(crate) read_back: Option<ReadBackValue>,
     /// Order of the registers. Required for 32 bits and more.
-    word_order: Option<WordOrderWord>,
+    pub(crate) word_order: Option<WordOrderWord>,
     /// Whether the two bytes of each register are exchanged. Default false.
-    byte_swap: Option<bool>,
+    pub(crate) byte_swap: Option<bool>,
     /// Size of one count. offset and intercept: µm. slope: µm/mm. corrected and reference: mm. Required for integers;
     /// default 1 for f32 and f64.
     scale: Option<f64>,
@@ -82,7 +81,7 @@ pub(crate) struct RawOutput {
     bias: Option<i64>,
     /// Verification of a write. "read-back" reads the value again. "echo" accepts the answer of the device; an offset
     /// outside of a set is read back all the same if possible. Default "read-back".
-    verify: Option<VerifyWord>,
+    pub(crate) verify: Option<VerifyWord>,
     /// Period for writing an unchanged value again.
     #[schemars(extend("x-layers" = "free"))]
     pub(super) refresh: Option<Timespan>,
@@ -90,10 +89,10 @@ pub(crate) struct RawOutput {
     when: Option<String>,
     /// Ownership of the register. "whole": the gateway owns it. "ledger": an operator also writes to it, and a ledger
     /// on disk stores the gateway share. Default "whole".
-    share: Option<Share>,
+    pub(crate) share: Option<Share>,
     /// Set of the output: outputs of one device that the control receives together.
     pub(super) set: Option<String>,
-    /// Strobe and acknowledgement around each write.
+    /// Handshake for each write: the gateway sets a strobe, and the control acknowledges it.
     pub(super) handshake: Option<RawHandshake>,
     /// Detection of a CNC restart, in addition to the register becoming zero.
     pub(super) restart: Option<RawRestart>,
@@ -138,18 +137,20 @@ pub struct Output {
     pub applied: Option<Applied>,
     /// Further words of a display, and its text without a value.
     pub display: Display,
-    /// Values of the profile file itself, if there are layers above it.
+    /// Settings as the profile file itself states them, without the layers above it. `None` if there are no such
+    /// layers.
     pub stated: Option<Stated>,
 }
 
 impl Output {
-    /// Returns whether this is an offset that is written separately, without a set.
+    /// Returns whether the output belongs to no set, and writes another quantity than a corrected position.
     pub fn is_single_offset(&self) -> bool {
         let is_offset = self.writes.is_scheduled();
         is_offset && self.set.is_none()
     }
 
-    /// Pairs these values with the registers in which they are. Empty for an output that is not in registers.
+    /// Pairs register values with their register numbers, from the first register of the output. Empty if the output is
+    /// not in registers.
     pub fn cells(&self, contents: &[u16]) -> impl Iterator<Item = (u16, u16)> {
         let first = self.address.register().map(|register| register.offset..);
         first.into_iter().flatten().zip(contents.iter().copied())
@@ -169,19 +170,16 @@ impl Output {
         let (name, device_name) = (&self.name, &device.name);
         let (data_type, scale) = (encoding.data_type.name(), encoding.scale.get());
         let registers = encoding.data_type.registers();
-        let function = match self.address {
-            Address::Modbus(_) => device.functions.write_code(registers),
-            Address::Object(_) | Address::Frame(_) | Address::Node(_) | Address::Sensor(_) => 0,
-        };
+        let function = self.address.register().map_or(0, |_| device.functions.write_code(registers));
         let register = Notation::of(&self.address, encoding.data_type);
         let word_order = register::shown_order(&self.address, encoding);
         let unit = self.writes.unit();
-        let mut line = match register.is_in_frames() {
+        let mut line = match self.address.is_in_frames() {
             true => format!("  {name}: {register}, to {device_name}"),
             false => format!("  {name}: {register} of {device_name}, {data_type}"),
         };
         line.extend(word_order.iter().map(|order| format!(" {order}")));
-        line += &format!(", {scale} {unit} per {}", opcua::one_of(&self.address));
+        line += &format!(", {scale} {unit} per {}", register::one_of(&self.address));
         if encoding.bias != 0 {
             line += &format!(", bias {}", encoding.bias);
         }
@@ -244,36 +242,34 @@ impl Output {
 }
 
 /// Address, encoding and verification of an output.
-struct Target {
-    address: Address,
-    encoding: Encoding,
-    verify: Verify,
-    share: Share,
-    applied: Option<Applied>,
-    display: Display,
+pub(crate) struct Target {
+    pub(crate) address: Address,
+    pub(crate) encoding: Encoding,
+    pub(crate) verify: Verify,
+    pub(crate) share: Share,
+    pub(crate) applied: Option<Applied>,
+    pub(crate) display: Display,
 }
 
 impl RawOutput {
-    pub(super) fn resolve(&self, at: &KeyContext<'_>, name: &str) -> Option<Output> {
-        let check = at.check;
-        let axis = at.key("axis").named(&check.axes, self.axis.as_ref());
-        self.keeps_pace(at);
-        let device = at.key("device").named(&check.devices, self.device.as_ref());
+    pub(super) fn resolve(&self, check: &Check<'_>, at: &KeyContext<'_>, name: &str) -> Option<Output> {
+        let axis = at.key("axis").named(&check.axes.names, self.axis.as_ref());
+        self.keeps_pace(check, at);
+        let index = at.key("device").named(&check.devices.names, self.device.as_ref());
         let writes = writes::resolve(self, at);
         let refresh = at.key("refresh").period(self.refresh);
         let when = expression::condition(&at.key("when"), self.when.as_ref(), None);
-        let kind = check.line_kind(self.device.as_ref());
-        if kind == Some(LineKind::Sysfs) {
-            at.key("device")
-                .invalid(sysfs::ONLY_READ, "name the device of the control that receives the value");
-            return None;
+        let known = check.line_kind(self.device.as_ref());
+        if let Some(why) = known.and_then(|kind| kind.only_read) {
+            let help = "name the device of the control that receives the value";
+            return at.key("device").reject(why, help);
         }
-        self.foreign_keys(at, kind);
-        let Target { address, encoding, verify, share, applied, display } = match kind {
-            Some(LineKind::Can) => self.on_can(at, name, device)?,
-            Some(LineKind::OpcUa) => self.in_a_node(at, device)?,
-            _ => self.in_registers(at, device)?,
-        };
+        if let Some((kind, device)) = known.zip(self.device.as_ref()) {
+            (kind.foreign_output_keys)(self, at, device);
+        }
+        let kind = known.unwrap_or(check.kinds[0]);
+        let Target { address, encoding, verify, share, applied, display } =
+            (kind.output)(check, self, at, name, index)?;
         if share == Share::Ledger && refresh.is_some() {
             let message = "a shared register is not refreshed: writing the same value again could overwrite \
                            a change by the operator";
@@ -283,7 +279,7 @@ impl RawOutput {
         Some(Output {
             name: name.to_owned(),
             axis: AxisId(axis?),
-            device: DeviceId(device?),
+            device: DeviceId(index?),
             address,
             encoding,
             writes: writes?,
@@ -299,40 +295,8 @@ impl RawOutput {
         })
     }
 
-    /// Reports keys that belong to another kind of line.
-    fn foreign_keys(&self, at: &KeyContext<'_>, kind: Option<LineKind>) {
-        let (Some(kind), Some(device)) = (kind, &self.device) else { return };
-        if kind == LineKind::OpcUa {
-            return self.foreign_to_a_server(at, device);
-        }
-        at.not_applicable(&["node"], "an OPC UA server", "remove it, or put the device on an opcua line");
-        if kind == LineKind::Modbus {
-            let help = format!("`{device}` is on a Modbus line: write register = \"holding:100\"");
-            at.not_applicable(&["pdo", "sdo", "frame"], "a device on a CAN line", &help);
-            register::not_smaller_than_a_register(&at.key("type"), self.kind, "take \"u16\" or \"i16\"");
-            return;
-        }
-        let of_modbus = ["register", "word_order", "byte_swap", "beside", "stale", "set", "handshake"];
-        let help = format!("`{device}` is on a CAN line: remove it; a value is written by pdo, sdo or frame");
-        at.not_applicable(&of_modbus, "a Modbus device", &help);
-        if at.key("restart").has("boot_counter") {
-            at.not_applicable(&["restart"], "a Modbus device", &help);
-        }
-        if self.share == Some(Share::Ledger) {
-            let message = "share = \"ledger\" is allowed only for a Modbus device";
-            at.key("share").wrong_key(message, help);
-        }
-    }
-
-    fn foreign_to_a_server(&self, at: &KeyContext<'_>, device: &str) {
-        let help = format!("`{device}` is an OPC UA server: remove it; a value is written by node");
-        let of_modbus = ["register", "word_order", "byte_swap", "beside", "stale", "read_back"];
-        at.not_applicable(&of_modbus, "a Modbus device", &help);
-        at.not_applicable(&["pdo", "sdo", "frame"], "a device on a CAN line", &help);
-    }
-
     /// Returns whether the output writes another quantity than a corrected position.
-    fn is_written_as_cz(&self) -> bool {
+    pub(crate) fn is_written_as_cz(&self) -> bool {
         self.writes.is_some_and(|writes| writes != WritesWord::Corrected)
     }
 
@@ -345,62 +309,13 @@ impl RawOutput {
         self.verify == Some(VerifyWord::Echo)
     }
 
-    fn in_registers(&self, at: &KeyContext<'_>, device: Option<usize>) -> Option<Target> {
-        if !["pdo", "sdo", "frame"].into_iter().any(|key| at.has(key)) {
-            if self.register.is_none() {
-                let help = "write a holding register, as \"holding:104\" or \"40105\"";
-                at.key("register").missing("`register` is missing: where is the value written?", help);
-            }
-            if self.kind.is_none() {
-                let help = "allowed: u16, i16, u32, i32, u64, i64, f32, f64; the device's manual says which";
-                at.key("type")
-                    .missing("`type` is missing: which type does the value have in its registers?", help);
-            }
-        }
-        let place = at.key("register");
-        let address = register::holding(&place, self.register.as_ref());
-        let data_type = display::digits(self, at);
-        not_one_bit(&at.key("type"), data_type);
-        let word_order = register::word_order(&at.key("word_order"), data_type, self.word_order);
-        let scale = self.scale(&at.key("scale"), data_type);
-        let (address, data_type) = (address?, data_type?);
-        register::fits(&place, address, data_type);
-        let verify = if self.is_accepted_by_echo() { Verify::Echo } else { Verify::ReadBack };
-        if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
-            device.must_write(&place, data_type.registers());
-            if verify == Verify::ReadBack {
-                device.must_read(&place, Table::Holding);
-            }
-        }
-        let share = share::resolve(self, at, data_type, device);
-        let encoding = Encoding {
-            word_order: word_order?,
-            byte_swap: self.byte_swap.unwrap_or(false),
-            scale: scale?,
-            bias: self.bias(&at.key("bias"), data_type),
-            ..plain(data_type)
-        };
-        let applied = applied::resolve(self, at, share, (address, &encoding), device);
-        let display = display::resolve(self, at, device);
-        Some(Target { address: address.into(), encoding, verify, share, applied, display })
-    }
-
-    fn in_a_node(&self, at: &KeyContext<'_>, device: Option<usize>) -> Option<Target> {
-        let node = opcua::written(at, self.node.as_ref(), self.kind);
-        let data_type = node.as_ref().map(Node::taken_as);
-        not_one_bit(&at.key("type"), data_type);
-        let scale = self.scale(&at.key("scale"), data_type);
-        let (node, data_type) = (node?, data_type?);
-        let bias = self.bias(&at.key("bias"), data_type);
-        let verify = if self.is_accepted_by_echo() { Verify::Echo } else { Verify::ReadBack };
-        let share = share::resolve(self, at, data_type, device);
-        let encoding = Encoding { scale: scale?, bias, ..plain(data_type) };
-        let (applied, display) = (None, Display::default());
-        Some(Target { address: Address::Node(node), encoding, verify, share, applied, display })
+    /// Returns the verification of a value that can be read back where it is written.
+    pub(crate) fn verification(&self) -> Verify {
+        if self.is_accepted_by_echo() { Verify::Echo } else { Verify::ReadBack }
     }
 
     /// Resolves the size of one count at its key.
-    fn scale(&self, at: &KeyContext<'_>, data_type: Option<DataType>) -> Option<Scale> {
+    pub(crate) fn scale(&self, at: &KeyContext<'_>, data_type: Option<DataType>) -> Option<Scale> {
         let is_whole = data_type?.integer_range().is_some();
         match self.scale {
             Some(scale) => register::scale(at, scale),
@@ -414,7 +329,7 @@ impl RawOutput {
         }
     }
 
-    fn bias(&self, at: &KeyContext<'_>, data_type: DataType) -> i64 {
+    pub(crate) fn bias(&self, at: &KeyContext<'_>, data_type: DataType) -> i64 {
         let bias = self.bias.unwrap_or(0);
         if data_type.integer_range().is_none() && bias != 0 {
             let help = "remove `bias`: a floating-point register can hold negative values";
@@ -423,94 +338,14 @@ impl RawOutput {
         bias
     }
 
-    fn on_can(&self, at: &KeyContext<'_>, name: &str, device: Option<usize>) -> Option<Target> {
-        let target = self.target_on_can(at, name, device);
-        let data_type = target.as_ref().map(|(address, _)| match address {
-            Address::Frame(field) => field.bits.data_type(),
-            Address::Object(object) => object.data_type,
-            Address::Node(node) => node.taken_as(),
-            Address::Sensor(_) => DataType::F64,
-            Address::Modbus(register) => register::one(*register),
-        });
-        let scale = self.scale(&at.key("scale"), data_type);
-        let ((address, verify), data_type) = target.zip(data_type)?;
-        not_one_bit(&at.key("type"), Some(data_type));
-        let bias = self.bias(&at.key("bias"), data_type);
-        let encoding = Encoding { scale: scale?, bias, ..plain(data_type) };
-        let (applied, display) = (None, Display::default());
-        Some(Target { address, encoding, verify, share: Share::Whole, applied, display })
-    }
-
-    fn target_on_can(
-        &self,
-        at: &KeyContext<'_>,
-        name: &str,
-        device: Option<usize>,
-    ) -> Option<(Address, Verify)> {
-        let places = ["pdo", "sdo", "frame"];
-        match places.into_iter().filter(|key| at.has(key)).count() {
-            1 => {}
-            0 => {
-                let is_wrong = places.into_iter().any(|key| at.key(key).is_written());
-                if !is_wrong && self.register.is_none() {
-                    let help = "write pdo = { … }, sdo = \"2000:01\" or frame = { … }";
-                    at.wrong_key("the place to which the output is written is missing", help);
-                }
-                return None;
-            }
-            _ => {
-                let help = "keep one of pdo, sdo, frame";
-                at.wrong_key("the output is written to more than one place", help);
-                return None;
-            }
-        }
-        let owner = self.device.as_deref()?;
-        if let Some(sdo) = &self.sdo {
-            if self.read_back.is_some() {
-                let help = "remove it: the gateway reads back the object that it has written";
-                at.key("read_back")
-                    .wrong_key("on a CAN line, `read_back` is allowed only with `pdo` and `frame`", help);
-            }
-            let types = "allowed: u8, i8, u16, i16, u32, i32, u64, i64, f32, f64";
-            let address = can::object(at, sdo, self.kind, owner, types)?;
-            let verify = if self.is_accepted_by_echo() { Verify::Echo } else { Verify::ReadBack };
-            return Some((address, verify));
-        }
-        if self.kind.is_some() {
-            let help = "remove it: `length`, `signed` and `float` define the type";
-            at.key("type").wrong_key("on a CAN line, `type` is allowed only with `sdo`", help);
-        }
-        let (place, field, fill) = if let Some(pdo) = &self.pdo {
-            let place = at.key("pdo");
-            let field = pdo.resolve(&place, owner, Sender::Gateway)?;
-            (place, field, &pdo.fill)
-        } else {
-            let (place, frame) = (at.key("frame"), self.frame.as_ref()?);
-            let mut field = frame.resolve(&place)?;
-            if !std::mem::take(&mut field.multiplex).is_empty() {
-                let help = "write the multiplexer's bits into `fill`";
-                place.key("multiplex").wrong_key("`multiplex` is allowed only in frames that are read", help);
-            }
-            (place, field, &frame.fill)
-        };
-        let fill = match fill {
-            Some(text) => Some(can::fill(&place.key("fill"), text, &field)?),
-            None => None,
-        };
-        let verify = verify::of_a_frame(self, at, field.bits.data_type(), owner);
-        let written = Written::of(&place, device?, name, &field, fill);
-        at.check.written_frames.borrow_mut().push(written);
-        Some((Address::Frame(field), verify?))
-    }
-
     /// Reports an axis that is faster than the control can follow. The control would lag unnoticed.
-    fn keeps_pace(&self, at: &KeyContext<'_>) {
+    fn keeps_pace(&self, check: &Check<'_>, at: &KeyContext<'_>) {
         let most = at.key("largest_step").positive(self.largest_step);
         let least = at.key("shortest_every").duration(self.shortest_every);
         let Some(name) = &self.axis else { return };
-        let Some(axis) = at.check.raw.axis.get(name) else { return };
+        let Some(axis) = check.raw.axis.get(name) else { return };
         let device = self.device.as_deref().unwrap_or_default();
-        let of_axis = at.check.at("axis").key(name);
+        let of_axis = at.top("axis").key(name);
         if let Some((most, step)) = most.zip(axis.step).filter(|(most, step)| step > most) {
             let message =
                 format!("a step of {step} µm is larger than `{device}` can follow at once, {most} µm");
@@ -526,19 +361,21 @@ impl RawOutput {
     }
 }
 
-fn not_one_bit(at: &KeyContext<'_>, data_type: Option<DataType>) {
+/// Reports the type of a single bit at this key.
+pub(crate) fn not_one_bit(at: &KeyContext<'_>, data_type: Option<DataType>) {
     if data_type == Some(DataType::Bool) {
         let help = "write an integer or floating-point type: i16, i32, f32, …";
         at.invalid("one bit cannot hold a compensation value", help);
     }
 }
 
-/// Checks each output with its axis, and gives each axis the coarsest count of its outputs.
+/// Checks that each output can hold every value of its axis. Sets for each axis the coarsest count of its outputs,
+/// which is the smallest change that they can show.
 pub(super) fn note_counts(check: &mut Check<'_>) {
     for output in check.outputs.valid() {
         let at = check.at("output").key(&output.name);
         if let Some(axis) = check.axes.get(output.axis.0) {
-            writes::can_move(&at, output, axis);
+            writes::can_move(check, &at, output, axis);
         }
     }
     for output in check.outputs.resolved.iter().flatten() {

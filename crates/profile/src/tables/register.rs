@@ -136,12 +136,6 @@ impl Notation {
             (other, _) => Notation { protocol: other.to_string(), modicon: String::new() },
         }
     }
-
-    /// Returns whether the value is in CAN frames: it is no register, object, node or sensor.
-    pub(crate) fn is_in_frames(&self) -> bool {
-        let is_asked_for = ["object ", "node ", "sensor "].iter().any(|kind| self.protocol.starts_with(kind));
-        self.modicon.is_empty() && !is_asked_for
-    }
 }
 
 impl From<Flag> for Notation {
@@ -174,13 +168,13 @@ impl fmt::Display for Notation {
 }
 
 /// Returns the order of the registers, if a value has several.
-pub(super) fn shown_order(address: &Address, encoding: &Encoding) -> Option<String> {
+pub(crate) fn shown_order(address: &Address, encoding: &Encoding) -> Option<String> {
     let is_long = encoding.data_type.registers() > 1 && address.register().is_some();
     is_long.then(|| encoding.word_order.to_string())
 }
 
 /// Creates an encoding of counts without scale, offset and bias.
-pub(super) fn plain(data_type: DataType) -> Encoding {
+pub(crate) fn plain(data_type: DataType) -> Encoding {
     Encoding {
         data_type,
         word_order: WordOrder::MswFirst,
@@ -193,12 +187,20 @@ pub(super) fn plain(data_type: DataType) -> Encoding {
 }
 
 /// Returns the type of a whole register or bit.
-pub(super) fn one(register: Register) -> DataType {
+pub(crate) fn one(register: Register) -> DataType {
     if register.table.is_bits() { DataType::Bool } else { DataType::U16 }
 }
 
+/// Unit to which a scale applies. A node with a float has no counts.
+pub(crate) fn one_of(address: &Address) -> &'static str {
+    match address.node().map(|node| node.taken_as().integer_range()) {
+        Some(None) => "unit",
+        _ => "count",
+    }
+}
+
 /// Parses the register at this key.
-pub(super) fn register(at: &KeyContext<'_>, text: Option<&String>) -> Option<Register> {
+pub(crate) fn register(at: &KeyContext<'_>, text: Option<&String>) -> Option<Register> {
     let text = text?;
     let why = match text.parse::<Register>() {
         Ok(address) => return Some(address),
@@ -209,25 +211,23 @@ pub(super) fn register(at: &KeyContext<'_>, text: Option<&String>) -> Option<Reg
     let near = near.filter(|near| *near != table && !table.is_empty());
     let (message, help) = why.split_once("; ").unwrap_or((&why, "write \"input:0\" or \"30001\""));
     let near = near.map(|near| format!("did you mean `{near}`? ")).unwrap_or_default();
-    at.invalid(message, format!("{near}{help}"));
-    None
+    at.reject(message, format!("{near}{help}"))
 }
 
 /// Parses a register, or one bit of it.
-pub(super) fn cell(at: &KeyContext<'_>, text: &String) -> Option<Flag> {
+pub(crate) fn cell(at: &KeyContext<'_>, text: &String) -> Option<Flag> {
     match text.parse::<Flag>() {
         Ok(flag) => Some(flag),
         Err(_) if !text.contains('.') => register(at, Some(text)).map(|address| Flag { address, bit: None }),
         Err(message) => {
             let help = "write a register as \"input:50\", or one bit of it as \"input:50.3\"";
-            at.invalid(message, help);
-            None
+            at.reject(message, help)
         }
     }
 }
 
 /// Parses a holding register.
-pub(super) fn holding(at: &KeyContext<'_>, text: Option<&String>) -> Option<Register> {
+pub(crate) fn holding(at: &KeyContext<'_>, text: Option<&String>) -> Option<Register> {
     let address = register(at, text)?;
     if address.table == Table::Holding {
         return Some(address);
@@ -237,12 +237,11 @@ pub(super) fn holding(at: &KeyContext<'_>, text: Option<&String>) -> Option<Regi
     } else {
         format!("{address} cannot be written: {} registers are read-only", address.table.name())
     };
-    at.invalid(message, "write to a holding register, as \"holding:100\" or \"40101\"");
-    None
+    at.reject(message, "write to a holding register, as \"holding:100\" or \"40101\"")
 }
 
 /// Reports a value that ends beyond the last register.
-pub(super) fn fits(at: &KeyContext<'_>, address: Register, data_type: DataType) {
+pub(crate) fn fits(at: &KeyContext<'_>, address: Register, data_type: DataType) {
     let last = u32::from(address.offset) + u32::from(data_type.registers()) - 1;
     if last > u32::from(u16::MAX) {
         let message = format!("{} at {address} ends at {last}, beyond the last register", data_type.name());
@@ -251,7 +250,7 @@ pub(super) fn fits(at: &KeyContext<'_>, address: Register, data_type: DataType) 
 }
 
 /// Resolves the key `word_order`. Reports it if it is missing and required.
-pub(super) fn word_order(
+pub(crate) fn word_order(
     at: &KeyContext<'_>,
     data_type: Option<DataType>,
     given: Option<WordOrderWord>,
@@ -272,16 +271,15 @@ pub(super) fn word_order(
     }
 }
 
-pub(super) fn scale(at: &KeyContext<'_>, scale: f64) -> Option<Scale> {
+pub(crate) fn scale(at: &KeyContext<'_>, scale: f64) -> Option<Scale> {
     if scale.abs() < f64::MIN_POSITIVE {
-        at.invalid("a scale of zero makes every value the same", "write the value of one count");
-        return None;
+        return at.reject("a scale of zero makes every value the same", "write the value of one count");
     }
     Some(Scale::of(scale))
 }
 
 /// Reports a type that is smaller than a register.
-pub(super) fn not_smaller_than_a_register(at: &KeyContext<'_>, kind: Option<TypeWord>, help: &str) {
+pub(crate) fn not_smaller_than_a_register(at: &KeyContext<'_>, kind: Option<TypeWord>, help: &str) {
     if let Some(TypeWord(small)) = kind.filter(|kind| kind.0.width() == 8) {
         at.invalid(format!("{} is smaller than a register", small.name()), help);
     }

@@ -7,12 +7,12 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::device::Device;
-use super::opcua::{Place, read};
 use super::register::{plain, register};
 use super::signal::Signal;
 use super::signal::unit::Unit;
 use super::{Check, KeyContext};
 use crate::DeviceId;
+use crate::kinds::opcua::nodes::{Place, read};
 use isotherm_core::codec::{Address, DataType, Node};
 use isotherm_core::reading::SignalId;
 
@@ -32,7 +32,7 @@ struct BootCounter {
     device: DeviceId,
     address: Address,
     signal: SignalId,
-    /// Place where the first output names it, for example `profiles/x.toml:41`.
+    /// Place where the first output names the boot counter, for example `profiles/x.toml:41`.
     line: String,
 }
 
@@ -83,8 +83,8 @@ fn boot_counter(
     if let Some(BootCounter { address, line, .. }) = other {
         let address = address.register().map_or_else(|| address.to_string(), |register| register.to_string());
         let message = format!("`{}` has its boot counter at {address} already ({line})", device.name);
-        at.invalid(message, "a device restarts as a whole: write the same boot counter at all its outputs");
-        return None;
+        let help = "a device restarts as a whole: write the same boot counter at all its outputs";
+        return at.reject(message, help);
     }
     Some((output.device, address, at.line()))
 }
@@ -99,8 +99,7 @@ fn counts_there(at: &KeyContext<'_>, place: &Place, is_in_nodes: bool) -> Option
     let address = register(at, Some(text))?;
     if address.table.is_bits() {
         let help = "write a holding or input register, as \"holding:98\"; for a single bit, use machine.on";
-        at.invalid(format!("{address} is one bit, which cannot count"), help);
-        return None;
+        return at.reject(format!("{address} is one bit, which cannot count"), help);
     }
     Some(address.into())
 }

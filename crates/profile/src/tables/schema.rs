@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use super::RawProfile;
 
-/// Schema, generated once. That takes longer than reading a small profile.
+/// JSON Schema of a profile. It is generated only once, because this takes longer than reading a small profile.
 static SCHEMA: LazyLock<Value> = LazyLock::new(|| {
     let settings = SchemaSettings::draft2020_12()
         .for_deserialize()

@@ -2,7 +2,7 @@
 //!
 //! A control that receives several values must never use an incomplete set. The values of a set are written with one
 //! request if their registers are adjacent. A sequence word that changes last shows that a set is complete. A handshake
-//! (strobe up, acknowledge up, strobe down, acknowledge down) requests the control to take it.
+//! (strobe up, acknowledge up, strobe down, acknowledge down) requests the control to accept the set.
 
 use std::time::Duration;
 
@@ -10,12 +10,12 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::handshake::{Handshake, RawHandshake};
-use super::opcua::Place;
 use super::output::Output;
 use super::output::share::Share;
 use super::register::{Notation, holding};
 use super::{Check, KeyContext};
 use crate::document::{Json, Section, entries};
+use crate::kinds::opcua::nodes::Place;
 use crate::wording::duration_text;
 use crate::{DeviceId, OutputId, Profile, SetId};
 use isotherm_core::codec::{Address, DataType, Node, Register, Table};
@@ -29,15 +29,15 @@ mod words;
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Set", extend("x-layers" = "arrives"))]
 pub(crate) struct RawSet {
-    /// Holding register that counts up with every complete set and is written last. The control takes the set when it
-    /// changes. Not for an OPC UA server.
+    /// Holding register that counts up with every complete set and is written last. The control accepts the set when
+    /// this register changes. Not for an OPC UA server.
     sequence: Option<String>,
-    /// Holding register that counts up with every write of the set, 0 to 32767. It shows the control that the gateway
-    /// runs. On an OPC UA server a node: { node = "ns=2;s=…", type = "i16" }.
+    /// Holding register that counts up with every write of the set, 0 to 32767. The register shows the control that the
+    /// gateway runs. On an OPC UA server a node: { node = "ns=2;s=…", type = "i16" }.
     heartbeat: Option<Place>,
-    /// Holding register with the state of the axes. Bit 0: all axes are armed. Bit 1: one is frozen. Bit 2: one
-    /// executes its fault action. Bit 3: one follows a fallback model. On an OPC UA server a node: { node = "ns=2;s=…",
-    /// type = "u16" }.
+    /// Holding register with the state of the axes. Bit 0: all axes are armed. Bit 1: an axis is frozen. Bit 2: an axis
+    /// executes its fault action. Bit 3: an axis follows a fallback model. On an OPC UA server a node: { node =
+    /// "ns=2;s=…", type = "u16" }.
     control: Option<Place>,
     /// Version number, for a check by the control. A holding register, or a node of an OPC UA server.
     version: Option<RawVersion>,
@@ -47,7 +47,7 @@ pub(crate) struct RawSet {
     /// Holding register for the check word: sum of all other words of the set in 16 bits, inverted. Not for an OPC UA
     /// server.
     complement: Option<String>,
-    /// Strobe and acknowledgement around each write of the set.
+    /// Handshake for each write of the set: the gateway sets a strobe, and the control acknowledges it.
     handshake: Option<RawHandshake>,
 }
 
@@ -56,7 +56,7 @@ pub(crate) struct RawSet {
 pub struct OutputSet {
     /// Name in the profile. For a set without a table of its own, the name of its only output.
     pub name: String,
-    /// Whether the profile has a table `[set.*]` for it.
+    /// Whether the profile has a table `[set.*]` for the set. `false` for an output with its own handshake.
     pub is_named: bool,
     /// Device to which the set is written.
     pub device: DeviceId,
@@ -116,12 +116,13 @@ impl OutputSet {
         format!("{} {}", if self.is_named { "set" } else { "output" }, self.name)
     }
 
-    /// Returns the table of the set in the profile.
+    /// Returns the context of the set's table in the profile. For an output with its own handshake, it is the context
+    /// of the output.
     pub(super) fn at<'c>(&self, check: &'c Check<'c>) -> KeyContext<'c> {
         check.at(if self.is_named { "set" } else { "output" }).key(&self.name)
     }
 
-    /// Iterates over the addresses of the set's own words, with their keys.
+    /// Iterates over the addresses of the set's own words, which are not values of outputs, each with its key.
     pub(super) fn own(&self) -> impl Iterator<Item = (&'static str, Address)> {
         let own = [
             ("sequence", self.sequence.map(Address::from)),
@@ -133,12 +134,13 @@ impl OutputSet {
         own.into_iter().filter_map(|(key, at)| Some((key, at?)))
     }
 
-    /// Iterates over the registers of the set's own words.
+    /// Iterates over the registers of the set's own words, which are not values of outputs.
     pub fn own_registers(&self) -> impl Iterator<Item = Register> {
         self.own().filter_map(|(_, at)| at.register())
     }
 
-    /// Iterates over the nodes of the set's own words, in the order in which they are written.
+    /// Iterates over the nodes of the set's own words, which are not values of outputs, in the order in which they are
+    /// written.
     pub fn own_nodes(&self) -> impl Iterator<Item = (OwnWord, &Node)> {
         let version = self.version.as_ref().map(|(at, number)| (OwnWord::Version(*number), at));
         let own = [
@@ -149,15 +151,15 @@ impl OutputSet {
         own.into_iter().flatten().filter_map(|(word, at)| Some((word, at.node()?)))
     }
 
-    /// Returns whether heartbeat and control word may be written without the members, because the control does not take
-    /// the set as a whole.
+    /// Returns whether heartbeat and control word may be written without the outputs, because the set has no sequence,
+    /// complement or handshake.
     pub fn has_own_words_apart(&self) -> bool {
         let is_whole = self.sequence.is_some() || self.complement.is_some() || self.handshake.is_some();
         !is_whole && (self.heartbeat.is_some() || self.control.is_some())
     }
 
-    /// Returns how long heartbeat and control word can wait for a late write. `None` if they are written without the
-    /// members. They wait until that write can no longer arrive, until the next read, and until the next set.
+    /// Returns how long heartbeat and control word may stay unwritten after a write without an answer. They wait until
+    /// that write can no longer arrive, and for the next set. `None` if they are written without the outputs.
     fn longest_silence(&self, profile: &Profile) -> Option<Duration> {
         let has_own = self.heartbeat.is_some() || self.control.is_some();
         (has_own && !self.has_own_words_apart()).then(|| {
@@ -199,7 +201,7 @@ impl OutputSet {
             }
         }
         if self.zeros {
-            section.line("    unused registers between its words are written as 0");
+            section.line("    unused registers between the words of the set are written as 0");
         }
         let version = self.version.as_ref().map(|(_, number)| format!("always {number}")).unwrap_or_default();
         for (key, meaning) in [
@@ -208,7 +210,7 @@ impl OutputSet {
             ("version", &version),
             (
                 "sequence",
-                "counts up with every complete set, 1 to 65535; the control takes the set when it changes",
+                "counts up with every complete set, 1 to 65535; the control accepts the set when it changes",
             ),
             ("complement", "sum of all other words of the set in 16 bits, inverted"),
         ] {
@@ -216,10 +218,16 @@ impl OutputSet {
             section.lines("", at.map(|at| format!("    {key} {at}: {meaning}")));
         }
         let silence = self.longest_silence(profile);
-        section.lines("", silence.map(|silence| {
-            let span = duration_text(silence);
-            format!("    heartbeat and control word wait for a late write, {span} at most: the control's watchdog must be longer")
-        }));
+        section.lines(
+            "",
+            silence.map(|silence| {
+                let span = duration_text(silence);
+                format!(
+                    "    heartbeat and control word wait for a late write, {span} at most: the control's \
+                     watchdog must be longer"
+                )
+            }),
+        );
         let milliseconds = |span: Duration| u64::try_from(span.as_millis()).unwrap_or(u64::MAX);
         entries!(section, longest_silence_ms = silence.map(milliseconds), what, device, outputs, requests);
         section.json("sequence", self.sequence.map(Notation::from));
@@ -268,7 +276,8 @@ impl OutputSet {
         values.chain(self.own_nodes().map(|(_, node)| node)).cloned().collect()
     }
 
-    /// Describes the node at this index of [`OutputSet::nodes`]: `output cnc_z`, `heartbeat of set plc`.
+    /// Describes the node at this index of [`OutputSet::nodes`]: `output cnc_z (node ns=2;s=…)`. `None` beyond the last
+    /// node.
     pub fn holds_at(&self, profile: &Profile, place: usize) -> Option<String> {
         let values = self.members(profile).map(|output| format!("output {}", output.name));
         let words = self.own_nodes().map(|(word, _)| format!("{} of {}", word.name(), self.label()));
@@ -276,7 +285,7 @@ impl OutputSet {
         all.nth(place).map(|(what, node)| format!("{what} (node {node})"))
     }
 
-    /// Describes the call that writes the nodes, if there are any.
+    /// Describes the OPC UA call that writes the nodes. `None` for a set in registers.
     fn call(&self, profile: &Profile) -> Option<String> {
         let nodes = self.nodes(profile);
         let listed: Vec<String> =
@@ -295,7 +304,8 @@ impl OutputSet {
 }
 
 impl Stretch {
-    /// Merges cells, given as first register and number, into the fewest requests of at most `most` registers.
+    /// Merges ranges of registers, each given as first register and number, into the fewest requests of at most `most`
+    /// registers.
     pub fn joined(cells: Vec<(u16, u16)>, most: u16) -> Vec<Stretch> {
         joined(cells, most)
     }
@@ -331,7 +341,7 @@ pub(super) fn resolve(check: &mut Check<'_>) {
             members.iter().filter(|(_, set)| *set == place).map(|(output, _)| *output).collect();
         let is_whole = of_set.iter().all(|output| check.outputs.get(*output).is_some());
         let raw = check.raw.set.get(name);
-        let set = raw.and_then(|raw| raw.resolve(&check.at("set").key(name), name, &of_set));
+        let set = raw.and_then(|raw| raw.resolve(check, &check.at("set").key(name), name, &of_set));
         sets.push(set.filter(|_| is_whole));
     }
     for (place, name) in check.outputs.names.iter().enumerate() {
@@ -343,9 +353,9 @@ pub(super) fn resolve(check: &mut Check<'_>) {
             continue;
         }
         let Some(output) = check.outputs.get(place) else { continue };
-        can_be_exchanged(&at, "handshake", output);
-        let handshake =
-            raw.resolve(&at.key("handshake"), Some(output.device.0), output.address.node().is_some());
+        can_be_exchanged(check, &at, "handshake", output);
+        let device = check.devices.get(output.device.0);
+        let handshake = raw.resolve(&at.key("handshake"), device, output.address.node().is_some());
         sets.push(handshake.map(|handshake| OutputSet {
             name: name.clone(),
             is_named: false,
@@ -380,22 +390,23 @@ fn members(check: &Check<'_>) -> Vec<(usize, usize)> {
     for (place, name) in check.outputs.names.iter().enumerate() {
         let Some(set) = check.raw.output.get(name).and_then(|raw| raw.set.as_ref()) else { continue };
         let at = check.at("output").key(name);
-        let found = at.key("set").named(&check.sets, Some(set));
+        let found = at.key("set").named(&check.sets.names, Some(set));
         if let Some(output) = check.outputs.get(place) {
-            can_be_exchanged(&at, "set", output);
+            can_be_exchanged(check, &at, "set", output);
         }
         members.extend(found.map(|set| (place, set)));
     }
     members
 }
 
-/// Reports an output that cannot be in a set or handshake, because its register must be read and not be shared.
-fn can_be_exchanged(at: &KeyContext<'_>, key: &str, output: &Output) {
+/// Reports an output that cannot be in a set or have a handshake. Such outputs are corrected positions, outputs that
+/// are not read back, and those that share their register.
+fn can_be_exchanged(check: &Check<'_>, at: &KeyContext<'_>, key: &str, output: &Output) {
     if output.writes.position().is_some() {
         let help = format!("remove `{key}`: the corrected position is written as soon as its scale is read");
         at.key(key).wrong_key("a corrected position is written at each reading of the scale", help);
     }
-    if at.check.raw.output.get(&output.name).is_some_and(|raw| raw.is_accepted_by_echo()) {
+    if check.raw.output.get(&output.name).is_some_and(|raw| raw.is_accepted_by_echo()) {
         let message = format!("with a {key} the register is read before and after each write");
         at.key("verify").invalid(message, "write verify = \"read-back\"");
     }
@@ -406,8 +417,13 @@ fn can_be_exchanged(at: &KeyContext<'_>, key: &str, output: &Output) {
 }
 
 impl RawSet {
-    fn resolve(&self, at: &KeyContext<'_>, name: &str, members: &[usize]) -> Option<OutputSet> {
-        let check = at.check;
+    fn resolve(
+        &self,
+        check: &Check<'_>,
+        at: &KeyContext<'_>,
+        name: &str,
+        members: &[usize],
+    ) -> Option<OutputSet> {
         let of_set: Vec<&Output> = members.iter().filter_map(|output| check.outputs.get(*output)).collect();
         let is_in_nodes = of_set.iter().any(|output| output.address.node().is_some());
         if is_in_nodes {
@@ -432,8 +448,7 @@ impl RawSet {
         let id = of_set.first().map(|output| output.device);
         let device = id.and_then(|id| check.devices.get(id.0));
         let handshake = self.handshake.as_ref();
-        let handshake =
-            handshake.map(|raw| raw.resolve(&at.key("handshake"), id.map(|id| id.0), is_in_nodes));
+        let handshake = handshake.map(|raw| raw.resolve(&at.key("handshake"), device, is_in_nodes));
         let is_wrong = handshake == Some(None);
         for output in of_set.iter().filter(|output| Some(output.device) != id) {
             let there = device.map_or("", |device| device.name.as_str());

@@ -5,24 +5,23 @@ use std::time::Duration;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
-use super::bus::LineKind;
-use super::can::{self, RawFrame, RawPdo, Sender};
+use super::device::Device;
 use super::label::{self, labelled};
-use super::register::{self, Flag, Notation, TypeWord, WordOrderWord, plain};
-use super::{KeyContext, dbc, expression, opcua, sysfs};
-use crate::dbc::Described;
+use super::register::{self, Notation, TypeWord, WordOrderWord};
+use super::{Check, KeyContext, expression};
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
+use crate::kinds::can::fields::{RawFrame, RawPdo};
 use crate::schema_of::schema_of;
 use crate::{DeviceId, Profile, ReadBy};
-use bad::{BadValue, sentinels, sentinels_fit};
+use bad::{BadValue, sentinels_fit};
 use counter::{Capture, RawCounter};
-use isotherm_core::codec::{Address, Counter, DataType, Encoding, PcSensor};
+use isotherm_core::codec::{Address, Counter, Encoding, PcSensor};
 use isotherm_core::compensation::model::Condition;
 use isotherm_core::reading::Reason;
 use unit::Unit;
 
-mod bad;
+pub(crate) mod bad;
 pub(crate) mod counter;
 pub(crate) mod unit;
 
@@ -36,47 +35,47 @@ pub(crate) struct RawSignal {
     label: Option<String>,
     /// Device from which the signal is read.
     #[schemars(required)]
-    pub(super) device: Option<String>,
+    pub(crate) device: Option<String>,
     /// Channel of the device's template, by number or name.
     #[allow(dead_code, reason = "resolved before the profile is checked")]
     channel: Option<ChannelValue>,
     /// Register as table and zero-based address ("input:0", "holding:84", "coil:1", "discrete:3"), or as one-based
     /// Modicon number ("30001"). "input:50.3" is bit 3 of a register.
-    register: Option<String>,
+    pub(crate) register: Option<String>,
     /// OPC UA: node, for example "ns=2;s=/Nck/State" or "ns=3;i=1005".
-    node: Option<String>,
+    pub(crate) node: Option<String>,
     /// Sensor of this computer: "w1:28-0316a2794f01", "hwmon:NAME/LABEL" or "iio:NAME/LABEL". If several chips have the
     /// same name: "hwmon:NAME@DEVICE/LABEL".
-    sensor: Option<String>,
+    pub(crate) sensor: Option<String>,
     /// Type of the value. Required for input and holding registers. For a node, its own type; by default any number is
     /// accepted.
     #[serde(rename = "type")]
-    kind: Option<TypeWord>,
+    pub(crate) kind: Option<TypeWord>,
     /// Order of the registers. Required for 32 bits and more, because devices differ.
-    word_order: Option<WordOrderWord>,
+    pub(crate) word_order: Option<WordOrderWord>,
     /// Whether the two bytes of each register are exchanged. Default false.
-    byte_swap: Option<bool>,
+    pub(crate) byte_swap: Option<bool>,
     /// Engineering units per count, not zero. Default 1.
-    scale: Option<f64>,
+    pub(crate) scale: Option<f64>,
     /// Engineering value of raw zero. Default 0.
-    offset: Option<f64>,
+    pub(crate) offset: Option<f64>,
     /// Raw values that mean "no measurement", compared before scaling: [-32768]. They may have a meaning: [{ raw =
     /// -512, means = "open circuit" }].
-    bad: Option<Vec<BadValue>>,
+    pub(crate) bad: Option<Vec<BadValue>>,
     /// Engineering unit. Default: "bool" for a coil or a discrete input, otherwise "1".
     #[serde(default)]
     #[schemars(schema_with = "units")]
-    unit: Option<String>,
-    /// Smallest and largest plausible value, in the unit. A value outside is bad.
+    pub(crate) unit: Option<String>,
+    /// Smallest and largest plausible value, in the unit of the signal. Values outside of this range are bad.
     #[schemars(extend("x-layers" = "free"))]
     range: Option<[f64; 2]>,
-    /// Largest plausible rate of change, units per second. A faster change is bad.
+    /// Largest plausible rate of change, units per second. A reading that changes faster is bad.
     #[schemars(extend("x-layers" = "free"))]
     max_rate: Option<f64>,
     /// Largest age of a reading. An older one is stale. Default: five polls, and at least three timeouts.
     #[schemars(extend("x-layers" = "free"))]
     max_age: Option<Timespan>,
-    /// Condition on other signals under which this one is bad, for example "bed_open == 1".
+    /// Condition on other signals under which this signal is bad, for example "bed_open == 1".
     #[schemars(extend("x-layers" = "free"))]
     fault_when: Option<String>,
     /// Whether a read request may include adjacent registers of other signals. Default true.
@@ -85,15 +84,15 @@ pub(crate) struct RawSignal {
     /// Settings of a counting signal: rollover and new reference.
     counter: Option<RawCounter>,
     /// CAN: message and signal in the device's DBC file: "Message.Signal".
-    dbc: Option<String>,
+    pub(crate) dbc: Option<String>,
     /// CANopen process data, for example { cob_id = 0x185, start = 0, length = 16, signed = true }.
-    pdo: Option<RawPdo>,
+    pub(crate) pdo: Option<RawPdo>,
     /// CANopen object, polled with the period `every` of the device, for example "7130:01".
     #[schemars(regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
-    sdo: Option<String>,
+    pub(crate) sdo: Option<String>,
     /// CAN frame without a DBC file, for example { id = 0x100, start = 0, length = 16, order = "little", signed = true
     /// }.
-    frame: Option<RawFrame>,
+    pub(crate) frame: Option<RawFrame>,
 }
 
 /// Channel of a template.
@@ -118,7 +117,7 @@ pub struct Signal {
     pub name: String,
     /// Display name. Empty if the profile has none.
     pub label: String,
-    /// Device from which it is read.
+    /// Device from which the signal is read.
     pub device: DeviceId,
     /// First register, bit, object, node, sensor, or place in frames.
     pub address: Address,
@@ -132,7 +131,7 @@ pub struct Signal {
     pub max_rate: Option<f64>,
     /// Largest age of a reading. An older one is stale.
     pub max_age: Duration,
-    /// Condition on other signals under which this one is bad.
+    /// Condition on other signals under which this signal is bad.
     pub fault_when: Option<Condition>,
     /// Whether a read request may include adjacent registers of other signals.
     pub merge: bool,
@@ -153,7 +152,7 @@ impl Signal {
         let device = &device.name;
         let shown = labelled(name, &self.label);
         let sensor = self.address.sensor();
-        let mut line = match (register.is_in_frames(), sensor, self.address.node()) {
+        let mut line = match (self.address.is_in_frames(), sensor, self.address.node()) {
             (true, ..) => format!("  {shown}: {register}, from {device}"),
             (false, Some(_), _) => format!("  {shown}: {register} of {device}"),
             (false, None, Some(node)) if node.data_type.is_none() => {
@@ -168,7 +167,7 @@ impl Signal {
         } else if sensor.is_none() && data_type != "bool" {
             let unit = unit.to_string();
             let space = if unit.is_empty() { "" } else { " " };
-            let each = opcua::one_of(&self.address);
+            let each = register::one_of(&self.address);
             line += &format!(", {scale}{space}{unit} per {each}");
         }
         if encoding.offset.abs() > 0.0 {
@@ -191,7 +190,7 @@ impl Signal {
         section
     }
 
-    /// Describes the command before each read: `holding:132 (40133) = 1`.
+    /// Describes the command before each read: `holding:132 (40133) = 1`. `None` if there is no command.
     pub(crate) fn shown_capture(&self) -> Option<String> {
         self.capture.map(|capture| format!("{} = {}", Notation::from(capture.address), capture.value))
     }
@@ -225,27 +224,37 @@ impl Signal {
     }
 }
 
+/// Keys for the place of a signal.
+pub(crate) const PLACES: [&str; 7] = ["register", "dbc", "sdo", "pdo", "frame", "node", "sensor"];
+
 /// Address and encoding of a signal.
-struct Located {
-    address: Address,
-    encoding: Encoding,
+pub(crate) struct Located {
+    pub(crate) address: Address,
+    pub(crate) encoding: Encoding,
     /// Unit if the profile names none.
-    unit: Option<Unit>,
+    pub(crate) unit: Option<Unit>,
 }
 
 impl RawSignal {
-    pub(super) fn resolve(&self, at: &KeyContext<'_>, name: &str) -> Option<Signal> {
-        let check = at.check;
-        let index = at.key("device").named(&check.devices, self.device.as_ref());
+    pub(super) fn resolve(&self, check: &Check<'_>, at: &KeyContext<'_>, name: &str) -> Option<Signal> {
+        let index = at.key("device").named(&check.devices.names, self.device.as_ref());
         let device = index.and_then(|index| check.devices.get(index));
-        let places = ["register", "dbc", "sdo", "pdo", "frame", "node", "sensor"];
-        if places.into_iter().filter(|key| at.has(key)).count() > 1 {
+        if PLACES.into_iter().filter(|key| at.has(key)).count() > 1 {
             let help = "keep one of register, channel, dbc, pdo, sdo, frame, node, sensor";
             at.wrong_key("the signal is read from more than one place", help);
         }
-        let kind = check.line_kind(self.device.as_ref());
-        self.foreign_keys(at, kind);
-        let max_age = self.max_age(at, index);
+        let known = check.line_kind(self.device.as_ref());
+        if let Some((kind, device)) = known.zip(self.device.as_ref()) {
+            let reported = (kind.check_signal)(self, at, device);
+            for other in check.kinds_beside(kind) {
+                let own = &other.signal_keys;
+                let keys: Vec<&str> =
+                    own.keys.iter().copied().filter(|key| !reported.contains(key)).collect();
+                let help = own.help.map_or_else(|| (kind.signal_help)(device), str::to_owned);
+                at.not_applicable(&keys, own.owner, &help);
+            }
+        }
+        let max_age = self.max_age(check, at, device);
         let range = self.range.map(|[low, high]| {
             if low >= high {
                 let message = format!("the range {low} to {high} is empty");
@@ -255,24 +264,12 @@ impl RawSignal {
         });
         let max_rate = at.key("max_rate").positive(self.max_rate);
         let fault_when = expression::condition(&at.key("fault_when"), self.fault_when.as_ref(), Some(name));
-        let (on_can, on_opcua) = (kind == Some(LineKind::Can), kind == Some(LineKind::OpcUa));
-        let on_sysfs = kind == Some(LineKind::Sysfs);
-        let on_can_somewhere = self.comes_by_itself() || self.sdo.is_some();
-        // A channel without an address has been reported.
-        let is_somewhere = self.register.is_some()
-            || on_sysfs
-            || on_can && on_can_somewhere
-            || on_opcua && self.node.is_some();
-        let is_elsewhere = on_can_somewhere || self.node.is_some() || self.sensor.is_some();
-        if !is_somewhere && (at.key("channel").is_written() || (!on_can && !on_opcua && is_elsewhere)) {
+        let kind = known.unwrap_or(check.kinds[0]);
+        if !(kind.has_place)(self) && at.key("channel").is_written() {
+            // A channel without an address has been reported.
             return None;
         }
-        let Located { address, encoding, unit } = match kind {
-            Some(LineKind::Can) => self.on_can(at)?,
-            Some(LineKind::OpcUa) => self.in_a_node(at)?,
-            Some(LineKind::Sysfs) => self.of_this_computer(at)?,
-            Some(LineKind::Modbus) | None => self.in_registers(at, index)?,
-        };
+        let Located { address, encoding, unit } = (kind.signal)(check, self, at, device)?;
         let unit = match self.unit.as_deref() {
             Some(unit) => Unit::named(unit),
             None => unit.or(Some(Unit("1"))),
@@ -280,14 +277,11 @@ impl RawSignal {
         sentinels_fit(&at.key("bad"), &encoding);
         let every = device.map_or(Duration::ZERO, |device| device.every);
         // A value that arrives without a request must arrive twice before it is stale.
-        let apart =
-            max_age.filter(|_| on_can && self.comes_by_itself()).map_or(every, |age| every.min(age / 2));
-        let (counter, capture) = match &self.counter {
-            Some(counter) => {
-                counter.resolve(&at.key("counter"), &encoding, index, apart, self.max_rate.is_some())
-            }
-            None => (None, None),
-        };
+        let apart = max_age.filter(|_| (kind.comes_by_itself)(self)).map_or(every, |age| every.min(age / 2));
+        let (place, has_max_rate) = (at.key("counter"), self.max_rate.is_some());
+        let counter = self.counter.as_ref();
+        let counter = counter.map(|raw| raw.resolve(&place, &encoding, device, apart, has_max_rate));
+        let (counter, capture) = counter.unwrap_or_default();
         Some(Signal {
             name: name.to_owned(),
             label: label::resolve(&at.key("label"), self.label.as_ref()),
@@ -299,242 +293,22 @@ impl RawSignal {
             max_rate,
             max_age: max_age?,
             fault_when,
-            merge: on_can || on_opcua || on_sysfs || self.merge.unwrap_or(true),
+            merge: !kind.has_registers || self.merge.unwrap_or(true),
             counter,
-            capture: capture.filter(|_| !on_can && !on_opcua && !on_sysfs),
+            capture: capture.filter(|_| kind.has_registers),
         })
     }
 
-    /// Reports keys that belong to another kind of line.
-    fn foreign_keys(&self, at: &KeyContext<'_>, kind: Option<LineKind>) {
-        let (Some(kind), Some(device)) = (kind, &self.device) else { return };
-        if kind == LineKind::Sysfs {
-            let help = format!(
-                "`{device}` is for sensors of this computer: write sensor = \"w1:28-…\" or \
-                 \"hwmon:NAME/LABEL\""
-            );
-            at.not_applicable(
-                &["register", "node", "dbc", "pdo", "sdo", "frame", "channel"],
-                "a device on another kind of line",
-                &help,
-            );
-            let help = "remove it: the kernel gives a temperature, and reports itself if there is none";
-            at.not_applicable(
-                &["type", "word_order", "byte_swap", "merge", "bad", "counter"],
-                "a device on another kind of line",
-                help,
-            );
-            return;
-        }
-        at.not_applicable(
-            &["sensor"],
-            "a sensor of this computer",
-            "remove it, or put the device on a sysfs line",
-        );
-        if kind == LineKind::OpcUa {
-            let help = format!("`{device}` is an OPC UA server: write node = \"ns=2;s=…\"");
-            at.not_applicable(&["register", "word_order", "byte_swap", "merge"], "a Modbus device", &help);
-            at.not_applicable(&["dbc", "pdo", "sdo", "frame"], "a device on a CAN line", &help);
-            let help = "remove it: a node needs no command before a read";
-            at.key("counter").not_applicable(&["capture"], "a Modbus device", help);
-            return;
-        }
-        at.not_applicable(&["node"], "an OPC UA server", "remove it, or put the device on an opcua line");
-        if kind == LineKind::Modbus {
-            let help = format!("`{device}` is on a Modbus line: write register = \"input:0\"");
-            at.not_applicable(&["dbc", "pdo", "sdo", "frame"], "a device on a CAN line", &help);
-            let help = "use \"u16\" or \"i16\", or one bit, as \"input:50.3\"";
-            register::not_smaller_than_a_register(&at.key("type"), self.kind, help);
-            return;
-        }
-        let help = format!(
-            "`{device}` is on a CAN line: remove it, and write dbc, pdo, sdo or frame for the place of the \
-             value"
-        );
-        at.not_applicable(&["register", "word_order", "byte_swap", "merge"], "a Modbus device", &help);
-        let help = "remove it: a CAN device sends its count by itself";
-        at.key("counter").not_applicable(&["capture"], "a Modbus device", help);
-    }
-
-    fn in_a_node(&self, at: &KeyContext<'_>) -> Option<Located> {
-        let node = opcua::read(at, self.node.as_ref(), self.kind);
-        let scale = register::scale(&at.key("scale"), self.scale.unwrap_or(1.0));
-        let bad = sentinels(self.bad.as_ref(), &at.key("bad"));
-        let (node, scale) = (node?, scale?);
-        let data_type = node.taken_as();
-        let offset = self.offset.unwrap_or(0.0);
-        let encoding = Encoding { scale, offset, bad, ..plain(data_type) };
-        let unit = (data_type == DataType::Bool).then_some(Unit("bool"));
-        Some(Located { address: Address::Node(node), encoding, unit })
-    }
-
-    fn of_this_computer(&self, at: &KeyContext<'_>) -> Option<Located> {
-        let sensor = sysfs::sensor(at, self.sensor.as_ref());
-        sysfs::unit(&at.key("unit"), self.unit.as_deref());
-        let scale = register::scale(&at.key("scale"), self.scale.unwrap_or(1.0))?;
-        let encoding = Encoding { scale, offset: self.offset.unwrap_or(0.0), ..plain(DataType::F64) };
-        Some(Located { address: Address::Sensor(sensor?), encoding, unit: Some(Unit("degC")) })
-    }
-
-    fn in_registers(&self, at: &KeyContext<'_>, device: Option<usize>) -> Option<Located> {
-        let cell = match &self.register {
-            Some(text) => register::cell(&at.key("register"), text),
-            None => {
-                let help =
-                    "write a zero-based protocol address (\"input:0\") or a Modicon number (\"30001\")";
-                at.key("register").missing("`register` is missing: where is the signal read?", help);
-                None
-            }
-        };
-        // An error of the register must not hide other errors.
-        let data_type = match cell {
-            Some(cell) => self.type_in(&at.key("type"), cell),
-            None => self.kind.map(|TypeWord(kind)| kind),
-        };
-        let word_order = register::word_order(&at.key("word_order"), data_type, self.word_order);
-        let scale = register::scale(&at.key("scale"), self.scale.unwrap_or(1.0));
-        let (Flag { address, .. }, data_type) = (cell?, data_type?);
-        register::fits(&at.key("register"), address, data_type);
-        if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
-            device.must_read(&at.key("register"), address.table);
-            // A value in two answers could consist of parts of different values.
-            let most = device.quirks.max_registers_per_request;
-            if data_type.registers() > most {
-                let (name, registers) = (data_type.name(), data_type.registers());
-                let message = format!("{name} needs {registers} registers, but one request reads {most}");
-                let help = "raise `max_registers_per_request` in the quirks, or use a smaller type";
-                at.key("type").invalid(message, help);
-            }
-        }
-        let is_bit = matches!(data_type, DataType::Bool | DataType::Bit(_));
-        let encoding = Encoding {
-            word_order: word_order?,
-            byte_swap: self.byte_swap.unwrap_or(false),
-            scale: scale?,
-            offset: self.offset.unwrap_or(0.0),
-            bad: sentinels(self.bad.as_ref(), &at.key("bad")),
-            ..plain(data_type)
-        };
-        Some(Located { address: address.into(), encoding, unit: is_bit.then_some(Unit("bool")) })
-    }
-
-    /// Resolves the type of a register or a bit.
-    fn type_in(&self, at: &KeyContext<'_>, cell: Flag) -> Option<DataType> {
-        let kind = self.kind.map(|TypeWord(kind)| kind);
-        let is_bits = cell.address.table.is_bits();
-        if is_bits || cell.bit.is_some() {
-            if let Some(wrong) = kind.filter(|kind| *kind != DataType::Bool) {
-                let message = format!("{} is not possible for one bit", wrong.name());
-                if is_bits {
-                    at.invalid(message, "a coil and a discrete input are \"bool\": leave `type` out");
-                    return None;
-                }
-                at.invalid(message, "one bit is \"bool\": leave `type` out");
-            }
-            return Some(cell.bit.map_or(DataType::Bool, DataType::Bit));
-        }
-        if kind.is_none() {
-            let help =
-                "allowed: bool, u16, i16, u32, i32, u64, i64, f32, f64; the device's manual says which";
-            at.missing("`type` is missing: which type does the value have in its registers?", help);
-        }
-        kind
-    }
-
-    fn on_can(&self, at: &KeyContext<'_>) -> Option<Located> {
-        let device = self.device.as_deref()?;
-        let own = (self.scale.unwrap_or(1.0), self.offset.unwrap_or(0.0));
-        let (address, (scale, offset), unit) = if let Some(name) = &self.dbc {
-            self.no_type(at, "remove it: the DBC file defines the bits and their type");
-            let found = dbc::described(&at.key("dbc"), name, device)?;
-            let scale = self.scale_over(at, &found)?;
-            self.agrees_with_unit(at, found.unit);
-            (Address::Frame(found.field), scale, found.unit)
-        } else if let Some(pdo) = &self.pdo {
-            self.no_type(at, OF_BITS);
-            let field = pdo.resolve(&at.key("pdo"), device, Sender::Device)?;
-            no_fill(&at.key("pdo").key("fill"), pdo.fill.is_some());
-            (Address::Frame(field), own, None)
-        } else if let Some(sdo) = &self.sdo {
-            let types = "allowed: bool, u8, i8, u16, i16, u32, i32, u64, i64, f32, f64; the device's manual says which";
-            (can::object(at, sdo, self.kind, device, types)?, own, None)
-        } else if let Some(frame) = &self.frame {
-            self.no_type(at, OF_BITS);
-            no_fill(&at.key("frame").key("fill"), frame.fill.is_some());
-            (Address::Frame(frame.resolve(&at.key("frame"))?), own, None)
-        } else {
-            let is_wrong = ["dbc", "pdo", "sdo", "frame"].into_iter().any(|key| at.key(key).is_written());
-            if self.register.is_none() && !is_wrong {
-                let help = "write dbc = \"Message.Signal\", pdo = { … }, sdo = \"7130:01\" or frame = { … }";
-                at.wrong_key("the place from which the signal is read is missing", help);
-            }
-            return None;
-        };
-        let data_type = match &address {
-            Address::Frame(field) => field.bits.data_type(),
-            Address::Object(object) => object.data_type,
-            Address::Node(node) => node.taken_as(),
-            Address::Sensor(_) => DataType::F64,
-            Address::Modbus(register) => register::one(*register),
-        };
-        let unit = unit.or((data_type == DataType::Bool && self.dbc.is_none()).then_some(Unit("bool")));
-        let bad = sentinels(self.bad.as_ref(), &at.key("bad"));
-        let scale = register::scale(&at.key("scale"), scale)?;
-        Some(Located { address, encoding: Encoding { scale, offset, bad, ..plain(data_type) }, unit })
-    }
-
-    fn no_type(&self, at: &KeyContext<'_>, help: &str) {
-        if self.kind.is_some() {
-            at.key("type").wrong_key("on a CAN line, `type` is allowed only with `sdo`", help);
-        }
-    }
-
-    /// Resolves scale and offset, which belong together. Replacing only one of them would give wrong values.
-    fn scale_over(&self, at: &KeyContext<'_>, found: &Described) -> Option<(f64, f64)> {
-        let (missing, there, is_plain) = match (self.scale, self.offset) {
-            (None, None) => return Some((found.scale, found.offset)),
-            (Some(scale), Some(offset)) => return Some((scale, offset)),
-            (None, Some(_)) => ("scale", "offset", (found.scale - 1.0).abs() == 0.0),
-            (Some(_), None) => ("offset", "scale", found.offset.abs() == 0.0),
-        };
-        if is_plain {
-            return Some((self.scale.unwrap_or(1.0), self.offset.unwrap_or(0.0)));
-        }
-        let message = format!(
-            "the DBC file has scale {} and offset {}; `scale` and `offset` can only be replaced together",
-            found.scale, found.offset
-        );
-        at.key(there).invalid(message, format!("write `{missing}` as well, or remove both"));
-        None
-    }
-
-    fn agrees_with_unit(&self, at: &KeyContext<'_>, of_file: Option<Unit>) {
-        let own = self.unit.as_deref().and_then(Unit::named);
-        let Some((own, of_file)) = own.zip(of_file).filter(|(own, of_file)| own != of_file) else { return };
-        if self.scale.is_none() {
-            let help = format!(
-                "write unit = \"{}\", or the `scale` and `offset` that convert the raw count to \"{}\"",
-                of_file.0, own.0
-            );
-            at.key("unit").invalid(format!("the DBC file has this signal in \"{}\"", of_file.0), help);
-        }
-    }
-
-    /// Returns whether the value arrives without a request, so that no poll period limits its age.
-    fn comes_by_itself(&self) -> bool {
-        self.dbc.is_some() || self.pdo.is_some() || self.frame.is_some()
-    }
-
-    fn max_age(&self, at: &KeyContext<'_>, device: Option<usize>) -> Option<Duration> {
+    fn max_age(&self, check: &Check<'_>, at: &KeyContext<'_>, device: Option<&Device>) -> Option<Duration> {
         let at = at.key("max_age");
         let given = at.duration(self.max_age);
-        let device = at.check.devices.get(device?)?;
+        let device = device?;
         let every = device.every;
         let Some(age) = given else {
-            let timeout = at.check.bus_of(device).map_or(Duration::ZERO, |bus| bus.timeout);
+            let timeout = check.bus_of(device).map_or(Duration::ZERO, |bus| bus.timeout);
             return Some((5 * every).max(3 * timeout));
         };
-        if self.comes_by_itself() {
+        if check.kinds.iter().any(|kind| (kind.comes_by_itself)(self)) {
             return Some(age);
         }
         let figures =
@@ -544,11 +318,8 @@ impl RawSignal {
                 "write max_age = \"{}\", or write read = \"poll\" at the device",
                 shown((SENT_WITHIN + 1) * every)
             );
-            at.invalid(
-                format!("{figures}: a value from a subscription may be {SENT_WITHIN} periods old"),
-                help,
-            );
-            return None;
+            let message = format!("{figures}: a value from a subscription may be {SENT_WITHIN} periods old");
+            return at.reject(message, help);
         }
         let help = format!("allow at least two polls: write max_age = \"{}\"", shown(2 * every));
         if age <= every {
@@ -560,15 +331,6 @@ impl RawSignal {
     }
 }
 
-/// Largest age of a value from a subscription, in periods: sampled, sent, requested in one round, used in the next.
+/// Largest age of a value from a subscription, in poll periods. A value needs up to one period each to be sampled,
+/// sent, requested and used.
 const SENT_WITHIN: u32 = 4;
-
-/// Hint for `type` of a value in frames.
-const OF_BITS: &str = "remove it: `length`, `signed` and `float` define the type";
-
-fn no_fill(at: &KeyContext<'_>, is_there: bool) {
-    if is_there {
-        let help = "remove it: `fill` is only for an output";
-        at.wrong_key("a frame that is read is filled by its sender", help);
-    }
-}

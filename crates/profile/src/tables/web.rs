@@ -1,4 +1,4 @@
-//! `[web]`: page, API, metrics.
+//! `[web]`: web page, API, metrics.
 
 use std::path::PathBuf;
 
@@ -8,7 +8,7 @@ use serde::Deserialize;
 use super::KeyContext;
 use crate::host_port::{host_and_port, is_loopback};
 
-/// Page, API and metrics.
+/// Web page, API and metrics.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Web")]
@@ -16,35 +16,36 @@ pub(crate) struct RawWeb {
     /// Host and port. Default "127.0.0.1:8080". Port 0 selects any free port.
     listen: Option<String>,
     /// File next to the profile with the operator's token, for viewing and for commands. At least 16 characters, not
-    /// readable by others; `isotherm token` creates one. Beyond loopback, this file or `viewer_token_file` is required.
-    /// A changed file is read again.
+    /// readable by others; `isotherm token` creates one. If `listen` is reachable from other computers, this file or
+    /// `viewer_token_file` is required. A changed file is read again.
     token_file: Option<String>,
-    /// Certificate and key of the page, which is then only served over https. Changed files are read again.
+    /// Certificate and key of the web page, which is then only served over https. Changed files are read again.
     tls: Option<RawWebTls>,
-    /// Whether the page may be served beyond loopback without `tls`. Only for a network without other listeners.
-    /// Default false.
+    /// Whether the web page may be served to other computers without `tls`. Only for a network on which nobody else can
+    /// listen. Default false.
     plain: Option<bool>,
-    /// File with the token for viewing only: page, API, metrics. Without it, viewing needs no token on loopback, and
-    /// the operator's token from elsewhere.
+    /// File with the token for viewing only: web page, API, metrics. Without this file, viewing needs no token on this
+    /// computer, and the operator's token from other computers.
     viewer_token_file: Option<String>,
     /// File with the token of a collector such as Prometheus. It gives access to /metrics only.
     scrape_token_file: Option<String>,
-    /// Source of commands through page and API. "token": holders of the operator's token (default). "local": also every
-    /// user of this computer.
+    /// Source of commands through web page and API. "token": holders of the operator's token (default). "local": also
+    /// every user of this computer.
     commands: Option<Commands>,
-    /// Names under which the page may be opened without a token, in addition to localhost and its addresses.
+    /// Names under which the web page may be opened without a token, in addition to localhost and its addresses.
     #[serde(default)]
     hosts: Vec<String>,
-    /// Language of the page. Default: the first language that the browser prefers and the page has, otherwise English.
+    /// Language of the web page. Default: the first language that the browser prefers and the web page has, otherwise
+    /// English.
     language: Option<Language>,
 }
 
-/// Certificate of the page, as PEM files next to the profile.
+/// Certificate of the web page, as PEM files next to the profile.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "WebTls")]
 struct RawWebTls {
-    /// Certificate for the name that browsers use, followed by those that lead to its authority.
+    /// Certificate for the name that browsers use, followed by the intermediate certificates up to its authority.
     #[schemars(required)]
     cert: Option<String>,
     /// Private key of the certificate.
@@ -64,7 +65,7 @@ pub enum Commands {
     Local,
 }
 
-/// Language of the page.
+/// Language of the web page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 #[schemars(rename = "LanguageWord", description = "")]
@@ -91,7 +92,7 @@ impl Language {
     }
 }
 
-/// Settings of page, API and metrics.
+/// Settings of web page, API and metrics.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Web {
     /// Host and port. Port 0 selects any free port.
@@ -100,7 +101,7 @@ pub struct Web {
     pub token_file: Option<PathBuf>,
     /// Certificate and key for https. `None` for http.
     pub tls: Option<WebTls>,
-    /// Whether http is allowed beyond loopback.
+    /// Whether http without encryption is allowed for other computers.
     pub plain: bool,
     /// File with the token for viewing only.
     pub viewer_token_file: Option<PathBuf>,
@@ -108,26 +109,27 @@ pub struct Web {
     pub scrape_token_file: Option<PathBuf>,
     /// Clients that may send commands.
     pub commands: Commands,
-    /// Names of the page, in addition to localhost and its addresses.
+    /// Names of the web page, in addition to localhost and its addresses.
     pub hosts: Vec<String>,
-    /// Language of the page. `None` for the browser's language.
+    /// Language of the web page. `None` for the browser's language.
     pub language: Option<Language>,
 }
 
-/// Files with the page's certificate and key. They are read when the page is served, and again when they change.
+/// Files with the web page's certificate and key. They are read when the web page is served, and again when they
+/// change.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WebTls {
-    /// Certificate of the page.
+    /// Certificate of the web page.
     pub cert: PathBuf,
     /// Private key of the certificate.
     pub key: PathBuf,
 }
 
-/// Default port of the page.
+/// Default port of the web page.
 const USUAL: u16 = 8080;
 const LISTEN: &str = "write host and port, as \"127.0.0.1:8080\"; port 0 selects any free port";
 
-/// Hint for a page that listens beyond loopback without encryption.
+/// Hint for a web page that other computers can open without encryption.
 pub const PLAIN: &str = "every computer on this network can read the token: write \
                          `tls = { cert = …, key = … }` in [web]. Write `plain = true` in [web] only if no \
                          other computer is on the network";
@@ -153,7 +155,8 @@ impl RawWeb {
             Some(_) => {}
         }
         self.check_tokens(at);
-        let file = |name: &Option<String>| name.as_ref().map(|name| PathBuf::from(at.check.files.path(name)));
+        let file =
+            |name: &Option<String>| name.as_ref().map(|name| PathBuf::from(at.report.files.path(name)));
         for (place, host) in self.hosts.iter().enumerate() {
             if !is_name(host) {
                 let help = "write the name alone, as \"gw7.plant.example\": no scheme, no port, no path";
@@ -196,7 +199,8 @@ impl RawWeb {
             let help = "remove `commands`, and write `token_file`: a file that `isotherm token --out FILE` \
                         makes. A request through `ssh -L`, socat, or a proxy without a header of its own \
                         looks as if it came from this computer";
-            at.key("commands").warn("every user of this computer can arm the axes through the page", help);
+            at.key("commands")
+                .warn("every user of this computer can arm the axes through the web page", help);
         }
     }
 }
@@ -204,16 +208,13 @@ impl RawWeb {
 impl RawWebTls {
     fn resolve(&self, at: &KeyContext<'_>) -> Option<WebTls> {
         let file = |key: &str, name: Option<&String>, what: &str| {
-            if name.is_none() {
-                let help = format!(
-                    "name a PEM file beside the profile with {what} (docs/page.md says how to make it)"
-                );
-                at.key(key).missing(format!("`{key}` is missing: https needs it"), help);
-            }
-            name.map(|name| PathBuf::from(at.check.files.path(name)))
+            let help =
+                format!("name a PEM file next to the profile with {what} (docs/page.md says how to make it)");
+            at.key(key).missing(format!("`{key}` is missing: https needs it"), help);
+            name.map(|name| PathBuf::from(at.report.files.path(name)))
         };
         at.key("key").secret(self.key.as_ref());
-        let cert = file("cert", self.cert.as_ref(), "the page's certificate");
+        let cert = file("cert", self.cert.as_ref(), "the web page's certificate");
         let key = file("key", self.key.as_ref(), "the private key of the certificate in `cert`");
         Some(WebTls { cert: cert?, key: key? })
     }

@@ -8,7 +8,8 @@ use toml::{Table, Value};
 const NOTES: [&str; 6] = ["notes", "remedy", "source", "title", "unverified", "what"];
 
 /// Lists the keys that are only in one of two texts, or differ: `channel.tc.scale: 0.1 → 0.01`. Comments and order are
-/// ignored. Changes of texts for users are one line. If a text cannot be parsed, the list has a single line.
+/// ignored. All changed texts for users are listed as one line. If a template cannot be parsed, the list contains only
+/// "all of it".
 #[must_use]
 pub fn changes(before: &str, now: &str) -> Vec<String> {
     let (Ok(before), Ok(now)) = (before.parse::<Table>(), now.parse::<Table>()) else {

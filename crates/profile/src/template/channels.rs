@@ -1,9 +1,11 @@
-//! Expansion of groups into `count` similar channels. `{n}` is the number; the registers follow each other. Pure.
+//! Expansion of groups into `count` similar channels. `{n}` is the number; the registers follow each other. The
+//! calculation has no side effects.
 
 use serde_json::{Map, Value};
 
 use super::{Group, text, texts};
-use crate::Flag;
+use crate::kinds::can::channel as can;
+use crate::kinds::modbus::channel as modbus;
 use crate::tables::register::TypeWord;
 
 /// Keys of a group that describe its sequence of channels.
@@ -20,11 +22,11 @@ pub(super) struct Channel {
     pub(super) place: u16,
     /// Keys that the profile must set.
     pub(super) asks: Vec<String>,
-    /// Keys that it adds to a signal or an output.
+    /// Keys that the channel adds to a signal or an output.
     pub(super) keys: Map<String, Value>,
 }
 
-/// Expands a group into its channels. All registers are moved by `base`.
+/// Expands a group into its channels. The number `base` is added to all register numbers.
 ///
 /// # Errors
 /// A sentence: a register is invalid, or beyond the last one.
@@ -34,17 +36,16 @@ pub(super) fn of_group(name: &str, group: &Group, base: u16) -> Result<Vec<Chann
         value.and_then(|value| u16::try_from(value).ok()).unwrap_or(default)
     };
     let (count, from) = (number("count", 1), number("from", 0));
-    let stride = number("stride", width(group));
+    let stride = number("stride", can::width(group).unwrap_or_else(|| registers(group)));
     (0..count)
         .map(|place| {
             let label = from.saturating_add(place).to_string();
             let mut keys = Map::new();
             for (key, value) in group.iter().filter(|(key, _)| !OF_GROUP.contains(&key.as_str())) {
                 let value = numbered(value, &label);
-                let value = match key.as_str() {
-                    "pdo" | "frame" => farther(value, u64::from(place) * u64::from(stride)),
-                    "sdo" => Value::from(of_member(value.as_str().unwrap_or_default(), place, stride)?),
-                    _ => moved(value, key, place, stride, base)?,
+                let value = match can::moved(key, &value, place, stride) {
+                    Some(value) => value?,
+                    None => modbus::moved(value, key, place, stride, base)?,
                 };
                 keys.insert(key.clone(), value);
             }
@@ -54,38 +55,10 @@ pub(super) fn of_group(name: &str, group: &Group, base: u16) -> Result<Vec<Chann
         .collect()
 }
 
-/// Number of registers, bits of a frame or sub-indices of one channel.
-fn width(group: &Group) -> u16 {
-    for place in ["pdo", "frame"] {
-        let length = group.get(place).and_then(|place| place.get("length")).and_then(Value::as_u64);
-        if let Some(length) = length.and_then(|length| u16::try_from(length).ok()) {
-            return length;
-        }
-    }
-    if group.contains_key("sdo") {
-        return 1;
-    }
+/// Number of registers of one channel.
+fn registers(group: &Group) -> u16 {
     let kind: Option<TypeWord> = group.get("type").and_then(|kind| serde_json::from_value(kind.clone()).ok());
     kind.map_or(1, |TypeWord(kind)| kind.registers())
-}
-
-/// Moves the bits of a frame away from those of the first channel.
-fn farther(mut frame: Value, bits: u64) -> Value {
-    if let Some(start) = frame.get("start").and_then(Value::as_u64)
-        && let Some(frame) = frame.as_object_mut()
-    {
-        frame.insert("start".to_owned(), Value::from(start + bits));
-    }
-    frame
-}
-
-/// Returns the object of the channel with this index. The sub-indices follow each other.
-pub(super) fn of_member(object: &str, place: u16, stride: u16) -> Result<String, String> {
-    let far = u32::from(place) * u32::from(stride);
-    let (index, sub) = object.split_once(':').ok_or_else(|| format!("`{object}` is no CANopen object"))?;
-    let sub = u32::from_str_radix(sub, 16).ok().map(|sub| sub + far).and_then(|sub| u8::try_from(sub).ok());
-    let sub = sub.ok_or_else(|| format!("{object} plus {far} is beyond the last subindex, FF"))?;
-    Ok(format!("{index}:{sub:02X}"))
 }
 
 fn numbered(value: &Value, label: &str) -> Value {
@@ -95,50 +68,13 @@ fn numbered(value: &Value, label: &str) -> Value {
     }
 }
 
-/// Moves every `register` in a value, including tables and lists, to that of this channel.
-fn moved(value: Value, key: &str, place: u16, stride: u16, base: u16) -> Result<Value, String> {
-    let inner = |(key, value): (String, Value)| Ok((key.clone(), moved(value, &key, place, stride, base)?));
-    Ok(match value {
-        Value::String(text) if is_register(key) => Value::from(shifted(&text, place, stride, base)?),
-        Value::Object(table) => {
-            Value::Object(table.into_iter().map(inner).collect::<Result<Map<_, _>, String>>()?)
-        }
-        Value::Array(list) => {
-            let list = list.into_iter().map(|item| moved(item, "", place, stride, base));
-            Value::Array(list.collect::<Result<Vec<_>, String>>()?)
-        }
-        other => other,
-    })
-}
-
-/// Returns whether the text of a key is a register.
-fn is_register(key: &str) -> bool {
-    matches!(key, "register" | "sequence" | "complement" | "heartbeat" | "control" | "strobe" | "acknowledge")
-}
-
-/// Returns the register of the channel with this index. If the register is a single bit, the bits follow each other.
-pub(super) fn shifted(register: &str, place: u16, stride: u16, base: u16) -> Result<String, String> {
-    let mut flag: Flag = register.parse()?;
-    let far = u32::from(place) * u32::from(stride);
-    let mut offset = u32::from(flag.address.offset) + u32::from(base);
-    match flag.bit {
-        Some(bit) => {
-            let bits = u32::from(bit) + far;
-            offset += bits / 16;
-            flag.bit = u8::try_from(bits % 16).ok();
-        }
-        None => offset += far,
-    }
-    flag.address.offset = u16::try_from(offset)
-        .map_err(|_| format!("{register} plus {far} registers is beyond the last register, 65535"))?;
-    Ok(flag.to_string())
-}
-
 #[cfg(test)]
 mod tests {
     use serde_json::json;
 
     use super::*;
+    use crate::kinds::can::channel::of_member;
+    use crate::kinds::modbus::channel::shifted;
 
     fn group(value: Value) -> Group {
         value.as_object().unwrap().clone()

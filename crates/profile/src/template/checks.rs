@@ -2,10 +2,12 @@
 
 use serde_json::Value;
 
-use super::channels::{Channel, OF_GROUP, of_member, shifted};
+use super::channels::{Channel, OF_GROUP};
 use super::fill::Filling;
 use super::text;
 use crate::error::allowed;
+use crate::kinds::can::channel::of_member;
+use crate::kinds::modbus::channel::shifted;
 use crate::source_map::{child, element};
 
 impl Filling<'_> {

@@ -1,5 +1,5 @@
-//! Addition of the keys of a template to a profile, as if they had been written there. In errors, an added key has the
-//! place where the profile named the template or the channel.
+//! Addition of the keys of a template to a profile, as if the profile itself contained them. In errors, an added key
+//! has the place where the profile named the template or the channel.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 use super::channels::Channel;
 use super::find::{Definition, Written, Wrong, find};
-use super::{Template, Templates, Use, in_order, text};
+use super::{Templates, Use, in_order, text};
 use crate::error::{Findings, allowed};
 use crate::files::Files;
 use crate::sha256;
@@ -63,11 +63,12 @@ impl<'a> Filling<'a> {
         let defined = found.and_then(|Written { own_file, text, body }| {
             pinned(&template, pin.as_deref(), &text)?;
             let Some(body) = body else { return Ok(None) };
-            let definition = Definition::of(&template, body, variant.as_deref(), base)?;
-            Ok(Some((Definition { own_file, ..definition }, text)))
+            let mut definition = Definition::of(&template, body, variant.as_deref(), base)?;
+            (definition.template.own_file, definition.template.text) = (own_file, text);
+            Ok(Some(definition))
         });
-        let (definition, written) = match defined {
-            Ok(Some(defined)) => defined,
+        let definition = match defined {
+            Ok(Some(definition)) => definition,
             Ok(None) => return self.broken.push(name.to_owned()),
             Err((key, message, help)) => {
                 self.broken.push(name.to_owned());
@@ -84,21 +85,7 @@ impl<'a> Filling<'a> {
         }
         self.node(name, &definition, &at, &note);
         self.quirks(name, &definition, &at, &note);
-        self.templates.insert(
-            name.to_owned(),
-            Template {
-                name: template,
-                variant,
-                title: definition.title.clone(),
-                source: definition.source.clone(),
-                own_file: definition.own_file.clone(),
-                text: written,
-                notes: definition.notes.clone(),
-                unverified: definition.unverified.clone(),
-                unchecked: Vec::new(),
-                uses: Vec::new(),
-            },
-        );
+        self.templates.insert(name.to_owned(), definition.template.clone());
         self.known.insert(name.to_owned(), definition);
     }
 
@@ -319,7 +306,7 @@ impl<'a> Filling<'a> {
             let template = &self.templates[&name].name;
             let message = format!(
                 "`{template}` expects a heartbeat in {register}, but the profile sends none: `{name}` would \
-                 detect a failed gateway"
+                 report that the gateway has failed"
             );
             let help = format!("add [heartbeat] with device = \"{name}\" and every = \"500ms\"");
             self.invalid(&child(&child("device", &name), "template"), message, help);

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use serde_json::{Map, Value, json};
 
 use super::channels::{Channel, of_group};
-use super::{Group, schema, shipped, text, texts};
+use super::{Group, Template, schema, shipped, text, texts};
 use crate::error::{Findings, allowed};
 use crate::files::Files;
 use crate::schema_check::SchemaCheck;
@@ -16,14 +16,11 @@ use crate::tables::signal::unit::Scaling;
 /// Directory of the user's own templates, next to the profile.
 const DIRECTORY: &str = "devices";
 
-/// Template as a device uses it: with the chosen variant and the moved registers.
+/// Template as a device uses it: with the chosen variant, and with `base` added to the register numbers.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Definition {
-    pub(super) title: String,
-    pub(super) source: String,
-    pub(super) own_file: Option<String>,
-    pub(super) notes: Vec<String>,
-    pub(super) unverified: Vec<String>,
+    /// Template before it is used: with title, source and notes.
+    pub(super) template: Template,
     /// Unverified facts by the name of their group.
     pub(super) unverified_of: BTreeMap<String, String>,
     pub(super) functions: Option<Value>,
@@ -40,7 +37,7 @@ pub(super) struct Definition {
     pub(super) node: Option<Group>,
 }
 
-/// Mistake in a choice: key of the device, message, and hint.
+/// Error in the choice of a template, variant or base: key of the device, message, and hint.
 pub(super) type Wrong = (&'static str, String, String);
 
 /// Text of a template that was found.
@@ -51,7 +48,7 @@ pub(super) struct Written {
     pub(super) body: Option<Group>,
 }
 
-/// Finds the template with this name.
+/// Finds the template with this name. `Err` if there is none, or if the user's file cannot be read.
 pub(super) fn find(name: &str, files: &Files<'_>, errors: &mut Findings) -> Result<Written, Wrong> {
     let plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
     let file = format!("{DIRECTORY}/{name}.toml");
@@ -65,7 +62,7 @@ pub(super) fn find(name: &str, files: &Files<'_>, errors: &mut Findings) -> Resu
         known.sort();
         known.dedup();
         let help = format!(
-            "{}; a template of your own must be in {} beside the profile",
+            "{}; a template of your own must be in {} next to the profile",
             nearest_names(name, &known),
             format_args!("{DIRECTORY}/NAME.toml")
         );
@@ -110,10 +107,10 @@ fn read(shown: &str, written: &str, errors: &mut Findings) -> Option<Group> {
 }
 
 impl Definition {
-    /// Creates the definition for a device with this variant. The registers are moved by `base`.
+    /// Creates the definition for a device with this variant. `base` is added to all register numbers.
     ///
     /// # Errors
-    /// The variant or the base does not fit the template.
+    /// The variant or `base` does not fit the template.
     pub(super) fn of(
         name: &str,
         mut body: Group,
@@ -166,12 +163,17 @@ impl Definition {
         let groups = |table: &str| -> Vec<(String, Group)> {
             groups(&body, table).map(|(name, group)| (name.clone(), group.clone())).collect()
         };
-        Ok(Definition {
+        let template = Template {
+            name: name.to_owned(),
+            variant: variant.map(str::to_owned),
             title: text(&body, "title").unwrap_or_default().to_owned(),
             source: text(&body, "source").unwrap_or_default().to_owned(),
-            own_file: None,
             notes: texts(&body, "notes"),
             unverified: texts(&body, "unverified"),
+            ..Template::default()
+        };
+        Ok(Definition {
+            template,
             unverified_of: ["channel", "target"]
                 .into_iter()
                 .flat_map(groups)

@@ -13,15 +13,16 @@ pub struct Outline {
     pub title: String,
     /// Temperature channels, in the notation of a profile: `3`, `"TL"`.
     pub temperatures: Vec<String>,
-    /// Keys of these channels that the profile must set, such as `word_order` or `scale`, and why.
+    /// Keys of the temperature channels that the profile must set, such as `word_order` or `scale`, each with the
+    /// reason.
     pub asks: Vec<(String, String)>,
-    /// Targets for a Cz: x, y, z.
+    /// Names of the targets that can receive Cz, for example "x", "y" and "z".
     pub targets: Vec<String>,
     /// Variants, one of which must be chosen. Empty if there are none.
     pub variants: Vec<String>,
-    /// Whether the device needs a heartbeat, whose register the template knows.
+    /// Whether the device needs a heartbeat. The template states the register of the heartbeat.
     pub has_heartbeat: bool,
-    /// Whether the profile states where its registers begin (`base`).
+    /// Whether the profile may state the first register of the device (key `base`).
     pub is_movable: bool,
 }
 
@@ -53,7 +54,8 @@ fn outline(name: &'static str, text: &Table) -> Outline {
     }
 }
 
-/// Returns the first group of measuring channels with the unit °C. Cold junctions and fine channels are skipped.
+/// Returns the first group of measuring channels with the unit °C. Channels for cold junctions and those with a finer
+/// resolution are skipped.
 fn measuring(text: &Table) -> Option<(&String, &Value)> {
     let mut groups = text.get("channel").and_then(Value::as_table).into_iter().flatten();
     let is_beside =

@@ -34,46 +34,30 @@ fn made() -> Value {
     checks.insert("of".to_owned(), text("Group of channels. Each used channel of the group is checked."));
     let checks = groups(checks, "Values that are read before arming.");
     let device = keys("Device", &[]);
-    let variant = closed(
-        Map::from_iter([
-            ("title".to_owned(), text("Name of the variant.")),
-            ("channel".to_owned(), channels.clone()),
-            ("target".to_owned(), targets.clone()),
-            ("check".to_owned(), checks.clone()),
-        ]),
-        &[],
-    );
-    let properties = Map::from_iter([
-        ("title".to_owned(), text("Manufacturer and type of the device.")),
-        ("source".to_owned(), text("Source of the registers: a manual or a public page.")),
-        ("notes".to_owned(), list("Notes for users of the device.")),
-        ("unverified".to_owned(), list("Facts that are not verified against the manual or on the device.")),
-        (
-            "movable".to_owned(),
-            json!({ "description": "Whether `base` of the device moves the registers.", "type": "boolean" }),
-        ),
-        ("functions".to_owned(), device.get("functions").cloned().unwrap_or_default()),
-        ("quirks".to_owned(), device.get("quirks").cloned().unwrap_or_default()),
-        ("dbc".to_owned(), text("CAN: DBC file that describes the frames, beside the template.")),
-        ("node".to_owned(), node(&device)),
-        ("channel".to_owned(), channels),
-        ("target".to_owned(), targets),
-        ("check".to_owned(), checks),
-        (
-            "set".to_owned(),
-            json!({ "$ref": "#/$defs/Set", "description": "Set in which the targets are written together." }),
-        ),
-        ("heartbeat".to_owned(), text("The register of `[heartbeat]`.")),
-        (
-            "variant".to_owned(),
-            json!({
-                "description": "Variants of the device. The profile selects one.",
-                "type": "object",
-                "additionalProperties": variant,
-            }),
-        ),
-    ]);
-    let mut whole = closed(properties, &["title", "source"]);
+    let variant = json!({
+        "title": text("Name of the variant."),
+        "channel": channels,
+        "target": targets,
+        "check": checks,
+    });
+    let properties = json!({
+        "title": text("Manufacturer and type of the device."),
+        "source": text("Source of the registers: a manual or a public page."),
+        "notes": list("Notes for users of the device."),
+        "unverified": list("Facts that are not verified against the manual or on the device."),
+        "movable": { "description": "Whether `base` is added to all register numbers.", "type": "boolean" },
+        "functions": device.get("functions"),
+        "quirks": device.get("quirks"),
+        "dbc": text("CAN: DBC file that describes the frames, next to the template."),
+        "node": node(&device),
+        "channel": channels,
+        "target": targets,
+        "check": checks,
+        "set": { "$ref": "#/$defs/Set", "description": "Set in which the targets are written together." },
+        "heartbeat": text("The register of `[heartbeat]`."),
+        "variant": named("Variants of the device. The profile selects one.", &closed(&variant, &[])),
+    });
+    let mut whole = closed(&properties, &["title", "source"]);
     if let (Some(table), Some(definitions)) = (whole.as_object_mut(), profile.get("$defs")) {
         table.insert("$schema".to_owned(), Value::from("https://json-schema.org/draft/2020-12/schema"));
         table.insert("title".to_owned(), Value::from("isotherm device template"));
@@ -85,7 +69,7 @@ fn made() -> Value {
 /// Schema of the keys of a CANopen node.
 fn node(device: &Map<String, Value>) -> Value {
     let keys = NODE.map(|key| (key.to_owned(), device.get(key).cloned().unwrap_or_default()));
-    let mut table = closed(Map::from_iter(keys), &[]);
+    let mut table = closed(&Value::Object(Map::from_iter(keys)), &[]);
     if let Some(table) = table.as_object_mut() {
         table.insert("description".to_owned(), Value::from("Settings of a CANopen node of this type."));
     }
@@ -96,28 +80,27 @@ fn node(device: &Map<String, Value>) -> Value {
 fn groups(mut keys: Map<String, Value>, what: &str) -> Value {
     let whole =
         |what: &str| json!({ "description": what, "type": "integer", "minimum": 0, "maximum": 65535 });
-    keys.insert(
-        "name".to_owned(),
-        text("Name of the members; `{n}` is the number. Default: the group's name."),
-    );
-    keys.insert("count".to_owned(), whole("Number of members. Default 1."));
-    keys.insert("from".to_owned(), whole("Number of the first member. Default 0."));
-    keys.insert(
-        "stride".to_owned(),
-        whole(
-            "Distance between members in registers, bits of a frame or subindexes. Default: the length of \
-             one value.",
-        ),
-    );
-    keys.insert("unverified".to_owned(), text("Fact about this group that is not verified."));
-    keys.insert(
-        "ask".to_owned(),
-        list("Keys that the profile must set, because a wrong guess would move an axis."),
-    );
-    json!({ "description": what, "type": "object", "additionalProperties": closed(keys, &[]) })
+    let stride = "Distance between members in registers, bits of a frame or subindexes. Default: the length \
+                  of \
+                  one value.";
+    let own = [
+        ("name", text("Name of the members; `{n}` is the number. Default: the group's name.")),
+        ("count", whole("Number of members. Default 1.")),
+        ("from", whole("Number of the first member. Default 0.")),
+        ("stride", whole(stride)),
+        ("unverified", text("Fact about this group that is not verified.")),
+        ("ask", list("Keys that the profile must set, because a wrong guess would move an axis.")),
+    ];
+    keys.extend(own.map(|(key, schema)| (key.to_owned(), schema)));
+    named(what, &closed(&Value::Object(keys), &[]))
 }
 
-fn closed(properties: Map<String, Value>, required: &[&str]) -> Value {
+/// Schema of a table that contains named tables with the schema `table`. `what` is its description.
+fn named(what: &str, table: &Value) -> Value {
+    json!({ "description": what, "type": "object", "additionalProperties": table })
+}
+
+fn closed(properties: &Value, required: &[&str]) -> Value {
     json!({ "type": "object", "properties": properties, "required": required, "additionalProperties": false })
 }
 

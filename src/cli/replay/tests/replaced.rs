@@ -152,7 +152,7 @@ fn a_model_beyond_the_error_level_makes_an_axis_hold() {
     let (summary, _) = replayed(&profile, "time,bed,wheelhead\n0,25,20\n10,25,20\n");
     assert_eq!(
         lines(&summary),
-        ["  0 s to 10 s, the end of the log (10s): holding: its model requested more than the error level"]
+        ["  0 s to 10 s, the end of the log (10s): holding: the model requested more than the error level"]
     );
 }
 

@@ -12,7 +12,7 @@ use crate::fieldbus::dial;
 use crate::fieldbus::error::PeerFault;
 use crate::fieldbus::line::{CheckedAnswer, RequestObserver};
 use crate::fieldbus::send_guard::SendDeadline;
-use crate::fieldbus::wire::Request;
+use crate::fieldbus::wire::{ModbusRequest, Request};
 use isotherm_core::codec::{Register, Table};
 use isotherm_profile::{DeviceId, Profile, parse};
 
@@ -162,9 +162,8 @@ fn is_busy() -> bool {
     })
 }
 
-const READ: Request<'static> =
-    Request::Read { from: Register { table: Table::Holding, offset: 1 }, count: 1 };
-const WRITE: Request<'static> = Request::WriteSingle { at: 1, value: 7 };
+const READ: Request<'static> = Request::read_registers(Register { table: Table::Holding, offset: 1 }, 1);
+const WRITE: Request<'static> = Request::Modbus(ModbusRequest::WriteSingle { at: 1, value: 7 });
 
 /// Line to a device with this behaviour on its connections. Afterwards no program listens.
 struct Rig {

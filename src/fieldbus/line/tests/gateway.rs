@@ -4,11 +4,9 @@ use super::*;
 use isotherm_profile::{Gateway, Transport};
 
 /// Read of another register, with an answer of the same form.
-const OIL: Request<'static> =
-    Request::Read { from: Register { table: Table::Holding, offset: 100 }, count: 1 };
+const OIL: Request<'static> = Request::read_registers(Register { table: Table::Holding, offset: 100 }, 1);
 /// Read with an answer of another form.
-const LONG: Request<'static> =
-    Request::Read { from: Register { table: Table::Holding, offset: 100 }, count: 2 };
+const LONG: Request<'static> = Request::read_registers(Register { table: Table::Holding, offset: 100 }, 2);
 const MISSED: Result<Answer, Fault> = Err(Fault::Exception(11));
 
 fn asked(script: &Shared) -> usize {

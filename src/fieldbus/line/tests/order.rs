@@ -2,16 +2,14 @@
 //! with another request.
 
 use super::*;
-use crate::fieldbus::modbus::ModbusTcp;
+use crate::fieldbus::kinds::modbus::tcp::ModbusTcp;
 use isotherm_profile::Gateway;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
 /// Read of another register, with an answer of the same form as that of `READ`.
-const OIL: Request<'static> =
-    Request::Read { from: Register { table: Table::Holding, offset: 100 }, count: 1 };
+const OIL: Request<'static> = Request::read_registers(Register { table: Table::Holding, offset: 100 }, 1);
 /// Read with an answer of another form.
-const LONG: Request<'static> =
-    Request::Read { from: Register { table: Table::Holding, offset: 100 }, count: 2 };
+const LONG: Request<'static> = Request::read_registers(Register { table: Table::Holding, offset: 100 }, 2);
 const OUT_OF_ORDER: Result<Answer, Fault> = Err(Fault::Peer(PeerFault::OutOfOrder));
 const GIVEN_UP: Fault = Fault::Exception(11);
 
@@ -73,7 +71,7 @@ struct Kept {
 impl Dial for Kept {
     fn dial<'a>(&'a mut self, _: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
         let wire = Kept { keeper: self.keeper.clone(), form: None };
-        Box::pin(std::future::ready(Ok(Connection::Other(Box::new(wire)))))
+        Box::pin(std::future::ready(Ok(Connection::Modbus(Box::new(wire)))))
     }
 }
 
@@ -86,17 +84,21 @@ impl Wire for Kept {
     ) -> Boxed<'a, Result<Answer, Fault>> {
         Box::pin(async move {
             send_guard.leave()?;
-            let Request::Read { from, count } = request else { return Ok(Answer::Done) };
+            let Request::Modbus(ModbusRequest::Read { from, count }) = request else {
+                return Ok(Answer::Done);
+            };
             self.form = None;
             let passed = self.keeper.lock().unwrap().pass((from.offset, count));
             let Some(answer) = passed else { return std::future::pending().await };
             let (offset, received) = answer?;
-            let of = Request::Read { from: Register { table: from.table, offset }, count: received };
+            let of = Request::read_registers(Register { table: from.table, offset }, received);
             self.form = Some(ReplySignature::of(of));
             if received == count { data(of) } else { Err(Fault::Peer(PeerFault::Length)) }
         })
     }
+}
 
+impl ModbusWire for Kept {
     fn received_form(&self) -> Option<ReplySignature> {
         self.form
     }
@@ -104,7 +106,7 @@ impl Wire for Kept {
 
 /// Returns the answer to a read.
 fn data(read: Request<'_>) -> Result<Answer, Fault> {
-    let Request::Read { from, count } = read else { return Ok(Answer::Done) };
+    let Request::Modbus(ModbusRequest::Read { from, count }) = read else { return Ok(Answer::Done) };
     Ok(Answer::Registers(vec![from.offset; usize::from(count)]))
 }
 
@@ -197,7 +199,7 @@ struct Counted(Mutex<Vec<(u16, Option<Fault>)>>);
 
 impl RequestObserver for Counted {
     fn note(&self, _: DeviceId, request: Request<'_>, outcome: Result<(), Fault>, _: (u32, Fault)) {
-        if let Request::Read { count, .. } = request {
+        if let Request::Modbus(ModbusRequest::Read { count, .. }) = request {
             self.0.lock().unwrap().push((count, outcome.err()));
         }
     }
@@ -238,7 +240,7 @@ impl Dial for Mute {
                 }
             }
         });
-        Box::pin(std::future::ready(Ok(Connection::Modbus(ModbusTcp::new(ours, tap)))))
+        Box::pin(std::future::ready(Ok(Connection::ModbusTcp(ModbusTcp::new(ours, tap)))))
     }
 }
 
@@ -250,11 +252,11 @@ async fn sent_together() -> Rig {
     // Two different echoes show that order is kept.
     for (value, behind) in [(9, None), (10, Some((DeviceId(0), READ)))] {
         line.line.set_follow_up(behind);
-        let write = Request::WriteSingle { at: 1, value };
+        let write = Request::Modbus(ModbusRequest::WriteSingle { at: 1, value });
         assert_eq!(line.ask(0, write, 0).await, Ok(Answer::Done));
     }
     let connection = line.line.wire.as_mut().unwrap();
-    let unanswered = connection.wire().unanswered_behind();
+    let unanswered = connection.modbus().unwrap().unanswered_behind();
     assert_eq!(unanswered.map(|(unit, read, _)| (unit, read)), Some((1, READ)));
     line
 }

@@ -1,4 +1,4 @@
-//! Plant file in TOML, and its conversion to a checked [`PlantSpec`]. All errors are reported at once.
+//! Plant file in TOML, and its conversion to a checked [`PlantSpec`]. All errors are reported together.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -94,7 +94,7 @@ fn moment<'de, D: Deserializer<'de>>(input: D) -> Result<Moment, D::Error> {
 }
 
 impl PlantFile {
-    /// Checks the file, and converts it. `read` returns the text of a file that it names.
+    /// Checks the file, and converts it. `read` returns the text of a file that the plant file names.
     pub(super) fn resolve(self, read: &dyn Fn(&str) -> Option<String>) -> Result<PlantSpec, Vec<String>> {
         let modes = self.structure.as_ref().map(|structure| structure.read(read));
         let modes = modes.transpose().map_err(|why| vec![why])?;
@@ -206,7 +206,7 @@ impl SourceFile {
     fn resolve(self, name: String, check: &mut Check) -> Source {
         let place = format!("source.{name}");
         check.demand(self.watts.is_finite(), || format!("{place}.watts: must be a finite number"));
-        check.demand((0.0..1.0).contains(&self.varies), || format!("{place}.varies: must lie in 0 to 1"));
+        check.demand((0.0..1.0).contains(&self.varies), || format!("{place}.varies: must be from 0 to 1"));
         let node = check.node(&place, &self.node);
         Source { name, node, watts: self.watts, varies: self.varies, when: self.when }
     }
@@ -225,7 +225,7 @@ impl SensorFile {
         let mut feels = vec![(first, 1.0)];
         if let Some(blend) = self.blend {
             check.demand((0.0..=1.0).contains(&blend.share), || {
-                format!("{place}.blend.share: must lie in 0 to 1")
+                format!("{place}.blend.share: must be from 0 to 1")
             });
             feels = vec![(first, 1.0 - blend.share), (check.point(&place, &blend.node), blend.share)];
         }
@@ -243,8 +243,8 @@ impl Position {
     }
 }
 
-/// Checks the stability of the explicit time steps. A step must be short compared with the time constant of every node.
-/// In one step, a port of the structure may warm only by a small part of the driving temperature difference.
+/// Checks that the explicit time steps are stable. A step must be short compared with the time constant of every node.
+/// A port of the structure may warm in one step only by a small part of the temperature difference that heats it.
 fn stable(nodes: &[Node], links: &[Link], structure: Option<&Structure>, check: &mut Check) {
     for (index, node) in nodes.iter().enumerate() {
         let total: f64 = links

@@ -1,9 +1,9 @@
 //! Tests of the gateway's CANopen master and SDO client with these nodes.
 
 use super::*;
-use crate::fieldbus::canopen::NodeId;
-use crate::fieldbus::canopen::master::{Master, NodeEvent, Output, Start, Supervision};
-use crate::fieldbus::canopen::sdo::{Client, Progress};
+use crate::fieldbus::kinds::can::canopen::NodeId;
+use crate::fieldbus::kinds::can::canopen::master::{Master, NodeEvent, Output, Start, Supervision};
+use crate::fieldbus::kinds::can::canopen::sdo::{Client, Progress};
 use isotherm_core::codec::Entry;
 
 const AXTC: u8 = 5;

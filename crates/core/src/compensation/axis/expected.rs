@@ -1,4 +1,4 @@
-//! Expected error of the model in use, by the time since its datum and since the last probing.
+//! Expected error of the model in use, depending on the time since its datum (zero point) and since the last probing.
 
 use std::time::Duration;
 
@@ -8,8 +8,9 @@ use crate::compensation::reference::Machine;
 use crate::quantity::{Micron, Moment};
 
 impl Axis {
-    /// Returns the expected residual error: one standard deviation. `None` outside the envelope, while a sensor has a
-    /// stand-in, or if the profile gives no expected error. Stand-ins were not part of the identification.
+    /// Returns the expected residual error of this model: one standard deviation. `None` outside the envelope, while a
+    /// stand-in replaces a sensor, or if the profile gives no expected error. The expected error was identified without
+    /// stand-ins.
     pub(super) fn expected(&self, chosen: &ModelChoice, now: Moment, machine: &Machine) -> Option<Micron> {
         let is_outside = chosen.coverage.is_some_and(|coverage| coverage.extrapolating.is_some());
         let is_tried = !is_outside && chosen.stood_in.is_none();
@@ -20,8 +21,8 @@ impl Axis {
         expected.after(self.since_datum(chosen.model, now, machine), since_touch)
     }
 
-    /// Returns the time since the datum of a model: its references, or the axis's datum. A model that is measured from
-    /// numbers counts from machine start.
+    /// Returns the time since the datum of a model: since its references or the axis's datum were captured. For a model
+    /// with fixed references, returns the time since machine start.
     pub(super) fn since_datum(&self, place: usize, now: Moment, machine: &Machine) -> Duration {
         let rises = self.settings.models.get(place).into_iter().flat_map(Model::rises);
         let ages = rises.filter_map(|input| machine.age(input.reference, input.signal, now));

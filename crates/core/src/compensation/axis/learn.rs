@@ -1,4 +1,5 @@
-//! Probings of an axis: judging them, learning from them, forgetting them, and starting again with a new datum.
+//! Probings of an axis. They are judged, correct the models, and can be discarded. With a new datum (zero point of Cz),
+//! the corrections start again.
 
 use std::time::Duration;
 
@@ -11,7 +12,7 @@ use crate::compensation::{Control, Snapshot};
 use crate::quantity::{Micron, Moment};
 
 impl Axis {
-    /// Returns the correction that probings add to a model's Cz now, µm.
+    /// Returns the correction of a model's Cz at the present inputs, from probings, µm. `place`: index of the model.
     pub(super) fn correction(&self, place: usize, snapshot: &Snapshot<'_>, machine: &Machine) -> f64 {
         let (Some(settings), Some(learned)) = (&self.settings.probe, self.probe.models.get(place)) else {
             return 0.0;
@@ -20,7 +21,8 @@ impl Axis {
         learned.correction(model.parts(inputs), settings)
     }
 
-    /// Notes that a reference of models is captured again. The capture is complete at `complete` at the earliest.
+    /// Records that a reference of the models is being captured again. The capture is complete at `complete` at the
+    /// earliest.
     pub(super) fn renew(&mut self, reference: Reference, complete: Moment) {
         let by_datum = reference == Reference::Zero && self.settings.datum == Datum::Zero;
         for (model, learned) in self.settings.models.iter().zip(&mut self.probe.models) {
@@ -30,8 +32,9 @@ impl Axis {
         }
     }
 
-    /// Returns the time at which the last reference or datum of the models was captured. While a capture is running,
-    /// returns its start, which is `settle` before it is complete. `None` if the models are measured from numbers.
+    /// Returns the time at which the last reference or datum (zero point of Cz) of the models was captured. While a
+    /// capture is running, returns its start, which is `settle` before its end. `None` if all references of the models
+    /// are fixed numbers.
     pub(in crate::compensation) fn datum(
         &self,
         now: Moment,
@@ -45,7 +48,8 @@ impl Axis {
         ages.map(|age| now.before(age)).chain(self.zeroing.at()).chain(begun).max()
     }
 
-    /// Applies the control's demands: forgetting, and learning from a measured error.
+    /// Applies the demands of `control` about probings: discards the corrections, or corrects the models with a
+    /// measured error.
     pub(super) fn be_taught(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, control: Control) {
         let Some(settings) = self.settings.probe else { return };
         self.restart(snapshot, machine, &settings);
@@ -62,7 +66,7 @@ impl Axis {
         self.probe.note(probed);
     }
 
-    /// Resets the correction of each model whose datum or references are complete now.
+    /// Resets the correction of each model whose datum or references have just been captured completely.
     fn restart(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, settings: &ProbeSettings) {
         if self.zeroing.is_open() {
             return;
@@ -77,7 +81,7 @@ impl Axis {
         self.probe.models = models;
     }
 
-    /// Judges a measured error with the model in use.
+    /// Returns the result of a measured error for the model in use, without a change of the axis.
     pub(in crate::compensation) fn assess(
         &self,
         snapshot: &Snapshot<'_>,
@@ -98,7 +102,8 @@ impl Axis {
         Probed { at: snapshot.now, error: measured.error, acting, residual, refused }
     }
 
-    /// Returns why a model does not accept this Cz at once; `None` if it accepts it, or learns nothing at this point.
+    /// Returns why a model does not accept at once that this Cz would have left no error. `None` if the model accepts
+    /// this, or learns nothing from it.
     fn doubts(
         &self,
         place: usize,
@@ -113,7 +118,7 @@ impl Axis {
         learned.assess(missing, model.parts(inputs), &settings, occasion).err().map(Refused::Doubted)
     }
 
-    /// Compares the error with and without compensation for each model that has a value now and is followed.
+    /// Compares the error with and without compensation, for each model that has a value now and may be followed.
     fn compare(
         &mut self,
         probed: &Probed,
@@ -132,8 +137,8 @@ impl Axis {
         }
     }
 
-    /// Returns the errors of a probing, without compensation and with the model, for their comparison. `None` while a
-    /// reference of the model is being captured, or if the axis would keep its value.
+    /// Returns the errors of a probing, without compensation and with this model, and whether the model accepts the
+    /// probing. `None` while a reference of the model is being captured, or if the axis would keep its value.
     fn touch(
         &self,
         place: usize,
@@ -160,8 +165,8 @@ impl Axis {
         Some((Touch { at: snapshot.now, without: without.get(), with: with.get() }, credit))
     }
 
-    /// Teaches each model that has a value now and may be followed. A model whose residual is beyond `max_error` does
-    /// not learn.
+    /// Corrects each model that has a value now and may be followed. A model whose residual error is beyond `max_error`
+    /// is not corrected.
     fn learn(
         &mut self,
         probed: &Probed,
@@ -183,8 +188,8 @@ impl Axis {
         self.probe.models = models;
     }
 
-    /// Returns the difference of this Cz to the model without its correction, µm. `None` if the model has no value that
-    /// is followed.
+    /// Returns this Cz minus the model's Cz without correction, µm. `None` if the model has no value, or its value is
+    /// not followed.
     fn missing(&self, place: usize, cz: Micron, snapshot: &Snapshot<'_>, machine: &Machine) -> Option<f64> {
         let evaluated = self.evaluate(place, snapshot, machine).ok()?;
         (!is_left(evaluated.coverage)).then(|| cz.get() - self.asked(place, evaluated).cz)
@@ -195,8 +200,8 @@ impl Axis {
     }
 }
 
-/// Returns true if the inputs are outside the envelope, and the axis does not fully follow the model there. With
-/// `Outside::Agree`, it counts as following the model.
+/// Returns whether the inputs are outside the envelope, and the axis does not fully follow the model outside. With
+/// `Outside::Agree`, the axis counts as following the model.
 fn is_left(coverage: Option<Coverage>) -> bool {
     let found = coverage.and_then(|coverage| coverage.extrapolating);
     let found = found.filter(|found| found.outside != Outside::Agree);

@@ -1,4 +1,4 @@
-//! Selection of the model that an axis follows, and the value that the axis takes from it.
+//! Selection of the model that an axis follows, and of the value that the model requests.
 
 use super::Axis;
 use crate::compensation::model::envelope::agreed;
@@ -9,28 +9,29 @@ use crate::compensation::reference::Machine;
 use crate::compensation::{Snapshot, SubstitutedSensor};
 use crate::quantity::Micron;
 
-/// Request of the first usable model.
+/// Values that the first usable model of an axis requests.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::compensation) struct ModelChoice {
     /// Index of the model in the profile's list.
     pub(in crate::compensation) model: usize,
-    /// Requested Cz. It is K0 if the slope is split off.
+    /// Requested Cz with the correction. It is K0 (Cz at the reference position) if the control applies the slope
+    /// itself.
     pub(in crate::compensation) raw: Micron,
-    /// Correction from probings. `raw` contains it.
+    /// Correction from probings, which `raw` contains.
     pub(super) correction: Micron,
-    /// Effect of the slope at the reach.
+    /// Effect of the slope at the axis's largest distance from the reference position.
     pub(super) slope: Micron,
     /// Position of the machine inside or outside the range on which the model was identified.
     pub(super) coverage: Option<Coverage>,
-    /// Sensor of the model that has a stand-in; `None` if there is none.
+    /// Sensor of the model that a stand-in replaces; `None` if there is none.
     pub(super) stood_in: Option<SubstitutedSensor>,
 }
 
-/// Values that a model requests, counted from its datum, µm and µm/mm.
+/// Values that a model requests, measured from its datum (zero point), in µm and µm/mm.
 pub(super) struct ModelRequest {
     pub(super) cz: f64,
     slope: f64,
-    /// Factor by which the value with its correction is multiplied.
+    /// Factor for the sum of Cz and correction, and for the slope.
     gain: f64,
     coverage: Option<Coverage>,
 }
@@ -49,7 +50,7 @@ impl Axis {
         model.evaluate(&inputs)
     }
 
-    /// Returns a model and its inputs; `None` if there is no such model.
+    /// Returns the model with this index and its inputs; `None` if there is no such model.
     pub(super) fn model<'a>(
         &'a self,
         place: usize,
@@ -64,9 +65,8 @@ impl Axis {
     }
 
     /// Returns the first model whose signals are all good, with its value. Also returns why the preferred model cannot
-    /// be used, and the first fallback model outside its own envelope. Such a fallback model is not used. If a model
-    /// only waits for a reference or for the machine start, no fallback model is used. Fallback models replace a model
-    /// with a failed sensor.
+    /// be used, and the first fallback model outside its own envelope, which is not used. If a model only waits for a
+    /// reference or for the machine start, no fallback model is used: fallback models are for failed sensors.
     pub(in crate::compensation) fn choose(
         &self,
         snapshot: &Snapshot<'_>,
@@ -91,17 +91,18 @@ impl Axis {
         (None, lacks, outside)
     }
 
-    /// Returns true if this is a fallback model, and its inputs are outside its own envelope. A fallback model that was
-    /// outside stays so until its inputs are clearly inside.
+    /// Returns whether this is a fallback model whose inputs are outside its own envelope. Once outside, the inputs
+    /// must be clearly inside to count as inside again.
     fn is_fallback_outside(&self, place: usize, evaluated: &Evaluated) -> bool {
         let has_envelope = self.settings.models.get(place).is_some_and(|model| model.envelope.is_some());
         let edge = if self.fallback_outside == Some(place) { CLEARLY_INSIDE } else { 0.0 };
         place > 0 && has_envelope && evaluated.coverage.is_some_and(|coverage| coverage.excess > edge)
     }
 
-    /// Returns what a model requests, counted from its datum. With `Outside::Shrink`, the envelope reduces datum and
-    /// correction together with the value: far outside, Cz goes to zero. With `Outside::Agree`, it reduces only the
-    /// value of the model, because the correction was measured.
+    /// Returns the values that a model requests, measured from its datum (zero point), with the correction. With
+    /// `Outside::Shrink`, the envelope reduces datum and correction together with the value: far outside, Cz goes to
+    /// zero. With `Outside::Agree`, the envelope reduces only the value of the model, because the correction was
+    /// measured.
     pub(super) fn chosen(&self, model: usize, evaluated: Evaluated, correction: f64) -> Option<ModelChoice> {
         let asked = self.asked(model, evaluated);
         let reach = self.settings.intercept_slope.map_or(0.0, |line| line.reach.get());
@@ -116,16 +117,16 @@ impl Axis {
         })
     }
 
-    /// Returns what a model requests, counted from its datum. With `Outside::Agree`, a difference between the model's
-    /// two halves reduces the value.
+    /// Returns the values that a model requests, measured from its datum (zero point). With `Outside::Agree`, a
+    /// difference between the model's two halves reduces the values.
     pub(super) fn asked(&self, model: usize, evaluated: Evaluated) -> ModelRequest {
         ModelRequest::of(evaluated, self.zeroing.of(model))
     }
 }
 
 impl ModelRequest {
-    /// Returns what a model requests, counted from `datum`. With `Outside::Agree`, a difference between the model's two
-    /// halves reduces the value.
+    /// Returns the values that a model requests, measured from the zero point `datum`. With `Outside::Agree`, a
+    /// difference between the model's two halves reduces the values.
     pub(super) fn of(evaluated: Evaluated, datum: Outputs) -> ModelRequest {
         let Evaluated { outputs, mut coverage } = evaluated;
         let cz = outputs.cz.get() - datum.cz.get();
@@ -142,7 +143,8 @@ impl ModelRequest {
         ModelRequest { cz: cz * found.gain, slope: slope * found.gain, gain: 1.0, coverage }
     }
 
-    /// Returns Cz with this correction, and the effect of the slope at `reach`, mm. `None` if a result is not finite.
+    /// Returns Cz with this correction, and the effect of the slope at the distance `reach`, mm. `None` if a result is
+    /// not finite.
     pub(super) fn target(&self, correction: f64, reach: f64) -> Option<(Micron, Micron)> {
         let cz = Micron::new((self.cz + correction) * self.gain)?;
         Some((cz, Micron::new(self.slope * self.gain * reach)?))

@@ -1,4 +1,4 @@
-//! Stand-ins of an axis's models, and sensors that cannot be used.
+//! Sensors of an axis's models that are rejected, and the stand-ins that replace them.
 
 use super::Axis;
 use super::model_choice::ModelRequest;
@@ -10,14 +10,14 @@ use crate::compensation::{Snapshot, reference::Machine};
 use crate::quantity::Moment;
 use crate::reading::SignalId;
 
-/// Watch of one model. A model without stand-ins has none.
+/// Check of one model's sensors. `watch` is `None` for a model without stand-ins.
 #[derive(Clone, Debug)]
 pub(in crate::compensation) struct ModelWatch {
     /// Signals that the model reads.
     reads: Vec<SignalId>,
     pub(in crate::compensation) watch: Option<Watch>,
-    /// Substitutes for readings: those of the model's own watch, and sensors that another watch of the axis knows to be
-    /// lost. There are never more than sensors of all watches.
+    /// Substitutes for readings: those of the model's own watch, and sensors that another model's watch knows to be
+    /// lost. Their number never exceeds that of the sensors of all watches.
     substitutions: Vec<Substitution>,
 }
 
@@ -33,7 +33,7 @@ impl ModelWatch {
         models.iter().map(one).collect()
     }
 
-    /// Returns the readings as the model uses them.
+    /// Returns the snapshot as the model uses it: with substitutes for the rejected readings.
     pub(super) fn seen<'a>(&'a self, snapshot: &Snapshot<'a>) -> Snapshot<'a> {
         let is_followed = snapshot.is_followed && self.substitutions.is_empty();
         Snapshot { substitutions: &self.substitutions, is_followed, ..*snapshot }
@@ -41,7 +41,7 @@ impl ModelWatch {
 }
 
 impl Axis {
-    /// Checks the readings before lags and references use them.
+    /// Checks the readings of the sensors before lags and references use them.
     pub(in crate::compensation) fn check(&mut self, snapshot: &Snapshot<'_>, machine: &Machine) {
         let every = self.settings.every;
         for (settings, model, watch) in self.watches_mut() {
@@ -50,8 +50,8 @@ impl Axis {
         self.present();
     }
 
-    /// Updates the lags with this snapshot, even if the axis is not due or not armed: the temperature of its structure
-    /// changes anyway.
+    /// Updates the lags of the models with this snapshot, even if the axis is not due or not armed. The temperature of
+    /// the machine's structure changes anyway.
     pub(in crate::compensation) fn follow(&mut self, snapshot: &Snapshot<'_>, machine: &Machine) {
         let line = self.settings.intercept_slope;
         let reach = line.map_or(0.0, |line| line.reach.get());
@@ -80,8 +80,8 @@ impl Axis {
         self.present();
     }
 
-    /// Collects the substitutes of each model: those of its own watch, and no value for sensors that another watch of
-    /// the axis knows to be lost. Each watch decides about a frozen sensor for its own model only.
+    /// Collects the substitutes for each model: those of its own watch, and sensors without a value that another
+    /// model's watch knows to be lost. Each watch decides about a frozen sensor for its own model only.
     fn present(&mut self) {
         for place in 0..self.watched.len() {
             let mut substitution = std::mem::take(&mut self.watched[place].substitutions);
@@ -104,21 +104,21 @@ impl Axis {
             .filter_map(|(model, watched)| Some((model.stand_ins.as_ref()?, model, watched.watch.as_mut()?)))
     }
 
-    /// Returns each watch with its settings.
+    /// Returns the watch of each model that has one, with its settings.
     fn watches(&self) -> impl Iterator<Item = (&StandIns, &Watch)> {
         let models = self.settings.models.iter().zip(&self.watched);
         models.filter_map(|(model, watched)| model.stand_ins.as_ref().zip(watched.watch.as_ref()))
     }
 
-    /// Returns a sensor that the model cannot do without, `None` if there is none. A watch of the axis rejects its
-    /// reading, and this model has no stand-in for it.
+    /// Returns a sensor that this model requires and whose reading is rejected without a stand-in. `None` if there is
+    /// no such sensor.
     pub(super) fn unknown_in(&self, place: usize) -> Option<&Substitution> {
         let watched = self.watched.get(place)?;
         let mut unknown = watched.substitutions.iter().filter(|substitution| !substitution.has_source());
         unknown.find(|substitution| watched.reads.contains(&substitution.signal))
     }
 
-    /// Returns a sensor of the model that has a stand-in; `None` if there is none.
+    /// Returns a sensor of the model that a stand-in replaces; `None` if there is none.
     pub(super) fn substituted(&self, place: usize) -> Option<SubstitutedSensor> {
         let reads = &self.watched.get(place)?.reads;
         let mut found = self.rejected_in(place).filter(|found| reads.contains(&found.signal));
@@ -127,15 +127,16 @@ impl Axis {
         })
     }
 
-    /// Returns the sensors that the watch of a model rejects.
+    /// Returns the sensors that the watch of this model rejects; none if it has no watch.
     fn rejected_in(&self, place: usize) -> impl Iterator<Item = RejectedSensor> {
         let watch = self.watched.get(place).and_then(|watched| watched.watch.as_ref());
         let settings = self.settings.models.get(place).and_then(|model| model.stand_ins.as_ref());
         settings.zip(watch).into_iter().flat_map(|(settings, watch)| watch.rejected(settings))
     }
 
-    /// Returns the rejected sensors of the axis, each once. The model in use comes first, then the other models in
-    /// order. If the model in use has no stand-in for a sensor, none is reported.
+    /// Returns the rejected sensors of the axis, each once. Those of the model in use come first, then those of the
+    /// other models in order. If the model in use has no stand-in for a sensor, the sensor is returned without a
+    /// stand-in.
     pub(in crate::compensation) fn rejected(&self) -> impl Iterator<Item = RejectedSensor> {
         let used = self.decision.model;
         let places =
@@ -153,13 +154,14 @@ impl Axis {
         })
     }
 
-    /// Returns whether a watch of the axis replaces the reading of this signal.
+    /// Returns whether a watch of the axis rejects the reading of this signal.
     pub(in crate::compensation) fn rejects(&self, signal: SignalId) -> bool {
         self.watches()
             .any(|(_, watch)| watch.substitutions().iter().any(|substitution| substitution.signal == signal))
     }
 
-    /// Returns the predictors of a model's value for this signal; `None` if the value is its own reading.
+    /// Returns the sensors from which the stand-in of this signal is estimated, for a model of the axis. `None` if the
+    /// model uses the signal's own reading.
     pub(in crate::compensation) fn predictors(
         &self,
         place: usize,
@@ -171,7 +173,7 @@ impl Axis {
         Some(self.settings.models.get(place)?.stand_ins.as_ref()?.predictors(signal))
     }
 
-    /// Resets lags and watches after a machine start.
+    /// Resets the lags and the checks of the sensors after a machine start.
     pub(super) fn restart_watches(&mut self, now: Moment) {
         for (model, lags) in self.settings.models.iter().zip(&mut self.lags) {
             model.rises().zip(lags).for_each(|(input, lag)| lag.started(input));
@@ -182,7 +184,7 @@ impl Axis {
         self.present();
     }
 
-    /// Accepts every sensor that has a reading, because the operator has checked them.
+    /// Accepts every sensor that has a reading, because the operator has checked the sensors.
     pub(in crate::compensation) fn trust(&mut self, machine: &Machine, now: Moment) {
         for (settings, model, watch) in self.watches_mut() {
             watch.trust((model, settings), machine, now);
@@ -190,8 +192,8 @@ impl Axis {
         self.present();
     }
 
-    /// Calls `take` with the estimated start reading of each sensor that was accepted again since the last call, and
-    /// clears these readings.
+    /// Calls `take` for each sensor that was accepted again since the last call, with the estimate of its reading at
+    /// machine start. Then discards the estimates.
     pub(in crate::compensation) fn take_beginnings(&mut self, mut take: impl FnMut(SignalId, StartEstimate)) {
         for (settings, _, watch) in self.watches_mut() {
             watch.take_beginnings(settings, &mut take);

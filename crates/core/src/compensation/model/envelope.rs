@@ -1,16 +1,16 @@
-//! The region of inputs that a model was identified on, and what an axis does outside it.
+//! Region of inputs on which a model was identified, and the action of an axis whose inputs are outside this region.
 //!
-//! Inputs are inside if two conditions are true. Every input is between its smallest and its largest value. The
-//! Mahalanobis distance `d = √((x − m)ᵀ·S⁻¹·(x − m))` of all of them is at most the reach r.
+//! Inputs are inside the region if two conditions are true. Every input is between its smallest and its largest value.
+//! The Mahalanobis distance `d = √((x − m)ᵀ·S⁻¹·(x − m))` of all inputs from their means is at most the reach r.
 //!
-//! The excess is the distance from the region as one number:
-//! `e = max(d/r − 1, largest (distance beyond min or max) / (max − min))`. Inside, it is negative, and gives the
-//! distance to the nearest edge. Extrapolation begins at the edge, and ends when e is below [`CLEARLY_INSIDE`]. An
-//! input that fluctuates at the edge therefore causes one report.
+//! The excess e is the distance from the region as one number: `e = max(d/r − 1, largest (distance beyond min or max) /
+//! (max − min))`. It is negative inside the region, and then gives the distance to the nearest edge. Extrapolation
+//! begins at the edge, and ends when e is below [`CLEARLY_INSIDE`]. An input that fluctuates at the edge therefore
+//! causes one report only.
 //!
-//! A model that is the mean of two halves also gives their difference d. Like its Cz x, it is counted from the datum.
-//! The farther outside, the more it reduces the value: `Cz = x·x²/(x² + (a·d)²)` with
-//! `a = clamp((e − 0.10)/0.25, 0, 1)`.
+//! A model that is the mean of two models (its halves) also gives their difference d. Both d and the Cz x of the model
+//! are measured from the datum (zero point). The farther outside, the more the difference reduces the value: `Cz =
+//! x·x²/(x² + (a·d)²)` with `a = clamp((e − 0.10)/0.25, 0, 1)`.
 
 use serde::{Deserialize, Serialize};
 
@@ -18,11 +18,11 @@ use super::{Input, Inputs, Lag, Unusable};
 use crate::quantity::Micron;
 use crate::reading::SignalId;
 
-/// Maximum number of inputs of an envelope. A step keeps its numbers in an array of fixed size.
+/// Maximum number of inputs of an envelope. It is limited because a step stores them in an array of fixed size.
 pub const MOST: usize = 64;
 
-/// Excess below which the inputs are clearly inside: each by a twentieth of its range, and the distance by a twentieth
-/// of its reach.
+/// Excess below which the inputs count as clearly inside: each by a twentieth of its range, and their distance by a
+/// twentieth of the reach.
 pub const CLEARLY_INSIDE: f64 = -0.05;
 
 /// Excess above which a difference between the model's two halves reduces the value. Over the next `WIDTH` of excess,
@@ -30,34 +30,36 @@ pub const CLEARLY_INSIDE: f64 = -0.05;
 const BEGINS: f64 = 0.10;
 const WIDTH: f64 = 0.25;
 
-/// Action of an axis while its inputs are outside.
+/// Action of an axis while the inputs of its model are outside the region on which the model was identified.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Outside {
-    /// Follows the model, and reports that it is outside.
+    /// The axis follows the model, and reports that the inputs are outside.
     Warn,
-    /// Keeps its last value until the inputs are inside again.
+    /// The axis keeps its last value until the inputs are inside again.
     Hold,
-    /// Follows `g·Cz` with `g = 1 / (1 + e²)`. The gain g is 1 at the edge, without a kink, and 1/2 if the excess is 1.
+    /// The axis follows `g·Cz` with `g = 1 / (1 + e²)`, where e is the excess. The gain g is 1 at the edge, without a
+    /// kink, and 1/2 if the excess is 1.
     Shrink,
-    /// Follows the model as far as its two halves agree. The halves are two models whose mean is this model. The more
-    /// they differ, the smaller is Cz.
+    /// The axis follows the model as far as its two halves agree. The halves are two models whose mean is this model.
+    /// The more they differ, the smaller is Cz.
     Agree,
 }
 
-/// Range and mean of one input when the model was identified.
+/// Range and mean of one input in the data from which the model was identified.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Identified {
-    /// Signal with its reference.
+    /// Signal of the input, with its reference.
     pub input: Input,
-    /// Mean, in the signal's unit.
+    /// Mean of the input, in the signal's unit.
     pub mean: f64,
-    /// Smallest and largest value.
+    /// Smallest and largest value of the input, in the signal's unit.
     pub range: (f64, f64),
 }
 
 impl Identified {
-    /// Returns how far this rise is beyond the range, as a share of its width; negative inside.
+    /// Returns the distance of this value of the input from its range, as a share of the width of the range; negative
+    /// inside.
     fn beyond(&self, rise: f64) -> f64 {
         let (min, max) = self.range;
         (min - rise).max(rise - max) / (max - min)
@@ -68,72 +70,75 @@ impl Identified {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Envelope {
     inputs: Vec<Identified>,
-    /// Lower triangle of the covariance's Cholesky factor, row by row.
+    /// Lower triangle of the Cholesky factor of the covariance, row by row.
     factor: Vec<f64>,
     reach: f64,
     outside: Outside,
-    /// Difference of the gains of the two halves (the models whose mean is this model), by term, µm per unit. Empty if
-    /// the model is no mean.
+    /// Difference of the gains between the two halves (the models whose mean is this model), by term, µm per unit.
+    /// Empty if the model is not such a mean.
     apart: Vec<f64>,
 }
 
-/// Reason why a region is invalid. Inputs are counted from 0.
+/// Reason why an envelope is invalid. The numbers are indices of inputs, from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BadEnvelope {
-    /// No inputs, or more than [`MOST`].
+    /// The envelope has no inputs, or more than [`MOST`].
     Count,
     /// The covariance does not have one row and one column for each input.
     Size,
-    /// The numbers of this input are not `min ≤ mean ≤ max` with `min < max`, all finite.
+    /// Range and mean of this input are not `min ≤ mean ≤ max` with `min < max`, all finite.
     Range(usize),
-    /// The covariance of these two inputs differs from that in the other order.
+    /// The covariance of these two inputs differs from the one in the opposite order.
     NotSymmetric(usize, usize),
-    /// The covariance is not positive definite: this input does not vary, or is a combination of those before it.
+    /// The covariance is not positive definite: this input does not vary, or is a linear combination of the inputs
+    /// before it.
     NotPositiveDefinite(usize),
-    /// The reach is not above zero.
+    /// The reach (largest distance inside) is not a finite number above zero.
     Reach,
 }
 
-/// Position of the inputs outside the region, and its effect.
+/// Details about inputs outside the region on which a model was identified, and the effect on Cz.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Extrapolation {
-    /// Mahalanobis distance and reach; `None` beyond the end of a guideway.
+    /// Mahalanobis distance of the inputs, and the reach (largest distance inside); `None` beyond the end of a
+    /// guideway.
     pub distance: Option<(f64, f64)>,
-    /// Input that is farthest beyond its range; `None` if only the combination of the inputs is new.
+    /// Input that is farthest beyond its range; `None` if each input is inside its range, and only their combination is
+    /// outside.
     pub farthest: Option<Beyond>,
-    /// Action of the axis.
+    /// Action of the axis while the inputs are outside.
     pub outside: Outside,
-    /// Factor of the model's Cz. It differs from 1 only for [`Outside::Shrink`] and [`Outside::Agree`].
+    /// Factor for the Cz of the model. It differs from 1 only for [`Outside::Shrink`] and [`Outside::Agree`].
     pub gain: f64,
-    /// Difference of the Cz of the model's two halves; `None` unless [`Outside::Agree`] uses it.
+    /// Difference of Cz between the model's two halves; `None` unless [`Outside::Agree`] uses it.
     #[serde(default)]
     pub apart: Option<Micron>,
 }
 
-/// Position of the inputs relative to the region.
+/// Position of the inputs relative to the region on which a model was identified.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coverage {
-    /// Excess: positive outside, negative inside.
+    /// Distance from the region as one number: positive outside, negative inside.
     pub excess: f64,
-    /// Details outside the region; `None` inside.
+    /// Details about inputs outside the region; `None` if they are inside.
     pub extrapolating: Option<Extrapolation>,
 }
 
-/// Input beyond its range.
+/// Input of a model beyond its range.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Beyond {
     /// Signal of the input.
     pub signal: SignalId,
-    /// Distance in the signal's unit: positive above the largest value, negative below the smallest.
+    /// Distance from the range in the signal's unit: positive above the largest value, negative below the smallest.
     pub by: f64,
 }
 
 impl Envelope {
-    /// Creates a region of these inputs with their covariance. The default reach is the distance within which 99 % of a
-    /// normal distribution lie (chi-squared, by Wilson and Hilferty 1931).
+    /// Creates an envelope of these inputs with their covariance. The default reach is the distance within which 99 %
+    /// of a normal distribution lie (chi-squared, by Wilson and Hilferty 1931).
     ///
     /// # Errors
-    /// Returns the first invalid number, with its input.
+    /// Returns the first number that is invalid, with the index of its input.
     pub fn new(
         inputs: Vec<Identified>,
         covariance: &[Vec<f64>],
@@ -160,37 +165,38 @@ impl Envelope {
         Ok(Envelope { factor: cholesky(covariance)?, inputs, reach, outside, apart: Vec::new() })
     }
 
-    /// Adds the difference of the gains of the two halves, by term. The halves are the models whose mean is this model.
+    /// Adds the difference of the gains between the two halves, by term. The halves are the two models whose mean is
+    /// this model.
     #[must_use]
     pub fn of_halves(self, apart: Vec<f64>) -> Envelope {
         Envelope { apart, ..self }
     }
 
-    /// Returns the difference of the gains of the model's two halves, by term; empty if the model is no mean of two
-    /// models.
+    /// Returns the difference of the gains between the model's two halves, by term; empty if the model is not the mean
+    /// of two models.
     pub fn apart(&self) -> &[f64] {
         &self.apart
     }
 
-    /// Returns the inputs of the region.
+    /// Returns the inputs of the envelope, with their ranges.
     pub fn inputs(&self) -> &[Identified] {
         &self.inputs
     }
 
-    /// Returns the largest distance that is inside.
+    /// Returns the largest Mahalanobis distance that is inside the envelope.
     pub fn reach(&self) -> f64 {
         self.reach
     }
 
-    /// Returns the action of the axis outside.
+    /// Returns the action of the axis while the inputs are outside the envelope.
     pub fn outside(&self) -> Outside {
         self.outside
     }
 
-    /// Returns the position of the machine now.
+    /// Returns the present position of the inputs relative to the envelope.
     ///
     /// # Errors
-    /// Returns a signal that cannot be used, or a reference that has not been captured.
+    /// Returns that a signal cannot be used, or that a reference has not been captured.
     pub fn coverage(&self, inputs: &Inputs<'_>) -> Result<Coverage, Unusable> {
         let mut rises = [0.0; MOST];
         for (rise, identified) in rises.iter_mut().zip(&self.inputs) {
@@ -199,8 +205,8 @@ impl Envelope {
         Ok(self.assess(&rises))
     }
 
-    /// Returns by which share of its range the worst input of this signal is beyond it; negative inside. `None` if the
-    /// envelope does not contain the signal, or if it has no rise.
+    /// Returns the distance of this signal from its range, as a share of the range's width; negative inside. If several
+    /// inputs have the signal, the largest distance is returned. `None` if no input has it, or its rise is unknown.
     pub(in crate::compensation) fn beyond_range(&self, signal: SignalId, inputs: &Inputs<'_>) -> Option<f64> {
         let known = self.inputs.iter().filter(|known| known.input.signal == signal);
         let shares =
@@ -208,8 +214,8 @@ impl Envelope {
         shares.reduce(f64::max)
     }
 
-    /// Returns by which share of its range this rise of an input is beyond it. It may be a lagged rise, because a lag
-    /// stays in the range of its input. `None` if the envelope does not contain the signal with this reference.
+    /// Returns the distance of this rise of an input from its range, as a share of the range's width. The rise may be
+    /// lagged, because a lag stays in the range of its input. `None` if the envelope does not contain the input.
     pub(in crate::compensation) fn rise_beyond_range(&self, input: &Input, rise: f64) -> Option<f64> {
         let is_same = |known: &&Identified| {
             known.input.signal == input.signal
@@ -242,8 +248,8 @@ impl Envelope {
         Coverage { excess, extrapolating: (excess > 0.0).then_some(found) }
     }
 
-    /// Returns the Mahalanobis distance `|L⁻¹·(x − m)|`, by forward substitution. An infinite result becomes the
-    /// largest number.
+    /// Returns the Mahalanobis distance `|L⁻¹·(x − m)|` of the inputs, by forward substitution. An infinite result
+    /// becomes the largest finite number.
     fn distance(&self, rises: &[f64; MOST]) -> f64 {
         let mut solved = [0.0; MOST];
         let mut squared = 0.0;
@@ -260,8 +266,8 @@ impl Envelope {
     }
 }
 
-/// Returns the share of the Cz `x` that is used at this excess, if the two halves of the model differ by `apart`. The
-/// share is 1 if both are zero.
+/// Returns the share of a model's Cz `x` that is used at this excess if its two halves differ by `apart`, both in µm.
+/// The share is 1 if both are zero.
 pub(in crate::compensation) fn agreed(excess: f64, x: f64, apart: f64) -> f64 {
     let counts = ((excess - BEGINS) / WIDTH).clamp(0.0, 1.0) * apart;
     let share = 1.0 / (1.0 + (counts / x).powi(2));
@@ -276,7 +282,7 @@ fn usual_reach(inputs: usize) -> f64 {
     (count * (1.0 - ninth + NORMAL_99 * ninth.sqrt()).powi(3)).sqrt()
 }
 
-/// Returns the lower triangle L with `L·Lᵀ = S`, row by row.
+/// Returns the lower triangle L of the covariance S with `L·Lᵀ = S`, row by row.
 fn cholesky(covariance: &[Vec<f64>]) -> Result<Vec<f64>, BadEnvelope> {
     let mut lower: Vec<Vec<f64>> = Vec::new();
     for (i, row) in covariance.iter().enumerate() {

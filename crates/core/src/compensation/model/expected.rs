@@ -1,4 +1,5 @@
-//! Expected error of a model: its residual error on runs that were not used for identification, by the elapsed time.
+//! Expected error of a model: its residual error on runs that were not used for identification, depending on the
+//! elapsed time.
 
 use std::time::Duration;
 
@@ -7,13 +8,14 @@ use crate::quantity::Micron;
 /// Expected residual error of a model, one standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expected {
-    /// Growth from the datum on.
+    /// Growth of the error's variance with the time since the datum (zero point) of the model.
     pub since_datum: Growth,
-    /// Growth from the last accepted probing on; `None` if the identification tried no probings.
+    /// Growth of the error's variance with the time since the last accepted probing; `None` if the identification had
+    /// no probings.
     pub since_touch: Option<Growth>,
 }
 
-/// Variance that grows linearly: `σ² = per_hour · h + at_once`, µm².
+/// Variance of an error that grows linearly with the time h in hours: `σ² = per_hour · h + at_once`, µm².
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Growth {
     per_hour: f64,
@@ -21,7 +23,8 @@ pub struct Growth {
 }
 
 impl Expected {
-    /// Returns σ after these times. After a probing, the smaller of both values is used. `None` if it is not finite.
+    /// Returns the standard deviation of the error after these times. After a probing, this is the smaller of the two
+    /// values. `None` if it is not finite.
     pub fn after(&self, since_datum: Duration, since_touch: Option<Duration>) -> Option<Micron> {
         let from_datum = self.since_datum.after(since_datum);
         let from_touch = self.since_touch.zip(since_touch).map(|(growth, span)| growth.after(span));
@@ -30,23 +33,24 @@ impl Expected {
 }
 
 impl Growth {
-    /// Creates a growth from µm²/h and µm²; `None` if a number is negative or not finite.
+    /// Creates a growth from the increase in each hour, µm²/h, and the variance at the start, µm². `None` if a number
+    /// is negative or not finite.
     pub fn new(per_hour: f64, at_once: f64) -> Option<Growth> {
         let is_variance = |number: f64| number.is_finite() && number >= 0.0;
         (is_variance(per_hour) && is_variance(at_once)).then_some(Growth { per_hour, at_once })
     }
 
-    /// Returns the increase in each hour, µm²/h.
+    /// Returns the increase of the variance in each hour, µm²/h.
     pub fn per_hour(&self) -> f64 {
         self.per_hour
     }
 
-    /// Returns the variance at the start, µm².
+    /// Returns the variance at the start of the growth, µm².
     pub fn at_once(&self) -> f64 {
         self.at_once
     }
 
-    /// Returns σ, µm. The result may be infinite.
+    /// Returns the standard deviation σ after this time, µm. The result may be infinite.
     fn after(&self, span: Duration) -> f64 {
         (self.per_hour * span.as_secs_f64() / 3600.0 + self.at_once).sqrt()
     }
@@ -70,7 +74,7 @@ mod tests {
             (4 * HOUR, None, 4.7_f64.sqrt()),
             (4 * HOUR, Some(Duration::ZERO), 0.2_f64.sqrt()),
             (4 * HOUR, Some(HOUR / 2), 0.6_f64.sqrt()),
-            // The datum is hardly older than the probing, and the probing is not better.
+            // The datum was taken after the probing, and its variance is smaller.
             (Duration::ZERO, Some(4 * HOUR), 1.1_f64.sqrt()),
         ] {
             let found = expected.after(datum, touch).unwrap().get();

@@ -1,4 +1,4 @@
-//! Expressions of a profile: `Kz * (A - (b*t + c))` for a model, `cnc_on == 1` for a condition.
+//! Expressions of a profile, such as `Kz * (A - (b*t + c))` for a model or `cnc_on == 1` for a condition.
 //!
 //! An expression is parsed once into a list of operations on a small stack. Evaluation allocates no memory. Operators,
 //! weakest first: `or`, `and`, `not`, `== != < <= > >=`, `+ -`, `* /`, unary `-`, `^`. Functions:
@@ -13,7 +13,7 @@ mod tests;
 
 pub use parser::ExpressionError;
 
-/// Maximum nesting of an expression, and size of the evaluation stack.
+/// Maximum nesting of an expression, which is also the size of the stack that evaluates it.
 const DEPTH: usize = 32;
 
 /// Parsed expression over signals and the time since machine start.
@@ -28,7 +28,7 @@ pub struct Expression {
 pub enum Symbol {
     /// The value of a signal.
     Signal(SignalId),
-    /// Number that the name stands for: a constant of the model.
+    /// Number that the name stands for, such as a constant of the model.
     Constant(f64),
     /// Time since machine start in seconds.
     Time,
@@ -71,10 +71,10 @@ enum Binary {
 }
 
 impl Expression {
-    /// Parses an expression. `resolve` returns the meaning of a name.
+    /// Parses an expression. `resolve` returns the meaning of a name; `None` if the name is unknown.
     ///
     /// # Errors
-    /// Returns the place of the error, and a message.
+    /// Returns the byte position of the mistake in the text, and a message.
     pub fn parse(
         text: &str,
         resolve: &dyn Fn(&str) -> Option<Symbol>,
@@ -82,16 +82,16 @@ impl Expression {
         parser::parse(text, resolve).map(|operations| Expression { text: text.to_owned(), operations })
     }
 
-    /// Returns the text of the profile.
+    /// Returns the expression as the profile contains it.
     pub fn text(&self) -> &str {
         &self.text
     }
 
-    /// Evaluates the expression. `value` returns each signal, and `time` is the time since machine start in seconds.
-    /// The result is NaN if any part of it is NaN.
+    /// Evaluates the expression. `value` returns the value of a signal, and `time` is the time since machine start in
+    /// seconds. The result is NaN if a part of the expression is NaN.
     ///
     /// # Errors
-    /// Returns the first signal without a value, or that the machine has not been seen running.
+    /// Returns the first signal without a value, or that the gateway has not seen the machine running.
     pub fn evaluate(
         &self,
         value: &dyn Fn(SignalId) -> Option<f64>,
@@ -137,12 +137,12 @@ impl Expression {
     }
 }
 
-/// Returns 1 for true, 0 for false.
+/// Returns a truth value as a number: 1 for true, 0 for false.
 fn truth(yes: bool) -> f64 {
     f64::from(u8::from(yes))
 }
 
-/// Returns whether a value is true: any value but zero.
+/// Returns whether a number counts as true: any number except zero does.
 #[allow(clippy::float_cmp, reason = "truth is exact: a status register is 1 or it is not")]
 fn is_true(value: f64) -> bool {
     value != 0.0
@@ -184,10 +184,10 @@ impl Binary {
     }
 }
 
-/// Model that is an expression.
+/// Model whose Cz is an expression of the profile.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Formula {
-    /// Expression of Cz in µm.
+    /// Expression that gives Cz in µm.
     pub expression: Expression,
 }
 
@@ -205,16 +205,16 @@ impl Evaluate for Formula {
 /// Condition over signals, for interlocks and fault bits.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Condition {
-    /// Text of the profile.
+    /// Condition as the profile contains it.
     pub text: String,
     expression: Expression,
 }
 
 impl Condition {
-    /// Parses a condition over signals.
+    /// Parses a condition over signals. `resolve` returns the signal of a name; `None` if there is none.
     ///
     /// # Errors
-    /// Returns the place of the error, and a message.
+    /// Returns the byte position of the mistake in the text, and a message.
     pub fn parse(
         text: &str,
         resolve: &dyn Fn(&str) -> Option<SignalId>,
@@ -223,7 +223,7 @@ impl Condition {
         Ok(Condition { text: text.to_owned(), expression })
     }
 
-    /// Returns whether the condition is true; `None` if one of its signals has no value, or if the result is NaN.
+    /// Returns whether the condition is true; `None` if a signal in it has no value, or if the result is NaN.
     pub fn holds(&self, value: &dyn Fn(SignalId) -> Option<f64>) -> Option<bool> {
         let value = self.expression.evaluate(value, None).ok()?;
         (!value.is_nan()).then(|| is_true(value))

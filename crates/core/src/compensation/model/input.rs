@@ -1,35 +1,51 @@
-//! Input of a model or an envelope: a signal, the reference of its rise, and its lag.
+//! Input of a model or an envelope: a signal, the reference that is subtracted from it, and its lag.
 
 use std::time::Duration;
 
-use super::{Inputs, Lag, Term, TimeConstant, Unusable};
+use super::{Lag, Term, TimeConstant, Unusable};
 use crate::compensation::Snapshot;
 use crate::compensation::reference::{CapturedReference, Machine, Reference};
 use crate::compensation::substitution::{SubstituteSource, Substitution};
 use crate::quantity::{Celsius, MicronPerMillimetreCelsius, Moment};
 use crate::reading::SignalId;
 
-/// Signal minus its reference, with or without a lag.
+/// Input of a model or an envelope: a signal minus its reference, with or without a lag.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Input {
-    /// Signal: a temperature. For a matrix, a network or an envelope it may also be a position or a speed.
+    /// Signal of the input: a temperature. For a matrix, a network or an envelope it may also be a position or a speed.
     pub signal: SignalId,
-    /// Reference of the rise. With the number 0, the rise is the value itself.
+    /// Reference that is subtracted from the signal. The rise is the signal's value itself if the reference is the
+    /// number 0.
     pub reference: Reference,
-    /// Time constant C of the first-order lag, above zero. `None` if the rise acts at once, as always in an envelope.
+    /// Time constant C of the first-order lag, above zero. `None` if the rise acts at once, which is always so in an
+    /// envelope.
     pub lag: Option<TimeConstant>,
-    /// The input is the square of the value minus the square of the reference. The lag applies to the squares.
+    /// Whether the input is the square of the value minus the square of the reference. The lag then applies to the
+    /// squares.
     pub squared: bool,
 }
 
-/// Inputs of a model that may lag, in the order of its lags.
+/// Inputs of a model.
+#[derive(Clone, Copy, Debug)]
+pub struct Inputs<'a> {
+    /// Readings of all signals, from which the model takes its inputs.
+    pub snapshot: Snapshot<'a>,
+    /// State of the machine: time since its start, and references.
+    pub machine: &'a Machine,
+    /// Lag of each input of [`Model::rises`](super::Model::rises), in the same order.
+    pub lags: &'a [Lag],
+    /// Whether the control itself multiplies the slope by the distance, and gets Cz and slope separately.
+    pub splits_slope: bool,
+}
+
+/// Inputs of a model that may lag, in the order of their lags: terms of the sum, terms of the slope, other inputs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Rises<'a> {
-    /// Terms of the sum.
+    /// Terms of the sum of a linear model.
     pub terms: &'a [Term],
-    /// Terms of the slope.
+    /// Terms of the slope of a linear model.
     pub slope: &'a [Term<MicronPerMillimetreCelsius>],
-    /// Inputs that are not terms.
+    /// Other inputs, which are not terms of a sum.
     pub inputs: &'a [Input],
 }
 
@@ -41,17 +57,18 @@ impl<'a> Rises<'a> {
 }
 
 impl Input {
-    /// Creates an input of the value itself minus its reference.
+    /// Creates an input: the signal's value, not squared, minus its reference.
     pub fn of(signal: SignalId, reference: Reference, lag: Option<Duration>) -> Input {
         Input { signal, reference, lag: lag.map(TimeConstant::of), squared: false }
     }
 
-    /// Returns the time constant of its lag; `None` without a lag.
+    /// Returns the time constant of the input's lag; `None` without a lag.
     pub fn time_constant(&self) -> Option<Duration> {
         self.lag.map(TimeConstant::span)
     }
 
-    /// Returns the value, and the reference that is subtracted from it.
+    /// Returns the present value of the signal, and the reference that is subtracted from it. For a squared input, both
+    /// are squares.
     ///
     /// # Errors
     /// Returns that the signal cannot be used, that its reference has not been captured, or that its square is not
@@ -76,7 +93,8 @@ impl Input {
         if self.squared { squared(value, reference) } else { Ok((value, reference)) }
     }
 
-    /// Returns the value and reference from a substitute; `None` if the substitute has no value.
+    /// Returns value and reference of a signal whose reading this substitute replaces; `None` if the substitute cannot
+    /// give both.
     fn level_of(&self, substitution: &Substitution, machine: &Machine) -> Option<(f64, CapturedReference)> {
         let SubstituteSource::Predictors { value, rise } = substitution.source else { return None };
         let captured = machine.captured(self.reference, self.signal);
@@ -98,7 +116,7 @@ impl Input {
         }
     }
 
-    /// Returns why there is no reference: it waits for the machine, or for its sensor.
+    /// Returns why there is no reference: its capture is not complete, or its sensor is rejected.
     fn misses(&self, machine: &Machine) -> Unusable {
         if machine.is_withheld(self.reference, self.signal) {
             return Unusable::Unproven(self.signal);
@@ -106,7 +124,7 @@ impl Input {
         Unusable::Reference(self.signal)
     }
 
-    /// Returns the rise now, lagged if the input has a lag.
+    /// Returns the present rise of the input: its value minus its reference, lagged if the input has a lag.
     ///
     /// # Errors
     /// Returns that the signal cannot be used, that its reference has not been captured, or that the rise is not

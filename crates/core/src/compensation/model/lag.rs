@@ -1,23 +1,25 @@
 //! Lag of a structure behind its temperature: `E = K·L·ΔT·(1 − e^(−t/C))`, Janeczko 1989.
 //!
-//! `1 − e^(−t/C)` is the step response of a first-order lag. The temperature u is taken as a straight line between two
-//! readings (first-order hold). Then the lagged temperature y has the exact solution, with `a = e^(−dt/C)`,
+//! `1 − e^(−t/C)` is the step response of a first-order lag. Between two readings, the temperature u is assumed to
+//! change along a straight line (first-order hold). Then the lagged temperature y has the exact solution, with `a =
+//! e^(−dt/C)`,
 //!
 //! ```text
 //! y1 = a·y0 + (1 − a)·u0 + (1 − (1 − a)·C/dt)·(u1 − u0)
 //! ```
 //!
-//! This holds for any dt: ten milliseconds, or an hour without the gateway or without a good reading.
+//! This solution holds for any dt: ten milliseconds, or an hour without the gateway or without a good reading.
 //!
 //! # Reference of the rise
-//! The temperature y itself is kept, not its rise. Therefore a reference may change without an effect on the lag.
-//! - A term starts at its reference with a rise of zero: the article's t = 0.
-//! - A fixed reference is subtracted.
-//! - A machine start resets the term: y is the temperature at the start. If that temperature becomes known later, y
-//!   moves with it, and the rise continues.
-//! - A zero does not change y, and the rise is measured from the y of that time. The rise is zero then, and the rest of
-//!   the structure's response follows. If it were measured from the sensor's own temperature, the rise would jump by
-//!   that rest.
+//! The lag stores the temperature y itself, not its rise. Therefore a reference may change without an effect on the
+//! lag.
+//! - A term starts with y at its reference, so with a rise of zero: t = 0 in the article.
+//! - A fixed reference is subtracted from y.
+//! - A machine start resets the term: y becomes the temperature at the start. If that temperature becomes known later,
+//!   y is shifted with it, and the rise does not change.
+//! - A zero command does not change y. The rise is then measured from the y at the zero command: it is zero at first,
+//!   and the rest of the structure's response follows. If the rise were measured from the sensor's own temperature, it
+//!   would jump by that rest.
 
 use std::time::Duration;
 
@@ -36,7 +38,7 @@ pub struct TimeConstant {
 }
 
 impl TimeConstant {
-    /// Creates a time constant.
+    /// Creates a time constant, which must be above zero.
     pub fn of(span: Duration) -> TimeConstant {
         TimeConstant { span, per_nanosecond: 1e-9 / span.as_secs_f64() }
     }
@@ -46,8 +48,8 @@ impl TimeConstant {
         self.span
     }
 
-    /// Returns this time as a share of the time constant. The conversion uses a signed number, for which processors
-    /// have an instruction.
+    /// Returns this time as a share of the time constant. The conversion uses a signed number, because processors have
+    /// an instruction for it.
     #[inline]
     #[allow(clippy::cast_precision_loss, reason = "a share of a time constant needs no more")]
     fn share(self, nanoseconds: u64) -> f64 {
@@ -55,37 +57,38 @@ impl TimeConstant {
     }
 }
 
-/// Bound of readings for which the lagged temperature is surely finite.
+/// Absolute reading below which the lagged temperature is always finite.
 const LARGE: f64 = 1e300;
 
-/// Lag of one term. Only its temperatures are kept over a restart.
+/// Lag of one term of a model. Only its temperatures are saved for a restart.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(from = "Option<Lagged>", into = "Option<Lagged>")]
 pub struct Lag {
-    /// Temperatures; `None` before the first reading.
+    /// Temperature of the sensor and lagged temperature; `None` before the first reading.
     lagged: Option<Lagged>,
-    /// The lag has been updated with a reading of its own sensor at the last snapshot.
+    /// Whether the lag was updated with a reading of its own sensor at the last snapshot.
     is_abreast: bool,
-    /// Number of captures of references at that time. While it is the same, the reference need not be looked up.
+    /// Value of [`Machine::captures`] at the last update. While it is the same, the reference need not be looked up
+    /// again.
     captures: u32,
 }
 
-/// Temperature, and the lagged temperature.
+/// Temperature of a sensor, and the lagged temperature of the structure.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Lagged {
-    /// Time of the two temperatures.
+    /// Time for which `input` and `follower` are valid.
     at: Moment,
-    /// Last usable reading of the sensor. The next step takes the way from it as a straight line.
+    /// Last usable reading of the sensor. The next step assumes a straight line from this reading to the next one.
     input: f64,
     /// Lagged temperature y.
     follower: f64,
-    /// Temperature y at the reference: the rise of y is counted from it.
+    /// Value of y from which the rise of y is measured.
     from: f64,
-    /// Time at which the reference of `from` was captured.
+    /// Time at which the capture of the reference that gave `from` was complete.
     captured: Moment,
 }
 
-/// Restores the lag from its kept state.
+/// Restores the lag from its saved temperatures.
 impl From<Option<Lagged>> for Lag {
     fn from(lagged: Option<Lagged>) -> Lag {
         Lag { lagged, ..Lag::NONE }
@@ -99,16 +102,16 @@ impl From<Lag> for Option<Lagged> {
 }
 
 impl Lag {
-    /// Lag of an input without a lag.
+    /// Lag before the first reading. It is also used for an input without a time constant.
     pub(super) const NONE: Lag = Lag { lagged: None, is_abreast: false, captures: 0 };
 
-    /// Returns the state to keep over a restart.
+    /// Returns the temperatures that must be saved for a restart; `None` before the first reading.
     pub fn kept(&self) -> Option<Lagged> {
         self.lagged
     }
 
-    /// Handles a machine start. A lag that is measured from machine start is reset if that start was not captured.
-    /// Every other lag is reset when its start is captured.
+    /// Handles a machine start. Resets a lag that is measured from machine start, if the reference of the previous
+    /// start was never captured. Every other such lag is reset when the new reference is captured.
     pub(in crate::compensation) fn started(&mut self, input: &Input) {
         let is_captured = self.lagged.is_some_and(|lagged| lagged.captured != Moment::default());
         if input.reference == Reference::Start && !is_captured {
@@ -116,8 +119,8 @@ impl Lag {
         }
     }
 
-    /// Updates the lag with this snapshot. A reading that cannot be used is skipped. The gap is taken as a straight
-    /// line to the next one.
+    /// Updates the lag with this snapshot. A reading that cannot be used is skipped. The temperature is then assumed to
+    /// change along a straight line up to the next usable reading.
     #[allow(clippy::inline_always, reason = "called for each lag of each step: most of what that does")]
     #[inline(always)]
     pub fn follow(&mut self, input: &Input, snapshot: &Snapshot<'_>, machine: &Machine) {
@@ -132,7 +135,8 @@ impl Lag {
         }
     }
 
-    /// Returns whether reference and sensor are the same as at the last snapshot.
+    /// Returns whether the lag can be updated without looking up its reference: reference and sensor are the same as at
+    /// the last snapshot.
     #[inline]
     fn is_measured_as_before(&self, input: &Input, snapshot: &Snapshot<'_>, machine: &Machine) -> bool {
         self.is_abreast
@@ -163,13 +167,15 @@ impl Lag {
         }
     }
 
-    /// Returns the lagged rise at this snapshot; `None` if it is not finite.
+    /// Returns the lagged rise after an update with this snapshot; `None` if it is not finite. The lag itself does not
+    /// change.
     pub(super) fn rise(mut self, input: &Input, inputs: &Inputs<'_>) -> Option<Celsius> {
         self.follow(input, &inputs.snapshot, inputs.machine);
         self.lagged.as_ref().and_then(Lagged::rise)
     }
 
-    /// Returns the lagged rise if the lag has already been updated with this snapshot, as in every step.
+    /// Returns the lagged rise if the lag has already been updated with this snapshot, which is so in every step; else
+    /// `None`.
     #[inline]
     pub(super) fn risen(&self, snapshot: &Snapshot<'_>) -> Option<Celsius> {
         self.lagged.as_ref().filter(|_| self.is_abreast && snapshot.is_followed)?.rise()
@@ -185,7 +191,7 @@ impl Lagged {
         [self.input, self.follower, self.from].iter().all(|value| value.is_finite())
     }
 
-    /// Returns the state as if both temperatures were older by `span`.
+    /// Returns the state with both temperatures older by `span`.
     pub(in crate::compensation) fn away(self, span: Duration) -> Lagged {
         Lagged { at: self.at.before(span), ..self }
     }
@@ -200,7 +206,8 @@ impl Lagged {
         Celsius::new(self.follower - self.from)
     }
 
-    /// Applies the exact solution. If no time has passed, or if time went back, y does not change.
+    /// Advances the lagged temperature y to `now` by the exact solution. If no time has passed, or if time went back, y
+    /// does not change.
     #[inline]
     fn advance(&mut self, input: f64, now: Moment, constant: TimeConstant) {
         let share = constant.share(now.as_nanos().saturating_sub(self.at.as_nanos()));
@@ -213,7 +220,7 @@ impl Lagged {
         self.input = input;
     }
 
-    /// Takes over a machine-start reference that became known, or better known, later. The present rise does not
+    /// Takes over a machine-start reference that became known later, or is known better now. The present rise does not
     /// change.
     fn begin_from(&mut self, kind: Reference, reference: CapturedReference) {
         let is_belated = self.captured == Moment::default() || self.captured == reference.at;
@@ -238,11 +245,12 @@ impl Lagged {
     }
 }
 
-/// Share of a time constant below which a polynomial is as exact as a double can be. It is several times as fast.
+/// Share of a time constant below which a polynomial is as exact as a double can be, and several times as fast.
 const SHORT: f64 = 1.0 / 32.0;
 
-/// Returns the change of y in a share x of its time constant. The input was `behind` ahead of y, and has `moved` in a
-/// straight line: `(1 − e^−x)·behind + (1 − (1 − e^−x)/x)·moved`.
+/// Returns the change of y in a time that is the share x of the time constant: `(1 − e^−x)·behind + (1 − (1 −
+/// e^−x)/x)·moved`. At the start of this time, the input was greater than y by `behind`. Since then it has changed by
+/// `moved` along a straight line.
 #[inline(never)]
 fn long(share: f64, behind: f64, moved: f64) -> f64 {
     // Computes 1 − e^−x without the loss of digits for a small x.
@@ -250,16 +258,16 @@ fn long(share: f64, behind: f64, moved: f64) -> f64 {
     gone * behind + (1.0 - gone / share) * moved
 }
 
-/// Returns the change of y below [`SHORT`]. Both factors come from one: with `p = (x − 1 + e^−x)/x²` they are
-/// `x·(1 − x·p)` and `x·p`. Therefore few operations wait for each other.
+/// Returns the change of y as [`long`] does, for a share x below [`SHORT`]. With `p = (x − 1 + e^−x)/x²`, the two
+/// factors are `x·(1 − x·p)` and `x·p`. Therefore few operations depend on each other.
 #[inline]
 fn short(share: f64, behind: f64, moved: f64) -> f64 {
     let straight = share * behind;
     straight + share * (bend(share) * (moved - straight))
 }
 
-/// Returns `(x − 1 + e^−x)/x²` = 1/2! − x/3! + x²/4! − …, by a polynomial. It is exact at the six Chebyshev nodes of 0
-/// to [`SHORT`]. Its relative error is at most 2e-17.
+/// Returns `(x − 1 + e^−x)/x²` = 1/2! − x/3! + x²/4! − …, by a polynomial. The polynomial is exact at the six Chebyshev
+/// nodes of 0 to [`SHORT`], and its relative error is at most 2e-17.
 #[inline]
 fn bend(x: f64) -> f64 {
     let x2 = x * x;

@@ -1,8 +1,8 @@
-//! `Cz = offset + Σ gain · (T − T_ref) + slope · (P − P0)`: M1 and M3 of JP H07-61598 B2, the lagged expansions of
-//! Janeczko 1989, and every regression on temperature rises.
+//! Linear model `Cz = offset + Σ gain · (T − T_ref) + slope · (P − P0)`. Covers M1 and M3 of JP H07-61598 B2, the
+//! lagged expansions of Janeczko 1989, and every regression on temperature rises.
 //!
-//! The slope is a second sum, in µm/mm, times the distance from a reference position. Sources: Li, Yang, Zhang, Zhang
-//! 1998, `Δz(z1) = Δz(z0) + k·(z1 − z0)`; SINUMERIK `ΔK = K0(T) + tanβ(T)·(P − P0)`.
+//! The slope is a second sum of gains times rises, in µm/mm, multiplied by the distance from a reference position.
+//! Sources: Li, Yang, Zhang, Zhang 1998, `Δz(z1) = Δz(z0) + k·(z1 − z0)`; SINUMERIK `ΔK = K0(T) + tanβ(T)·(P − P0)`.
 
 use std::ops::Mul;
 
@@ -10,18 +10,19 @@ use super::{Evaluate, Input, Inputs, Lag, Outputs, Rises, Term, Unusable};
 use crate::quantity::{Celsius, Micron, MicronPerMillimetreCelsius, Millimetre};
 use crate::reading::SignalId;
 
-/// Constant plus a sum of terms.
+/// Linear model: an offset plus a sum of terms (gain times temperature rise).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Linear {
-    /// Cz if every rise is zero.
+    /// Cz of the model if every rise is zero.
     pub offset: Micron,
-    /// Terms of the sum.
+    /// Terms whose sum is added to the offset.
     pub terms: Vec<Term>,
-    /// Part that grows with the position; `None` without one.
+    /// Part of Cz that is proportional to the distance from a reference position; `None` without one.
     pub slope: Option<Slope>,
 }
 
-/// Sum of terms, µm/mm, times the distance from a reference position.
+/// Part of a linear model that depends on the position: a sum of terms, µm/mm, times the distance from a reference
+/// position.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Slope {
     /// Signal of the axis position, mm.
@@ -30,12 +31,12 @@ pub struct Slope {
     pub reference: Millimetre,
     /// Ends of the axis's travel; `None` if unknown.
     pub travel: Option<(Millimetre, Millimetre)>,
-    /// Terms of the sum.
+    /// Terms whose sum is the slope, µm/mm.
     pub terms: Vec<Term<MicronPerMillimetreCelsius>>,
 }
 
 impl Linear {
-    /// Returns the inputs of the terms, those of the slope last. Each has one [`Lag`].
+    /// Returns the inputs of the terms, those of the slope last, in the order of their [`Lag`]s.
     pub fn rises(&self) -> impl Iterator<Item = &Input> {
         self.lagging().into_iter()
     }

@@ -1,9 +1,9 @@
-//! `δ = P·ΔT`: the displacement of a guideway from one temperature for each block of the structure, at the position of
-//! the axis. M11, after JP 6507619 B2 (JTEKT).
+//! Model `δ = P·ΔT`: displacement of a guideway at the position of the axis. The blocks are parts of the structure with
+//! one temperature each, and ΔT are their rises. M11, after JP 6507619 B2 (JTEKT).
 //!
 //! P comes from a finite-element model of the structure. The matrix here contains only the component that acts on the
-//! axis, as gains of Cz. Between two points of the guideway, Cz is interpolated linearly. Beyond its ends, Cz keeps the
-//! value of the end, and [`Evaluate::coverage`] reports that.
+//! axis, as gains of Cz. Between two points of the guideway, Cz is interpolated linearly. Beyond an end, Cz keeps its
+//! value at the end, and [`Evaluate::coverage`] reports this.
 
 use super::{
     Beyond, Coverage, Evaluate, Extrapolation, Input, Inputs, Lag, Outputs, Outside, Rises, Unusable,
@@ -12,7 +12,7 @@ use crate::compensation::Snapshot;
 use crate::quantity::{MicronPerCelsius, Millimetre};
 use crate::reading::SignalId;
 
-/// Gains along a guideway.
+/// Model of a guideway: a gain of Cz for each point of the guideway and each block of the structure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Matrix {
     source: String,
@@ -23,12 +23,13 @@ pub struct Matrix {
 }
 
 impl Matrix {
-    /// Creates a matrix. `inputs`: signals of the blocks. `position`: signal of the axis position in mm. `guide`:
-    /// points of the guideway, ascending. `gains`: gains of Cz, one for each block, point after point. `source`: name
-    /// of the file, for display.
+    /// Creates a matrix. `inputs`: temperature rises of the blocks, parts of the structure with one temperature each.
+    /// `position`: signal of the axis position in mm. `guide`: points of the guideway, ascending. `gains`: one gain of
+    /// Cz for each block at the first point, then at the second, and so on. `source`: name of the file, for display.
     ///
     /// # Errors
-    /// Returns a message: no points, points that do not ascend, or a number of gains other than points times blocks.
+    /// Returns a message if points or blocks are missing, if the points do not ascend, or if the number of gains is
+    /// wrong.
     pub fn new(
         source: impl Into<String>,
         inputs: Vec<Input>,
@@ -48,7 +49,7 @@ impl Matrix {
         }
         if gains.len() != guide.len() * inputs.len() {
             return Err(format!(
-                "there are {} gains, but {} points times {} blocks need one gain each",
+                "there are {} gains, but each of the {} points needs one gain for each of the {} blocks",
                 gains.len(),
                 guide.len(),
                 inputs.len()
@@ -57,12 +58,12 @@ impl Matrix {
         Ok(Matrix { source: source.into(), inputs, position, guide, gains })
     }
 
-    /// Returns the name of the file.
+    /// Returns the name of the file with the matrix.
     pub fn source(&self) -> &str {
         &self.source
     }
 
-    /// Returns the input of each block.
+    /// Returns the temperature rise of each block of the structure.
     pub fn blocks(&self) -> &[Input] {
         &self.inputs
     }
@@ -77,7 +78,7 @@ impl Matrix {
         (self.guide.first().copied().unwrap_or_default(), self.guide.last().copied().unwrap_or_default())
     }
 
-    /// Returns the gain of each block at a position.
+    /// Returns the gain of each block at a position, interpolated between the points of the guideway.
     pub fn gains_at(&self, position: Millimetre) -> impl Iterator<Item = MicronPerCelsius> + '_ {
         let after = self.guide.partition_point(|point| *point <= position);
         let (low, high) = (after.saturating_sub(1), after.min(self.guide.len() - 1));
@@ -113,7 +114,8 @@ impl Evaluate for Matrix {
         Rises { inputs: &self.inputs, ..Rises::default() }
     }
 
-    /// Returns the position of the axis on the guideway, or beyond an end of it; `None` if its position is unknown.
+    /// Returns whether the axis is between the ends of the guideway or beyond one, and how far; `None` if its position
+    /// is unknown.
     fn coverage(&self, snapshot: &Snapshot<'_>) -> Option<Coverage> {
         let position = snapshot.value(self.position)?;
         let (first, last) = (self.ends().0.get(), self.ends().1.get());

@@ -1,8 +1,8 @@
-//! Networks: back-propagation and radial-basis networks of the project's own format, and networks in ONNX files. M10,
-//! after Ren et al., Chen and Wang, and the notes on radial-basis and Bayesian networks.
+//! Models that are neural networks: back-propagation and radial-basis networks of the project's own format, and
+//! networks in ONNX files. M10, after Ren et al., Chen and Wang, and the notes on radial-basis and Bayesian networks.
 //!
 //! Inputs are temperatures, positions and speeds, each minus its reference, in the signal's unit. The result is Cz in
-//! µm. Scaling belongs to the network: it is part of the weights, or of the ONNX graph.
+//! µm. The network itself contains the scaling of inputs and output, as part of its weights or of the ONNX graph.
 
 use super::{Evaluate, Input, Inputs, Lag, Outputs, Rises, Unusable};
 use crate::reading::SignalId;
@@ -17,13 +17,9 @@ pub use layers::{Activation, Layer, Layers};
 #[cfg(feature = "onnx")]
 pub use onnx::Onnx;
 pub use radial::{Node, Radial};
-pub use scaling::Scaling;
+pub use scaling::{Scaling, WIDEST};
 
-/// Maximum number of inputs of a network, and of neurons of a layer. A step keeps its numbers in an array of fixed
-/// size.
-pub const WIDEST: usize = 256;
-
-/// Network with its input signals.
+/// Neural network with its input signals.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Network {
     source: String,
@@ -31,20 +27,20 @@ pub struct Network {
     inputs: Vec<Input>,
 }
 
-/// Kind of a network.
+/// Neural network of one of the supported kinds.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Net {
-    /// Layers of neurons, as back-propagation trains them. A step allocates nothing.
+    /// Layers of neurons, as back-propagation trains them. Computing the output allocates no memory.
     Layers(Layers),
-    /// Radial basis functions. A step allocates nothing.
+    /// Radial basis functions. Computing the output allocates no memory.
     Radial(Radial),
-    /// A graph of an ONNX file. The runtime allocates inside a step.
+    /// Graph of an ONNX file. The ONNX runtime allocates memory when it computes the output.
     #[cfg(feature = "onnx")]
     Onnx(Onnx),
 }
 
 impl Net {
-    /// Returns the number of inputs.
+    /// Returns the number of inputs that the network requires.
     pub fn takes(&self) -> usize {
         match self {
             Net::Layers(layers) => layers.takes(),
@@ -54,7 +50,7 @@ impl Net {
         }
     }
 
-    /// Returns a description for display.
+    /// Returns a description of the network for display.
     pub fn what(&self) -> String {
         match self {
             Net::Layers(layers) => format!("back-propagation network {}", layers.shape()),
@@ -64,7 +60,7 @@ impl Net {
         }
     }
 
-    /// Returns the output, µm; NaN if there is none.
+    /// Returns the output for these inputs, Cz in µm; NaN if the network cannot be computed.
     pub fn output(&self, inputs: &[f64]) -> f64 {
         match self {
             Net::Layers(layers) => layers.output(inputs),
@@ -76,10 +72,11 @@ impl Net {
 }
 
 impl Network {
-    /// Creates a network with these inputs, in this order. `source` is the name of the file, for display.
+    /// Creates a model from a network and its inputs, in the network's order. `source` is the name of the file, for
+    /// display.
     ///
     /// # Errors
-    /// Returns a message if the network takes another number of inputs.
+    /// Returns a message if the network has another number of inputs.
     pub fn new(source: impl Into<String>, net: Net, inputs: Vec<Input>) -> Result<Network, String> {
         if net.takes() != inputs.len() || inputs.len() > WIDEST {
             return Err(format!(
@@ -91,17 +88,17 @@ impl Network {
         Ok(Network { source: source.into(), net, inputs })
     }
 
-    /// Returns the name of the file.
+    /// Returns the name of the file with the network.
     pub fn source(&self) -> &str {
         &self.source
     }
 
-    /// Returns the network without its inputs.
+    /// Returns the neural network without its input signals.
     pub fn net(&self) -> &Net {
         &self.net
     }
 
-    /// Returns the inputs, in order.
+    /// Returns the input signals in the order of the network's inputs.
     pub fn reads(&self) -> &[Input] {
         &self.inputs
     }

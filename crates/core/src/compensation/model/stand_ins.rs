@@ -1,72 +1,76 @@
-//! Predictions of a sensor from other sensors: a virtual sensor for each sensor, identified together with a model.
+//! Predictions of a sensor from other sensors: each sensor of a model gets a virtual sensor, which is identified
+//! together with the model.
 //!
-//! The rise of a sensor since machine start is a sum over lagged rises of others. If it moves by more than the sensor's
-//! threshold while the reading is constant, the sensor is suspected. Its stand-in is then the prediction.
+//! The predicted rise of a sensor since machine start is a sum over lagged rises of other sensors. If the prediction
+//! changes by more than the sensor's threshold while its reading is constant, the sensor is suspected to be frozen. The
+//! prediction may then replace the reading, as the sensor's stand-in.
 
 use super::{Input, Reference};
 use crate::reading::SignalId;
 
-/// Minimum number of predictors of a stand-in. With a single one, its fault would pass fully into the stand-in.
+/// Minimum number of other sensors in a prediction that replaces a reading. If there were only one, its fault would
+/// affect the stand-in fully.
 const FEWEST: usize = 2;
 
-/// Virtual sensors of a model.
+/// Virtual sensors of a model: predictions of its sensors from each other.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StandIns {
     sensors: Vec<VirtualSensor>,
-    /// Inputs of all predictions, each once.
+    /// Inputs of all predictions (the bank), each once.
     bank: Vec<Predictor>,
-    /// Fingerprint of the stand-ins file. State that was kept with another file is not used.
+    /// Fingerprint of the stand-ins file. A state that was saved with another file is not used.
     fingerprint: u64,
 }
 
-/// Virtual sensor as a file describes it.
+/// Virtual sensor as the stand-ins file describes it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Described {
-    /// Signal of the sensor.
+    /// Signal of the sensor that is predicted.
     pub signal: SignalId,
-    /// Threshold θ, °C. The sensor is frozen if its prediction has moved by more than θ since its reading last changed.
+    /// Threshold θ, °C. The sensor is suspected to be frozen if its prediction has changed by more than θ since its
+    /// reading last changed.
     pub threshold: f64,
-    /// The prediction replaces a lost sensor. It is `false` if a model without the sensor leaves less residual error.
-    /// A frozen sensor is replaced in both cases. A prediction from a single other sensor replaces nothing.
+    /// Whether the prediction replaces a lost sensor. It is `false` if a model without the sensor leaves less residual
+    /// error. A frozen sensor is replaced in both cases. A prediction from a single other sensor replaces nothing.
     pub stands_in: bool,
-    /// Gain of each input, °C per °C.
+    /// Inputs of the prediction, each with its gain in °C per °C.
     pub terms: Vec<(Input, f64)>,
 }
 
-/// Faults of a sensor in which its stand-in is used.
+/// Faults of a sensor in which its stand-in replaces the reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Replaces {
-    /// None: the prediction depends on a single other sensor.
+    /// No fault, because the prediction depends on a single other sensor.
     Nothing,
-    /// A frozen sensor. A model without the sensor is better if the sensor is lost, because the stand-in of a lost sensor
-    /// may be used for days. The stand-in of a frozen sensor starts from its last reading, and replaces a wrong value.
+    /// The sensor is frozen. For a lost sensor, a model without the sensor is better, because a stand-in may then be
+    /// used for days. The stand-in of a frozen sensor starts from its last reading, and replaces a wrong value.
     Frozen,
-    /// A frozen or lost sensor.
+    /// The sensor is frozen or lost.
     FrozenOrLost,
 }
 
-/// Sensor that is predicted from others.
+/// Sensor that is predicted from other sensors.
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::compensation) struct VirtualSensor {
     pub(in crate::compensation) signal: SignalId,
     pub(in crate::compensation) threshold: f64,
     pub(in crate::compensation) replaces: Replaces,
-    /// Number of other sensors from which this one is predicted.
+    /// Number of other sensors from which this sensor is predicted.
     pub(in crate::compensation) others: usize,
-    /// Indices in the bank, with their gains.
+    /// Terms of the prediction: indices of the inputs in the bank, with their gains.
     pub(in crate::compensation) terms: Vec<(usize, f64)>,
 }
 
-/// Input of the bank.
+/// Input of predictions, in the bank of all such inputs.
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::compensation) struct Predictor {
     pub(in crate::compensation) input: Input,
-    /// Index of the virtual sensor of the same signal; `None` if there is none.
+    /// Index of the virtual sensor with the signal of this input; `None` if the signal has no virtual sensor.
     pub(in crate::compensation) sensor: Option<usize>,
 }
 
 impl VirtualSensor {
-    /// Returns whether the stand-in may be used. `frozen`: the sensor is frozen; otherwise it is lost.
+    /// Returns whether the stand-in may replace the reading. `frozen`: the sensor is frozen; otherwise it is lost.
     pub(in crate::compensation) fn may_replace(&self, frozen: bool) -> bool {
         match self.replaces {
             Replaces::Nothing => false,
@@ -77,7 +81,7 @@ impl VirtualSensor {
 }
 
 impl StandIns {
-    /// Creates the virtual sensors. Terms without a gain are dropped.
+    /// Creates the virtual sensors of a model. Terms with a gain of zero are left out.
     pub fn new(described: Vec<Described>, fingerprint: u64) -> StandIns {
         let place = |signal: SignalId| described.iter().position(|sensor| sensor.signal == signal);
         let mut bank: Vec<Predictor> = Vec::new();
@@ -106,17 +110,18 @@ impl StandIns {
         StandIns { sensors, bank, fingerprint }
     }
 
-    /// Returns the fingerprint of the file.
+    /// Returns the fingerprint of the stand-ins file.
     pub fn fingerprint(&self) -> u64 {
         self.fingerprint
     }
 
-    /// Returns the watched sensors in the file's order, each with the use of its stand-in.
+    /// Returns the sensors with a prediction in the order of the file, each with the faults in which its stand-in is
+    /// used.
     pub fn watched(&self) -> impl Iterator<Item = (SignalId, Replaces)> + '_ {
         self.sensors.iter().map(|sensor| (sensor.signal, sensor.replaces))
     }
 
-    /// Returns the predictors of a sensor. A signal with several lags occurs several times.
+    /// Returns the signals from which a sensor is predicted. A signal with several lags occurs several times.
     pub fn predictors(&self, signal: SignalId) -> impl Iterator<Item = SignalId> {
         let sensor = self.sensors.iter().filter(move |sensor| sensor.signal == signal);
         sensor.flat_map(|sensor| &sensor.terms).map(|(place, _)| self.bank[*place].input.signal)
@@ -132,7 +137,7 @@ impl StandIns {
 }
 
 impl Described {
-    /// Creates a term of a prediction: a rise since machine start, with or without a lag.
+    /// Creates a term of a prediction: a rise of a signal since machine start, with or without a lag, and its gain.
     pub fn term(signal: SignalId, lag: Option<std::time::Duration>, gain: f64) -> (Input, f64) {
         (Input::of(signal, Reference::Start, lag), gain)
     }

@@ -1,4 +1,4 @@
-//! One term of a sum over temperature rises.
+//! Term of a sum over temperature rises.
 
 use std::ops::Mul;
 
@@ -10,12 +10,12 @@ use crate::quantity::{Celsius, MicronPerCelsius};
 pub struct Term<Gain = MicronPerCelsius> {
     /// Input of the term.
     pub input: Input,
-    /// Contribution of a rise of one unit, or of its square, to the sum.
+    /// Contribution to the sum if the rise of the input is one unit.
     pub gain: Gain,
 }
 
 impl<Gain: Mul<Celsius, Output = f64> + Copy> Term<Gain> {
-    /// Returns the contribution to the sum now.
+    /// Returns the present contribution of the term to the sum.
     #[inline]
     pub(super) fn part(&self, lag: &Lag, inputs: &Inputs<'_>) -> Result<f64, Unusable> {
         Ok(self.gain * self.input.rise(inputs, lag)?)

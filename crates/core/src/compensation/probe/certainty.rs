@@ -1,15 +1,16 @@
-//! Certainty of a model's correction, and the weight of a probing.
+//! Certainty of a model's correction, and the weight that it gives to a new probing.
 //!
-//! The correction drifts: between two probings its variance P grows by q for each hour, from 0 at the datum. A probing
-//! has its own variance σ². The share of its residual r that it adds to the correction depends on both variances:
+//! The right correction drifts. Between two probings the variance P of the correction grows by q for each hour, from 0
+//! at the datum (zero point of Cz). A probing has its own variance σ². The share K of its residual r that is added to
+//! the correction depends on both variances:
 //!
 //! ```text
 //! P += q·Δt        K = P / (P + σ²)        correction += K·r        P *= 1 − K
 //! ```
 //!
 //! # A probing that disagrees
-//! If `r² > 16·(P + σ²)`, the cause may be a chip, another tool or a crash. The probing is doubted, and nothing is
-//! learned, until the residual of another one lies within 4·√2·σ of it. Then both show the true position of the
+//! If `r² > 16·(P + σ²)`, the cause may be a chip, another tool or a crash. The probing is doubted: it corrects nothing
+//! until the residual of another probing lies within 4·√2·σ of its own. Then both show the true position of the
 //! machine. P is then set so large that the second probing would have been accepted at once. A probing that agrees with
 //! the model ends the doubt.
 
@@ -20,40 +21,41 @@ use serde::{Deserialize, Serialize};
 use crate::compensation::settings::{Filter, ProbeSettings};
 use crate::quantity::{Micron, Moment, shifted};
 
-/// Accepted deviation of a residual, in standard deviations.
+/// Largest residual that is accepted at once, in standard deviations.
 const BELIEVED: f64 = 4.0;
-/// Largest variance, µm². No error reaches a metre, and the value stays finite.
+/// Largest variance of a correction, µm². No error reaches a metre, and the limit keeps the variance finite.
 const LARGEST: f64 = 1e12;
 
 /// Certainty of one model's correction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Certainty {
-    /// P after the last accepted probing, µm². `None` if there was none since the datum, at which P was 0.
+    /// Variance P of the correction after the last accepted probing, µm². `None` if no probing was accepted since the
+    /// datum (zero point), at which P was 0.
     variance: Option<f64>,
-    /// Time of the last accepted probing; `None` if there was none since the datum.
+    /// Time of the last accepted probing; `None` if no probing was accepted since the datum (zero point).
     touched: Option<Moment>,
-    /// Residual that waits for another one, µm.
+    /// Residual that waits for another one that agrees with it, µm; `None` if none waits.
     doubted: Option<f64>,
 }
 
 shifted!(Certainty: touched);
 
-/// Time of a probing, with the time since the datum of the model that judges it.
+/// Time of a probing, and the time since the datum (zero point) of the model that judges the probing.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::compensation) struct Occasion {
     pub(in crate::compensation) now: Moment,
-    /// Time since the model's datum was taken.
+    /// Time since the datum of the model was captured.
     pub(in crate::compensation) since_datum: Duration,
 }
 
 impl Certainty {
-    /// Returns the certainty of a correction that a program without certainties has kept.
+    /// Returns the certainty of a saved correction from a program version that did not store a certainty.
     pub(super) fn uncounted() -> Certainty {
         Certainty { variance: Some(f64::INFINITY), ..Certainty::default() }
     }
 
-    /// Returns the certainty under these settings. If it is unknown, the correction may be anywhere within its limit.
-    /// It is unknown after probings with a fixed share, and after an older program.
+    /// Returns the certainty of a saved correction under these settings. It is unknown after probings with a fixed
+    /// share, and in a state of an older program version. Then the correction may have any value within its limit.
     pub(super) fn under(self, settings: &ProbeSettings) -> Certainty {
         let is_counted = self.variance.map_or(self.touched.is_none(), f64::is_finite);
         let half = 0.5 * settings.limit.get();
@@ -65,12 +67,12 @@ impl Certainty {
         }
     }
 
-    /// Returns the time of the last accepted probing.
+    /// Returns the time of the last accepted probing; `None` if there is none since the datum (zero point).
     pub(super) fn touched(&self) -> Option<Moment> {
         self.touched
     }
 
-    /// Returns the variance P of the correction at this probing, µm².
+    /// Returns the variance P of the correction at this probing, µm². `walk`: its increase in each hour, µm²/h.
     fn variance(&self, walk: f64, occasion: Occasion) -> f64 {
         let since = self.touched.map_or(occasion.since_datum, |touched| occasion.now.since(touched));
         let grown = self.variance.unwrap_or(0.0) + walk * since.as_secs_f64() / 3600.0;
@@ -78,7 +80,7 @@ impl Certainty {
         if grown.is_nan() { LARGEST } else { grown.clamp(0.0, LARGEST) }
     }
 
-    /// Checks whether this residual is accepted.
+    /// Checks whether this residual, in µm, is accepted.
     ///
     /// # Errors
     /// Returns the largest residual that would be accepted at once.
@@ -92,12 +94,13 @@ impl Certainty {
         Err(Micron::new(most).unwrap_or_default())
     }
 
-    /// Keeps a residual until another one agrees with it.
+    /// Stores a residual that is not accepted, until another one agrees with it.
     pub(super) fn doubt(&mut self, residual: f64) {
         self.doubted = Some(residual);
     }
 
-    /// Learns an accepted residual. Returns the share of it that is added to the correction.
+    /// Updates the certainty with an accepted residual. Returns the share of the residual that is added to the
+    /// correction.
     pub(super) fn learn(&mut self, residual: f64, filter: Filter, occasion: Occasion) -> f64 {
         let (share, variance) = match filter {
             Filter::Share(share) => (share, None),

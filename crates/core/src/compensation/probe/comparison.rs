@@ -1,9 +1,10 @@
-//! Comparison of a model with no compensation. Pure, without allocation after its creation.
+//! Comparison of a model with no compensation, from the errors at probings. The functions are pure, and allocate no
+//! memory after the creation.
 //!
-//! Each touch gives two errors: e₀ without compensation, and e₁ with the model. e₀ is the measured error minus the Cz
-//! that acted, and e₁ = e₀ + Cz of the model. e₁ does not depend on the Cz that acted. Therefore a model is compared
-//! also while the axis does not follow it. The last eight touches since the datum count, none of them older than a
-//! week:
+//! Each touch (one probing) gives two errors: e₀ without compensation, and e₁ with the model. e₀ is the measured error
+//! minus the Cz that acted, and e₁ = e₀ + Cz of the model. e₁ does not depend on the Cz that acted. Therefore a model
+//! is also compared while the axis does not follow it. The comparison uses the last eight touches since the datum (zero
+//! point of Cz), none of them older than a week:
 //!
 //! | the model was | and is now | if |
 //! |---|---|---|
@@ -11,12 +12,13 @@
 //! | worse | not worse | there are two touches or more, and Σe₁² < Σe₀² |
 //!
 //! # Rules
-//! - A single touch never decides. If only one touch differs, the next ones show whether it was a chip.
-//! - A touch that the probe does not accept waits for the next one. Both count if the next one is accepted and lies
-//!   within 4·√2·σ of it. Both also count if the next one is not accepted either and has the same sign. Otherwise the
-//!   waiting touch is discarded.
-//! - With a new datum the touches are discarded. The verdict stays until new touches show another one.
-//! - When the learned correction is discarded, the verdict is discarded too.
+//! - A single touch never changes the verdict. If only one touch differs, the next ones show whether a chip under the
+//!   probe was the cause.
+//! - A touch that the model does not accept waits for the next one. Both are used if the next one is accepted and lies
+//!   within 4·√2·σ of it. Both are also used if the next one is not accepted either and has the same sign. Otherwise
+//!   the waiting touch is discarded.
+//! - A new datum discards the touches. The verdict stays until new touches give another one.
+//! - When the correction of the model is discarded, the verdict is discarded too.
 
 use std::time::Duration;
 
@@ -26,21 +28,22 @@ use crate::quantity::{Micron, Moment, shifted};
 
 /// Maximum number of touches in a comparison. A touch is the result of one probing.
 const WINDOW: usize = 8;
-/// [`WINDOW`] as a floating-point number.
+/// Maximum number of touches in a comparison, as a floating-point number.
 const FULL: f64 = 8.0;
 /// Maximum age of a touch in a comparison.
 const OLDEST: Duration = Duration::from_hours(7 * 24);
 /// Factor by which the sum of the squared errors with the model must exceed the sum without compensation.
 const CLEARLY: f64 = 1.1;
-/// Minimum excess of that sum for each touch of a full window, in multiples of the variance σ² of a touch.
+/// Excess of the sum with the model over the sum without compensation that is required for each touch of a full window.
+/// In multiples of the variance σ² of a touch.
 const FOR_EACH: f64 = 4.0;
-/// Maximum difference of two touches that agree, in standard deviations of the difference.
+/// Largest difference of two touches that agree, in standard deviations of the difference.
 const AGREES: f64 = 4.0;
 
 /// Result of a comparison in which a model was worse than no compensation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Worse {
-    /// Number of touches in the comparison; zero directly after a new datum.
+    /// Number of touches (probings) in the comparison; 0 directly after a new datum (zero point).
     pub touches: usize,
     /// Root mean square of the error without compensation.
     pub without: Micron,
@@ -48,10 +51,10 @@ pub struct Worse {
     pub with: Micron,
 }
 
-/// Errors of one touch.
+/// Errors of one touch, the result of one probing.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(in crate::compensation) struct Touch {
-    /// Time at which the axis received the touch.
+    /// Time at which the axis received the probing.
     pub(in crate::compensation) at: Moment,
     /// e₀: error without compensation, µm.
     pub(in crate::compensation) without: f64,
@@ -59,12 +62,12 @@ pub(in crate::compensation) struct Touch {
     pub(in crate::compensation) with: f64,
 }
 
-/// Acceptance of a touch by the probe.
+/// Acceptance of a touch (the result of one probing) by a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::compensation) enum Credit {
-    /// The model learns from it.
+    /// The model accepts the touch and is corrected with it.
     Accepted,
-    /// The touch is implausible, or waits for another one that agrees.
+    /// The touch is implausible, or waits for another touch that agrees with it.
     Doubted,
 }
 
@@ -72,19 +75,19 @@ pub(in crate::compensation) enum Credit {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Verdict {
-    /// No touches show that the model is worse than no compensation.
+    /// The touches do not show that the model is worse than no compensation.
     #[default]
     NotWorse,
-    /// The model was found worse, and not better since.
+    /// The touches have shown that the model is worse than no compensation, and later ones have not shown the opposite.
     Worse,
 }
 
-/// Errors of one model at the last touches, and the verdict.
+/// Errors of one model at the last touches, and the verdict about the model.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(in crate::compensation) struct Comparison {
     /// Touches of the comparison, oldest first.
     touches: Vec<Touch>,
-    /// Touch that is not accepted and waits for the next one.
+    /// Touch that was not accepted and waits for the next one; `None` if none waits.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     waiting: Option<Touch>,
     verdict: Verdict,
@@ -101,36 +104,36 @@ struct Sums {
 }
 
 impl Comparison {
-    /// Creates a comparison with room for all touches that count.
+    /// Creates a comparison with room for the maximum number of touches.
     pub(super) fn new() -> Comparison {
         Comparison { touches: Vec::with_capacity(WINDOW), ..Comparison::default() }
     }
 
-    /// Returns whether nothing is known. An empty comparison is not kept.
+    /// Returns whether the comparison has no touches and no verdict. An empty comparison is not saved.
     pub(super) fn is_empty(&self) -> bool {
         self.touches.is_empty() && self.waiting.is_none() && self.verdict == Verdict::NotWorse
     }
 
-    /// Restores what was kept.
+    /// Restores the saved touches and verdict.
     pub(super) fn recall(&mut self, kept: &Comparison) {
         self.touches.clear();
         self.touches.extend(kept.touches.iter().skip(kept.touches.len().saturating_sub(WINDOW)));
         (self.waiting, self.verdict) = (kept.waiting, kept.verdict);
     }
 
-    /// Discards the touches, because they were measured with an older datum.
+    /// Discards the touches, because they were measured with an older datum (zero point).
     pub(super) fn begin(&mut self) {
         self.touches.clear();
         self.waiting = None;
     }
 
-    /// Discards touches and verdict.
+    /// Discards the touches and the verdict.
     pub(super) fn clear(&mut self) {
         self.begin();
         self.verdict = Verdict::NotWorse;
     }
 
-    /// Returns the figures of a model that is worse; `None` if it is not worse.
+    /// Returns the mean errors of a model that is worse than no compensation; `None` if the model is not worse.
     pub(super) fn worse(&self) -> Option<Worse> {
         if self.verdict == Verdict::NotWorse {
             return None;
@@ -140,7 +143,8 @@ impl Comparison {
         Some(Worse { touches: self.touches.len(), without: rms(sums.without), with: rms(sums.with) })
     }
 
-    /// Adds a touch. `scatter`: standard deviation σ of a touch, µm. Errors whose squares are not finite are discarded.
+    /// Adds a touch, and updates the verdict. `scatter`: standard deviation σ of a touch, µm. Errors whose squares are
+    /// not finite are discarded.
     pub(super) fn take(&mut self, touch: Touch, credit: Credit, scatter: f64) {
         if ![touch.without, touch.with].iter().all(|error| (error * error).is_finite()) {
             return;
@@ -198,13 +202,14 @@ impl Sums {
         self.with - self.without
     }
 
-    /// Returns whether Σe₁² exceeds Σe₀² by 10 % and by more than `by`.
+    /// Returns whether the sum with the model, Σe₁², exceeds the sum without compensation, Σe₀², by 10 % and by more
+    /// than `by`, µm².
     fn exceed(&self, by: f64) -> bool {
         self.with > CLEARLY * self.without && self.difference() > by
     }
 }
 
-/// Returns true if this touch confirms the waiting one: it agrees with it, or it is not accepted either and has the
+/// Returns whether this touch confirms the waiting one: it agrees with it, or it is not accepted either and has the
 /// same sign. The waiting touch was then not caused by a chip under the probe.
 fn confirms(touch: &Touch, credit: Credit, waiting: &Touch, scatter: f64) -> bool {
     let agrees = (touch.with - waiting.with).abs() <= AGREES * std::f64::consts::SQRT_2 * scatter;

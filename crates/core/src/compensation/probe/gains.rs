@@ -1,34 +1,35 @@
-//! The gains of a linear model, by recursive least squares with forgetting.
+//! Estimation of the gains of a linear model from probings, by recursive least squares with forgetting.
 //!
-//! The estimate is the relative error θ of each gain. φ is the part of a term in the model's Cz now. The correction
-//! should be `Σ θ·φ + b`. The offset b is estimated together with the gains, so that an error that does not move with
-//! the temperatures does not change them. The axis's own offset is filtered from the rest.
+//! The estimate is the relative error θ of each gain. φ is the contribution of each term to the model's present Cz. The
+//! correction should be `Σ θ·φ + b`. The offset b is estimated together with the gains, so that an error that does not
+//! change with the temperatures does not change the gains. The offset that corrects the axis is not b: it is filtered
+//! from the remaining error.
 //!
 //! ```text
 //! K = Pφ / (λσ² + φᵀPφ)     θ += K·(wanted − θᵀφ)     P = (P − K·φᵀP) / λ
 //! ```
 //!
 //! # Safety
-//! - θ stays inside ±limit, b inside the probe's limit.
-//! - Forgetting lets P grow if nothing is learned for a long time. P never grows beyond its start value. A row and its
-//!   column are shrunk together, which keeps P symmetric and positive.
+//! - θ stays inside ±limit, and b inside the limit of the probe's correction.
+//! - Forgetting lets P grow while no probings change the gains. P never grows beyond its start value. A row and its
+//!   column are reduced together, which keeps P symmetric and positive.
 //! - If a number is not finite or a variance is not positive, P is reset.
 
 use serde::{Deserialize, Serialize};
 
-/// Standard deviation of a probing, µm: the repeatability of a touch probe, and the effect of the surface.
+/// Standard deviation of a probing, µm: the repeatability of a touch probe and the effect of the surface.
 const SCATTER: f64 = 1.0;
 
-/// Estimate of the gains, with its covariance.
+/// Estimate of the relative error of each gain of a model, with its covariance.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Gains {
-    /// θ of each gain, then b.
+    /// Relative error θ of each gain, then the offset b in µm.
     estimate: Vec<f64>,
-    /// P, row by row.
+    /// Covariance P of the estimate, row by row.
     covariance: Vec<f64>,
-    /// Largest absolute value of each estimate. At the start it is taken as two standard deviations.
+    /// Largest absolute value of each number of the estimate. The start value of its standard deviation is half of it.
     bounds: Vec<f64>,
-    /// Buffers for φ and Pφ, so that learning allocates no memory.
+    /// Buffers for φ and Pφ, so that an update allocates no memory.
     #[serde(skip)]
     regressors: Vec<f64>,
     #[serde(skip)]
@@ -36,7 +37,8 @@ pub(super) struct Gains {
 }
 
 impl Gains {
-    /// Creates an estimate for `terms` gains, each inside ±`limit`, and an offset inside ±`offset_limit` µm.
+    /// Creates an estimate of zero for `terms` gains, each with a relative error inside ±`limit`, and an offset inside
+    /// ±`offset_limit` µm.
     pub(super) fn new(terms: usize, limit: f64, offset_limit: f64) -> Gains {
         let bounds: Vec<f64> = (0..terms).map(|_| limit).chain([offset_limit]).collect();
         let mut gains = Gains { estimate: vec![0.0; terms + 1], bounds, ..Gains::default() };
@@ -52,8 +54,8 @@ impl Gains {
         self.product.resize(size, 0.0);
     }
 
-    /// Returns the kept estimate, inside the bounds of `fresh`. Returns `fresh` itself if the shape differs or a number
-    /// is not finite.
+    /// Returns this saved estimate, clamped to the bounds of `fresh`. Returns `fresh` itself if the number of gains
+    /// differs or a number is not finite.
     pub(super) fn restored(self, fresh: Gains) -> Gains {
         let size = fresh.bounds.len();
         let finite = self.estimate.iter().chain(&self.covariance).all(|number| number.is_finite());
@@ -72,12 +74,13 @@ impl Gains {
         gains
     }
 
-    /// Returns θ: the estimated relative error of each gain.
+    /// Returns the estimated relative error θ of each gain.
     pub(super) fn factors(&self) -> &[f64] {
         self.estimate.split_last().map_or(&[], |(_, factors)| factors)
     }
 
-    /// Returns Σ θ·φ, µm.
+    /// Returns the change of Cz by the estimated errors of the gains, µm. `parts`: contribution of each term to the
+    /// model's Cz, µm.
     pub(super) fn change(&self, parts: impl Iterator<Item = f64>) -> f64 {
         self.factors().iter().zip(parts).map(|(factor, part)| factor * part).sum()
     }
@@ -135,7 +138,7 @@ impl Gains {
         }
     }
 
-    /// Sets the offset. Its variance is reset.
+    /// Sets the offset, µm, and resets its variance.
     pub(super) fn begin_at(&mut self, offset: f64) {
         let size = self.bounds.len();
         let last = size - 1;
@@ -153,7 +156,7 @@ impl Gains {
     }
 }
 
-/// Returns the variance of an unknown value within ±`bound`, taken as two standard deviations.
+/// Returns the variance of an unknown value between −`bound` and +`bound`: `bound` is taken as two standard deviations.
 fn variance_within(bound: f64) -> f64 {
     (0.5 * bound).powi(2)
 }

@@ -1,4 +1,5 @@
-//! Learned correction of one model: an offset, its certainty, and the gains of its terms if the profile allows it.
+//! Correction of one model from probings: an offset, its certainty, and corrections of the gains of its terms if the
+//! profile allows them.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,22 +10,23 @@ use crate::compensation::model::{Model, Reference};
 use crate::compensation::settings::ProbeSettings;
 use crate::quantity::{Micron, Moment, shifted};
 
-/// Learned correction of one model.
+/// Correction of one model from probings.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(in crate::compensation) struct Learned {
     /// Name of the model.
     model: String,
-    /// Offset and gains of the model in the profile.
+    /// Offset and gains of the model in the profile for which the correction was found.
     corrects: Vec<f64>,
-    /// Learned offset, µm, inside ±limit.
+    /// Offset that corrects the model's Cz, µm, inside ±limit.
     pub(super) offset: f64,
     #[serde(default = "Certainty::uncounted")]
     pub(super) certainty: Certainty,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) gains: Option<Gains>,
-    /// Earliest time at which a running capture of the model's reference is complete; `None` if none is running.
+    /// Earliest time at which a running capture of a reference of the model is complete; `None` if no capture is
+    /// running.
     pub(super) renews: Option<Moment>,
-    /// Comparison of the model with no compensation.
+    /// Comparison of the model with no compensation, from the last probings.
     #[serde(default, skip_serializing_if = "Comparison::is_empty")]
     pub(super) comparison: Comparison,
 }
@@ -41,7 +43,8 @@ impl Learned {
         Learned { model, corrects, gains, comparison, ..Learned::default() }
     }
 
-    /// Restores what was kept of this model with these gains, within the present bounds.
+    /// Restores the saved correction of this model, if its offset and gains in the profile are the same. The correction
+    /// is clamped to the present bounds.
     pub(super) fn recall(&mut self, kept: &[Learned], settings: &ProbeSettings) {
         let is_same = |kept: &&Learned| kept.model == self.model && kept.corrects == self.corrects;
         let Some(kept) = kept.iter().find(is_same) else { return };
@@ -55,8 +58,8 @@ impl Learned {
         }
     }
 
-    /// Returns the correction of the model's Cz, µm, inside ±limit. `parts`: contribution of each gain to the model's
-    /// Cz now.
+    /// Returns the correction of the model's Cz, µm, inside ±limit. `parts`: present contribution of each term to the
+    /// model's Cz, µm.
     pub(in crate::compensation) fn correction(
         &self,
         parts: impl Iterator<Item = f64>,
@@ -68,10 +71,10 @@ impl Learned {
         if total.is_nan() { 0.0 } else { total.clamp(-limit, limit) }
     }
 
-    /// Checks whether a correction of `wanted` µm is accepted.
+    /// Checks whether the model accepts a probing that demands a correction of `wanted` µm.
     ///
     /// # Errors
-    /// Returns the largest deviation that would be accepted at once.
+    /// Returns the largest deviation from the present correction that would be accepted at once.
     pub(in crate::compensation) fn assess(
         &self,
         wanted: f64,
@@ -82,7 +85,8 @@ impl Learned {
         self.certainty.assess(wanted - self.correction(parts, settings), settings.filter, occasion)
     }
 
-    /// Learns that the correction should have been `wanted` µm, or doubts it.
+    /// Updates the correction with a probing that demands a correction of `wanted` µm. If the probing is not accepted,
+    /// it is only stored as doubted.
     pub(in crate::compensation) fn learn(
         &mut self,
         wanted: f64,
@@ -104,13 +108,13 @@ impl Learned {
         self.offset = if offset.is_nan() { self.offset } else { offset };
     }
 
-    /// Returns the time of the last accepted probing. `None` if there is none, or if the limit keeps the offset from
-    /// its learned value.
+    /// Returns the time of the last accepted probing. `None` if there is none, or if the offset has reached its limit
+    /// and may be too small.
     pub(in crate::compensation) fn touched(&self, settings: &ProbeSettings) -> Option<Moment> {
         self.certainty.touched().filter(|_| self.offset.abs() < settings.limit.get())
     }
 
-    /// Notes that a reference of the model is captured again.
+    /// Records that a reference of the model is being captured again, until `complete` at the earliest.
     pub(in crate::compensation) fn renew(&mut self, complete: Moment) {
         self.renews = Some(complete);
     }
@@ -119,12 +123,13 @@ impl Learned {
         self.renews.is_some_and(|complete| now >= complete)
     }
 
-    /// Returns the earliest time at which a running capture is complete; `None` if none is running.
+    /// Returns the earliest time at which a running capture of a reference is complete; `None` if no capture is
+    /// running.
     pub(in crate::compensation) fn renewal(&self) -> Option<Moment> {
         self.renews
     }
 
-    /// Sets the correction to zero at this point. The gains are kept.
+    /// Makes the correction zero at the present inputs, by a new offset. The corrections of the gains stay.
     pub(in crate::compensation) fn begin_here(
         &mut self,
         parts: impl Iterator<Item = f64>,
@@ -140,7 +145,7 @@ impl Learned {
         }
     }
 
-    /// Adds the errors of a probing to the comparison: without compensation, and with the model.
+    /// Adds the errors of a probing, without compensation and with the model, to the comparison.
     pub(in crate::compensation) fn compare(
         &mut self,
         touch: Touch,
@@ -150,7 +155,7 @@ impl Learned {
         self.comparison.take(touch, credit, settings.scatter());
     }
 
-    /// Returns the comparison of a model that is worse than no compensation; `None` if it is not worse.
+    /// Returns the comparison with no compensation if the model is worse; `None` if the model is not worse.
     pub(in crate::compensation) fn worse(&self) -> Option<Worse> {
         self.comparison.worse()
     }
@@ -169,7 +174,7 @@ impl Learned {
 }
 
 impl Model {
-    /// Returns whether a rise of the model is measured from this captured reference.
+    /// Returns whether an input of the model is measured from this kind of reference.
     pub(in crate::compensation) fn is_measured_from(&self, reference: Reference) -> bool {
         self.references().any(|known| known == reference)
     }

@@ -1,16 +1,16 @@
-//! Reports of measured errors from other programs, and how a repeated report is recognised.
+//! Reports of measured errors from other programs, and the detection of repeated reports.
 //!
-//! A broker delivers a message at least once, and a sender repeats a message without an answer. Two reports that agree
-//! count as two measurements. Therefore each measurement may count only once:
+//! A broker may deliver a message more than once, and a sender repeats a message if it gets no answer. Two reports that
+//! agree count as two measurements. Therefore a repetition must be recognised:
 //!
-//! | the report has | it repeats a report that was taken if |
+//! | the report has | it repeats an earlier report if |
 //! |---|---|
 //! | `id` | the id is the same |
 //! | `time` | time and error are the same |
 //! | neither | the broker marks it as delivered again, or the same error arrived less than 10 s ago |
 //!
-//! A measurement from before the axis's datum is rejected, because Cz is counted from that datum. A measurement from
-//! the future is rejected, too.
+//! A measurement from before the datum (last zero point of Cz) of the axis is rejected, because Cz is measured from
+//! that datum. A measurement with a time in the future is rejected too.
 
 use std::fmt;
 use std::time::Duration;
@@ -19,13 +19,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::quantity::{Moment, Shift, Shifted, shifted, time};
 
-/// Number of reports that are remembered for each axis: two and a half days with one in each hour.
+/// Number of reports that are stored for each axis: two and a half days with one in each hour.
 const KEPT: usize = 64;
-/// Time within which an equal error is the same measurement, if neither report has an `id` or a `time`.
+/// Time within which an equal error counts as the same measurement, if the new report has neither `id` nor `time`.
 const REPEATED_WITHIN: Duration = Duration::from_secs(10);
-/// Accepted lead of a sender's clock.
+/// Largest accepted time by which the clock of a sender is ahead of this computer's clock.
 const AHEAD: Duration = Duration::from_secs(10);
-/// Difference below which errors are equal, µm. One of them may have passed through a number of 32 bits.
+/// Difference below which two errors count as equal, µm. One of them may have been rounded to a float of 32 bits.
 const EQUAL_WITHIN: f64 = 1e-4;
 /// Maximum length of an `id`.
 const LONGEST_ID: usize = 64;
@@ -33,13 +33,13 @@ const LONGEST_ID: usize = 64;
 /// Measured error of an axis as a sender reports it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MeasuredReport {
-    /// Actual minus commanded position, µm, while the compensation acts.
+    /// Measured error: actual minus commanded position while the compensation acts, µm.
     pub error_um: f64,
-    /// Time of the measurement by the wall clock; `None` if the report has none.
+    /// Wall-clock time of the measurement; `None` if the report has none.
     pub time: Option<Moment>,
     /// Name that the sender has given to this measurement; `None` if the report has none.
     pub id: Option<String>,
-    /// The broker has delivered this message before.
+    /// Whether the broker has marked this message as delivered again.
     pub redelivered: bool,
 }
 
@@ -47,26 +47,26 @@ impl MeasuredReport {
     /// Creates a report with the `time` and the `id` of the measurement as text.
     ///
     /// # Errors
-    /// Returns a message that says how to write the wrong text. It contains nothing of the report.
+    /// Returns a message that says how to write `time` or `id`. It contains nothing of the report.
     pub fn new(error_um: f64, time: Option<&str>, id: Option<&str>) -> Result<MeasuredReport, String> {
         let time = time.map(MeasuredReport::time).transpose()?;
         let id = id.map(MeasuredReport::id).transpose()?;
         Ok(MeasuredReport { error_um, time, id, redelivered: false })
     }
 
-    /// Parses a `time`.
+    /// Parses the `time` of a report.
     ///
     /// # Errors
-    /// Returns a message that says how to write it.
+    /// Returns a message that says how to write a `time`.
     pub fn time(text: &str) -> Result<Moment, String> {
         let hint = "write `time` as 2026-01-31T12:00:00Z, with Z or the offset from UTC at its end";
         time::parse(text).map_err(|_| hint.to_owned())
     }
 
-    /// Parses an `id`.
+    /// Parses the `id` of a report.
     ///
     /// # Errors
-    /// Returns a message that says how to write it.
+    /// Returns a message that says how to write an `id`.
     pub fn id(text: &str) -> Result<String, String> {
         let is_fit =
             (1..=LONGEST_ID).contains(&text.len()) && text.bytes().all(|byte| byte.is_ascii_graphic());
@@ -81,7 +81,7 @@ impl MeasuredReport {
     }
 }
 
-/// Report of an error without `time` and `id`.
+/// Creates a report of an error in µm, without `time` and `id`.
 impl From<f64> for MeasuredReport {
     fn from(error_um: f64) -> MeasuredReport {
         MeasuredReport { error_um, ..MeasuredReport::default() }
@@ -96,24 +96,24 @@ impl fmt::Display for MeasuredReport {
     }
 }
 
-/// Reason why a report is rejected before its error is judged. All times are by the wall clock.
+/// Reason why a report is rejected before its error is judged. All times are wall-clock times.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Rejected {
-    /// A report with this `id` was taken.
+    /// A report with this `id` was used before.
     SameId(String),
-    /// A report with this `time` and the same error was taken.
+    /// A report with this `time` and the same error was used before.
     SameTime(Moment),
     /// The broker has delivered the report again, and it has neither `time` nor `id`.
     Redelivered,
-    /// An equal error arrived this long ago, and the report has neither `time` nor `id`.
+    /// An equal error arrived this short time ago, and the report has neither `time` nor `id`.
     SameError(Duration),
-    /// The report is older than all remembered ones, so it may have been taken already.
+    /// The report is older than all stored reports, so it may have been used before.
     Forgotten(Moment),
-    /// The report was measured before the datum of the axis.
+    /// The report was measured before the datum (last zero point of Cz) of the axis.
     BeforeDatum {
         /// `time` of the report.
         time: Moment,
-        /// Time at which the datum was taken.
+        /// Time at which the datum was captured.
         datum: Moment,
     },
     /// The `time` of the report is in the future.
@@ -154,25 +154,26 @@ impl fmt::Display for Rejected {
                 "the measurement of {time} may have been accepted before: {KEPT} others were accepted after \
                  it; measure again"
             ),
-            Rejected::BeforeDatum { time, datum } => {
-                write!(f, "the measurement of {time} is older than the datum of {datum}; measure again")
-            }
+            Rejected::BeforeDatum { time, datum } => write!(
+                f,
+                "the measurement of {time} is older than the datum (zero point) of {datum}; measure again"
+            ),
             Rejected::Ahead { time, now } => write!(
                 f,
-                "its `time` {time} is in the future: the clock of this computer shows {now}; set the clock \
-                 that is wrong, or leave `time` out"
+                "the `time` {time} of the measurement is in the future: the clock of this computer shows \
+                 {now}; set the clock that is wrong, or leave `time` out"
             ),
         }
     }
 }
 
-/// Report that was taken.
+/// Report that was used, stored to recognise a repetition.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct TakenReport {
-    /// Counted time of its last arrival.
+    /// Time of the report's last arrival, by the monotonic time of the gateway.
     at: Moment,
     error_um: f64,
-    /// Time of the sender. A correction of this computer's clock does not change it.
+    /// Time of the measurement by the sender's clock. A correction of this computer's clock does not change it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     time: Option<Moment>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -181,7 +182,7 @@ pub(super) struct TakenReport {
 
 shifted!(TakenReport: at);
 
-/// Reports that were taken last, by their last arrival, oldest first.
+/// Reports that were used last, in the order of their last arrival, oldest first.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(in crate::compensation) struct TakenReports(Vec<TakenReport>);
 
@@ -192,7 +193,7 @@ impl Shifted for TakenReports {
 }
 
 impl TakenReports {
-    /// Keeps only the newest reports, as many as are remembered.
+    /// Removes the oldest reports if there are more than [`KEPT`].
     pub(super) fn newest(mut self) -> TakenReports {
         let forgotten = self.0.len().saturating_sub(KEPT);
         self.0.drain(..forgotten);
@@ -203,8 +204,9 @@ impl TakenReports {
         self.0.is_empty()
     }
 
-    /// Checks whether a report that arrives at `now` is a new measurement since the `datum`. `shift` converts counted
-    /// time to wall-clock time. A repeated report is remembered from `now` on, so that no number of repetitions counts.
+    /// Checks whether a report that arrives at `now` is a new measurement since the zero point `datum`. `shift`
+    /// converts a [`Moment`] to wall-clock time. The arrival of a repeated report is stored, so that any number of
+    /// repetitions is rejected.
     ///
     /// # Errors
     /// Returns why the report is rejected.
@@ -246,7 +248,7 @@ impl TakenReports {
         }
     }
 
-    /// Remembers a report that was taken.
+    /// Stores a report that was used. A repetition of it is then rejected.
     pub(in crate::compensation) fn take(&mut self, report: MeasuredReport, now: Moment) {
         if self.0.len() >= KEPT {
             self.0.remove(0);
@@ -257,7 +259,7 @@ impl TakenReports {
 }
 
 impl TakenReport {
-    /// Returns whether a report that arrives at `now` is of the same measurement.
+    /// Returns whether a report that arrives at `now` is about the same measurement.
     fn is_same(&self, report: &MeasuredReport, now: Moment) -> bool {
         let is_equal = (self.error_um - report.error_um).abs() < EQUAL_WITHIN;
         let has_same_id = report.id.is_some() && self.id == report.id;

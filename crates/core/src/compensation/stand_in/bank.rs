@@ -1,4 +1,5 @@
-//! Inputs of the predictions: the lag of each input of the bank, and the mean of its rise in the minute.
+//! Inputs of the predictions of sensors (the bank): for each input its lag, and the mean of its rise in the current
+//! minute.
 
 use std::time::Duration;
 
@@ -10,38 +11,39 @@ use crate::compensation::model::{Envelope, Inputs, Lag};
 use crate::compensation::reference::{Machine, Reference};
 use crate::quantity::{Moment, shifted};
 
-/// Time constants after which the start value of a lag counts for less than a hundredth. A lag that began on a warm
-/// machine is then settled.
+/// Number of time constants after which the start value of a lag has a weight of less than a hundredth. A lag that
+/// began on a warm machine is then settled.
 const FORGOTTEN: u32 = 5;
-/// Tolerated share of its range by which a predictor may be beyond it. The count of a sensor and the rounding of a file
-/// are less.
+/// Tolerated distance of a predictor from its range, as a share of the range's width. It is larger than one count of a
+/// sensor and the rounding of a file.
 pub(super) const EDGE: f64 = 0.01;
-/// Tolerated share of its range for a predicted sensor, and for the rise of a lagged predictor. A slow lag returns long
-/// after its sensor. It is also tolerated for a predictor whose prediction is only the base of later comparisons.
+/// Tolerated distance of a predicted sensor, or of the rise of a lagged predictor, from its range, as a share of the
+/// range's width. It is large because a slow lag returns long after its sensor. It also applies to a predictor whose
+/// prediction is only the start of later comparisons.
 pub(super) const FAR: f64 = 0.10;
 
-/// State of one input of the bank.
+/// State of one input of the predictions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct BankInput {
     #[serde(rename = "lagged")]
     pub(super) lag: Lag,
-    /// Time at which the lag is settled. Before it the lag is not used, because it began on a running machine.
+    /// Time at which the lag is settled. The lag is not used before, because it began on a running machine.
     #[serde(default)]
     pub(super) ready: Moment,
-    /// Mean of the sensor's own rise in this minute.
+    /// Mean of the rise from the sensor's own readings in this minute.
     #[serde(default)]
     pub(super) own: Mean,
     /// Mean of the rise of the sensor's stand-in in this minute.
     #[serde(default)]
     pub(super) lent: Mean,
-    /// The input is beyond the range on which the model was identified.
+    /// Whether the input is beyond the range on which the model was identified.
     #[serde(default)]
     pub(super) beyond: bool,
 }
 
 shifted!(BankInput: lag, ready);
 
-/// Mean of the values so far.
+/// Mean of a number of values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Mean {
     sum: f64,
@@ -49,12 +51,13 @@ pub(super) struct Mean {
 }
 
 impl Mean {
-    /// Returns the mean; `None` if it has no values.
+    /// Returns the mean; `None` if there are no values.
     fn get(self) -> Option<f64> {
         (self.count > 0).then(|| self.sum / f64::from(self.count))
     }
 
-    /// Adds a value. A profile without ranges may accept readings of 1e308; a sum that is not finite is discarded.
+    /// Adds a value. A value that makes the sum infinite is ignored: a profile without ranges may accept readings of
+    /// 1e308.
     fn take(&mut self, value: f64) {
         let sum = self.sum + value;
         if sum.is_finite() {
@@ -64,7 +67,7 @@ impl Mean {
 }
 
 impl BankInput {
-    /// Updates lag and means with the readings as the model uses them. An unknown reading changes nothing.
+    /// Updates the lag and the means with the snapshot as the model uses it. An unknown reading changes nothing.
     pub(super) fn follow(&mut self, predictor: &Predictor, seen: &Snapshot<'_>, machine: &Machine) {
         let input = &predictor.input;
         let was_there = self.lag.kept().is_some();
@@ -82,8 +85,8 @@ impl BankInput {
         (if is_own { &mut self.own } else { &mut self.lent }).take(rise.get());
     }
 
-    /// Checks whether the input is beyond the range in the model's envelope, or its rise in this minute far beyond.
-    /// That state ends when both are inside.
+    /// Updates `beyond`. It becomes true if the input is beyond its range in the model's envelope, or its rise in this
+    /// minute is far beyond. It becomes false when both are inside.
     pub(super) fn check_bank_range(
         &mut self,
         predictor: &Predictor,
@@ -96,13 +99,14 @@ impl BankInput {
         self.beyond = is_beyond || late.is_some_and(|late| late > FAR);
     }
 
-    /// Returns whether neither the input nor its rise in this minute is far beyond the range.
+    /// Returns whether neither the input nor its rise in this minute is far beyond its range.
     pub(super) fn is_near(&self, predictor: &Predictor, envelope: &Envelope, inputs: &Inputs<'_>) -> bool {
         let (now, late) = self.beyond_range(predictor, envelope, inputs);
         now.into_iter().chain(late).all(|share| share <= FAR)
     }
 
-    /// Returns by which share of its range the input is beyond it now, and its rise in this minute. `None` if unknown.
+    /// Returns the distances of the input, and of its rise in this minute, from the range, as shares of the range's
+    /// width. `None` if a distance is unknown.
     fn beyond_range(
         &self,
         predictor: &Predictor,
@@ -114,8 +118,8 @@ impl BankInput {
         (envelope.beyond_range(predictor.input.signal, inputs), late)
     }
 
-    /// Returns the rise in this minute, and whether it comes from a stand-in; `None` if there is none. `frozen`: the
-    /// sensor's own readings are not used.
+    /// Returns the mean rise in this minute, and whether it comes from a stand-in; `None` if there is none, or the lag
+    /// is not settled. `frozen`: the sensor's own readings are not used.
     pub(super) fn rise(&self, frozen: bool, now: Moment) -> Option<(f64, bool)> {
         let own = self.own.get().filter(|_| !frozen).map(|rise| (rise, false));
         own.or_else(|| Some((self.lent.get()?, true))).filter(|_| now >= self.ready)

@@ -1,4 +1,4 @@
-//! State of one watched sensor.
+//! State of one sensor that a watch checks.
 
 use std::time::Duration;
 
@@ -6,62 +6,64 @@ use serde::{Deserialize, Serialize};
 
 use crate::quantity::{Moment, Shift, Shifted, shifted};
 
-/// Minimum time without a change before a reading is suspected, and minimum duration of a loss that must be checked.
+/// Shortest time without a change after which a reading may be suspected. A loss of the sensor that lasts as long
+/// requires a check of its readings afterwards.
 const SHORT: Duration = Duration::from_secs(3 * 60);
-/// Number of minutes in a row, with a predicted motion that the reading lacks, until a sensor is suspected. Other
-/// sensors may be one or two minutes ahead.
+/// Number of consecutive minutes with a predicted change that the reading does not show, after which a sensor is
+/// suspected. Other sensors may react one or two minutes earlier.
 const MISSED: u8 = 3;
-/// Time for which a sensor must agree with its prediction before it is accepted again. A sensor that is back without a
-/// prediction waits equally long.
+/// Time for which a reading must agree with its prediction before the sensor is accepted again. After a loss, a sensor
+/// without a prediction waits equally long.
 const AGREES_FOR: Duration = Duration::from_secs(3600);
-/// Time for which the last prediction is used for a frozen sensor while a predictor is missing.
+/// Time for which the last prediction still replaces a frozen sensor while a predictor is missing.
 const BRIDGED: Duration = Duration::from_secs(10 * 60);
 
-/// State of one sensor.
+/// State of one sensor: its reading, its prediction, and whether it is accepted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Sensor {
     standing: SensorState,
-    /// Last good reading. `read` is its time.
+    /// Last good reading, from the time `read`.
     reading: Option<f64>,
     read: Moment,
     /// Time at which the reading last changed.
     changed: Moment,
-    /// y: reading from which the value is counted; `None` if it is unknown.
+    /// Reading y to which the predicted change is added; `None` if it is unknown.
     from: Option<f64>,
-    /// x̂ at that reading.
+    /// Predicted rise x̂ at the reading `from`.
     base: Option<f64>,
-    /// `from` and `base` belong to an unproven reading, because the machine started without a reading.
+    /// Whether `from` and `base` belong to a reading that is not accepted yet, because the machine started without a
+    /// reading.
     #[serde(default)]
     tentative: bool,
-    /// x̂ of the last minute; `None` if there was no prediction.
+    /// Predicted rise x̂ of the last minute; `None` if there was no prediction.
     predicted: Option<Predicted>,
-    /// The last prediction is not used because a sensor was beyond its range.
+    /// Whether the last prediction is not used, because a sensor was beyond its range.
     #[serde(default)]
     outside: bool,
-    /// Last x̂ that could be used as a stand-in.
+    /// Last predicted rise x̂ that could be used as a stand-in; `None` if there is none.
     #[serde(default)]
     last: Option<TimedPrediction>,
     #[serde(flatten)]
     recovery: Recovery,
-    /// Number of minutes in a row with a predicted motion that the reading lacks.
+    /// Number of consecutive minutes with a predicted change that the reading does not show.
     #[serde(default)]
     missed: u8,
-    /// The reading is counted from a new start, which the shadows have not taken over yet.
+    /// Whether the reading has changed and the shadows have not been set to the lags yet.
     #[serde(default)]
     pub(super) renewed: bool,
 }
 
-/// Recovery of a sensor that was frozen or lost. Its keys are those of the sensor in the serialised form.
+/// Recovery of a sensor that was frozen or lost. In the serialised form, its keys are among those of the sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Recovery {
-    /// The reading has changed since the sensor froze, or is back after a loss.
+    /// Whether the reading has changed since the sensor froze, or is back after a loss.
     moved: bool,
-    /// Time since which the reading agrees with the prediction again.
+    /// Time since which the reading agrees with the prediction again; `None` if it does not.
     agrees: Option<Moment>,
-    /// A prediction was present for minutes while the sensor was lost.
+    /// Whether there was a prediction during the loss of the sensor, after its first three minutes.
     #[serde(default)]
     was_predicted: bool,
-    /// Time since which the sensor is back without a prediction to check it.
+    /// Time since which the sensor has had readings again without a prediction to check them; `None` if this is not so.
     #[serde(default)]
     unproven: Option<Moment>,
 }
@@ -71,16 +73,17 @@ struct Recovery {
 pub(super) struct Predicted {
     /// Predicted rise since machine start.
     pub(super) rise: f64,
-    /// At least one predictor has a stand-in itself. Such a prediction is only used to find a frozen sensor.
+    /// Whether at least one predictor is itself replaced by a stand-in. Such a prediction is only used to detect a
+    /// frozen sensor.
     pub(super) lent: bool,
-    /// All predictors have an accepted reading now.
+    /// Whether all predictors have an accepted reading now.
     pub(super) present: bool,
-    /// The value that would replace the reading is inside the range of the sensor.
+    /// Whether the value that would replace the reading is inside the range of the sensor.
     #[serde(default = "yes")]
     pub(super) inside: bool,
 }
 
-/// Default of `inside` for a kept state without it.
+/// Returns the value of `inside` for a saved state without it.
 fn yes() -> bool {
     true
 }
@@ -88,30 +91,30 @@ fn yes() -> bool {
 /// Prediction of the minute that has ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Prediction {
-    /// All predictors had a value.
+    /// All predictors had a value. Contains the prediction.
     Known(Predicted),
     /// At least one predictor had no value.
     Missing,
-    /// A predictor is beyond the range on which the model was identified, or the sensor is far beyond it. Contains the
-    /// predicted rise if nothing is far beyond.
+    /// A predictor is beyond the range on which the model was identified, or the sensor is far beyond its own. Contains
+    /// the predicted rise if nothing is far beyond.
     Outside(Option<f64>),
 }
 
-/// Prediction that could be used as a stand-in, and its time.
+/// Predicted rise that could be used as a stand-in, and its time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct TimedPrediction {
     rise: f64,
     at: Moment,
 }
 
-/// State of a sensor in the stuck test.
+/// Result of the detection of frozen and lost sensors, for one sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum SensorState {
     /// The reading is accepted.
     #[default]
     Live,
-    /// The reading has been constant since this time, and should have changed. It is still used.
+    /// The reading has been constant since this time, although a change was predicted. The reading is still used.
     Suspected(Moment),
     /// The reading has been constant since this time, and a stand-in replaces it.
     Frozen(Moment),
@@ -119,20 +122,20 @@ enum SensorState {
     Lost(Moment),
 }
 
-/// Result of a minute for a sensor.
+/// Result of judging a sensor at the end of a minute.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Verdict {
-    /// The state has not changed.
+    /// The minute does not cause the sensor to be accepted again.
     AsBefore,
-    /// The sensor is accepted again.
+    /// The sensor is accepted again. Contains the estimate of its reading at machine start, if there is one.
     Accepted(Option<StartEstimate>),
 }
 
-/// Estimated reading of a sensor at machine start, when it could not be read.
+/// Estimated reading of a sensor at a machine start at which it could not be read.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::compensation) struct StartEstimate {
     pub(in crate::compensation) value: f64,
-    /// References that were captured since this time are invalid.
+    /// Time since which the sensor was rejected. References that were captured after it are invalid.
     pub(in crate::compensation) rejected_since: Moment,
 }
 
@@ -153,8 +156,8 @@ impl Sensor {
         self.standing == SensorState::Live
     }
 
-    /// Returns since when the sensor is rejected, and whether it is suspected or frozen (`true`) or lost (`false`).
-    /// `None` if it is accepted.
+    /// Returns the time since which the sensor is rejected, and `true` if it is suspected or frozen, `false` if it is
+    /// lost. `None` if the sensor is accepted.
     pub(super) fn rejected(&self) -> Option<(Moment, bool)> {
         match self.standing {
             SensorState::Live => None,
@@ -163,29 +166,29 @@ impl Sensor {
         }
     }
 
-    /// Returns whether the reading has been constant for too long and is still used.
+    /// Returns whether the sensor is suspected: its reading has been constant for too long, and is still used.
     pub(super) fn is_suspected(&self) -> bool {
         matches!(self.standing, SensorState::Suspected(_))
     }
 
-    /// Returns whether the reading has been constant for too long and a stand-in replaces it.
+    /// Returns whether the sensor is frozen: its reading has been constant for too long, and a stand-in replaces it.
     pub(super) fn is_frozen(&self) -> bool {
         matches!(self.standing, SensorState::Frozen(_))
     }
 
-    /// Returns whether the reading has been constant for too long. Such a reading predicts no other sensor.
+    /// Returns whether the sensor is suspected or frozen. Its reading is then not used to predict another sensor.
     pub(super) fn is_doubted(&self) -> bool {
         self.is_suspected() || self.is_frozen()
     }
 
-    /// Replaces a suspected sensor by its stand-in from now on.
+    /// Marks a suspected sensor as frozen: from now on, its stand-in replaces it.
     pub(super) fn substitute(&mut self) {
         if let SensorState::Suspected(since) = self.standing {
             self.standing = SensorState::Frozen(since);
         }
     }
 
-    /// Uses the reading of a frozen sensor again, because it has no stand-in any more.
+    /// Marks a frozen sensor as suspected, because it has no stand-in any more. Its reading is used again.
     pub(super) fn suspect(&mut self) {
         if let SensorState::Frozen(since) = self.standing {
             (self.standing, self.recovery.moved, self.recovery.agrees) =
@@ -193,13 +196,12 @@ impl Sensor {
         }
     }
 
-    /// Returns whether the last prediction is not used because a sensor was beyond its range.
+    /// Returns whether the last prediction is not used, because a sensor was beyond its range.
     pub(super) fn is_outside(&self) -> bool {
         self.outside
     }
 
-    /// Returns whether the sensor has a good reading at this moment. The reading must have been passed to `check`
-    /// before.
+    /// Returns whether the sensor has a good reading at `now`. `check` must have processed the reading before.
     pub(super) fn reads(&self, now: Moment) -> bool {
         self.reading.is_some() && self.read == now
     }
@@ -209,20 +211,22 @@ impl Sensor {
         self.changed
     }
 
-    /// Returns the rise of the stand-in; `None` if there is no stand-in. For a frozen sensor, the last prediction is
-    /// used while a sensor is beyond its range. It is also used for some minutes while a predictor is missing.
+    /// Returns the predicted rise that the stand-in uses; `None` if there is no stand-in. For a frozen sensor, the last
+    /// prediction is used while a sensor is beyond its range. It is also used for ten minutes while a predictor is
+    /// missing.
     pub(super) fn stand_in(&self, now: Moment) -> Option<f64> {
         let serves =
             |last: &TimedPrediction| self.is_frozen() && (self.outside || now.since(last.at) < BRIDGED);
         self.said().or_else(|| Some(self.last.filter(serves)?.rise))
     }
 
-    /// Returns the rise that the last minute predicts, if it may be used as a stand-in.
+    /// Returns the rise that was predicted in the last minute, if it may be used as a stand-in; else `None`.
     pub(super) fn said(&self) -> Option<f64> {
         self.predicted.and_then(Predicted::fit)
     }
 
-    /// Returns the value of the sensor for this predicted rise; `None` if its start is unknown or unproven.
+    /// Returns the value of the sensor for this predicted rise; `None` if the reading from which the change is counted
+    /// is unknown or not accepted.
     pub(super) fn value(&self, rise: f64) -> Option<f64> {
         self.expected(rise).filter(|_| !self.tentative)
     }
@@ -231,18 +235,18 @@ impl Sensor {
         self.from.zip(self.base).map(|(from, base)| from + rise - base)
     }
 
-    /// Returns the value that a shadow follows: the prediction since the last change of the reading. `None` if there is
-    /// none.
+    /// Returns the value that the shadow of a lag follows: the last reading plus the predicted change since then.
+    /// `None` if there is no prediction.
     pub(super) fn shadowed(&self) -> Option<f64> {
         self.value(self.predicted?.rise)
     }
 
-    /// Discards the prediction after a pause of the checks.
+    /// Discards the present prediction after a pause of the checks.
     pub(super) fn pause(&mut self) {
         (self.predicted, self.recovery.agrees) = (None, None);
     }
 
-    /// Discards all predictions after a time without the gateway.
+    /// Discards all predictions after a time in which the gateway did not run.
     pub(super) fn away(&mut self) {
         self.pause();
         self.last = None;
@@ -282,7 +286,7 @@ impl Sensor {
         }
     }
 
-    /// Accepts the sensor, and counts its reading from here.
+    /// Marks the sensor as accepted. Predicted changes are counted from this reading.
     fn begin(&mut self, value: f64, now: Moment) {
         *self = Sensor {
             reading: Some(value),
@@ -295,7 +299,8 @@ impl Sensor {
         };
     }
 
-    /// Takes the prediction of the last minute, and returns whether the sensor is accepted again.
+    /// Processes the prediction of the last minute. Returns whether the sensor is accepted again. `threshold`: largest
+    /// difference of reading and prediction that agree, °C.
     pub(super) fn assess(
         &mut self,
         prediction: Prediction,
@@ -357,7 +362,7 @@ impl Sensor {
         Verdict::AsBefore
     }
 
-    /// Judges a sensor without a prediction. A lost sensor is accepted after it has been back for an hour.
+    /// Judges a sensor without a prediction. A lost sensor is accepted after it has had readings for an hour.
     fn assess_unpredicted(&mut self, reading: Option<f64>, now: Moment) -> Verdict {
         let back = reading.filter(|_| self.is_lost() && self.recovery.moved);
         let Some(reading) = back else {
@@ -370,15 +375,15 @@ impl Sensor {
         Verdict::Accepted(self.accept(reading, now))
     }
 
-    /// Accepts the sensor because the operator has checked it. `None` if it was accepted already, or has no reading
-    /// now.
+    /// Accepts the sensor because the operator has checked it. Returns `None`, and does nothing, if it was accepted
+    /// already or has no reading now.
     pub(super) fn trust(&mut self, now: Moment) -> Option<Verdict> {
         let reading = self.reading.filter(|_| !self.is_live() && self.reads(now))?;
         Some(Verdict::Accepted(self.accept(reading, now)))
     }
 
-    /// Accepts the sensor again. Returns its predicted beginning; `None` if its reading has been constant or is not
-    /// predicted.
+    /// Accepts the sensor again. Returns the estimate of its reading at machine start; `None` if its reading has not
+    /// changed since it was rejected, or is not predicted.
     fn accept(&mut self, reading: f64, now: Moment) -> Option<StartEstimate> {
         let (since, _) = self.rejected()?;
         let rise = self.said().filter(|_| self.recovery.moved);
@@ -386,7 +391,8 @@ impl Sensor {
         Some(StartEstimate { value: reading - rise?, rejected_since: since })
     }
 
-    /// Counts rises from zero after a machine start. The beginning of a rejected sensor is unknown.
+    /// Handles a machine start, from which all rises are counted. The start reading of a sensor that is not accepted is
+    /// unknown.
     pub(super) fn started(&mut self, now: Moment) {
         let is_accepted = match self.standing {
             SensorState::Live | SensorState::Suspected(_) => true,
@@ -406,7 +412,7 @@ impl Sensor {
 }
 
 impl Predicted {
-    /// Returns the rise if it may replace the reading; else `None`.
+    /// Returns the predicted rise if it may replace the reading; else `None`.
     fn fit(self) -> Option<f64> {
         (!self.lent && self.inside).then_some(self.rise)
     }

@@ -43,7 +43,7 @@ const DELTAS_OF_TEXTS: [i64; 2] = [6, 7];
 /// Checks every page of one column in one row group.
 ///
 /// # Errors
-/// Message if a page is outside the file, or larger than allowed.
+/// A page is outside the file, or larger than allowed.
 pub(super) fn check_pages(
     file: &File,
     length: u64,
@@ -117,7 +117,7 @@ impl Head {
                 // An entry of a dictionary takes at least one byte, in most cases four or eight.
                 if is_dictionary && values > unpacked {
                     return Err(format!(
-                        "the header of a dictionary of {unpacked} bytes gives {values} entries"
+                        "the header of a dictionary of {unpacked} bytes claims {values} entries"
                     ));
                 }
                 Ok(())
@@ -131,18 +131,18 @@ impl Head {
     }
 }
 
-/// A part of the file, which is read as needed.
+/// Part of the file that is in memory; more bytes are read when they are needed.
 struct Window<'f> {
     file: &'f File,
-    /// Offset of the first byte in the file.
+    /// Offset in the file of the first byte of `bytes`.
     at: u64,
-    /// Offset of the end of the column in the file.
+    /// Offset in the file of the end of the column.
     end: u64,
     bytes: Vec<u8>,
 }
 
 impl Window<'_> {
-    /// Reads and consumes the next header.
+    /// Reads the header of the next page, and moves to the data of that page.
     fn head(&mut self) -> Result<Head, String> {
         if self.bytes.len() < LONGEST_HEAD {
             self.fill().map_err(|why| why.to_string())?;
@@ -170,7 +170,8 @@ impl Window<'_> {
         }
     }
 
-    /// Returns whether the data at this offset decompress to more than `claimed` bytes. The data are not kept.
+    /// Returns whether the data at this offset decompress to more than `claimed` bytes. The decompressed data are
+    /// discarded.
     fn unpacks_to_more(&self, packed: u64, claimed: u64) -> io::Result<bool> {
         let mut file = self.file;
         file.seek(SeekFrom::Start(self.at))?;

@@ -56,7 +56,7 @@ impl Neurons {
         }
     }
 
-    /// Output of each neuron for each row.
+    /// Returns the output of each neuron for each row.
     fn layer(&self, rises: &DMatrix<f64>) -> DMatrix<f64> {
         let mut layer = product(view(rises), view(&self.first).transpose());
         for (mut column, bias) in layer.column_iter_mut().zip(self.bias.iter()) {
@@ -74,8 +74,8 @@ impl Neurons {
         (self.layer(rises) * &self.second).add_scalar(-self.at_rest().dot(&self.second))
     }
 
-    /// Gradient of half the mean squared error with weight decay, for each network of this number of neurons: for W, b
-    /// and w.
+    /// Returns the gradients with respect to W, b and w of half the mean squared error, with weight decay. `self`
+    /// contains several networks of `neurons` neurons, each with its own error.
     fn slopes(&self, samples: &Samples, neurons: usize) -> (DMatrix<f64>, DVector<f64>, DVector<f64>) {
         let mut layer = self.layer(&samples.rises);
         let rest = self.at_rest();
@@ -127,7 +127,7 @@ impl Neurons {
     }
 }
 
-/// Product of two matrices. faer takes 70 % of the time of nalgebra here, which copies both matrices first.
+/// Product of two matrices. For these sizes, faer takes 70 % of the time of nalgebra, which copies both matrices first.
 fn product(one: MatRef<'_, f64>, other: MatRef<'_, f64>) -> DMatrix<f64> {
     let (rows, columns) = (one.nrows(), other.ncols());
     let mut product = DMatrix::zeros(rows, columns);
@@ -140,8 +140,8 @@ fn view(matrix: &DMatrix<f64>) -> MatRef<'_, f64> {
     MatRef::from_column_major_slice(matrix.as_slice(), matrix.nrows(), matrix.ncols())
 }
 
-/// tanh with an error of a few 1e-16, without a branch or a call. The compiler can vectorize a loop over it, which is
-/// most of the training.
+/// tanh with an error of a few 1e-16, without a branch or a call. The compiler can vectorize loops over this function,
+/// which take most of the training time.
 ///
 /// With e = exp(−2·|x|), the result is (1 − e) / (1 + e). The exponential is 2^k·exp(r) with |r| at most ln 2 / 2,
 /// where a short series gives exp(r).
@@ -149,8 +149,8 @@ fn view(matrix: &DMatrix<f64>) -> MatRef<'_, f64> {
 pub(super) fn tanh(x: f64) -> f64 {
     /// Argument above which the result is 1.
     const FLAT: f64 = 20.0;
-    /// Number that rounds a small number to an integer when it is added. The integer is then in the last bits of the
-    /// sum.
+    /// Number that rounds a small number to an integer when the two are added. The integer is then in the last bits of
+    /// the sum.
     const WHOLE: f64 = 6_755_399_441_055_744.0;
     const LN_2: (f64, f64) = (6.931_471_803_691_238e-1, 1.908_214_929_270_587_7e-10);
     /// Reciprocals of the factorials of 0 to 13.
@@ -205,8 +205,8 @@ impl Adam {
 
 const KEPT: (f64, f64) = (0.9, 0.999);
 
-/// Trains one network for each seed. Returns each network after each of `lengths`, which are ascending. All networks
-/// pass over the rows together.
+/// Trains one network for each seed. Returns each network after each number of rounds in `lengths`, which are
+/// ascending. All networks are trained in one pass over the rows per round.
 pub(super) fn train(
     samples: &Samples,
     neurons: usize,
@@ -234,7 +234,7 @@ pub(super) fn train(
     kept
 }
 
-/// Number of training rounds with the least residual on the held-out runs of the folds.
+/// Returns the number of training rounds with the least residual on the held-out runs of the folds.
 pub(super) fn length(folds: &[Fold<'_>], neurons: usize, seed: u64) -> usize {
     let costs = |fold: &Fold<'_>| {
         let seed = |member| seed.wrapping_mul(1000).wrapping_add(100 * member + fold.number);
@@ -254,7 +254,7 @@ fn mean(members: &[&Neurons], rises: &DMatrix<f64>) -> DVector<f64> {
     members.iter().fold(zero, |sum, member| sum + member.output(rises)) / count(members.len())
 }
 
-/// Trains the networks of the mean.
+/// Trains the networks whose mean is the model.
 pub(super) fn fit(all: &Samples, folds: &[Fold<'_>], neurons: usize, seed: u64) -> Vec<Neurons> {
     let length = length(folds, neurons, seed);
     let members: Vec<u64> = (500..).take(MEMBERS).collect();
@@ -263,7 +263,7 @@ pub(super) fn fit(all: &Samples, folds: &[Fold<'_>], neurons: usize, seed: u64) 
     each.flatten().collect()
 }
 
-/// Mean of the networks, as one network in the format of the project.
+/// Returns the mean of the networks as one network, in the file format of isotherm.
 pub(super) fn file(members: &[Neurons]) -> Value {
     let share = 1.0 / count(members.len());
     let weights: Vec<Vec<f64>> = members.iter().flat_map(|member| rows(&member.first)).collect();

@@ -11,7 +11,7 @@ use super::{Fold, Samples, least, rows};
 use crate::solve::penalized;
 use crate::statistics::{count, smallest};
 
-/// Widths to try, in root mean squares of all inputs together.
+/// Widths to try, as multiples of the root mean square of all inputs together.
 const WIDTHS: [f64; 5] = [0.5, 1.0, 2.0, 4.0, 8.0];
 /// Number of penalties to try, 1e-10 to 0.1 times the mean square of a basis function.
 const PENALTIES: i32 = 10;
@@ -46,7 +46,8 @@ impl Bumps {
 }
 
 impl Member {
-    /// Fits the weights. `width` is in root mean squares of all inputs together, which are scaled one by one.
+    /// Fits the weights. `width` is a multiple of the root mean square of all inputs together. Each input is already
+    /// scaled to a root mean square of 1.
     fn new(samples: &Samples, centres: DMatrix<f64>, width: f64, penalty: f64) -> Member {
         let width = count(centres.ncols()).sqrt() * width;
         let said = said(&samples.rises, &centres, width);
@@ -61,7 +62,7 @@ impl Member {
     }
 }
 
-/// Width and penalty with the least residual on the held-out runs of the folds.
+/// Returns the width and the penalty with the least residual on the held-out runs of the folds.
 fn chosen(folds: &[Fold<'_>], centres: usize, seed: u64) -> (f64, f64) {
     let penalties = || (0..PENALTIES).map(|place| 10f64.powi(place - PENALTIES));
     let tried: Vec<(f64, f64)> =
@@ -89,7 +90,7 @@ fn member_of(all: &Samples, folds: &[Fold<'_>], centres: usize, seed: u64) -> Me
     Member::new(all, centres, width, penalty)
 }
 
-/// Converts the model to a network in the format of the project.
+/// Returns the model as a network in the file format of isotherm.
 pub(super) fn file(bumps: &Bumps) -> Value {
     let share = 1.0 / count(bumps.0.len());
     let mut bias = 0.0;
@@ -114,7 +115,7 @@ fn at_rest(centres: &DMatrix<f64>, width: f64) -> DVector<f64> {
     )
 }
 
-/// Value of each basis function for each row, minus its value without a rise.
+/// Returns the value of each basis function for each row, minus its value without a rise.
 fn said(rises: &DMatrix<f64>, centres: &DMatrix<f64>, width: f64) -> DMatrix<f64> {
     let rest = at_rest(centres, width);
     let apart = |row: usize, place: usize| apart(rises, row, centres, place);
@@ -123,13 +124,13 @@ fn said(rises: &DMatrix<f64>, centres: &DMatrix<f64>, width: f64) -> DMatrix<f64
     })
 }
 
-/// Squared distance of a row from a centre.
+/// Returns the squared distance of a row from a centre.
 fn apart(rises: &DMatrix<f64>, row: usize, centres: &DMatrix<f64>, place: usize) -> f64 {
     (0..rises.ncols()).map(|column| (rises[(row, column)] - centres[(place, column)]).powi(2)).sum()
 }
 
-/// Centres of groups of rows, at most one per row. k-means begins with rows that are far apart (k-means++, Arthur and
-/// Vassilvitskii 2007).
+/// Returns the centres of groups of similar rows, at most one per row. k-means begins with rows that are far apart
+/// (k-means++, Arthur and Vassilvitskii 2007).
 fn k_means(rises: &DMatrix<f64>, centres: usize, seed: u64) -> DMatrix<f64> {
     let mut chance = Pcg64Mcg::seed_from_u64(seed);
     let count = rises.nrows();

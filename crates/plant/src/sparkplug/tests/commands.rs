@@ -276,8 +276,8 @@ fn what_is_no_command_is_refused_and_another_topic_is_not_ours() {
     let too_many = command(&vec![Metric::default(); 65], ms(0));
     let table = [
         (b"\xff\xff".to_vec(), "not a message of Sparkplug B"),
-        (too_long, "16385 bytes; more than 16384 are not read"),
-        (too_many, "65 metrics; more than 64 are not read"),
+        (too_long, "the message has 16385 bytes; at most 16384 are accepted"),
+        (too_many, "the message has 65 metrics; at most 64 are accepted"),
     ];
     for (bytes, words) in table {
         let (births, outcome) = outcome_of(&bytes, true);

@@ -1,4 +1,4 @@
-//! Warnings about settings that are allowed but probably wrong. Each contains the suspicious figure.
+//! Warnings about settings that are allowed but probably wrong. Each warning states the suspicious figure.
 
 use super::model::uniform_temperature::{UniformTemperature, signed};
 use crate::Profile;
@@ -6,9 +6,9 @@ use crate::document;
 use crate::tables::Check;
 use isotherm_core::compensation::settings::Datum;
 
-/// Largest plausible correction, µm. A larger one is probably in another unit.
+/// Largest plausible limit of Cz, µm. A larger number was probably meant in another unit.
 const LARGE_LIMIT: f64 = 500.0;
-/// Temperature at which a model should give a small value, °C.
+/// Temperature of a workshop, °C. A model should give a small value if the whole machine has this temperature.
 const WORKSHOP: f64 = 20.0;
 
 pub(in crate::tables) fn warn(check: &Check<'_>, profile: &Profile) {
@@ -22,14 +22,14 @@ pub(in crate::tables) fn warn(check: &Check<'_>, profile: &Profile) {
                 format!("a limit of {} µm is more than half a millimetre", document::figure(limit, 3));
             at.key("limit").warn(
                 message,
-                "`limit` is in µm: write the largest growth of the machine, with a small margin",
+                "`limit` is in µm: write the largest thermal growth of the machine, with a small margin",
             );
         }
         for (place, model) in settings.models.iter().enumerate() {
             if all_over.counts_from_start(model) {
                 from_start.push(format!("`{}`", model.name));
             }
-            // A datum subtracts the value that the model gives at zero.
+            // The datum "zero" subtracts the value that the model requested at the last zero command.
             let asked = all_over.asked(model).filter(|asked| asked.cz.abs() > limit);
             let Some(asked) = asked.filter(|_| settings.datum == Datum::Model) else { continue };
             let position = asked.position.map(|(signal, place)| {

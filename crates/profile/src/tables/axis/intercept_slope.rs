@@ -8,7 +8,7 @@ use isotherm_core::compensation::model::{Kind, Slope};
 use isotherm_core::compensation::settings::InterceptSlope;
 use isotherm_core::quantity::Millimetre;
 
-/// Sets the reach of the slope at each axis whose outputs write the parts of a line.
+/// Stores the reference position and the reach of the slope at each axis whose outputs write K0, tanβ and P0.
 pub(in crate::tables) fn resolve(check: &mut Check<'_>) {
     let line = |(place, axis): (usize, &Option<Axis>)| {
         let of_axis: Vec<&Output> = check.outputs.valid().filter(|output| output.axis.0 == place).collect();
@@ -23,7 +23,8 @@ pub(in crate::tables) fn resolve(check: &mut Check<'_>) {
     }
 }
 
-/// Checks the outputs of an axis that write the parts of a line, and returns the line.
+/// Checks that the outputs of an axis write K0, tanβ and P0. Returns the reference position and the reach of the slope.
+/// `None` if no model of the axis has a valid slope.
 fn of_control(check: &Check<'_>, axis: &Axis, outputs: &[&Output]) -> Option<InterceptSlope> {
     let name = &axis.settings.name;
     let at = check.at("axis").key(name);
@@ -50,18 +51,16 @@ fn of_control(check: &Check<'_>, axis: &Axis, outputs: &[&Output]) -> Option<Int
     reach(axis, &at.key("model"))
 }
 
-/// Returns the common reference position of all slopes, and the largest distance from it within the travel.
+/// Returns the common reference position of all slopes, and the largest distance from this position within the travel.
 fn reach(axis: &Axis, list: &KeyContext<'_>) -> Option<InterceptSlope> {
     let mut line: Option<InterceptSlope> = None;
     for (place, model) in axis.settings.models.iter().enumerate() {
         let Kind::Linear(linear) = &model.kind else { continue };
         let Some(Slope { reference, travel, .. }) = linear.slope else { continue };
         let at = list.item(place).key("slope");
-        let Some((from, to)) = travel else {
-            let message = "`travel` is missing: the travel limits the effect of the written slope";
-            at.key("travel").missing(message, "write the ends of the axis's travel in mm, as [-300.0, 0.0]");
-            return None;
-        };
+        let message = "`travel` is missing: the travel limits the effect of the written slope";
+        at.key("travel").missing(message, "write the ends of the axis's travel in mm, as [-300.0, 0.0]");
+        let (from, to) = travel?;
         let reach = longer((from - reference).abs(), (to - reference).abs());
         match &mut line {
             None => line = Some(InterceptSlope { reference, reach, count: None }),

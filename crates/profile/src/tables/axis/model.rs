@@ -7,7 +7,8 @@ use serde::Deserialize;
 
 use crate::Profile;
 use crate::document::{Section, entries};
-use crate::tables::KeyContext;
+use crate::duration::Timespan;
+use crate::tables::{KeyContext, optional};
 use envelope::OutsideWord;
 use expected::RawExpected;
 use identified_with::RawIdentifiedWith;
@@ -34,7 +35,7 @@ pub(crate) mod seals;
 mod stand_ins;
 pub(crate) mod uniform_temperature;
 
-/// All kinds of models. A new kind is a file next to the others and a line here.
+/// All kinds of models. A new kind needs a file next to the others and an entry in this list.
 const KINDS: [&KindOfModel; 4] = [&linear::KIND, &formula::KIND, &matrix::KIND, &network::KIND];
 
 /// Kind of model: its keys, its parser and its preview.
@@ -48,11 +49,11 @@ struct KindOfModel {
     resolve: fn(&RawModel, &KeyContext<'_>) -> Option<Kind>,
     /// Preview of a model. `None` for a model of another kind.
     preview: fn(&Profile, &Kind) -> Option<Computation>,
-    /// Positions at which the model is evaluated. `None` for a model without a position, or of another kind.
+    /// Positions at which the preview evaluates the model. `None` for a model without a position, or of another kind.
     places: fn(&Kind) -> Option<Places>,
 }
 
-/// Position signal of a model, with the positions to evaluate, mm.
+/// Position signal of a model, with the positions at which the preview evaluates the model, mm.
 type Places = (SignalId, Vec<f64>);
 
 /// Calculation of a model as text.
@@ -69,7 +70,7 @@ struct Computation {
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Model")]
 pub(crate) struct RawModel {
-    /// Name of the model, shown on the page and in the log.
+    /// Name of the model, shown on the web page and in the log.
     #[schemars(required)]
     pub(super) name: Option<String>,
     /// Kind of calculation.
@@ -81,8 +82,8 @@ pub(crate) struct RawModel {
     terms: Option<Vec<RawTerm>>,
     /// formula: Cz in µm, for example "Kz * (A - (b*t + c))".
     formula: Option<String>,
-    /// formula: signals by their names in the formula. matrix: one signal for each block. network: signals in the order
-    /// of its inputs.
+    /// formula: signals by their names in the formula. matrix: one temperature signal for each block (part of the
+    /// machine). network: signals in the order of the network's inputs.
     inputs: Option<Inputs>,
     /// formula: constants by their names in the formula.
     constants: Option<BTreeMap<String, f64>>,
@@ -94,19 +95,20 @@ pub(crate) struct RawModel {
     envelope: Option<String>,
     /// Settings of the identification; `isotherm identify` writes them.
     identified_with: Option<RawIdentifiedWith>,
-    /// Action outside of the envelope. "agree" follows the model as far as its halves agree (default). "warn" follows
-    /// it. "hold" keeps Cz. "shrink" follows it less with increasing distance.
+    /// Action outside of the envelope. "agree" follows the model as far as its two halves agree (default). "warn" warns
+    /// and follows the model. "hold" keeps Cz. "shrink" follows the model less with increasing distance.
     outside: Option<OutsideWord>,
-    /// linear: file with two sums whose mean is the model; `isotherm identify` writes it. Without it, "agree" acts as
-    /// "warn".
+    /// linear: file with the two halves of the model, which are sums of terms whose mean is the model. `isotherm
+    /// identify` writes the file. Without the file, "agree" acts as "warn".
     halves: Option<String>,
-    /// Expected error, from runs that the identification did not use. `isotherm identify` writes it, and the page shows
-    /// it next to Cz.
+    /// Expected error, from runs that the identification did not use. `isotherm identify` writes this key, and the web
+    /// page shows the error next to Cz.
     expected: Option<RawExpected>,
-    /// File that relates the sensors to each other. It detects a frozen sensor, and replaces a frozen or lost one.
+    /// File that relates the sensors to each other. With the file, the gateway detects a frozen sensor, and calculates
+    /// the reading of a frozen or lost one.
     stand_ins: Option<String>,
     /// SHA-256 of the model's files, by the key that names each file. A changed file is rejected. `isotherm identify`
-    /// writes them.
+    /// writes these keys.
     sha256: Option<RawSeals>,
     /// matrix: signal with the position of the axis, mm.
     position: Option<String>,
@@ -124,67 +126,51 @@ fn kinds(_: &mut SchemaGenerator) -> Schema {
 }
 
 impl RawModel {
-    pub(super) fn resolve(&self, at: &KeyContext<'_>) -> Option<Model> {
+    /// Resolves a model. `settle` is the averaging time of the machine's references.
+    pub(super) fn resolve(&self, at: &KeyContext<'_>, settle: Option<Timespan>) -> Option<Model> {
         let own = KINDS.into_iter().find(|known| Some(known.word) == self.kind.as_deref())?;
         for kind in KINDS {
             for key in kind.keys.iter().filter(|key| !own.keys.contains(key)) {
                 // If several kinds have the key, the first one reports it.
                 if owners(key).next().is_some_and(|first| first.word == kind.word) {
-                    at.not_applicable(&[key], &listed(key), "remove it, or change `kind`");
+                    at.not_applicable(&[key], &listed(key), "remove this key, or change `kind`");
                 }
             }
         }
         if let Some(identified_with) = &self.identified_with {
-            identified_with.doubt(&at.key("identified_with"));
+            identified_with.doubt(&at.key("identified_with"), settle);
         }
         if let Some(seals) = &self.sha256 {
             seals.check(self, at);
         }
         let kind = (own.resolve)(self, at);
         let model = self.name.clone().zip(kind).map(|(name, kind)| Model::new(name, kind));
-        let expected = match &self.expected {
-            Some(expected) => expected.resolve(&at.key("expected")).map(Some),
-            None => Some(None),
-        };
-        let stand_ins =
-            self.stand_ins.as_deref().map(|name| stand_ins::resolve(self, &at.key("stand_ins"), name));
+        let expected = optional(self.expected.as_ref(), |raw| raw.resolve(&at.key("expected")));
+        let place = at.key("stand_ins");
+        let stand_ins = optional(self.stand_ins.as_deref(), |name| stand_ins::resolve(self, &place, name));
         let envelope = envelope::resolve(self, at, model.as_ref())?;
-        let stand_ins = stand_ins.map_or(Some(None), |found| found.map(Some))?;
-        Some(Model { envelope, expected: expected?, stand_ins, ..model? })
-    }
-
-    fn seals(&self) -> Option<&RawSeals> {
-        self.sha256.as_ref()
-    }
-
-    /// Returns the file that a key of the model names.
-    fn file_of(&self, key: &str) -> Option<&str> {
-        match key {
-            "file" => self.file.as_deref(),
-            "envelope" => self.envelope.as_deref(),
-            "halves" => self.halves.as_deref(),
-            "stand_ins" => self.stand_ins.as_deref(),
-            _ => None,
-        }
+        Some(Model { envelope, expected: expected?, stand_ins: stand_ins?, ..model? })
     }
 
     pub(super) fn may_be_linear(&self) -> bool {
         self.kind.as_deref().is_none_or(|kind| kind == linear::KIND.word)
     }
 
-    /// Returns whether the rise of a term is measured from its temperature at zero.
+    /// Returns whether a term has the reference "zero": its rise is measured from the temperature at the last zero
+    /// command.
     pub(super) fn has_term_at_zero(&self) -> bool {
         let of_slope = self.slope.iter().flat_map(RawSlope::terms);
         self.terms.iter().flatten().chain(of_slope).any(RawTerm::is_at_zero)
     }
 
-    /// Returns whether the rise of an input is measured from its value at zero.
+    /// Returns whether an input has the reference "zero": its rise is measured from the value at the last zero command.
     pub(super) fn has_input_at_zero(&self) -> bool {
         self.inputs.as_ref().is_some_and(|inputs| inputs.are_at_zero(self.reference))
     }
 }
 
-/// Preview of a model at this index of the axis's list: its calculation, and where it is valid.
+/// Preview of a model: its calculation, and the range in which the model is valid. `place` is its index in the list of
+/// the axis.
 pub(super) fn preview(
     profile: &Profile,
     place: usize,
@@ -198,20 +184,14 @@ pub(super) fn preview(
     section.lines("     ", &effects);
     entries!(section, name = &model.name, formula, effects);
     uniform_temperature::preview(&mut section, profile, model, all_over);
-    if let Some(envelope) = &model.envelope {
-        let envelope = envelope::preview(profile, envelope);
-        section.line(format!("     {envelope}"));
-        section.entry("envelope", envelope);
-    }
-    if let Some(expected) = &model.expected {
-        let expected = expected::preview(expected);
-        section.line(format!("     {expected}"));
-        section.entry("expected", expected);
-    }
-    if let Some(stand_ins) = &model.stand_ins {
-        let stand_ins = stand_ins::preview(profile, stand_ins);
-        section.line(format!("     {stand_ins}"));
-        section.entry("stand_ins", stand_ins);
+    let parts = [
+        ("envelope", model.envelope.as_ref().map(|envelope| envelope::preview(profile, envelope))),
+        ("expected", model.expected.as_ref().map(expected::preview)),
+        ("stand_ins", model.stand_ins.as_ref().map(|stand_ins| stand_ins::preview(profile, stand_ins))),
+    ];
+    for (key, text) in parts.into_iter().filter_map(|(key, text)| Some((key, text?))) {
+        section.line(format!("     {text}"));
+        section.entry(key, text);
     }
     section
 }

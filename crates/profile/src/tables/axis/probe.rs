@@ -1,11 +1,11 @@
-//! Table `probe` of an axis: learning from measured errors, and their source.
+//! Table `probe` of an axis: correction of its models by measured errors, and the source of these errors.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::{Axis, RawAxis, level};
 use crate::Profile;
-use crate::tables::KeyContext;
+use crate::tables::{KeyContext, optional};
 use isotherm_core::compensation::settings::{Filter, GainSettings, OnWorse, ProbeSettings};
 use isotherm_core::quantity::Micron;
 use isotherm_core::reading::SignalId;
@@ -15,8 +15,8 @@ use isotherm_core::reading::SignalId;
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Probe")]
 pub(super) struct RawProbe {
-    /// Signal with the measured error, in um or mm: actual minus commanded, while the compensation acts. Without it,
-    /// measured errors are only given by command.
+    /// Signal with the measured error, in um or mm: actual minus commanded position, while the compensation acts.
+    /// Without this signal, measured errors are only given by command.
     signal: Option<String>,
     /// Signal that shows a new measured error: a flag or a counter. Each change to a value other than 0 is a probing.
     /// Default: each change of the measured error.
@@ -26,17 +26,20 @@ pub(super) struct RawProbe {
     limit: Option<f64>,
     /// Standard deviation of a probing, µm: the repeatability of two probings in a row. Default 0.5.
     repeat: Option<f64>,
-    /// Growth of the uncertainty of a model's correction, as a variance, µm²/h. `identify` finds it. Default 4.
+    /// Growth of the uncertainty of a model's correction, as a variance, µm²/h. `isotherm identify` calculates it.
+    /// Default 4.
     q: Option<f64>,
-    /// Alternative to `repeat` and `q`: part of each measured residual that is added to the correction, above 0 and up
-    /// to 1.
+    /// Alternative to `repeat` and `q`: part of each measured residual (remaining error) that is added to the
+    /// correction, above 0 and up to 1.
     filter: Option<f64>,
     /// Largest error of the model that a probing may show, µm. A probing that shows a larger error is refused.
     #[schemars(required)]
     max_error: Option<f64>,
-    /// Level of a residual for a warning that the model ages, µm; at most `max_error`.
+    /// Absolute value of a measured residual above which the gateway warns that the model ages, µm; at most
+    /// `max_error`.
     warn: Option<f64>,
-    /// Learning of the gains of linear models, by recursive least squares. Default: the gains do not change.
+    /// Adjustment of the gains of linear models to measured errors, by recursive least squares. Default: the gains do
+    /// not change.
     gains: Option<RawGains>,
     /// Action while the last probings show that the model is worse than no compensation. "warn": an alarm (default).
     /// "ramp": an alarm, and Cz goes to zero at `rate` until the model is better again.
@@ -51,32 +54,34 @@ enum WorseWord {
     Ramp,
 }
 
-/// Settings for the learning of gains.
+/// Settings for the adjustment of gains to measured errors.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "ProbeGains")]
 struct RawGains {
-    /// Weight of a probing at the next one, above 0 and up to 1. With 1, no probing loses weight.
+    /// Factor by which each probing reduces the weight of all earlier ones, above 0 and up to 1. With 1, no probing
+    /// loses weight.
     #[schemars(required)]
     forgetting: Option<f64>,
-    /// Largest change of a gain as a part of the gain, above 0 and below 1.
+    /// Largest change of a gain, as a fraction of the gain, above 0 and below 1.
     #[schemars(required)]
     limit: Option<f64>,
 }
 
-/// Source of a probing cycle's result.
+/// Signals from which the gateway reads the result of a probing cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProbeInput {
     /// Signal with the measured error.
     pub signal: SignalId,
     /// Signal that reports a new error. `None` if each change of the error is a new one.
     pub trigger: Option<SignalId>,
-    /// Factor from the signal to µm of Cz. It contains one half if the axis acts on a diameter.
+    /// Factor that converts the signal into µm of Cz. The factor includes one half if the axis acts on a diameter.
     pub micron: f64,
 }
 
 impl RawProbe {
-    /// Returns the settings of the probe, and its source if it is a signal. Reports every error.
+    /// Resolves the settings, and the signals of measured errors. The signals are `None` if errors come only by
+    /// command. Reports every error.
     pub(super) fn resolve(
         &self,
         at: &KeyContext<'_>,
@@ -88,7 +93,7 @@ impl RawProbe {
             let message = format!("a correction of {limit} µm is larger than the axis's limit of {most} µm");
             at.key("limit").invalid(
                 message,
-                "make `limit` smaller: probing trims the model, it does not replace the model",
+                "make `limit` smaller: probing corrects the model, but does not replace it",
             );
         }
         let filter = self.filter(at);
@@ -98,10 +103,7 @@ impl RawProbe {
             let message = format!("warn at {warn} µm lies beyond the max_error of {most} µm");
             at.key("warn").invalid(message, "a probing beyond `max_error` is refused: make `warn` smaller");
         }
-        let gains = match &self.gains {
-            Some(gains) => gains.resolve(&at.key("gains"), axis).map(Some),
-            None => Some(None),
-        };
+        let gains = optional(self.gains.as_ref(), |gains| gains.resolve(&at.key("gains"), axis));
         let input = self.input(at, axis.diameter.unwrap_or(false));
         let settings = ProbeSettings {
             limit: Micron::new(limit?)?,
@@ -117,7 +119,7 @@ impl RawProbe {
         Some((settings, input?))
     }
 
-    /// Returns how much of a residual one probing adds to the correction.
+    /// Returns how large a part of a measured residual is added to the correction.
     fn filter(&self, at: &KeyContext<'_>) -> Option<Filter> {
         let own = [("repeat", self.repeat), ("q", self.q)];
         if let Some(filter) = self.filter {
@@ -138,7 +140,7 @@ impl RawProbe {
         })
     }
 
-    /// Returns the source of the error; `Some(None)` if errors come by command.
+    /// Resolves the signals of measured errors. `Some(None)` if errors come only by command.
     fn input(&self, at: &KeyContext<'_>, diameter: bool) -> Option<Option<ProbeInput>> {
         let signal = at.key("signal").signal(self.signal.as_ref());
         let trigger = at.key("trigger").signal(self.trigger.as_ref());
@@ -156,14 +158,13 @@ impl RawProbe {
                 "remove `trigger`: then each change of the error is a probing; or name a flag or a counter";
             at.key("trigger").invalid("the error cannot be its own trigger", help);
         }
-        let of_unit = match at.check.signals.get(signal.0)?.unit.0 {
+        let of_unit = match at.unit_of(signal)?.0 {
             "um" => 1.0,
             "mm" => 1000.0,
             unit => {
                 let help =
                     format!("write unit = \"um\" or \"mm\", and the `scale` for this unit, at signal.{name}");
-                at.key("signal").invalid(format!("`{name}` is in {unit}, not in um or mm"), help);
-                return None;
+                return at.key("signal").reject(format!("`{name}` is in {unit}, not in um or mm"), help);
             }
         };
         let of_radius = if diameter { 0.5 } else { 1.0 };
@@ -175,7 +176,7 @@ impl RawGains {
     fn resolve(&self, at: &KeyContext<'_>, axis: &RawAxis) -> Option<GainSettings> {
         let models = axis.model.as_deref().unwrap_or_default();
         if !models.is_empty() && !models.iter().any(|model| model.may_be_linear()) {
-            let help = "remove `gains`: only the gains of linear models learn";
+            let help = "remove `gains`: only the gains of linear models can be adjusted";
             at.wrong_key("no model of this axis is linear", help);
         }
         let limit = at.key("limit").positive(self.limit);
@@ -188,7 +189,7 @@ impl RawGains {
     }
 }
 
-/// Returns the text of `check`: source, sign and bounds of measured errors.
+/// Describes source, sign and bounds of measured errors, for `isotherm check`.
 pub(super) fn preview(profile: &Profile, axis: &Axis, settings: &ProbeSettings) -> String {
     let name = |id| &profile.signal(id).name;
     let from = match &axis.probe_input {
@@ -210,8 +211,8 @@ pub(super) fn preview(profile: &Profile, axis: &Axis, settings: &ProbeSettings) 
     };
     let mut text = format!(
         "measured errors (actual minus commanded{diameter}, with Cz active) come from {from}. A positive \
-         error lowers the model's Cz by {share}, in all by at most {} µm. An error that shows a model error \
-         of more than {} µm is refused",
+         error lowers the model's Cz by {share}, in all by at most {} µm. A measured error is refused if it \
+         shows a model error of more than {} µm",
         settings.limit.get(),
         settings.max_error.get()
     );
@@ -220,10 +221,10 @@ pub(super) fn preview(profile: &Profile, axis: &Axis, settings: &ProbeSettings) 
     }
     if let Some(gains) = settings.gains {
         let percent = 100.0 * gains.limit;
-        text.push_str(&format!("; the gains of linear models learn by up to ±{percent:.3} % each"));
+        text.push_str(&format!("; the gains of linear models are adjusted by up to ±{percent:.3} % each"));
     }
     if settings.worse == OnWorse::Ramp {
-        text.push_str("; while they show that a model is worse than no compensation, Cz goes to zero");
+        text.push_str("; while probings show that a model is worse than no compensation, Cz goes to zero");
     }
     text
 }
@@ -234,6 +235,5 @@ fn share(at: &KeyContext<'_>, number: Option<f64>) -> Option<f64> {
     if number > 0.0 && number <= 1.0 {
         return Some(number);
     }
-    at.invalid(format!("{number} is outside of the allowed range"), "write a number above 0 and up to 1");
-    None
+    at.reject(format!("{number} is outside of the allowed range"), "write a number above 0 and up to 1")
 }

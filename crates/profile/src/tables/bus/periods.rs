@@ -12,7 +12,7 @@ pub(in crate::tables) const EVERY: Duration = Duration::from_secs(1);
 pub(super) const TIMEOUT: Duration = Duration::from_millis(500);
 const SHORTEST_TIMEOUT: Duration = Duration::from_millis(100);
 
-/// Read or write, as the beginning of a sentence, with its period.
+/// Read or write, as the beginning of a sentence ("device `bed` is read every"), with its period.
 pub(super) type Due = (String, Duration);
 
 /// Reads and writes by the name of their line, with their periods.
@@ -62,7 +62,8 @@ impl Periods {
         self.0.get(bus).map_or(&[], Vec::as_slice)
     }
 
-    /// Default timeout of a line: half the shortest period, but not so short that a healthy device misses it.
+    /// Default timeout of a line: half the shortest period, at most 500 ms. It is at least 100 ms, so that a healthy
+    /// device can answer.
     pub(super) fn timeout(&self, bus: &str) -> Duration {
         let halves = self.of(bus).iter().map(|(_, period)| (*period / 2).max(SHORTEST_TIMEOUT));
         halves.fold(TIMEOUT, Duration::min)

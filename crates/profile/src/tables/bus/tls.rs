@@ -1,8 +1,8 @@
 //! Modbus/TCP Security: files with which the two ends of a line authenticate each other.
 //!
-//! The files are read with the profile, so that a missing one is reported at its key. The module that opens the line
-//! checks their content, because it has TLS. Each file stores its place in the profile, so that an error is reported
-//! there.
+//! The files are read with the profile, so that a missing file is reported at its key. The module that opens the line
+//! checks their content, because only that module has a TLS library. Each file stores its place in the profile, so that
+//! an error can be reported at this place.
 
 use std::fmt;
 
@@ -34,7 +34,7 @@ pub(crate) struct RawTls {
 /// Port registered for Modbus/TCP Security by the Modbus Organization.
 pub const TLS_PORT: u16 = 802;
 
-/// Security of a line.
+/// Settings of Modbus/TCP Security on a line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tls {
     /// Certificates that the gateway trusts on this line.
@@ -45,7 +45,7 @@ pub struct Tls {
     pub key: NamedFile,
     /// Name that the device's certificate must have.
     pub name: String,
-    /// Place of that name in the profile.
+    /// Place of the name in the profile, for errors.
     name_at: ProfileError,
 }
 
@@ -80,13 +80,13 @@ impl Tls {
 }
 
 impl NamedFile {
-    /// Reads the file that this key names.
-    pub(in crate::tables) fn read(at: &KeyContext<'_>, name: &str, help: &str) -> Option<NamedFile> {
-        let bytes = match at.check.files.is_to_be_made(name) {
+    /// Reads the file that this key names. A missing certificate that is created later counts as empty.
+    pub(crate) fn read(at: &KeyContext<'_>, name: &str, help: &str) -> Option<NamedFile> {
+        let bytes = match at.report.files.is_to_be_made(name) {
             true => Vec::new(),
             false => at.file(name, help)?,
         };
-        let named_at = Box::new(at.check.spans.at_value(&at.path, "", Some(help.to_owned())));
+        let named_at = Box::new(at.report.spans.at_value(&at.path, "", Some(help.to_owned())));
         Some(NamedFile { name: name.to_owned(), bytes, named_at })
     }
 
@@ -105,37 +105,51 @@ impl fmt::Debug for NamedFile {
 
 impl RawTls {
     /// Resolves the security of a line to this host.
-    pub(super) fn resolve(&self, at: &KeyContext<'_>, host: &str) -> Option<Tls> {
+    pub(crate) fn resolve(&self, at: &KeyContext<'_>, host: &str) -> Option<Tls> {
         let host = host.trim_start_matches('[').trim_end_matches(']');
         let (name, key) = match &self.name {
             Some(name) => (name.as_str(), "name"),
             None => (host, "ca"),
         };
         let help = "write name = \"…\", a DNS name or an IP address that the device's certificate has";
-        let name_at = at.check.spans.at_value(&at.key(key).path, "", Some(help.to_owned()));
-        let ca = file(
-            at,
-            "ca",
-            self.ca.as_ref(),
-            "name a PEM file beside the profile with the certificate of the device, or of the authority that \
-             signed it",
-        );
-        let cert = file(
-            at,
-            "cert",
-            self.cert.as_ref(),
-            "name a PEM file beside the profile with the gateway's certificate, followed by the certificates \
-             of its authorities",
-        );
-        let key = file(
-            at,
-            "key",
-            self.key.as_ref(),
-            "name a PEM file beside the profile with the private key of the certificate in `cert`",
-        );
-        at.key("key").secret(self.key.as_ref());
-        Some(Tls { ca: ca?, cert: cert?, key: key?, name: name.to_owned(), name_at })
+        let name_at = at.report.spans.at_value(&at.key(key).path, "", Some(help.to_owned()));
+        let help = "name a PEM file next to the profile with the certificate of the device, or of the \
+                    authority that signed it";
+        let ca = file(at, "ca", self.ca.as_ref(), help);
+        let (cert, key) = own_pair(at, self.cert.as_ref(), self.key.as_ref())?;
+        Some(Tls { ca: ca?, cert, key, name: name.to_owned(), name_at })
     }
+}
+
+/// Reads the certificate and the private key of the gateway, which the keys `cert` and `key` name.
+pub(in crate::tables) fn own_pair(
+    at: &KeyContext<'_>,
+    cert: Option<&String>,
+    key: Option<&String>,
+) -> Option<(NamedFile, NamedFile)> {
+    let of_cert = "name a PEM file next to the profile with the gateway's certificate, followed by the \
+                   certificates of its authorities";
+    let of_key = "name a PEM file next to the profile with the private key of the certificate in `cert`";
+    pair(at, (cert, of_cert), (key, of_key))
+}
+
+/// Reads the certificate and the private key that the keys `cert` and `key` name, each with its hint.
+pub(crate) fn pair(
+    at: &KeyContext<'_>,
+    (cert, of_cert): (Option<&String>, &str),
+    (key, of_key): (Option<&String>, &str),
+) -> Option<(NamedFile, NamedFile)> {
+    let (cert, read) = (file(at, "cert", cert, of_cert), file(at, "key", key, of_key));
+    at.key("key").secret(key);
+    cert.zip(read)
+}
+
+/// Reads the file with a password that the key `password_file` names.
+pub(crate) fn password(at: &KeyContext<'_>, name: Option<&String>) -> Option<NamedFile> {
+    let help = "name a file that holds the password alone, readable for the gateway only";
+    let password = file(at, "password_file", name, help);
+    at.key("password_file").secret(name);
+    password
 }
 
 /// Reads the file that a required key names.
@@ -146,9 +160,6 @@ pub(in crate::tables) fn file(
     help: &str,
 ) -> Option<NamedFile> {
     let at = at.key(key);
-    let Some(name) = name else {
-        at.missing(format!("`{key}` is missing"), help);
-        return None;
-    };
-    NamedFile::read(&at, name, help)
+    at.missing(format!("`{key}` is missing"), help);
+    NamedFile::read(&at, name?, help)
 }

@@ -6,11 +6,13 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::functions::Functions;
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
+use crate::kinds::can::fields;
+use crate::kinds::modbus::functions::Functions;
+use crate::kinds::opcua::nodes;
+use crate::tables::KeyContext;
 use crate::tables::register::{TypeWord, WordOrderWord, cell, fits, plain, word_order};
-use crate::tables::{KeyContext, can, opcua};
 use isotherm_core::codec::{Address, DataType, Encoding, Object};
 use isotherm_core::continuity::{CheckFailure, Difference};
 use isotherm_core::reading::Reason;
@@ -22,13 +24,13 @@ const EVERY: Duration = Duration::from_secs(60);
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Verify")]
-pub(super) struct RawVerify {
+pub(crate) struct RawVerify {
     /// Register, coil, discrete input, or one bit of a register, for example "holding:256", "coil:268",
     /// "holding:116.5".
     register: Option<String>,
     /// CANopen: index and sub-index in hexadecimal, for example "6110:01".
     #[schemars(regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
-    pub(super) sdo: Option<String>,
+    pub(crate) sdo: Option<String>,
     /// OPC UA: node, for example "ns=2;s=/Nck/State". Requires `type`.
     node: Option<String>,
     /// Type of the value. Default: "bool" for a single bit, otherwise "u16". Required for a node.
@@ -43,8 +45,8 @@ pub(super) struct RawVerify {
     what: Option<String>,
     /// Remedy for a different value, for messages.
     remedy: Option<String>,
-    /// Period of the check in operation. It is longer if the checks of a line would take more than 1 % of its time.
-    /// Default "1min".
+    /// Period of the check in operation. The gateway extends the period if the checks would take more than 1 % of the
+    /// line's time. Default "1min".
     every: Option<Timespan>,
 }
 
@@ -62,7 +64,7 @@ pub struct Expected {
     pub what: String,
     /// Remedy for a different value, for messages.
     pub remedy: String,
-    /// Period in operation, before the extension for the line.
+    /// Period of the check in operation. The gateway extends it if the checks would take too much of the line's time.
     pub every: Duration,
 }
 
@@ -77,7 +79,7 @@ impl Expected {
         section
     }
 
-    /// Returns the difference if the registers do not have the expected value.
+    /// Returns the difference between the read registers and the expected value. `None` if they agree.
     pub fn mismatch(&self, registers: &[u16]) -> Option<Difference> {
         match self.encoding.counts(registers) {
             Some(counts) if counts.0 == self.equals => None,
@@ -86,12 +88,12 @@ impl Expected {
         }
     }
 
-    /// Creates the difference for a missing register: the device answered that it does not have it.
+    /// Creates the difference for a register that does not exist, as the device has answered.
     pub fn absent(&self, why: impl fmt::Display) -> Difference {
         self.differs(CheckFailure::Absent(why.to_string()))
     }
 
-    /// Creates the difference for a value that cannot be read, for this reason.
+    /// Creates the difference for a value that cannot be read. `why` is the reason.
     pub fn unreadable(&self, why: impl fmt::Display) -> Difference {
         self.differs(CheckFailure::Unreadable(why.to_string()))
     }
@@ -116,21 +118,18 @@ impl fmt::Display for Expected {
 
 impl RawVerify {
     /// Resolves a check of a Modbus device.
-    pub(super) fn register(&self, at: &KeyContext<'_>, functions: Functions) -> Option<Expected> {
+    pub(crate) fn register(&self, at: &KeyContext<'_>, functions: Functions) -> Option<Expected> {
         if self.sdo.is_some() {
             return None;
         }
         let place = at.key("register");
-        let Some(text) = &self.register else {
-            let help = "write `register`, as \"coil:268\" or \"holding:256\"";
-            place.missing("`register` is missing: what is to be read?", help);
-            return None;
-        };
-        let cell = cell(&place, text)?;
+        let help = "write `register`, as \"coil:268\" or \"holding:256\"";
+        place.missing("`register` is missing: what is to be read?", help);
+        let cell = cell(&place, self.register.as_ref()?)?;
         let table = cell.address.table;
         if !functions.reads(table) {
             let message = format!(
-                "{} cannot be read: reading {} registers is not among its `functions`",
+                "{} cannot be read: reading {} registers is not among the `functions` of the device",
                 cell.address,
                 table.name()
             );
@@ -149,31 +148,25 @@ impl RawVerify {
     }
 
     /// Resolves a check of a CANopen node.
-    pub(super) fn object(&self, at: &KeyContext<'_>) -> Option<Expected> {
-        at.not_applicable(
-            &["register", "word_order"],
-            "a Modbus device",
-            "remove it, and write sdo = \"6110:01\"",
-        );
-        let Some(sdo) = &self.sdo else {
-            if self.register.is_none() {
-                at.key("sdo").missing("`sdo` is missing: what is to be read?", "write `sdo`, as \"6110:01\"");
-            }
-            return None;
-        };
-        let entry = can::entry(&at.key("sdo"), sdo);
+    pub(crate) fn object(&self, at: &KeyContext<'_>) -> Option<Expected> {
+        let help = "remove this key, and write sdo = \"6110:01\"";
+        at.not_applicable(&["register", "word_order"], "a Modbus device", help);
+        if self.register.is_none() {
+            at.key("sdo").missing("`sdo` is missing: what is to be read?", "write `sdo`, as \"6110:01\"");
+        }
+        let entry = fields::entry(&at.key("sdo"), self.sdo.as_ref()?);
         let kind = self.kind.unwrap_or(TypeWord(DataType::U16));
-        let data_type = can::object_type(&at.key("type"), kind)?;
+        let data_type = fields::object_type(&at.key("type"), kind)?;
         let equals = self.equal(at, data_type)?;
         let address = Address::Object(Object { entry: entry?, data_type });
         Some(self.expected(at, address, plain(data_type), equals))
     }
 
     /// Resolves a check of an OPC UA server.
-    pub(super) fn node(&self, at: &KeyContext<'_>) -> Option<Expected> {
-        let help = "remove it, and write node = \"ns=2;s=…\"";
+    pub(crate) fn node(&self, at: &KeyContext<'_>) -> Option<Expected> {
+        let help = "write node = \"ns=2;s=…\" instead of `register`";
         at.not_applicable(&["register", "word_order", "sdo"], "a device on another kind of line", help);
-        let node = opcua::compared(at, self.node.as_ref(), self.kind)?;
+        let node = nodes::compared(at, self.node.as_ref(), self.kind)?;
         let data_type = node.taken_as();
         let equals = self.equal(at, data_type)?;
         Some(self.expected(at, Address::Node(node), plain(data_type), equals))
@@ -183,8 +176,7 @@ impl RawVerify {
     fn equal(&self, at: &KeyContext<'_>, data_type: DataType) -> Option<i64> {
         let Some((low, high)) = data_type.integer_range() else {
             let help = "use an integer type: u16, i16, u32, i32, …";
-            at.key("type").invalid("a check cannot compare floating-point values exactly", help);
-            return None;
+            return at.key("type").reject("a check cannot compare floating-point values exactly", help);
         };
         let equals = self.equals?;
         if !(low..=high).contains(&i128::from(equals)) {

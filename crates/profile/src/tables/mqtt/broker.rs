@@ -9,7 +9,7 @@ use crate::host_port::{host_and_port, in_url, is_host};
 pub struct BrokerUrl {
     /// Whether the connection uses TLS (`mqtts`).
     pub tls: bool,
-    /// Name or address, without brackets.
+    /// Host name or IP address of the broker, without brackets.
     pub host: String,
     /// Port of the broker.
     pub port: u16,
@@ -22,32 +22,25 @@ impl fmt::Display for BrokerUrl {
     }
 }
 
-const EXAMPLE: &str = "write it as \"mqtts://broker.plant.example:8883\"";
+const EXAMPLE: &str = "write the address as \"mqtts://broker.plant.example:8883\"";
 
 impl BrokerUrl {
-    /// Parses an address.
+    /// Parses the address of a broker.
     ///
     /// # Errors
-    /// A message and a hint. They do not quote a user or password.
+    /// The text is not the address of a broker. The message and the hint do not quote a user or password.
     pub(super) fn parse(text: &str) -> Result<BrokerUrl, (String, String)> {
+        let wrong = |message: &str, help: &str| Err((message.to_owned(), help.to_owned()));
         let (scheme, place) = text.split_once("://").unwrap_or_default();
         let tls = match scheme {
             "mqtts" => true,
             "mqtt" => false,
-            _ => {
-                return Err((
-                    "the address does not begin with mqtts:// or mqtt://".to_owned(),
-                    EXAMPLE.to_owned(),
-                ));
-            }
+            _ => return wrong("the address does not begin with mqtts:// or mqtt://", EXAMPLE),
         };
         if place.contains('@') {
             let help =
                 "remove the part before `@`, and write `user = { name = \"…\", password_file = \"…\" }`";
-            return Err((
-                "the address of a broker must not have a user or a password".to_owned(),
-                help.to_owned(),
-            ));
+            return wrong("the address of a broker must not have a user or a password", help);
         }
         let place = place.strip_suffix('/').unwrap_or(place);
         let usual = if tls { 8883 } else { 1883 };
@@ -55,10 +48,7 @@ impl BrokerUrl {
         let Some((host, port)) = found.as_ref().ok().filter(|(host, port)| is_host(host) && *port != Some(0))
         else {
             let help = found.err().and_then(|why| why.help(usual, |place| format!("\"{scheme}://{place}\"")));
-            return Err((
-                format!("`{place}` is no host and port"),
-                help.unwrap_or_else(|| EXAMPLE.to_owned()),
-            ));
+            return wrong(&format!("`{place}` is no host and port"), help.as_deref().unwrap_or(EXAMPLE));
         };
         let (host, port) = (host.trim_matches(['[', ']']), port.unwrap_or(usual));
         Ok(BrokerUrl { tls, host: host.to_owned(), port })

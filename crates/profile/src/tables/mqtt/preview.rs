@@ -36,7 +36,8 @@ impl Mqtt {
             (Some(topic), MqttFormat::SparkplugB) => {
                 let measured = if self.takes_measured { format!(", {measured}") } else { String::new() };
                 format!(
-                    "  accepts a host's request for a new birth{measured} at {topic}; refuses everything else"
+                    "  accepts a host's request for a new birth message{measured} at {topic}; refuses \
+                     everything else"
                 )
             }
         });
@@ -74,7 +75,7 @@ impl Mqtt {
         state.into_iter().chain(of.into_iter().chain(ends).flatten()).collect()
     }
 
-    /// Returns the topic of accepted commands.
+    /// Returns the topic on which the gateway accepts commands. `None` if it accepts none.
     fn asked(&self, machine: &str) -> Option<String> {
         let group = &self.group;
         match self.format {

@@ -38,13 +38,13 @@ impl fmt::Debug for Url {
 /// Message and hint. They do not quote the address.
 type Wrong = (String, &'static str);
 
-const WRITE: &str = "write it as \"https://alarms.plant.example/isotherm\"";
+const WRITE: &str = "write the address as \"https://alarms.plant.example/isotherm\"";
 
 impl Url {
     /// Parses an address.
     ///
     /// # Errors
-    /// A message and a hint.
+    /// The text is not a valid address. The error is a message and a hint.
     pub fn parse(text: &str) -> Result<Url, Wrong> {
         let wrong = |message: &str, help| Err((message.to_owned(), help));
         let (scheme, rest) = text.split_once("://").unwrap_or_default();
@@ -78,7 +78,7 @@ impl Url {
             );
         }
         if target.contains('#') {
-            return wrong("the address has a part after `#`, which is never sent", "remove it");
+            return wrong("the address has a part after `#`, which is never sent", "remove this part");
         }
         let found = host_and_port(authority);
         let Some((host, port)) = found.as_ref().ok().filter(|(host, port)| is_host(host) && *port != Some(0))

@@ -9,6 +9,7 @@ use super::RawOutput;
 use super::share::Share;
 use crate::duration::Timespan;
 use crate::tables::KeyContext;
+use crate::tables::device::Device;
 use crate::tables::register::{self, TypeWord, WordOrderWord, plain};
 use isotherm_core::codec::{Encoding, Register, Scale};
 
@@ -19,7 +20,7 @@ const SETTLE: Duration = Duration::from_secs(1);
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(untagged)]
 #[schemars(rename = "ReadBackPlace", description = "")]
-pub(super) enum ReadBackValue {
+pub(crate) enum ReadBackValue {
     Object(#[schemars(regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))] String),
     Register(RawReadBack),
 }
@@ -27,9 +28,9 @@ pub(super) enum ReadBackValue {
 /// Register in which a control reports the applied value of an offset.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-// Inlined, because the walk selects an alternative by its type, which a `$ref` hides.
+// Inlined, because the schema check selects an alternative by its type, which a `$ref` hides.
 #[schemars(rename = "ReadBack", inline)]
-pub(super) struct RawReadBack {
+pub(crate) struct RawReadBack {
     /// Input or holding register, for example "input:12" or "30013".
     #[schemars(required)]
     register: Option<String>,
@@ -63,27 +64,26 @@ pub struct Applied {
 }
 
 /// Resolves the applied value. `written` is the register of the output, with its encoding.
-pub(super) fn resolve(
+pub(crate) fn resolve(
     raw: &RawOutput,
     at: &KeyContext<'_>,
     share: Share,
     written: (Register, &Encoding),
-    device: Option<usize>,
+    device: Option<&Device>,
 ) -> Option<Applied> {
     let at = at.key("read_back");
     let table = match raw.read_back.as_ref()? {
         ReadBackValue::Register(table) => table,
         ReadBackValue::Object(_) => {
-            let help = "write read_back = { register = \"input:12\" }, or remove it: the gateway reads back \
-                        the register that it writes";
+            let help = "write read_back = { register = \"input:12\" }, or remove `read_back`: the gateway \
+                        reads back the register that it writes";
             let device = raw.device.as_deref().unwrap_or_default();
-            at.invalid(format!("`{device}` is on a Modbus line, but an object is only for CAN"), help);
-            return None;
+            return at.reject(format!("`{device}` is on a Modbus line, but an object is only for CAN"), help);
         }
     };
     if share == Share::Ledger {
         let message =
-            "the control applies the sum: the gateway share of a shared register cannot be read there";
+            "this register would contain the operator offset too: the gateway share cannot be read in it";
         at.invalid(message, "remove `read_back`, or write share = \"whole\"");
     }
     if raw.is_no_offset() {
@@ -91,15 +91,12 @@ pub(super) fn resolve(
         at.invalid(message, "remove `read_back`, or write writes = \"offset\"");
     }
     let place = at.key("register");
-    if table.register.is_none() {
-        let message = "`register` is missing: in which register does the control report the applied value?";
-        place.missing(message, "write register = \"input:12\"");
-    }
+    let message = "`register` is missing: in which register does the control report the applied value?";
+    place.missing(message, "write register = \"input:12\"");
     let address = register::register(&place, table.register.as_ref())?;
     let (own, encoding) = written;
     if address.table.is_bits() {
-        place.invalid("a bit cannot hold an offset", "name an input or a holding register");
-        return None;
+        return place.reject("a bit cannot hold an offset", "name an input or a holding register");
     }
     if address == own {
         let message = "this is the register that is written: the gateway reads it back in any case";
@@ -111,21 +108,19 @@ pub(super) fn resolve(
         (_, given) => register::word_order(&at.key("word_order"), Some(data_type), given)?,
     };
     register::fits(&place, address, data_type);
-    if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
+    if let Some(device) = device {
         device.must_read(&place, address.table);
     }
     let scale = match table.scale {
         Some(scale) if scale == 0.0 || !scale.is_finite() => {
-            at.key("scale").invalid("a scale of zero is not allowed", "write µm per count, as 0.1");
-            return None;
+            return at.key("scale").reject("a scale of zero is not allowed", "write µm per count, as 0.1");
         }
         Some(scale) => Scale::of(scale),
         None => encoding.scale,
     };
     let tolerance = match table.tolerance {
         Some(tolerance) if !(tolerance.is_finite() && tolerance > 0.0) => {
-            at.key("tolerance").invalid("a tolerance must be more than zero", "write µm, as 0.2");
-            return None;
+            return at.key("tolerance").reject("a tolerance must be more than zero", "write µm, as 0.2");
         }
         given => given.unwrap_or_else(|| encoding.scale.get().abs().max(scale.get().abs())),
     };

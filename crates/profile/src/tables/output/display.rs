@@ -5,23 +5,24 @@ use serde::Deserialize;
 
 use super::RawOutput;
 use crate::tables::KeyContext;
+use crate::tables::device::Device;
 use crate::tables::register::{Notation, TypeWord, holding};
 use isotherm_core::codec::{DataType, Register, Table};
 
 /// Largest number of decimals of a digit display.
 const MOST_DECIMALS: u8 = 5;
 
-/// Further word of a display.
+/// Word that a display receives in addition to its value, for example its colour.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Beside")]
 pub(super) struct RawBeside {
-    /// Holding register.
+    /// Holding register of the word.
     #[schemars(required)]
     register: Option<String>,
-    /// Constant word.
+    /// Value of the word, if it is constant.
     value: Option<u16>,
-    /// Factor for the number of decimals in `scale`. The word is their product.
+    /// Factor by which the number of decimals of `scale` is multiplied. The word is the product.
     decimals: Option<u16>,
     /// Word while the axis follows its first model.
     good: Option<u16>,
@@ -31,7 +32,7 @@ pub(super) struct RawBeside {
     fault: Option<u16>,
 }
 
-/// Text of a display without a value.
+/// Text that a display shows if there is no value.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Stale")]
@@ -47,7 +48,7 @@ pub(super) struct RawStale {
     characters: Option<u8>,
 }
 
-/// Words of a display, apart from its value. Other outputs have none.
+/// Words of a display, apart from its value. Empty for other outputs.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Display {
     /// Words that are written with each value.
@@ -56,7 +57,7 @@ pub struct Display {
     pub stale: Option<Stale>,
 }
 
-/// Further word of a display.
+/// Word that a display receives in addition to its value, for example its colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ExtraWord {
     /// Holding register of the word.
@@ -69,10 +70,10 @@ pub struct ExtraWord {
     pub fault: u16,
 }
 
-/// Text of a display without a value.
+/// Text that a display shows if there is no value.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stale {
-    /// Text as written.
+    /// Text as the profile states it.
     pub text: String,
     /// First holding register of the text.
     pub register: u16,
@@ -145,9 +146,9 @@ impl Display {
 }
 
 /// Resolves the further words and the text of a display.
-pub(super) fn resolve(raw: &RawOutput, at: &KeyContext<'_>, device: Option<usize>) -> Display {
+pub(crate) fn resolve(raw: &RawOutput, at: &KeyContext<'_>, device: Option<&Device>) -> Display {
     for key in ["beside", "stale"].into_iter().filter(|key| at.has(key) && raw.is_written_as_cz()) {
-        let help = "remove it, or write writes = \"corrected\"";
+        let help = "remove this key, or write writes = \"corrected\"";
         at.key(key).wrong_key("this key is only for a display of a corrected position", help);
     }
     let list = at.key("beside");
@@ -160,7 +161,7 @@ pub(super) fn resolve(raw: &RawOutput, at: &KeyContext<'_>, device: Option<usize
 }
 
 /// Returns the type of an output at the key `type`. The type of a digit display has the number of decimals of `scale`.
-pub(super) fn digits(raw: &RawOutput, at: &KeyContext<'_>) -> Option<DataType> {
+pub(crate) fn digits(raw: &RawOutput, at: &KeyContext<'_>) -> Option<DataType> {
     let TypeWord(kind) = raw.kind?;
     match (kind, raw.scale) {
         (DataType::Decimal24(_), Some(scale)) => decimals(&at.key("scale"), scale).map(DataType::Decimal24),
@@ -179,9 +180,9 @@ fn decimals(at: &KeyContext<'_>, scale: f64) -> Option<u8> {
 }
 
 impl RawBeside {
-    fn resolve(&self, at: &KeyContext<'_>, scale: Option<f64>, device: Option<usize>) -> Option<ExtraWord> {
+    fn resolve(&self, at: &KeyContext<'_>, scale: Option<f64>, device: Option<&Device>) -> Option<ExtraWord> {
         let register = holding(&at.key("register"), self.register.as_ref())?.offset;
-        if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
+        if let Some(device) = device {
             device.must_write(&at.key("register"), 1);
         }
         let by_state = self.good.zip(self.fault);
@@ -203,16 +204,15 @@ impl RawBeside {
 }
 
 impl RawStale {
-    fn resolve(&self, at: &KeyContext<'_>, device: Option<usize>) -> Option<Stale> {
+    fn resolve(&self, at: &KeyContext<'_>, device: Option<&Device>) -> Option<Stale> {
         let register = holding(&at.key("register"), self.register.as_ref())?.offset;
         let text = self.text.clone()?;
         if text.is_empty() || !text.bytes().all(|byte| (0x20..0x7f).contains(&byte)) {
             let help = "write characters that a display has, as \"----\"";
-            at.key("text").invalid(format!("`{text}` cannot be shown"), help);
-            return None;
+            return at.key("text").reject(format!("`{text}` cannot be shown"), help);
         }
         let words = Stale::words(&text, self.characters.unwrap_or(2));
-        if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
+        if let Some(device) = device {
             device.must_write(&at.key("register"), u16::try_from(words.len()).unwrap_or(u16::MAX));
         }
         Some(Stale { text, register, words })

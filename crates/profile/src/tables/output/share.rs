@@ -5,6 +5,7 @@ use serde::Deserialize;
 
 use super::RawOutput;
 use crate::tables::KeyContext;
+use crate::tables::device::Device;
 use isotherm_core::codec::{DataType, Table};
 
 /// Ownership of an output's register.
@@ -20,8 +21,8 @@ pub enum Share {
 }
 
 impl Share {
-    /// Least number of counts of a step. The sum in a shared register must not become zero, the value of a restarted
-    /// CNC, so it may have to skip a count.
+    /// Returns the smallest number of counts that a step must have. A shared register needs two: its sum skips zero,
+    /// because zero is the value of a restarted CNC.
     pub const fn counts_of_a_step(self) -> u32 {
         match self {
             Share::Whole => 1,
@@ -31,11 +32,11 @@ impl Share {
 }
 
 /// Checks the requirements of a shared register.
-pub(super) fn resolve(
+pub(crate) fn resolve(
     raw: &RawOutput,
     at: &KeyContext<'_>,
     data_type: DataType,
-    device: Option<usize>,
+    device: Option<&Device>,
 ) -> Share {
     let share = raw.share.unwrap_or_default();
     if share == Share::Whole {
@@ -47,7 +48,6 @@ pub(super) fn resolve(
                        enough for share = \"ledger\"";
         at.key("verify").invalid(message, "remove `verify`, or write verify = \"read-back\"");
         // Otherwise the check of the read-back reports it.
-        let device = device.and_then(|device| at.check.devices.get(device));
         if device.is_some_and(|device| !device.functions.reads(Table::Holding)) {
             let message = "the gateway share is known only if the register is read, and `functions` of the \
                            device does not allow this";

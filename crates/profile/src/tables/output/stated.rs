@@ -1,4 +1,4 @@
-//! Settings of an output in the profile file itself, and the view of the control on its registers.
+//! Settings of an output in the profile file itself, and the meaning of its registers for the control.
 
 use serde_json::Value;
 
@@ -52,8 +52,8 @@ impl Stated {
 }
 
 impl Profile {
-    /// Returns the view of the control on the registers of this output. `None` for a reference position, which is not a
-    /// correction.
+    /// Returns how the control converts the registers of this output into a correction. `None` for a reference
+    /// position, which is not a correction.
     pub fn control_view(&self, output: &Output) -> Option<ControlView> {
         let Stated { scale, bias, diameter, limit } =
             output.stated.unwrap_or_else(|| Stated::of(self, output));

@@ -3,17 +3,16 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::applied::{Applied, ReadBackValue};
-use super::{Output, RawOutput};
+use super::Output;
+use super::applied::Applied;
 use crate::duration::shown;
 use crate::tables::device::Device;
 use crate::tables::register::Notation;
-use crate::tables::{KeyContext, can};
-use isotherm_core::codec::{Address, DataType, Object};
+use isotherm_core::codec::{Address, Object};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub(super) enum VerifyWord {
+pub(crate) enum VerifyWord {
     ReadBack,
     Echo,
 }
@@ -21,13 +20,13 @@ pub(super) enum VerifyWord {
 /// Verification of a write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verify {
-    /// The register is read again.
+    /// The register is read after the write.
     ReadBack,
-    /// The answer repeats address and value.
+    /// The answer of the device to the write repeats address and value.
     Echo,
-    /// This object is read. It has the same type as the written value.
+    /// This CANopen object is read, which has the same type as the written value.
     ReadBackAt(Object),
-    /// None: only a display shows the value.
+    /// The write is not verified, because the value is only displayed.
     Shown,
 }
 
@@ -36,49 +35,6 @@ impl Verify {
     pub const fn reads(self) -> bool {
         matches!(self, Verify::ReadBack | Verify::ReadBackAt(_))
     }
-}
-
-/// Resolves the verification of a frame, which has no answer. The value is read in another object, or only shown on a
-/// display.
-pub(super) fn of_a_frame(
-    raw: &RawOutput,
-    at: &KeyContext<'_>,
-    data_type: DataType,
-    owner: &str,
-) -> Option<Verify> {
-    let place = at.key("read_back");
-    let kept = |verify: &VerifyWord| *verify == VerifyWord::ReadBack && raw.read_back.is_some();
-    if let Some(verify) = raw.verify.filter(|verify| !kept(verify)) {
-        let word = if verify == VerifyWord::Echo { "echo" } else { "read-back" };
-        let message = format!("a frame has no answer: verify = \"{word}\" is not possible");
-        let help =
-            "remove it, and write read_back = \"6004:00\", the CANopen object that returns the written value";
-        at.key("verify").invalid(message, help);
-    }
-    let text = match &raw.read_back {
-        Some(ReadBackValue::Object(text)) => text,
-        Some(ReadBackValue::Register(_)) => {
-            let help = "write read_back = \"6004:00\", the CANopen object that returns the written value";
-            place.invalid("registers are only for Modbus: on CAN an object is read back", help);
-            return None;
-        }
-        None if raw.is_written_as_cz() => {
-            let message = "`read_back` is missing: an offset must be read back";
-            let help = "write read_back = \"6004:00\", the CANopen object that returns the written value. \
-                        Without `read_back`, only a display of a corrected position can be written";
-            place.missing(message, help);
-            return None;
-        }
-        None => return (!place.is_written()).then_some(Verify::Shown),
-    };
-    can::needs_node(&place, owner);
-    let entry = can::entry(&place, text);
-    if !data_type.width().is_multiple_of(8) {
-        let message = format!("an object has whole bytes, and {} bits are written", data_type.width());
-        place.invalid(message, "write 8, 16, 24, 32 or 64 bits, as the object has them");
-        return None;
-    }
-    Some(Verify::ReadBackAt(Object { entry: entry?, data_type }))
 }
 
 /// Describes the verification of this output's writes in a sentence.
@@ -97,13 +53,13 @@ pub(super) fn preview(output: &Output, device: &Device) -> String {
             "once the value is read back: the register is read before and after each write, whatever the \
              answer is"
         }
-        Verify::ReadBack if is_node => "once the node reads back what was written",
+        Verify::ReadBack if is_node => "once the node was read and contains the written value",
         Verify::Echo if is_node => "once the server has answered Good; the node is not read back",
-        Verify::ReadBack if is_object => "once the object reads back what was written",
+        Verify::ReadBack if is_object => "once the object was read and contains the written value",
         Verify::Echo if is_object => "once the node has accepted the value; the object is not read back",
-        Verify::ReadBack => "once the register reads back what was written",
+        Verify::ReadBack => "once the register was read and contains the written value",
         Verify::Echo => "once the answer repeats what was written; the register is not read back",
-        Verify::ReadBackAt(object) => return format!("once object {object} reads back what was written"),
+        Verify::ReadBackAt(object) => return format!("once object {object} was read and contains the value"),
         Verify::Shown => "as soon as the value is sent: it is only displayed, and not verified",
     };
     accepted.to_owned()

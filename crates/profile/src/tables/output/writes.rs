@@ -1,8 +1,8 @@
 //! `writes` of an output: its quantity, unit and range.
 //!
-//! Some controls apply a line themselves, for example a SINUMERIK: `ΔK = K0(T) + tanβ(T)·(P − P0)`. Such a control
-//! receives the three numbers K0, tanβ and P0, and applies them at its own rate. Any other control receives Cz at the
-//! present position of the axis.
+//! Some controls calculate the correction themselves, for example a SINUMERIK: `ΔK = K0(T) + tanβ(T)·(P − P0)`. Such a
+//! control receives the three numbers K0, tanβ and P0, and applies them at its own rate. Any other control receives Cz
+//! at the present position of the axis.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -11,8 +11,8 @@ use super::share::Share;
 use super::{Output, RawOutput};
 use crate::Profile;
 use crate::document::figure;
-use crate::tables::KeyContext;
 use crate::tables::axis::Axis;
+use crate::tables::{Check, KeyContext};
 use isotherm_core::quantity::Micron;
 use isotherm_core::reading::SignalId;
 
@@ -32,7 +32,7 @@ pub(super) enum WritesWord {
 /// Quantity that an output writes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Writes {
-    /// Cz in µm, with the period of the axis.
+    /// Cz in µm, written at each update of the axis.
     Offset,
     /// K0 in µm: Cz at the reference position, if the control applies the slope itself.
     Intercept,
@@ -42,13 +42,13 @@ pub enum Writes {
     Reference,
     /// Position + Cz in mm, as soon as the position is read.
     Corrected {
-        /// Signal of the scale.
+        /// Signal with the position that the linear scale measures.
         position: SignalId,
     },
 }
 
 impl Writes {
-    /// Name in the profile.
+    /// Returns the word for this quantity in a profile.
     pub const fn name(self) -> &'static str {
         match self {
             Writes::Offset => "offset",
@@ -87,7 +87,7 @@ impl Writes {
         !matches!(self, Writes::Corrected { .. })
     }
 
-    /// Returns whether the value is a part of the line that the control applies itself.
+    /// Returns whether the value is K0, tanβ or P0, from which the control calculates the correction itself.
     pub const fn is_apart(self) -> bool {
         matches!(self, Writes::Intercept | Writes::Slope | Writes::Reference)
     }
@@ -102,15 +102,13 @@ pub(super) fn resolve(raw: &RawOutput, at: &KeyContext<'_>) -> Option<Writes> {
         WritesWord::Slope => Writes::Slope,
         WritesWord::Reference => Writes::Reference,
         WritesWord::Corrected => {
-            if raw.position.is_none() {
-                let help = "name the signal of the scale, in mm: the gateway writes position + Cz";
-                place.missing("`position` is missing: which scale is corrected?", help);
-            }
+            let help = "name the signal with the position, in mm: the gateway writes position + Cz";
+            place.missing("`position` is missing: which position is corrected?", help);
             return Some(Writes::Corrected { position: place.position(raw.position.as_ref())? });
         }
     };
     if raw.position.is_some() {
-        let help = "remove it, or write writes = \"corrected\"";
+        let help = "remove this key, or write writes = \"corrected\"";
         place.wrong_key("`position` is only for a corrected position", help);
     }
     Some(writes)
@@ -180,10 +178,10 @@ fn reach(output: &Output, axis: &Axis, range: Option<(f64, f64)>) -> Option<(f64
 }
 
 /// Reports a register that cannot hold every value of the axis, or a step that is smaller than one count.
-pub(super) fn can_move(at: &KeyContext<'_>, output: &Output, axis: &Axis) {
+pub(super) fn can_move(check: &Check<'_>, at: &KeyContext<'_>, output: &Output, axis: &Axis) {
     let encoding = &output.encoding;
     let Some((low, high)) = encoding.data_type.integer_range() else { return };
-    let position = output.writes.position().and_then(|position| at.check.signals.get(position.0));
+    let position = output.writes.position().and_then(|position| check.signals.get(position.0));
     if let Some((from, to)) = reach(output, axis, position.and_then(|signal| signal.range))
         && (encoding.encode(from).saturated || encoding.encode(to).saturated)
     {
@@ -217,8 +215,8 @@ pub(super) fn can_move(at: &KeyContext<'_>, output: &Output, axis: &Axis) {
     }
 }
 
-/// Gives the guard of an axis the coarsest count of its outputs. Cz is doubled for a diameter, so a count there is
-/// worth half.
+/// Sets the count (smallest change) of the axis's guard to the count of this output, if that is coarser. For a diameter
+/// the output contains twice Cz, so its count is divided by two. A slope output sets the count of the slope instead.
 pub(super) fn note_count(axis: &mut Axis, output: &Output) {
     if output.encoding.data_type.integer_range().is_none() {
         return;

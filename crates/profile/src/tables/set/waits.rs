@@ -1,10 +1,11 @@
-//! Timeouts and acknowledges of handshakes.
+//! Checks of handshakes: their timeouts, and the bits with which the control acknowledges.
 
 use super::OutputSet;
 use crate::duration::shown;
 use crate::tables::Check;
 
-/// Reports a timeout that is not longer than one answer, or an exchange that is not shorter than its period.
+/// Reports a handshake timeout that is not longer than the bus timeout. Also reports a handshake that may take as long
+/// as the period of its axis or the refresh of its outputs.
 pub(super) fn has_time(check: &Check<'_>, set: &OutputSet) {
     let Some(handshake) = &set.handshake else { return };
     let at = set.at(check).key("handshake").key("timeout");
@@ -33,7 +34,7 @@ pub(super) fn has_time(check: &Check<'_>, set: &OutputSet) {
     }
 }
 
-/// Reports an acknowledge that is used by two handshakes: it would be ambiguous.
+/// Reports an acknowledge bit that two handshakes use, because it would be ambiguous.
 pub(super) fn acknowledges_apart(check: &Check<'_>, sets: &[Option<OutputSet>]) {
     let answers = |set: &OutputSet| {
         set.handshake.as_ref().map(|handshake| (set.device, handshake.acknowledge.to_string()))

@@ -3,8 +3,8 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use crate::kinds::opcua::nodes::{holds, written};
 use crate::tables::KeyContext;
-use crate::tables::opcua::{holds, written};
 use crate::tables::register::{TypeWord, holding};
 use isotherm_core::codec::Address;
 
@@ -18,7 +18,7 @@ pub(super) const EVERY_BIT: u16 = 15;
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Version")]
 pub(super) struct RawVersion {
-    /// Holding register.
+    /// Holding register of the version number.
     register: Option<String>,
     /// Node of an OPC UA server, for example "ns=2;s=…".
     node: Option<String>,
@@ -33,23 +33,20 @@ pub(super) struct RawVersion {
 impl RawVersion {
     pub(super) fn resolve(&self, at: &KeyContext<'_>, is_in_nodes: bool) -> Option<(Address, u16)> {
         if is_in_nodes {
-            at.not_applicable(&["register"], "a Modbus device", "remove it, and write node = \"ns=2;s=…\"");
+            at.not_applicable(
+                &["register"],
+                "a Modbus device",
+                "write node = \"ns=2;s=…\" instead of `register`",
+            );
             let (node, number) = (written(at, self.node.as_ref(), self.kind)?, self.value?);
             holds(at, &node, number)?;
             return Some((Address::Node(node), number));
         }
-        at.not_applicable(
-            &["node", "type"],
-            "an OPC UA server",
-            "remove it, and write register = \"holding:100\"",
-        );
+        let help = "remove this key, and write register = \"holding:100\"";
+        at.not_applicable(&["node", "type"], "an OPC UA server", help);
         let place = at.key("register");
-        if self.register.is_none() {
-            place.missing(
-                "`register` is missing: where is the version number written?",
-                "write a holding register, as \"holding:100\"",
-            );
-        }
+        let help = "write a holding register, as \"holding:100\"";
+        place.missing("`register` is missing: where is the version number written?", help);
         holding(&place, self.register.as_ref()).map(Address::from).zip(self.value)
     }
 }
@@ -64,5 +61,5 @@ pub(super) fn foreign_to_nodes(at: &KeyContext<'_>) {
         let help = "use a `handshake`: its strobe is set after the whole set was read back";
         at.key(key).wrong_key(message, help);
     }
-    at.not_applicable(&["zeros"], "registers", "remove it: there are no unused registers between nodes");
+    at.not_applicable(&["zeros"], "registers", "remove `zeros`: there are no unused registers between nodes");
 }

@@ -10,7 +10,7 @@ use isotherm_core::reading::Reason;
 /// Raw value that means "no measurement": a number, or a number with its meaning.
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
-pub(super) enum BadValue {
+pub(crate) enum BadValue {
     Number(i64),
     Named(RawSentinel),
 }
@@ -19,7 +19,7 @@ pub(super) enum BadValue {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Sentinel")]
-pub(super) struct RawSentinel {
+pub(crate) struct RawSentinel {
     /// Raw count, before scaling.
     #[schemars(required)]
     raw: Option<i64>,
@@ -45,7 +45,7 @@ fn meanings(_: &mut SchemaGenerator) -> Schema {
 }
 
 /// Resolves the raw values that mean "no measurement", with their meanings.
-pub(super) fn sentinels(bad: Option<&Vec<BadValue>>, at: &KeyContext<'_>) -> Vec<Sentinel> {
+pub(crate) fn sentinels(bad: Option<&Vec<BadValue>>, at: &KeyContext<'_>) -> Vec<Sentinel> {
     let mut sentinels = Vec::new();
     for (place, bad) in bad.into_iter().flatten().enumerate() {
         match bad {

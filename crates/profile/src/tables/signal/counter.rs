@@ -7,6 +7,7 @@ use serde::Deserialize;
 
 use crate::duration::shown;
 use crate::tables::KeyContext;
+use crate::tables::device::Device;
 use crate::tables::register::register;
 use isotherm_core::codec::{Counter, Encoding, Register, Table};
 
@@ -15,7 +16,7 @@ use isotherm_core::codec::{Counter, Encoding, Register, Table};
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Counter")]
 pub(super) struct RawCounter {
-    /// Largest speed of the axis, units per second. A larger step is a new reference, not a motion.
+    /// Largest speed of the axis, units per second. A faster change sets a new reference, and does not count as motion.
     #[schemars(required)]
     max_speed: Option<f64>,
     /// Command that is written before each read, for a counter that copies its count into registers only on command.
@@ -49,7 +50,7 @@ impl RawCounter {
         &self,
         at: &KeyContext<'_>,
         encoding: &Encoding,
-        device: Option<usize>,
+        device: Option<&Device>,
         every: Duration,
         has_max_rate: bool,
     ) -> (Option<Counter>, Option<Capture>) {
@@ -60,8 +61,8 @@ impl RawCounter {
             at.wrong_key(format!("{} is no counter", encoding.data_type.name()), help);
         }
         if has_max_rate {
-            let help = "keep `max_speed`: a step faster than `max_speed` is a new reference, and not a \
-                        lasting fault";
+            let help = "remove `max_rate` and keep `max_speed`: a step faster than `max_speed` sets a new \
+                        reference, and does not cause a lasting fault";
             at.wrong_key("`max_rate` and `counter.max_speed` both limit the rate of change", help);
         }
         let Some(max_speed) = at.key("max_speed").positive(self.max_speed) else { return (None, capture) };
@@ -81,10 +82,10 @@ impl RawCounter {
 }
 
 impl RawCapture {
-    fn resolve(&self, at: &KeyContext<'_>, device: Option<usize>) -> Option<Capture> {
+    fn resolve(&self, at: &KeyContext<'_>, device: Option<&Device>) -> Option<Capture> {
         let at = at.key("register");
         let address = register(&at, self.register.as_ref())?;
-        if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
+        if let Some(device) = device {
             match address.table {
                 Table::Coil if !device.functions.write_coil => {
                     device.lacks(&at, "this command needs write-coil", "\"write-coil\"");

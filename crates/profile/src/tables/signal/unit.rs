@@ -31,7 +31,7 @@ pub(crate) struct Scaling {
 }
 
 impl Scaling {
-    /// Returns scale and offset of a table of the first layers. A template may add more.
+    /// Returns scale and offset of a table of the merged files. A template may set those that are missing.
     pub(crate) fn of(table: &Value) -> Scaling {
         let number = |key| table.get(key).and_then(Value::as_f64);
         let has_template = ["channel", "dbc"].iter().any(|key| table.get(key).is_some());
@@ -81,7 +81,7 @@ const OTHERS: [Other; 16] = [
     other(&["ms"], "ms", "s", 1e-3, 0.0),
 ];
 
-/// Least length of a word that may contain two mistakes.
+/// Shortest length in bytes of a word in which two spelling mistakes are accepted.
 const SPELLED_OUT: usize = 6;
 const SLIPS: usize = 2;
 

@@ -1,11 +1,11 @@
-//! Lookup of names, and collection of errors.
+//! Lookup of the names in a plant file, and collection of its errors.
 
 use crate::virtual_machine::plant::structure::Point;
 
-/// Name of the air in links, sensors and displacements.
+/// Name that stands for the air in links, sensors and displacements.
 pub(super) const AMBIENT: &str = "ambient";
 
-/// Names of all points with a temperature, and the errors so far.
+/// Names of all points that have a temperature, and the errors found so far.
 pub(super) struct Check {
     pub(super) names: Vec<(String, Point)>,
     pub(super) errors: Vec<String>,
@@ -18,7 +18,7 @@ impl Check {
         }
     }
 
-    /// Finds the point with this name. For an unknown name it adds an error, and returns the air.
+    /// Returns the point with this name. For an unknown name, adds an error and returns the air.
     pub(super) fn point(&mut self, place: &str, name: &str) -> Point {
         if name == AMBIENT {
             return Point::Ambient;
@@ -32,7 +32,7 @@ impl Check {
         Point::Ambient
     }
 
-    /// Finds a node as [`Check::point`] does. Other points are an error.
+    /// Returns the index of the node with this name. For any other name, adds an error.
     pub(super) fn node(&mut self, place: &str, name: &str) -> usize {
         let before = self.errors.len();
         match self.point(place, name) {
@@ -46,7 +46,8 @@ impl Check {
         }
     }
 
-    /// Finds a node or the air as [`Check::point`] does, for the surroundings of a structure.
+    /// Returns the node with this name, or the air, as the medium around a structure. For any other name, adds an
+    /// error.
     pub(super) fn surroundings(&mut self, place: &str, name: &str) -> Point {
         match self.point(place, name) {
             point @ (Point::Node(_) | Point::Ambient) => point,

@@ -1,4 +1,4 @@
-//! Effects of warm parts on an axis: in the file, and converted to gains.
+//! Effects of warm parts on an axis: as keys of the plant file, and their conversion to gains.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +8,7 @@ use super::super::{Displacement, Position, Stretch};
 use super::check::Check;
 use crate::virtual_machine::plant::structure::Point;
 
-/// A part that expands and moves the axis.
+/// Part that expands and so moves the axis.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ExpansionFile {
@@ -19,7 +19,7 @@ pub(super) struct ExpansionFile {
     sign: f64,
 }
 
-/// Two sides of a part. The part bends because the warmer side is longer.
+/// Two sides of a part that bends, because the warmer side becomes longer.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct BendingFile {
@@ -29,7 +29,7 @@ pub(super) struct BendingFile {
     um_per_kelvin: f64,
 }
 
-/// A part along the travel. Its length between reference and current position expands.
+/// Part along a travel. Its length between the reference and the current position expands.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct StretchFile {
@@ -38,13 +38,13 @@ pub(super) struct StretchFile {
     coefficient: f64,
     position: String,
     reference_mm: f64,
-    /// Start of the part, mm; without `from_mm` and `to_mm`, it is as long as the travel.
+    /// Start of the part, mm; without `from_mm` and `to_mm`, the part is as long as the travel.
     from_mm: Option<f64>,
     to_mm: Option<f64>,
     sign: f64,
 }
 
-/// A bending that tilts the axis. The error grows with the distance from a reference.
+/// Bending that tilts the axis. The error grows with the distance of the position from a reference.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct TiltFile {
@@ -56,7 +56,7 @@ pub(super) struct TiltFile {
     reference_mm: f64,
 }
 
-/// Collected effects of each axis.
+/// Effects on each axis, collected while the file is converted.
 pub(super) struct Displacements<'a> {
     positions: &'a [Position],
     check: &'a mut Check,
@@ -109,7 +109,7 @@ impl<'a> Displacements<'a> {
         self.along(&place, &file.axis, &file.position, everywhere);
     }
 
-    /// Adds a part of the travel to the axis. `position`: name of the signal with the position along the travel.
+    /// Adds to an axis a part along a travel. `position` is the name of the signal with the position on that travel.
     fn along(&mut self, place: &str, axis: &str, position: &str, stretch: Stretch) {
         let Some(position) = self.positions.iter().position(|known| known.signal == position) else {
             self.check.demand(false, || format!("{place}: there is no position `{position}`"));
@@ -118,7 +118,7 @@ impl<'a> Displacements<'a> {
         self.axis(axis).stretches.push(Stretch { position, ..stretch });
     }
 
-    /// Makes the axis follow the structure's guideway in this direction.
+    /// Sets that the axis follows the structure's guideway in this direction.
     pub(super) fn guided(&mut self, axis: &str, direction: usize) {
         self.axis(axis).guided = Some(direction);
     }

@@ -1,4 +1,4 @@
-//! A structure reduced to modes: in the file, and checked.
+//! Structure that is reduced to thermal modes: as keys of a file, and checked.
 
 use std::collections::BTreeMap;
 
@@ -8,22 +8,22 @@ use super::super::Position;
 use super::check::Check;
 use crate::virtual_machine::plant::structure::{Point, Sink, Structure, dot};
 
-/// Settings of the structure in its machine.
+/// Settings of the structure in the plant file of its machine.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct StructureFile {
-    /// File with the modes.
+    /// Name of the file with the modes.
     modes: String,
     initial: f64,
-    /// Position signal that selects the point of the guideway.
+    /// Name of the position signal that selects the point of the guideway.
     position: String,
-    /// Direction of the guideway's displacement that is the error of each axis.
+    /// Axes that follow the guideway: for each, the direction of the guideway's displacement that is its error.
     pub(super) axes: BTreeMap<String, Direction>,
-    /// Node or air that determines the temperature of each sink.
+    /// For each sink: name of the node, or the air, that determines its temperature.
     sinks: BTreeMap<String, String>,
 }
 
-/// Direction, in the order of [`Structure::moves`].
+/// Direction of a displacement, in the order of [`Structure::moves`].
 #[derive(Deserialize, Clone, Copy)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Direction {
@@ -32,7 +32,7 @@ pub(super) enum Direction {
     Z,
 }
 
-/// Modes as written by `isotherm place --modes`.
+/// File of modes as `isotherm place --modes` writes it.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ModesFile {
@@ -56,7 +56,7 @@ struct Moves {
 }
 
 impl StructureFile {
-    /// Reads the file with the modes.
+    /// Reads the file with the modes, through `read`.
     ///
     /// # Errors
     /// The file does not exist or is invalid.

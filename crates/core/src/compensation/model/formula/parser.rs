@@ -1,13 +1,14 @@
-//! Precedence climbing over a flat list of tokens. Gives operations in the order of a stack machine.
+//! Parser of expressions, by precedence climbing over a list of tokens. Its result is a list of operations for a stack
+//! machine.
 
 use super::{Binary, DEPTH, Operation, Symbol, Unary};
 
 /// Reason why an expression cannot be parsed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ExpressionError {
-    /// Byte position in the text.
+    /// Byte position of the mistake in the text.
     pub at: usize,
-    /// Message for display.
+    /// Message about the mistake, without its position.
     pub message: String,
 }
 
@@ -41,7 +42,10 @@ pub(super) fn parse(
         return Err(parser.error("an operator was expected here"));
     }
     if deepest(&parser.operations) > DEPTH {
-        return Err(ExpressionError { at: 0, message: format!("nested deeper than {DEPTH} levels") });
+        return Err(ExpressionError {
+            at: 0,
+            message: format!("the expression is nested deeper than {DEPTH} levels"),
+        });
     }
     Ok(parser.operations)
 }
@@ -77,7 +81,8 @@ fn tokens(text: &str) -> Result<Vec<(usize, Token<'_>)>, ExpressionError> {
     Ok(tokens)
 }
 
-/// Parses digits, a point, and an exponent with its own sign.
+/// Returns the length in bytes of the number at the beginning of the text: digits, a point, and an exponent with its
+/// own sign.
 fn number_length(text: &str) -> usize {
     let bytes = text.as_bytes();
     let mut length = 0;
@@ -92,7 +97,7 @@ fn number_length(text: &str) -> usize {
     length
 }
 
-/// Returns the maximum height of the stack.
+/// Returns the maximum number of values on the stack during these operations.
 fn deepest(operations: &[Operation]) -> usize {
     let mut height = 0usize;
     let mut most = 0usize;
@@ -127,7 +132,8 @@ impl<'a> Parser<'a> {
         if self.take(sign) { Ok(()) } else { Err(self.error(&format!("`{sign}` was expected here"))) }
     }
 
-    /// Parses operators that bind at least as tightly as `weakest`. All associate to the left.
+    /// Parses an operand, and all operators after it that bind at least as tightly as `weakest`. Operators of equal
+    /// strength associate to the left.
     fn binary(&mut self, weakest: u8) -> Result<(), ExpressionError> {
         self.unary()?;
         while let Some((operator, strength)) = self.peek().and_then(binary_operator) {
@@ -141,11 +147,12 @@ impl<'a> Parser<'a> {
         Ok(())
     }
 
-    /// Parses an operand with its sign or `not`. Every kind of nesting passes here, so its depth is counted here.
+    /// Parses an operand with its sign or `not`. The depth of nesting is counted in this function, because every kind
+    /// of nesting calls it.
     fn unary(&mut self) -> Result<(), ExpressionError> {
         self.nesting += 1;
         if self.nesting > 4 * DEPTH {
-            return Err(self.error("nested too deeply"));
+            return Err(self.error("the expression is nested too deeply"));
         }
         // `not a == b` negates the comparison; `-a * b` negates only a.
         let (operator, weakest) = match self.peek() {
@@ -164,7 +171,7 @@ impl<'a> Parser<'a> {
         Ok(())
     }
 
-    /// Parses `a ^ b`, which associates to the right and binds tighter than a minus before it.
+    /// Parses `a ^ b`, which associates to the right, and binds tighter than a minus sign before `a`.
     fn power(&mut self) -> Result<(), ExpressionError> {
         self.atom()?;
         if self.take("^") {

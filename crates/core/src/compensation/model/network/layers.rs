@@ -1,8 +1,10 @@
-//! Network of layers: `y = f(W·x + b)`, layer after layer.
+//! Neural network of layers. Each layer computes `y = f(W·x + b)` from the outputs x of the layer before it.
+
+use serde::Deserialize;
 
 use super::{Scaling, WIDEST};
 
-/// Layers, with the scaling of inputs and output.
+/// Neural network of layers, with the scaling of its inputs and its output.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layers {
     scaling: Scaling,
@@ -17,18 +19,19 @@ pub struct Layer {
     pub weights: Vec<Vec<f64>>,
     /// Bias of each neuron.
     pub bias: Vec<f64>,
-    /// Function of each neuron.
+    /// Function that each neuron applies to its sum.
     pub activation: Activation,
 }
 
 /// Function that a neuron applies to its sum.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Activation {
-    /// Hyperbolic tangent of the sum.
+    /// The function is the hyperbolic tangent of the sum.
     Tanh,
-    /// The sum if it is above zero, else zero.
+    /// The function is the sum if it is above zero, else zero.
     Relu,
-    /// The sum itself, without a change.
+    /// The function is the sum itself.
     Linear,
 }
 
@@ -44,12 +47,12 @@ impl Activation {
 }
 
 impl Layers {
-    /// Creates a network. `scaling`: scaling of the inputs. `output`: mean and scale of the output, µm: Cz = mean +
-    /// scale · y.
+    /// Creates a network of these layers. `scaling`: scaling of the inputs. `output`: mean and scale, µm, that convert
+    /// the last neuron's y into Cz = mean + scale · y.
     ///
     /// # Errors
-    /// Returns a message: layers that do not fit each other, a last layer with more than one neuron, or a number that
-    /// is not finite.
+    /// Returns a message if layers do not fit each other, if the last has not exactly one neuron, or if a number is not
+    /// finite.
     pub fn new(scaling: Scaling, layers: Vec<Layer>, output: (f64, f64)) -> Result<Layers, String> {
         let mut width = scaling.count();
         for (place, layer) in layers.iter().enumerate() {
@@ -57,8 +60,8 @@ impl Layers {
             let neurons = layer.weights.len();
             if neurons == 0 || neurons > WIDEST || neurons != layer.bias.len() {
                 return Err(format!(
-                    "layer {number} has {neurons} rows of weights and {} biases: each neuron needs one of \
-                     both, and 1 to {WIDEST} neurons are allowed",
+                    "layer {number} has {neurons} rows of weights and {} biases: each neuron needs one \
+                     row and one bias, and 1 to {WIDEST} neurons are allowed",
                     layer.bias.len()
                 ));
             }
@@ -76,7 +79,7 @@ impl Layers {
             width = neurons;
         }
         if width != 1 || layers.is_empty() {
-            return Err(format!("the last layer has {width} neurons: it must have one, for Cz"));
+            return Err(format!("the last layer has {width} neurons: it must have one neuron, for Cz"));
         }
         if !output.0.is_finite() || !output.1.is_finite() {
             return Err("the output's mean and scale must be finite".to_owned());
@@ -88,7 +91,7 @@ impl Layers {
         self.scaling.count()
     }
 
-    /// Returns the number of neurons of each layer: `30-16-1`.
+    /// Returns the number of inputs and of the neurons of each layer, for example `30-16-1`.
     pub(super) fn shape(&self) -> String {
         let widths = self.layers.iter().map(|layer| format!("-{}", layer.bias.len()));
         format!("{}{}", self.takes(), widths.collect::<String>())

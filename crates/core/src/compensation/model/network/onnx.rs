@@ -1,8 +1,8 @@
-//! Network in an ONNX file, run by rten. Its input is one tensor: one row with one number for each input. Its output is
-//! one number.
+//! Neural network in an ONNX file, computed by the library rten. Its input is one tensor: one row with one number for
+//! each input. Its output is one number.
 //!
-//! The graph computes in single precision, whatever the file says. It uses one thread, so that the same inputs give the
-//! same bits. The runtime allocates a few small tensors inside a step.
+//! The graph computes in single precision, even if the file demands another one. It uses one thread, so that the same
+//! inputs give the same bits. The runtime allocates a few small tensors at each computation.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
@@ -17,7 +17,7 @@ use crate::border::beyond;
 mod frame;
 mod trial;
 
-/// Graph that has been run once as a trial.
+/// Graph of an ONNX file that has passed a trial computation.
 #[derive(Clone)]
 pub struct Onnx {
     graph: Arc<Graph>,
@@ -41,12 +41,12 @@ impl Graph {
 }
 
 impl Onnx {
-    /// Loads an ONNX file, and runs it with every input at zero. `inputs` is the number of inputs of the model. It sets
-    /// a dimension that the file leaves open.
+    /// Loads an ONNX file, and computes the network once with every input at zero. `inputs` is the number of inputs of
+    /// the model, for a file that does not fix the size of its input.
     ///
     /// # Errors
-    /// Returns a message: the bytes are no ONNX file, an operator is not supported, or the graph does not take one row
-    /// of numbers or does not give one number.
+    /// Returns a message if the bytes are no ONNX file, or an operator is not supported. Also if the graph does not
+    /// compute one number from one row of numbers.
     pub fn new(bytes: Vec<u8>, inputs: usize) -> Result<Onnx, String> {
         if !frame::is_whole(&bytes) {
             return Err(
@@ -63,8 +63,8 @@ impl Onnx {
             .map_err(|why| format!("the file cannot be read as an ONNX network: {why}"))?;
         let (&[input], &[output]) = (model.input_ids(), model.output_ids()) else {
             return Err(format!(
-                "the network has {} input tensors and {} output tensors: export it with one tensor of all \
-                 inputs and one of Cz",
+                "the network has {} input tensors and {} output tensors: export it with one input tensor \
+                 for all inputs and one output tensor for Cz",
                 model.input_ids().len(),
                 model.output_ids().len()
             ));
@@ -84,7 +84,9 @@ impl Onnx {
         let values = onnx.run(&[0.0; WIDEST][..takes])?;
         match values.len() {
             1 => Ok(onnx),
-            count => Err(format!("the output of the network has {count} numbers: it must have one, Cz")),
+            count => {
+                Err(format!("the output of the network has {count} numbers: it must have one number, Cz"))
+            }
         }
     }
 
@@ -119,12 +121,14 @@ impl Onnx {
     }
 }
 
-/// Catches a panic of the runtime. A file may be invalid in a way that the runtime does not check.
+/// Runs code of the ONNX runtime, and returns a panic as an error. A file may be invalid in a way that the runtime does
+/// not check.
 fn caught<T>(run: impl FnOnce() -> T) -> Result<T, String> {
-    beyond(run).map_err(|_| "the ONNX runtime failed on this network: export it again".to_owned())
+    beyond(run).map_err(|_| "the ONNX runtime failed on this network: export the network again".to_owned())
 }
 
-/// Returns the number of inputs, and whether the tensor has no dimension for the row.
+/// Returns the number of inputs of the network, and whether the input tensor has only one dimension, without one for
+/// the row. `inputs` is the number for a size that the file leaves open.
 fn row(shape: Option<Vec<Dimension>>, inputs: usize, name: &str) -> Result<(usize, bool), String> {
     let size = |dimension: &Dimension| match dimension {
         Dimension::Fixed(size) => *size,
@@ -151,8 +155,8 @@ fn named(dimension: &Dimension) -> String {
     }
 }
 
-/// Operators with which networks of neurons and radial basis functions are exported. More would only make the program
-/// larger.
+/// Returns the supported operators: those with which networks of neurons and radial basis functions are exported. More
+/// would only make the program larger.
 fn operators() -> OpRegistry {
     OpRegistry::with_ops(&[
         &op_types::Abs,
@@ -188,7 +192,7 @@ fn operators() -> OpRegistry {
     ])
 }
 
-/// Two networks are equal if their files and numbers of inputs are equal.
+/// Compares two networks. They are equal if their files and numbers of inputs are equal.
 impl PartialEq for Onnx {
     fn eq(&self, other: &Onnx) -> bool {
         (self.fingerprint, self.takes) == (other.fingerprint, other.takes)

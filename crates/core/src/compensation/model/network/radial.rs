@@ -1,8 +1,8 @@
-//! Radial basis functions: `y = bias + Σ w·exp(−|x − c|² / (2·width²))`.
+//! Neural network of radial basis functions: `y = bias + Σ w·exp(−|x − c|² / (2·width²))`.
 
 use super::Scaling;
 
-/// Nodes, with the scaling of inputs and output.
+/// Neural network of radial basis functions, with the scaling of its inputs and its output.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Radial {
     scaling: Scaling,
@@ -16,19 +16,19 @@ pub struct Radial {
 pub struct Node {
     /// Centre of the function: one scaled number for each input.
     pub centre: Vec<f64>,
-    /// Scaled distance at which the function has fallen to 0.61.
+    /// Distance from the centre, in scaled inputs, at which the function has 0.61 of its value at the centre.
     pub width: f64,
-    /// Value at its centre.
+    /// Value of the function at its centre.
     pub weight: f64,
 }
 
 impl Radial {
-    /// Creates a network. `scaling`: scaling of the inputs. `output`: mean and scale of the output, µm: Cz = mean +
-    /// scale · y.
+    /// Creates a network of these nodes. `scaling`: scaling of the inputs. `output`: mean and scale, µm, that convert
+    /// the sum y into Cz = mean + scale · y.
     ///
     /// # Errors
-    /// Returns a message: no nodes, a centre of another dimension, a width that is not above zero, or a number that is
-    /// not finite.
+    /// Returns a message if there are no nodes, if a centre has another number of inputs, or if a number is not finite.
+    /// Widths must be above zero.
     pub fn new(scaling: Scaling, nodes: Vec<Node>, bias: f64, output: (f64, f64)) -> Result<Radial, String> {
         if nodes.is_empty() {
             return Err("the network has no nodes".to_owned());
@@ -38,7 +38,7 @@ impl Radial {
             if node.centre.len() != scaling.count() {
                 let (has, wants) = (node.centre.len(), scaling.count());
                 return Err(format!(
-                    "centre {number} has {has} numbers, but there are {wants} inputs: both must be equal"
+                    "centre {number} has {has} numbers, but there are {wants} inputs: the two numbers must be equal"
                 ));
             }
             if !(node.width > 0.0 && node.width.is_normal()) {

@@ -1,25 +1,29 @@
-//! Scaling from a signal's unit to the unit of a network: `(x − mean) / scale`.
+//! Scaling of the inputs of a neural network from the signals' units: `(x − mean) / scale`.
 
-/// Mean and scale of each input.
+/// Maximum number of inputs of a network, and of neurons of a layer. It is limited because a step stores the values in
+/// arrays of fixed size.
+pub const WIDEST: usize = 256;
+
+/// Mean and scale of each input of a neural network.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scaling {
     pairs: Vec<(f64, f64)>,
 }
 
 impl Scaling {
-    /// Creates a scaling from means and scales, in the order of the inputs.
+    /// Creates a scaling from the means and the scales of the inputs, in their order.
     ///
     /// # Errors
-    /// Returns a message: different numbers of both, no inputs or too many, a scale of zero, or a number that is not
-    /// finite.
+    /// Returns a message if the numbers of means and scales differ, are zero or are too large. Also if a scale is zero,
+    /// or a number is not finite.
     pub fn new(mean: &[f64], scale: &[f64]) -> Result<Scaling, String> {
-        if mean.len() != scale.len() || mean.is_empty() || mean.len() > super::WIDEST {
+        if mean.len() != scale.len() || mean.is_empty() || mean.len() > WIDEST {
             return Err(format!(
-                "the inputs have {} means and {} scales: each input needs one of both, and 1 to {} inputs \
-                 are allowed",
+                "the inputs have {} means and {} scales: each input needs one mean and one scale, and 1 to \
+                 {} inputs are allowed",
                 mean.len(),
                 scale.len(),
-                super::WIDEST
+                WIDEST
             ));
         }
         let pairs: Vec<(f64, f64)> = mean.iter().copied().zip(scale.iter().copied()).collect();
@@ -30,7 +34,7 @@ impl Scaling {
         }
     }
 
-    /// Returns the number of inputs.
+    /// Returns the number of inputs that the network requires.
     pub fn count(&self) -> usize {
         self.pairs.len()
     }

@@ -1,4 +1,4 @@
-//! Models as text: their rises, and the effect of one unit of each signal.
+//! Text of models: their temperature rises, and the effect on Cz if a signal changes by one unit.
 
 use std::time::Duration;
 
@@ -9,7 +9,8 @@ use isotherm_core::compensation::model::{Input, Reference};
 use isotherm_core::quantity::Celsius;
 use isotherm_core::reading::SignalId;
 
-/// Describes the effect of one unit of a signal on Cz. `place` is added to the condition.
+/// Describes the change of Cz if a signal rises by one unit. `place` is a further condition of the sentence, for
+/// example a position.
 pub(super) fn effect(profile: &Profile, id: SignalId, change: f64, place: &str) -> String {
     let signal = profile.signal(id);
     let unit = signal.unit.to_string();
@@ -19,7 +20,8 @@ pub(super) fn effect(profile: &Profile, id: SignalId, change: f64, place: &str) 
     format!("when {name} rises by 1{space}{unit}{place}, Cz changes by {sign}{change} µm")
 }
 
-/// Describes the effect of one unit of an input on Cz. For a squared input, the effect of its whole range.
+/// Describes the change of Cz if an input rises by one unit. For a squared input, describes the change over the whole
+/// range of the signal.
 pub(super) fn effect_of(profile: &Profile, input: &Input, change: f64, place: &str) -> String {
     if !input.squared {
         return effect(profile, input.signal, change, place);
@@ -31,19 +33,20 @@ pub(super) fn effect_of(profile: &Profile, input: &Input, change: f64, place: &s
     format!("when {name} goes from 0 to {top} {unit}{place}, its square changes Cz by {sign}{change} µm")
 }
 
-/// Adds the lag of an input to the condition of its effect.
+/// Returns the condition `place` of a sentence, with the lag of an input added.
 pub(super) fn late(profile: &Profile, input: &Input, place: &str) -> String {
     let signal = &profile.signal(input.signal).name;
-    let behind = |lag: Duration| format!("{place} (63 % of it {} after {signal} has risen)", shown(lag));
+    let behind =
+        |lag: Duration| format!("{place} (63 % of the effect {} after {signal} has risen)", shown(lag));
     input.time_constant().map_or_else(|| place.to_owned(), behind)
 }
 
-/// Value of a signal at which its effect is calculated: the middle of its range.
+/// Value of a signal at which its effect is calculated: the middle of its range, or 20 without a range.
 pub(super) fn middle(profile: &Profile, id: SignalId) -> f64 {
     profile.signal(id).range.map_or(20.0, |(low, high)| f64::midpoint(low, high))
 }
 
-/// Describes the reference of a rise.
+/// Describes the reference from which a rise is measured.
 pub(super) fn reference(reference: Reference) -> String {
     match reference {
         Reference::Fixed(number) => figure(number.get()),
@@ -52,12 +55,12 @@ pub(super) fn reference(reference: Reference) -> String {
     }
 }
 
-/// Formats several rises: `bed` or `(bed − 20)`, with their lags.
+/// Formats the rises of several inputs above their references, each with its lag.
 pub(super) fn rises(profile: &Profile, inputs: &[Input]) -> String {
     inputs.iter().map(|input| rise(profile, input)).collect::<Vec<_>>().join(", ")
 }
 
-/// Formats a rise: `bed` or `(bed − 20)`, with its lag.
+/// Formats the rise of an input above its reference, with its lag: `(bed − 20)`, or `bed` if the reference is 0.
 pub(super) fn rise(profile: &Profile, input: &Input) -> String {
     let name = &profile.signal(input.signal).name;
     let rise = match input.reference {

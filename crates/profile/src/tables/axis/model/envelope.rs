@@ -1,4 +1,4 @@
-//! `envelope`, `outside` and `half_models` of a model: the region of inputs on which it was identified.
+//! `envelope`, `outside` and `halves` of a model: the region of inputs on which it was identified.
 //!
 //! ```json
 //! { "format": "isotherm-envelope", "version": 1, "reach": 3.4, "covariance": [[4.0, 1.2], [1.2, 2.5]],
@@ -18,7 +18,7 @@ use super::half_models;
 use super::inputs::ReferenceValue;
 use crate::Profile;
 use crate::error::allowed;
-use crate::tables::KeyContext;
+use crate::tables::{KeyContext, optional};
 use isotherm_core::compensation::model::envelope::{BadEnvelope, Identified, MOST};
 use isotherm_core::compensation::model::{Envelope, Input, Model, Outside, Reference};
 use isotherm_core::quantity::Celsius;
@@ -56,7 +56,7 @@ struct KnownInput {
 }
 
 impl EnvelopeFile {
-    /// Describes an error of the envelope with the names of its inputs.
+    /// Describes an error of the envelope in a sentence, with the names of the inputs.
     fn why(&self, wrong: BadEnvelope) -> String {
         let name = |place: usize| self.inputs.get(place).map_or("", |input| input.signal.as_str());
         match wrong {
@@ -88,7 +88,8 @@ impl EnvelopeFile {
     }
 }
 
-/// Resolves the envelope of a model. `Some(None)` if it has none. `model` is the rest of the model, if it is valid.
+/// Resolves the envelope of a model. `Some(None)` if the model has no envelope. `model` is the model without its
+/// envelope, or `None` if it has errors.
 pub(super) fn resolve(
     raw: &RawModel,
     at: &KeyContext<'_>,
@@ -104,26 +105,23 @@ pub(super) fn resolve(
         return Some(None);
     };
     let halves = at.key("halves");
-    let apart = raw.halves.as_deref().map(|name| half_models::resolve(raw, &halves, name, model?));
+    let apart = optional(raw.halves.as_deref(), |name| half_models::resolve(raw, &halves, name, model?));
     let bytes = bytes(raw, "envelope", &place, name)?;
     let file: EnvelopeFile = taken(&place, name, read(&bytes, "isotherm-envelope"))?;
     let signals = model?.signals();
-    let names = &at.check.signals.names;
+    let names = &at.report.signals;
     let mut known = Vec::new();
     for input in &file.inputs {
         let Some(signal) = signals.iter().copied().find(|id| names[id.0] == input.signal) else {
             let help = allowed(&input.signal, signals.iter().map(|id| names[id.0].as_str()));
-            place.invalid(
-                format!("{name}: input `{}` of this file is not a signal of the model", input.signal),
-                help,
-            );
-            return None;
+            let message =
+                format!("{name}: input `{}` of this file is not a signal of the model", input.signal);
+            return place.reject(message, help);
         };
         let reference = input.reference.map_or(Reference::Fixed(Celsius::ZERO), Reference::from);
         let input_of = Input::of(signal, reference, None);
         known.push(Identified { input: input_of, mean: input.mean, range: (input.min, input.max) });
     }
-    let apart = apart.map_or(Some(None), |apart| apart.map(Some));
     if raw.outside == Some(OutsideWord::Agree) && raw.halves.is_none() {
         let message = "outside = \"agree\" needs `halves`: without `halves`, the gateway follows the model \
                        outside the envelope, as with \"warn\"";
@@ -142,7 +140,7 @@ pub(super) fn resolve(
     Some(Some(envelope?.of_halves(apart?.unwrap_or_default())))
 }
 
-/// Describes the region, and the action outside of it.
+/// Describes the envelope of a model, and the action outside of the envelope.
 pub(super) fn preview(profile: &Profile, envelope: &Envelope) -> String {
     let range = |known: &Identified| {
         let signal = profile.signal(known.input.signal);

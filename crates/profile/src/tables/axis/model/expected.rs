@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::tables::KeyContext;
+use crate::tables::{KeyContext, optional};
 use isotherm_core::compensation::model::{Expected, Growth};
 
 /// Variance of a model's error after h hours: `a·h + b` µm².
@@ -11,35 +11,34 @@ use isotherm_core::compensation::model::{Expected, Growth};
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Expected")]
 pub(super) struct RawExpected {
-    /// Variance since the datum as [a, b]: a in µm²/h, b in µm². The datum is the time of the references, or machine
-    /// start if they are numbers.
+    /// Variance since the datum as [a, b]: a in µm²/h, b in µm². The datum is the time at which the references were
+    /// captured, or machine start if all references are numbers.
     #[schemars(required)]
     since_datum: Option<[f64; 2]>,
-    /// Variance since the last probing from which the model learned, as [a, b].
+    /// Variance since the last probing that corrected the model, as [a, b].
     since_touch: Option<[f64; 2]>,
 }
 
 impl RawExpected {
     pub(super) fn resolve(&self, at: &KeyContext<'_>) -> Option<Expected> {
-        let since_datum = growth(&at.key("since_datum"), self.since_datum);
-        let since_touch = growth(&at.key("since_touch"), self.since_touch);
-        Some(Expected { since_datum: since_datum??, since_touch: since_touch? })
+        let since_datum = self.since_datum.and_then(|pair| growth(&at.key("since_datum"), pair));
+        let since_touch = optional(self.since_touch, |pair| growth(&at.key("since_touch"), pair));
+        Some(Expected { since_datum: since_datum?, since_touch: since_touch? })
     }
 }
 
-/// Resolves a variance. `Some(None)` if there is none.
-fn growth(at: &KeyContext<'_>, written: Option<[f64; 2]>) -> Option<Option<Growth>> {
-    let Some([per_hour, at_once]) = written else { return Some(None) };
+/// Checks the two numbers of a variance, which must be 0 or more.
+fn growth(at: &KeyContext<'_>, [per_hour, at_once]: [f64; 2]) -> Option<Growth> {
     let growth = Growth::new(per_hour, at_once);
     if growth.is_none() {
         let help = "write [a, b] as `isotherm identify` prints them, for example [0.9, 1.1]: the variance \
                     after h hours is a·h + b µm²";
         at.invalid(format!("{per_hour} and {at_once} are no variance: both must be 0 or more"), help);
     }
-    growth.map(Some)
+    growth
 }
 
-/// Describes the expected error: `expected within ±√(0.9·h + 1.1) µm after h hours since its datum, ±√(0.8·h + 0.2) µm
+/// Describes the expected error: `expected within ±√(0.9·h + 1.1) µm after h hours since the datum, ±√(0.8·h + 0.2) µm
 /// since a probing (1 σ)`.
 pub(super) fn preview(expected: &Expected) -> String {
     let root = |growth: &Growth| format!("±√({}·h + {}) µm", growth.per_hour(), growth.at_once());

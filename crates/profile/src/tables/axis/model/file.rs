@@ -7,18 +7,18 @@ use serde::de::DeserializeOwned;
 use super::RawModel;
 use crate::tables::KeyContext;
 
-/// Common first keys of every file.
+/// Keys that every file of a model has.
 #[derive(Deserialize)]
 struct Head {
     format: Option<String>,
     version: Option<u64>,
 }
 
-/// Parses a file of this format, in version 1.
+/// Parses a file of the format `format`, version 1. Returns a sentence if the file is invalid.
 pub(super) fn read<T: DeserializeOwned>(bytes: &[u8], format: &str) -> Result<T, String> {
     // The parser's message may quote a file of another kind, so only the position is reported.
     let foreign = |why: serde_json::Error| {
-        format!("the file is no JSON of isotherm (line {}, column {})", why.line(), why.column())
+        format!("the file is not JSON in a format of isotherm (line {}, column {})", why.line(), why.column())
     };
     let head: Head = serde_json::from_slice(bytes).map_err(foreign)?;
     match head.format {
@@ -27,16 +27,14 @@ pub(super) fn read<T: DeserializeOwned>(bytes: &[u8], format: &str) -> Result<T,
         None => return Err(format!("the file has no \"format\"; \"{format}\" is required")),
     }
     match head.version {
-        Some(1) => {}
-        Some(other) => {
-            return Err(format!("the version of the file is {other}; this program reads version 1"));
-        }
-        None => return Err("the file has no \"version\"; this program reads version 1".to_owned()),
+        Some(1) => serde_json::from_slice(bytes).map_err(|why| why.to_string()),
+        Some(other) => Err(format!("the version of the file is {other}; this program reads version 1")),
+        None => Err("the file has no \"version\"; this program reads version 1".to_owned()),
     }
-    serde_json::from_slice(bytes).map_err(|why| why.to_string())
 }
 
-/// Checks that the names in a file fit those in the profile.
+/// Checks that the names in a file (`own`) fit those in the profile (`given`). `what` is the noun for a message, for
+/// example "inputs".
 ///
 /// # Errors
 /// A different number of names, or the same names in another order. Different names are accepted.
@@ -64,14 +62,14 @@ pub(super) fn fit(what: &str, own: &[String], given: &[&str]) -> Result<(), Stri
     Ok(())
 }
 
-/// Reads the file that this key of the model names, and checks its SHA-256. `at` is the key.
+/// Reads the file that a key of the model names, and checks its SHA-256. `at` is the context of this key.
 pub(super) fn bytes(raw: &RawModel, key: &str, at: &KeyContext<'_>, name: &str) -> Option<Vec<u8>> {
     let bytes = at.file(name, "a relative path begins in the directory of the profile")?;
-    raw.seals().is_none_or(|seals| seals.fits(key, at, name, &bytes)).then_some(bytes)
+    raw.sha256.as_ref().is_none_or(|seals| seals.fits(key, at, name, &bytes)).then_some(bytes)
 }
 
-/// Returns the content of a named file, or reports why there is none.
+/// Returns the content of a file. If the content is invalid, reports the reason with the name of the file.
 pub(super) fn taken<T>(at: &KeyContext<'_>, name: &str, result: Result<T, String>) -> Option<T> {
-    let report = |why| at.error(at.check.spans.at_value(&at.path, format!("{name}: {why}"), None));
+    let report = |why| at.error(at.report.spans.at_value(&at.path, format!("{name}: {why}"), None));
     result.map_err(report).ok()
 }

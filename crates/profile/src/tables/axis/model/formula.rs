@@ -25,8 +25,7 @@ fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
         Some(Inputs::ByName(inputs)) => inputs,
         Some(Inputs::InOrder(_)) => {
             let help = "write inputs = { A = \"bed\" }: a formula uses its signals by name";
-            at.key("inputs").invalid("a list of signals has no names", help);
-            return None;
+            return at.key("inputs").reject("a list of signals has no names", help);
         }
         None => &none.0,
     };
@@ -34,11 +33,8 @@ fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
     if ["inputs", "constants"].into_iter().any(|key| !at.has(key) && at.key(key).is_written()) {
         return None;
     }
-    if raw.formula.is_none() {
-        let help =
-            "write formula = \"K * (A - 20)\", with inputs = { A = \"bed\" } and constants = { K = 2.4 }";
-        at.key("formula").missing("`formula` is missing", help);
-    }
+    let help = "write formula = \"K * (A - 20)\", with inputs = { A = \"bed\" } and constants = { K = 2.4 }";
+    at.key("formula").missing("`formula` is missing", help);
     let constants = raw.constants.as_ref().unwrap_or(&none.1);
     expression::formula(at, raw.formula.as_ref()?, inputs, constants).map(Kind::Formula)
 }

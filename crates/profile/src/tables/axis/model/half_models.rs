@@ -1,12 +1,12 @@
-//! `halves` of a model: two sums whose mean is the model. Their difference shows its uncertainty outside of the
-//! envelope.
+//! `halves` of a model: two sums whose mean is the model. The difference of the two sums shows the uncertainty of the
+//! model outside of the envelope.
 //!
 //! ```json
 //! { "format": "isotherm-halves", "version": 1,
 //!   "terms": [{ "signal": "bed", "lag_s": 360, "ridge": 1.9, "net": 2.3 }, …] }
 //! ```
-//! The terms have the order of the model's terms. The mean of `ridge` and `net` is the gain of the model. Halves of
-//! another model are detected by that.
+//! The terms have the order of the model's terms. The mean of `ridge` and `net` must be the gain of the model.
+//! Otherwise the file belongs to another model, and is rejected.
 
 use serde::Deserialize;
 use serde::de::IgnoredAny;
@@ -18,7 +18,7 @@ use crate::duration::shown;
 use crate::tables::KeyContext;
 use isotherm_core::compensation::model::{Model, Term};
 
-/// Largest difference between the mean of two halves and the gain, relative to the larger half.
+/// Largest accepted difference between the mean of two halves and the gain, relative to the larger half.
 const NEAR: f64 = 1e-6;
 
 #[derive(Debug, Deserialize)]
@@ -44,7 +44,7 @@ struct HalfTerm {
 pub(super) fn resolve(raw: &RawModel, at: &KeyContext<'_>, name: &str, model: &Model) -> Option<Vec<f64>> {
     let bytes = bytes(raw, "halves", at, name)?;
     let file: HalvesFile = taken(at, name, read(&bytes, "isotherm-halves"))?;
-    let apart = file.of(model.sum(), &at.check.signals.names);
+    let apart = file.of(model.sum(), &at.report.signals);
     taken(at, name, apart)
 }
 

@@ -11,14 +11,13 @@ use crate::tables::KeyContext;
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "IdentifiedWith")]
 pub(super) struct RawIdentifiedWith {
-    /// Averaging time of the references. `check` warns if `settle` of `[machine]` differs.
+    /// Averaging time of the references. `isotherm check` warns if `settle` of `[machine]` differs.
     settle: Option<Timespan>,
 }
 
 impl RawIdentifiedWith {
-    pub(super) fn doubt(&self, at: &KeyContext<'_>) {
+    pub(super) fn doubt(&self, at: &KeyContext<'_>, machine: Option<Timespan>) {
         let Some(Timespan(own)) = self.settle else { return };
-        let machine = at.check.raw.machine.as_ref().and_then(|machine| machine.settle);
         let of_machine = machine.map(|Timespan(span)| span);
         if of_machine.unwrap_or_default() == own {
             return;

@@ -13,7 +13,7 @@ use crate::tables::KeyContext;
 use isotherm_core::compensation::model::{Input, Reference};
 use isotherm_core::quantity::Celsius;
 
-/// Longest allowed time constant. The effect of a longer one would not show within a shift.
+/// Longest allowed time constant. The effect of a longer lag would not be visible within a shift.
 pub(super) const LONGEST_LAG: Duration = Duration::from_hours(7 * 24);
 
 /// Signals of a model, by name or in order.
@@ -36,15 +36,17 @@ pub(super) enum InputValue {
 /// Input of a matrix or a network.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-// Inlined, because the walk selects an alternative by its type, which a `$ref` hides.
+// Inlined, because the schema check selects an alternative by its type, which a `$ref` hides.
 #[schemars(rename = "InputTable", inline)]
 pub(super) struct RawInput {
     /// Signal of the input.
     #[schemars(required)]
     signal: Option<String>,
-    /// Reference from which its rise is measured: a number, "start" or "zero". Default: `reference` of the model.
+    /// Reference from which the rise of the input is measured: a number, "start" or "zero". Default: `reference` of the
+    /// model.
     reference: Option<ReferenceValue>,
-    /// Time constant C of a first-order lag behind the signal, 1 − e^(−t/C). Needs a `reference`.
+    /// Time constant C of a first-order lag behind the signal. After the time t, the input has followed a step of the
+    /// signal by the part 1 − e^(−t/C). Needs a `reference`.
     lag: Option<Timespan>,
 }
 
@@ -82,8 +84,8 @@ impl From<ReferenceValue> for Reference {
 }
 
 impl Inputs {
-    /// Returns whether the rise of an input in a list is measured from its value at zero. `of_model` is `reference` of
-    /// the model.
+    /// Returns whether an input of a list has the reference "zero". `of_model` is the `reference` of the model, which
+    /// applies to inputs without their own.
     pub(super) fn are_at_zero(&self, of_model: Option<ReferenceValue>) -> bool {
         let Inputs::InOrder(inputs) = self else { return false };
         let own = inputs.iter().filter_map(|input| match input {
@@ -94,7 +96,8 @@ impl Inputs {
     }
 }
 
-/// Returns the inputs in their order, with their names. Without a default, each input needs a reference.
+/// Returns the inputs in their order, with the names of their signals. `default` is the reference of inputs without
+/// one. Without a default, every input needs a reference.
 pub(super) fn in_order<'r>(
     raw: &'r RawModel,
     at: &KeyContext<'_>,
@@ -105,13 +108,11 @@ pub(super) fn in_order<'r>(
         Inputs::InOrder(inputs) => inputs,
         Inputs::ByName(_) => {
             let help = "write inputs = [ \"bed\", \"column\" ], in the order of the file";
-            list.invalid("signals by name have no order, which this model needs", help);
-            return None;
+            return list.reject("signals by name have no order, which this model needs", help);
         }
     };
     if inputs.is_empty() {
-        list.invalid("a model without inputs follows no temperature", "name at least one signal");
-        return None;
+        return list.reject("a model without inputs follows no temperature", "name at least one signal");
     }
     let of_model = raw.reference.map(Reference::from).or(default);
     let (mut found, mut names, mut lacks_reference) = (Vec::new(), Vec::new(), false);
@@ -134,15 +135,15 @@ pub(super) fn in_order<'r>(
         found.extend(input.map(|((signal, reference), lag)| Input::of(signal, reference, lag)));
     }
     if lacks_reference {
-        let help = "write reference = \"start\", \"zero\", or the temperature in °C from which the rises \
-                    count";
+        let help = "write reference = \"start\", \"zero\", or the temperature in °C from which the rises are \
+                    measured";
         at.key("reference")
             .missing("`reference` is missing: a matrix needs the reference of each rise", help);
     }
     (found.len() == inputs.len()).then_some((found, names))
 }
 
-/// Resolves the lag of a term or an input, which must have a reference. `Some(None)` if there is no lag.
+/// Resolves the lag of a term or an input, which must then have a reference. `Some(None)` if the profile states no lag.
 pub(super) fn lag(
     at: &KeyContext<'_>,
     raw: Option<Timespan>,
@@ -160,7 +161,7 @@ pub(super) fn lag(
     let lag = at.key("lag").duration(raw)?;
     if lag > LONGEST_LAG {
         let help =
-            "a structure with this lag does not move in a shift: leave the term out, or check the unit";
+            "a structure with this lag hardly changes within a shift: leave the term out, or check the unit";
         at.key("lag").invalid(format!("{} is longer than a week", shown(lag)), help);
     }
     Some(Some(lag))

@@ -10,7 +10,7 @@ use super::{Computation, KindOfModel, Places, RawModel};
 use crate::Profile;
 use crate::document::grouped;
 use crate::duration::Timespan;
-use crate::tables::KeyContext;
+use crate::tables::{KeyContext, optional};
 use isotherm_core::compensation::model::{Input, Kind, Linear, Reference, Slope, Term};
 use isotherm_core::quantity::{Micron, MicronPerCelsius, MicronPerMillimetreCelsius, Millimetre};
 
@@ -44,11 +44,13 @@ pub(super) struct RawTerm {
     /// Gain in µm per unit of the signal, or per unit² with power = 2. In a slope, µm/mm. The alternative is
     /// `expansion` with `length`, but not in a slope.
     gain: Option<f64>,
-    /// Reference from which the rise is measured. A number such as 20.0 is the signal's value at the cold geometry of
-    /// the structure. "start" is its value at machine start, "zero" at the last zero. 0.0 means the value itself.
+    /// Reference from which the rise is measured. A number such as 20.0 is the signal's value at which the structure
+    /// has its cold geometry. "start" is the value at machine start, "zero" that at the last zero command. With 0.0,
+    /// the rise is the value itself.
     #[schemars(required)]
     reference: Option<ReferenceValue>,
-    /// Time constant C of a first-order lag, 1 − e^(−t/C).
+    /// Time constant C of a first-order lag behind the signal. After the time t, the term has followed a step of the
+    /// signal by the part 1 − e^(−t/C).
     lag: Option<Timespan>,
     /// Power of the value, 1 or 2. With 2, the square of the reference is subtracted from the square of the value, for
     /// example for a spindle speed. Default 1.
@@ -80,25 +82,19 @@ pub(super) struct RawSlope {
 
 fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
     let list = at.key("terms");
-    let Some(own) = &raw.terms else {
-        let help = "write terms = [ { signal = \"…\", gain = …, reference = … } ]";
-        list.missing("`terms` is missing: a linear model adds up terms", help);
-        return None;
-    };
+    let help = "write terms = [ { signal = \"…\", gain = …, reference = … } ]";
+    list.missing("`terms` is missing: a linear model adds up terms", help);
+    let own = raw.terms.as_ref()?;
     if own.is_empty() && raw.slope.is_none() {
         list.invalid("a model without terms follows no temperature", "write at least one term");
     }
     let terms = terms(&list, own, (RawTerm::gain, LARGE_GAIN, "µm/°C"), MicronPerCelsius::new);
-    let slope = raw.slope.as_ref().map(|slope| slope.resolve(&at.key("slope")));
-    let slope = match slope {
-        Some(slope) => Some(slope?),
-        None => None,
-    };
+    let slope = optional(raw.slope.as_ref(), |slope| slope.resolve(&at.key("slope")))?;
     let offset = Micron::new(raw.offset.unwrap_or(0.0))?;
     Some(Kind::Linear(Linear { offset, terms: terms?, slope }))
 }
 
-/// Resolves all terms, even after one with an error.
+/// Resolves all terms, also those after a term with an error.
 fn terms<Gain>(
     list: &KeyContext<'_>,
     terms: &[RawTerm],
@@ -159,9 +155,8 @@ impl RawTerm {
             None | Some(1) => Some(false),
             Some(2) => Some(true),
             Some(other) => {
-                let help = "write power = 2 for the square of the value, or leave it out";
-                at.key("power").invalid(format!("a term cannot have the power {other}"), help);
-                None
+                let help = "write power = 2 for the square of the value, or remove `power`";
+                at.key("power").reject(format!("a term cannot have the power {other}"), help)
             }
         }
     }
@@ -171,7 +166,7 @@ impl RawTerm {
         let message = format!("a gain of {} {per} is implausible for a machine", signed(gain));
         at.key(key).warn(
             message,
-            "`gain` is in µm per unit of the signal; steel: expansion = 11.5e-6, and `length` in mm",
+            "`gain` is in µm per unit of the signal; for steel, write expansion = 11.5e-6 and `length` in mm",
         );
     }
 
@@ -227,7 +222,7 @@ fn places(kind: &Kind) -> Option<Places> {
     Some((slope.position, [slope.reference.get()].into_iter().chain(travel).collect()))
 }
 
-/// Formats the sum as on paper.
+/// Formats the sum as a formula, for example `Cz = 2.4·(bed − 20) + 0 µm`.
 fn text(profile: &Profile, linear: &Linear) -> String {
     let mut text = match linear.terms.len() {
         many if many > READABLE => format!("Cz = the sum of {many} terms"),
@@ -306,7 +301,8 @@ fn at_once_and_at_rest(profile: &Profile, terms: &[Term]) -> Vec<String> {
     grouped(own).into_iter().map(|(_, own)| sum(own)).collect()
 }
 
-/// Describes the final effect of signals with several lags. A single lag may have the opposite sign.
+/// Describes the steady-state effect of each signal that has several terms with different lags. A single term may have
+/// the opposite sign.
 fn together<Gain: Copy + Into<f64>>(
     profile: &Profile,
     terms: &[Term<Gain>],
@@ -328,7 +324,7 @@ fn parts<Gain: Copy + Into<f64>>(terms: &[Term<Gain>]) -> Vec<(Input, f64)> {
     terms.iter().map(|term| (term.input, term.gain.into())).collect()
 }
 
-/// Adds up the gains of each signal and lag.
+/// Adds up the gains of all terms with the same signal, power and lag.
 fn gains<Gain: Copy + Into<f64>>(terms: &[Term<Gain>]) -> Vec<(Input, f64)> {
     let keyed =
         parts(terms).into_iter().map(|part| ((part.0.signal, part.0.squared, part.0.time_constant()), part));

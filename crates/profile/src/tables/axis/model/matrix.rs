@@ -4,8 +4,9 @@
 //! { "format": "isotherm-matrix", "version": 1, "blocks": ["base", "column"], "guide_mm": [0, 400, 800],
 //!   "P": [[…], …] }
 //! ```
-//! `P` has one row for 3·point + component (x, y, z), and one column for each block, in mm/K. `guide_mm` contains the
-//! positions of the points along the axis, ascending. `guide_nodes` and `cases` are optional and ignored.
+//! A block is a part of the machine with one temperature. Row 3·point + component of `P` (0 x, 1 y, 2 z) has one column
+//! for each block, in mm/K. `guide_mm` contains the positions of the points along the axis, ascending. `guide_nodes`
+//! and `cases` are optional and ignored.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -20,7 +21,7 @@ use crate::tables::KeyContext;
 use isotherm_core::compensation::model::{Kind, Matrix};
 use isotherm_core::quantity::Millimetre;
 
-/// Number of µm in a mm: a matrix file has mm, a gain µm.
+/// Number of µm in a mm. A matrix file contains mm, and a gain is in µm.
 const MICRONS: f64 = 1000.0;
 
 pub(super) const KIND: KindOfModel = KindOfModel {
@@ -79,7 +80,7 @@ impl MatrixFile {
         let (rows, points) = (file.rows.len(), file.guide_mm.len());
         if rows != 3 * points {
             return Err(format!(
-                "P has {rows} rows; {points} points in guide_mm need {} rows, x, y and z of each",
+                "P has {rows} rows; {points} points in guide_mm need {} rows: x, y and z of each point",
                 3 * points
             ));
         }
@@ -101,7 +102,7 @@ impl MatrixFile {
 fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
     let needs = [
         ("inputs", "write inputs = [ … ], the signal of each block in the file's order"),
-        ("file", "write file = \"column.json\", a matrix beside the profile"),
+        ("file", "write file = \"column.json\", a matrix next to the profile"),
         ("position", "name the signal with the position of the axis, in mm"),
         ("component", "write which displacement acts along the axis: \"x\", \"y\", \"z\" or \"-x\", …"),
         ("carries", "write what the guideway carries: \"tool\" or \"work\""),
@@ -143,7 +144,7 @@ fn quantities<Q: TryFrom<f64, Error = &'static str>>(numbers: Vec<f64>) -> Resul
     numbers.into_iter().map(Q::try_from).collect::<Result<_, _>>().map_err(str::to_owned)
 }
 
-/// Returns the ends of the guideway.
+/// Returns the ends of the guideway, with the position signal. `None` for another kind of model.
 fn places(kind: &Kind) -> Option<Places> {
     let Kind::Matrix(matrix) = kind else { return None };
     Some((matrix.position(), vec![matrix.ends().0.get(), matrix.ends().1.get()]))
@@ -155,7 +156,8 @@ fn preview(profile: &Profile, kind: &Kind) -> Option<Computation> {
     let position = &profile.signal(matrix.position()).name;
     let (first, last) = (matrix.ends().0.get(), matrix.ends().1.get());
     let formula = format!(
-        "Cz = P·ΔT µm at {position}, P of {} from {first} to {last} mm (beyond the ends as at the end), over \
+        "Cz = P·ΔT µm at {position}, P of {} from {first} to {last} mm (beyond an end, the value at this \
+         end), over \
          {}",
         matrix.source(),
         rises(profile, matrix.blocks())

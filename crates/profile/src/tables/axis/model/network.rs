@@ -1,5 +1,5 @@
-//! Weights of a network in the project's own format. `names` in `inputs` is optional. Activations are `tanh`, `relu`
-//! and `linear`. `output` is in µm.
+//! `kind = "network"`: a neural network, as ONNX or in the project's own format below. `names` in `inputs` is optional.
+//! Activations are `tanh`, `relu` and `linear`. `output` is in µm.
 //!
 //! ```json
 //! { "format": "isotherm-network", "version": 1, "type": "bp",
@@ -87,18 +87,11 @@ struct Output {
 struct RawLayer {
     weights: Vec<Vec<f64>>,
     bias: Vec<f64>,
-    activation: ActivationWord,
+    activation: Activation,
 }
 
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-enum ActivationWord {
-    Tanh,
-    Relu,
-    Linear,
-}
-
-/// Parses a network. Returns it with the names of its inputs, if the file has them.
+/// Parses a network in the project's own format. Returns the network, and the names of its inputs if the file contains
+/// them.
 pub fn parse(bytes: &[u8]) -> Result<(Net, Option<Vec<String>>), String> {
     const FORMAT: &str = "isotherm-network";
     let typed: Typed = read(bytes, FORMAT)?;
@@ -126,15 +119,7 @@ impl RawScaling {
 
 fn layers(file: LayersFile) -> Result<(Net, Option<Vec<String>>), String> {
     let (scaling, names) = file.inputs.resolved()?;
-    let layer = |raw: RawLayer| Layer {
-        weights: raw.weights,
-        bias: raw.bias,
-        activation: match raw.activation {
-            ActivationWord::Tanh => Activation::Tanh,
-            ActivationWord::Relu => Activation::Relu,
-            ActivationWord::Linear => Activation::Linear,
-        },
-    };
+    let layer = |RawLayer { weights, bias, activation }: RawLayer| Layer { weights, bias, activation };
     let layers = file.layers.into_iter().map(layer).collect();
     Ok((Net::Layers(Layers::new(scaling, layers, (file.output.mean, file.output.scale))?), names))
 }
@@ -155,15 +140,10 @@ fn radial(file: RadialFile) -> Result<(Net, Option<Vec<String>>), String> {
 }
 
 fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
-    if raw.inputs.is_none() {
-        let help = "write inputs = [ … ], the signals in the network's order";
-        at.key("inputs").missing("`inputs` is missing: a network needs them", help);
-    }
-    if raw.file.is_none() {
-        let help =
-            "write file = \"spindle.onnx\", or a .json of the project's own format, beside the profile";
-        at.key("file").missing("`file` is missing: a network needs it", help);
-    }
+    let help = "write inputs = [ … ], the signals in the network's order";
+    at.key("inputs").missing("`inputs` is missing: a network needs them", help);
+    let help = "write file = \"spindle.onnx\", or a .json of the project's own format, next to the profile";
+    at.key("file").missing("`file` is missing: a network needs it", help);
     let inputs = in_order(raw, at, Some(Reference::Fixed(Celsius::ZERO)));
     let (name, at) = (raw.file.as_deref()?, at.key("file"));
     let bytes = bytes(raw, "file", &at, name)?;
@@ -201,8 +181,8 @@ fn is_onnx(name: &str) -> bool {
     std::path::Path::new(name).extension().is_some_and(|extension| extension.eq_ignore_ascii_case("onnx"))
 }
 
-/// Preview of the calculation, with the effect of each signal. Every signal is in the middle of its range, and equals
-/// its reference if that is captured.
+/// Preview of the calculation, with the effect of each signal. Every signal is assumed in the middle of its range, and
+/// its rise from a captured reference is assumed as zero.
 fn preview(profile: &Profile, kind: &Kind) -> Option<Computation> {
     let Kind::Network(network) = kind else { return None };
     let reads = network.reads();
@@ -224,7 +204,7 @@ fn preview(profile: &Profile, kind: &Kind) -> Option<Computation> {
             let place = format!(" (from {from})");
             effect(profile, input.signal, change, &late(profile, input, &place))
         } else {
-            format!("at {name} = {from} the network has no value")
+            format!("near {name} = {from} the output of the neural network is not a finite number")
         }
     };
     Some(Computation { formula, effects: reads.iter().enumerate().map(one).collect() })

@@ -4,7 +4,8 @@
 //! stand_ins = "spindle.stand-ins.json"
 //! sha256.stand_ins = "9f86d081…"       # 64 hex digits, as `sha256sum spindle.stand-ins.json` prints them
 //! ```
-//! `isotherm identify` writes it. Without it, the files are not checked, because users write some of them by hand.
+//! `isotherm identify` writes these keys. Files without such a key are not checked, because users write some of them by
+//! hand.
 
 use std::fmt::Write as _;
 use std::io::Read;
@@ -34,13 +35,13 @@ pub(super) struct RawSeals {
     stand_ins: Option<String>,
 }
 
-/// Returns the SHA-256 of these bytes in the notation of a profile: 64 hex digits.
+/// Returns the SHA-256 of these bytes as a profile states it: 64 hex digits.
 #[must_use]
 pub fn sha256(bytes: &[u8]) -> String {
     in_hex(&Sha256::digest(bytes))
 }
 
-/// Returns the SHA-256 of everything that the reader returns.
+/// Returns the SHA-256 of all bytes of a reader: 64 hex digits.
 ///
 /// # Errors
 /// Those of the reader.
@@ -62,6 +63,7 @@ fn in_hex(digest: &[u8]) -> String {
 }
 
 impl RawSeals {
+    /// Returns the keys of a model that name a file, each with the SHA-256 that the profile states.
     fn each(&self) -> [(&'static str, Option<&String>); 4] {
         [
             ("file", self.file.as_ref()),
@@ -71,15 +73,15 @@ impl RawSeals {
         ]
     }
 
-    /// Reports a seal that is invalid or has no file, and a file without a seal next to others with one. `at` is the
-    /// model.
+    /// Reports an invalid SHA-256, a SHA-256 without a file, and a file without SHA-256 if other files have one. `at`
+    /// is the context of the model.
     pub(super) fn check(&self, raw: &RawModel, at: &KeyContext<'_>) {
         let place = at.key("sha256");
-        for (key, seal) in self.each() {
-            let named = raw.file_of(key);
+        let files = [&raw.file, &raw.envelope, &raw.halves, &raw.stand_ins];
+        for ((key, seal), named) in self.each().into_iter().zip(files) {
             match (seal, named) {
                 (Some(_), None) => {
-                    let help = format!("name the file with `{key}`, or remove it");
+                    let help = format!("name the file with `{key}`, or remove this SHA-256");
                     place.key(key).wrong_key(format!("the model has no `{key}` for this SHA-256"), help);
                 }
                 (Some(seal), Some(name)) if !is_sha256(seal) => place.key(key).invalid(

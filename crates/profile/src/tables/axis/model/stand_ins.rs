@@ -5,8 +5,9 @@
 //!   { "signal": "bed", "threshold": 0.31, "stands_in": true,
 //!     "terms": [{ "signal": "column", "lag_s": 0, "gain": 0.42 }, …] }, … ] }
 //! ```
-//! The rise of a sensor since machine start is the sum of its terms, in °C per °C of the lagged rises of other sensors.
-//! A sensor is frozen if this sum changes by more than `threshold` (°C) while its reading stays the same.
+//! The expected rise of a sensor since machine start is the sum of its terms. A term is a gain (°C/°C) times the lagged
+//! rise of another sensor. A sensor is frozen if this sum changes by more than `threshold` (°C) while the reading of
+//! the sensor stays the same.
 
 use std::time::Duration;
 
@@ -23,7 +24,8 @@ use isotherm_core::compensation::model::StandIns;
 use isotherm_core::compensation::model::stand_ins::{Described, Replaces};
 use isotherm_core::reading::SignalId;
 
-/// Largest number of sensors in a file and of terms per sensor. One step computes a minute of them.
+/// Largest number of sensors in a file and of terms per sensor. The limits bound the duration of the step at the end of
+/// a minute, which computes all terms.
 const MOST_SENSORS: usize = 128;
 const MOST_TERMS: usize = 1024;
 
@@ -54,24 +56,25 @@ struct TermOfFile {
     gain: f64,
 }
 
-/// Resolves the relations in the file with this name.
+/// Resolves the relations between sensors in the file with this name.
 pub(super) fn resolve(raw: &RawModel, at: &KeyContext<'_>, name: &str) -> Option<StandIns> {
     let bytes = bytes(raw, "stand_ins", at, name)?;
     let file: StandInsFile = taken(at, name, read(&bytes, "isotherm-stand-ins"))?;
-    let described = taken(at, name, file.described(&at.check.signals.names))?;
+    let described = taken(at, name, file.described(&at.report.signals))?;
     for sensor in &described {
         doubt(at, name, sensor.signal);
         let predictors = sensor.terms.iter().map(|(input, _)| input.signal);
-        predictors.chain([sensor.signal]).for_each(|id| at.check.used.borrow_mut()[id.0] = true);
+        predictors.chain([sensor.signal]).for_each(|id| at.uses(id));
     }
     Some(StandIns::new(described, fingerprint(&bytes)))
 }
 
-/// Warns about a sensor that is not a temperature. For other quantities a constant reading has no meaning.
+/// Warns about a sensor that is not a temperature, because a constant reading of another quantity does not show a
+/// fault.
 fn doubt(at: &KeyContext<'_>, file: &str, id: SignalId) {
-    let Some(signal) = at.check.signals.get(id.0) else { return };
-    if !matches!(signal.unit.0, "degC" | "K") {
-        let (name, unit) = (&signal.name, &signal.unit);
+    let Some(unit) = at.unit_of(id) else { return };
+    if !matches!(unit.0, "degC" | "K") {
+        let name = &at.report.signals[id.0];
         at.warn(
             format!(
                 "{file}: {name} is checked for a frozen reading, but is no temperature (its unit is {unit})"
@@ -133,19 +136,19 @@ fn place(name: &str, names: &[String]) -> Result<SignalId, String> {
     })
 }
 
-/// Hash FNV-1a of 64 bits, by Fowler, Noll and Vo. It only distinguishes files.
+/// Returns a hash of a file, which only distinguishes files: FNV-1a of 64 bits, by Fowler, Noll and Vo.
 fn fingerprint(bytes: &[u8]) -> u64 {
     bytes
         .iter()
         .fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
 }
 
-/// Describes which sensors are monitored, and which can be replaced.
+/// Describes which sensors are monitored for frozen readings, and which of them other sensors can replace.
 pub(super) fn preview(profile: &Profile, stand_ins: &StandIns) -> String {
     let mut text = format!("{} sensors are checked for frozen readings", stand_ins.watched().count());
     let groups = [
         (Replaces::FrozenOrLost, "other sensors replace"),
-        (Replaces::Frozen, "only while frozen, not if lost:"),
+        (Replaces::Frozen, "replaced only while frozen, not if lost:"),
         (Replaces::Nothing, "not"),
     ];
     for (wanted, words) in groups {

@@ -1,5 +1,5 @@
-//! Value of a model at one temperature everywhere. It reveals a missing reference, a wrong offset or a wrong unit
-//! before the machine moves.
+//! Value of a model if the whole machine has one temperature. This value reveals a missing reference, a wrong offset or
+//! a wrong unit before the machine moves.
 
 use std::time::Duration;
 
@@ -21,14 +21,14 @@ const SETTLED: Duration = Duration::from_hours(100 * 7 * 24);
 /// Temperatures in the preview, °C.
 const SHOWN: [f64; 3] = [15.0, 20.0, 25.0];
 
-/// Machine that was switched on at one temperature everywhere, and has not moved since.
+/// Simulated machine that was switched on with one temperature everywhere, and whose readings have not changed since.
 pub(crate) struct UniformTemperature {
     celsius: f64,
     readings: Vec<Reading>,
     machine: Machine,
 }
 
-/// Value of a model at this temperature.
+/// Value of a model on a machine with one temperature.
 pub(crate) struct UniformValue {
     /// Cz that the model requests, µm.
     pub(crate) cz: f64,
@@ -57,12 +57,13 @@ impl UniformTemperature {
         UniformTemperature { celsius, readings, machine }
     }
 
-    /// Machines at the temperatures of the preview.
+    /// Returns a machine for each temperature of the preview.
     pub(crate) fn shown(profile: &Profile) -> Vec<UniformTemperature> {
         SHOWN.into_iter().map(|celsius| UniformTemperature::at(celsius, &profile.signals)).collect()
     }
 
-    /// Returns the model's value at the position where its absolute value is largest. `None` if there is no value.
+    /// Returns the model's value at the position where its absolute value is largest. `None` if the model has no value
+    /// at one of the positions.
     pub(crate) fn asked(&self, model: &Model) -> Option<UniformValue> {
         let places = KINDS.into_iter().find_map(|kind| (kind.places)(&model.kind));
         let Some((signal, mut places)) = places else {
@@ -117,7 +118,7 @@ pub(crate) fn signed(cz: f64) -> String {
     if rounded.abs() > 0.0 { format!("{sign}{}", figure(rounded.abs())) } else { "0".to_owned() }
 }
 
-/// Preview of the values: `everything at 15, 20, 25 °C: Cz = −12, 0, +12 µm`, with the same as JSON.
+/// Adds the values to the preview as text, `everything at 15, 20, 25 °C: Cz = −12, 0, +12 µm`, and as JSON.
 pub(super) fn preview(section: &mut Section, profile: &Profile, model: &Model, shown: &[UniformTemperature]) {
     let asked: Vec<Option<UniformValue>> = shown.iter().map(|all_over| all_over.asked(model)).collect();
     let temperatures: Vec<String> = shown.iter().map(|all_over| figure(all_over.celsius)).collect();

@@ -1,9 +1,9 @@
-//! Check whether an ONNX file is complete and its parts fit into each other.
+//! Check whether an ONNX file is complete, and its nested messages fit into each other.
 //!
-//! The runtime accepts a truncated file as complete. It also allocates as many bytes as a damaged length claims.
-//! Therefore each length is checked first.
+//! The ONNX runtime accepts a truncated file as complete. It also allocates as many bytes as a damaged length demands.
+//! Therefore each length is checked before the runtime reads the file.
 
-/// Messages of an ONNX file that have parts, after `onnx.proto`. [`Message::Flat`] has no parts that are messages.
+/// Kinds of messages in an ONNX file, after `onnx.proto`. [`Message::Flat`] is any message without messages in it.
 #[derive(Clone, Copy)]
 enum Message {
     Model,
@@ -20,7 +20,7 @@ enum Message {
 }
 
 impl Message {
-    /// Returns the kind of message in a field; `None` if the field is text or numbers.
+    /// Returns the kind of message that this field contains; `None` if the field contains text or numbers.
     fn part(self, field: u64) -> Option<Message> {
         Some(match (self, field) {
             (Message::Model, 7) | (Message::Attribute, 6 | 11) => Message::Graph,
@@ -38,11 +38,11 @@ impl Message {
     }
 }
 
-/// Maximum nesting. Graphs contain graphs only for branches and loops, which no network here has.
+/// Maximum nesting of messages. Graphs contain graphs only for branches and loops, which no network here has.
 const DEEPEST: u32 = 16;
 
-/// Returns whether the fields of each message fill it to its last byte, and both a graph and the version of the
-/// operators exist.
+/// Returns whether the file is complete: the fields of each message fill it to its last byte. A graph and a version of
+/// the operators must exist.
 pub(super) fn is_whole(bytes: &[u8]) -> bool {
     let mut needed = vec![7, 8];
     fills(bytes, Message::Model, DEEPEST, &mut |field| needed.retain(|needed| *needed != field))
@@ -60,15 +60,15 @@ fn fills(bytes: &[u8], message: Message, depth: u32, seen: &mut dyn FnMut(u64)) 
     })
 }
 
-/// Fields of a message with their numbers. A damaged field yields `None`, and ends the iteration.
+/// Iterator over the fields of a message, with their numbers. A damaged field yields `None`, and ends the iteration.
 pub(super) struct Fields<'a>(pub(super) &'a [u8]);
 
-/// Content of a field.
+/// Content of a field of a message.
 #[derive(Clone, Copy)]
 pub(super) enum Field<'a> {
     Number(u64),
     Bytes(&'a [u8]),
-    /// Four bytes, or eight.
+    /// Number of four or eight bytes, which is not needed here.
     Fixed,
 }
 
@@ -95,13 +95,15 @@ impl<'a> Iterator for Fields<'a> {
     }
 }
 
-/// Returns the content that a length announces, and the bytes after it; `None` if the bytes are too few.
+/// Returns the content whose length the first bytes give, and the bytes after the content; `None` if there are too few
+/// bytes.
 fn inside(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let (length, rest) = varint(bytes)?;
     rest.split_at_checked(usize::try_from(length).ok()?)
 }
 
-/// Returns a number of seven bits in each byte, the last one without the highest bit, and the bytes after it.
+/// Decodes a variable-length number of Protocol Buffers at the beginning of the bytes. Returns the number and the bytes
+/// after it; `None` if the number is incomplete.
 pub(super) fn varint(bytes: &[u8]) -> Option<(u64, &[u8])> {
     let end = bytes.iter().take(10).position(|byte| byte & 0x80 == 0)?;
     let number = bytes[..=end].iter().rev().fold(0, |number, byte| number << 7 | u64::from(byte & 0x7f));

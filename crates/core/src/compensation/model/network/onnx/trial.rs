@@ -1,8 +1,9 @@
-//! Trial of a graph, node by node, before it runs. A small file may require any amount of memory and time. For example,
-//! a row and a column of ten thousand numbers are added, or a tensor is concatenated with itself forty times.
+//! Trial computation of an ONNX graph, node by node, before the gateway uses it. A small file may require any amount of
+//! memory and time. For example, a row and a column of ten thousand numbers are added, or a tensor is concatenated with
+//! itself forty times.
 //!
-//! Before each node runs, the size of its result follows from the shapes of its inputs, which have been computed by
-//! then. Later runs have the same shapes if no shape depends on the numbers of the input.
+//! Before a node is computed, the size of its result is calculated from the shapes of its inputs, which are known by
+//! then. Later computations have the same shapes, because no shape may depend on the values of the inputs.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 
@@ -12,29 +13,29 @@ use rten_tensor::prelude::*;
 use super::frame::{Field, Fields, varint};
 use super::{Graph, caught};
 
-/// Computed numbers in one run that are allowed for each byte of the file. A network uses each weight once, and a
-/// weight has at least one byte.
+/// Numbers that a graph may compute for each byte of its file. A network uses each weight once, and a weight has at
+/// least one byte.
 const PER_BYTE: u64 = 2;
-/// Computed numbers in one run that are allowed in addition.
+/// Numbers that a graph may compute in addition to [`PER_BYTE`], independent of the size of its file.
 const BESIDE: u64 = 1_000_000;
 
-/// One operator in the file.
+/// Node of the graph in the file: one operator with its inputs and its output.
 #[derive(Default)]
 struct Node<'a> {
     operator: &'a str,
     inputs: Vec<&'a str>,
     output: &'a str,
-    /// For a Gemm: whether its first and its second factor are transposed.
+    /// For a matrix multiplication (Gemm): whether its first and its second factor are transposed.
     transposed: [bool; 2],
 }
 
-/// Computed tensor, and whether it depends on the numbers of the input.
+/// Computed tensor, and whether its numbers depend on the inputs of the network.
 struct Computed {
     value: Value,
     varies: bool,
 }
 
-/// Rejects tensors that claim more numbers than the file has bytes.
+/// Rejects a file with a tensor whose shape has more numbers than the file has bytes.
 ///
 /// # Errors
 /// Returns a message that names the tensor.
@@ -55,10 +56,10 @@ pub(super) fn check_tensors(bytes: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
-/// Runs every node once, with every input at zero.
+/// Computes every node once, with the inputs of the network in `input`.
 ///
 /// # Errors
-/// Returns a message if a node requires more than such a file may, or cannot be computed.
+/// Returns a message if a node cannot be computed, or requires more computed numbers than a file of this size may.
 pub(super) fn run(bytes: &[u8], graph: &Graph, input: Value, options: &RunOptions) -> Result<(), String> {
     let Graph { model, .. } = graph;
     let may = (bytes.len() as u64).saturating_mul(PER_BYTE).saturating_add(BESIDE);
@@ -112,10 +113,11 @@ pub(super) fn run(bytes: &[u8], graph: &Graph, input: Value, options: &RunOption
     Ok(())
 }
 
-/// Operators whose shape depends on an input other than the first.
+/// Operators whose result has a shape that depends on an input other than the first.
 const SHAPED: [&str; 4] = ["Reshape", "Squeeze", "Unsqueeze", "ReduceSum"];
 
-/// Returns the maximum number of values that a node computes, or multiplies for its result.
+/// Returns the maximum number of values that a node computes, or multiplies to compute its result. `shapes`: shapes of
+/// its inputs.
 fn asks(node: &Node<'_>, shapes: &[Vec<usize>]) -> u64 {
     let product = |shape: &[usize]| shape.iter().fold(1, |all: u64, size| all.saturating_mul(*size as u64));
     match (node.operator, shapes) {
@@ -130,8 +132,8 @@ fn asks(node: &Node<'_>, shapes: &[Vec<usize>]) -> u64 {
     }
 }
 
-/// Returns the number of matrices as a shape, and their rows and columns. A vector is a row or a column, as `vector`
-/// says.
+/// Returns the shape of a stack of matrices without their rows and columns, then the numbers of rows and columns. A
+/// tensor of one dimension is a single row if `vector` is `[1, 0]`, else a single column.
 fn matrix(shape: &[usize], transposed: bool, vector: [usize; 2]) -> (&[usize], usize, usize) {
     let (rows, columns) = match shape {
         [] => (1, 1),
@@ -143,7 +145,7 @@ fn matrix(shape: &[usize], transposed: bool, vector: [usize; 2]) -> (&[usize], u
     (&shape[..shape.len().saturating_sub(2)], rows, columns)
 }
 
-/// Returns the shape of the result of an element-wise operation.
+/// Returns the shape of the result of an element-wise operation on tensors of these shapes.
 fn broadcast<'s>(shapes: impl Iterator<Item = &'s [usize]>) -> Vec<usize> {
     shapes.fold(Vec::new(), |mut all, shape| {
         let missing = shape.len().saturating_sub(all.len());
@@ -171,14 +173,14 @@ fn operators(bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
     graph(bytes).flat_map(|graph| parts(graph, 1))
 }
 
-/// Returns the names of the tensors in the file itself.
+/// Returns the names of the tensors whose values the file itself contains.
 fn given(bytes: &[u8]) -> impl Iterator<Item = &str> {
     let tensors = graph(bytes).flat_map(|graph| parts(graph, 5)).filter_map(|tensor| parts(tensor, 8).last());
     let constants = operators(bytes).filter(|message| node(message).operator == "Constant");
     tensors.map(text).chain(constants.map(|message| node(message).output))
 }
 
-/// Returns the fields of this number that contain bytes.
+/// Returns the contents of all fields of a message that have this number and contain bytes.
 fn parts(message: &[u8], wanted: u64) -> impl Iterator<Item = &[u8]> {
     Fields(message).flatten().filter_map(move |(field, value)| match value {
         Field::Bytes(inner) if field == wanted => Some(inner),
@@ -207,7 +209,7 @@ fn node(message: &[u8]) -> Node<'_> {
     }
 }
 
-/// Returns the sizes of a tensor's dimensions, which are stored one by one or packed.
+/// Returns the sizes of a tensor's dimensions. The file stores them one by one, or packed in one field.
 fn sizes(tensor: &[u8]) -> Vec<u64> {
     let mut sizes = Vec::new();
     for (_, value) in Fields(tensor).flatten().filter(|(field, _)| *field == 1) {

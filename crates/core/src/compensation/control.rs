@@ -1,0 +1,92 @@
+//! Control: the input of an axis for one step, besides the readings.
+
+use serde::{Deserialize, Serialize};
+
+use super::probe::Measured;
+use crate::quantity::Micron;
+
+/// Input of an axis for one step, besides the readings.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Control {
+    /// Whether the axis may decide and write.
+    pub permit: Permit,
+    /// Cz in the register, from which the axis resumes. It is set when the axis is armed, and when an output recovers.
+    pub take_over: Option<Micron>,
+    /// Effect of the slope, at the axis's largest distance from the reference position, from which the slope resumes.
+    /// It is set only if the control applies the slope itself.
+    pub take_over_slope: Option<Micron>,
+    /// Whether the axis discards its correction from probings.
+    pub forget: bool,
+    /// Measured error with which the axis corrects its models; `None` if there is no new one.
+    pub measured: Option<Measured>,
+    /// Target of Cz instead of the model's value, within the guard. It is used to check the sign with a dial gauge.
+    pub sign: Option<Micron>,
+    /// Whether the operator has disarmed the axis and checked its sensors. If so, all present readings are accepted.
+    pub trust: bool,
+    /// Verified Cz of the output register that is farthest behind the last decision. The next Cz stays within one step
+    /// of it. `None` if no register is behind.
+    pub behind: Option<Micron>,
+    /// Values to which an axis in hold returns after the settings of a sensor were changed. The decisions since the
+    /// sensor's last check are wrong.
+    pub return_to: Option<ReturnTo>,
+}
+
+/// Cz, and the effect of the slope, before the settings of a sensor were changed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReturnTo {
+    /// Cz before the change.
+    pub cz: Micron,
+    /// Effect of the slope, at the axis's largest distance from the reference position, before the change; zero without
+    /// a slope.
+    pub slope: Micron,
+}
+
+impl Control {
+    /// Returns whether the axis must take over a register value.
+    pub fn takes_over(&self) -> bool {
+        self.take_over.is_some() || self.take_over_slope.is_some()
+    }
+
+    /// Returns whether the control contains a measured error, or a demand to discard the corrections.
+    pub fn teaches(&self) -> bool {
+        self.measured.is_some() || self.forget
+    }
+}
+
+/// Permission of an axis to decide and to write.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Permit {
+    /// The axis is not armed.
+    #[default]
+    Off,
+    /// The axis is armed, and its last write was verified.
+    Armed,
+    /// The axis is armed, but its last write was not verified.
+    Unverified,
+    /// The axis is armed, but an interlock prevents writes, so the register value stays. The axis waits without a time
+    /// limit.
+    Held,
+    /// The gateway is stopping. The axis runs its fault action without the waiting time.
+    Stopping,
+}
+
+impl Permit {
+    /// Returns the name of the permit in a log.
+    pub fn name(self) -> &'static str {
+        match self {
+            Permit::Off => "off",
+            Permit::Armed => "armed",
+            Permit::Unverified => "unverified",
+            Permit::Held => "held",
+            Permit::Stopping => "stopping",
+        }
+    }
+
+    /// Returns the permit with this name in a log; `None` if there is none.
+    pub fn from_name(name: &str) -> Option<Permit> {
+        [Permit::Off, Permit::Armed, Permit::Unverified, Permit::Held, Permit::Stopping]
+            .into_iter()
+            .find(|permit| permit.name() == name)
+    }
+}

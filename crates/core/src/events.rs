@@ -1,0 +1,464 @@
+//! Catalogue of events. Each kind of event has one entry: name, level, alarms that it raises or ends, word in
+//! `[[notify]]`, meaning, and a hint what to do.
+//!
+//! The log, the counters, the alarms, the web page, MQTT, `[[notify]]` and the chapter `docs/events.md` are derived
+//! from the catalogue. `src/observe/events/event.rs` defines the fields and the text of each event.
+
+use serde::{Deserialize, Serialize};
+
+/// Word of `[[notify]]` that selects the events after which a register value differs from the written one or is
+/// unknown.
+pub const UNVERIFIED: &str = "unverified";
+/// Word of `[[notify]]` that selects the events about a wrong or changed clock of this computer.
+pub const CLOCK: &str = "clock";
+
+/// Hint for a device or bus that does not answer.
+const DOES_NOT_ANSWER: &str =
+    "check the power and the cable of the device; `isotherm check --online` tries to reach it again";
+/// Hint for a device whose answers are lost now and then.
+const LOSES_ANSWERS: &str =
+    "if this happens often, answers are lost: check the cable, the converter and the load of the device";
+/// Hint for a sensor that is bad or rejected.
+const LOOK_AT_THE_SENSOR: &str = "look at the sensor, its cable and its channel";
+/// Hint for an acknowledge of the control that is set although it must not be.
+const DROPS_ACKNOWLEDGE: &str = "does the control's program drop the acknowledge when the strobe drops?";
+/// Hint for a strobe or acknowledge of a handshake that cannot be read or written.
+const MAY_ACCESS: &str = "is the control on, may the gateway read and write this address?";
+/// Hint for a certificate that has expired, or expires soon.
+const RENEW: &str =
+    "make a new certificate; a running gateway loads it after `isotherm restart PROFILE --keep`";
+/// Hint for messages that were not delivered.
+const SEE_EVENTS: &str = "`isotherm events` shows what happened";
+
+/// Severity of an event.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Level {
+    /// Information.
+    Info,
+    /// Trouble that the operator should know of.
+    Warning,
+    /// Trouble that requires an action.
+    Error,
+}
+
+/// Entry of the catalogue: the properties of one kind of event.
+#[derive(Clone, Copy)]
+struct Entry {
+    name: &'static str,
+    level: Level,
+    may_be_info: bool,
+    raises: Option<&'static str>,
+    ends: &'static [&'static str],
+    word: Option<&'static str>,
+    hint: Option<&'static str>,
+    meaning: &'static str,
+}
+
+const fn info(name: &'static str) -> Entry {
+    Entry {
+        name,
+        level: Level::Info,
+        may_be_info: false,
+        raises: None,
+        ends: &[],
+        word: None,
+        hint: None,
+        meaning: "",
+    }
+}
+
+const fn warning(name: &'static str) -> Entry {
+    Entry { level: Level::Warning, ..info(name) }
+}
+
+const fn error(name: &'static str) -> Entry {
+    Entry { level: Level::Error, ..info(name) }
+}
+
+impl Entry {
+    /// Marks a kind of which some events report no trouble. Those events have the level [`Level::Info`].
+    const fn or_info(self) -> Entry {
+        Entry { may_be_info: true, ..self }
+    }
+
+    /// Sets the name of the alarm that an event of this kind raises. `{axis}` in the name stands for the field `axis`
+    /// of the event's data.
+    const fn raises(self, alarm: &'static str) -> Entry {
+        Entry { raises: Some(alarm), ..self }
+    }
+
+    /// Sets the names of the alarms that an event of this kind ends.
+    const fn ends(self, ends: &'static [&'static str]) -> Entry {
+        Entry { ends, ..self }
+    }
+
+    /// Sets the word of `[[notify]]` that selects several kinds, including this one.
+    const fn word(self, word: &'static str) -> Entry {
+        Entry { word: Some(word), ..self }
+    }
+
+    /// Sets the hint (what to do) for events whose cause has no hint of its own.
+    const fn hint(self, hint: &'static str) -> Entry {
+        Entry { hint: Some(hint), ..self }
+    }
+}
+
+/// Declares the kinds of events, and their entries in the same order. The doc comment of a kind is its meaning.
+macro_rules! catalogue {
+    ($($(#[doc = $meaning:literal])+ $kind:ident = $entry:expr;)+) => {
+        /// Kind of an event.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum EventKind {
+            $($(#[doc = $meaning])+ $kind,)+
+        }
+
+        const ENTRIES: &[Entry] = &[$(Entry { meaning: concat!($($meaning),+), ..$entry }),+];
+
+        impl EventKind {
+            /// All kinds, in the order of the catalogue.
+            pub const ALL: [EventKind; ENTRIES.len()] = [$(EventKind::$kind),+];
+        }
+    };
+}
+
+// The kinds that most profiles post come first, because the message on an unknown word of `[[notify]]` shows only the
+// first part of the list.
+catalogue! {
+    /// The state of an axis has changed, or the cause of this state has changed.
+    AxisState = warning("axis-state").or_info().raises("axis {axis}").ends(&["axis {axis}", "level of axis {axis}"])
+        .hint("look at the alarms of the signals, devices and outputs of the axis");
+    /// An axis was switched off.
+    Disarmed = warning("disarmed").hint("arm the axis when the cause is corrected");
+    /// An axis is armed.
+    Armed = info("armed").ends(&["model of axis {axis}", "arming of axis {axis}", "belief in state and ledger"]);
+    /// An axis cannot be armed.
+    ArmRefused = error("arm-refused").raises("arming of axis {axis}").hint("correct the cause, then arm the axis");
+    /// A request to arm was withdrawn or has expired.
+    ArmEnded = warning("arm-ended").ends(&["arming of axis {axis}"]).hint("arm the axis again if it is needed");
+    /// An axis with a request to arm now waits for another condition than before.
+    WaitsToArm = info("waits-to-arm").ends(&["arming of axis {axis}"]);
+    /// An armed axis resumes from its register value after a restart of the control.
+    GoesOn = info("goes-on");
+    /// A device does not answer any more, or its answers are wrong.
+    DeviceLost = warning("device-lost").raises("device {device}").hint(DOES_NOT_ANSWER);
+    /// A device answers again.
+    DeviceBack = info("device-back").ends(&["device {device}"]);
+    /// The connection of a bus could not be made, or was lost.
+    LinkDown = warning("link-down").raises("bus {bus}").hint(DOES_NOT_ANSWER);
+    /// The connection of a bus works again.
+    LinkUp = info("link-up").ends(&["bus {bus}"]);
+    /// A CAN bus has a fault in its controller, queue or receiver, or a serial line has another master.
+    BusTrouble = warning("bus-trouble").raises("trouble of bus {bus}")
+        .hint("is the bus terminated at both ends, has every node the same bitrate?");
+    /// The fault of a bus or serial line has ended.
+    BusWell = info("bus-well").ends(&["trouble of bus {bus}"]);
+    /// A signal cannot be used any more.
+    SignalBad = warning("signal-bad").raises("signal {signal}").hint(LOOK_AT_THE_SENSOR);
+    /// A signal can be used again.
+    SignalGood = info("signal-good").ends(&["signal {signal}"]);
+    /// A write to the register of an output has failed.
+    WriteFailed = warning("write-failed").raises("output {output}").word(UNVERIFIED).hint(DOES_NOT_ANSWER);
+    /// The register of an output cannot be read.
+    ReadFailed = warning("read-failed").raises("output {output}").word(UNVERIFIED).hint(DOES_NOT_ANSWER);
+    /// The value that was read back from the register of an output differs from the written one.
+    VerifyFailed = error("verify-failed").raises("output {output}").word(UNVERIFIED)
+        .hint("does another client write the register, does the control accept values now, do `type` and `scale` fit \
+               the register?");
+    /// A write to the register of an output was verified after failures.
+    Verified = info("verified").ends(&["output {output}", "foreign write to {output}"]);
+    /// The control applies another value than the register value.
+    NotApplied = error("not-applied").raises("output {output}").word(UNVERIFIED)
+        .hint("is the compensation function on in the control, does it need longer than `settle`?");
+    /// A write that is not from the gateway has changed the register of an output.
+    ForeignChange = error("foreign-change").raises("foreign write to {output}")
+        .hint("find what changed the offset, correct the value at the control, then arm the axis");
+    /// The gateway cannot write its heartbeat to a device.
+    HeartbeatFailed = warning("heartbeat-failed").raises("heartbeat at {device}").hint(DOES_NOT_ANSWER);
+    /// The gateway can write its heartbeat to a device again.
+    HeartbeatWritten = info("heartbeat-written").ends(&["heartbeat at {device}"]);
+    /// The register of an output was zero again, because the CNC was restarted.
+    CncRestarted = warning("cnc-restarted").hint("if the CNC was not restarted, find what sets the register to zero");
+    /// The boot counter of a control has changed: the control was restarted.
+    CncBooted = warning("cnc-booted").hint("if the operator did not restart the CNC, check its power supply");
+    /// The inputs of an axis's model are outside the region on which the model was identified.
+    Extrapolating = warning("extrapolating").raises("inputs of axis {axis}").hint("measure a part");
+    /// The inputs of an axis's model are inside the identified region again, or no model is in use.
+    Interpolating = info("interpolating").ends(&["inputs of axis {axis}"]);
+    /// The error of a model at a probing was above the warning level.
+    ModelAges = warning("model-ages").hint("if this happens again, identify the model again");
+    /// Probings show that an axis is worse with its model than without compensation.
+    Worse = error("worse").raises("compensation of axis {axis}").hint("identify the model again, or disarm the axis");
+    /// Probings do not show any more that an axis is worse with its model.
+    WorseOver = info("worse-over").ends(&["compensation of axis {axis}"]);
+    /// The model of an axis requests more Cz than the limit of the axis.
+    AtLimit = warning("at-limit")
+        .hint("are the sensors and references of the axis right? If they are, raise axis.{axis}.limit");
+    /// The absolute value of an axis's Cz is above the warning level.
+    Warned = warning("warned").raises("level of axis {axis}")
+        .hint("measure a part, and compare the sensors of the axis with each other");
+    /// The model of an axis requests more Cz than the error level, and is not used any more.
+    BeyondError = error("beyond-error").raises("model of axis {axis}")
+        .hint("find the cause, for example a faulty sensor, then arm the axis");
+    /// A value for an output exceeded the range of its register and was limited to this range.
+    Saturated = warning("saturated")
+        .hint("check `scale`. If it is right, write to a wider register, or lower the limit of the axis");
+    /// A sensor of an axis's model is frozen or possibly frozen: its reading does not change. A stand-in (an estimate
+    /// from other sensors) replaces the sensor if possible.
+    Frozen = warning("frozen").raises("sensor of axis {axis}: {signal}")
+        .hint("look at the sensor, its cable and its channel; the axis uses the sensor's own reading again by itself");
+    /// A sensor of an axis's model is lost. A stand-in (an estimate from other sensors) replaces the sensor if
+    /// possible.
+    StoodIn = warning("stood-in").raises("sensor of axis {axis}: {signal}")
+        .hint("look at the sensor, its cable and its channel; the axis uses the sensor's own reading again by itself");
+    /// A stand-in does not replace a sensor any more: the sensor is accepted again, or the stand-in cannot be used.
+    StandInOver = info("stand-in-over").ends(&["sensor of axis {axis}: {signal}"]);
+    /// The computer's clock was set. Displayed times follow the clock; measured intervals do not change.
+    ClockSet = warning("clock-set").word(CLOCK)
+        .hint("if the operator did not set the clock, check the time server of this computer");
+    /// The computer's clock does not continue from the end of the last run. The length of the time between the two runs
+    /// is unknown.
+    ClockDoubtful = warning("clock-doubtful").word(CLOCK)
+        .hint("set the clock; if the time is lost at each start, replace the battery of the clock");
+    /// A certificate of an OPC UA bus expires soon.
+    CertificateExpires = warning("certificate-expires").raises("certificate {file} of bus {bus}").hint(RENEW);
+    /// A certificate of an OPC UA bus has expired.
+    CertificateExpired = error("certificate-expired").raises("certificate {file} of bus {bus}").hint(RENEW);
+    /// A task of the gateway failed. The axes that depend on the task run their fault action.
+    TaskFailed = error("task-failed").raises("task {task}")
+        .hint("keep the log of this hour and report the failure; restart the gateway if it does not restart by itself");
+    /// The settings of a device differ from those that the profile expects. No axis that needs the device is armed.
+    NotAsExpected = error("not-as-expected").raises("settings of device {device}")
+        .hint("change the setting at the device, or correct the profile; until then, no axis that needs the device is \
+               armed");
+    /// The settings of a device are again those that the profile expects.
+    AsExpected = info("as-expected").ends(&["settings of device {device}"]);
+    /// A CAN node reports an emergency.
+    Emergency = warning("emergency").raises("emergency of device {device}")
+        .hint("look up the emergency code in the manual of the device");
+    /// An emergency has ended.
+    EmergencyOver = info("emergency-over").ends(&["emergency of device {device}"]);
+    /// A CAN node was reset, or has stopped for another reason. The gateway configures and starts the node again.
+    NodeReset = warning("node-reset")
+        .hint("if the operator did not cause this, check the power supply and the plug of the node");
+    /// The interlock of an output is open. The gateway does not write the output.
+    Interlocked = info("interlocked");
+    /// The interlock of an output is closed again. The gateway may write the output.
+    Released = info("released");
+    /// The address, scale or owner of an output's register differs from the last run. The axis of the output is off.
+    OutputMoved = error("output-moved").raises("place of output {output}")
+        .hint("compare the profile with the control, then arm the axis");
+    /// A register that belongs to no output any more contains a verified value of the gateway.
+    RegisterLeft = warning("register-left").raises("former register of output {output}")
+        .hint("release the register, or correct its value at the control");
+    /// A register that belonged to no output was returned to its base value at the operator's request, and verified.
+    RegisterReleased = info("register-released").ends(&["former register of output {output}"]);
+    /// The operator has armed the axis of an output, and so confirmed the changed or former register of the output.
+    PlaceConfirmed = info("place-confirmed")
+        .ends(&["place of output {output}", "former register of output {output}"]);
+    /// The address of a signal differs from the last run. The references of the signal are captured again.
+    ReferenceForgotten = warning("reference-forgotten").hint("measure a part");
+    /// The gateway has stored the URI of a namespace that the profile names by index.
+    NamespaceRecorded = info("namespace-recorded");
+    /// A namespace has another index on the server than in the profile. The gateway uses the server's index.
+    NamespaceMoved = warning("namespace-moved").hint("write nsu={uri};... instead of ns={from};... in the profile");
+    /// The Cz that a corrected position contains is unknown. Cz starts at zero.
+    PositionFromZero = warning("position-from-zero")
+        .hint("compare the position at the display with the scale before a part is made");
+    /// The gateway share of the value in a shared register is uncertain. The operator must confirm the share.
+    LedgerDoubt = error("ledger-doubt").raises("ledger of {output}")
+        .hint("set the register to your own offset, then arm the axis");
+    /// A register to be shared has an unknown value that is not zero. The operator must confirm that the value is an
+    /// operator offset.
+    FirstAccount = warning("first-account").raises("ledger of {output}")
+        .hint("if the whole value is your own offset, arm the axis; if not, first set the register to your own offset");
+    /// The gateway has recorded the two parts of the value in a shared register: operator offset and gateway share.
+    LedgerOpened = info("ledger-opened").ends(&["ledger of {output}"]);
+    /// The operator has changed the operator offset in a shared register.
+    OperatorChange = info("operator-change");
+    /// A write of the gateway arrived long after it was sent.
+    OwnWriteLate = warning("own-write-late").hint(LOSES_ANSWERS);
+    /// An unexpected register value appeared after a start of the gateway. It may come from a write that the gateway
+    /// sent before the start.
+    PerhapsFromBefore = warning("perhaps-from-before")
+        .hint("if the gateway did not write the value, disarm the axis and correct the value at the control");
+    /// The gateway delays the next change of a register. A late write may still arrive, and the change would be too far
+    /// from its value.
+    WaitsForLateWrite = warning("waits-for-late-write").hint(LOSES_ANSWERS);
+    /// Writes to a register are acknowledged, but the register cannot be read.
+    NotReadBack = info("not-read-back").word(UNVERIFIED);
+    /// The acknowledge of the control was set before the strobe, and stayed set.
+    AcknowledgeEarly = error("acknowledge-early").hint(DROPS_ACKNOWLEDGE);
+    /// The control did not acknowledge the strobe in time.
+    AcknowledgeMissing = error("acknowledge-missing")
+        .hint("does the control's program run, does it read this strobe? If so, raise `timeout` of the handshake");
+    /// The acknowledge of the control could not be read.
+    AcknowledgeNotRead = error("acknowledge-not-read").hint(MAY_ACCESS);
+    /// The acknowledge of the control stayed set after the gateway had reset the strobe.
+    AcknowledgeStuck = error("acknowledge-stuck").hint(DROPS_ACKNOWLEDGE);
+    /// The gateway could not set the strobe of a handshake.
+    StrobeNotWritten = error("strobe-not-written").hint(MAY_ACCESS);
+    /// The gateway could not reset the strobe of a handshake.
+    StrobeNotDropped = error("strobe-not-dropped").hint(MAY_ACCESS);
+    /// The axis has corrected its model with a measured error.
+    Probed = info("probed");
+    /// A measured error was refused. The axis does not correct its model with this error.
+    ProbeRefused = warning("probe-refused").hint("measure again");
+    /// The correction of an axis's models from measured errors was discarded.
+    ProbeForgotten = info("probe-forgotten");
+    /// The operator has reported in which direction a gauge moved when Cz increased. Every direction other than plus is
+    /// trouble.
+    SignChecked = error("sign-checked").or_info()
+        .hint("disarm the axis, change the sign of `scale` at its output, and check the sign again");
+    /// A sign check has ended without an answer of the operator. Cz returns.
+    SignEnded = warning("sign-ended").hint("check the sign again");
+    /// The position counter of a signal was set, referenced or restarted. The axis did not move.
+    Rereferenced = warning("rereferenced")
+        .hint("if the operator has not referenced the axis, check the encoder and its power supply");
+    /// The machine was started. Its running time is counted from this moment.
+    MachineStarted = info("machine-started");
+    /// The gateway captures the "zero" references of the signals from now on.
+    Zeroed = info("zeroed");
+    /// A bus has more exchanges than it can carry: an exchange was late. The event is reported again only after the bus
+    /// was fast enough in between.
+    Overrun = warning("overrun").hint("`isotherm check` shows the load of each bus");
+    /// A device does not support two requests at a time. The gateway now sends requests to the device one by one.
+    PipelineGivenUp = warning("pipeline-given-up").hint("remove `pipeline` from the profile");
+    /// A server does not support a requested subscription, or supports it only with other settings.
+    Subscription = warning("subscription")
+        .hint("set the server to send values as often as `every` demands, or write a longer `every`");
+    /// The gateway did not run for some time: the computer was stopped, suspended or overloaded.
+    StoodStill = warning("stood-still")
+        .hint("does another program use the computer, is automatic suspend on? A gateway needs a computer of its own");
+    /// The gateway has started.
+    Started = info("started");
+    /// The gateway was asked to stop. It runs the fault actions, or keeps the register values.
+    Stopping = info("stopping");
+    /// The gateway has stopped. The event lists the values that stay in the registers.
+    Stopped = info("stopped");
+    /// A device template of the profile differs from the one of the last run.
+    TemplateChanged = warning("template-changed")
+        .hint("check the settings that `isotherm check` prints, before the machine makes parts");
+    /// Other gateways on this computer cannot be detected. A second gateway that writes the same register would not be
+    /// rejected.
+    NotExclusive = warning("not-exclusive").hint("make sure that only one gateway writes to each register");
+    /// The state or the log could not be saved on disk.
+    NotKept = warning("not-kept").raises("keeping {what}")
+        .hint("free disk space for the state directory, or use another state directory (`--state`)");
+    /// The state or the log can be saved on disk again.
+    KeptAgain = info("kept-again").ends(&["keeping {what}"]);
+    /// The saved state or ledger was rejected: it is damaged, was changed, or is a copy from elsewhere.
+    NotBelieved = error("not-believed").raises("belief in state and ledger")
+        .hint("compare the registers of the control with their correct values, then arm the axes");
+    /// The gateway was restarted in the same process, and rejected the state that the former program handed over.
+    HandoverRefused = warning("handover-refused").hint("arm the axes that are off");
+    /// The gateway runs the checked profile, but some of its files, variables or settings have changed since the check.
+    ProfileDiffers = warning("profile-differs")
+        .hint("to use the changed files: `isotherm restart {profile} --keep`");
+    /// The saved state or ledger comes from an earlier version of the program, and is used.
+    TakenFromEarlier = warning("taken-from-earlier");
+    /// Some events are missing on disk, because the disk did not save them in time.
+    EventsLost = warning("events-lost").hint("is the disk full, slow or broken?");
+    /// The file of a day's events is full. Further events of the day are not saved.
+    EventsFull = warning("events-full").hint("`isotherm events` shows which events are so frequent");
+    /// Logs were deleted.
+    LogsDeleted = info("logs-deleted");
+    /// The web page cannot listen at its address.
+    PageClosed = warning("page-closed").raises("page at {listen}")
+        .hint("free the address or name another one; the gateway tries again every ten seconds, and the compensation \
+               continues");
+    /// The web page listens at its address now.
+    PageOpen = info("page-open").ends(&["page at {listen}"]);
+    /// A token file of the web page contains another token.
+    TokenChanged = info("token-changed");
+    /// A token file of the web page contains no valid token.
+    TokenGone = error("token-gone").hint("`isotherm token --out FILE` makes a token file that only its owner can read");
+    /// A message to a server of `[[notify]]` could not be delivered. Further failures are not reported until a message
+    /// arrives.
+    NotifyFailed = warning("notify-failed").raises("messages of {notify}")
+        .hint("does the server run, are `url` and token right? The gateway tries a few times more, and the \
+               compensation continues");
+    /// A message to a server of `[[notify]]` has arrived after failures.
+    NotifyBack = info("notify-back").ends(&["messages of {notify}"]);
+    /// Messages to a server of `[[notify]]` were given up after failures, or the queue had no room for them.
+    NotifyDropped = warning("notify-dropped").hint(SEE_EVENTS);
+    /// The connection to the broker of `[mqtt]` is lost.
+    BrokerDown = warning("broker-down").raises("broker {broker}")
+        .hint("does the broker run, are its address, user and certificate those of `[mqtt]`? The gateway tries again, \
+               and the compensation continues");
+    /// The connection to the broker of `[mqtt]` is back.
+    BrokerUp = info("broker-up").ends(&["broker {broker}"]);
+    /// Messages to the broker were dropped, because it was not reachable or too slow.
+    BrokerDropped = warning("broker-dropped").hint(SEE_EVENTS);
+    /// Messages that the broker missed could not be saved on disk for later delivery.
+    BrokerNotKept = warning("broker-not-kept")
+        .hint("free space in the state directory, and allow the gateway to write to it");
+    /// A command was carried out.
+    Command = info("command");
+    /// A command was refused.
+    CommandRefused = warning("command-refused");
+    /// A command was dropped, because its sender did not wait for it any more. The gateway does not carry out the
+    /// command.
+    CommandDropped = warning("command-dropped").hint("give the command again");
+}
+
+impl EventKind {
+    const fn entry(self) -> &'static Entry {
+        &ENTRIES[self as usize]
+    }
+
+    /// Returns the name of the kind for programs: one word, also the label of the counter.
+    pub const fn name(self) -> &'static str {
+        self.entry().name
+    }
+
+    /// Returns the severity of events of this kind. If [`EventKind::may_be_info`], this is the severity of those that
+    /// report trouble.
+    pub const fn level(self) -> Level {
+        self.entry().level
+    }
+
+    /// Returns whether some events of this kind report no trouble. Those events have the level [`Level::Info`].
+    pub const fn may_be_info(self) -> bool {
+        self.entry().may_be_info
+    }
+
+    /// Returns the name of the alarm that an event of this kind raises, unless the event has the level [`Level::Info`].
+    /// `{axis}` stands for a field of the event's data. `None` if there is no alarm.
+    pub const fn raises(self) -> Option<&'static str> {
+        self.entry().raises
+    }
+
+    /// Returns the names of the alarms that an event of this kind ends, unless the event raises an alarm itself.
+    pub const fn ends(self) -> &'static [&'static str] {
+        self.entry().ends
+    }
+
+    /// Returns the kinds that end the alarm of this kind.
+    pub fn ended_by(self) -> impl Iterator<Item = EventKind> {
+        let raised = self.raises();
+        EventKind::ALL
+            .into_iter()
+            .filter(move |kind| raised.is_some_and(|alarm| kind.ends().contains(&alarm)))
+    }
+
+    /// Returns the word of `[[notify]]` that selects several kinds, including this one; `None` if there is no such
+    /// word.
+    pub const fn word(self) -> Option<&'static str> {
+        self.entry().word
+    }
+
+    /// Returns the hint for an event whose cause has no hint of its own. `{axis}` stands for a field of the event's
+    /// data.
+    pub const fn hint(self) -> Option<&'static str> {
+        self.entry().hint
+    }
+
+    /// Returns the meaning of the kind for the operator, in one or more sentences.
+    pub const fn meaning(self) -> &'static str {
+        self.entry().meaning.trim_ascii()
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,13 @@
+//! Errors of the logs.
+
+/// All errors found in the logs. Each message names the file, and the line if it is known.
+#[derive(Clone, Debug, Default, PartialEq, Eq, thiserror::Error)]
+#[error("{}", .0.join("\n"))]
+pub struct BadLog(pub Vec<String>);
+
+impl BadLog {
+    /// Returns `good` if `wrong` is empty; otherwise the errors.
+    pub(crate) fn unless<T>(wrong: Vec<String>, good: T) -> Result<T, BadLog> {
+        if wrong.is_empty() { Ok(good) } else { Err(BadLog(wrong)) }
+    }
+}

@@ -1,0 +1,108 @@
+//! Names and properties of the identification methods.
+
+use std::fmt;
+
+/// Identification method. [`Method::ALL`] contains the description of each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Method {
+    /// Mean of a ridge regression and an elastic net on whitened rows.
+    #[default]
+    Whitened,
+    /// Mean of a forward search and an elastic net.
+    SparseLag,
+    /// Ridge regression with lags.
+    RidgeLag,
+    /// Stepwise regression by partial F tests.
+    Stepwise,
+    /// Ordinary least squares on the rises of all sensors, without lags.
+    Ols,
+    /// Sum of lagged terms, each with a fitted time constant.
+    Lag,
+    /// A constant part and a slope over a position.
+    Position,
+    /// Two sources of heat, identified one after the other.
+    TwoSource,
+    /// Difference of two sensors.
+    Difference,
+    /// Network of radial basis functions.
+    Rbf,
+    /// Network trained by back-propagation.
+    Network,
+    /// No model: the uncompensated machine, or a probe alone.
+    None,
+}
+
+impl Method {
+    /// Every method, with its name on the command line and in JSON, and a description.
+    pub const ALL: [(Method, &'static str, &'static str); 12] = [
+        (
+            Method::Whitened,
+            "whitened",
+            "The mean of a ridge and an elastic net on rows without their slow random drift",
+        ),
+        (
+            Method::SparseLag,
+            "sparse-lag",
+            "Mean of a forward search and an elastic net on pairs of sensor and lag, tuned on held-out runs. \
+             With --terms N, the forward search alone, with at most N pairs",
+        ),
+        (Method::RidgeLag, "ridge-lag", "Ridge regression on every sensor through every lag"),
+        (
+            Method::Stepwise,
+            "stepwise",
+            "Pairs of sensor and lag, added and removed stepwise by partial F tests",
+        ),
+        (Method::Ols, "ols", "Least squares on the rises of all sensors, without lags"),
+        (Method::Lag, "lag", "One time constant for each of a few sensors, fitted (Janeczko 1989)"),
+        (
+            Method::Position,
+            "position",
+            "Terms of Cz and of its slope over --position, chosen on held-out runs (Li et al. 1998)",
+        ),
+        (
+            Method::TwoSource,
+            "two-source",
+            "--first sensors from the --waiting runs, --second sensors from the residual error of the others \
+             (Tachiya et al. 2013)",
+        ),
+        (
+            Method::Difference,
+            "difference",
+            "One gain for the difference of two sensors, and each of them alone with the time since machine start (JP H07-61598 B2)",
+        ),
+        (Method::Rbf, "rbf", "Radial basis functions around --centres points that k-means finds"),
+        (
+            Method::Network,
+            "network",
+            "A network of --neurons in one layer, trained by back-propagation until the error of held-out days \
+             is smallest",
+        ),
+        (Method::None, "none", "No model: the uncompensated machine, or a probe alone"),
+    ];
+
+    /// Returns the name on the command line and in JSON.
+    pub fn name(self) -> &'static str {
+        Method::ALL.iter().find(|(method, ..)| *method == self).map_or("", |(_, name, _)| *name)
+    }
+
+    /// Returns whether the method shrinks or selects gains. The standard errors of the gains then follow from their
+    /// spread between fits, because no formula gives them.
+    pub(crate) fn is_penalized(self) -> bool {
+        matches!(self, Method::Whitened | Method::SparseLag | Method::RidgeLag | Method::Position)
+    }
+
+    /// Returns the method of the fallback model for a lost sensor: this method, used without that sensor. For a
+    /// network, it is a linear method, because a network is least reliable on unknown days.
+    pub(crate) fn stand_in(self) -> Method {
+        match self {
+            Method::Rbf | Method::Network => Method::Whitened,
+            own => own,
+        }
+    }
+}
+
+impl fmt::Display for Method {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}

@@ -1,0 +1,35 @@
+//! Parts that all reports share.
+
+use maud::{Markup, html};
+
+use isotherm_core::quantity::Moment;
+use isotherm_html::duration;
+use isotherm_profile::Profile;
+
+/// Renders a whole HTML page.
+pub(super) fn page(title: &str, made: Moment, content: &Markup) -> String {
+    isotherm_html::page(title, made, "the logs named here", content)
+}
+
+/// Renders the machine for the list of facts at the head of a report.
+pub(super) fn machine(profile: &Profile) -> Markup {
+    html! {
+        dt { "machine" } dd { (profile.name) @if !profile.description.is_empty() { ": " (profile.description) } }
+    }
+}
+
+/// Renders the number of runs and their total duration for the list of facts at the head of a report. `seconds` is the
+/// duration.
+pub(super) fn runs(count: usize, seconds: f64) -> Markup {
+    html! { dt { "runs" } dd { (count) ", " (duration(seconds)) " together" } }
+}
+
+/// Renders a list of sentences; nothing if there are none.
+pub(super) fn list(items: &[Markup]) -> Markup {
+    html! { @if !items.is_empty() { ul { @for item in items { li { (item) } } } } }
+}
+
+/// Formats a figure; "–" if it is missing.
+pub(super) fn optional(value: Option<f64>, written: fn(f64) -> String) -> String {
+    value.map_or("–".to_owned(), written)
+}

@@ -1,0 +1,289 @@
+//! Keys of a profile that is being checked, with functions for their errors and warnings.
+//!
+//! It knows the names of the tables, but not the tables. A check that needs another table gets it as an argument.
+
+use std::cell::RefCell;
+use std::collections::{BTreeMap, HashMap};
+use std::ops::Deref;
+use std::time::Duration;
+
+use crate::duration::{Timespan, shown};
+use crate::error::{Findings, ProfileError, allowed};
+use crate::files::Files;
+use crate::source_map::{SourceMap, child, element};
+use crate::tables::signal::unit::Unit;
+use isotherm_core::reading::SignalId;
+
+/// Shortest allowed period of reads, writes and decisions. A period of a microsecond would send 66,000 requests per
+/// second, and occupy the whole computer.
+const SHORTEST_PERIOD: Duration = Duration::from_millis(1);
+
+/// Names of the tables of one kind, in the order of the file.
+pub(crate) struct Names {
+    pub(crate) kind: &'static str,
+    names: Vec<String>,
+    places: HashMap<String, usize>,
+}
+
+/// Findings of a check in progress, the files that it reads, and the use of signals.
+pub(crate) struct Report<'a> {
+    pub(crate) spans: &'a SourceMap,
+    pub(crate) files: &'a Files<'a>,
+    pub(crate) signals: Names,
+    errors: RefCell<Findings>,
+    warnings: RefCell<Findings>,
+    /// Whether each signal is used, by its index.
+    used: RefCell<Vec<bool>>,
+    /// Unit of each signal, by its index. Empty before the signals are resolved.
+    units: RefCell<Vec<Option<Unit>>>,
+}
+
+/// Key of the profile that is being checked, with functions for its errors and warnings.
+#[derive(Clone)]
+pub(crate) struct KeyContext<'c> {
+    pub(crate) report: &'c Report<'c>,
+    pub(crate) path: String,
+}
+
+/// Resolves an optional part. `Some(None)` if it is not written; `None` if it has errors.
+pub(crate) fn optional<R, T>(raw: Option<R>, resolve: impl FnOnce(R) -> Option<T>) -> Option<Option<T>> {
+    raw.map_or(Some(None), |raw| resolve(raw).map(Some))
+}
+
+impl Names {
+    pub(crate) fn of<R>(kind: &'static str, raw: &BTreeMap<String, R>, spans: &SourceMap) -> Names {
+        let mut names: Vec<String> = raw.keys().cloned().collect();
+        names.sort_by_key(|name| spans.rank(&child(kind, name)));
+        let places = names.iter().cloned().enumerate().map(|(place, name)| (name, place)).collect();
+        Names { kind, names, places }
+    }
+
+    pub(crate) fn place(&self, name: &str) -> Option<usize> {
+        self.places.get(name).copied()
+    }
+}
+
+impl Deref for Names {
+    type Target = [String];
+
+    fn deref(&self) -> &[String] {
+        &self.names
+    }
+}
+
+impl<'a> Report<'a> {
+    pub(crate) fn new(spans: &'a SourceMap, files: &'a Files<'a>, signals: Names) -> Report<'a> {
+        let used = RefCell::new(vec![false; signals.len()]);
+        let (errors, warnings, units) = (RefCell::default(), RefCell::default(), RefCell::default());
+        Report { spans, files, signals, errors, warnings, used, units }
+    }
+
+    /// Stores the units of the resolved signals. `None` for a signal with errors.
+    pub(crate) fn set_units(&self, units: Vec<Option<Unit>>) {
+        *self.units.borrow_mut() = units;
+    }
+
+    /// Whether each signal is used, by its index.
+    pub(crate) fn used(&self) -> Vec<bool> {
+        self.used.borrow().clone()
+    }
+
+    /// Returns the errors and the warnings.
+    pub(crate) fn into_findings(self) -> (Findings, Findings) {
+        (self.errors.into_inner(), self.warnings.into_inner())
+    }
+
+    /// Returns a key at the top of the profile.
+    pub(crate) fn at(&self, key: &str) -> KeyContext<'_> {
+        KeyContext { report: self, path: String::new() }.key(key)
+    }
+}
+
+impl<'c> KeyContext<'c> {
+    /// Returns a key at the top of the profile.
+    pub(crate) fn top(&self, key: &str) -> KeyContext<'c> {
+        self.report.at(key)
+    }
+
+    /// Returns a key of this table.
+    pub(crate) fn key(&self, key: &str) -> KeyContext<'c> {
+        KeyContext { report: self.report, path: child(&self.path, key) }
+    }
+
+    /// Returns an entry of this list.
+    pub(crate) fn item(&self, index: usize) -> KeyContext<'c> {
+        KeyContext { report: self.report, path: element(&self.path, index) }
+    }
+
+    /// Returns whether this table has the key with a value of the correct type.
+    pub(crate) fn has(&self, key: &str) -> bool {
+        self.report.spans.is_right(&child(&self.path, key))
+    }
+
+    /// Returns whether this key has been written, with a correct or a wrong value.
+    pub(crate) fn is_written(&self) -> bool {
+        self.report.spans.contains(&self.path)
+    }
+
+    /// Returns the place for messages, for example `profiles/x.toml:41`.
+    pub(crate) fn line(&self) -> String {
+        self.report.spans.line_of(&self.path)
+    }
+
+    /// Reports an error at the value.
+    pub(crate) fn invalid(&self, message: impl Into<String>, help: impl Into<String>) {
+        if self.is_enough() {
+            return;
+        }
+        self.error(self.report.spans.at_value(&self.path, message, Some(help.into())));
+    }
+
+    /// Reports an error at the value. Returns `None`.
+    pub(crate) fn reject<T>(&self, message: impl Into<String>, help: impl Into<String>) -> Option<T> {
+        self.invalid(message, help);
+        None
+    }
+
+    /// Returns whether an error is only counted, because the limit of described errors is reached. It is counted here.
+    pub(crate) fn is_enough(&self) -> bool {
+        let mut errors = self.report.errors.borrow_mut();
+        let is_full = errors.is_full();
+        if is_full {
+            errors.count();
+        }
+        is_full
+    }
+
+    /// Reports an error at the key, which should not be present.
+    pub(crate) fn wrong_key(&self, message: impl Into<String>, help: impl Into<String>) {
+        if self.is_enough() {
+            return;
+        }
+        self.error(self.report.spans.at_key(&self.path, message, Some(help.into())));
+    }
+
+    /// Reports a key that this combination requires, if it is missing. If it has a wrong value, that has been reported
+    /// already.
+    pub(crate) fn missing(&self, message: impl Into<String>, help: impl Into<String>) {
+        if !self.is_written() && !self.report.spans.is_right(&self.path) {
+            self.wrong_key(message, help);
+        }
+    }
+
+    /// Reports keys of this table that belong to something else.
+    pub(crate) fn not_applicable(&self, keys: &[&str], owner: &str, help: &str) {
+        for key in keys.iter().filter(|key| self.has(key)) {
+            self.key(key).wrong_key(format!("`{key}` is only for {owner}"), help);
+        }
+    }
+
+    pub(crate) fn error(&self, error: ProfileError) {
+        self.report.errors.borrow_mut().push(error);
+    }
+
+    /// Reports a warning at the value.
+    pub(crate) fn warn(&self, message: impl Into<String>, help: impl Into<String>) {
+        let warning = self.report.spans.at_value(&self.path, message, Some(help.into()));
+        self.report.warnings.borrow_mut().push(warning);
+    }
+
+    /// Warns if the private key or password in this file can be read by any user.
+    pub(crate) fn secret(&self, name: Option<&String>) {
+        if let Some(name) = name.filter(|name| self.report.files.is_open_to_all(name)) {
+            let file = self.report.files.path(name);
+            let message =
+                format!("every user of this computer can read {file}, and use it to act as the gateway");
+            self.warn(message, format!("remove the permission of other users: `chmod o= {file}`"));
+        }
+    }
+
+    /// Reports a warning at the key.
+    pub(crate) fn warn_key(&self, message: impl Into<String>, help: Option<&str>) {
+        let warning = self.report.spans.at_key(&self.path, message, help.map(str::to_owned));
+        self.report.warnings.borrow_mut().push(warning);
+    }
+
+    /// Returns the index of the table with this name.
+    pub(crate) fn named(&self, names: &Names, name: Option<&String>) -> Option<usize> {
+        let name = name?;
+        let found = names.place(name);
+        // If the table exists but has errors, these have been reported.
+        if found.is_none() && !self.report.spans.contains(&child(names.kind, name)) {
+            if self.is_enough() {
+                return None;
+            }
+            let help = allowed(name, names.iter().map(String::as_str));
+            self.invalid(format!("there is no {} named `{name}`", names.kind), help);
+        }
+        found
+    }
+
+    /// Returns the signal with this name, and marks it as used.
+    pub(crate) fn signal(&self, name: Option<&String>) -> Option<SignalId> {
+        let found = SignalId(self.named(&self.report.signals, name)?);
+        self.uses(found);
+        Some(found)
+    }
+
+    /// Marks a signal as used.
+    pub(crate) fn uses(&self, signal: SignalId) {
+        self.report.used.borrow_mut()[signal.0] = true;
+    }
+
+    /// Returns the unit of a signal. `None` if the signal has errors.
+    pub(crate) fn unit_of(&self, signal: SignalId) -> Option<Unit> {
+        self.report.units.borrow().get(signal.0).copied().flatten()
+    }
+
+    /// Returns the signal with this name, which must be a position in mm.
+    pub(crate) fn position(&self, name: Option<&String>) -> Option<SignalId> {
+        let position = self.signal(name)?;
+        let name = name?;
+        // A wrong unit has been reported.
+        if let Some(Unit(unit)) = self.unit_of(position).filter(|unit| unit.0 != "mm") {
+            let help = format!("write unit = \"mm\" and the scale in mm per count at signal `{name}`");
+            self.invalid(format!("`{name}` is in \"{unit}\"; a position is in mm"), help);
+        }
+        Some(position)
+    }
+
+    /// Returns whether this signal is a temperature.
+    pub(crate) fn is_temperature(&self, signal: Option<SignalId>) -> bool {
+        let unit = signal.and_then(|id| self.unit_of(id));
+        unit.is_some_and(|unit| matches!(unit.0, "degC" | "K"))
+    }
+
+    /// Returns a duration, which must not be zero.
+    pub(crate) fn duration(&self, raw: Option<Timespan>) -> Option<Duration> {
+        let Timespan(span) = raw?;
+        if span.is_zero() {
+            return self.reject("a duration of zero is not allowed here", "write a longer one, as \"1s\"");
+        }
+        Some(span)
+    }
+
+    /// Returns the period of a read or write. A shorter period than allowed would occupy the line and the computer.
+    pub(crate) fn period(&self, raw: Option<Timespan>) -> Option<Duration> {
+        let span = self.duration(raw)?;
+        if span < SHORTEST_PERIOD {
+            let (short, shortest) = (shown(span), shown(SHORTEST_PERIOD));
+            let message = format!("every {short} is too often: {shortest} is the shortest period");
+            return self.reject(message, "no device answers this fast; write \"10ms\" or longer");
+        }
+        Some(span)
+    }
+
+    /// Returns a number, which must be positive.
+    pub(crate) fn positive(&self, number: Option<f64>) -> Option<f64> {
+        let number = number?;
+        if number <= 0.0 {
+            return self.reject(format!("{number} is not above zero"), "write a number above zero");
+        }
+        Some(number)
+    }
+
+    /// Returns the content of the file with this name.
+    pub(crate) fn file(&self, name: &str, help: &str) -> Option<Vec<u8>> {
+        self.report.files.read(name).map_err(|why| self.invalid(why, help)).ok()
+    }
+}

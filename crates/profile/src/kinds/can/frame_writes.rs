@@ -1,0 +1,134 @@
+//! Frames that outputs write. Several outputs may write their values into one frame.
+
+use crate::tables::{Check, KeyContext};
+use isotherm_core::codec::{CanId, Field, Frame};
+
+/// Frame with the value of an output.
+#[derive(Clone, Debug)]
+pub(crate) struct Written {
+    pub(super) device: usize,
+    pub(super) output: String,
+    /// Path of the key `pdo` or `frame`.
+    pub(super) path: String,
+    pub(super) field: Field,
+    pub(super) fill: Option<Vec<u8>>,
+}
+
+impl Written {
+    /// Creates the entry for an output that writes its value into a frame. `at` is its key `pdo` or `frame`.
+    pub(super) fn of(
+        at: &KeyContext<'_>,
+        device: usize,
+        output: &str,
+        field: &Field,
+        fill: Option<Vec<u8>>,
+    ) -> Written {
+        Written { device, output: output.to_owned(), path: at.path.clone(), field: field.clone(), fill }
+    }
+
+    pub(super) fn id(&self) -> CanId {
+        self.field.frames.id
+    }
+
+    pub(super) fn is_process_data(&self) -> bool {
+        self.path.ends_with("pdo")
+    }
+
+    pub(super) fn at<'c>(&self, check: &'c Check<'c>) -> KeyContext<'c> {
+        KeyContext { report: &check.report, path: self.path.clone() }
+    }
+
+    /// Number of bytes that the frame needs for the value.
+    fn bytes(&self) -> usize {
+        self.field.bits.bytes()
+    }
+
+    fn is_in_one_frame_with(&self, other: &Written) -> bool {
+        self.id() == other.id() && self.device == other.device
+    }
+}
+
+/// Parses the key `fill`: the bytes of a frame before the value of an output is inserted.
+pub(super) fn fill(at: &KeyContext<'_>, text: &str, field: &Field) -> Option<Vec<u8>> {
+    let digits: String = text.split_whitespace().collect();
+    let is_hex = digits.bytes().all(|byte| byte.is_ascii_hexdigit()) && digits.len().is_multiple_of(2);
+    let byte = |place: usize| u8::from_str_radix(digits.get(2 * place..2 * place + 2)?, 16).ok();
+    let bytes: Option<Vec<u8>> = if is_hex { (0..digits.len() / 2).map(byte).collect() } else { None };
+    let Some(bytes) = bytes.filter(|bytes| !bytes.is_empty()) else {
+        let help = "write the bytes of the frame in hexadecimal, as \"00 00 00 00 00 00 01 00\"";
+        return at.reject(format!("`{text}` is not the content of a frame"), help);
+    };
+    let (fits, help) = if field.is_fd {
+        let help = "a CAN FD frame has 0 to 8, 12, 16, 20, 24, 32, 48 or 64 bytes";
+        (Frame::fd_length(bytes.len()) == Some(bytes.len()), help)
+    } else {
+        (bytes.len() <= 8, "a frame has at most 8 bytes; write fd = true if it is a CAN FD frame")
+    };
+    if !fits {
+        return at.reject(format!("a frame cannot have {} bytes", bytes.len()), help);
+    }
+    let needed = field.bits.bytes();
+    if needed > bytes.len() {
+        let message = format!("the value needs {needed} bytes, the frame has {}", bytes.len());
+        return at.reject(message, "write more bytes, or correct `start` and `length`");
+    }
+    Some(bytes)
+}
+
+/// Adds the written frames to each device. A frame has space for the values of all its outputs.
+pub(super) fn resolve(check: &mut Check<'_>) {
+    let written = check.written_frames.borrow().clone();
+    for (place, one) in written.iter().enumerate() {
+        let is_same = |other: &&Written| one.is_in_one_frame_with(other);
+        let mut earlier = written[..place].iter().filter(is_same).peekable();
+        let is_first = earlier.peek().is_none();
+        earlier.for_each(|earlier| share_a_frame(check, earlier, one));
+        if !is_first {
+            continue;
+        }
+        let all: Vec<&Written> = written.iter().filter(is_same).collect();
+        let needed = all.iter().map(|one| one.bytes()).max().unwrap_or(0);
+        let is_fd = all.iter().any(|one| one.field.is_fd);
+        let length = if is_fd { Frame::fd_length(needed).unwrap_or(needed) } else { needed };
+        let bytes = all.iter().find_map(|one| one.fill.clone()).unwrap_or_else(|| vec![0; length]);
+        let frame = if is_fd { Frame::fd(one.id(), &bytes) } else { Frame::classic(one.id(), &bytes) };
+        let device = check.devices.resolved.get_mut(one.device).and_then(Option::as_mut);
+        if let Some(can) = device.and_then(|device| device.can.as_mut()) {
+            can.written.extend(frame);
+        }
+    }
+}
+
+/// Reports two values that conflict in one frame.
+fn share_a_frame(check: &Check<'_>, earlier: &Written, later: &Written) {
+    let at = later.at(check);
+    let there = earlier.at(check).line();
+    let (output, id) = (&earlier.output, later.id());
+    if earlier.field.bits.overlaps(&later.field.bits) {
+        let message = format!("output `{output}` at {there} writes some of these bits of {id} as well");
+        at.key("start").invalid(message, "a bit must have one writer: correct `start` or `length`");
+    }
+    if earlier.field.is_fd != later.field.is_fd {
+        let message = format!("output `{output}` at {there} has another `fd` for {id}");
+        at.invalid(message, "write the same `fd` at both outputs");
+    }
+    match (&earlier.fill, &later.fill) {
+        (Some(one), Some(other)) if one != other => {
+            let message = format!("output `{output}` at {there} has another `fill` for {id}");
+            at.key("fill").invalid(message, "write `fill` at one output, or the same `fill` at both");
+        }
+        (Some(fill), None) if later.bytes() > fill.len() => {
+            let message = format!(
+                "this output needs {} bytes of {id}, but `fill` of output `{output}` at {there} has only {}",
+                later.bytes(),
+                fill.len()
+            );
+            at.key("length").invalid(message, "write more bytes in that `fill`, or correct `length`");
+        }
+        (None, Some(fill)) if earlier.bytes() > fill.len() => {
+            let message = format!("output `{output}` at {there} needs {} bytes of {id}", earlier.bytes());
+            at.key("fill").invalid(message, "write more bytes");
+        }
+        _ => {}
+    }
+}

@@ -1,0 +1,225 @@
+//! Settings of a device on a CAN line: its node, its setup, and the frames written to it.
+
+use std::time::Duration;
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::emergency::Emergency;
+use super::fields;
+use crate::document::{Section, grouped};
+use crate::duration::shown;
+use crate::tables::KeyContext;
+use crate::tables::register::TypeWord;
+use crate::{DeviceId, Profile};
+use isotherm_core::codec::{Address, CanId, Frame, Object};
+
+/// Object that is written before the node starts.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Setup")]
+pub(crate) struct RawSetup {
+    /// Index and sub-index in hexadecimal, for example "1800:05".
+    #[schemars(required, regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
+    sdo: Option<String>,
+    /// Type of the object.
+    #[serde(rename = "type")]
+    #[schemars(required)]
+    kind: Option<TypeWord>,
+    /// Value that is written.
+    #[schemars(required)]
+    value: Option<i64>,
+    /// Meaning of the value, for messages, for example "TPDO1 every 100 ms".
+    what: Option<String>,
+}
+
+/// Meaning of an emergency code of the device.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Emergency")]
+pub(crate) struct RawEmergency {
+    /// Emergency code.
+    #[schemars(required, range(min = 0, max = 65535))]
+    pub(super) code: Option<u16>,
+    /// Bits of the code that are compared: 0xFF00 for a class of codes. Default 0xFFFF.
+    #[schemars(range(min = 0, max = 65535))]
+    pub(super) mask: Option<u16>,
+    /// Meaning of the code.
+    #[schemars(required)]
+    pub(super) means: Option<String>,
+}
+
+/// Settings of a device on a CAN line, in addition to those of every device.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CanDevice {
+    /// CANopen node number, 1 to 127. `None` if the device only sends frames.
+    pub node: Option<u8>,
+    /// Whether the gateway starts the node by NMT, at the beginning and after each boot-up.
+    pub start: bool,
+    /// Timeout of the node's heartbeat, which also applies if none was ever received. `None` if the heartbeat is not
+    /// monitored.
+    pub heartbeat: Option<Duration>,
+    /// Objects written before each start, in this order.
+    pub setup: Vec<Setup>,
+    /// Meanings of the device's own emergency codes. They take precedence over those of CiA 301.
+    pub emergencies: Vec<Emergency>,
+    /// Frames that are written, before the values of outputs are inserted. Outputs may share a frame, which is sent
+    /// when each of them has a value.
+    pub written: Vec<Frame>,
+}
+
+/// Object that is written before the node starts.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Setup {
+    /// Entry of the object dictionary that is written.
+    pub object: Object,
+    /// Value to write, within the range of the object's type.
+    pub value: i64,
+    /// Meaning of the value, for messages. May be empty.
+    pub what: String,
+}
+
+impl CanDevice {
+    /// Preview of the device: monitoring, setup, received frames, requested objects, written frames.
+    pub(crate) fn preview(&self, profile: &Profile, id: DeviceId) -> Section {
+        let own = || profile.signals_of(id).map(|(_, signal)| signal);
+        let watched = self.node.map(|node| {
+            let started = match self.start {
+                true => format!("node {node} is started by NMT at the beginning and after each boot-up"),
+                false => {
+                    format!(
+                        "node {node} is not started by the gateway: it starts by itself, or another master \
+                         starts it"
+                    )
+                }
+            };
+            let heartbeat =
+                self.heartbeat.map_or("the heartbeat of the node is not monitored".to_owned(), |span| {
+                    format!(
+                        "the heartbeat of the node counts as missing after {}, also if none was ever \
+                         received",
+                        shown(span)
+                    )
+                });
+            [started, heartbeat]
+        });
+        let setup = self.setup.iter().map(|Setup { object, value, what }| {
+            let what = if what.is_empty() { String::new() } else { format!(": {what}") };
+            format!("before each start writes {object} = {value} ({}){what}", object.data_type.name())
+        });
+        let fields = own().filter_map(|signal| match &signal.address {
+            Address::Frame(field) => Some((field, signal.name.as_str())),
+            _ => None,
+        });
+        let values = grouped(fields).into_iter().map(|(field, names)| {
+            let choice: String = field.multiplex.iter().map(|selector| format!(", {selector}")).collect();
+            (field.frames, format!("{} ({}{choice})", names.join(" and "), field.bits))
+        });
+        let frames = grouped(values).into_iter();
+        let frames = frames.map(|(frames, values)| format!("frame {frames}: {}", values.join(", ")));
+        let every = shown(profile.device(id).every);
+        let objects = profile.objects(id).into_iter().filter_map(|object| {
+            let of = own().filter(|signal| signal.address == Address::Object(object));
+            let names: Vec<&str> = of.map(|signal| signal.name.as_str()).collect();
+            let kind = object.data_type.name();
+            (!names.is_empty())
+                .then(|| format!("object {object}, {kind}, every {every}: {}", names.join(", ")))
+        });
+        let sends = self.written.iter().map(|frame| {
+            let is_in = |address: &Address| matches!(address, Address::Frame(field) if field.frames.takes(frame.id()));
+            let of = profile.outputs.iter().filter(|output| output.device == id && is_in(&output.address));
+            let names: Vec<&str> = of.map(|output| output.name.as_str()).collect();
+            let bytes: Vec<String> = frame.data().iter().map(|byte| format!("{byte:02x}")).collect();
+            let kind = if frame.is_fd() { "CAN FD, " } else { "" };
+            let (id, count, bytes, names) = (frame.id(), bytes.len(), bytes.join(" "), names.join(", "));
+            format!("sends {id}, {kind}{count} bytes, {bytes} before the values: {names}")
+        });
+        let emergencies = self.emergencies.iter().map(|Emergency { code, mask, meaning }| {
+            let bits = if *mask == u16::MAX { String::new() } else { format!(" in the bits of {mask:#06x}") };
+            format!("emergency {code:#06x}{bits}: {meaning}")
+        });
+        let mut section = Section::default();
+        section.entry("node", self.node);
+        let lists: [(&str, Vec<String>); 6] = [
+            ("watched", watched.into_iter().flatten().collect()),
+            ("setup", setup.collect()),
+            ("frames", frames.collect()),
+            ("objects", objects.collect()),
+            ("sends", sends.collect()),
+            ("emergencies", emergencies.collect()),
+        ];
+        for (key, list) in lists {
+            section.lines("    ", &list);
+            section.entry(key, list);
+        }
+        section
+    }
+
+    /// Returns the written frame with this identifier, before the values of its outputs are inserted.
+    pub fn written(&self, id: CanId) -> Option<&Frame> {
+        self.written.iter().find(|frame| frame.id() == id)
+    }
+
+    /// Returns the meaning of an emergency code of this device.
+    pub fn emergency(&self, code: u16) -> String {
+        let own = self.emergencies.iter().filter(|known| known.names(code));
+        let own = own.max_by_key(|known| known.mask.count_ones());
+        own.map_or_else(|| Emergency::generic(code).to_owned(), |known| known.meaning.clone())
+    }
+}
+
+impl Setup {
+    /// Returns the bytes of the value, least significant first.
+    pub fn bytes(&self) -> Vec<u8> {
+        self.value.to_le_bytes()[..self.object.size().min(8)].to_vec()
+    }
+}
+
+impl RawSetup {
+    pub(super) fn resolve(&self, at: &KeyContext<'_>) -> Option<Setup> {
+        let entry = fields::entry(&at.key("sdo"), self.sdo.as_ref()?);
+        let data_type = fields::object_type(&at.key("type"), self.kind?);
+        let (entry, data_type, value) = (entry?, data_type?, self.value?);
+        let Some((low, high)) = data_type.integer_range() else {
+            let help = "use an integer type: u8, u16, i16, u32, i32, …";
+            return at.key("type").reject("`setup` cannot write a floating-point object", help);
+        };
+        if !(low..=high).contains(&i128::from(value)) {
+            let message = format!("{} cannot contain {value}", data_type.name());
+            at.key("value").invalid(message, format!("allowed: {low} to {high}"));
+        }
+        Some(Setup {
+            object: Object { entry, data_type },
+            value,
+            what: self.what.clone().unwrap_or_default(),
+        })
+    }
+}
+
+/// Reports a heartbeat that the node sends too rarely for its timeout, if both are known.
+pub(super) fn heartbeat_produced(at: &KeyContext<'_>, can: &CanDevice) {
+    let produced = can.setup.iter().find(|setup| setup.object.entry.index == 0x1017);
+    let Some((heartbeat, produced)) = can.heartbeat.zip(produced) else { return };
+    let every = Duration::from_millis(u64::try_from(produced.value).unwrap_or(0));
+    if every.is_zero() || every * 2 > heartbeat {
+        let pace = if every.is_zero() { "none".to_owned() } else { format!("one every {}", shown(every)) };
+        let heartbeat = shown(heartbeat);
+        let message =
+            format!("`heartbeat` is {heartbeat}, but with 1017:00 in `setup` the node sends {pace}");
+        let help =
+            "let the node send at least two heartbeats in this time, so that one lost heartbeat is no fault";
+        at.key("heartbeat").invalid(message, help);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isotherm_core::codec::DataType;
+
+    #[test]
+    fn a_setup_writes_the_bytes_of_its_type() {
+        let object = Object::new(0x6150, 1, DataType::unsigned(8));
+        assert_eq!(Setup { object, value: -1, what: String::new() }.bytes(), [0xff]);
+    }
+}

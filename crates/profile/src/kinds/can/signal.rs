@@ -1,0 +1,96 @@
+//! Signals in CAN frames and CANopen objects.
+
+use super::dbc;
+use super::fields::{self, Sender};
+use crate::dbc::Described;
+use crate::tables::register::{self, plain};
+use crate::tables::signal::bad::sentinels;
+use crate::tables::signal::unit::Unit;
+use crate::tables::signal::{Located, RawSignal};
+use crate::tables::{Check, KeyContext};
+use isotherm_core::codec::{Address, DataType, Encoding};
+
+/// Resolves the place of a signal in frames or objects.
+pub(super) fn resolve(check: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>) -> Option<Located> {
+    let device = raw.device.as_deref()?;
+    let own = (raw.scale.unwrap_or(1.0), raw.offset.unwrap_or(0.0));
+    let (address, (scale, offset), unit) = if let Some(name) = &raw.dbc {
+        no_type(raw, at, "remove this key: the DBC file defines the bits and their type");
+        let found = dbc::described(check, &at.key("dbc"), name, device)?;
+        let scale = scale_over(raw, at, &found)?;
+        agrees_with_unit(raw, at, found.unit);
+        (Address::Frame(found.field), scale, found.unit)
+    } else if let Some(pdo) = &raw.pdo {
+        no_type(raw, at, OF_BITS);
+        let node = check.raw.device.get(device).and_then(|device| device.node);
+        let field = pdo.resolve(&at.key("pdo"), (device, node), Sender::Device)?;
+        no_fill(&at.key("pdo").key("fill"), pdo.fill.is_some());
+        (Address::Frame(field), own, None)
+    } else if let Some(sdo) = &raw.sdo {
+        let types =
+            "allowed: bool, u8, i8, u16, i16, u32, i32, u64, i64, f32, f64; the device's manual says which";
+        (fields::object(at, sdo, raw.kind, device, types)?, own, None)
+    } else if let Some(frame) = &raw.frame {
+        no_type(raw, at, OF_BITS);
+        no_fill(&at.key("frame").key("fill"), frame.fill.is_some());
+        (Address::Frame(frame.resolve(&at.key("frame"))?), own, None)
+    } else {
+        let is_wrong = ["dbc", "pdo", "sdo", "frame"].into_iter().any(|key| at.key(key).is_written());
+        if raw.register.is_none() && !is_wrong {
+            let help = "write dbc = \"Message.Signal\", pdo = { … }, sdo = \"7130:01\" or frame = { … }";
+            at.wrong_key("the place from which the signal is read is missing", help);
+        }
+        return None;
+    };
+    let data_type = fields::data_type(&address);
+    let unit = unit.or((data_type == DataType::Bool && raw.dbc.is_none()).then_some(Unit("bool")));
+    let bad = sentinels(raw.bad.as_ref(), &at.key("bad"));
+    let scale = register::scale(&at.key("scale"), scale)?;
+    Some(Located { address, encoding: Encoding { scale, offset, bad, ..plain(data_type) }, unit })
+}
+
+fn no_type(raw: &RawSignal, at: &KeyContext<'_>, help: &str) {
+    if raw.kind.is_some() {
+        at.key("type").wrong_key("on a CAN line, `type` is allowed only with `sdo`", help);
+    }
+}
+
+/// Resolves scale and offset, which belong together. Replacing only one of them would give wrong values.
+fn scale_over(raw: &RawSignal, at: &KeyContext<'_>, found: &Described) -> Option<(f64, f64)> {
+    let (missing, there, is_plain) = match (raw.scale, raw.offset) {
+        (None, None) => return Some((found.scale, found.offset)),
+        (Some(scale), Some(offset)) => return Some((scale, offset)),
+        (None, Some(_)) => ("scale", "offset", (found.scale - 1.0).abs() == 0.0),
+        (Some(_), None) => ("offset", "scale", found.offset.abs() == 0.0),
+    };
+    if is_plain {
+        return Some((raw.scale.unwrap_or(1.0), raw.offset.unwrap_or(0.0)));
+    }
+    let message = format!(
+        "the DBC file has scale {} and offset {}; `scale` and `offset` can only be replaced together",
+        found.scale, found.offset
+    );
+    at.key(there).reject(message, format!("write `{missing}` as well, or remove both"))
+}
+
+fn agrees_with_unit(raw: &RawSignal, at: &KeyContext<'_>, of_file: Option<Unit>) {
+    let own = raw.unit.as_deref().and_then(Unit::named);
+    let Some((own, of_file)) = own.zip(of_file).filter(|(own, of_file)| own != of_file) else { return };
+    if raw.scale.is_none() {
+        let help = format!(
+            "write unit = \"{}\", or the `scale` and `offset` that convert the raw count to \"{}\"",
+            of_file.0, own.0
+        );
+        at.key("unit").invalid(format!("the DBC file has this signal in \"{}\"", of_file.0), help);
+    }
+}
+
+/// Hint for `type` of a value in frames.
+const OF_BITS: &str = "remove this key: `length`, `signed` and `float` define the type";
+
+fn no_fill(at: &KeyContext<'_>, is_there: bool) {
+    if is_there {
+        let help = "remove this key: `fill` is only for an output";
+        at.wrong_key("a frame that is read is filled by its sender", help);
+    }
+}

@@ -1,0 +1,44 @@
+//! Keys of a template's channels in registers, which follow each other.
+
+use serde_json::{Map, Value};
+
+use crate::tables::register::Flag;
+
+/// Moves every `register` in a value, including tables and lists, to that of this channel.
+pub(crate) fn moved(value: Value, key: &str, place: u16, stride: u16, base: u16) -> Result<Value, String> {
+    let inner = |(key, value): (String, Value)| Ok((key.clone(), moved(value, &key, place, stride, base)?));
+    Ok(match value {
+        Value::String(text) if is_register(key) => Value::from(shifted(&text, place, stride, base)?),
+        Value::Object(table) => {
+            Value::Object(table.into_iter().map(inner).collect::<Result<Map<_, _>, String>>()?)
+        }
+        Value::Array(list) => {
+            let list = list.into_iter().map(|item| moved(item, "", place, stride, base));
+            Value::Array(list.collect::<Result<Vec<_>, String>>()?)
+        }
+        other => other,
+    })
+}
+
+/// Returns whether the text of a key is a register.
+fn is_register(key: &str) -> bool {
+    matches!(key, "register" | "sequence" | "complement" | "heartbeat" | "control" | "strobe" | "acknowledge")
+}
+
+/// Returns the register of the channel with this index. If the register is a single bit, the bits follow each other.
+pub(crate) fn shifted(register: &str, place: u16, stride: u16, base: u16) -> Result<String, String> {
+    let mut flag: Flag = register.parse()?;
+    let far = u32::from(place) * u32::from(stride);
+    let mut offset = u32::from(flag.address.offset) + u32::from(base);
+    match flag.bit {
+        Some(bit) => {
+            let bits = u32::from(bit) + far;
+            offset += bits / 16;
+            flag.bit = u8::try_from(bits % 16).ok();
+        }
+        None => offset += far,
+    }
+    flag.address.offset = u16::try_from(offset)
+        .map_err(|_| format!("{register} plus {far} registers is beyond the last register, 65535"))?;
+    Ok(flag.to_string())
+}

@@ -1,0 +1,116 @@
+//! Modbus function codes that may be sent to a device.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use isotherm_core::codec::{Address, Table};
+
+/// Defines the function codes: each with its code, its word in a profile, and its permission.
+macro_rules! functions {
+    ($($code:literal $word:ident $permission:ident),+) => {
+        /// Function code, as named in `functions`.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+        #[serde(rename_all = "kebab-case")]
+        #[schemars(rename = "FunctionWord", description = "")]
+        pub(crate) enum Function {
+            $($word,)+
+        }
+
+        /// Function codes that may be sent to a device.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        #[allow(clippy::struct_excessive_bools, reason = "eight independent permissions")]
+        pub struct Functions {
+            $(
+                #[doc = concat!("Function ", $code, " is allowed.")]
+                pub $permission: bool,
+            )+
+        }
+
+        impl Functions {
+            /// All functions are allowed.
+            pub const ALL: Functions = Functions { $($permission: true,)+ };
+
+            /// Returns the permissions for the named functions.
+            pub(crate) fn of(named: &[Function]) -> Functions {
+                Functions { $($permission: named.contains(&Function::$word),)+ }
+            }
+
+            /// Returns whether this function code may be sent. 0 means an exchange without a Modbus function.
+            pub const fn allow(&self, function: u8) -> bool {
+                match function {
+                    0 => true,
+                    $($code => self.$permission,)+
+                    _ => false,
+                }
+            }
+        }
+    };
+}
+
+functions! {
+    1 ReadCoils read_coils,
+    2 ReadDiscrete read_discrete,
+    3 ReadHolding read_holding,
+    4 ReadInput read_input,
+    5 WriteCoil write_coil,
+    6 WriteSingle write_single,
+    15 WriteCoils write_coils,
+    16 WriteMultiple write_multiple
+}
+
+/// Function code for writing registers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WriteFunction {
+    /// Function 06, one register.
+    Single,
+    /// Function 16, any number of registers.
+    Multiple,
+}
+
+impl WriteFunction {
+    /// Number of the function in a Modbus request.
+    pub const fn code(self) -> u8 {
+        match self {
+            WriteFunction::Single => 6,
+            WriteFunction::Multiple => 16,
+        }
+    }
+}
+
+impl Functions {
+    /// Returns whether this table may be read.
+    pub const fn reads(self, table: Table) -> bool {
+        match table {
+            Table::Coil => self.read_coils,
+            Table::Discrete => self.read_discrete,
+            Table::Holding => self.read_holding,
+            Table::Input => self.read_input,
+        }
+    }
+
+    /// Returns whether this address may be read. Always `false` for a value in CAN frames, which arrives without a
+    /// request.
+    pub const fn reads_at(self, address: &Address) -> bool {
+        match address {
+            Address::Modbus(register) => self.reads(register.table),
+            _ => !address.is_in_frames(),
+        }
+    }
+
+    /// Returns the function that writes this number of holding registers. For one register it is 06 if allowed,
+    /// otherwise 16. `None` if neither is allowed.
+    pub const fn writes(self, registers: u16) -> Option<WriteFunction> {
+        if registers == 1 && self.write_single {
+            Some(WriteFunction::Single)
+        } else if self.write_multiple {
+            Some(WriteFunction::Multiple)
+        } else {
+            None
+        }
+    }
+
+    /// Returns the function code for writing this number of registers. 0 if there is none.
+    pub(crate) fn write_code(self, registers: u16) -> u8 {
+        self.writes(registers).map_or(0, WriteFunction::code)
+    }
+}

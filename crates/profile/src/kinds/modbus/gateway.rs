@@ -1,0 +1,23 @@
+//! Preview of a Modbus TCP line with a Modbus gateway to a serial line.
+
+use crate::document::Section;
+use crate::{BusId, Profile};
+
+/// Preview of the devices behind a Modbus gateway. `None` if there are none.
+pub(super) fn preview(profile: &Profile, id: BusId) -> Option<Section> {
+    let here = profile.devices_on(id).filter(|(device, _)| profile.is_behind_gateway(*device));
+    let devices: Vec<&str> = here.map(|(_, device)| device.name.as_str()).collect();
+    if devices.is_empty() {
+        return None;
+    }
+    let mut section = Section::default();
+    section.line(format!(
+        "  treated as behind a Modbus gateway to a serial line (`quirks.gateway`): {}",
+        devices.join(", ")
+    ));
+    section.line(
+        "  after a missing answer, the next request to a unit waits until a late answer can no longer arrive",
+    );
+    section.entry("devices", &devices);
+    Some(section)
+}

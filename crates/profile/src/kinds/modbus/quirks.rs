@@ -1,0 +1,125 @@
+//! `quirks` of a bus or a device: special requirements of a device.
+
+use std::time::Duration;
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use crate::duration::Timespan;
+use crate::tables::bus::transport::Transport;
+
+/// Kind of line on which the quirk `gateway` is allowed. `WAITS` is the hint on a line with RTU frames.
+pub(crate) const OF_TCP: &str = "a modbus-tcp line";
+pub(crate) const WAITS: &str =
+    "remove this key: on a line with RTU frames the gateway always waits for late answers";
+
+/// Special requirements of a device.
+#[derive(Debug, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Quirks")]
+pub(crate) struct RawQuirks {
+    /// Pause after connecting. Default "0s".
+    pause_after_connect: Option<Timespan>,
+    /// Pause between two requests. Default "0s".
+    pause_between_requests: Option<Timespan>,
+    /// Whether each value is read with its own request. Default false.
+    one_request_per_field: Option<bool>,
+    /// Largest number of registers in one read. Default 125.
+    #[schemars(range(min = 1, max = 125))]
+    max_registers_per_request: Option<u16>,
+    /// Largest number of unused registers between two signals that are read with one request. 0 for a device that
+    /// rejects requests with unused registers. Default 8.
+    #[schemars(range(max = 124))]
+    max_gap: Option<u16>,
+    /// Whether the connection is closed after each answer, for a device that accepts only one client at a time. Default
+    /// false.
+    close_after_each: Option<bool>,
+    /// Whether the device is behind a Modbus gateway from TCP to a serial line. After a missed answer, the next request
+    /// then waits for the time of a late answer. Default: true if two or more units share the modbus-tcp bus.
+    gateway: Option<bool>,
+}
+
+/// Special requirements of a device, with the names that Telegraf uses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Quirks {
+    /// Pause after connecting.
+    pub pause_after_connect: Duration,
+    /// Pause between two requests.
+    pub pause_between_requests: Duration,
+    /// Whether each value is read with its own request.
+    pub one_request_per_field: bool,
+    /// Largest number of registers in one read, 1 to 125.
+    pub max_registers_per_request: u16,
+    /// Largest number of unused registers between two signals that are read with one request.
+    pub max_gap: u16,
+    /// Whether the connection is closed after each answer.
+    pub close_after_each: bool,
+    /// Whether a Modbus gateway to a serial line is in front of the device.
+    pub gateway: Gateway,
+}
+
+/// Whether a device on a Modbus TCP line is behind a Modbus gateway to a serial line.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Gateway {
+    /// Not stated: true if two or more units share the line.
+    #[default]
+    ByUnits,
+    /// The device is behind a Modbus gateway.
+    Present,
+    /// The device is not behind a Modbus gateway.
+    Absent,
+}
+
+impl Gateway {
+    /// Returns whether a device on a line with these units is behind a Modbus gateway.
+    pub fn is_present(self, transport: Transport, mut units: impl Iterator<Item = u8>) -> bool {
+        if transport != Transport::Tcp {
+            return false;
+        }
+        match self {
+            Gateway::ByUnits => units.next().is_some_and(|first| units.any(|unit| unit != first)),
+            Gateway::Present => true,
+            Gateway::Absent => false,
+        }
+    }
+}
+
+impl Default for Quirks {
+    fn default() -> Quirks {
+        Quirks {
+            pause_after_connect: Duration::ZERO,
+            pause_between_requests: Duration::ZERO,
+            one_request_per_field: false,
+            max_registers_per_request: 125,
+            max_gap: 8,
+            close_after_each: false,
+            gateway: Gateway::ByUnits,
+        }
+    }
+}
+
+impl Quirks {
+    /// Returns whether two requests may wait for their answers at the same time: neither a pause nor a new connection
+    /// separates them.
+    pub const fn support_two(self) -> bool {
+        self.pause_between_requests.is_zero() && !self.close_after_each
+    }
+}
+
+impl RawQuirks {
+    /// Returns the quirks `below`, in which the keys of this table replace the values.
+    pub(crate) fn over(&self, below: Quirks) -> Quirks {
+        let span = |raw: Option<Timespan>, below| raw.map_or(below, |Timespan(span)| span);
+        let most = self.max_registers_per_request;
+        let gateway = self.gateway.map(|is_there| if is_there { Gateway::Present } else { Gateway::Absent });
+        Quirks {
+            pause_after_connect: span(self.pause_after_connect, below.pause_after_connect),
+            pause_between_requests: span(self.pause_between_requests, below.pause_between_requests),
+            one_request_per_field: self.one_request_per_field.unwrap_or(below.one_request_per_field),
+            max_registers_per_request: most.unwrap_or(below.max_registers_per_request),
+            max_gap: self.max_gap.unwrap_or(below.max_gap),
+            close_after_each: self.close_after_each.unwrap_or(below.close_after_each),
+            gateway: gateway.unwrap_or(below.gateway),
+        }
+    }
+}

@@ -1,0 +1,64 @@
+//! `[bus.*]` of OPC UA lines: URL of the server, security, and user.
+
+use super::connection::{OpcUa, PORT, SCHEME, Security, User, server_url};
+use crate::tables::KeyContext;
+use crate::tables::bus::RawBus;
+use crate::tables::bus::tls::{NamedFile, pair};
+
+/// Returns the URL of the server of an opcua line.
+pub(super) fn address(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
+    let at = at.key("address");
+    let help = format!("write the URL of the server, as \"{SCHEME}192.168.214.241:{PORT}\"");
+    at.missing("`address` is missing: where is the server?", help);
+    server_url(raw.address.as_ref()?).map_err(|(message, help)| at.invalid(message, help)).ok()
+}
+
+/// Resolves the OPC UA settings of a line.
+pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>) -> Option<OpcUa> {
+    let help = "write \"sign-and-encrypt\" or \"sign\"; write \"none\" only if the network connects nothing \
+                but this machine";
+    at.key("security").missing("`security` is missing: what protects the messages?", help);
+    let user = raw.user.as_ref().map_or(Some(User::Anonymous), |user| user.resolve(&at.key("user")));
+    let security = raw.security?;
+    let type_at = at.report.spans.at_value(&at.key("type").path, "", None);
+    if security == Security::None {
+        let help = "remove this key, or write security = \"sign-and-encrypt\"";
+        at.not_applicable(&["cert", "key", "trusted"], "a secured line", help);
+        if let Some(User::Named { .. }) = user {
+            let message = "nothing is encrypted: every computer on the network can read the password, and \
+                           change the messages of this user";
+            at.key("security").warn(message, "write \"sign-and-encrypt\", if the server supports it");
+        }
+        return Some(OpcUa { user: user?, type_at, ..OpcUa::plain() });
+    }
+    let of_cert = "name the gateway's own certificate, in DER or PEM form; `isotherm opcua certificate \
+                   PROFILE` creates this file";
+    let of_key = "name the private key of `cert`, in PEM form; `isotherm opcua certificate PROFILE` creates both \
+         files";
+    let own = pair(at, (raw.cert.as_ref(), of_cert), (raw.key.as_ref(), of_key));
+    let trusted = trusted(at, raw.trusted.as_ref());
+    let (own, trusted, trusted_in) = (Some(own?), trusted?, raw.trusted.clone());
+    Some(OpcUa { security, user: user?, own, trusted, trusted_in, type_at })
+}
+
+/// Reads the certificates in the named directory.
+fn trusted(at: &KeyContext<'_>, directory: Option<&String>) -> Option<Vec<NamedFile>> {
+    let at = at.key("trusted");
+    let help = "name a directory with the certificates of the trusted servers, one in each file, with the \
+                ending .der, .crt or .pem";
+    let fill = format!("{help}; `isotherm opcua trust PROFILE` makes and fills the directory");
+    at.missing("`trusted` is missing: which certificates are accepted?", fill);
+    let directory = directory?;
+    let mut found = Vec::new();
+    for end in [".der", ".crt", ".pem"] {
+        for name in at.report.files.names(directory, end) {
+            let name = format!("{directory}/{name}{end}");
+            found.push(NamedFile::read(&at, &name, help)?);
+        }
+    }
+    if found.is_empty() {
+        let help = format!("{help}; `isotherm opcua trust PROFILE` fetches a certificate");
+        at.warn(format!("there is no certificate in {directory}: no server is trusted"), help);
+    }
+    Some(found)
+}

@@ -1,0 +1,160 @@
+//! Keys for OPC UA at signals, outputs, sets and devices: nodes, types, and the meaning of timestamps.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use crate::tables::KeyContext;
+use crate::tables::register::{TypeWord, holding};
+use isotherm_core::codec::{Address, DataType, Node, NodeId};
+
+/// Meaning of a server's timestamps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+#[schemars(rename = "SourceTimeWord", description = "")]
+pub enum SourceTime {
+    /// Time of measurement, from which the gateway calculates the age of the reading.
+    #[default]
+    Sampled,
+    /// Time of the last change, which does not affect the age of the reading.
+    Changed,
+}
+
+/// Way of reading the signals of a server.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+#[schemars(rename = "ReadWord", description = "")]
+pub enum ReadBy {
+    /// The gateway requests the values in each poll period.
+    #[default]
+    Poll,
+    /// The server sends changed values without a request.
+    Subscription,
+}
+
+/// Place of a word or bit that is not the value of an output: a register, or a node of an OPC UA server.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(untagged)]
+#[schemars(rename = "WordPlace", description = "")]
+pub(crate) enum Place {
+    Register(String),
+    Node(RawNode),
+}
+
+/// Node of an OPC UA server.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+// Inlined, because the schema check selects an alternative by its type, which a `$ref` hides.
+#[schemars(rename = "NodePlace", inline)]
+pub(crate) struct RawNode {
+    /// Node of an OPC UA server, for example "ns=2;s=…".
+    #[schemars(required)]
+    pub(crate) node: Option<String>,
+    /// Type of the node. Required for writing.
+    #[serde(rename = "type")]
+    pub(crate) kind: Option<TypeWord>,
+}
+
+impl Place {
+    /// Resolves the register or node of a word that is written. `most` is its largest value.
+    pub(crate) fn word(&self, at: &KeyContext<'_>, is_in_nodes: bool, most: u16) -> Option<Address> {
+        match (self, is_in_nodes) {
+            (Place::Register(text), false) => holding(at, Some(text)).map(Address::Modbus),
+            (Place::Node(raw), true) => Some(Address::Node(raw.word(at, most)?)),
+            _ => self.is_foreign(at, is_in_nodes),
+        }
+    }
+
+    /// Reports a register for an OPC UA server (`is_in_nodes`), or a node for a Modbus device.
+    pub(crate) fn is_foreign<T>(&self, at: &KeyContext<'_>, is_in_nodes: bool) -> Option<T> {
+        match is_in_nodes {
+            true => at.reject(
+                "registers are only for Modbus, but this device is an OPC UA server",
+                "write { node = \"ns=2;s=…\" }, and its type",
+            ),
+            false => at.reject("a node is only for an OPC UA server", "write a register, as \"holding:100\""),
+        }
+    }
+}
+
+impl RawNode {
+    /// Resolves the node of a word that is written. `most` is its largest value.
+    pub(crate) fn word(&self, at: &KeyContext<'_>, most: u16) -> Option<Node> {
+        let node = written(at, self.node.as_ref(), self.kind)?;
+        holds(at, &node, most)?;
+        Some(node)
+    }
+}
+
+/// Checks that a node can hold integers up to `most`.
+pub(crate) fn holds(at: &KeyContext<'_>, node: &Node, most: u16) -> Option<()> {
+    let name = node.taken_as().name();
+    let message = match node.taken_as().integer_range() {
+        Some((_, highest)) if highest >= i128::from(most) => return Some(()),
+        Some(_) => format!("{name} cannot contain {most}"),
+        None => format!("{name} is no integer type"),
+    };
+    let help = "the type must be the node's own: name another node, for example of type u16, i16, u32 or i32";
+    at.key("type").reject(message, help)
+}
+
+/// Owner of the key `node`, and the hint for it on another kind of line.
+pub(super) const OWNER: &str = "an OPC UA server";
+pub(super) const ELSEWHERE: &str = "remove `node`, or put the device on an opcua line";
+
+/// Types of a node, as named in a profile.
+pub(crate) const TYPES: &str =
+    "allowed: bool, u8, i8, u16, i16, u32, i32, u64, i64, f32, f64; an OPC UA browser shows the node's type";
+
+/// Parses the node at the key `node`. `what` completes the message if the key is missing.
+pub(crate) fn id(at: &KeyContext<'_>, text: Option<&String>, what: &str) -> Option<NodeId> {
+    let at = at.key("node");
+    let help = "write the server's name of the node, as \"ns=2;s=/Nck/State\" or \
+                \"nsu=http://plc.example;s=/Nck/State\"; `isotherm read --browse` shows it";
+    at.missing(format!("`node` is missing: {what}"), help);
+    text?.parse().map_err(|why: String| at.invalid(why, help)).ok()
+}
+
+/// Checks the type of a node at the key `type`. `None` if the profile states none, `Err` if an impossible type was
+/// reported.
+pub(crate) fn node_type(at: &KeyContext<'_>, kind: Option<TypeWord>) -> Result<Option<DataType>, ()> {
+    match kind {
+        Some(TypeWord(DataType::Decimal24(_))) => {
+            at.key("type").invalid("decimal24 is a type of Modbus displays", TYPES);
+            Err(())
+        }
+        Some(TypeWord(data_type)) => Ok(Some(data_type)),
+        None => Ok(None),
+    }
+}
+
+/// Resolves the node of a signal. Without a type, any number is accepted.
+pub(crate) fn read(at: &KeyContext<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
+    let (id, data_type) = (id(at, text, "which node is read?"), node_type(at, kind));
+    Some(Node { id: id?, data_type: data_type.ok()? })
+}
+
+/// Resolves the node of an output, which is written in its own type.
+pub(crate) fn written(at: &KeyContext<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
+    typed(at, text, kind, ("which node is written?", "a server accepts a value only in the node's own type"))
+}
+
+/// Resolves the node of a check, which is compared in its own type.
+pub(crate) fn compared(at: &KeyContext<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
+    typed(at, text, kind, ("which node is read?", "the value is compared in the node's own type"))
+}
+
+fn typed(
+    at: &KeyContext<'_>,
+    text: Option<&String>,
+    kind: Option<TypeWord>,
+    (which, why): (&str, &str),
+) -> Option<Node> {
+    at.key("type").missing(format!("`type` is missing: {why}"), TYPES);
+    let (id, data_type) = (id(at, text, which), node_type(at, kind));
+    Some(Node { id: id?, data_type: Some(data_type.ok()??) })
+}
+
+/// Reports the key `node` of an output on another kind of line.
+pub(crate) fn not_here(at: &KeyContext<'_>) {
+    at.not_applicable(&["node"], OWNER, ELSEWHERE);
+}

@@ -1,0 +1,162 @@
+//! Read requests: what they read, and the position of each signal in the answer.
+
+use std::fmt;
+use std::time::Duration;
+
+use crate::Profile;
+use crate::document::{Section, entries};
+use crate::wording::counted;
+use isotherm_core::codec::{Node, Object, PcSensor, Register};
+use isotherm_core::reading::SignalId;
+
+/// Read request with the position of each signal in its answer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ReadRequest {
+    /// Registers, object, nodes or sensors to read.
+    pub asks: ReadTarget,
+    /// Signals in the answer. Never empty.
+    pub fields: Vec<Field>,
+}
+
+/// Target of a read request.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ReadTarget {
+    /// Adjacent registers or bits of one table.
+    Registers {
+        /// First register or bit.
+        from: Register,
+        /// Number of registers or bits.
+        count: u16,
+    },
+    /// Object of a CANopen node.
+    Object(Object),
+    /// Nodes of an OPC UA server. Each is a field of the answer.
+    Nodes(Vec<Node>),
+    /// Values that the server has sent for subscribed nodes.
+    Subscription(Subscription),
+    /// Sensors of this computer. Each is a field of the answer.
+    Sensors(Vec<PcSensor>),
+}
+
+/// Nodes that an OPC UA server sends by itself. Each is a field of the answer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Subscription {
+    /// Subscribed nodes.
+    pub nodes: Vec<Node>,
+    /// Sampling interval of the server, which sends changed values.
+    pub every: Duration,
+    /// Smallest `max_age` of the signals.
+    pub max_age: Duration,
+    /// Whether the server also sends a value if only its timestamp changed. The timestamp then shows when the value was
+    /// measured.
+    pub by_stamp: bool,
+}
+
+/// Position of one signal in an answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Field {
+    /// Signal at this position.
+    pub signal: SignalId,
+    /// First register, bit or node, counted from the beginning of the answer.
+    pub at: u16,
+    /// Number of registers or bits. For a node, those of its value.
+    pub len: u16,
+}
+
+/// Assigns each part its position in the answer.
+pub(crate) fn numbered<T>(parts: Vec<(Field, T)>) -> (Vec<Field>, Vec<T>) {
+    parts.into_iter().zip(0..).map(|((field, part), at)| (Field { at, ..field }, part)).unzip()
+}
+
+impl ReadTarget {
+    /// Number of the cells that the request touches, and their name. Objects have none.
+    fn cells(&self) -> (usize, &'static str) {
+        match self {
+            ReadTarget::Registers { from, count } if from.table.is_bits() => (usize::from(*count), "bit"),
+            ReadTarget::Registers { count, .. } => (usize::from(*count), "register"),
+            ReadTarget::Object(_) => (0, ""),
+            ReadTarget::Nodes(nodes) | ReadTarget::Subscription(Subscription { nodes, .. }) => {
+                (nodes.len(), "node")
+            }
+            ReadTarget::Sensors(sensors) => (sensors.len(), "sensor"),
+        }
+    }
+}
+
+impl ReadRequest {
+    /// First register or bit, and their number. `None` for an object, nodes and sensors.
+    pub const fn span(&self) -> Option<(Register, u16)> {
+        if let ReadTarget::Registers { from, count } = self.asks { Some((from, count)) } else { None }
+    }
+
+    /// Names of the signals in the answer.
+    pub fn signals<'a>(&self, profile: &'a Profile) -> Vec<&'a str> {
+        self.fields.iter().map(|field| profile.signal(field.signal).name.as_str()).collect()
+    }
+
+    /// Preview of the request and the signals in its answer.
+    pub(crate) fn preview(&self, profile: &Profile) -> Section {
+        let function = self.span().map_or(0, |(from, _)| from.table.read_function());
+        let signals = self.signals(profile);
+        let mut section = Section::default();
+        section.line(match function {
+            0 => format!("    {self}: {}", signals.join(", ")),
+            _ => format!("    {self}, function {function:02}: {}", signals.join(", ")),
+        });
+        entries!(section, read = self.to_string(), function, signals);
+        section
+    }
+
+    /// Order of the requests of a device: by address, then by signal.
+    pub(crate) fn rank(&self) -> (Option<(Register, u16)>, SignalId) {
+        (self.span(), self.fields[0].signal)
+    }
+}
+
+/// Formats the request, for example as `read input:0..7 (30001..30008), 8 registers`.
+impl fmt::Display for ReadRequest {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (first, count) = match &self.asks {
+            ReadTarget::Registers { from, count } => (*from, *count),
+            ReadTarget::Object(object) => return write!(f, "read {object}"),
+            ReadTarget::Sensors(sensors) if sensors.len() == 1 => return write!(f, "read 1 sensor"),
+            ReadTarget::Sensors(sensors) => return write!(f, "read {} sensors at once", sensors.len()),
+            ReadTarget::Nodes(nodes) => return write!(f, "read {}", counted(nodes.len(), "node")),
+            ReadTarget::Subscription(Subscription { nodes, .. }) => {
+                return write!(f, "subscribe to {}", counted(nodes.len(), "node"));
+            }
+        };
+        let last = Register { offset: first.offset.saturating_add(count - 1), ..first };
+        let cells = if first.table.is_bits() { "bit" } else { "register" };
+        if first == last {
+            write!(f, "read {first} ({})", first.modicon())?;
+        } else {
+            write!(f, "read {first}..{} ({}..{})", last.offset, first.modicon(), last.modicon())?;
+        }
+        write!(f, ", {}", counted(count, cells))
+    }
+}
+
+/// Summarises requests, for example as `3 requests touching 17 registers for 9 signals`.
+pub fn summary(requests: &[ReadRequest]) -> String {
+    if requests.is_empty() {
+        return "nothing is read".to_owned();
+    }
+    let touched = |what: &str| -> usize {
+        let cells = requests.iter().map(|request| request.asks.cells());
+        cells.filter(|(_, own)| *own == what).map(|(count, _)| count).sum()
+    };
+    let cells: Vec<String> = ["register", "bit", "node", "sensor"]
+        .into_iter()
+        .map(|what| (touched(what), what))
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, what)| counted(count, what))
+        .collect();
+    let signals: usize = requests.iter().map(|request| request.fields.len()).sum();
+    format!(
+        "{} touching {} for {}",
+        counted(requests.len(), "request"),
+        cells.join(" and "),
+        counted(signals, "signal")
+    )
+}

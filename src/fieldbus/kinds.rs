@@ -1,0 +1,36 @@
+//! Types of bus. Each has a folder with its requests, its connection, its faults and its description, a [`BusKind`].
+//!
+//! - [`modbus`] — Modbus TCP, also inside TLS; Modbus RTU on a serial port or through TCP.
+//! - [`can`] — a CAN interface of this computer, with CANopen.
+//! - [`opcua`] — an OPC UA server; the connection is built by feature.
+//! - [`sysfs`] — sensors of this computer, each read on a separate thread.
+//!
+//! A new type is a folder, its line in [`of`] and in [`KINDS`], and its requests in `request.rs`.
+
+pub mod can;
+pub mod kind;
+pub mod modbus;
+pub mod opcua;
+pub mod sysfs;
+mod target;
+
+use isotherm_profile::Transport;
+use kind::BusKind;
+
+pub use target::baud;
+
+/// All types of bus, in the order in which messages list their addresses.
+pub const KINDS: [&BusKind; 6] =
+    [&modbus::TCP, &modbus::SERIAL, &modbus::RTU_OVER_TCP, &opcua::KIND, &sysfs::KIND, &can::KIND];
+
+/// Returns the type of a bus with this transport.
+pub const fn of(transport: Transport) -> &'static BusKind {
+    match transport {
+        Transport::Tcp => &modbus::TCP,
+        Transport::RtuOverTcp => &modbus::RTU_OVER_TCP,
+        Transport::Serial(_) => &modbus::SERIAL,
+        Transport::Can => &can::KIND,
+        Transport::OpcUa => &opcua::KIND,
+        Transport::Sysfs => &sysfs::KIND,
+    }
+}

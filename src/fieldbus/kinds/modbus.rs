@@ -1,0 +1,105 @@
+//! Modbus TCP, also inside TLS, and Modbus RTU on a serial port or through TCP.
+//!
+//! - [`tcp`] — frames of Modbus TCP; [`rtu`] — frames of a serial line. The private module `pdu` builds and checks the
+//!   content of both.
+//! - [`pending_replies`] — late replies that a unit may still send after a timeout, and requests that are safe
+//!   meanwhile.
+//! - [`reply_signature`] — what distinguishes the answers to two requests; `order_check` — whether the answers of a
+//!   unit behind a gateway belong to their requests.
+//! - [`wire`] — interface of a Modbus connection, in addition to that of every line.
+//! - `pipeline` — whether two requests are sent together, and when the line stops doing so.
+
+mod dial;
+pub(in crate::fieldbus) mod hint;
+pub(in crate::fieldbus) mod order_check;
+mod pdu;
+pub mod pending_replies;
+pub(in crate::fieldbus) mod pipeline;
+pub mod reply_signature;
+pub mod request;
+pub mod rtu;
+pub mod tcp;
+pub mod wire;
+
+use super::kind::{BusKind, LinePlace, ScanKind, VirtualLine};
+use super::target::{host, serial};
+use crate::fieldbus::connection::Dial;
+use crate::fieldbus::serial::place;
+use isotherm_profile::{Bus, Serial, Transport};
+
+/// Default port of Modbus TCP.
+const PORT: u16 = 502;
+
+/// Modbus TCP.
+pub const TCP: BusKind = BusKind {
+    word: "modbus-tcp",
+    example: Some("tcp://192.168.0.10:502"),
+    parse: |text| {
+        let host = host(text.strip_prefix("tcp://")?, Some(PORT));
+        Some(host.map(|address| (Transport::Tcp, address)))
+    },
+    shown: |_, address| format!("tcp://{address}"),
+    dial,
+    place: |bus| LinePlace::Host(bus.address.clone()),
+    scan: ScanKind::Units {
+        unanswered: "Try another port, or another --register. If the units are behind a Modbus gateway, check its \
+                     baud rate, parity and wiring",
+        malformed: " Write rtu+tcp://",
+    },
+    virtual_line: VirtualLine::Served("listens on"),
+    ..BusKind::PLAIN
+};
+
+/// RTU frames through a TCP connection.
+pub const RTU_OVER_TCP: BusKind = BusKind {
+    word: "modbus-rtu-over-tcp",
+    example: Some("rtu+tcp://192.168.0.11:4001"),
+    parse: |text| {
+        let host = host(text.strip_prefix("rtu+tcp://")?, None);
+        Some(host.map(|address| (Transport::RtuOverTcp, address)))
+    },
+    shown: |_, address| format!("rtu+tcp://{address}"),
+    dial,
+    place: |bus| LinePlace::Host(bus.address.clone()),
+    is_lossy: true,
+    scan: SERIAL_UNITS,
+    virtual_line: VirtualLine::Served("listens on"),
+    ..BusKind::PLAIN
+};
+
+/// Modbus RTU on a serial port of this computer.
+pub const SERIAL: BusKind = BusKind {
+    word: "modbus-rtu",
+    address_key: "port",
+    settings: |transport| match transport {
+        Transport::Serial(Serial { baud, parity, stop_bits }) => {
+            format!("baud = {baud}\nparity = \"{}\"\nstop_bits = {stop_bits}\n", parity.word())
+        }
+        _ => String::new(),
+    },
+    example: Some("rtu:///dev/ttyUSB0?baud=9600&parity=none"),
+    parse: |text| {
+        let port = serial(text.strip_prefix("rtu://")?);
+        Some(port.map(|(serial, path)| (Transport::Serial(serial), path)))
+    },
+    shown: |transport, address| match transport {
+        Transport::Serial(serial) => format!("{address} at {serial}"),
+        _ => address.to_owned(),
+    },
+    dial,
+    place: |bus| LinePlace::Name(place(&bus.address)),
+    is_lossy: true,
+    scan: SERIAL_UNITS,
+    virtual_line: VirtualLine::Served("is the serial port"),
+    ..BusKind::PLAIN
+};
+
+const SERIAL_UNITS: ScanKind = ScanKind::Units {
+    unanswered: "Try --baud 1200,9600,19200,38400 --parity none,even, or another --register. Check the power of \
+                 the device, and whether A and B are exchanged",
+    malformed: "",
+};
+
+fn dial(bus: &Bus) -> Option<Box<dyn Dial>> {
+    Some(Box::new(dial::ModbusDial::new(bus)?))
+}

@@ -1,0 +1,263 @@
+//! Modbus TCP: frames with a transaction number.
+//!
+//! - Transaction numbers are random. A device that counts transactions by itself, or is ahead by one, would not match
+//!   them.
+//! - Bytes that answer no open request close the connection, and so do bytes after an answer. Input from before a
+//!   request is recognized by its transaction number. Before a write the wire also checks for such input, and then does
+//!   not send the write. The wire skips this check immediately after an answer, because nothing else had arrived with
+//!   the answer.
+//! - A read may be sent in the same TCP segment after another request, with its own transaction number.
+
+use std::collections::hash_map::RandomState;
+use std::hash::{BuildHasher, Hasher};
+use std::io;
+use std::time::Duration;
+
+use super::pdu;
+use super::reply_signature::ReplySignature;
+use super::request::ModbusRequest;
+use super::wire::ModbusWire;
+use crate::fieldbus::error::{CallerFault, Fault, LinkFault, PeerFault};
+use crate::fieldbus::port::{Port, Tapped, is_in_order};
+use crate::fieldbus::send_guard::SendGuard;
+use crate::fieldbus::trace::Tap;
+use crate::fieldbus::wire::{Answer, Call, Ending, Request, Wire};
+use crate::tls::TlsFault;
+use follow_up_read::FollowUpRead;
+use isotherm_core::quantity::Moment;
+
+mod follow_up_read;
+
+/// Length in bytes of the fields transaction, protocol and length. The length field counts the bytes after them.
+const HEADER: usize = 6;
+/// Length in bytes of header, unit number and the longest message.
+const LONGEST: usize = HEADER + 1 + pdu::LONGEST;
+/// Age of the last answered request up to which a write skips the check for unexpected input. The input was checked
+/// together with that answer. Another check would make a loop on one computer about one percent slower.
+const AT_ONCE: Duration = Duration::from_millis(1);
+
+/// Open Modbus TCP connection.
+pub struct ModbusTcp {
+    port: Tapped,
+    /// State of the random number generator that draws transaction numbers.
+    drawn: u64,
+    question: Vec<u8>,
+    /// Receive buffer; its first `filled` bytes are received and not processed.
+    received: Box<[u8; 2 * LONGEST]>,
+    filled: usize,
+    behind: FollowUpRead,
+    /// Form of the received answer to the present request; `None` before it arrives.
+    form: Option<ReplySignature>,
+    /// Time at which the last answered request was sent; `Moment::default()` if the last request was not answered.
+    answered: Moment,
+    ending: Ending,
+}
+
+/// First frame in the receive buffer.
+struct First {
+    transaction: u16,
+    unit: Option<u8>,
+    /// End of the frame in the buffer; `None` while the frame is incomplete.
+    end: Option<usize>,
+}
+
+impl ModbusTcp {
+    /// Returns a connection on this port. `tap` receives all its bytes.
+    pub fn new(port: impl Port + 'static, tap: &Tap) -> ModbusTcp {
+        ModbusTcp {
+            port: Tapped::new(port, tap),
+            // Xorshift would stay at zero.
+            drawn: RandomState::new().build_hasher().finish().max(1),
+            question: Vec::with_capacity(LONGEST),
+            received: Box::new([0; 2 * LONGEST]),
+            filled: 0,
+            behind: FollowUpRead::default(),
+            form: None,
+            answered: Moment::default(),
+            ending: Ending::Lost,
+        }
+    }
+
+    pub(in crate::fieldbus) async fn exchange(
+        &mut self,
+        unit: u8,
+        request: Request<'_>,
+        send_guard: &mut SendGuard,
+    ) -> Result<Answer, Fault> {
+        let Request::Modbus(request) = request else { return Err(Fault::Caller(CallerFault::Function)) };
+        self.form = None;
+        if let Some((transaction, asked)) = self.behind.take_unanswered(unit, request) {
+            // The request was sent, even if it gets no answer.
+            send_guard.left(asked);
+            return self.receive_answer(transaction, unit, |message| pdu::answer(request, message)).await;
+        }
+        if let Some((transaction, unit, request)) = self.behind.unanswered() {
+            let answer =
+                self.receive_answer(transaction, unit, |message| Ok(pdu::answer(request, message))).await?;
+            self.behind.answered(answer);
+            self.form = None;
+        }
+        if let Some((answer, asked)) = self.behind.take(unit, request, send_guard) {
+            send_guard.left(asked);
+            return answer;
+        }
+        if !request.is_read() && send_guard.last_sample().since(self.answered) >= AT_ONCE {
+            self.expect_nothing()?;
+        }
+        self.question.clear();
+        let transaction = self.frame(unit, request);
+        let behind = self.behind.take_question();
+        let behind = behind.map(|(unit, request)| (unit, request, self.frame(unit, request)));
+        let asked = send_guard.leave()?;
+        self.port.send(&self.question).await.map_err(|error| self.ended(Some(&error), Fault::BROKEN))?;
+        if let Some((unit, request, transaction)) = behind {
+            self.behind.left(unit, request, transaction, asked);
+        }
+        self.answered = Moment::default();
+        let answer = self.receive_answer(transaction, unit, |message| pdu::answer(request, message)).await?;
+        self.answered = asked;
+        Ok(answer)
+    }
+
+    /// Checks that no input has arrived without a request.
+    fn expect_nothing(&mut self) -> Result<(), Fault> {
+        match self.port.take_waiting(&mut *self.received) {
+            Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted) => {
+                Ok(())
+            }
+            Err(error) => Err(self.ended(Some(&error), Fault::CLOSED)),
+            Ok(0) => Err(self.ended(None, Fault::CLOSED)),
+            Ok(_) => Err(Fault::Peer(PeerFault::Unasked)),
+        }
+    }
+
+    /// Adds a request to the bytes to send, and returns its transaction number.
+    fn frame(&mut self, unit: u8, request: ModbusRequest<'_>) -> u16 {
+        let transaction = self.draw();
+        let begin = self.question.len();
+        self.question.extend(transaction.to_be_bytes());
+        self.question.extend([0, 0, 0, 0, unit]);
+        pdu::question(request, &mut self.question);
+        let length = u16::try_from(self.question.len() - begin - HEADER).unwrap_or(u16::MAX);
+        self.question[begin + 4..begin + HEADER].copy_from_slice(&length.to_be_bytes());
+        transaction
+    }
+
+    /// Draws the next transaction number, by Marsaglia's xorshift. It differs from the last one, because two requests
+    /// may be open.
+    fn draw(&mut self) -> u16 {
+        let last = self.drawn >> 48;
+        while self.drawn >> 48 == last {
+            self.drawn ^= self.drawn << 13;
+            self.drawn ^= self.drawn >> 7;
+            self.drawn ^= self.drawn << 17;
+        }
+        u16::try_from(self.drawn >> 48).unwrap_or_default()
+    }
+
+    /// Waits for the answer to this request. An answer to the read sent directly after the request is stored, whichever
+    /// of the two arrives first.
+    async fn receive_answer<T>(
+        &mut self,
+        transaction: u16,
+        unit: u8,
+        answer: impl FnOnce(&[u8]) -> Result<T, Fault>,
+    ) -> Result<T, Fault> {
+        loop {
+            while let Some(first) = self.first()? {
+                let behind = self.behind.unanswered();
+                let is_wanted = first.answers(transaction, unit);
+                if !is_wanted && !behind.is_some_and(|(number, unit, _)| first.answers(number, unit)) {
+                    return Err(Fault::Peer(PeerFault::Foreign));
+                }
+                let Some(end) = first.end else { break };
+                let message = &self.received[HEADER + 1..end];
+                if is_wanted {
+                    let is_last = behind.is_none_or(|(number, ..)| number == transaction);
+                    if is_last && end < self.filled {
+                        return Err(Fault::Peer(PeerFault::Unasked));
+                    }
+                    self.form = ReplySignature::of_answer(message);
+                    let answered = answer(message);
+                    self.forget_first(end);
+                    return answered;
+                }
+                if let Some((_, _, request)) = behind {
+                    let answered = pdu::answer(request, message);
+                    self.behind.answered(answered);
+                }
+                self.forget_first(end);
+            }
+            match self.port.receive(&mut self.received[self.filled..]).await {
+                Ok(0) => return Err(self.ended(None, Fault::BROKEN)),
+                Ok(count) => self.filled += count,
+                Err(error) => return Err(self.ended(Some(&error), Fault::BROKEN)),
+            }
+        }
+    }
+
+    /// Records whether the connection ended in an orderly way or with an error. Returns the TLS fault in `error`, if
+    /// there is one, or else `otherwise`.
+    fn ended(&mut self, error: Option<&io::Error>, otherwise: Fault) -> Fault {
+        if self.filled == 0 && is_in_order(error) {
+            self.ending = Ending::Closed;
+        }
+        error.and_then(TlsFault::of).map_or(otherwise, |fault| Fault::Link(LinkFault::Tls(fault)))
+    }
+
+    /// Returns the first frame in the receive buffer; `None` while the buffer contains less than a header.
+    fn first(&self) -> Result<Option<First>, Fault> {
+        let Some((header, rest)) = self.received[..self.filled].split_at_checked(HEADER) else {
+            return Ok(None);
+        };
+        let number = |at: usize| u16::from_be_bytes([header[at], header[at + 1]]);
+        let length = usize::from(number(4));
+        if number(2) != 0 || !(2..=1 + pdu::LONGEST).contains(&length) {
+            return Err(Fault::Peer(PeerFault::Malformed));
+        }
+        let end = (rest.len() >= length).then_some(HEADER + length);
+        Ok(Some(First { transaction: number(0), unit: rest.first().copied(), end }))
+    }
+
+    fn forget_first(&mut self, end: usize) {
+        self.received.copy_within(end..self.filled, 0);
+        self.filled -= end;
+    }
+}
+
+impl First {
+    fn answers(&self, transaction: u16, unit: u8) -> bool {
+        self.transaction == transaction && self.unit.is_none_or(|from| from == unit)
+    }
+}
+
+impl Wire for ModbusTcp {
+    fn exchange<'a>(&'a mut self, unit: u8, request: Request<'a>, send_guard: &'a mut SendGuard) -> Call<'a> {
+        Box::pin(self.exchange(unit, request, send_guard))
+    }
+
+    fn ending(&mut self) -> Ending {
+        self.ending
+    }
+}
+
+impl ModbusWire for ModbusTcp {
+    fn set_follow_up(&mut self, read: Option<(u8, Request<'static>)>) {
+        self.behind.ask(read);
+    }
+
+    fn has_follow_up(&self) -> bool {
+        self.behind.is_under_way()
+    }
+
+    fn unanswered_behind(&self) -> Option<(u8, Request<'static>, Moment)> {
+        self.behind.unanswered_since()
+    }
+
+    fn received_form(&self) -> Option<ReplySignature> {
+        self.form
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,73 @@
+//! Interface of a Modbus connection, in addition to that of every [`Wire`]: late answers, frames of other masters, and
+//! a read that is sent together with another request.
+
+use std::time::Duration;
+
+use super::reply_signature::ReplySignature;
+use crate::fieldbus::error::Fault;
+use crate::fieldbus::request::Request;
+use crate::fieldbus::wire::{Boxed, Wire};
+use isotherm_core::quantity::Moment;
+
+/// Whole frame that is neither a request nor an answer of this line: another master uses the line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ForeignFrame {
+    /// Unit that the frame addresses, or that sent it.
+    pub unit: u8,
+    /// Form of the answer; `None` if it is no read.
+    pub form: Option<ReplySignature>,
+    /// Whether the frame is a request.
+    pub is_question: bool,
+}
+
+/// Open Modbus connection, with or without transaction numbers.
+pub trait ModbusWire: Wire {
+    /// Returns whether an answer has a transaction number. Without one, as on a serial line, a late answer looks like
+    /// the answer to the next request.
+    fn has_transaction_id(&self) -> bool {
+        true
+    }
+
+    /// Sets the forms of late answers that may still arrive. The wire discards them.
+    fn pass_over(&mut self, _owed: Vec<(u8, ReplySignature)>) {}
+
+    /// Returns the units whose late answers have arrived since the last call.
+    fn received_late(&mut self) -> Vec<u8> {
+        Vec::new()
+    }
+
+    /// Returns the frames of other masters since the last call.
+    fn overheard(&mut self) -> Vec<ForeignFrame> {
+        Vec::new()
+    }
+
+    /// Discards all input for `span`, and until the unit has sent nothing for `quiet`.
+    ///
+    /// # Errors
+    /// The unit does not stop sending, or the connection has ended.
+    fn listen(&mut self, _unit: u8, _span: Duration, _quiet: Duration) -> Boxed<'_, Result<(), Fault>> {
+        Box::pin(std::future::ready(Ok(())))
+    }
+
+    /// Sets a read to send together with the next request. The next request for the same read receives its answer. A
+    /// wire without transaction numbers ignores it.
+    fn set_follow_up(&mut self, _read: Option<(u8, Request<'static>)>) {}
+
+    /// Returns true if a read that was set by [`ModbusWire::set_follow_up`] waits to be sent, or was sent and is
+    /// unanswered.
+    fn has_follow_up(&self) -> bool {
+        false
+    }
+
+    /// Returns the read that was set by [`ModbusWire::set_follow_up`], if it was sent and is unanswered: its unit, the
+    /// read, and its time of sending. The next request for the same read takes it over.
+    fn unanswered_behind(&self) -> Option<(u8, Request<'static>, Moment)> {
+        None
+    }
+
+    /// Returns the form of the answer to the last request, valid or not; `None` if it is not that of a read, or if the
+    /// wire does not record it.
+    fn received_form(&self) -> Option<ReplySignature> {
+        None
+    }
+}

@@ -1,0 +1,114 @@
+//! OPC UA server as a line.
+//!
+//! - `client` — connections to a server, by feature.
+//! - [`check`] — check of such a line in a profile; [`fault`] — faults of a connection.
+//! - [`namespaces`] — namespaces that a profile names by index.
+
+pub mod check;
+#[cfg(feature = "opcua")]
+pub mod client;
+pub mod fault;
+pub mod namespaces;
+pub mod request;
+
+use super::kind::{BusKind, LinePlace, ScanKind, VirtualLine};
+use super::target::host_of_url;
+use crate::fieldbus::connection::Dial;
+use crate::fieldbus::error::{Fault, LinkFault, PeerFault};
+use isotherm_core::reading::Status;
+use isotherm_profile::{Bus, Transport, server_url};
+
+/// OPC UA server.
+pub const KIND: BusKind = BusKind {
+    word: "opcua",
+    example: Some("opc.tcp://192.168.0.12:4840"),
+    parse: |text| {
+        let url = text.starts_with("opc.tcp://").then(|| server_url(text))?;
+        Some(url.map(|url| (Transport::OpcUa, url)).map_err(|(why, help)| format!("{why}; {help}")))
+    },
+    dial,
+    hint,
+    place: |bus| LinePlace::Host(host_of_url(&bus.address).to_owned()),
+    has_namespaces: true,
+    is_closed_in_order: true,
+    scan: ScanKind::Other {
+        is: "an OPC UA server",
+        instead: if cfg!(feature = "opcua") {
+            "`isotherm read --browse` shows its nodes"
+        } else {
+            "this program was built without OPC UA: use a packaged program, or build one with \
+             `cargo build --release --features opcua`"
+        },
+        #[cfg(feature = "opcua")]
+        scan: Some(client::scan::report),
+        #[cfg(not(feature = "opcua"))]
+        scan: None,
+    },
+    virtual_line: VirtualLine::Absent(|bus| {
+        format!("bus {} is an OPC UA server, which this verb does not simulate", bus.name)
+    }),
+    ..BusKind::PLAIN
+};
+
+#[cfg(feature = "opcua")]
+fn dial(bus: &Bus) -> Option<Box<dyn Dial>> {
+    Some(Box::new(client::OpcUaDial::new(bus)?))
+}
+
+#[cfg(not(feature = "opcua"))]
+fn dial(_: &Bus) -> Option<Box<dyn Dial>> {
+    Some(Box::new(not_built_in::NotBuiltIn))
+}
+
+#[cfg(not(feature = "opcua"))]
+mod not_built_in;
+
+/// Returns what to do about a fault, if other types of bus have another remedy.
+const fn hint(fault: Fault) -> Option<&'static str> {
+    Some(match fault {
+        Fault::Timeout => {
+            "is the server busy, or its computer? Then write a longer `timeout` of the bus, or read fewer \
+             nodes less often. Is the control powered and connected to the network?"
+        }
+        Fault::Link(LinkFault::Refused) => {
+            "is the port right (OPC UA has usually 4840), is the control's OPC UA server switched on, and does it run?"
+        }
+        Fault::Link(LinkFault::Broken) => {
+            "the server or a network device has closed the connection: was the server restarted? The \
+             server's own log says why"
+        }
+        Fault::Peer(PeerFault::Malformed) => {
+            "the answer is not OPC UA: does a network device change it? The server's own log may say more"
+        }
+        _ => return None,
+    })
+}
+
+/// Returns what to do if the server refuses a request with this status.
+pub(in crate::fieldbus) const fn status_hint(status: Status) -> &'static str {
+    match status {
+        _ if status.is(Status::ACCESS_DENIED) => {
+            "the user of the line lacks the permission: grant it at the server, or write another `user`"
+        }
+        _ if status.is(Status::NOT_WRITABLE) => {
+            "the server lets no client write this node: is it the right node, is writing switched on at the \
+             server?"
+        }
+        _ if status.is(Status::WRITE_NOT_SUPPORTED) => {
+            "the server does not let this node be written with a value alone, without a time and a quality. \
+             Is it the right node? Is writing it over OPC UA switched on at the server?"
+        }
+        _ if status.is(Status::TYPE_MISMATCH) => {
+            "the node has another type: write the node's own `type` at the output. An OPC UA browser shows it"
+        }
+        _ if status.is(Status::NO_SUCH_NODE) => {
+            "there is no such node. Is the name of the node right? Is its namespace still the same after an \
+             update of the server (`isotherm read --browse` shows the namespaces)?"
+        }
+        _ if status.is(Status::OUT_OF_RANGE) => {
+            "the server does not accept this value for the node: are `scale`, the axis's `limit` and the \
+             node's range right?"
+        }
+        _ => "the server's own log or display says why",
+    }
+}

@@ -1,0 +1,216 @@
+//! OPC UA client, with the library async-opcua: binary protocol over TCP, on sockets of the gateway.
+//!
+//! ```text
+//! dial ─► endpoints ─► trusted? ─► secure channel ─► session (resumed or new) ─► limits, namespaces
+//! wire ─► one Read or Write call at a time
+//!         one Publish request per subscription waits at the server, and is renewed when values are requested
+//! ```
+//!
+//! - The session of the library is not used, because it reconnects, sends keep-alive messages and repeats requests by
+//!   itself. [`DeviceLine`] does this for every kind of line. Without a request of the line, the gateway sends nothing.
+//! - A lost connection leaves its session at the server. The next connection resumes that session, so that a server
+//!   with few sessions does not run out of them.
+//! - A certificate is trusted if it is identical to one in the directory that the profile names, and is valid now. The
+//!   gateway checks neither the authority that signed the certificate nor the names in it.
+//! - The index of a namespace that the profile names by its URI is read each time a connection is opened. The URI of a
+//!   namespace that the profile names by index is stored ([`super::namespaces`]). If the server does not have the
+//!   namespace of a node, the gateway does not request the node, and treats it as missing.
+//! - The library discards an answer with an unknown request number, so such an answer is never taken for another one.
+//!
+//! [`DeviceLine`]: crate::fieldbus::line::DeviceLine
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use ::opcua::client::{AsyncSecureChannel, IdentityToken};
+use ::opcua::crypto::{PrivateKey, X509};
+use ::opcua::types::EndpointDescription;
+use tokio::net::TcpStream;
+
+use super::fault::OpcUaFault;
+use super::namespaces::NamespaceTable;
+use crate::fieldbus::connection::{Connection, Dial};
+use crate::fieldbus::error::{Fault, LinkFault};
+use crate::fieldbus::kinds::target::host_of_url;
+use crate::fieldbus::tcp::connected;
+use crate::fieldbus::trace::Tap;
+use crate::fieldbus::wire::Boxed;
+use channel::{Link, Socket};
+use files::Files;
+use isotherm_profile::{Bus, Security};
+use session::{Login, Session};
+use status::{call_fault, dial_fault};
+use wire::OpcUa;
+
+pub mod browse;
+pub mod certificate;
+mod channel;
+mod chunks;
+mod endpoint;
+mod files;
+mod namespaces;
+pub mod offer;
+mod panic_guard;
+mod publishing;
+pub(super) mod scan;
+mod session;
+mod status;
+mod subscription;
+mod value;
+mod wire;
+
+pub(super) use files::wrong;
+
+/// Time that opening a session may take in addition to the timeout of an answer: signatures and checks of certificates
+/// take longer.
+const OPENING: Duration = Duration::from_secs(5);
+
+/// Opens sessions with one OPC UA server.
+pub(super) struct OpcUaDial {
+    /// URL of the server.
+    url: String,
+    /// Host and port, taken from the URL.
+    address: String,
+    security: Security,
+    timeout: Duration,
+    /// Certificates, keys and user that the profile names; `None` if one is unusable, as [`wrong`] reports.
+    files: Option<Files>,
+    /// Channel, endpoint and session of the last connection, which the next connection resumes.
+    known: Option<ServerState>,
+    /// Whether the server no longer had the session of the previous connection when the present one was opened.
+    is_forgotten: bool,
+    /// Namespaces that the profile names by index.
+    namespaces: NamespaceTable,
+}
+
+/// Data of a server that are kept between connections: channel, endpoint and session.
+struct ServerState {
+    channel: Arc<AsyncSecureChannel>,
+    endpoint: EndpointDescription,
+    session: Session,
+}
+
+impl OpcUaDial {
+    /// Returns a dial for the server of this bus; `None` for any other kind of line.
+    pub(super) fn new(bus: &Bus) -> Option<OpcUaDial> {
+        let line = bus.opcua.as_ref()?;
+        let address = host_of_url(&bus.address).to_owned();
+        let (url, timeout) = (bus.address.clone(), bus.timeout);
+        let files = Files::read(line).ok();
+        Some(OpcUaDial {
+            url,
+            address,
+            security: line.security,
+            timeout,
+            files,
+            known: None,
+            is_forgotten: false,
+            namespaces: NamespaceTable::default(),
+        })
+    }
+
+    async fn open(&mut self) -> Result<Connection, Fault> {
+        let Some(files) = &self.files else { return Err(fault(OpcUaFault::OurFiles)) };
+        files.own_is_valid().map_err(fault)?;
+        let (mut taken_up, had_session) = (None, self.known.is_some());
+        if self.known.as_ref().is_some_and(|known| known.session.is_alive()) {
+            let socket = connected(&self.address, self.timeout).await?;
+            // If a later step fails, the endpoint or its certificate may have changed: query them again.
+            if let Some(known) = self.known.take() {
+                taken_up = self.take_up(files, known, socket).await;
+            }
+        }
+        self.is_forgotten = had_session && taken_up.is_none();
+        let (mut link, known) = match taken_up {
+            Some(taken_up) => taken_up,
+            None => self.begin(files).await?,
+        };
+        let limits = known.session.limits(&mut link).await?;
+        let read = known.session.read_namespaces(&mut link, &self.namespaces).await;
+        read.map_err(|error| call_fault(&error))?;
+        let wire = OpcUa::new(link, known.session.clone(), limits);
+        self.known = Some(known);
+        Ok(Connection::Other(Box::new(wire)))
+    }
+
+    /// Resumes the previous session on this socket; returns `None` if that fails.
+    async fn take_up(
+        &self,
+        files: &Files,
+        known: ServerState,
+        socket: TcpStream,
+    ) -> Option<(Link, ServerState)> {
+        let own = self.shown(files);
+        let socket = Socket::new(&self.url, socket, own);
+        let mut link = Link::open(known.channel.clone(), &socket).await.ok()?;
+        let login = Login { endpoint: &known.endpoint, own, user: &files.user };
+        known.session.take_up(&mut link, login).await.ok()?;
+        Some((link, known))
+    }
+
+    /// Chooses an endpoint of the server, opens a connection to it, and begins a new session.
+    async fn begin(&self, files: &Files) -> Result<(Link, ServerState), Fault> {
+        let endpoints = offered(&self.url, self.timeout).await?;
+        let endpoint =
+            endpoint::choose(endpoints, self.security, &files.user).ok_or(fault(OpcUaFault::NoEndpoint))?;
+        if self.security != Security::None {
+            files.trusts(endpoint.server_certificate.as_ref()).map_err(fault)?;
+        }
+        let own = self.shown(files);
+        let socket = connected(&self.address, self.timeout).await?;
+        let socket = Socket::new(&self.url, socket, own);
+        let channel = Arc::new(channel::secured(&endpoint));
+        let mut link = Link::open(channel.clone(), &socket).await.map_err(|error| dial_fault(&error))?;
+        let session = Session::none(files.application.clone(), self.timeout);
+        session.begin(&mut link, Login { endpoint: &endpoint, own, user: &files.user }).await?;
+        Ok((link, ServerState { channel, endpoint, session }))
+    }
+
+    /// Returns the certificate that the gateway sends, with its key; `None` if the line is without security.
+    fn shown<'f>(&self, files: &'f Files) -> Option<&'f (X509, PrivateKey)> {
+        files.own.as_ref().filter(|_| self.security != Security::None)
+    }
+}
+
+/// Queries the endpoints of a server, on a separate connection without security.
+async fn offered(url: &str, timeout: Duration) -> Result<Vec<EndpointDescription>, Fault> {
+    let socket = connected(host_of_url(url), timeout).await?;
+    let socket = Socket::new(url, socket, None);
+    let plain = channel::secured(&EndpointDescription::from(url));
+    let opening = Link::open(Arc::new(plain), &socket);
+    let mut link = opening.await.map_err(|_| fault(OpcUaFault::NoServer))?;
+    session::endpoints(&mut link, url, timeout + OPENING).await
+}
+
+fn fault(why: OpcUaFault) -> Fault {
+    Fault::Link(LinkFault::OpcUa(why))
+}
+
+impl Dial for OpcUaDial {
+    fn dial<'a>(&'a mut self, _: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
+        Box::pin(self.open())
+    }
+
+    fn resumes(&self) -> bool {
+        !self.is_forgotten
+    }
+
+    fn namespaces(&self) -> Option<NamespaceTable> {
+        Some(self.namespaces.clone())
+    }
+
+    fn takes(&self) -> Duration {
+        OPENING
+    }
+}
+
+/// Returns the kind of identity with which the gateway logs in: anonymous, password, certificate or issued token.
+fn user_kind(user: &IdentityToken) -> ::opcua::types::UserTokenType {
+    use ::opcua::types::UserTokenType;
+    match user {
+        IdentityToken::Anonymous => UserTokenType::Anonymous,
+        IdentityToken::UserName(..) => UserTokenType::UserName,
+        IdentityToken::X509(..) => UserTokenType::Certificate,
+        IdentityToken::IssuedToken(_) => UserTokenType::IssuedToken,
+    }
+}

@@ -1,0 +1,260 @@
+//! Certificates: their content, for a comparison by the user, and creation of a certificate for the gateway.
+
+use std::fmt::Write;
+use std::time::Duration;
+
+use ::opcua::crypto::X509;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{counted, sha256};
+use rsa::pkcs1v15::SigningKey;
+use rsa::pkcs8::{EncodePrivateKey, EncodePublicKey, LineEnding};
+use rsa::rand_core::{OsRng, RngCore};
+use rsa::sha2::Sha256;
+use rsa::{RsaPrivateKey, RsaPublicKey};
+use serde::Serialize;
+use x509_cert::Certificate as Parsed;
+use x509_cert::builder::{Builder, CertificateBuilder, Error, Profile};
+use x509_cert::der::asn1::{GeneralizedTime, Ia5String, ObjectIdentifier, UtcTime};
+use x509_cert::der::referenced::OwnedToRef;
+use x509_cert::der::{Decode, Encode, Reader, SliceReader};
+use x509_cert::ext::pkix::name::GeneralName;
+use x509_cert::ext::pkix::{
+    AuthorityKeyIdentifier, BasicConstraints, ExtendedKeyUsage, KeyUsage, KeyUsages, SubjectAltName,
+    SubjectKeyIdentifier,
+};
+use x509_cert::name::Name;
+use x509_cert::serial_number::SerialNumber;
+use x509_cert::spki::SubjectPublicKeyInfoOwned;
+use x509_cert::time::{Time, Validity};
+
+use super::files::{application, certificate};
+
+/// Key length in bits. Every supported security policy accepts it, and even the computer of a small control can process
+/// it.
+const KEY_BITS: usize = 2048;
+/// Time by which the start of the validity is earlier than the creation, because the clock of a control may be slow.
+const EARLIER: Duration = Duration::from_hours(24);
+/// Object identifier of the extended key usage "TLS client authentication", which OPC UA requires of a client.
+const OF_A_CLIENT: ObjectIdentifier = ObjectIdentifier::new_unwrap("1.3.6.1.5.5.7.3.2");
+const SHA1_DIGITS: usize = 40;
+const SHA256_DIGITS: usize = 64;
+
+/// Content of a certificate, as far as users compare it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Certificate {
+    /// Subject of the certificate, as text.
+    pub subject: String,
+    /// URI of the OPC UA application in the certificate; `None` if it names none.
+    pub application: Option<String>,
+    /// SHA-1 digest of the certificate, which servers and OPC UA browsers display.
+    pub thumbprint: String,
+    /// SHA-256 digest of the certificate, which newer programs display.
+    pub sha256: String,
+    /// Start of the validity.
+    #[serde(serialize_with = "in_text")]
+    pub from: Moment,
+    /// End of the validity.
+    #[serde(serialize_with = "in_text")]
+    pub to: Moment,
+    /// Whole certificate in DER form.
+    #[serde(skip)]
+    pub der: Vec<u8>,
+}
+
+/// New certificate with its key.
+pub struct NewCertificate {
+    /// The certificate, in DER form.
+    pub cert: Vec<u8>,
+    /// The private key, in PEM form.
+    pub key: String,
+}
+
+fn in_text<S: serde::Serializer>(at: &Moment, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(at)
+}
+
+impl Certificate {
+    /// Reads a certificate in DER or PEM form; returns `None` if it is unreadable. In DER form, the certificates of its
+    /// authorities may follow.
+    pub fn read(bytes: &[u8]) -> Option<Certificate> {
+        let parsed = first(bytes).or_else(|| certificate(bytes))?;
+        let der = parsed.to_der().ok()?;
+        let validity = Parsed::from_der(&der).ok()?.tbs_certificate.validity;
+        let at = |time: Time| {
+            Moment::from_nanos(u64::try_from(time.to_unix_duration().as_nanos()).unwrap_or(u64::MAX))
+        };
+        let digits = parsed.thumbprint().value().iter().fold(String::new(), |mut text, byte| {
+            let _ = write!(text, "{byte:02x}");
+            text
+        });
+        Some(Certificate {
+            subject: parsed.subject_name(),
+            application: application(&parsed),
+            thumbprint: in_pairs(&digits),
+            sha256: in_pairs(&sha256(&der)),
+            from: at(validity.not_before),
+            to: at(validity.not_after),
+            der,
+        })
+    }
+
+    /// Formats the content of the certificate, one item on each line. `now` is the wall-clock time.
+    pub fn text(&self, now: Moment) -> String {
+        let Certificate { subject, application, thumbprint, sha256, .. } = self;
+        let mut text = format!("  subject      {subject}\n");
+        if let Some(application) = application {
+            let _ = writeln!(text, "  application  {application}");
+        }
+        let _ = writeln!(text, "  thumbprint   {thumbprint} (SHA-1)");
+        let _ = writeln!(text, "  or           {sha256} (SHA-256)");
+        let _ = writeln!(text, "  valid        {}", self.validity(now));
+        text
+    }
+
+    /// Formats the dates of validity, and the days that are left.
+    fn validity(&self, now: Moment) -> String {
+        const DAY: Duration = Duration::from_hours(24);
+        let day = |moment: Moment| moment.to_string().chars().take(10).collect::<String>();
+        let how = match now {
+            _ if now < self.from => "not valid yet, or this computer's clock is wrong".to_owned(),
+            _ if now > self.to => "expired, or this computer's clock is wrong".to_owned(),
+            _ => format!("{} left", counted(self.to.since(now).as_secs() / DAY.as_secs(), "day")),
+        };
+        format!("{} to {}: {how}", day(self.from), day(self.to))
+    }
+
+    /// Returns whether `text` is the thumbprint of the certificate, SHA-1 or SHA-256, in any usual notation.
+    ///
+    /// # Errors
+    /// A sentence for the user, if the text is no thumbprint.
+    pub fn has_thumbprint(&self, text: &str) -> Result<bool, String> {
+        let text = text.trim();
+        let digits = text.strip_prefix("0x").unwrap_or(text);
+        let digits: String = digits.chars().filter(|c| !matches!(c, ':' | ' ' | '-')).collect();
+        let known = match digits.len() {
+            SHA1_DIGITS => &self.thumbprint,
+            SHA256_DIGITS => &self.sha256,
+            _ => "",
+        };
+        if known.is_empty() || !digits.chars().all(|c| c.is_ascii_hexdigit()) {
+            return Err(format!(
+                "`{text}` is no thumbprint: a thumbprint has {SHA1_DIGITS} hexadecimal digits (SHA-1), or \
+                 {SHA256_DIGITS} (SHA-256)"
+            ));
+        }
+        Ok(known.replace(':', "").eq_ignore_ascii_case(&digits))
+    }
+}
+
+/// Returns the first of several certificates in DER form.
+fn first(bytes: &[u8]) -> Option<X509> {
+    let mut reader = SliceReader::new(bytes).ok()?;
+    Parsed::decode(&mut reader).ok()?;
+    let end = usize::try_from(reader.position()).ok()?;
+    X509::from_der(bytes.get(..end)?).ok()
+}
+
+/// Formats hexadecimal digits in pairs: `5F3A…` as `5F:3A:…`.
+fn in_pairs(digits: &str) -> String {
+    let digits = digits.to_uppercase();
+    let pairs = digits.as_bytes().chunks(2).map(String::from_utf8_lossy);
+    pairs.collect::<Vec<_>>().join(":")
+}
+
+/// Creates a certificate for this subject, application URI and host, signed with its own key. Returns it with that key.
+///
+/// # Errors
+/// A sentence for the user, if a name is not allowed in a certificate, or the system provides no random numbers.
+pub fn make(
+    subject: &str,
+    application: &str,
+    host: &str,
+    now: Moment,
+    lasts: Duration,
+) -> Result<NewCertificate, String> {
+    let key =
+        RsaPrivateKey::new(&mut OsRng, KEY_BITS).map_err(|why| format!("no key could be made: {why}"))?;
+    let cert = signed(&key, subject, application, host, [now.before(EARLIER), now.after(lasts)]);
+    let cert = cert.map_err(|why| format!("no certificate could be made: {why}"))?;
+    let key = key.to_pkcs8_pem(LineEnding::LF).map_err(|why| format!("no key could be written: {why}"))?;
+    Ok(NewCertificate { cert, key: key.to_string() })
+}
+
+fn signed(
+    key: &RsaPrivateKey,
+    subject: &str,
+    application: &str,
+    host: &str,
+    valid: [Moment; 2],
+) -> Result<Vec<u8>, Error> {
+    let [not_before, not_after] = valid.map(time);
+    let validity = Validity { not_before: not_before?, not_after: not_after? };
+    let public = RsaPublicKey::from(key).to_public_key_der().map_err(Error::PublicKey)?;
+    let public = SubjectPublicKeyInfoOwned::try_from(public.as_bytes()).map_err(Error::PublicKey)?;
+    let name: Name = format!("CN={subject}").parse()?;
+    let mut serial = [0; 16];
+    OsRng.fill_bytes(&mut serial);
+    // A serial number is positive, and its first byte is not zero.
+    serial[0] = serial[0] & 0x7f | 0x40;
+    let signer = SigningKey::<Sha256>::new(key.clone());
+    let profile = Profile::Manual { issuer: None };
+    let serial = SerialNumber::new(&serial)?;
+    let mut builder = CertificateBuilder::new(profile, serial, validity, name, public.clone(), &signer)?;
+    builder.add_extension(&SubjectKeyIdentifier::try_from(public.owned_to_ref())?)?;
+    builder.add_extension(&AuthorityKeyIdentifier::try_from(public.owned_to_ref())?)?;
+    builder.add_extension(&BasicConstraints { ca: false, path_len_constraint: None })?;
+    // Usages that OPC UA Part 6 requires of a self-signed certificate.
+    let usages = KeyUsages::DigitalSignature
+        | KeyUsages::NonRepudiation
+        | KeyUsages::KeyEncipherment
+        | KeyUsages::DataEncipherment
+        | KeyUsages::KeyCertSign;
+    builder.add_extension(&KeyUsage(usages))?;
+    builder.add_extension(&ExtendedKeyUsage(vec![OF_A_CLIENT]))?;
+    builder.add_extension(&SubjectAltName(vec![
+        GeneralName::UniformResourceIdentifier(Ia5String::new(application)?),
+        GeneralName::DnsName(Ia5String::new(host)?),
+    ]))?;
+    Ok(builder.build()?.to_der()?)
+}
+
+/// Encodes a time as RFC 5280 requires: UTCTime until 2049, GeneralizedTime after that.
+fn time(at: Moment) -> Result<Time, x509_cert::der::Error> {
+    let seconds = Duration::from_secs(at.as_nanos() / 1_000_000_000);
+    match UtcTime::from_unix_duration(seconds) {
+        Ok(short) => Ok(Time::UtcTime(short)),
+        Err(_) => GeneralizedTime::from_unix_duration(seconds).map(Time::GeneralTime),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DAY: Duration = Duration::from_hours(24);
+
+    #[test]
+    fn a_certificate_that_was_made_says_for_whom_how_long_and_by_which_thumbprints() {
+        let now = Moment::from_nanos(1_900_000_000_000_000_000);
+        let made = make("isotherm lathe", "urn:press-7:isotherm:lathe", "press-7", now, 10 * DAY).unwrap();
+        let read = Certificate::read(&made.cert).unwrap();
+        assert_eq!(read.subject, "CN=isotherm lathe");
+        assert_eq!(read.application.as_deref(), Some("urn:press-7:isotherm:lathe"));
+        assert_eq!((read.from, read.to), (now.before(DAY), now.after(10 * DAY)));
+        assert!(made.key.starts_with("-----BEGIN PRIVATE KEY-----"));
+        let behind = [made.cert.as_slice(), b"\x30\x00"].concat();
+        assert_eq!(Certificate::read(&behind).unwrap(), read, "what follows are its authorities");
+        let other = make("isotherm lathe", "urn:press-7:isotherm:lathe", "press-7", now, 10 * DAY).unwrap();
+        assert_ne!(Certificate::read(&other.cert).unwrap().thumbprint, read.thumbprint);
+        assert_eq!(read.thumbprint.len(), SHA1_DIGITS / 2 * 3 - 1);
+        let plain = read.thumbprint.replace(':', "");
+        for written in
+            [read.thumbprint.clone(), plain.to_lowercase(), format!("0x{plain}"), read.sha256.clone()]
+        {
+            assert_eq!(read.has_thumbprint(&written), Ok(true), "{written}");
+        }
+        let digit = if plain.starts_with('0') { '1' } else { '0' };
+        assert_eq!(read.has_thumbprint(&format!("{digit}{}", &plain[1..])), Ok(false));
+        assert!(read.has_thumbprint("5F3A").unwrap_err().contains("40 hexadecimal digits"));
+    }
+}

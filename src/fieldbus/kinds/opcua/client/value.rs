@@ -1,0 +1,156 @@
+//! Conversion of nodes and values between the library and the profile.
+
+use std::time::Duration;
+
+use ::opcua::types::{DataValue, DateTime, Variant, VariantScalarTypeId};
+use isotherm_core::codec::{DataType, Node, Scalar};
+use isotherm_core::reading::{Reason, Status};
+
+use crate::fieldbus::wire::{NodeReading, Stamped};
+
+/// Largest time difference between two clocks that both count as correct.
+const APART: Duration = Duration::from_secs(1);
+/// Number of ticks of OPC UA time in a second; one tick is 100 ns.
+const TICKS: u64 = 10_000_000;
+
+/// Returns the reading of a node. `answered` is the time of the answer by the server's clock. The server time stamp of
+/// the value is not used, because some servers set it when the value arrives at them.
+pub(super) fn reading(node: &Node, value: &DataValue, answered: DateTime) -> NodeReading {
+    let status = value.status.unwrap_or_default();
+    let stamped = match value.source_timestamp {
+        Some(source) if !source.is_null() && !answered.is_null() => since(source.ticks(), answered.ticks()),
+        _ => Stamped::Unknown,
+    };
+    let scalar = match &value.value {
+        _ if !Status(status.bits()).is_good() => Err(Reason::Status(status.bits())),
+        Some(value) => scalar(value).ok_or(Reason::WrongType),
+        None => Err(Reason::BadReply),
+    };
+    NodeReading { value: scalar.and_then(|scalar| node.registers(scalar)), stamped, asked: None }
+}
+
+/// Returns the time between two stamps, which are in ticks. `source` may be slightly later than `server`, because their
+/// clocks differ.
+pub(super) fn since(source: i64, server: i64) -> Stamped {
+    let ticks = source.abs_diff(server);
+    let apart = Duration::from_secs(ticks / TICKS) + Duration::from_nanos(100 * (ticks % TICKS));
+    match source <= server {
+        true => Stamped::Ago(apart),
+        false if apart <= APART => Stamped::Ago(Duration::ZERO),
+        false => Stamped::Ahead,
+    }
+}
+
+/// Returns the number in a value of OPC UA; `None` if it is no number.
+fn scalar(value: &Variant) -> Option<Scalar> {
+    let (data_type, bits) = match value {
+        Variant::Boolean(value) => (DataType::Bool, u64::from(*value)),
+        Variant::SByte(value) => (DataType::signed(8), u64::from(value.cast_unsigned())),
+        Variant::Byte(value) => (DataType::unsigned(8), u64::from(*value)),
+        Variant::Int16(value) => (DataType::I16, u64::from(value.cast_unsigned())),
+        Variant::UInt16(value) => (DataType::U16, u64::from(*value)),
+        Variant::Int32(value) => (DataType::I32, u64::from(value.cast_unsigned())),
+        Variant::UInt32(value) => (DataType::U32, u64::from(*value)),
+        Variant::Int64(value) => (DataType::I64, value.cast_unsigned()),
+        Variant::UInt64(value) => (DataType::U64, *value),
+        Variant::Float(value) => (DataType::F32, u64::from(value.to_bits())),
+        Variant::Double(value) => (DataType::F64, value.to_bits()),
+        _ => return None,
+    };
+    Some(Scalar { data_type, bits })
+}
+
+/// Formats a value as text for users.
+pub(super) fn for_people(value: &Variant) -> String {
+    match value {
+        Variant::LocalizedText(text) => text.to_string(),
+        Variant::QualifiedName(name) => name.to_string(),
+        Variant::ByteString(bytes) => format!("{} bytes", bytes.as_ref().len()),
+        value => value.to_string(),
+    }
+}
+
+/// Returns the type of a number; `None` for other types.
+pub(super) fn number_type(kind: VariantScalarTypeId) -> Option<DataType> {
+    Some(match kind {
+        VariantScalarTypeId::Boolean => DataType::Bool,
+        VariantScalarTypeId::SByte => DataType::signed(8),
+        VariantScalarTypeId::Byte => DataType::unsigned(8),
+        VariantScalarTypeId::Int16 => DataType::I16,
+        VariantScalarTypeId::UInt16 => DataType::U16,
+        VariantScalarTypeId::Int32 => DataType::I32,
+        VariantScalarTypeId::UInt32 => DataType::U32,
+        VariantScalarTypeId::Int64 => DataType::I64,
+        VariantScalarTypeId::UInt64 => DataType::U64,
+        VariantScalarTypeId::Float => DataType::F32,
+        VariantScalarTypeId::Double => DataType::F64,
+        _ => return None,
+    })
+}
+
+/// Returns a number as a value of OPC UA with the type of its node; `None` if OPC UA has no such type.
+pub(super) fn variant(Scalar { data_type, bits }: Scalar) -> Option<Variant> {
+    let [a, b, c, d, ..] = bits.to_le_bytes();
+    let (byte, word, double) = (a, u16::from_le_bytes([a, b]), u32::from_le_bytes([a, b, c, d]));
+    Some(match data_type {
+        DataType::Bool => Variant::Boolean(bits != 0),
+        DataType::Signed(8) => Variant::SByte(byte.cast_signed()),
+        DataType::Unsigned(8) => Variant::Byte(byte),
+        DataType::I16 => Variant::Int16(word.cast_signed()),
+        DataType::U16 => Variant::UInt16(word),
+        DataType::I32 => Variant::Int32(double.cast_signed()),
+        DataType::U32 => Variant::UInt32(double),
+        DataType::I64 => Variant::Int64(bits.cast_signed()),
+        DataType::U64 => Variant::UInt64(bits),
+        DataType::F32 => Variant::Float(f32::from_bits(double)),
+        DataType::F64 => Variant::Double(f64::from_bits(bits)),
+        DataType::Bit(_) | DataType::Decimal24(_) | DataType::Signed(_) | DataType::Unsigned(_) => {
+            return None;
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_number_goes_to_the_server_and_comes_back_as_it_was() {
+        let numbers = [
+            (DataType::Bool, 1),
+            (DataType::signed(8), 0x80),
+            (DataType::unsigned(8), 0xfe),
+            (DataType::I16, 0x8001),
+            (DataType::U16, 0xfffe),
+            (DataType::I32, 0x8000_0001),
+            (DataType::U32, 0xffff_fffe),
+            (DataType::I64, 0x8000_0000_0000_0001),
+            (DataType::U64, u64::MAX - 1),
+            (DataType::F32, u64::from(27.5f32.to_bits())),
+            (DataType::F64, (-0.25f64).to_bits()),
+        ];
+        for (data_type, bits) in numbers {
+            let number = Scalar { data_type, bits };
+            let sent = variant(number).unwrap();
+            assert_eq!(scalar(&sent), Some(number));
+            assert_eq!(sent.scalar_type_id().and_then(number_type), Some(data_type));
+        }
+        assert_eq!(scalar(&Variant::from("27.5")), None);
+    }
+
+    #[test]
+    fn a_text_is_shown_as_people_write_it() {
+        use ::opcua::types::{LocalizedText, QualifiedName};
+        assert_eq!(for_people(&Variant::from(LocalizedText::new("de", "Spindel"))), "Spindel");
+        assert_eq!(for_people(&Variant::from(QualifiedName::new(2, "Nck"))), "2:Nck");
+        assert_eq!(for_people(&Variant::from(27.5)), "27.5");
+    }
+
+    #[test]
+    fn a_stamp_is_as_old_as_the_server_s_clock_says_and_one_ahead_of_it_is_told() {
+        const HOUR: i64 = 3600 * 10_000_000;
+        assert_eq!(since(0, HOUR), Stamped::Ago(Duration::from_hours(1)));
+        assert_eq!(since(5_000_000, 0), Stamped::Ago(Duration::ZERO));
+        assert_eq!(since(HOUR, 0), Stamped::Ahead);
+    }
+}

@@ -1,0 +1,212 @@
+//! One request and its answer in an OPC UA session.
+
+use std::time::Duration;
+
+use ::opcua::client::UARequest;
+use ::opcua::client::services::{Read, Write};
+use ::opcua::types::{
+    AttributeId, DataValue, DateTime, Error, NodeId, TimestampsToReturn, VariableId, WriteValue,
+};
+use isotherm_core::codec::Node;
+use isotherm_core::reading::{Reason, Status};
+use isotherm_profile::plan::Subscription;
+
+use super::OPENING;
+use super::channel::Link;
+use super::publishing::{Latest, Publishing};
+use super::session::{Limits, Session, value_of};
+use super::status::{all_written, call_fault, is_of_the_session};
+use super::value::{reading, variant};
+use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
+use crate::fieldbus::send_guard::SendGuard;
+use crate::fieldbus::wire::{Answer, Boxed, Call, Ending, NodeReading, NodeRequest, Request, Stamped, Wire};
+
+/// Open session on an open channel.
+pub(super) struct OpcUa {
+    link: Link,
+    session: Session,
+    limits: Limits,
+    publishing: Publishing,
+}
+
+impl OpcUa {
+    pub(super) fn new(link: Link, session: Session, limits: Limits) -> OpcUa {
+        OpcUa { link, session, limits, publishing: Publishing::default() }
+    }
+
+    async fn exchange(&mut self, request: Request<'_>, send_guard: &mut SendGuard) -> Result<Answer, Fault> {
+        let Request::Nodes(request) = request else { return Err(Fault::Caller(CallerFault::Function)) };
+        if self.link.is_closed().await {
+            return Err(Fault::CLOSED);
+        }
+        if self.link.is_due_for_new_keys() {
+            self.renew_keys().await?;
+        }
+        match request {
+            NodeRequest::Read(nodes) => self.read(nodes, send_guard).await,
+            NodeRequest::Latest(asked) => self.latest(asked, send_guard).await,
+            NodeRequest::Namespaces => {
+                send_guard.leave()?;
+                let table = self.session.namespaces().table();
+                let read = self.session.read_namespaces(&mut self.link, &table).await;
+                read.map(|()| Answer::Done).map_err(|error| self.failed(&error))
+            }
+            NodeRequest::Write { nodes, values } => self.write(nodes, values, send_guard).await,
+        }
+    }
+
+    /// Returns the values that the server has sent by subscription, if all are known. Otherwise reads the nodes.
+    async fn latest(&mut self, asked: &Subscription, send_guard: &mut SendGuard) -> Result<Answer, Fault> {
+        let now = send_guard.leave()?;
+        let OpcUa { link, session, publishing, .. } = self;
+        let taken_in = publishing.take_in(link, session, now).await;
+        taken_in.map_err(|error| self.failed(&error))?;
+        match self.publishing.latest(asked, now) {
+            Latest::Known(nodes) => Ok(Answer::Nodes(nodes)),
+            Latest::Unknown => self.read(&asked.nodes, send_guard).await,
+            Latest::Silent => Err(Fault::Peer(PeerFault::Silent)),
+            Latest::New => {
+                let answer = self.read(&asked.nodes, send_guard).await?;
+                let OpcUa { link, session, publishing, .. } = self;
+                let subscribed = publishing.subscribe(link, session, asked, now).await;
+                subscribed.map_err(|error| self.failed(&error))?;
+                Ok(answer)
+            }
+        }
+    }
+
+    /// Reads nodes, in as many calls as the limit of the server requires. The age of all values counts from the first
+    /// call. A node whose namespace the server does not have is not requested.
+    async fn read(&mut self, nodes: &[Node], send_guard: &mut SendGuard) -> Result<Answer, Fault> {
+        let namespaces = self.session.namespaces();
+        let known: Result<Vec<Option<NodeId>>, Fault> =
+            nodes.iter().map(|node| namespaces.node_id(&node.id)).collect();
+        let known = known?;
+        let mut ids: Vec<_> = known.iter().flatten().cloned().map(value_of).collect();
+        let mut found = Vec::with_capacity(nodes.len());
+        send_guard.leave()?;
+        while !ids.is_empty() {
+            let rest = ids.split_off(ids.len().min(self.limits.read));
+            let asked = std::mem::replace(&mut ids, rest);
+            let count = asked.len();
+            let (values, answered) = self.call(asked, TimestampsToReturn::Source).await?;
+            if values.len() != count {
+                return Err(Fault::Peer(PeerFault::Length));
+            }
+            found.extend(values.into_iter().map(|value| (value, answered)));
+        }
+        let mut found = found.iter();
+        let each = nodes.iter().zip(&known).map(|(node, known)| {
+            let found = known.as_ref().and_then(|_| found.next());
+            found.map_or_else(not_there, |(value, answered)| reading(node, value, *answered))
+        });
+        Ok(Answer::Nodes(each.collect()))
+    }
+
+    /// Writes each value with the type of its node, all in one call. The values are sent without a time and a quality,
+    /// because many servers accept neither.
+    async fn write(
+        &mut self,
+        nodes: &[Node],
+        mut values: &[u16],
+        send_guard: &mut SendGuard,
+    ) -> Result<Answer, Fault> {
+        if nodes.len() > self.limits.write {
+            let most = u32::try_from(self.limits.write).unwrap_or(u32::MAX);
+            return Err(Fault::Caller(CallerFault::TooManyNodes(most)));
+        }
+        let namespaces = self.session.namespaces();
+        let each = nodes.iter().map(|node| {
+            let extent = Fault::Caller(CallerFault::Extent);
+            let (own, rest) =
+                values.split_at_checked(usize::from(node.taken_as().registers())).ok_or(extent)?;
+            values = rest;
+            let id = namespaces.node_id(&node.id)?.ok_or(Fault::Status(Status::NO_SUCH_NODE))?;
+            written(node, id, own).ok_or(extent)
+        });
+        let each: Vec<WriteValue> = each.collect::<Result<_, Fault>>()?;
+        let channel = self.link.channel.clone();
+        let handle = channel.request_handle();
+        let write =
+            Write::new_manual(0, self.session.patience(), self.session.token(), handle).nodes_to_write(each);
+        send_guard.leave()?;
+        let answer = self.link.ask(write.send(&channel)).await.map_err(|error| self.failed(&error))?;
+        let said = answer.results.unwrap_or_default();
+        if said.len() != nodes.len() {
+            return Err(Fault::Peer(PeerFault::Length));
+        }
+        let said: Vec<Status> = said.into_iter().map(|status| Status(status.bits())).collect();
+        all_written(&said)
+    }
+
+    async fn call(
+        &mut self,
+        nodes: Vec<::opcua::types::ReadValueId>,
+        stamps: TimestampsToReturn,
+    ) -> Result<(Vec<DataValue>, DateTime), Fault> {
+        let channel = self.link.channel.clone();
+        let handle = channel.request_handle();
+        // With a maximum age of zero, the server reads its source again.
+        let read = Read::new_manual(0, self.session.patience(), self.session.token(), handle)
+            .timestamps_to_return(stamps)
+            .max_age(0.0)
+            .nodes_to_read(nodes);
+        let answer = self.link.ask(read.send(&channel)).await.map_err(|error| self.failed(&error))?;
+        Ok((answer.results.unwrap_or_default(), answer.response_header.timestamp))
+    }
+
+    /// Renews the keys of the channel, if that is due. The library would otherwise renew them after the last clock
+    /// sample, and so delay the request itself.
+    async fn renew_keys(&mut self) -> Result<(), Fault> {
+        let state = value_of(VariableId::Server_ServerStatus_State.into());
+        self.call(vec![state], TimestampsToReturn::Neither).await.map(|_| ())
+    }
+
+    fn failed(&self, error: &Error) -> Fault {
+        if is_of_the_session(error) {
+            self.session.is_over();
+        }
+        call_fault(error)
+    }
+}
+
+/// Returns the reading of a node whose namespace the server does not have: its status is "no such node".
+fn not_there() -> NodeReading {
+    NodeReading { value: Err(Reason::Status(Status::NO_SUCH_NODE.0)), stamped: Stamped::Unknown, asked: None }
+}
+
+fn written(node: &Node, node_id: NodeId, value: &[u16]) -> Option<WriteValue> {
+    Some(WriteValue {
+        node_id,
+        attribute_id: AttributeId::Value as u32,
+        index_range: Default::default(),
+        value: DataValue { value: Some(variant(node.scalar(value))?), ..DataValue::null() },
+    })
+}
+
+impl Wire for OpcUa {
+    fn exchange<'a>(&'a mut self, _: u8, request: Request<'a>, send_guard: &'a mut SendGuard) -> Call<'a> {
+        Box::pin(self.exchange(request, send_guard))
+    }
+
+    fn time_under_way(&self, request: Request<'_>) -> Duration {
+        match request {
+            Request::Nodes(NodeRequest::Latest(asked)) if self.publishing.may_take_long(asked) => OPENING,
+            _ => Duration::ZERO,
+        }
+    }
+
+    fn news(&mut self) -> Option<String> {
+        self.publishing.news()
+    }
+
+    /// Returns [`Ending::Kept`]: if the server was exchanged or restarted, it does not have the session any more. The
+    /// next connection detects this break.
+    fn ending(&mut self) -> Ending {
+        Ending::Kept
+    }
+
+    fn close(&mut self) -> Boxed<'_, ()> {
+        Box::pin(self.session.close(&mut self.link))
+    }
+}

@@ -1,0 +1,89 @@
+//! List of the connections that have not sent a line yet. When the limit of connections is reached, the gateway closes
+//! the one that has been silent longest. Therefore no number of silent connections keeps a command waiting.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::oneshot;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+
+use crate::clock::BootClock;
+
+/// Factor for the time that a connection may stay silent: this time for each permitted connection. A client sends its
+/// line directly after it has connected, and connects again if its connection was closed before. A short time closes
+/// more silent connections per second, so that a command waits less.
+const GRACE_OF_A_PLACE: Duration = Duration::from_micros(250);
+/// Maximum time after which a closed connection has returned its permit.
+const RETURNED: Duration = Duration::from_millis(10);
+
+/// List of silent connections, oldest first.
+#[derive(Clone)]
+pub(super) struct SilentConnections {
+    entries: Arc<Mutex<VecDeque<Entry>>>,
+    grace: Duration,
+    clock: BootClock,
+}
+
+struct Entry {
+    since: Duration,
+    close: oneshot::Sender<()>,
+}
+
+/// Future that completes when the connection must be closed. The task of the connection drops it when it has received a
+/// line.
+pub(super) type Closed = oneshot::Receiver<()>;
+
+impl SilentConnections {
+    /// Creates the list. `places` is the limit of connections.
+    pub(super) fn of(places: usize) -> SilentConnections {
+        let grace = GRACE_OF_A_PLACE.saturating_mul(u32::try_from(places).unwrap_or(u32::MAX));
+        SilentConnections { entries: Arc::default(), grace, clock: BootClock::default() }
+    }
+
+    /// Records a new connection, which is silent until the returned receiver is dropped.
+    pub(super) fn enter(&self) -> Closed {
+        let (close, closed) = oneshot::channel();
+        let since = self.clock.passed();
+        self.with(|entries| entries.push_back(Entry { since, close }));
+        closed
+    }
+
+    /// Returns a permit for a connection. If all are in use, closes the oldest silent connection, or waits until a
+    /// permit is free. Returns `None` if the semaphore is closed, which does not happen while connections are served.
+    pub(super) async fn place(&self, places: &Arc<Semaphore>) -> Option<OwnedSemaphorePermit> {
+        loop {
+            if let Ok(place) = places.clone().try_acquire_owned() {
+                return Some(place);
+            }
+            let wait = self.close_oldest();
+            if let Ok(place) = tokio::time::timeout(wait, places.clone().acquire_owned()).await {
+                return place.ok();
+            }
+        }
+    }
+
+    /// Closes the oldest silent connection if its time is over. Returns how long to wait for a permit before the next
+    /// attempt.
+    fn close_oldest(&self) -> Duration {
+        let now = self.clock.passed();
+        self.with(|entries| {
+            let Some(oldest) = entries.front() else { return self.grace };
+            let left = (oldest.since + self.grace).saturating_sub(now);
+            if !left.is_zero() {
+                return left;
+            }
+            if let Some(entry) = entries.pop_front() {
+                let _ = entry.close.send(());
+            }
+            RETURNED
+        })
+    }
+
+    /// Removes connections that have sent their line, then calls `act` with the list.
+    fn with<T>(&self, act: impl FnOnce(&mut VecDeque<Entry>) -> T) -> T {
+        let mut entries = self.entries.lock().unwrap_or_else(PoisonError::into_inner);
+        entries.retain(|entry| !entry.close.is_closed());
+        act(&mut entries)
+    }
+}

@@ -1,0 +1,124 @@
+//! Watchdog of the lines, in a separate thread. If the task of a line does nothing any more, the watchdog stops the
+//! gateway. If the stop has no effect either, it ends the process. The watchdog of the service manager (systemd) is
+//! served only while all lines work.
+
+use std::sync::Arc;
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::time::Duration;
+
+use super::systemd::Report;
+use crate::clock::StallDetector;
+use crate::gateway::shared::shared_state::Shared;
+use crate::observe::events::Event;
+use isotherm_profile::{BusId, Profile};
+
+const LOOK_EVERY: Duration = Duration::from_millis(500);
+
+/// Running watchdog. Dropping it ends the thread.
+#[derive(Debug)]
+pub(in crate::gateway) struct Watchdog {
+    _ends_with_this: Sender<()>,
+}
+
+impl Watchdog {
+    /// Starts to watch every line. `stop` requests the gateway to stop. `give_up` is called if the gateway has not
+    /// stopped in time.
+    pub(in crate::gateway) fn start(
+        shared: Arc<Shared>,
+        patience: Option<Duration>,
+        stop: impl Fn() + Send + 'static,
+        give_up: impl Fn() + Send + 'static,
+    ) -> Watchdog {
+        let (sender, receiver) = channel();
+        let looks =
+            |span: Duration| u32::try_from(span.as_millis() / LOOK_EVERY.as_millis()).unwrap_or(u32::MAX);
+        let mut lines: Vec<LineObservation> = (0..shared.profile.buses.len())
+            .map(|bus| patience.unwrap_or_else(|| limit(&shared.profile, BusId(bus))))
+            .map(|limit| LineObservation { turns: 0, looks: 0, most: looks(limit).max(1) })
+            .collect();
+        let mut own = StallDetector::begin(shared.clock.now(), shared.profile.shortest_age());
+        let watch = move || {
+            let mut stuck = Duration::ZERO;
+            let mut is_reported = false;
+            let mut report = Report::begin();
+            own.away_for(LOOK_EVERY);
+            while receiver.recv_timeout(LOOK_EVERY) == Err(RecvTimeoutError::Timeout) {
+                let (last, now) = (own.last(), shared.clock.now());
+                let gap = own.sample(now);
+                own.away_for(LOOK_EVERY);
+                if shared.clock.is_virtual() {
+                    // Virtual time may be stopped. No line task can act then.
+                    if now == last {
+                        continue;
+                    }
+                } else if let Some(since) = gap {
+                    shared.stalled_at(since);
+                    continue;
+                }
+                let Some(late) = late_line(&shared, &mut lines, &mut stuck) else {
+                    report.lives(&shared, LOOK_EVERY);
+                    continue;
+                };
+                if !is_reported {
+                    is_reported = true;
+                    let task = format!("bus {late}");
+                    shared.report(&Event::TaskFailed {
+                        task,
+                        why: "the task of this bus does not run any more".to_owned(),
+                    });
+                    stop();
+                } else if stuck > Duration::from_secs(10) {
+                    give_up();
+                }
+                stuck += LOOK_EVERY;
+            }
+        };
+        // Without a thread there is no watchdog of the lines. The watchdog of the service manager then detects that.
+        let _ = std::thread::Builder::new().name("watch".to_owned()).spawn(watch);
+        Watchdog { _ends_with_this: sender }
+    }
+}
+
+/// Observations of one line. The limit is a number of checks, not a time, because a pause of the computer is no fault
+/// of the line.
+struct LineObservation {
+    turns: u64,
+    /// Number of consecutive checks in which the line task has done nothing.
+    looks: u32,
+    /// Maximum of `looks`; above it, the line is treated as blocked.
+    most: u32,
+}
+
+/// Returns the name of a line whose task has not acted for too long. A shared state that stays locked is reported in
+/// the same way.
+fn late_line(shared: &Shared, lines: &mut [LineObservation], stuck: &mut Duration) -> Option<String> {
+    if !shared.is_free() {
+        *stuck += LOOK_EVERY;
+        return (*stuck > Duration::from_secs(5)).then(|| "(state locked)".to_owned());
+    }
+    for (place, seen) in lines.iter_mut().enumerate() {
+        let turns = shared.turns(BusId(place));
+        seen.looks = if turns == seen.turns { seen.looks.saturating_add(1) } else { 0 };
+        seen.turns = turns;
+        if seen.looks > seen.most {
+            return Some(shared.profile.bus(BusId(place)).name.clone());
+        }
+    }
+    *stuck = Duration::ZERO;
+    None
+}
+
+/// Returns the maximum time that a line may need for one cycle, if each of its requests connects and times out, with
+/// all pauses.
+fn limit(profile: &Profile, bus: BusId) -> Duration {
+    let devices = profile.devices_on(bus).map(|(_, device)| device);
+    let pauses = devices
+        .clone()
+        .map(|device| device.quirks.pause_after_connect.max(device.quirks.pause_between_requests));
+    let longest = devices.clone().map(|device| device.every).max().unwrap_or_default();
+    let requests =
+        devices.count() + profile.signals.len() + 4 * profile.outputs.len() + 8 * profile.sets.len();
+    let requests = u32::try_from(requests).unwrap_or(u32::MAX);
+    let request = profile.bus(bus).timeout + pauses.max().unwrap_or_default();
+    Duration::from_secs(5) + longest * 4 + request.saturating_mul(requests.saturating_mul(2))
+}

@@ -1,0 +1,88 @@
+//! Receiving side of a CAN line: one task receives every frame and stores its values in the table of signals.
+//!
+//! ```text
+//! frames ─► routes ─► signal table; wakes the line that corrects a position
+//!        ├► nodes   heartbeats, boot-ups, emergencies, silence: reported; nodes are started, their readings rejected
+//!        ├► answers of SDO ─► the line, which sends requests as on any other line
+//!        └► health  error frames, full queue, lost frames: reported at their beginning and at their end
+//! ```
+//!
+//! The interface may be missing, go down or be removed at any time. The task opens it again by itself.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use crate::clock::Wakeup;
+use crate::fieldbus::kinds::can::{CanDial, Images, Link, Value};
+use isotherm_core::codec::{Address, CanId};
+use isotherm_profile::{Bus, BusId, Device, DeviceId, Output, Profile, Verify};
+
+mod health;
+mod listener;
+mod nodes;
+mod routes;
+
+pub(in crate::gateway) use listener::CanListener;
+
+/// State that a CAN line and its listener share.
+pub(in crate::gateway) struct Can {
+    pub(super) link: Arc<Link>,
+    wakeup: Wakeup,
+    handed: Mutex<PendingNodeReports>,
+}
+
+#[derive(Debug, Default)]
+struct PendingNodeReports {
+    /// Devices whose setup list has been written.
+    set_up: Vec<DeviceId>,
+    /// Devices whose back-off ends early. `None` stands for the whole line.
+    revived: Vec<Option<DeviceId>>,
+}
+
+impl Can {
+    pub(in crate::gateway) fn dial(&self, bus: &Bus) -> CanDial {
+        CanDial::new(self.link.clone(), bus.timeout)
+    }
+
+    pub(super) fn is_set_up(&self, device: DeviceId) {
+        self.handed().set_up.push(device);
+        self.wakeup.wake();
+    }
+
+    /// Takes the devices whose back-off ends early. `None` stands for the whole line.
+    pub(super) fn revived(&self) -> Vec<Option<DeviceId>> {
+        std::mem::take(&mut self.handed().revived)
+    }
+
+    fn revive(&self, what: Option<DeviceId>) {
+        self.handed().revived.push(what);
+    }
+
+    fn handed(&self) -> MutexGuard<'_, PendingNodeReports> {
+        self.handed.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Returns the frames that the gateway writes on a line, with the positions of the outputs in them.
+fn images(profile: &Profile, bus: BusId) -> Images {
+    let mut images = Images::default();
+    for (id, device) in profile.devices_on(bus) {
+        for frame in device.can.iter().flat_map(|can| &can.written) {
+            let own = profile.outputs.iter().filter(|output| output.device == id);
+            let values = own.filter_map(|output| value(device, output, frame.id()));
+            images.add(*frame, values.collect());
+        }
+    }
+    images
+}
+
+/// Returns the bits of an output in the frame with this identifier, and the object from which the output is read back.
+/// `None` if the frame does not contain the output.
+fn value(device: &Device, output: &Output, id: CanId) -> Option<Value> {
+    let Address::Frame(field) = &output.address else { return None };
+    let node = device.can.as_ref().and_then(|can| can.node);
+    let read_at = match output.verify {
+        Verify::ReadBackAt(object) => node.map(|node| (node, object)),
+        _ => None,
+    };
+    (field.frames.id == id).then(|| Value::new(field.bits, read_at))
+}

@@ -1,0 +1,421 @@
+//! Task of one line. The task works in *turns*. A turn is one action. Examples are one request of a read, the work on
+//! one output, the heartbeat, or a step of the axes. The task takes the turns one at a time, in the order in which they
+//! are due. It steps the axes as soon as their inputs have been read.
+//!
+//! ```text
+//! sleep ─► turn ─► the heartbeat, when it is due
+//!   ▲       │      the axes, when their inputs were read (or are late)
+//!   │       │      a corrected position, when its position was read
+//!   └───────┘      what is due first: one request of a device's reads · one verified write · one check of a device
+//! ```
+//!
+//! No series of writes makes a sensor stale. A device whose readings have reached half of their `max_age` is read
+//! before every output, a limited number of times in a row. No slow device delays a corrected position, or an axis that
+//! is due, by more than one of its requests.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use self::captures::Captures;
+use self::outputs::OutputTask;
+use self::read::Poll;
+use super::can::{Can, CanListener};
+use super::inspector::Inspector;
+use crate::clock::Sleeper;
+use crate::fieldbus::kinds;
+use crate::fieldbus::line::DeviceLine;
+use crate::fieldbus::wire::Request;
+use crate::gateway::output::LineTurn;
+use crate::gateway::shared::line_handle::LineHandle;
+use crate::gateway::shared::shared_state::LineWork;
+use crate::gateway::state::device_health::JITTER_MS;
+use isotherm_core::compensation::model::Model;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{BusId, DeviceId, Profile};
+
+mod captures;
+mod heartbeat_task;
+mod outputs;
+mod read;
+mod stamps;
+#[cfg(test)]
+mod tests;
+
+use heartbeat_task::HeartbeatTask;
+
+/// Longest sleep of a line that has nothing to do.
+const IDLE: Duration = Duration::from_secs(1);
+/// Time after which a due read or a due step becomes urgent. On a fast line, no read and no step waits for so long.
+const SLOW: Duration = Duration::from_millis(20);
+/// Maximum number of consecutive urgent reads before another turn that was due earlier.
+const PRESSED: u32 = 8;
+
+/// Task of one line. It owns the connection, and everything that is read and written on the line.
+pub(in crate::gateway) struct LineTask {
+    shared: LineHandle,
+    bus: BusId,
+    line: DeviceLine,
+    sleeper: Sleeper,
+    can: Option<Arc<Can>>,
+    inspector: Inspector,
+    polls: Vec<Poll>,
+    jobs: Vec<OutputTask>,
+    heartbeat_task: Option<HeartbeatTask>,
+    /// Whether the inputs of an axis are read on this line. This task then steps the axis directly after the reads.
+    steps_axes: bool,
+    /// Whether values that are read on this line are used on another line: for a corrected position, or as a result of
+    /// probing.
+    feeds_others: bool,
+    step_due: Option<Moment>,
+    pending: Pending,
+    work: LineWork,
+    /// Number of wakeups of the line (`news`), and of pauses of the computer (`pauses`), that were processed.
+    news: u64,
+    pauses: u64,
+    /// Number of urgent reads since the last other read or output.
+    pressed: u32,
+    overruns: Overruns,
+}
+
+/// Work that earlier turns left for the next ones.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Pending {
+    /// Whether a device was read, or another task has woken the line, since the last step of the axes.
+    has_news: bool,
+    /// Whether a value was read that is used on another line.
+    wakes_others: bool,
+    /// Whether checks of devices may be due.
+    inspects: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Turn {
+    Sleep(Moment),
+    Beat,
+    /// Reads checks of devices that are due.
+    Inspect,
+    /// One request of the device at this index.
+    Read(usize),
+    Step,
+    /// Work on the output or set at this index.
+    Output(usize),
+}
+
+/// Rounds of reads that began late by a whole period or more, since the last report.
+#[derive(Debug, Default)]
+struct Overruns {
+    count: u64,
+    /// Largest delay, and the device that was read so late.
+    worst: Option<(Duration, DeviceId)>,
+}
+
+impl Overruns {
+    fn note(&mut self, late: Duration, device: DeviceId) {
+        self.count += 1;
+        if self.worst.is_none_or(|(worst, _)| late > worst) {
+            self.worst = Some((late, device));
+        }
+    }
+}
+
+impl LineTask {
+    pub(in crate::gateway) fn new(
+        shared: LineHandle,
+        bus: BusId,
+        (line, sleeper): (DeviceLine, Sleeper),
+        can: Option<Arc<Can>>,
+        start: Moment,
+    ) -> LineTask {
+        let profile = &shared.profile;
+        let is_here = |device: DeviceId| profile.device(device).bus == bus;
+        // For each output that corrects a position: the device from which it is read, and the device to which it is
+        // written.
+        let positions = profile
+            .outputs
+            .iter()
+            .filter_map(|output| Some((profile.signal(output.writes.position()?).device, output.device)));
+        let corrected: Vec<DeviceId> = positions.clone().map(|(from, _)| from).collect();
+        let steps_axes = home_lines(profile).contains(&bus);
+        let feeds_others = positions.clone().any(|(from, to)| is_here(from) && !is_here(to))
+            || (!steps_axes && !shared.dependents.probed_on[bus.0].is_empty());
+        LineTask {
+            bus,
+            line,
+            sleeper,
+            can,
+            inspector: Inspector::new(profile, bus, start),
+            polls: read::polls(profile, bus, &corrected, start),
+            jobs: outputs::jobs(&shared, bus, start),
+            heartbeat_task: HeartbeatTask::of(profile, bus, start),
+            steps_axes,
+            feeds_others,
+            step_due: Some(start),
+            pending: Pending { has_news: true, wakes_others: false, inspects: true },
+            work: LineWork::All,
+            news: 0,
+            pauses: shared.pauses(),
+            pressed: 0,
+            overruns: Overruns::default(),
+            shared,
+        }
+    }
+
+    pub(in crate::gateway) fn requests(&self) -> usize {
+        self.polls.iter().map(Poll::requests).sum()
+    }
+
+    /// Takes turns until the gateway has stopped. Then closes the session with an OPC UA server, which keeps a state
+    /// for it. With a `listener`, the task also receives CAN frames. A gateway may have 500 of these tasks. State that
+    /// is needed only during a turn, or only on CAN, is therefore allocated separately.
+    pub(in crate::gateway) async fn run(mut self: Box<Self>, listener: Option<Box<CanListener>>) {
+        match listener {
+            None => self.turns().await,
+            Some(listener) => {
+                tokio::join!(Box::pin(listener.listen()), self.turns());
+            }
+        }
+    }
+
+    async fn turns(&mut self) {
+        let mut now = self.line.sample();
+        loop {
+            self.take_note(now);
+            // A server may keep a state for this line until the connection is closed in order.
+            let kind = kinds::of(self.shared.profile.bus(self.bus).transport);
+            if self.work == LineWork::Leave && kind.is_closed_in_order {
+                return self.line.close().await;
+            }
+            let turn = self.next(now);
+            // A step wakes the other lines itself, after the decision: their outputs then follow it at once.
+            if turn != Turn::Step && std::mem::take(&mut self.pending.wakes_others) {
+                self.shared.wake_others(self.bus);
+            }
+            match turn {
+                Turn::Sleep(due) => {
+                    let due = due.min(now.after(IDLE));
+                    self.line.idle_for(due.since(now));
+                    let began = self.sleeper.sleep_from(now, due).await;
+                    self.line.send_guard.record_sample(began);
+                    self.account(began.since(due));
+                    self.pending.inspects = true;
+                    self.shared.turned(self.bus);
+                    now = began;
+                    continue;
+                }
+                Turn::Beat => {
+                    if let Some(heartbeat_task) = &mut self.heartbeat_task {
+                        heartbeat_task.beat(&mut self.line, &self.shared, now).await;
+                    }
+                }
+                Turn::Inspect => {
+                    self.pending.inspects = false;
+                    self.inspector.inspect(&mut self.line, &self.shared, self.can.as_deref()).await;
+                    let now = self.line.last_sample();
+                    self.polls.iter_mut().for_each(|poll| poll.make_up(&self.shared, now));
+                }
+                Turn::Read(place) => self.read(place, now).await,
+                Turn::Step => self.step(now),
+                Turn::Output(place) => {
+                    let along =
+                        self.line.follow_up_until(now).filter(|_| self.jobs[place].corrects.is_some());
+                    if let Some(by) = along {
+                        self.line.set_follow_up(self.reads_next(by));
+                    }
+                    let turn = &mut LineTurn { line: &mut self.line, shared: &self.shared, now };
+                    self.jobs[place].turn(turn).await;
+                    if along.is_some() {
+                        self.line.set_follow_up(None);
+                    }
+                    self.pressed = 0;
+                }
+            }
+            // A line that is always busy must not keep the others from their turns.
+            tokio::task::coop::consume_budget().await;
+            self.shared.turned(self.bus);
+            now = self.line.last_sample();
+        }
+    }
+
+    /// Processes events of other tasks since the last turn.
+    fn take_note(&mut self, now: Moment) {
+        if let Some(since) = self.line.send_guard.stalled_at() {
+            self.shared.stalled_at(since);
+        }
+        if self.shared.news(self.bus) == self.news {
+            return;
+        }
+        // Wakeups are cleared before the news is read: a later event wakes the task again.
+        self.sleeper.forget_wakeups();
+        self.news = self.shared.news(self.bus);
+        (self.pending.has_news, self.pending.inspects) = (true, true);
+        for revived in self.can.iter().flat_map(|can| can.revived()) {
+            self.line.revive(revived);
+        }
+        let before = std::mem::replace(&mut self.work, self.shared.line_work());
+        if before == LineWork::All && self.work != LineWork::All {
+            self.shared.outputs_idle();
+        }
+        let pauses = self.shared.pauses();
+        if std::mem::replace(&mut self.pauses, pauses) != pauses {
+            // An exchange that is under way belongs to the time before the pause.
+            self.line.hang_up();
+            self.polls.iter_mut().for_each(|poll| poll.restart(now));
+        }
+        self.wake_outputs(now);
+    }
+
+    /// Steps the axes that are due. Makes all outputs due, because each may have a new value to write.
+    fn step(&mut self, now: Moment) {
+        self.pending.has_news = false;
+        // Signals in CAN frames are in no device's reads.
+        self.shared.check_for_restarts(now);
+        self.shared.take_probings(now);
+        if self.steps_axes {
+            self.step_due = self.shared.advance(now);
+        }
+        if std::mem::take(&mut self.pending.wakes_others) {
+            self.shared.wake_others(self.bus);
+        }
+        self.wake_outputs(now);
+    }
+
+    /// Makes each output due, because something was decided, read or commanded.
+    fn wake_outputs(&mut self, now: Moment) {
+        self.jobs.iter_mut().for_each(|job| job.wake(now));
+    }
+
+    /// Executes one request of the reads of a device. After the last request of a round, an output that corrects the
+    /// position of the device is due, on this line or on another one.
+    async fn read(&mut self, place: usize, now: Moment) {
+        let poll = &mut self.polls[place];
+        let presses = poll.reads_position || poll.grows_stale(now);
+        self.pressed = if presses { self.pressed + 1 } else { 0 };
+        let is_over = poll.read(&mut self.line, &self.shared, &mut self.overruns, now).await;
+        if !is_over {
+            return;
+        }
+        let now = self.line.last_sample();
+        // This check must not wait for a step: a line that is always busy may never complete the reads that are due.
+        self.shared.check_for_restarts(now);
+        self.shared.take_probings(now);
+        self.pending = Pending { has_news: true, wakes_others: self.feeds_others, inspects: true };
+        if poll.reads_position {
+            let corrections = self.jobs.iter_mut().filter(|job| job.corrects == Some(poll.device));
+            corrections.for_each(|job| job.due = job.due.min(now));
+        }
+    }
+
+    /// Chooses the next turn from what is due.
+    fn next(&self, now: Moment) -> Turn {
+        if self.heartbeat_task.as_ref().is_some_and(|heartbeat_task| heartbeat_task.due <= now) {
+            return Turn::Beat;
+        }
+        let polls = self.polls.iter().enumerate().map(|(place, poll)| (poll.due(), place));
+        let read = polls.min();
+        if self.may_step(now) {
+            return Turn::Step;
+        }
+        let jobs = || self.working_jobs().map(|(place, job)| (job.due, place));
+        if let Some((_, place)) =
+            jobs().filter(|(due, place)| *due <= now && self.jobs[*place].corrects.is_some()).min()
+        {
+            return Turn::Output(place);
+        }
+        if self.pending.inspects && !self.inspector.is_empty() {
+            return Turn::Inspect;
+        }
+        let output = jobs().min();
+        let read = read.filter(|(due, _)| *due <= now);
+        match (read, output.filter(|(due, _)| *due <= now)) {
+            (None, None) => Turn::Sleep(self.idle_until()),
+            (None, Some((_, output))) => Turn::Output(output),
+            (Some((due, first)), output) => {
+                let others_wait =
+                    output.is_some_and(|(since, _)| since < due) || self.polls[first].is_under_way();
+                match self.pressing(now).filter(|_| others_wait && self.pressed < PRESSED) {
+                    Some(pressing) => Turn::Read(pressing),
+                    None => match output {
+                        Some((since, output)) if since < due => Turn::Output(output),
+                        _ => Turn::Read(first),
+                    },
+                }
+            }
+        }
+    }
+
+    /// Returns the outputs that still work, with their indices: all outputs, or during a stop only the corrected
+    /// positions.
+    fn working_jobs(&self) -> impl Iterator<Item = (usize, &OutputTask)> {
+        let works = |job: &OutputTask| self.work == LineWork::All || job.corrects.is_some();
+        self.jobs.iter().enumerate().filter(move |(_, job)| works(job))
+    }
+
+    /// Returns the next read if it is due at `by`. The line can then send it directly after the write of a corrected
+    /// position.
+    fn reads_next(&self, by: Moment) -> Option<(DeviceId, Request<'static>)> {
+        self.polls.iter().min_by_key(|poll| poll.due())?.asks_next(by)
+    }
+
+    /// Returns whether the axes may be stepped, which happens at the end of a round of reads. An axis that is due waits
+    /// for its inputs. The axis does not wait for a slow device, or for a device that is due again as soon as it has
+    /// been read.
+    fn may_step(&self, now: Moment) -> bool {
+        let is_outstanding = |by: Moment| self.polls.iter().any(|poll| poll.is_outstanding(by));
+        let is_due = self.step_due.filter(|due| self.steps_axes && *due <= now);
+        let is_late =
+            |due: &Moment| now.since(*due) >= SLOW && self.polls.iter().all(|poll| poll.has_been_read);
+        is_due.is_some_and(|due| !is_outstanding(due) || is_late(&due))
+            || (self.pending.has_news && !is_outstanding(now))
+    }
+
+    /// Returns the index of the device with the most urgent read, `None` if no read is urgent. A read is urgent if an
+    /// output corrects the position that is read, and the read waits for too long. A read is also urgent if the
+    /// readings of the device have reached half of their `max_age`.
+    fn pressing(&self, now: Moment) -> Option<usize> {
+        let polls = self.polls.iter().enumerate().filter(|(_, poll)| poll.due() <= now);
+        let pressing = polls.filter(|(_, poll)| {
+            (poll.reads_position && now.since(poll.due()) >= SLOW) || poll.grows_stale(now)
+        });
+        pressing.map(|(place, poll)| (!poll.reads_position, poll.due(), place)).min().map(|(.., place)| place)
+    }
+
+    /// Returns the time at which the next turn is due.
+    fn idle_until(&self) -> Moment {
+        let polls = self.polls.iter().map(|poll| poll.due());
+        let jobs = self.working_jobs().map(|(_, job)| job.due);
+        let heartbeat_task = self.heartbeat_task.iter().map(|heartbeat_task| heartbeat_task.due);
+        let step = self.step_due.filter(|_| self.steps_axes);
+        polls.chain(jobs).chain(heartbeat_task).chain(step).min().unwrap_or(Moment::END)
+    }
+
+    /// Counts a sleep that ended late by `late`, and the late polls before the sleep.
+    fn account(&mut self, late: Duration) {
+        let Overruns { count: overruns, worst } = std::mem::take(&mut self.overruns);
+        if let Some((late, device)) = worst {
+            let what = || format!("a poll of {}", self.shared.profile.device(device).name);
+            self.shared.overrun(self.bus, overruns, late, what);
+        }
+        let is_connected = match &self.can {
+            Some(can) => can.link.fault().is_none(),
+            None => self.line.is_connected(),
+        };
+        let mut core = self.shared.core();
+        let count = &mut core.device_health.buses[self.bus.0];
+        count.cycles += 1;
+        count.connected = is_connected;
+        let late_ms = late.as_secs_f64() * 1000.0;
+        let bucket = JITTER_MS.iter().position(|bound| late_ms <= *bound).unwrap_or(JITTER_MS.len());
+        count.jitter[bucket] += 1;
+    }
+}
+
+/// Returns the lines on which axes are stepped: for each axis the line of its first input, else the line of its output.
+fn home_lines(profile: &Profile) -> Vec<BusId> {
+    let homes = profile.axes.iter().enumerate().map(|(axis, settings)| {
+        let input = settings.settings.models.iter().flat_map(Model::signals).next();
+        let input = input.map(|signal| profile.signal(signal).device);
+        let output = profile.outputs.iter().find(|output| output.axis.0 == axis).map(|output| output.device);
+        input.or(output).map_or(BusId(0), |device| profile.device(device).bus)
+    });
+    homes.collect()
+}

@@ -1,0 +1,82 @@
+//! Outputs of one line, and the times at which they are due.
+
+use std::time::Duration;
+
+use crate::gateway::output::{LineTurn, Position, Set, Single};
+use crate::gateway::shared::line_handle::LineHandle;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{BusId, DeviceId, OutputId, SetId};
+
+/// Shortest time between two turns of an output (a turn is the work of the line task on the output). An output whose
+/// device backs off must not keep the line busy.
+const SOON: Duration = Duration::from_millis(100);
+
+/// Task of one output, or of a set of outputs.
+pub(super) struct OutputTask {
+    /// Time of the next turn of the output. If the output waits for its turn, the time since which it waits.
+    pub(super) due: Moment,
+    /// Time since which the output waits, if its turn came too late for the decision. The output has priority once
+    /// there is another decision.
+    waits_since: Option<Moment>,
+    work: Work,
+    /// Device whose position the output corrects. Such an output has priority over everything that can wait.
+    pub(super) corrects: Option<DeviceId>,
+}
+
+enum Work {
+    Single(Box<Single>),
+    Position(Box<Position>),
+    Set(Box<Set>),
+}
+
+pub(super) fn jobs(shared: &LineHandle, bus: BusId, start: Moment) -> Vec<OutputTask> {
+    let profile = &shared.profile;
+    let here = |device: DeviceId| profile.device(device).bus == bus;
+    let ones = (0..profile.outputs.len())
+        .map(OutputId)
+        .filter(|id| here(profile.output(*id).device) && profile.output(*id).set.is_none())
+        .map(|id| {
+            let position = profile.output(id).writes.position();
+            let work = match position {
+                Some(position) => Work::Position(Box::new(Position::new(shared, id, position))),
+                None => Work::Single(Box::new(Single::new(shared, id, start))),
+            };
+            let corrects = position.map(|position| profile.signal(position).device);
+            OutputTask { due: start, waits_since: None, work, corrects }
+        });
+    let sets = (0..profile.sets.len()).map(SetId).filter(|id| here(profile.set(*id).device));
+    let sets = sets.map(|id| {
+        let set = Box::new(Set::new(shared, id, start));
+        OutputTask { due: start, waits_since: None, work: Work::Set(set), corrects: None }
+    });
+    ones.chain(sets).collect()
+}
+
+impl OutputTask {
+    /// Makes the output due, because it may have something to do.
+    pub(super) fn wake(&mut self, now: Moment) {
+        self.due = self.due.min(self.waits_since.unwrap_or(now));
+    }
+
+    /// Executes one turn of the output: at most one verified write.
+    pub(super) async fn turn(&mut self, turn: &mut LineTurn<'_>) {
+        let (wants, asks, is_late) = match &mut self.work {
+            Work::Single(single) => {
+                single.turn(turn).await;
+                (Some(single.due), None, single.is_late())
+            }
+            Work::Position(position) => {
+                position.turn(turn).await;
+                (None, None, false)
+            }
+            Work::Set(set) => {
+                set.turn(turn).await;
+                (Some(set.due), set.next_read(), set.is_late())
+            }
+        };
+        self.waits_since = is_late.then(|| self.waits_since.unwrap_or(self.due));
+        let soon = turn.line.last_sample().after(SOON);
+        let due = wants.map(|due| due.max(soon)).into_iter().chain(asks).min();
+        self.due = due.unwrap_or(Moment::END);
+    }
+}

@@ -1,0 +1,180 @@
+//! Reads of one device, one request at a time.
+
+use std::time::Duration;
+
+use super::stamps::SourceStamps;
+use super::{Captures, Overruns};
+use crate::fieldbus::line::{Attribution, DeviceLine};
+use crate::fieldbus::wire::Request;
+use crate::gateway::shared::line_handle::LineHandle;
+use isotherm_core::quantity::Moment;
+use isotherm_core::reading::Reason;
+use isotherm_profile::plan::ReadRequest;
+use isotherm_profile::{BusId, Device, DeviceId, Profile};
+
+/// Largest number of repeated requests in a round. A single lost answer does not show that the device is lost.
+const REPEATS: u32 = 3;
+
+/// Reads of one device: the requests, and the times at which they are due.
+pub(super) struct Poll {
+    pub(super) device: DeviceId,
+    every: Duration,
+    /// Time at which the next round of requests begins.
+    next: Moment,
+    /// Round that has begun: the time at which it was due, and the index of its next request. `None` between rounds.
+    under_way: Option<(Moment, usize)>,
+    /// Time at which an unanswered request is repeated; `None` if there is none. `repeats`: number of repetitions in
+    /// this round.
+    again: Option<Moment>,
+    repeats: u32,
+    /// Whether an output corrects a position that is read from this device.
+    pub(super) reads_position: bool,
+    /// Whether a round was completed, successfully or not.
+    pub(super) has_been_read: bool,
+    /// Whether an answer was discarded because the device had not passed its checks.
+    is_discarded: bool,
+    /// Start of the last round, and the shortest `max_age` of its readings.
+    read_at: Moment,
+    max_age: Duration,
+    captures: Captures,
+    requests: Vec<ReadRequest>,
+}
+
+/// Creates the reads of a line. The reads of corrected positions come last, so that the correction follows directly.
+pub(super) fn polls(profile: &Profile, bus: BusId, corrected: &[DeviceId], start: Moment) -> Vec<Poll> {
+    let poll = |(id, device): (DeviceId, &Device)| Poll {
+        device: id,
+        every: device.every,
+        next: start,
+        under_way: None,
+        again: None,
+        repeats: 0,
+        reads_position: corrected.contains(&id),
+        has_been_read: false,
+        is_discarded: false,
+        read_at: start,
+        max_age: profile.signals_of(id).map(|(_, signal)| signal.max_age).min().unwrap_or(Duration::MAX),
+        captures: Captures::new(profile.signals_of(id).filter_map(|(_, signal)| signal.capture)),
+        requests: profile.requests(id),
+    };
+    let mut polls: Vec<Poll> =
+        profile.devices_on(bus).map(poll).filter(|poll| !poll.requests.is_empty()).collect();
+    polls.sort_by_key(|poll| poll.reads_position);
+    polls
+}
+
+impl Poll {
+    pub(super) fn requests(&self) -> usize {
+        self.requests.len()
+    }
+
+    /// Returns the time at which the device is due: an unanswered request is repeated, the present round was due, or
+    /// the next round begins.
+    pub(super) fn due(&self) -> Moment {
+        self.again.or(self.under_way.map(|(due, _)| due)).unwrap_or(self.next)
+    }
+
+    /// Returns whether the device was due at `by` and has not been read since.
+    pub(super) fn is_outstanding(&self, by: Moment) -> bool {
+        let has_been_read = self.has_been_read && self.under_way.is_none() && self.read_at >= by;
+        self.due() <= by && !has_been_read
+    }
+
+    pub(super) fn is_under_way(&self) -> bool {
+        self.under_way.is_some()
+    }
+
+    /// Returns whether the readings have reached half of their `max_age`.
+    pub(super) fn grows_stale(&self, now: Moment) -> bool {
+        now.since(self.read_at) >= self.max_age / 2
+    }
+
+    /// Returns the next request if it is due at `by`, is no repetition, and no capture command precedes it.
+    pub(super) fn asks_next(&self, by: Moment) -> Option<(DeviceId, Request<'static>)> {
+        let place = self.under_way.map_or(0, |(_, place)| place);
+        let is_plain = self.again.is_none() && (place > 0 || self.captures.is_empty());
+        let request = self.requests.get(place).filter(|_| is_plain && self.due() <= by)?;
+        Some((self.device, Request::in_registers(&request.asks)?))
+    }
+
+    /// Makes the device due at once, from its first request on.
+    pub(super) fn restart(&mut self, now: Moment) {
+        (self.next, self.under_way, self.again) = (now, None, None);
+    }
+
+    /// Makes the device due at once if an answer was discarded and the checks have passed since.
+    pub(super) fn make_up(&mut self, shared: &LineHandle, now: Moment) {
+        if self.is_discarded && shared.core().devices.is_confirmed(self.device) {
+            self.is_discarded = false;
+            self.restart(now);
+        }
+    }
+
+    /// Executes one request and stores the values of its answer. Capture commands precede the first request. Returns
+    /// true if it was the last request of its round.
+    pub(super) async fn read(
+        &mut self,
+        line: &mut DeviceLine,
+        shared: &LineHandle,
+        overruns: &mut Overruns,
+        now: Moment,
+    ) -> bool {
+        let (due, place) = self.under_way.unwrap_or((self.next, 0));
+        let is_repeated = self.again.take().is_some();
+        if place == 0 && !is_repeated {
+            (self.next, self.repeats) = (now.next_tick(due, self.every), 0);
+            self.read_at = now;
+            let late = now.since(due);
+            if late >= self.every {
+                overruns.note(late, self.device);
+            }
+        }
+        if place == 0 {
+            self.captures.send(line, shared, self.device).await;
+        }
+        let request = &self.requests[place];
+        let answer = line.request_unverified(self.device, Request::from(&request.asks)).await;
+        let is_missed = answer.as_ref().is_err_and(|fault| fault.spoils_connection());
+        let again = line.again_at(self.device).filter(|again| is_missed && *again < self.next);
+        self.again = again.filter(|_| self.repeats < REPEATS);
+        let is_last = self.again.is_none() && place + 1 == self.requests.len();
+        let next = if self.again.is_some() { place } else { place + 1 };
+        self.repeats += u32::from(next == place);
+        self.under_way = (!is_last).then_some((due, next));
+        let mut core = shared.core();
+        let is_confirmed = core.devices.is_confirmed(self.device);
+        if answer.is_ok() && core.devices.is_unconfirmed(self.device) {
+            // Before the checks, nothing is known about the reading, not even that it is wrong.
+            self.is_discarded = true;
+            self.has_been_read |= is_last;
+            return is_last;
+        }
+        let stamped = SourceStamps::of(shared.profile.device(self.device));
+        for field in &request.fields {
+            let signal = shared.profile.signal(field.signal);
+            match (self.captures.captured(signal.capture), &answer) {
+                (Ok(captured), Ok(answered)) => {
+                    let value = answered.answer.decode(field, &signal.encoding);
+                    let value =
+                        value.and_then(|value| is_confirmed.then_some(value).ok_or(Reason::NotAsExpected));
+                    let asked = answered.answer.asked(field).unwrap_or(answered.asked);
+                    let asked = captured.map_or(asked, |captured| captured.min(asked));
+                    let stamp = answered.answer.stamped(field);
+                    let (value, taken) = stamped.accepted(stamp, value, asked);
+                    core.device_health.stamped[field.signal.0] = stamped.age(stamp);
+                    let breaks = core.devices.of(self.device).breaks_without_checks();
+                    match answered.attribution {
+                        Attribution::Ours => core.board.store(field.signal, value, taken, breaks),
+                        Attribution::Ambiguous => {
+                            core.board.store_ambiguous(field.signal, value, taken, breaks);
+                        }
+                        Attribution::Contested => core.board.store_contested(field.signal),
+                    }
+                }
+                (Err(fault), _) | (_, &Err(fault)) => core.board.fail(field.signal, fault.reason()),
+            }
+        }
+        self.has_been_read |= is_last;
+        is_last
+    }
+}

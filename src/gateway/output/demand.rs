@@ -1,0 +1,92 @@
+//! Demand on an output, from the state that all lines share.
+
+use crate::gateway::shared::line_handle::LineHandle;
+use crate::gateway::shared::state::GatewayState;
+use crate::gateway::state::units::{part, target};
+use isotherm_core::compensation::AxisState;
+use isotherm_core::output::{Condition, Mode, Who};
+use isotherm_core::quantity::{Micron, Moment};
+use isotherm_core::reading::SignalId;
+use isotherm_profile::{OutputId, Writes};
+
+/// Demand on an output in µm.
+pub(super) struct OutputDemand {
+    /// Cz, or for an output that writes a slope the effect of the slope at the reach of the axis.
+    pub(super) cz: Micron,
+    /// Target that `cz` approaches.
+    pub(super) target: Micron,
+    /// Time at which the axis decided.
+    pub(super) decided: Moment,
+    /// Who armed the axis. `None` if it is off.
+    pub(super) armed: Option<Who>,
+    pub(super) decision: Decision,
+    /// The position to be corrected, if it is usable.
+    pub(super) position: Option<f64>,
+    /// Latest moment at which a change may be sent. After it, the readings of the change are too old.
+    pub(super) not_after: Moment,
+    /// Condition of the interlock.
+    pub(super) interlock: Condition,
+    /// Number of restarts of the control so far.
+    pub(super) restarts: u64,
+    /// Number of pauses of the computer so far.
+    pub(super) pauses: u64,
+}
+
+/// Whether the decision of an axis is written to an output.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Decision {
+    /// Nothing is written: the axis is off, or has not decided since it was armed.
+    Off,
+    /// Nothing is written yet: the axis must first resume from the register value.
+    Outdated,
+    /// The value must be written, in this mode.
+    Current(Mode),
+}
+
+impl OutputDemand {
+    pub(super) fn of(shared: &LineHandle, core: &GatewayState, id: OutputId, now: Moment) -> OutputDemand {
+        let output = shared.profile.output(id);
+        let decision = core.compensation.decision(output.axis.0);
+        let arming = &core.arming[output.axis.0];
+        let value = |id: SignalId| core.board.value(id, now);
+        let position = output.writes.position();
+        let is_outdated = match output.writes {
+            Writes::Slope => arming.take_over_slope.is_some(),
+            // The reference position is a constant.
+            Writes::Reference => false,
+            _ => arming.take_over.is_some(),
+        };
+        OutputDemand {
+            cz: decision.map_or(Micron::ZERO, |decision| part(decision, output.writes)),
+            target: decision.map_or(Micron::ZERO, |decision| target(decision, output.writes)),
+            decided: decision.map_or(Moment::default(), |decision| decision.at),
+            armed: arming.armed_by(),
+            decision: match decision.map(|decision| decision.state) {
+                None | Some(AxisState::Off) => Decision::Off,
+                Some(_) if !arming.is_armed() => Decision::Off,
+                Some(_) if is_outdated => Decision::Outdated,
+                // A constant is written whatever the axis does.
+                Some(_) if output.writes == Writes::Reference => Decision::Current(Mode::Finish),
+                // The axis returns to the value that it held before the settings of a sensor were changed.
+                Some(AxisState::Holding(_)) if arming.return_to.is_some() => Decision::Current(Mode::Finish),
+                Some(AxisState::Holding(_)) => Decision::Current(Mode::Hold),
+                Some(state) if state.is_following() => Decision::Current(Mode::Follow),
+                Some(_) => Decision::Current(Mode::Finish),
+            },
+            position: position.and_then(value),
+            not_after: match position {
+                Some(position) => core.board.usable_until(position),
+                // A constant has no reading that could be too old.
+                None if output.writes == Writes::Reference => Moment::END,
+                None => core.not_after[output.axis.0],
+            },
+            interlock: match output.when.as_ref().map_or(Some(true), |when| when.holds(&value)) {
+                Some(true) => Condition::Met,
+                Some(false) => Condition::NotMet,
+                None => Condition::Unknown,
+            },
+            restarts: core.restarts.of(id),
+            pauses: core.pauses.count(),
+        }
+    }
+}

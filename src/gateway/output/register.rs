@@ -1,0 +1,358 @@
+//! Register of one output: its encoding, its failures, and its state on disk. Single registers and registers of a set
+//! use the same code.
+
+use std::time::Duration;
+
+use super::demand::{Decision, OutputDemand};
+use super::failures::{Failures, RequestKind};
+use super::report;
+use super::turn::{DISK_PATIENCE, LineTurn, REMEMBERED};
+use crate::fieldbus::error::{CallerFault, Fault, Outcome};
+use crate::fieldbus::explain::advised_on;
+use crate::fieldbus::wire::Request;
+use crate::gateway::shared::line_handle::LineHandle;
+use crate::gateway::state::output::RegisterHealth;
+use crate::gateway::state::output_faults::of_an_output;
+use crate::gateway::state::units::Units;
+use crate::gateway::store::documents::WHAT;
+use crate::gateway::store::ledger::{SaveCondition, SaveResult};
+use crate::observe::events::Event;
+use crate::observe::requester::Channel;
+use isotherm_core::codec::Encoded;
+use isotherm_core::explained::Explained;
+use isotherm_core::output::{
+    self, AppliedSettings, Cause, Controller, Demand, Fact, InFlightWrites, Input, OutputAnswer,
+    OutputDecision, Rules, Settings, State, Trouble, Verify, WriteResult,
+};
+use isotherm_core::quantity::{Counts, Moment};
+use isotherm_profile::{Output, OutputId, Share, Writes};
+
+/// Register of one output. It executes the actions of the output's controller, and reports its events.
+#[derive(Debug)]
+pub(super) struct OutputRegister {
+    pub(super) id: OutputId,
+    pub(super) units: Units,
+    pub(super) settings: Settings,
+    failures: Failures,
+    /// Failures of the register in which the control reports the applied value.
+    failures_applied: Failures,
+    /// Writes that may still arrive, as they were last saved on disk. `None` if there were none.
+    on_disk: Option<InFlightWrites>,
+    /// Version of the ledger that is being saved, and the time at which saving began.
+    keeping: Option<(u64, Moment)>,
+}
+
+impl OutputRegister {
+    /// Creates the register of an output, and its controller at a start. `is_in_a_set`: the output belongs to a set,
+    /// which is refreshed as a whole.
+    pub(super) fn new(
+        shared: &LineHandle,
+        id: OutputId,
+        is_in_a_set: bool,
+        now: Moment,
+    ) -> (OutputRegister, Controller) {
+        let output = shared.profile.output(id);
+        let units = Units::of(&shared.profile, output);
+        let settings = settings(shared, output, &units);
+        let settings = if is_in_a_set { Settings { refresh: None, ..settings } } else { settings };
+        let before = shared.core().registers[id.0];
+        let controller = match before {
+            // The previous task ended in the middle of an exchange.
+            Some(mut controller) => {
+                controller.interrupted(&settings, now);
+                controller
+            }
+            None => {
+                let state = State::new(&settings, shared.ledger.at_start(output).as_ref(), now);
+                Controller::new(&settings, state, shared.pauses(), now)
+            }
+        };
+        let (failures, failures_applied) = (Failures::default(), Failures::default());
+        let (on_disk, keeping) = (None, None);
+        (OutputRegister { id, units, settings, failures, failures_applied, on_disk, keeping }, controller)
+    }
+
+    /// Converts the demand on the output from µm to counts.
+    pub(super) fn demand(&self, shared: &LineHandle, demand: &OutputDemand) -> Demand {
+        let output = shared.profile.output(self.id);
+        let decision = match demand.decision {
+            Decision::Off | Decision::Outdated => None,
+            Decision::Current(mode) => Some(mode),
+        };
+        let decision = decision.map(|mode| {
+            let (offset, target) =
+                match (output.writes, shared.profile.axis(output.axis).settings.intercept_slope) {
+                    // A reference position is no correction, and is written without steps.
+                    (Writes::Reference, Some(line)) => (self.units.counts(line.reference.get()), None),
+                    (Writes::Reference, None) => (self.units.offset(demand.cz), None),
+                    _ => (self.units.offset(demand.cz), Some(self.units.offset(demand.target))),
+                };
+            OutputDecision { offset, target, at: demand.decided, not_after: demand.not_after, mode }
+        });
+        Demand {
+            armed: demand.armed.filter(|_| !shared.dry_run),
+            interlock: demand.interlock,
+            decision,
+            restarts: demand.restarts,
+            pauses: demand.pauses,
+        }
+    }
+
+    /// Reports the events of the controller. Returns the cause if the axis must resume from the register value.
+    pub(super) fn report_events(
+        &mut self,
+        shared: &LineHandle,
+        controller: &mut Controller,
+    ) -> Option<Cause> {
+        let output = shared.profile.output(self.id);
+        let (mut resumes, mut has_restarted) = (None, false);
+        let events = controller.take_events();
+        for event in events.iter() {
+            let of = (&*self, &*controller);
+            let is_foreign = matches!(event, output::Event::ForeignValue { .. });
+            if !(has_restarted && is_foreign)
+                && let Some(event) = report::event(of, output, *event, &shared.clock)
+            {
+                shared.report(&event);
+            }
+            match *event {
+                output::Event::CncRestarted { .. } => has_restarted = true,
+                output::Event::ForeignValue { expected, found } => {
+                    shared.core().disarm(output.axis, report::why_foreign(self, output, expected, found));
+                }
+                output::Event::Late { not_after } => shared.order_lapsed(self.id, not_after),
+                output::Event::Written => shared.core().outputs[self.id.0].writes += 1,
+                output::Event::StillUntaken => shared.core().outputs[self.id.0].failures += 1,
+                output::Event::NotTaken { .. } | output::Event::Recovered { was_untaken: true } => {
+                    self.failures.raise();
+                }
+                output::Event::NotApplied => {
+                    report::not_applied(of, shared, output);
+                    self.failures.raise();
+                }
+                output::Event::Question if !shared.dry_run => {
+                    shared.report(&report::question(of, &output.name));
+                    let hint = "follow the alarm of the output, then arm the axis";
+                    let why =
+                        Explained::new("the gateway share in the register of the output is in doubt", hint);
+                    shared.core().disarm(output.axis, why);
+                }
+                output::Event::TakeOver { cause } => resumes = Some(cause),
+                _ => {}
+            }
+        }
+        resumes
+    }
+
+    /// Returns the registers that hold this value. Returns `None` if the control would read another value, or one
+    /// beyond the limit. The axis is then off until an operator arms it.
+    pub(super) fn admitted(
+        &self,
+        shared: &LineHandle,
+        controller: &Controller,
+        value: Counts,
+    ) -> Option<Encoded> {
+        let base = controller.state().shown(&self.settings).account.map(|account| account.base);
+        let encoded = self.units.admitted(value, base, controller.held(&self.settings));
+        encoded.map_err(|why| report::not_sent(shared, self.id, why)).ok()
+    }
+
+    /// Records the result of an exchange, because a failure is reported only once until a success.
+    pub(super) fn note(&mut self, input: Input) {
+        self.failures.result(input);
+    }
+
+    /// Handles a failed request of the register. A write that fails while the axis is off is ignored, because the
+    /// register value was only sent along with other outputs.
+    pub(super) fn fail(
+        &mut self,
+        shared: &LineHandle,
+        controller: &Controller,
+        (fault, access): (Fault, RequestKind),
+    ) {
+        if access == RequestKind::Write && !controller.is_armed() {
+            return;
+        }
+        let in_words = || of_an_output(&shared.profile, self.id, fault);
+        let failures = match access {
+            RequestKind::ReadApplied => &mut self.failures_applied,
+            RequestKind::Read | RequestKind::Write => &mut self.failures,
+        };
+        let reported = failures.fails(fault, access, in_words);
+        let mut core = shared.core();
+        let state = &mut core.outputs[self.id.0];
+        (state.failures, state.cause) = (state.failures + 1, Some(fault));
+        let output = || shared.profile.output(self.id).name.clone();
+        let device = shared.profile.device(shared.profile.output(self.id).device);
+        let transport = shared.profile.bus(device.bus).transport;
+        core.events.extend(reported.map(|words| advised_on(transport, fault, words)).map(
+            |fault| match access {
+                RequestKind::Read | RequestKind::ReadApplied => Event::ReadFailed { output: output(), fault },
+                RequestKind::Write => Event::WriteFailed { output: output(), fault },
+            },
+        ));
+    }
+
+    /// Handles a failed write. A write that was not sent because its last moment had passed is no failure.
+    pub(super) fn write_failed(
+        &mut self,
+        shared: &LineHandle,
+        controller: &Controller,
+        (fault, outcome): (Fault, Outcome),
+    ) {
+        if !fault.has_lapsed() || outcome != Outcome::NotDone {
+            self.fail(shared, controller, (fault, RequestKind::Write));
+        }
+    }
+
+    /// Reads the applied value from the control, if a read is due. Returns `None` if none is due.
+    pub(super) async fn read_applied(
+        &mut self,
+        turn: &mut LineTurn<'_>,
+        controller: &Controller,
+    ) -> Option<OutputAnswer> {
+        let output = turn.shared.profile.output(self.id);
+        let asked = turn.line.last_sample();
+        let applied = output.applied.as_ref().filter(|_| asked >= controller.applied_due(&self.settings))?;
+        let request = Request::read_registers(applied.address, applied.encoding.data_type.registers());
+        Some(match turn.line.read_confirmed(output.device, request).await {
+            Ok(answered) => {
+                let found = applied.encoding.decode(answered.answer.registers()).ok();
+                self.failures_applied.result(Input::Fact(Fact::Read { found: Counts::ZERO, asked }));
+                turn.shared.core().outputs[self.id.0].applied = found.map(|found| (found, answered.asked));
+                OutputAnswer::Applied(found.and_then(|found| self.units.thousandths(found)), asked)
+            }
+            Err(fault) => {
+                self.fail(turn.shared, controller, (fault, RequestKind::ReadApplied));
+                OutputAnswer::AppliedNoAnswer(asked)
+            }
+        })
+    }
+
+    /// Publishes the state of the register to axes and web page, and lets the axis resume from the register value.
+    pub(super) fn publish(
+        &mut self,
+        shared: &LineHandle,
+        controller: &Controller,
+        demand: &OutputDemand,
+        resumes: Option<Cause>,
+    ) {
+        let state = controller.state();
+        let output = shared.profile.output(self.id);
+        let copies = *state.copies();
+        let is_open = report::has_unanswered(state) || copies.expired().next().is_some();
+        let open = is_open.then_some(copies);
+        let is_known = state.shown(&self.settings).verified.is_some();
+        if is_known && std::mem::replace(&mut self.on_disk, open) != open {
+            // The next start needs this, however this run ends. No line waits for it.
+            let _ = shared.ledger.keep(output, state.kept(), false);
+        }
+        let mut core = shared.core();
+        let Some(cz) = report::show((self, controller), demand, &mut core.outputs[self.id.0]) else { return };
+        report::note_place((self, controller), output, &mut core);
+        if core.outputs[self.id.0].standing == RegisterHealth::Verified
+            && core.arming[output.axis.0].is_armed()
+        {
+            let failures = std::mem::take(&mut core.outputs[self.id.0].failures);
+            // Both calls are necessary: each ends an alarm.
+            if self.failures.end() | self.failures_applied.end() {
+                core.events.push(Event::Verified { output: output.name.clone(), failures });
+            }
+        }
+        let Some(cause) = resumes else { return };
+        if core.found(self.id, cz) && cause == Cause::Restart {
+            let axis = shared.profile.axis(output.axis).settings.name.clone();
+            core.events.push(Event::GoesOn { axis, from: cz, way: Channel::Restart });
+        }
+        drop(core);
+        shared.wake_others(shared.profile.device(output.device).bus);
+    }
+
+    /// Saves the state of the output in the ledger. Returns `None` if the disk has not answered: the next turn asks
+    /// again.
+    pub(super) async fn keep(
+        &mut self,
+        turn: &mut LineTurn<'_>,
+        controller: &Controller,
+    ) -> Option<OutputAnswer> {
+        let (shared, now) = (turn.shared, turn.line.last_sample());
+        if shared.dry_run {
+            return Some(OutputAnswer::Kept);
+        }
+        let output = shared.profile.output(self.id);
+        let is_new = self.keeping.is_none();
+        let (version, since) = match self.keeping {
+            Some(keeping) => keeping,
+            None => {
+                // An entry that no write waits for is on disk no later than the next entry that a write waits for.
+                let must_keep = controller.must_keep(&self.settings);
+                match shared.ledger.keep(output, controller.state().kept(), must_keep) {
+                    SaveCondition::Version(version) => (version, now),
+                    SaveCondition::Needless => return Some(OutputAnswer::Kept),
+                    SaveCondition::Impossible => return Some(OutputAnswer::NotKept),
+                }
+            }
+        };
+        self.keeping = Some((version, since));
+        let timeout = shared.profile.bus(shared.profile.device(output.device).bus).timeout;
+        let span = if is_new || shared.clock.is_virtual() { timeout } else { Duration::ZERO };
+        turn.line.send_guard.away_for(span);
+        let kept = shared.ledger.kept(version, span, &shared.clock).await;
+        let now = turn.line.sample();
+        if kept == SaveResult::NotYet && now.since(since) < DISK_PATIENCE {
+            return None;
+        }
+        self.keeping = None;
+        if kept == SaveResult::Yes {
+            return Some(OutputAnswer::OnDisk);
+        }
+        if kept == SaveResult::NotYet && controller.trouble() != Some(Trouble::Disk) {
+            let why = Explained::new(
+                format!("the disk has not answered for {} s", DISK_PATIENCE.as_secs()),
+                "is the disk full, slow or broken?",
+            );
+            shared.report(&Event::NotKept { what: WHAT.to_owned(), why });
+        }
+        Some(OutputAnswer::NotKept)
+    }
+}
+
+/// Converts the fault of a write that was not confirmed to a result for the controller.
+pub(super) fn not_done((fault, outcome): (Fault, Outcome)) -> WriteResult {
+    match (fault, outcome) {
+        (Fault::Caller(CallerFault::TooLate), Outcome::NotDone) => WriteResult::TooLate,
+        (_, Outcome::NotDone) if fault.has_lapsed() => WriteResult::NotSent,
+        (_, Outcome::NotDone) if fault.is_refusal() => WriteResult::Refused,
+        (_, Outcome::NotDone) if fault.spoils_connection() => WriteResult::Unreachable,
+        (_, Outcome::NotDone) => WriteResult::Rejected,
+        _ => WriteResult::Unknown,
+    }
+}
+
+fn settings(shared: &LineHandle, output: &Output, units: &Units) -> Settings {
+    let profile = &shared.profile;
+    let device = profile.device(output.device);
+    // A constant may arrive at any time.
+    let is_constant = output.writes == Writes::Reference;
+    let late = if is_constant { Duration::ZERO } else { profile.bus(device.bus).late };
+    let can_be_read = device.functions.reads_at(&output.reads_at());
+    let (step, limit, bias) = units.bounds(profile, output);
+    let applied = output.applied.as_ref().map(|applied| AppliedSettings {
+        tolerance: units.thousandths_of(applied.tolerance),
+        settle: applied.settle,
+    });
+    Settings {
+        step,
+        limit,
+        bias,
+        range: units.range(),
+        late,
+        remembered: late.saturating_mul(REMEMBERED),
+        every: profile.axis(output.axis).settings.every,
+        refresh: output.refresh,
+        is_shared: output.share == Share::Ledger,
+        verify: if can_be_read { Verify::Reading } else { Verify::Echo },
+        applied,
+        rules: Rules::default(),
+    }
+}

@@ -1,0 +1,54 @@
+//! Requests for all values of a set, which are in registers or in nodes.
+
+use super::turn::LineTurn;
+use super::{set_modbus, set_opcua};
+use crate::fieldbus::error::{Fault, Outcome};
+use crate::fieldbus::send_guard::SendDeadline;
+use isotherm_core::codec::Encoded;
+use isotherm_core::output::OwnWords;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::OutputSet;
+
+/// Values of a set, as they were read.
+#[derive(Clone, Debug)]
+pub(super) struct SetReadings {
+    /// Value of each output.
+    pub(super) values: Vec<Encoded>,
+    pub(super) sequence: Option<u16>,
+    pub(super) heartbeat: Option<u16>,
+    /// Time at which the first request was sent.
+    pub(super) asked: Moment,
+}
+
+/// Result of a write. An error contains the outcome for all values.
+pub(super) type Written = Result<(), (Fault, Outcome)>;
+
+/// Reads all values of the set.
+pub(super) async fn read(turn: &mut LineTurn<'_>, set: &OutputSet) -> Result<SetReadings, Fault> {
+    match set.is_in_nodes(&turn.shared.profile) {
+        true => set_opcua::read(turn, set).await,
+        false => set_modbus::read(turn, set).await,
+    }
+}
+
+/// Writes all values of the set. After an error, [`Outcome`] applies to the set as a whole.
+pub(super) async fn write(
+    turn: &mut LineTurn<'_>,
+    set: &OutputSet,
+    values: &[Encoded],
+    own: OwnWords,
+    leave: SendDeadline,
+) -> Written {
+    match set.is_in_nodes(&turn.shared.profile) {
+        true => set_opcua::write(turn, set, values, own, leave).await,
+        false => set_modbus::write_all(turn, set, values, own, leave).await,
+    }
+}
+
+/// Writes only the heartbeat and the control word.
+pub(super) async fn write_own(turn: &mut LineTurn<'_>, set: &OutputSet, own: OwnWords) -> Written {
+    match set.is_in_nodes(&turn.shared.profile) {
+        true => set_opcua::write_own(turn, set, own).await,
+        false => set_modbus::write_own(turn, set, own).await,
+    }
+}

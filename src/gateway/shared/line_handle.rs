@@ -1,0 +1,279 @@
+//! Access of a line task to the shared state of the gateway.
+
+use std::ops::Deref;
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::shared_state::Shared;
+use super::state::GatewayState;
+use super::{releasing, signing};
+use crate::fieldbus::error::Fault;
+use crate::fieldbus::line::{Attribution, RequestObserver};
+use crate::fieldbus::wire::Request;
+use crate::observe::events::Event;
+use isotherm_core::continuity::Break;
+use isotherm_core::explained::Explained;
+use isotherm_core::output::Beat;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{Arm, BusId, DeviceId, OnStop, OutputId, Signal};
+
+/// Minimum time between two checks whether the computer's clock was set. The checks follow the steps of the axes.
+const DAY_EVERY: Duration = Duration::from_millis(100);
+
+/// Access of one line to the shared state.
+#[derive(Clone)]
+pub(in crate::gateway) struct LineHandle {
+    shared: Arc<Shared>,
+    bus: BusId,
+}
+
+/// Access to the profile, the clock and the lock of the shared state.
+impl Deref for LineHandle {
+    type Target = Shared;
+
+    fn deref(&self) -> &Shared {
+        &self.shared
+    }
+}
+
+impl LineHandle {
+    pub(in crate::gateway) fn new(shared: Arc<Shared>, bus: BusId) -> LineHandle {
+        LineHandle { shared, bus }
+    }
+
+    /// Steps each axis that is due, and wakes the other lines, because their outputs may have to be written. A line
+    /// calls this function after it has read inputs. Returns the time at which the next axis is due.
+    pub(in crate::gateway) fn advance(&self, now: Moment) -> Option<Moment> {
+        let mut core = self.core();
+        let stepped = core.advance(now);
+        if stepped {
+            signing::follow(&mut core, now);
+            releasing::follow(&mut core);
+        }
+        let due = core.next_due;
+        let looks_at_day = stepped && now >= core.day_due;
+        if looks_at_day {
+            core.day_due = now.after(DAY_EVERY);
+        }
+        drop(core);
+        if looks_at_day {
+            self.check_time_of_day();
+        }
+        if stepped && self.profile.buses.len() > 1 {
+            self.wake_others(self.bus);
+        }
+        due
+    }
+
+    /// Processes new results of the probing cycles that are read on this line.
+    pub(in crate::gateway) fn take_probings(&self, now: Moment) {
+        let axes = &self.dependents.probed_on[self.bus.0];
+        if axes.is_empty() {
+            return;
+        }
+        let mut core = self.core();
+        let received = axes.iter().filter(|axis| core.take_probing(**axis, now)).count();
+        drop(core);
+        if received > 0 {
+            self.wake_others(self.bus);
+        }
+    }
+
+    /// Checks the latest readings of this line for a restart of the control, before outputs are written. After a
+    /// restart, wakes every line.
+    pub(in crate::gateway) fn check_for_restarts(&self, now: Moment) {
+        if !self.dependents.shows_restarts[self.bus.0] {
+            return;
+        }
+        let mut core = self.core();
+        let GatewayState { restarts, board, devices, events, .. } = &mut *core;
+        let any = restarts.check(board, self.bus, now, (devices, events));
+        drop(core);
+        if any {
+            self.wake();
+        }
+    }
+
+    /// Reports that a decided change was not sent, because the line reached the output after `not_after`. The readings
+    /// of the decision were then too old.
+    pub(in crate::gateway) fn order_lapsed(&self, id: OutputId, not_after: Moment) {
+        // The default moment means that no earlier decision may be used, so nothing is late.
+        if not_after == Moment::default() {
+            return;
+        }
+        let output = self.profile.output(id);
+        let bus = self.profile.device(output.device).bus;
+        let late = self.clock.now().since(not_after);
+        self.overrun(bus, 1, late, || format!("a change of output {}", output.name));
+    }
+
+    /// Counts `count` late cycles, of which the last was late by `late`. Reports them with the text of `what`, unless
+    /// late cycles were reported recently.
+    pub(in crate::gateway) fn overrun(
+        &self,
+        bus: BusId,
+        count: u64,
+        late: Duration,
+        what: impl FnOnce() -> String,
+    ) {
+        let now = self.clock.now();
+        let mut core = self.core();
+        if core.device_health.buses[bus.0].overrun(count, late, now) {
+            let bus = self.profile.bus(bus).name.clone();
+            core.events.push(Event::Overrun { bus, what: what(), late });
+        }
+    }
+
+    /// Returns the state of the heartbeat for the next request. Heartbeats begin with the first arming or, with `arm =
+    /// "auto"`, with the first valid reading. They end with the process.
+    pub(in crate::gateway) fn beat(&self, now: Moment) -> Beat {
+        let (core, arm) = (self.core(), self.profile.arm);
+        if self.dry_run || !(core.was_armed || (arm == Arm::Auto && core.has_read)) {
+            return Beat::Silent;
+        }
+        drop(core);
+        if self.head_lives(now) { Beat::Counts } else { Beat::Stands }
+    }
+
+    /// Returns whether the axes were stepped in time. If not, the heartbeat stops counting, although the lines work.
+    /// While another program takes over, the axes need no steps.
+    fn head_lives(&self, now: Moment) -> bool {
+        let (every, core) = (self.dependents.shortest_period, self.core());
+        core.phase.stop() == Some(OnStop::Hold)
+            || every.is_none_or(|every| now.since(core.stepped_at) <= every * 2)
+    }
+}
+
+/// Counts the result of each request, and reports the beginning and the end of failures.
+impl RequestObserver for LineHandle {
+    fn note(
+        &self,
+        device: DeviceId,
+        request: Request<'_>,
+        outcome: Result<(), Fault>,
+        refusals: (u32, Fault),
+    ) {
+        let mut core = self.core();
+        let now = self.clock.now();
+        let GatewayState { device_health, devices, events, .. } = &mut *core;
+        let count = &mut device_health.devices[device.0];
+        count.requests += 1;
+        if let Err(fault) = outcome {
+            *count.failures.entry(fault.blame()).or_default() += 1;
+        }
+        match outcome {
+            // The gateway before the device has answered: nothing came from the device.
+            Err(fault) if !fault.is_refusal() || (fault.is_of_a_gateway() && request.is_read()) => {
+                device_health.fails(device, fault, refusals, events);
+                devices.misses(device, now);
+            }
+            // No device answers a frame: a frame that was sent says nothing about the device.
+            Ok(()) if !request.is_answered() => {}
+            _ => {
+                devices.answers(device, now);
+                if !device_health.devices[device.0].is_here() {
+                    device_health.answers(device, now, events);
+                }
+            }
+        }
+    }
+
+    fn delivers(&self, device: DeviceId) {
+        let (now, mut core) = (self.clock.now(), self.core());
+        core.devices.delivers(device, now);
+    }
+
+    fn breaks(&self, device: Option<DeviceId>, cause: Break) {
+        let (now, mut core) = (self.clock.now(), self.core());
+        match device {
+            Some(device) => core.devices.breaks(device, cause, now),
+            None => {
+                let here = self.profile.devices_on(self.bus);
+                here.for_each(|(device, _)| core.devices.breaks(device, cause, now));
+            }
+        }
+    }
+
+    /// Returns whether the device has passed its checks. Always `true` in a dry run: nothing is written, so the outputs
+    /// are read even if the checks do not pass.
+    fn is_verified(&self, device: DeviceId) -> bool {
+        let (now, mut core) = (self.clock.now(), self.core());
+        core.devices.notice_silence(device, now);
+        self.dry_run || core.devices.is_confirmed(device)
+    }
+
+    fn gives_up_pipeline(&self, fault: Fault) {
+        let bus = self.profile.bus(self.bus).name.clone();
+        self.core().events.push(Event::PipelineGivenUp { bus, fault: fault.to_string() });
+    }
+
+    /// Reports that another master uses the line. The report is repeated when messages of a new form arrive.
+    fn shares_line(&self, attribute: &dyn Fn(u8, Request<'_>) -> Attribution) {
+        let mut ids = Vec::new();
+        for (id, device) in self.profile.devices_on(self.bus) {
+            for request in self.profile.requests(id) {
+                if attribute(device.unit, Request::from(&request.asks)) == Attribution::Ambiguous {
+                    ids.extend(request.fields.iter().map(|field| field.signal));
+                }
+            }
+        }
+        let bus = self.profile.bus(self.bus);
+        let (name, address) = (bus.name.clone(), bus.address.clone());
+        let signals: Vec<&Signal> = ids.iter().map(|id| self.profile.signal(*id)).collect();
+        let what = another_master(&signals);
+        let mut core = self.core();
+        ids.into_iter().for_each(|id| core.board.doubt(id));
+        core.events.push(Event::BusTrouble { bus: name, address, what });
+    }
+
+    fn has_line_alone(&self, frames: u64, within: Duration) {
+        let bus = self.profile.bus(self.bus);
+        let (bus, address) = (bus.name.clone(), bus.address.clone());
+        let what = "messages of another master";
+        self.core().events.push(Event::BusWell { bus, address, count: frames, what, within });
+    }
+
+    /// Reports the state of a subscription when it has changed. Each new connection asks the server again.
+    fn subscribes(&self, device: DeviceId, what: String) {
+        let mut core = self.core();
+        let GatewayState { device_health, events, .. } = &mut *core;
+        let reported = &mut device_health.devices[device.0].subscription;
+        if *reported != what {
+            reported.clone_from(&what);
+            let device = self.profile.device(device).name.clone();
+            events.push(Event::Subscription { device, what });
+        }
+    }
+}
+
+/// Maximum number of signals that a message names. The message gives the number of the others.
+const NAMED: usize = 8;
+
+/// Explains that another master uses the line. `signals` are those for which messages of the other master look like
+/// answers.
+fn another_master(signals: &[&Signal]) -> Explained {
+    let list = |signals: &[&Signal]| {
+        let named: Vec<&str> = signals.iter().take(NAMED).map(|signal| signal.name.as_str()).collect();
+        let more = signals.len().saturating_sub(NAMED);
+        if more == 0 { named.join(", ") } else { format!("{} and {more} more", named.join(", ")) }
+    };
+    let mut cause =
+        "another master is on the line: messages arrived that answer no request of this gateway".to_owned();
+    if !signals.is_empty() {
+        let agree = "messages of the other master look like answers for these signals; the gateway uses a \
+                     value only if two in a row agree";
+        cause += &format!("; {agree}: {}", list(signals));
+        let (_, unlimited): (Vec<&Signal>, Vec<&Signal>) =
+            signals.iter().copied().partition(|signal| signal.max_rate.is_some());
+        if !unlimited.is_empty() {
+            let same = "for these signals without `max_rate`, two equal answers of the other master cannot \
+                        be detected";
+            cause += &format!("; {same}: {}", list(&unlimited));
+        }
+    }
+    Explained::new(
+        cause,
+        "only one master is allowed on a line: disconnect the other master, or let it read the values on \
+         another line",
+    )
+}

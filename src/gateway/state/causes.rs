@@ -1,0 +1,231 @@
+//! Causes of the states of the axes.
+
+use std::borrow::Cow;
+
+use isotherm_core::compensation::{Decision, Permit, Unusable};
+use isotherm_core::explained::Explained;
+use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
+use isotherm_profile::{Arm, Output, Profile};
+
+use super::arming::{Arming, has_its_reference};
+use super::continuity::Devices;
+use super::device_health::DeviceHealth;
+use super::output::{Outputs, RegisterHealth};
+use super::{comparison, extrapolation, stand_in};
+
+/// Cause, as text, for an axis whose model requested more than the error level.
+pub(in crate::gateway) const BEYOND_ERROR: &str = "the model requested more than the error level";
+/// Hint for a cause that only an operator can find.
+pub(in crate::gateway) const WHEN_FOUND: &str = "arm the axis again when the cause is found";
+/// Hint for a sensor that is lost or frozen.
+pub(super) const SEE_TO_THE_SENSOR: &str = "look at the sensor, its cable and its channel";
+
+/// State from which the cause is derived.
+#[derive(Clone, Copy)]
+pub(in crate::gateway) struct CauseInputs<'a> {
+    pub(in crate::gateway) profile: &'a Profile,
+    pub(in crate::gateway) axis: usize,
+    pub(in crate::gateway) arming: &'a Arming,
+    pub(in crate::gateway) decision: &'a Decision,
+    pub(in crate::gateway) outputs: &'a Outputs,
+    pub(in crate::gateway) device_health: &'a DeviceHealth,
+    pub(in crate::gateway) devices: &'a Devices,
+    /// Readings of the last step.
+    pub(in crate::gateway) seen: &'a [Reading],
+    /// Whether the machine has been seen running.
+    pub(in crate::gateway) has_run: bool,
+    pub(in crate::gateway) stopping: bool,
+    pub(in crate::gateway) dry_run: bool,
+}
+
+/// Returns why an axis without a model is off.
+pub(in crate::gateway) fn unmodelled(profile: &Profile, axis: usize) -> Explained {
+    Explained::new("no model yet", how_to_find_a_model(profile, axis))
+}
+
+/// Returns a hint on how to identify the model of an axis.
+pub fn how_to_find_a_model(profile: &Profile, axis: usize) -> String {
+    let (path, name) = (profile.path.display(), &profile.axes[axis].settings.name);
+    format!(
+        "record runs with `isotherm record {path} --out campaign/`, find the model with `isotherm identify {path} campaign/ \
+         --axis {name} --write model.toml`, and put the block of model.toml into the profile"
+    )
+}
+
+impl CauseInputs<'_> {
+    /// Returns why an axis does not follow its preferred model; empty if it does. The cause contains no figure that
+    /// changes by itself, because a changed text would be reported as a new cause.
+    pub(in crate::gateway) fn explained(&self) -> Explained {
+        let CauseInputs { profile, axis, arming, decision, .. } = *self;
+        if !profile.axes[axis].has_model() {
+            return unmodelled(profile, axis);
+        }
+        if let Some(refusal) = arming.refusal.as_ref().filter(|_| arming.is_waiting(profile, axis)) {
+            return refusal.clone();
+        }
+        if arming.is_latched() && arming.asked.is_none() {
+            let known = Some(arming.why.clone()).filter(|why| !why.cause.is_empty());
+            return known.unwrap_or_else(|| "switched off".into()).or_hint("arm the axis again");
+        }
+        let permit = arming.permit(profile, axis, self.outputs, self.stopping, self.dry_run);
+        if permit == Permit::Stopping {
+            return "the gateway is stopping".into();
+        }
+        let is_well = |standing| match permit {
+            Permit::Off => standing == RegisterHealth::Verified,
+            _ => matches!(standing, RegisterHealth::Verified | RegisterHealth::Unknown),
+        };
+        let troubled = self
+            .outputs
+            .ids(axis)
+            .iter()
+            .map(|id| (*id, profile.output(*id), &self.outputs[id.0]))
+            .find(|(_, output, state)| output.writes.is_scheduled() && !is_well(state.standing))
+            .map(|(id, output, state)| {
+                let condition = format!("output {} is {}", output.name, state.standing.name());
+                let cause = state.cause.filter(|_| state.failures > 0);
+                match (state.handshake.failed, cause) {
+                    (Some(failed), _) => {
+                        Explained::new(format!("{condition}: {}", failed.message()), failed.hint())
+                    }
+                    (None, Some(fault)) => self
+                        .device_health
+                        .why_of_output(id, fault)
+                        .within(|cause| format!("{condition}: {cause}")),
+                    (None, None) => Explained { cause: condition, hint: hint_at(output, state.standing) },
+                }
+            });
+        let displaced = self
+            .outputs
+            .of_axis(axis)
+            .find(|(output, state)| {
+                permit == Permit::Unverified && !has_its_reference(profile, output, state)
+            })
+            .map(|(output, _)| {
+                format!("the register of output {} does not contain the reference position yet", output.name)
+                    .into()
+            });
+        let troubled = troubled.or(displaced);
+        if decision.tripped {
+            return Explained::new(BEYOND_ERROR, WHEN_FOUND);
+        }
+        let worse = comparison::cause(&profile.axes[axis].settings, decision);
+        if let Some(worse) = worse.filter(|_| permit == Permit::Armed) {
+            return worse;
+        }
+        match (permit, troubled, decision.lacks) {
+            (Permit::Unverified | Permit::Held | Permit::Off, Some(troubled), _) => troubled,
+            (_, _, Some(lacks)) => self.lacks(lacks),
+            (Permit::Off, None, None) if profile.arm == Arm::Manual && arming.asked.is_none() => {
+                "the axis has not been armed yet".into()
+            }
+            (Permit::Off, None, None) if arming.asked.is_some() => match self.devices.unconfirmed(axis) {
+                Some((device, cause)) => {
+                    let name = &profile.device(device).name;
+                    format!("the settings of device {name} have not been checked yet: {cause}").into()
+                }
+                None => "not all devices of the axis have been read yet".into(),
+            },
+            _ => match (&decision.extrapolating, &decision.stood_in) {
+                (Some(found), _) if !decision.state.is_following() => extrapolation::cause(profile, found),
+                (_, Some(found)) => stand_in::explained(profile, found),
+                _ => Explained::default(),
+            },
+        }
+    }
+
+    fn lacks(&self, lacks: Unusable) -> Explained {
+        lacking(self.profile, lacks, self.has_run, |id| self.bad(id))
+    }
+
+    /// Returns the fault of a signal that a model requires.
+    fn bad(&self, id: SignalId) -> Explained {
+        let name = &self.profile.signal(id).name;
+        let Some(Quality::Bad(reason)) = self.seen.get(id.0).map(|reading| reading.quality) else {
+            return format!("{name} had no good reading").into();
+        };
+        self.device_health.why(id, reason).within(|cause| match reason {
+            Reason::OpenCircuit => format!("{name} has an open circuit"),
+            Reason::ShortCircuit => format!("{name} has a short circuit"),
+            // The age of a stale value changes with each check.
+            Reason::Stale => format!("{name}: {reason}"),
+            _ => format!("{name}: {cause}"),
+        })
+    }
+}
+
+/// Returns why an axis does not follow its model, as far as its decision contains the reason. Empty if the decision
+/// does not contain the reason. `has_run`: the machine has been seen running. `bad`: returns the fault of a signal that
+/// the model requires.
+pub(crate) fn why_by_decision(
+    profile: &Profile,
+    axis: usize,
+    decision: &Decision,
+    has_run: bool,
+    bad: impl FnOnce(SignalId) -> Explained,
+) -> Explained {
+    if decision.tripped {
+        return Explained::new(BEYOND_ERROR, WHEN_FOUND);
+    }
+    if let Some(worse) = comparison::cause(&profile.axes[axis].settings, decision) {
+        return worse;
+    }
+    match (decision.lacks, &decision.extrapolating) {
+        (Some(lacks), _) if decision.model.is_none() => lacking(profile, lacks, has_run, bad),
+        (_, Some(found)) => extrapolation::cause(profile, found),
+        _ => Explained::default(),
+    }
+}
+
+/// Returns why a model cannot be used. `has_run`: the machine has been seen running. `bad`: returns the fault of a
+/// signal.
+fn lacking(
+    profile: &Profile,
+    lacks: Unusable,
+    has_run: bool,
+    bad: impl FnOnce(SignalId) -> Explained,
+) -> Explained {
+    const RUN_IT: &str = "switch the machine on";
+    let name = |id: SignalId| &profile.signal(id).name;
+    match lacks {
+        Unusable::Signal(id) => bad(id),
+        Unusable::Reference(id) if !has_run => Explained::new(
+            format!(
+                "the machine has not been seen running yet, and {} is measured from machine start",
+                name(id)
+            ),
+            RUN_IT,
+        ),
+        Unusable::Reference(id) => format!("the reference of {} is not captured yet", name(id)).into(),
+        Unusable::Frozen(id) => Explained::new(
+            format!("{} is frozen, and this model has no substitute for it", name(id)),
+            SEE_TO_THE_SENSOR,
+        ),
+        Unusable::Unproven(id) => format!(
+            "{} is back, but is not used until it has agreed with the other sensors for one hour",
+            name(id)
+        )
+        .into(),
+        Unusable::MachineOff => Explained::new("the machine has not been seen running yet", RUN_IT),
+        Unusable::NotANumber => Explained::new(
+            "the model's result is not a number",
+            "check the coefficients of the model and the values of its signals",
+        ),
+    }
+}
+
+/// Returns a hint for an output that is not verified, if no request of it has failed; `None` without one.
+fn hint_at(output: &Output, standing: RegisterHealth) -> Option<Cow<'static, str>> {
+    Some(match standing {
+        RegisterHealth::Interlocked => {
+            let when = output
+                .when
+                .as_ref()
+                .map_or("the condition `when` of the output is true", |when| when.text.as_str());
+            format!("the gateway writes again when {when}").into()
+        }
+        RegisterHealth::Foreign => "correct the value at the control, then arm the axis".into(),
+        RegisterHealth::Unverified => "look at the alarm of the output".into(),
+        RegisterHealth::Unknown | RegisterHealth::Verified => return None,
+    })
+}

@@ -1,0 +1,214 @@
+//! Continuity of the devices of the profile (whether each is still the verified device), and the devices that an axis
+//! needs. The decisions are in [`isotherm_core::continuity`]; the checks are read by the
+//! [`Inspector`](crate::gateway::line::inspector::Inspector).
+
+use std::sync::Arc;
+
+use super::arming::Arming;
+use super::dirty_vec::DirtyVec;
+use crate::fieldbus::kinds::opcua::namespaces::NamespaceTable;
+use isotherm_core::compensation::model::Model;
+use isotherm_core::compensation::reference::Reference;
+use isotherm_core::compensation::{Compensation, ReturnTo};
+use isotherm_core::continuity::{Break, Continuity, DeviceContinuity, Difference, Identity, sentence};
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{AxisId, BusId, Device, DeviceId, Profile};
+
+/// Continuity of all devices.
+#[derive(Clone, Debug)]
+pub(in crate::gateway) struct Devices {
+    devices: Vec<DeviceContinuity>,
+    of_axis: Vec<Vec<DeviceId>>,
+    /// For each device: the axes whose models read the device, each with the values that it held before the last round
+    /// of passed checks.
+    held: Vec<Vec<(usize, ReturnTo)>>,
+    /// For each device: the axes whose models read the device, each with its values at the beginning of the present
+    /// round of checks.
+    held_in_round: Vec<Vec<(usize, ReturnTo)>>,
+    /// For each device: the axes whose models read the device.
+    read_by: Vec<Vec<usize>>,
+    /// For each bus that is an OPC UA server: table of the namespaces that the profile names by index.
+    namespaces: Vec<Option<NamespaceTable>>,
+}
+
+impl Devices {
+    pub(in crate::gateway) fn new(profile: &Arc<Profile>, start: Moment) -> Devices {
+        let continuity = |device: &Device| DeviceContinuity::new(identity(device), device.every, start);
+        let devices = profile.devices.iter().map(continuity).collect();
+        let of_axis = (0..profile.axes.len()).map(|axis| devices_of(profile, AxisId(axis))).collect();
+        let reads = |axis: usize, id: DeviceId| inputs_of(profile, AxisId(axis)).any(|device| device == id);
+        let read_by = |id: usize| (0..profile.axes.len()).filter(|axis| reads(*axis, DeviceId(id))).collect();
+        let read_by: Vec<Vec<usize>> = (0..profile.devices.len()).map(read_by).collect();
+        let held = vec![Vec::new(); read_by.len()];
+        let namespaces = vec![None; profile.buses.len()];
+        Devices { devices, of_axis, held_in_round: held.clone(), held, read_by, namespaces }
+    }
+
+    /// Stores the table of namespaces, which the line of an OPC UA server fills.
+    pub(in crate::gateway) fn set_namespaces(&mut self, bus: BusId, table: NamespaceTable) {
+        self.namespaces[bus.0] = Some(table);
+    }
+
+    pub(in crate::gateway) fn namespaces(&self, bus: BusId) -> Option<NamespaceTable> {
+        self.namespaces[bus.0].clone()
+    }
+
+    pub(in crate::gateway) fn of(&self, device: DeviceId) -> &DeviceContinuity {
+        &self.devices[device.0]
+    }
+
+    /// Returns whether readings of the device are used and writes to it are sent.
+    pub(in crate::gateway) fn is_confirmed(&self, device: DeviceId) -> bool {
+        self.of(device).is_confirmed()
+    }
+
+    /// Returns whether the checks of the device have not been read since the last break of its continuity.
+    pub(in crate::gateway) fn is_unconfirmed(&self, device: DeviceId) -> bool {
+        matches!(self.of(device).state(), Continuity::Unconfirmed { .. })
+    }
+
+    /// Returns what the checks of the device found, in one sentence, if they did not pass.
+    pub(in crate::gateway) fn changed(&self, device: DeviceId) -> Option<String> {
+        match self.of(device).state() {
+            Continuity::Changed(differences) => Some(sentence(differences)),
+            Continuity::Confirmed | Continuity::Unconfirmed { .. } => None,
+        }
+    }
+
+    /// Returns the state of the first changed device of an axis, or else of the first unconfirmed one. If there is
+    /// none, returns [`Continuity::Confirmed`].
+    pub(in crate::gateway) fn of_axis(&self, axis: usize) -> &Continuity {
+        let states = || self.of_axis[axis].iter().map(|device| self.of(*device).state());
+        let changed = states().find(|state| matches!(state, Continuity::Changed(_)));
+        let unconfirmed = || states().find(|state| matches!(state, Continuity::Unconfirmed { .. }));
+        changed.or_else(unconfirmed).unwrap_or(&Continuity::Confirmed)
+    }
+
+    /// Returns the first device of the axis whose checks have not been read since the last break of its continuity. Also
+    /// returns the cause of that break.
+    pub(super) fn unconfirmed(&self, axis: usize) -> Option<(DeviceId, Break)> {
+        self.of_axis[axis].iter().find_map(|device| match self.of(*device).state() {
+            Continuity::Unconfirmed { cause, .. } => Some((*device, *cause)),
+            Continuity::Confirmed | Continuity::Changed(_) => None,
+        })
+    }
+
+    /// Begins a round of checks of a device. Records the values of the axes that read the device.
+    pub(in crate::gateway) fn round_begins(
+        &mut self,
+        device: DeviceId,
+        compensation: &Compensation,
+        arming: &DirtyVec<Arming>,
+    ) {
+        let follows = |axis: usize| arming[axis].is_armed() && arming[axis].sign.is_none();
+        let holds = |axis: &usize| {
+            let Arming { take_over, take_over_slope, .. } = arming[*axis];
+            let decision = compensation.decision(*axis).filter(|_| follows(*axis))?;
+            // The value from which an axis resumes at its next step is already in its registers.
+            let (cz, slope) = (take_over.unwrap_or(decision.cz), take_over_slope.unwrap_or(decision.slope));
+            Some((*axis, ReturnTo { cz, slope }))
+        };
+        self.held_in_round[device.0] = self.read_by[device.0].iter().filter_map(holds).collect();
+    }
+
+    /// Ends a round in which all checks of a device have passed. If the settings of the device are changed later, the
+    /// axes that read it return to the values that they held when the round began.
+    pub(in crate::gateway) fn round_passed(&mut self, device: DeviceId, arming: &mut DirtyVec<Arming>) {
+        for axis in (0..self.of_axis.len()).filter(|axis| self.of_axis[*axis].contains(&device)) {
+            if arming[axis].return_to.is_some() && *self.of_axis(axis) == Continuity::Confirmed {
+                arming[axis].return_to = None;
+            }
+        }
+        let (of_device, in_round) = (&mut self.held[device.0], &mut self.held_in_round[device.0]);
+        // An axis that was armed during the round keeps its value of that moment.
+        of_device.retain(|(axis, _)| in_round.iter().all(|(other, _)| axis != other));
+        of_device.append(in_round);
+    }
+
+    /// Discards the values of axes that count from this reference, because it is captured again.
+    pub(in crate::gateway) fn forget_held(&mut self, profile: &Profile, reference: Reference) {
+        let is_kept = |axis: usize| !profile.axis(AxisId(axis)).counts_from(reference);
+        self.held
+            .iter_mut()
+            .chain(&mut self.held_in_round)
+            .for_each(|held| held.retain(|(axis, _)| is_kept(*axis)));
+    }
+
+    /// Records the value that an axis held when it was armed, at each device of its models.
+    pub(in crate::gateway) fn armed(&mut self, axis: usize, held: ReturnTo) {
+        self.held_in_round.iter_mut().for_each(|of_device| of_device.retain(|(known, _)| *known != axis));
+        for (read_by, of_device) in self.read_by.iter().zip(&mut self.held) {
+            of_device.retain(|(known, _)| *known != axis);
+            of_device.extend(read_by.contains(&axis).then_some((axis, held)));
+        }
+    }
+
+    /// Handles changed settings of a device. The axes that read the device return to the values that they held before
+    /// its checks passed last.
+    pub(in crate::gateway) fn settings_changed(&self, device: DeviceId, arming: &mut DirtyVec<Arming>) {
+        for (axis, held) in &self.held[device.0] {
+            // If another device was changed before, the value held since then is wrong as well.
+            if arming[*axis].is_armed() && arming[*axis].return_to.is_none() {
+                arming[*axis].return_to = Some(*held);
+            }
+        }
+    }
+
+    /// Records a break of the continuity of one device: from now on, another device or other settings are possible.
+    pub(in crate::gateway) fn breaks(&mut self, device: DeviceId, cause: Break, now: Moment) {
+        self.devices[device.0].breaks(cause, now);
+    }
+
+    /// Records a break of the continuity of all devices: from now on, other devices or other settings are possible.
+    pub(in crate::gateway) fn all_break(&mut self, cause: Break, now: Moment) {
+        self.devices.iter_mut().for_each(|device| device.breaks(cause, now));
+    }
+
+    /// Records an answer of a device, also one that refuses.
+    pub(in crate::gateway) fn answers(&mut self, device: DeviceId, now: Moment) {
+        self.devices[device.0].answers(now);
+    }
+
+    /// Records an answer of a device that contains the requested values.
+    pub(in crate::gateway) fn delivers(&mut self, device: DeviceId, now: Moment) {
+        self.devices[device.0].delivers(now);
+    }
+
+    /// Records that a request is about to be sent to a device. See [`DeviceContinuity::notice_silence`].
+    pub(in crate::gateway) fn notice_silence(&mut self, device: DeviceId, now: Moment) {
+        self.devices[device.0].notice_silence(now);
+    }
+
+    /// Records a request that a device did not answer.
+    pub(in crate::gateway) fn misses(&mut self, device: DeviceId, now: Moment) {
+        self.devices[device.0].misses(now);
+    }
+
+    /// Takes the result of a device's checks. See [`DeviceContinuity::verified`].
+    pub(in crate::gateway) fn verified(
+        &mut self,
+        device: DeviceId,
+        after: u64,
+        differences: Vec<Difference>,
+    ) -> Option<Continuity> {
+        self.devices[device.0].verified(after, differences)
+    }
+}
+
+fn identity(device: &Device) -> Identity {
+    if device.is_checked() { Identity::Checks } else { Identity::None }
+}
+
+/// Returns the devices of an axis: those that its models read, and those that its outputs write to.
+fn devices_of(profile: &Profile, axis: AxisId) -> Vec<DeviceId> {
+    let written = profile.outputs.iter().filter(|output| output.axis == axis).map(|output| output.device);
+    let mut devices: Vec<DeviceId> = inputs_of(profile, axis).chain(written).collect();
+    devices.sort_unstable();
+    devices.dedup();
+    devices
+}
+
+fn inputs_of(profile: &Profile, axis: AxisId) -> impl Iterator<Item = DeviceId> {
+    let inputs = profile.axis(axis).settings.models.iter().flat_map(Model::signals);
+    inputs.map(|signal| profile.signal(signal).device)
+}

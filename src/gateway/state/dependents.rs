@@ -1,0 +1,66 @@
+//! Dependencies of axes and lines, resolved once from the profile. The cost of a read then depends only on the axes
+//! that use it.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use isotherm_core::compensation::model::Model;
+use isotherm_core::reading::SignalId;
+use isotherm_profile::{Axis, AxisId, Profile};
+
+/// Settings that never change while the gateway runs.
+#[derive(Clone)]
+pub(in crate::gateway) struct RunConfig {
+    pub(in crate::gateway) profile: Arc<Profile>,
+    pub(in crate::gateway) dependents: Arc<Dependents>,
+    pub(in crate::gateway) dry_run: bool,
+}
+
+/// Dependencies of axes and lines. Each list is in ascending order and has no duplicates.
+#[derive(Debug)]
+pub(in crate::gateway) struct Dependents {
+    /// For each axis and model: the signals that the model uses.
+    pub(in crate::gateway) inputs: Vec<Vec<Vec<SignalId>>>,
+    /// Axes whose error is measured by a probing cycle of the control.
+    pub(in crate::gateway) probed: Vec<AxisId>,
+    /// For each line: the axes whose measured error, or the trigger of that error, is read on the line.
+    pub(in crate::gateway) probed_on: Vec<Vec<AxisId>>,
+    /// For each line: whether the line reads a signal that shows a restart of a control.
+    pub(in crate::gateway) shows_restarts: Vec<bool>,
+    /// Period of the axis that is stepped most often.
+    pub(in crate::gateway) shortest_period: Option<Duration>,
+}
+
+impl Dependents {
+    pub(in crate::gateway) fn new(profile: &Profile) -> Dependents {
+        let line = |signal: SignalId| profile.device(profile.signal(signal).device).bus;
+        let inputs = |axis: &Axis| axis.settings.models.iter().map(Model::signals).collect();
+        let mut probed = Vec::new();
+        let mut probed_on = vec![Vec::new(); profile.buses.len()];
+        for (place, axis) in profile.axes.iter().enumerate() {
+            probed.extend(axis.probe_input.map(|_| AxisId(place)));
+            let read = axis.probe_input.map(|input| [Some(input.signal), input.trigger]);
+            for signal in read.into_iter().flatten().flatten() {
+                add(&mut probed_on[line(signal).0], AxisId(place));
+            }
+        }
+        let mut shows_restarts = vec![false; profile.buses.len()];
+        let counters = profile.outputs.iter().filter_map(|output| output.boot_counter);
+        for signal in counters.chain(profile.machine.on) {
+            shows_restarts[line(signal).0] = true;
+        }
+        Dependents {
+            inputs: profile.axes.iter().map(inputs).collect(),
+            probed,
+            probed_on,
+            shows_restarts,
+            shortest_period: profile.axes.iter().map(|axis| axis.settings.every).min(),
+        }
+    }
+}
+
+fn add<T: Ord>(list: &mut Vec<T>, item: T) {
+    if let Err(place) = list.binary_search(&item) {
+        list.insert(place, item);
+    }
+}

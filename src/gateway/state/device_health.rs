@@ -1,0 +1,379 @@
+//! Health of devices and lines: counts of requests and failures, and reports of each loss and each return.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use crate::fieldbus::error::Fault;
+use crate::fieldbus::explain::{advised_on, explain_on, remedy_of_a_reading};
+use crate::fieldbus::kinds;
+use crate::observe::events::Event;
+use isotherm_core::explained::{Cause, Explained};
+use isotherm_core::quantity::Moment;
+use isotherm_core::reading::{Reason, SignalId};
+use isotherm_profile::{BusId, Device, DeviceId, OutputId, Profile};
+
+use super::output_faults;
+
+/// Consecutive failures after which a device is reported as lost. A single lost answer is only counted. More are
+/// allowed on an RTU line, which loses an answer now and then and repeats the request at once.
+const REPORTED_AFTER: u64 = 2;
+const REPORTED_AFTER_RTU: u64 = 3;
+
+/// A lost device has returned when it has answered for this time. A device with repeated short losses is therefore
+/// reported once.
+const BELIEVED_AFTER: Duration = Duration::from_secs(10);
+
+/// Late cycles of a line are reported again if no cycle was late for this long.
+const REPORTED_AGAIN: Duration = Duration::from_secs(600);
+/// Shortest delay of a cycle that is reported. An operator can do nothing about shorter ones, which are only counted.
+const WORTH_A_WORD: Duration = Duration::from_millis(10);
+
+#[derive(Clone, Debug)]
+pub(in crate::gateway) struct DeviceHealth {
+    profile: Arc<Profile>,
+    pub(in crate::gateway) devices: Vec<DeviceCount>,
+    pub(in crate::gateway) buses: Vec<BusCount>,
+    /// Age of each signal by the timestamp of its server, at its last read.
+    pub(in crate::gateway) stamped: Vec<Option<Duration>>,
+}
+
+/// Requests and failures of one device.
+#[derive(Clone, Debug, Default)]
+pub(in crate::gateway) struct DeviceCount {
+    pub(in crate::gateway) requests: u64,
+    pub(in crate::gateway) failures: BTreeMap<&'static str, u64>,
+    pub(in crate::gateway) answered: bool,
+    pub(in crate::gateway) lost: Option<LostDevice>,
+    /// Last reported state of the subscription.
+    pub(in crate::gateway) subscription: String,
+}
+
+/// Device that does not answer.
+#[derive(Clone, Debug, Default)]
+pub(in crate::gateway) struct LostDevice {
+    pub(in crate::gateway) fault: Explained,
+    /// Number of requests that failed since the loss of the device.
+    pub(in crate::gateway) missed: u64,
+    /// Reported cause of the loss. `None` until the loss is reported.
+    reported: Option<Cause<String>>,
+    /// Time since which the device answers again. `None` while it does not.
+    pub(in crate::gateway) answers_since: Option<Moment>,
+}
+
+/// Line without a connection.
+#[derive(Clone, Debug)]
+pub(in crate::gateway) struct DisconnectedLine {
+    /// Attempts to connect since the loss of the connection.
+    pub(in crate::gateway) attempts: u64,
+    cause: Cause<String>,
+}
+
+/// Connection and cycles of one line.
+#[derive(Clone, Debug, Default)]
+pub(in crate::gateway) struct BusCount {
+    pub(in crate::gateway) connected: bool,
+    pub(in crate::gateway) down: Option<DisconnectedLine>,
+    pub(in crate::gateway) cycles: u64,
+    pub(in crate::gateway) overruns: u64,
+    overrun_at: Option<Moment>,
+    pub(in crate::gateway) jitter: [u64; JITTER_MS.len() + 1],
+}
+
+/// Number of consecutive failed attempts to connect, or failed requests, with a new cause, after which that cause is
+/// reported.
+const CHANGED_AFTER_ATTEMPTS: u32 = 2;
+const CHANGED_AFTER_REQUESTS: u32 = 20;
+
+/// Upper bounds of the jitter histogram, ms.
+pub(in crate::gateway) const JITTER_MS: [f64; 7] = [0.5, 1.0, 2.0, 5.0, 10.0, 50.0, 200.0];
+
+impl BusCount {
+    /// Counts late cycles of a line. `count`: their number. `late`: delay of the latest one. Returns true if they must
+    /// be reported.
+    pub(in crate::gateway) fn overrun(&mut self, count: u64, late: Duration, now: Moment) -> bool {
+        self.overruns += count;
+        if late < WORTH_A_WORD {
+            return false;
+        }
+        let before = self.overrun_at.replace(now);
+        before.is_none_or(|before| now.since(before) >= REPORTED_AGAIN)
+    }
+}
+
+impl DeviceHealth {
+    pub(in crate::gateway) fn new(profile: &Arc<Profile>) -> DeviceHealth {
+        DeviceHealth {
+            profile: profile.clone(),
+            devices: vec![DeviceCount::default(); profile.devices.len()],
+            buses: vec![BusCount::default(); profile.buses.len()],
+            stamped: vec![None; profile.signals.len()],
+        }
+    }
+
+    /// Returns cause and hint for a signal that may not be used. The cause is the raw value by which the device reports
+    /// the fault, the timestamp of the server, or the fault of device or line.
+    pub(in crate::gateway) fn why(&self, id: SignalId, reason: Reason) -> Explained {
+        self.cause_of(id, reason).or_hint(remedy_of_a_reading(reason))
+    }
+
+    fn cause_of(&self, id: SignalId, reason: Reason) -> Explained {
+        let signal = self.profile.signal(id);
+        let said = signal.encoding.bad.iter().filter(|sentinel| sentinel.means == reason);
+        let raw: Vec<String> = said.map(|sentinel| sentinel.raw.to_string()).collect();
+        if !raw.is_empty() {
+            return format!("{reason} (raw {})", raw.join(" or ")).into();
+        }
+        let lost = self.devices[signal.device.0].lost.as_ref().filter(|lost| !lost.fault.cause.is_empty());
+        match (reason, lost) {
+            (Reason::LinkDown | Reason::Timeout | Reason::BadReply | Reason::NeverRead, Some(lost)) => {
+                lost.fault.clone()
+            }
+            (Reason::Stale, _) => self.why_stale(id).unwrap_or_else(|| reason.to_string().into()),
+            (Reason::Jumped, _) => {
+                let (path, device) = (self.profile.path.display(), &self.profile.device(signal.device).name);
+                let question = "is it the same device with the same settings?";
+                Explained::new(
+                    reason.to_string(),
+                    format!("{question} If so: isotherm confirm {path} {device}"),
+                )
+            }
+            (Reason::Exception(code), _) => self.explained(signal.device, Fault::Exception(code)),
+            _ => reason.to_string().into(),
+        }
+    }
+
+    /// Returns cause and hint for a signal that is read, but is stale according to its timestamp. `None` if the
+    /// timestamp is not the cause.
+    fn why_stale(&self, id: SignalId) -> Option<Explained> {
+        let signal = self.profile.signal(id);
+        let age = self.stamped[id.0].filter(|age| *age >= signal.max_age / 2)?.as_secs_f64();
+        let (digits, device) = (usize::from(age < 10.0), &self.profile.device(signal.device).name);
+        Some(Explained::new(
+            format!("{}: stamped {age:.digits$} s ago by the server", Reason::Stale),
+            format!("write source_time = \"changed\" at device {device} if the server stamps only changes"),
+        ))
+    }
+
+    /// Returns cause and hint for a failed request of an output.
+    pub(super) fn why_of_output(&self, output: OutputId, fault: Fault) -> Explained {
+        let id = self.profile.output(output).device;
+        match &self.devices[id.0].lost {
+            Some(lost) if fault.is_of_the_line() && !lost.fault.cause.is_empty() => lost.fault.clone(),
+            _ => {
+                let words = output_faults::of_an_output(&self.profile, output, fault);
+                advised_on(self.profile.bus(self.profile.device(id).bus).transport, fault, words)
+            }
+        }
+    }
+
+    fn explained(&self, id: DeviceId, fault: Fault) -> Explained {
+        explain_on(self.profile.bus(self.profile.device(id).bus).transport, fault)
+    }
+
+    /// Records an answer of a device, or a frame from it.
+    pub(in crate::gateway) fn answers(&mut self, id: DeviceId, now: Moment, events: &mut Vec<Event>) {
+        let count = &mut self.devices[id.0];
+        if count.is_here() {
+            return;
+        }
+        count.answered = true;
+        let has_returned = match &mut count.lost {
+            Some(lost) if lost.reported.is_some() => {
+                now.since(*lost.answers_since.get_or_insert(now)) >= BELIEVED_AFTER
+            }
+            _ => true,
+        };
+        let lost = count.lost.take_if(|_| has_returned).filter(|lost| lost.reported.is_some());
+        self.link_is_up(self.profile.device(id).bus, events);
+        let device = self.profile.device(id);
+        events.extend(lost.map(|lost| Event::DeviceBack {
+            device: device.name.clone(),
+            at: device.at(),
+            missed: lost.missed,
+        }));
+    }
+
+    /// Counts a failed request. `attempts`: number of attempts to connect that failed before the request. `refused`:
+    /// their fault.
+    pub(in crate::gateway) fn fails(
+        &mut self,
+        id: DeviceId,
+        fault: Fault,
+        (attempts, refused): (u32, Fault),
+        events: &mut Vec<Event>,
+    ) {
+        // A failure after a connection was made is the fault of the device.
+        if fault.is_of_the_line() && attempts > 0 {
+            let refusal = self.explained(id, refused);
+            self.devices[id.0].misses(refusal);
+            let bus = self.profile.device(id).bus;
+            // The listener reports whether a CAN interface is up. A request that failed before that is not reported
+            // again.
+            if !(self.profile.bus(bus).transport.is_can() && self.buses[bus.0].connected) {
+                self.link_is_down(bus, attempts.into(), refused, events);
+            }
+            return;
+        }
+        let explained = self.explained(id, fault);
+        let count = &mut self.devices[id.0];
+        let bus = self.profile.bus(self.profile.device(id).bus);
+        let is_lossy = kinds::of(bus.transport).is_lossy && count.answered;
+        let reported_after = if is_lossy { REPORTED_AFTER_RTU } else { REPORTED_AFTER };
+        let lost = count.misses(explained);
+        if lost.missed >= reported_after && lost.has_news() {
+            events.push(lost.report(self.profile.device(id)));
+        }
+    }
+
+    /// Records that a device sends nothing any more, and reports the loss once. If the bus of the device is down, only
+    /// the fault of the bus is reported.
+    pub(in crate::gateway) fn is_silent(&mut self, id: DeviceId, fault: Explained, events: &mut Vec<Event>) {
+        let is_down = self.buses[self.profile.device(id).bus.0].down.is_some();
+        let lost = self.devices[id.0].misses(fault);
+        if !is_down && lost.has_news() {
+            events.push(lost.report(self.profile.device(id)));
+        }
+    }
+
+    /// Records that a line has a connection or an interface again, and reports it.
+    pub(in crate::gateway) fn link_is_up(&mut self, id: BusId, events: &mut Vec<Event>) {
+        let bus = self.profile.bus(id);
+        events.extend(self.buses[id.0].down.take().map(|down| Event::LinkUp {
+            bus: bus.name.clone(),
+            address: bus.address.clone(),
+            attempts: down.attempts,
+        }));
+    }
+
+    /// Records that the line has no connection after `attempts` attempts. Reports the loss of the connection, and each
+    /// change of the cause.
+    pub(in crate::gateway) fn link_is_down(
+        &mut self,
+        id: BusId,
+        attempts: u64,
+        fault: Fault,
+        events: &mut Vec<Event>,
+    ) {
+        let bus = self.profile.bus(id);
+        let cause = explain_on(bus.transport, fault);
+        let is_news = match &mut self.buses[id.0].down {
+            Some(down) => {
+                down.attempts = attempts;
+                down.cause.is_now(cause.cause.clone(), CHANGED_AFTER_ATTEMPTS)
+            }
+            down => {
+                *down = Some(DisconnectedLine { attempts, cause: Cause::new(cause.cause.clone()) });
+                true
+            }
+        };
+        if is_news {
+            let (bus, address) = (bus.name.clone(), bus.address.clone());
+            events.push(Event::LinkDown { bus, address, fault: cause });
+        }
+    }
+}
+
+impl DeviceCount {
+    /// Returns whether the device has answered and is not lost.
+    pub(in crate::gateway) fn is_here(&self) -> bool {
+        self.answered && self.lost.is_none()
+    }
+
+    /// Returns true if the loss of the device was reported, and its return was not.
+    pub(in crate::gateway) fn is_reported_lost(&self) -> bool {
+        self.lost.as_ref().is_some_and(|lost| lost.reported.is_some())
+    }
+
+    /// Returns whether the last request was not answered.
+    pub(super) fn does_not_answer(&self) -> bool {
+        self.lost.as_ref().is_some_and(|lost| lost.answers_since.is_none())
+    }
+
+    /// Counts a request without an answer, or one that could not be sent.
+    fn misses(&mut self, fault: Explained) -> &mut LostDevice {
+        let lost = self.lost.get_or_insert_default();
+        (lost.missed, lost.answers_since, lost.fault) = (lost.missed + 1, None, fault);
+        lost
+    }
+}
+
+impl LostDevice {
+    /// Returns whether the loss, or a changed cause, must be reported.
+    fn has_news(&mut self) -> bool {
+        let fault = &self.fault;
+        self.reported.as_mut().is_none_or(|cause| cause.is_now(fault.cause.clone(), CHANGED_AFTER_REQUESTS))
+    }
+
+    fn report(&mut self, device: &Device) -> Event {
+        self.reported = Some(Cause::new(self.fault.cause.clone()));
+        Event::DeviceLost { device: device.name.clone(), at: device.at(), fault: self.fault.clone() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fieldbus::error::{CanFault, LinkFault};
+    use crate::observe::status::DeviceStatus;
+    use std::path::Path;
+
+    #[test]
+    fn a_request_that_met_an_interface_while_it_was_down_says_so_no_more_when_it_is_up_again() {
+        const PROFILE: &str = r#"
+            [machine]
+            name = "can"
+            [bus.can]
+            type = "can"
+            interface = "can0"
+            [device.cnc]
+            bus = "can"
+            node = 9
+        "#;
+        let profile = isotherm_profile::parse(Path::new("can.toml"), PROFILE, &[], &[]).unwrap().profile;
+        let (mut device_health, mut events) = (DeviceHealth::new(&Arc::new(profile)), Vec::new());
+        let down = Fault::Link(LinkFault::Can(CanFault::Down));
+        let (bus, cnc) = (BusId(0), DeviceId(0));
+        device_health.link_is_down(bus, 1, down, &mut events);
+        device_health.fails(cnc, down, (3, down), &mut events);
+        device_health.buses[0].connected = true;
+        device_health.link_is_up(bus, &mut events);
+        device_health.fails(cnc, down, (3, down), &mut events);
+        assert!(matches!(events[..], [Event::LinkDown { .. }, Event::LinkUp { .. }]), "{events:?}");
+        device_health.buses[0].connected = false;
+        device_health.fails(cnc, down, (4, down), &mut events);
+        assert!(matches!(events[2..], [Event::LinkDown { .. }]), "{events:?}");
+    }
+
+    #[test]
+    fn another_cause_is_reported_once_it_was_found_twice() {
+        let profile = include_str!("../../../profiles/surface-grinder.toml");
+        let profile = isotherm_profile::parse(Path::new("grinder.toml"), profile, &[], &[]).unwrap().profile;
+        let (mut device_health, mut events) = (DeviceHealth::new(&Arc::new(profile)), Vec::new());
+        for (attempt, fault) in
+            [LinkFault::Refused, LinkFault::Refused, LinkFault::Unreachable, LinkFault::Unreachable]
+                .into_iter()
+                .enumerate()
+        {
+            device_health.link_is_down(BusId(0), attempt as u64, Fault::Link(fault), &mut events);
+        }
+        assert_eq!(events.len(), 2, "{events:?}");
+        device_health.link_is_up(BusId(0), &mut events);
+        assert!(matches!(events[..], [_, _, Event::LinkUp { attempts: 3, .. }]), "{events:?}");
+    }
+
+    #[test]
+    fn whoever_can_be_to_blame_has_a_counter_from_the_start() {
+        assert_eq!(DeviceStatus::BLAMES, Fault::BLAMES);
+    }
+
+    #[test]
+    fn what_is_late_by_less_than_anybody_can_mend_is_counted_and_not_reported() {
+        let (mut bus, now) = (BusCount::default(), Moment::from_nanos(1));
+        assert!(!bus.overrun(1, Duration::from_millis(9), now));
+        assert!(bus.overrun(2, Duration::from_millis(10), now));
+        assert!(!bus.overrun(1, Duration::from_secs(1), now), "it was a moment ago");
+        assert!(bus.overrun(1, Duration::from_secs(1), now.after(REPORTED_AGAIN + Duration::from_secs(1))));
+        assert_eq!(bus.overruns, 5);
+    }
+}

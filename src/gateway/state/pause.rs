@@ -1,0 +1,27 @@
+//! Pauses of the computer. Readings and decisions from before a pause are not used after it, and every register is read
+//! again.
+
+use isotherm_core::quantity::Moment;
+
+/// Number of pauses, and the end of the last one.
+#[derive(Clone, Copy, Debug, Default)]
+pub(in crate::gateway) struct Pauses {
+    count: u64,
+    ended: Moment,
+}
+
+impl Pauses {
+    pub(in crate::gateway) fn count(self) -> u64 {
+        self.count
+    }
+
+    /// Records that a task could not sample the clock from `since` until `now`. Returns `false` if the same pause was
+    /// recorded already.
+    pub(in crate::gateway) fn begins(&mut self, since: Moment, now: Moment) -> bool {
+        let is_new = since >= self.ended;
+        if is_new {
+            *self = Pauses { count: self.count + 1, ended: now };
+        }
+        is_new
+    }
+}

@@ -1,0 +1,138 @@
+//! Detects a new result of a probing cycle, and the Cz that acted during its measurement.
+//!
+//! A cycle of the CNC writes its result to one register. It then signals the new result in another register, the
+//! trigger: with a flag that it raises or with a counter. A change of the trigger to anything but zero is a probing.
+//! The result of the probing is the error that is read from then on. A result that was read just before the trigger is
+//! therefore not taken for the new one. Without a trigger each change of the error is a probing, and two equal results
+//! in a row count as one.
+//!
+//! The first value of a trigger, and the first after a failed read, only show its present state. The time of an earlier
+//! probing is not known, so it cannot be compared with the Cz that acted then.
+
+use isotherm_core::compensation::{Measured, Probed, Refused};
+use isotherm_core::explained::Explained;
+use isotherm_core::quantity::{Micron, Moment};
+use isotherm_profile::{ProbeInput, Profile};
+
+use super::arming::Arming;
+use super::output::{Outputs, RegisterHealth};
+use super::signal_table::SignalTable;
+
+/// Probing of one axis, and the results that wait for its next step.
+#[derive(Clone, Debug, Default)]
+pub(in crate::gateway) struct Probing {
+    seen: Option<f64>,
+    /// Probing whose result has not been read yet.
+    begun: Option<StartedProbe>,
+    /// Result with which the next step of the axis corrects its model.
+    pub(in crate::gateway) measured: Option<Measured>,
+    /// Whether the next step of the axis discards all corrections from earlier probings.
+    pub(in crate::gateway) forget: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct StartedProbe {
+    at: Moment,
+    acting: Option<Micron>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::gateway) enum MissReason {
+    NoResult,
+    /// The Cz that acted during the measurement is not known.
+    Acting,
+}
+
+impl MissReason {
+    pub(in crate::gateway) fn message(self) -> &'static str {
+        match self {
+            MissReason::NoResult => "the result of the probing could not be read",
+            MissReason::Acting => "it is not certain which Cz acted in the machine",
+        }
+    }
+}
+
+impl Probing {
+    /// Checks for a new result. Returns `None` if there is none. `acting`: Cz that acts in the machine now.
+    pub(in crate::gateway) fn check(
+        &mut self,
+        profile: &Profile,
+        input: &ProbeInput,
+        board: &SignalTable,
+        now: Moment,
+        acting: Option<Micron>,
+    ) -> Option<Result<Measured, MissReason>> {
+        let watched = input.trigger.unwrap_or(input.signal);
+        let value = board.value(watched, now);
+        let before = std::mem::replace(&mut self.seen, value);
+        if let (Some(before), Some(value)) = (before, value)
+            && before.to_bits() != value.to_bits()
+            && (input.trigger.is_none() || value.abs() > 0.0)
+        {
+            self.begun = Some(StartedProbe { at: board.taken(watched), acting });
+        }
+        let StartedProbe { at, acting } = self.begun?;
+        let result = board.value(input.signal, now).filter(|_| board.taken(input.signal) >= at);
+        let found = match result.and_then(|error| Micron::new(error * input.micron)) {
+            Some(error) => acting.map(|_| Measured { error, acting }).ok_or(MissReason::Acting),
+            None if now.since(at) > profile.signal(input.signal).max_age => Err(MissReason::NoResult),
+            None => return None,
+        };
+        self.begun = None;
+        Some(found)
+    }
+}
+
+/// Returns the Cz that acts in the machine: the verified Cz of the first output, or zero if no output writes Cz. `None`
+/// if the Cz is not known.
+pub(in crate::gateway) fn acting(axis: usize, outputs: &Outputs, arming: &Arming) -> Option<Micron> {
+    let written =
+        outputs.of_axis(axis).find(|(output, _)| output.writes.is_cz() || !output.writes.is_scheduled());
+    let Some((output, state)) = written else { return Some(Micron::ZERO) };
+    match state.standing {
+        // If no position is written, the value that the readout shows is not known.
+        _ if !output.writes.is_scheduled() && !arming.is_armed() => None,
+        RegisterHealth::Verified | RegisterHealth::Interlocked | RegisterHealth::Foreign => state.cz,
+        RegisterHealth::Unknown | RegisterHealth::Unverified => None,
+    }
+}
+
+/// Returns cause and hint for the result of a probing that the axis has rejected.
+pub(in crate::gateway) fn why_refused(
+    profile: &Profile,
+    axis: usize,
+    refused: Refused,
+    probed: &Probed,
+) -> Explained {
+    match refused {
+        Refused::NoModel => Explained::new(
+            "no model of the axis can be used now",
+            "look at the alarms of the signals of the axis",
+        ),
+        Refused::Tripped => Explained::new(
+            "the model requested more than the error level and is not used",
+            "arm the axis again when the cause is found",
+        ),
+        Refused::Outside => Explained::new(
+            "the inputs are outside the range on which the model was identified",
+            "if such conditions are usual, identify the model again with data that include them",
+        ),
+        Refused::Implausible => {
+            let settings = &profile.axes[axis].settings;
+            let most = settings.probe.map_or(Micron::ZERO, |probe| probe.max_error);
+            let more = format!("more than the {most} of axis.{}.probe.max_error", settings.name);
+            Explained::new(format!("{}, {more}", wrong_by(probed)), "measure again")
+        }
+        Refused::Doubted(most) => Explained::new(
+            format!("{}, more than the {most} that is plausible now", wrong_by(probed)),
+            "measure again: the gateway waits for a second probing that agrees",
+        ),
+    }
+}
+
+fn wrong_by(probed: &Probed) -> String {
+    format!("the model would be wrong by {}", probed.residual.unwrap_or_default().abs())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,101 @@
+//! Sign of an axis: a check with a dial gauge that is under way, and the saved results of earlier checks.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use crate::observe::requester::Requester;
+use crate::observe::status::{DialDirection, SignStatus};
+use isotherm_core::compensation::settings::GuardSettings;
+use isotherm_core::quantity::{Micron, Moment};
+use isotherm_profile::{Profile, Writes};
+
+/// Distance of a sign check, µm. A dial gauge shows this distance clearly, and the movement does not spoil a workpiece.
+pub(in crate::gateway) const WAY: f64 = 5.0;
+/// Time in which the operator must answer after Cz has reached the value at which the gauge is read. Without an answer,
+/// Cz returns to its earlier value.
+pub const PATIENCE: Duration = Duration::from_secs(180);
+
+/// Sign check that is under way.
+#[derive(Clone, Debug)]
+pub(in crate::gateway) struct SignCheck {
+    pub(in crate::gateway) by: Arc<Requester>,
+    pub(in crate::gateway) from: Micron,
+    /// Cz at which the gauge is read.
+    pub(in crate::gateway) to: Micron,
+    /// Time at which Cz returns without an answer.
+    pub(in crate::gateway) until: Moment,
+    pub(in crate::gateway) is_there: bool,
+}
+
+/// Saved result of the sign check of an axis. The result is part of the saved state.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(in crate::gateway) struct SignMemory {
+    /// Whether the operator was reminded that there was no check yet.
+    #[serde(default)]
+    reminded: bool,
+    /// Time and result of the last check that was answered.
+    pub(in crate::gateway) checked: Option<(String, DialDirection)>,
+}
+
+impl SignMemory {
+    /// Returns whether the operator must be reminded now: once, if there was no check.
+    pub(in crate::gateway) fn reminds(&mut self) -> bool {
+        self.checked.is_none() && !std::mem::replace(&mut self.reminded, true)
+    }
+}
+
+impl SignCheck {
+    /// Returns the status of the check for the display.
+    pub(in crate::gateway) fn status(&self, profile: &Profile, axis: usize, now: Moment) -> SignStatus {
+        SignStatus {
+            asked: self.by.way.by(&self.by.who),
+            by_um: (self.to - self.from).get(),
+            there: self.is_there,
+            expires_s: self.until.since(now).as_secs_f64(),
+            must: must(profile, axis, self.to - self.from),
+        }
+    }
+}
+
+/// Returns, as text, the direction in which a gauge or the readout must have moved.
+pub(in crate::gateway) fn must(profile: &Profile, axis: usize, way: Micron) -> String {
+    let axis_name = &profile.axes[axis].settings.name;
+    let of_axis = || profile.outputs.iter().filter(|output| output.axis.0 == axis);
+    let mut texts = Vec::new();
+    if of_axis().any(|output| matches!(output.writes, Writes::Offset | Writes::Intercept)) {
+        let (way, um) = if way < Micron::ZERO { ("minus", way.abs()) } else { ("plus", way) };
+        texts.push(format!(
+            "the tool must have moved by {um} in {way} direction of {axis_name}, relative to the workpiece"
+        ));
+    }
+    if of_axis().any(|output| matches!(output.writes, Writes::Corrected { .. })) {
+        let mm = way.get() / 1000.0;
+        texts.push(format!("the readout of {axis_name} must show {mm:+.3} mm, with the machine at rest"));
+    }
+    texts.join("; ")
+}
+
+/// Returns the reason why the movement is never possible with these settings and this Cz. `None` if it is possible.
+pub(in crate::gateway) fn refused(guard: &GuardSettings, from: Micron, axis: &str) -> Option<String> {
+    let beyond = (from.get() + WAY).abs() > guard.limit.get();
+    if beyond {
+        let limit = guard.limit;
+        return Some(format!("Cz is {from}, and +{WAY} µm would be beyond axis.{axis}.limit of {limit}"));
+    }
+    let grain = guard.deadband.get().max(guard.count.map_or(0.0, Micron::get));
+    (grain > WAY / 2.0).then(|| {
+        format!(
+            "axis.{axis}.deadband, or one count of its register, is {grain} µm: too coarse for a step of \
+             +{WAY} µm"
+        )
+    })
+}
+
+/// Returns whether `cz` equals `place`, within the resolution of the guard.
+pub(in crate::gateway) fn is_at(guard: &GuardSettings, cz: Micron, place: Micron) -> bool {
+    let grain = guard.deadband.get().max(guard.count.map_or(0.0, Micron::get));
+    (cz - place).abs().get() <= grain * 1.001 + 1e-6
+}

@@ -1,0 +1,274 @@
+//! Data that a gateway saves for its next start: a document, and a number in a second file. One writer saves both.
+//!
+//! ```text
+//! NAME.state.json  { "version": 6, "seal": {…, "number": 17, "named": 16}, "state": {…}, "outputs": {…} }
+//! NAME.number      17 1795823557453364912 1c291ca3
+//! ```
+//!
+//! `state` contains the time since machine start, references and lags, by name of signal and axis. It also contains the
+//! addresses of signals and the registers of outputs (both are called places), the bounds of the outputs, and the
+//! releases of former registers. `outputs` contains the values that may still arrive at a register, and the shares in a
+//! shared register. Layout 5 has no places. The seal of the document has these fields:
+//!
+//! - `checksum`: CRC-32 of every byte of the file, with zeros in place of its own digits.
+//! - `since`: time at which the first document of this machine was made here. A copy from elsewhere has another time.
+//! - `number`: number of saves so far. `named`: the number in its own file when this document was saved, 0 if there was
+//!   none.
+//! - `in_question`: the files did not match, and no operator has armed an axis since.
+//!
+//! # Which file is older
+//! The writer saves the document first, then the number. It saves the number with each state (every 8 s, and at the
+//! end), but not before each write to a register. Such a write therefore waits for one file only.
+//!
+//! | event | number in its file | result of the next start |
+//! |---|---|---|
+//! | killed before the document was saved | that of the document | fits |
+//! | killed between the two | less, but not less than `named` | fits |
+//! | killed after both | that of the document | fits |
+//! | the document is an older copy | greater | does not fit |
+//! | the number is an older copy | less than `named` | does not fit |
+//! | one of them is missing or damaged | none | does not fit, unless `named` is 0 |
+//!
+//! If both files were replaced by an older pair, this program cannot detect the replacement.
+
+use std::collections::BTreeMap;
+use std::io::{self, ErrorKind};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use serde_json::Value;
+
+use super::disk::{Disk, Files, refuse_what_others_may_write};
+use crate::fieldbus::explain::system;
+use isotherm_core::explained::Cause;
+use isotherm_core::quantity::Moment;
+
+pub(super) mod document;
+mod earlier;
+mod entry;
+mod file;
+mod names;
+pub(super) mod number;
+#[cfg(test)]
+mod tests;
+mod writer;
+
+use document::{DocumentRejection, Seal, VERSION};
+pub(in crate::gateway) use entry::{Entries, Entry, fits};
+pub(super) use file::StoreFile;
+pub(super) use names::{by_name, by_place};
+pub(in crate::gateway) use writer::{SaveResult, Writer};
+
+/// Number of consecutive failures with a new cause after which the new cause is reported.
+const CHANGED_AFTER: u32 = 2;
+
+/// Cause of a failed save, as reported; `None` while saving works.
+pub(super) type DiskCause = Option<Cause<(ErrorKind, Option<i32>)>>;
+
+/// Records an error of the disk. Returns whether it must be reported: it is the first one, or its cause has changed.
+pub(super) fn is_news(known: &mut DiskCause, error: &io::Error) -> bool {
+    Cause::is_news(known, (error.kind(), error.raw_os_error()), CHANGED_AFTER)
+}
+
+/// Name of the state document in events.
+pub(in crate::gateway) const WHAT: &str = "the state";
+
+/// Content of a state document.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(in crate::gateway) struct Content {
+    /// State in its saved form. `None` before the first save.
+    pub(in crate::gateway) state: Option<Value>,
+    /// Ledger entries of the outputs, by name.
+    pub(in crate::gateway) outputs: Entries,
+}
+
+/// Saved data that a run finds at its start, and the file to which it saves.
+pub(in crate::gateway) struct Opened {
+    /// Content of the document; `None` if there is no document. The error is a sentence about a document that is
+    /// rejected.
+    pub(in crate::gateway) found: Result<Option<Content>, String>,
+    /// Layout of files that an earlier version of isotherm has written, and a clause about them. `None` without such
+    /// files.
+    pub(in crate::gateway) earlier: Option<(u32, String)>,
+    /// Whether this is the first run in the directory: no earlier run has left a file.
+    pub(in crate::gateway) is_first: bool,
+    pub(in crate::gateway) file: StoreFile,
+}
+
+/// Documents in a directory, before they are compared with the number file.
+struct FoundDocuments {
+    /// Path of each file, and the file extension that it gets when a document of this version replaces it.
+    files: Vec<(PathBuf, &'static str)>,
+    layout: u32,
+    seal: Option<Seal>,
+    content: Result<Option<Content>, DocumentRejection>,
+}
+
+/// Returns the path of the state document.
+pub(in crate::gateway) fn path(directory: &Path, machine: &str) -> PathBuf {
+    directory.join(format!("{machine}.state.json"))
+}
+
+/// Returns the content of the state document. `None` if there is none, or if it is damaged. The number is not compared.
+pub(in crate::gateway) fn content(directory: &Path, machine: &str) -> Option<Content> {
+    let read = read(&Files, &path(directory, machine), |bytes| document::read(bytes, machine));
+    read.ok().flatten().map(|(_, content)| content)
+}
+
+/// Opens the saved data of a machine. `has_logs` states that an earlier run has left logs in the directory.
+pub(in crate::gateway) fn open(
+    disk: &Arc<dyn Disk>,
+    (directory, machine): (&Path, &str),
+    has_logs: bool,
+    now: Moment,
+) -> Opened {
+    let document = path(directory, machine);
+    let FoundDocuments { mut files, layout, seal, content } = find_documents(&**disk, directory, machine);
+    let (number_path, number) = number::read_number(&**disk, directory, machine);
+    let known = number.as_ref().ok().copied().flatten();
+    let is_first = matches!((&content, &number), (Ok(None), Ok(None))) && !has_logs;
+    let content = content.and_then(|content| {
+        let seal = seal.as_ref().filter(|_| content.is_some());
+        let why = number.map_or_else(Some, |number| number::assess(seal, number, has_logs));
+        why.map_or(Ok(content), |why| Err(DocumentRejection::Because(why)))
+    });
+    let is_of_a_later_version = matches!(content, Err(DocumentRejection::Later(_)));
+    let is_earlier = layout < VERSION && matches!(content, Ok(Some(_)));
+    if content.is_err() {
+        files.push((number_path.clone(), ""));
+    }
+    let beside = |(path, replaced): (PathBuf, &str)| {
+        let first = match &content {
+            Err(_) => path.with_added_extension("bad"),
+            Ok(_) => path.with_extension(replaced),
+        };
+        let free = free(&**disk, first);
+        (path, free)
+    };
+    let is_kept_aside = !is_of_a_later_version && (content.is_err() || is_earlier);
+    let files = files.into_iter().filter(|(path, _)| is_kept_aside && disk.has(path));
+    let aside: Vec<(PathBuf, PathBuf)> = files.map(beside).collect();
+    let names: Vec<String> = aside.iter().map(|(_, beside)| beside.display().to_string()).collect();
+    let names = names.join(" and ");
+    let kept =
+        if names.is_empty() { String::new() } else { format!("; the rejected files are kept as {names}") };
+    let since = known.map(|known| known.since).or(seal.as_ref().map(|seal| seal.since)).unwrap_or(now);
+    let of_here = seal.as_ref().filter(|seal| seal.since == since);
+    let named = known.map_or(0, |known| known.number);
+    let is_in_question = content.is_err() || seal.as_ref().is_some_and(|seal| seal.in_question);
+    let seal = Seal {
+        machine: machine.to_owned(),
+        since,
+        number: of_here.map_or(named, |seal| seal.number.max(named)),
+        named,
+        ..Seal::default()
+    };
+    let found = content.map(|content| {
+        // A run that could write nothing at its start may have left writes that can still arrive.
+        let is_begun = number_path != number::path(directory, machine);
+        content.map(|content| if is_begun { content.not_in_order() } else { content })
+    });
+    let found =
+        found.map_err(|why| format!("the saved state {} is rejected: {why}{kept}", document.display()));
+    let earlier = is_earlier.then(|| (layout, format!("the earlier files are kept as {names}")));
+    let file = StoreFile {
+        disk: Arc::clone(disk),
+        document,
+        number: number::path(directory, machine),
+        seal,
+        question: OpenQuestion(Arc::new(AtomicBool::new(is_in_question))),
+        state: Vec::new(),
+        outputs: BTreeMap::new(),
+        aside,
+        former: if is_earlier { earlier::ledgers(directory, machine).to_vec() } else { Vec::new() },
+        is_number_due: true,
+        is_of_a_later_version,
+    };
+    Opened { found, earlier, is_first, file }
+}
+
+impl Content {
+    /// Marks the content as that of a run whose last writes may still arrive at a register.
+    pub(super) fn not_in_order(mut self) -> Content {
+        self.outputs.values_mut().for_each(|entry| entry.kept.in_order = false);
+        self
+    }
+}
+
+fn find_documents(disk: &dyn Disk, directory: &Path, machine: &str) -> FoundDocuments {
+    let document = path(directory, machine);
+    let read = read(disk, &document, |bytes| document::read(bytes, machine));
+    let (seal, content) = match read {
+        Ok(None) | Err(DocumentRejection::Earlier(_)) => {
+            return earlier::find_documents(disk, directory, machine);
+        }
+        Ok(Some((seal, content))) => (Some(seal), Ok(Some(content))),
+        Err(unfit) => (None, Err(unfit)),
+    };
+    FoundDocuments { files: vec![(document, "")], layout: VERSION, seal, content }
+}
+
+/// Reads a file. Returns `None` if it does not exist.
+fn read<T>(
+    disk: &dyn Disk,
+    path: &Path,
+    of: impl FnOnce(&[u8]) -> Result<T, DocumentRejection>,
+) -> Result<Option<T>, DocumentRejection> {
+    match disk.read(path) {
+        Ok(bytes) => of(&bytes).map(Some),
+        Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => Ok(None),
+        Err(error) => Err(DocumentRejection::Because(system(&error))),
+    }
+}
+
+/// Returns `first` if no such file exists, otherwise this path with the first number that is not in use.
+fn free(disk: &dyn Disk, first: PathBuf) -> PathBuf {
+    let numbered = |number: u32| match number {
+        1 => first.clone(),
+        number => first.with_added_extension(number.to_string()),
+    };
+    // An endless series contains a free path.
+    (1..).map(numbered).find(|path| !disk.has(path)).unwrap_or(first.clone())
+}
+
+/// Checks that a gateway may start with the content of its state directory.
+///
+/// # Errors
+/// A later version of isotherm has written the content, or every user may write to it. The error is a sentence with the
+/// remedy.
+pub(in crate::gateway) fn may_start(disk: &dyn Disk, directory: &Path, machine: &str) -> Result<(), String> {
+    let document = path(directory, machine);
+    let [ledger, begun] = earlier::ledgers(directory, machine);
+    for path in [directory, &document, &number::path(directory, machine), &ledger, &begun] {
+        refuse_what_others_may_write(path)?;
+    }
+    match read(disk, &document, |bytes| document::read(bytes, machine)) {
+        Err(DocumentRejection::Later(found)) => Err(format!(
+            "the saved state {} was written by a later version of this program (layout {found}, this one \
+             knows up to {VERSION}). Run that version, or move the file away and let the operator arm the \
+             axes",
+            document.display()
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// Flag that the saved state is in question until an operator arms an axis. The writer and the axes share it.
+#[derive(Clone, Debug, Default)]
+pub(in crate::gateway) struct OpenQuestion(Arc<AtomicBool>);
+
+impl OpenQuestion {
+    pub(in crate::gateway) fn is_open(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+
+    pub(in crate::gateway) fn open(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
+    /// Ends the question, because an operator has armed an axis.
+    pub(in crate::gateway) fn close(&self) {
+        self.0.store(false, Ordering::Relaxed);
+    }
+}

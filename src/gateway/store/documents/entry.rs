@@ -1,0 +1,66 @@
+//! Ledger entry of one output in the state document.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use isotherm_core::output;
+use isotherm_core::place::OutputPlace;
+use isotherm_core::quantity::Counts;
+
+/// Maximum count of a valid entry. No register can hold more.
+const MOST: u64 = 1 << 40;
+
+/// Ledger entries, by the names of the outputs.
+pub(in crate::gateway) type Entries = BTreeMap<String, Entry>;
+
+/// Saved data of one output.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(in crate::gateway) struct Entry {
+    /// Register of the output. `None` in a document of layout 5 or earlier.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(in crate::gateway) place: Option<OutputPlace>,
+    /// Text by which layout 5 identifies the register.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(in crate::gateway) register: Option<String>,
+    pub(in crate::gateway) kept: output::SavedOutput,
+}
+
+impl Entry {
+    /// Creates the entry of an output with this register.
+    pub(in crate::gateway) fn new(place: OutputPlace, kept: output::SavedOutput) -> Entry {
+        Entry { place: Some(place), register: None, kept }
+    }
+
+    /// Returns whether the entry belongs to the register of `place`, and its counts are valid.
+    pub(in crate::gateway) fn lies_at(&self, place: &OutputPlace) -> bool {
+        self.place.as_ref().is_some_and(|known| known.is_same_register(place)) && all_fit(&self.kept)
+    }
+
+    /// Returns whether the entry belongs to the register of `place`. `in_words` is the text by which layout 5
+    /// identifies this register.
+    pub(in crate::gateway) fn is_of(&self, place: &OutputPlace, in_words: &str) -> bool {
+        match (&self.place, &self.register) {
+            (Some(known), _) => known.is_same_register(place),
+            (None, known) => known.as_deref() == Some(in_words),
+        }
+    }
+}
+
+/// Returns a clause about an entry whose counts no register can hold. `None` if all entries are valid.
+pub(super) fn misfit(entries: &Entries) -> Option<String> {
+    let (name, _) = entries.iter().find(|(_, entry)| !all_fit(&entry.kept))?;
+    Some(format!("the number of counts for {name} is larger than any register can contain"))
+}
+
+/// Returns whether a register can hold this number of counts.
+pub(in crate::gateway) fn fits(counts: Counts) -> bool {
+    counts.unsigned_abs() <= MOST
+}
+
+fn all_fit(kept: &output::SavedOutput) -> bool {
+    let account = kept.account.iter().flat_map(|account| [account.base, account.share]);
+    let promises = kept.promises.iter().map(|promise| promise.value);
+    account.chain(promises).chain(kept.stood).all(fits)
+}

@@ -1,0 +1,56 @@
+//! Conversion between indices and names. The compensation identifies signals and axes by their indices in the profile.
+//! The state document contains their names, so that a profile may change between two runs.
+
+use serde_json::{Map, Value};
+
+/// Keys of the lists that have one item for each signal.
+const BY_SIGNAL: [&str; 2] = ["start", "zero"];
+
+/// Replaces the indices of signals by their names, and the list of axes by a map with their names.
+pub(in crate::gateway) fn by_name(machine: &mut Value, signals: &[String]) {
+    for key in BY_SIGNAL {
+        let values = machine[key].as_array_mut().map(std::mem::take).unwrap_or_default();
+        machine[key] = signals.iter().cloned().zip(values).collect::<Map<_, _>>().into();
+    }
+    let axes = machine["axes"].as_array_mut().map(std::mem::take).unwrap_or_default();
+    let name =
+        |place: &Value| signals.get(usize::try_from(place.as_u64()?).ok()?).map(|name| name.as_str().into());
+    let named = axes.into_iter().filter_map(|mut axis| {
+        replace_signals(&mut axis, name);
+        let Value::String(name) = axis.as_object_mut()?.remove("axis")? else { return None };
+        Some((name, axis))
+    });
+    machine["axes"] = named.collect::<Map<_, _>>().into();
+}
+
+/// Replaces names of signals by their present indices. Data of a signal that no longer exists are removed.
+pub(in crate::gateway) fn by_place(machine: &mut Value, signals: &[&str]) {
+    // A new signal has captured nothing.
+    let nothing = serde_json::json!({ "value": null, "gathering": null });
+    for key in BY_SIGNAL {
+        let values = machine[key].take();
+        let value = |name: &&str| values.get(*name).unwrap_or(&nothing).clone();
+        machine[key] = signals.iter().map(value).collect();
+    }
+    let place = |name: &Value| signals.iter().position(|signal| name == signal).map(Value::from);
+    let mut axes = machine["axes"].as_object_mut().map(std::mem::take).unwrap_or_default();
+    for (name, axis) in &mut axes {
+        replace_signals(axis, place);
+        axis["axis"] = name.as_str().into();
+    }
+    machine["axes"] = axes.into_iter().map(|(_, axis)| axis).collect();
+}
+
+/// Applies `by` to each signal in the state of an axis: those of its lags, and those of models with stand-ins.
+fn replace_signals(axis: &mut Value, by: impl Fn(&Value) -> Option<Value>) {
+    let replace = |signal: &mut Value| by(signal).map(|other| *signal = other).is_some();
+    if let Some(lags) = axis["lags"].as_array_mut() {
+        lags.retain_mut(|lag| replace(&mut lag["signal"]));
+    }
+    if let Some(watches) = axis.get_mut("watches").and_then(Value::as_array_mut) {
+        watches.retain_mut(|watch| {
+            let terms = watch["terms"].as_array_mut().into_iter().flatten();
+            terms.into_iter().all(|term| replace(&mut term[0]))
+        });
+    }
+}

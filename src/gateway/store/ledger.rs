@@ -1,0 +1,220 @@
+//! State of the outputs that must survive the process: the shares in a shared register, and the values that may still
+//! arrive at a register. It also shows whether the last run ended without an exchange in progress.
+//! [`isotherm_core::output`] uses it.
+//!
+//! The [store](super::documents) saves the ledger. A caller that depends on a saved entry waits for the result.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+pub(in crate::gateway) use super::documents::SaveResult;
+use super::documents::{Content, Entries, Entry, Opened, WHAT, Writer, fits};
+use super::places;
+use crate::clock::Clock;
+use crate::observe::events::{Event, Journal};
+use isotherm_core::explained::Explained;
+use isotherm_core::output::{self, Doubt};
+use isotherm_core::quantity::{Counts, Shifted};
+use isotherm_profile::{Output, Profile, Share};
+
+/// Ledger of a machine: the entries that the last run left, and the access to save new entries.
+pub(in crate::gateway) struct Ledger {
+    profile: Arc<Profile>,
+    /// Clock that converts the time stamps on disk to the time of this run.
+    clock: Clock,
+    /// Writer of the state document; `None` if nothing is saved.
+    writer: Option<Arc<Writer>>,
+    found: Entries,
+    /// Whether no earlier run can have written to a register. Either no run has left a file, or the gateway saves
+    /// nothing and its caller guarantees this.
+    is_first: bool,
+    /// Whether no document on disk claims that all writes of the last run have arrived.
+    is_unmarked: bool,
+}
+
+/// Kind of a run, which determines what its ledger saves.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::gateway) struct LedgerRun {
+    /// Whether the run writes nothing to a register.
+    pub(in crate::gateway) dry_run: bool,
+    /// Whether the writer uses its own thread.
+    pub(in crate::gateway) has_threads: bool,
+}
+
+/// Condition that must be fulfilled before a value is written to a register.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::gateway) enum SaveCondition {
+    /// The write need not wait for the disk.
+    Needless,
+    /// The write waits until this version of the document is on disk.
+    Version(u64),
+    /// The write is not allowed: it requires a saved ledger entry, but nothing is saved.
+    Impossible,
+}
+
+impl Ledger {
+    /// Creates the ledger of a gateway that saves nothing.
+    pub(in crate::gateway) fn of_nothing(
+        profile: &Arc<Profile>,
+        (journal, clock): (&Journal, &Clock),
+    ) -> Ledger {
+        if profile.outputs.iter().any(is_shared) {
+            let why = Explained::new("there is no state directory", "name one with --state");
+            journal.report(clock.now(), &Event::NotKept { what: WHAT.to_owned(), why });
+        }
+        let (profile, clock) = (profile.clone(), clock.clone());
+        Ledger { profile, clock, writer: None, found: Entries::new(), is_first: true, is_unmarked: true }
+    }
+
+    /// Opens the ledger of a machine, and the writer of its document. A dry run does not change the entries on disk.
+    /// `remembers` returns whether an earlier run verified an offset in an output.
+    pub(in crate::gateway) fn open(
+        profile: &Arc<Profile>,
+        run: LedgerRun,
+        Opened { found: opened, mut file, is_first, .. }: Opened,
+        remembers: impl Fn(&str) -> bool,
+        (journal, clock): (Arc<Journal>, &Clock),
+    ) -> (Ledger, Arc<Writer>) {
+        let is_readable = opened.is_ok();
+        let content = opened.ok().flatten().unwrap_or_default();
+        let found = found(profile, content.outputs.clone(), is_readable, remembers);
+        let ours = || Content { outputs: found.clone(), ..Content::default() }.not_in_order();
+        let entries = if run.dry_run && is_readable { content.outputs } else { ours().outputs };
+        entries.iter().for_each(|(name, entry)| file.set_output(name, entry));
+        // A document that is not accepted does not prove that a run ended in order. It is kept under another name
+        // before it is replaced. A start does not wait for that.
+        let is_saved = is_readable && !run.dry_run && file.save().is_ok();
+        if is_saved {
+            // If that fails, the writer tries again and reports it.
+            let _ = file.save_number();
+        }
+        let is_unmarked = is_saved || run.dry_run || !is_readable || file.mark_begun();
+        let writer = Arc::new(Writer::start(file, (journal, clock), run.has_threads));
+        let (profile, clock) = (profile.clone(), clock.clone());
+        let kept = Some(&writer).filter(|_| !run.dry_run).cloned();
+        let is_first = is_first && (is_saved || run.dry_run);
+        (Ledger { profile, clock, writer: kept, found, is_first, is_unmarked }, writer)
+    }
+
+    /// Returns the entry of an output that was on disk at the start. `None` if nothing is known about its register.
+    pub(in crate::gateway) fn at_start(&self, output: &Output) -> Option<output::SavedOutput> {
+        if self.is_first && !is_shared(output) {
+            return Some(output::SavedOutput { in_order: true, ..output::SavedOutput::default() });
+        }
+        let counted = self.clock.shift().reversed();
+        self.found.get(&output.name).map(|entry| entry.kept.shifted(counted))
+    }
+
+    /// Saves the entry of an output. `is_needed` states that the next write depends on it. Otherwise a write waits only
+    /// while a document on disk still claims that all writes of the last run have arrived.
+    pub(in crate::gateway) fn keep(
+        &self,
+        output: &Output,
+        kept: output::SavedOutput,
+        is_needed: bool,
+    ) -> SaveCondition {
+        // A value that no register can hold is not saved either.
+        let stood = kept.stood.filter(|counts| fits(*counts));
+        let kept = output::SavedOutput { stood, ..kept }.shifted(self.clock.shift());
+        let entry = Entry::new(places::of_output(&self.profile, output), kept);
+        match &self.writer {
+            None if is_shared(output) => SaveCondition::Impossible,
+            None => SaveCondition::Needless,
+            Some(writer) => {
+                let version = writer.keep(output.name.clone(), entry);
+                if is_needed || !self.is_unmarked {
+                    SaveCondition::Version(version)
+                } else {
+                    SaveCondition::Needless
+                }
+            }
+        }
+    }
+
+    /// Waits until a version is on disk: see [`Writer::kept`].
+    pub(in crate::gateway) async fn kept(&self, version: u64, span: Duration, clock: &Clock) -> SaveResult {
+        match &self.writer {
+            Some(writer) => writer.kept(version, span, clock).await,
+            None => SaveResult::Yes,
+        }
+    }
+
+    pub(in crate::gateway) async fn finish(&self, span: Duration) {
+        if let Some(writer) = &self.writer {
+            writer.finish(span).await;
+        }
+    }
+}
+
+/// Returns the saved entries for the outputs of this profile. For a shared register whose gateway share is not known,
+/// the entry is in question, so that the operator must decide.
+fn found(
+    profile: &Profile,
+    mut before: Entries,
+    is_readable: bool,
+    remembers: impl Fn(&str) -> bool,
+) -> Entries {
+    let mut found = Entries::new();
+    for output in &profile.outputs {
+        let (place, in_words) = (places::of_output(profile, output), in_words(profile, output));
+        let in_question = |doubt| output::SavedOutput::in_question(doubt);
+        let is_of_it = |entry: &Entry| entry.is_of(&place, &in_words);
+        let kept = match take(&mut before, profile, &output.name, is_of_it) {
+            Some(entry) if is_of_it(&entry) && is_shared(output) && is_ours(output, &entry) => {
+                in_question(Doubt::Lost)
+            }
+            Some(entry) if is_of_it(&entry) => entry.kept,
+            _ if !is_shared(output) => continue,
+            _ if !is_readable => in_question(Doubt::Unreadable),
+            Some(_) => in_question(Doubt::Elsewhere),
+            None if remembers(&output.name) => in_question(Doubt::Lost),
+            None => continue,
+        };
+        found.insert(output.name.clone(), Entry::new(place, kept));
+    }
+    found
+}
+
+/// Returns whether the register was not shared before, and held an offset. Only the operator can then say which part of
+/// its value is the operator offset.
+fn is_ours(output: &Output, entry: &Entry) -> bool {
+    let is_zero = |counts: Counts| counts == Counts(0) || counts == Counts(output.encoding.bias);
+    entry.kept.account.is_none() && entry.kept.stood.is_some_and(|stood| !is_zero(stood))
+}
+
+/// Removes and returns the saved entry of an output. If there is none by its name, the entry of its register is used,
+/// because the output may have been renamed.
+fn take(
+    entries: &mut Entries,
+    profile: &Profile,
+    name: &str,
+    is_of_it: impl Fn(&Entry) -> bool,
+) -> Option<Entry> {
+    let is_nobodys = |known: &str| profile.outputs.iter().all(|output| output.name != known);
+    let former = |(known, entry): &(&String, &Entry)| is_nobodys(known) && is_of_it(entry);
+    let former = || entries.iter().find(former).map(|(known, _)| known.clone());
+    let key = if entries.contains_key(name) { name.to_owned() } else { former()? };
+    entries.remove(&key)
+}
+
+/// Returns the text by which documents of layout 5 identify the register of an output.
+fn in_words(profile: &Profile, output: &Output) -> String {
+    let encoding = &output.encoding;
+    let device = &profile.device(output.device).name;
+    format!(
+        "{} of {device}, {} {}{}, {} per count, bias {}",
+        output.address,
+        encoding.data_type.name(),
+        encoding.word_order,
+        if encoding.byte_swap { " byte-swapped" } else { "" },
+        encoding.scale.get(),
+        encoding.bias
+    )
+}
+
+fn is_shared(output: &Output) -> bool {
+    output.share == Share::Ledger
+}
+
+#[cfg(test)]
+mod tests;

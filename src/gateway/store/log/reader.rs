@@ -1,0 +1,446 @@
+//! Reader of logs of the gateway, and of logs from other sources.
+
+use std::collections::HashMap;
+use std::fmt::Display;
+use std::io::Read;
+
+use csv::StringRecord;
+use jiff::tz::TimeZone;
+
+use super::columns::{
+    ACTING, BEHIND, DECIDED, ERROR, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, RETURN, RETURN_SLOPE,
+    SIGN, SLOPE_FROM, STOOD_IN, TIME, TRUST, WORSE, ZERO,
+};
+use isotherm_core::compensation::{Control, Measured, Permit, Remembered, ReturnTo};
+use isotherm_core::quantity::{Dialect, Micron, Moment, time};
+use isotherm_core::reading::{Reading, Reason};
+use isotherm_profile::Profile;
+use isotherm_profile::safe_file::{self, Lines, quoted};
+
+/// Error in a log, with its position.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{file}, line {line}{}: {message}", .column.as_ref().map(|name| format!(", column {name}")).unwrap_or_default())]
+pub struct LogError {
+    /// Name of the log.
+    pub file: String,
+    /// Number of the line. The header is line 1.
+    pub line: u64,
+    /// Name of the column; `None` if the error belongs to no column.
+    pub column: Option<String>,
+    /// Cause of the error, in words.
+    pub message: String,
+}
+
+/// Row of a log: the state of the machine at one moment.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LogRow {
+    /// Number of the row's line in the file.
+    pub line: u64,
+    /// Time, as text in the log.
+    pub time: String,
+    /// Time, as a number.
+    pub now: Moment,
+    /// Reading of each signal of the profile.
+    pub readings: Vec<Reading>,
+    /// Control inputs of each axis of the profile.
+    pub controls: Vec<Control>,
+    /// Measured error of each axis in µm.
+    pub errors: Vec<Option<f64>>,
+    /// Decision of each axis, as logged; `None` if the log has none.
+    pub decided: Vec<Option<LoggedDecision>>,
+    /// Saved state with which a run of the gateway, or one of its files, begins at this row. `None` in all other rows.
+    pub begins: Option<Remembered>,
+    /// Zero commands between the previous row and this one: the time, and the axis. The axis is `None` if all
+    /// references were captured.
+    pub zeroed: Vec<(Moment, Option<usize>)>,
+}
+
+/// Decision of an axis, as logged.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LoggedDecision {
+    /// Cz that the model requested, µm.
+    pub raw: Option<f64>,
+    /// Cz after the guard has limited it, µm.
+    pub cz: f64,
+    /// Name of the model.
+    pub model: String,
+    /// State of the axis.
+    pub state: String,
+    /// Names of the guard stages that changed the value.
+    pub acted: String,
+    /// Expected residual error, µm. The outer `None` means that the log has no such column, the inner `None` that the
+    /// cell is empty.
+    pub expected: Option<Option<f64>>,
+    /// Name of the sensor for which a stand-in was used. `None` if the log has no such column.
+    pub stood_in: Option<String>,
+    /// "1" if the axis was worse with its model than without compensation. `None` if the log has no such column.
+    pub worse: Option<String>,
+}
+
+/// Reader of the rows of a log.
+#[derive(Debug)]
+pub struct LogReader<R> {
+    csv: csv::Reader<Lines<R>>,
+    file: String,
+    dialect: Dialect,
+    names: Vec<String>,
+    axes: Vec<String>,
+    columns: Columns,
+    ranges: Vec<Option<(f64, f64)>>,
+    record: StringRecord,
+    last: Option<Moment>,
+    warnings: Vec<String>,
+}
+
+/// Indices of the columns.
+#[derive(Clone, Debug)]
+struct Columns {
+    time: usize,
+    signals: Vec<Option<usize>>,
+    axes: Vec<AxisColumns>,
+    memory: Option<usize>,
+    zero: Option<usize>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct AxisColumns {
+    permit: Option<usize>,
+    from: Option<usize>,
+    slope_from: Option<usize>,
+    measured: Option<usize>,
+    acting: Option<usize>,
+    forget: Option<usize>,
+    sign: Option<usize>,
+    behind: Option<usize>,
+    return_to: Option<usize>,
+    return_slope: Option<usize>,
+    error: Option<usize>,
+    decided: Option<[usize; 5]>,
+    expected: Option<usize>,
+    stood_in: Option<usize>,
+    trust: Option<usize>,
+    worse: Option<usize>,
+}
+
+/// Maximum number of warnings. Without it, a log with a wrong clock would give one warning for each row.
+const MOST_WARNINGS: usize = 20;
+
+impl<R: Read> LogReader<R> {
+    /// Reads the header. `file` is the name of the log in messages. `zone` is the time zone of times without an offset
+    /// from UTC; with `None`, such times are rejected.
+    ///
+    /// # Errors
+    /// The header has no column `time`, no signal of the profile, or one name twice.
+    pub fn open(
+        profile: &Profile,
+        input: R,
+        (file, zone): (&str, Option<TimeZone>),
+    ) -> Result<LogReader<R>, LogError> {
+        let error = |message: String| LogError { file: file.to_owned(), line: 1, column: None, message };
+        let (first, input) = safe_file::first_line(input).map_err(|cause| error(cause.to_string()))?;
+        let dialect = Dialect::of(&first, zone);
+        let mut csv =
+            csv::ReaderBuilder::new().flexible(true).delimiter(dialect.separator()).from_reader(input);
+        let header = csv.headers().map_err(|cause| error(cause.to_string()))?;
+        let names: Vec<String> =
+            header.iter().map(|name| name.trim().trim_start_matches('\u{feff}').to_owned()).collect();
+        if names.iter().all(String::is_empty) {
+            return Err(error("the log is empty; its first line names the columns".to_owned()));
+        }
+        let mut places = HashMap::new();
+        for (place, name) in names.iter().enumerate() {
+            if !name.is_empty() && places.insert(name.as_str(), place).is_some() {
+                return Err(error(format!("the column {} occurs twice; rename one", quoted(name))));
+            }
+        }
+        let columns = Columns::find(profile, &places).ok_or_else(|| {
+            error(format!("there is no column {TIME}; there are {}", quoted(&names.join(", "))))
+        })?;
+        let missing: Vec<&str> = (profile.signals.iter().zip(&columns.signals))
+            .filter_map(|(signal, place)| place.is_none().then_some(signal.name.as_str()))
+            .collect();
+        if missing.len() == profile.signals.len() {
+            let message =
+                format!("none of the profile's signals is in the log: {}", quoted(&missing.join(", ")));
+            return Err(error(message));
+        }
+        let warnings = match missing.as_slice() {
+            [] => Vec::new(),
+            names => vec![format!("{file}: not in the log: {}", quoted(&names.join(", ")))],
+        };
+        let ranges = profile.signals.iter().map(|signal| signal.range).collect();
+        let record = StringRecord::new();
+        let axes = profile.axes.iter().map(|axis| axis.settings.name.clone()).collect();
+        let file = file.to_owned();
+        Ok(LogReader { csv, file, dialect, names, axes, columns, ranges, record, last: None, warnings })
+    }
+
+    /// Returns the warnings about the rows that were read.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
+    /// Returns whether the log has a column with the measured error of this axis.
+    pub fn has_error(&self, axis: usize) -> bool {
+        self.columns.axes.get(axis).is_some_and(|columns| columns.error.is_some())
+    }
+
+    /// Reads the next row. Returns `None` at the end.
+    ///
+    /// # Errors
+    /// The row cannot be read. The error contains its line and column.
+    pub fn next_row(&mut self) -> Result<Option<LogRow>, LogError> {
+        if !self.read_record()? {
+            return Ok(None);
+        }
+        let line = self.line();
+        let (found, wanted) = (self.record.len(), self.names.len());
+        if found != wanted {
+            if found < wanted && !self.read_record()? {
+                self.warn(format!("line {line}: the last row is incomplete and is left out"));
+                return Ok(None);
+            }
+            let hint = if found > wanted { "; are there decimal commas?" } else { "" };
+            let message =
+                format!("the row has {found} cells, but the header has {wanted} column names{hint}");
+            return Err(LogError { file: self.file.clone(), line, column: None, message });
+        }
+        self.point()?;
+        let row = self.row(line)?;
+        if self.last.is_some_and(|last| row.now < last) {
+            self.warn(format!("line {line}: the time goes back to {}", row.time));
+        }
+        self.last = Some(row.now);
+        Ok(Some(row))
+    }
+
+    fn read_record(&mut self) -> Result<bool, LogError> {
+        loop {
+            self.csv.get_mut().row_is_over();
+            let read = self.csv.read_record(&mut self.record);
+            let read = read.map_err(|cause| unreadable(&self.file, self.csv.position().line(), &cause))?;
+            // Spreadsheets end with thousands of empty rows.
+            if !read || self.record.iter().any(|cell| !cell.trim().is_empty()) {
+                return Ok(read);
+            }
+        }
+    }
+
+    /// Replaces the decimal commas of the row by points, unless commas separate the columns.
+    fn point(&mut self) -> Result<(), LogError> {
+        if self.dialect.separator() == b',' {
+            return Ok(());
+        }
+        let mut pointed = StringRecord::new();
+        for (place, cell) in self.record.iter().enumerate() {
+            match self.dialect.number(cell.trim()) {
+                Ok(number) => pointed.push_field(&number),
+                Err(message) => return Err(self.error(self.line(), place, message)),
+            }
+        }
+        self.record = pointed;
+        Ok(())
+    }
+
+    /// Returns the number of the line in which the row starts. The CSV reader gives the line after its end, and quoted
+    /// cells may contain line breaks.
+    fn line(&self) -> u64 {
+        let inside = self.record.iter().flat_map(str::bytes).filter(|byte| *byte == b'\n').count();
+        self.csv.position().line().saturating_sub(1 + inside as u64)
+    }
+
+    fn warn(&mut self, warning: String) {
+        match self.warnings.len() {
+            MOST_WARNINGS.. => {}
+            length if length + 1 == MOST_WARNINGS => {
+                self.warnings.push(format!("{}: further warnings are left out", self.file));
+            }
+            _ => self.warnings.push(format!("{}, {warning}", self.file)),
+        }
+    }
+
+    fn row(&mut self, line: u64) -> Result<LogRow, LogError> {
+        let time = self.cell(self.columns.time).to_owned();
+        let now = self.dialect.moment(&time, self.last);
+        let now = now.map_err(|message| self.error(line, self.columns.time, message))?;
+        let mut row = LogRow { line, time, now, ..LogRow::default() };
+        for (place, range) in self.columns.signals.iter().zip(&self.ranges) {
+            row.readings.push(reading(self.number(line, *place)?, *range, now));
+        }
+        for columns in &self.columns.axes {
+            row.controls.push(self.control(line, columns)?);
+            row.errors.push(self.number(line, columns.error)?.filter(|error| error.is_finite()));
+            row.decided.push(self.decided(line, columns)?);
+        }
+        if let Some((place, text)) = self.filled(self.columns.memory) {
+            let remembered = serde_json::from_str(text).map_err(|cause| self.error(line, place, cause))?;
+            row.begins = Some(remembered);
+        }
+        if let Some((place, text)) = self.filled(self.columns.zero) {
+            for text in text.split(';') {
+                let zeroed = self.zeroed(text).map_err(|message| self.error(line, place, message))?;
+                row.zeroed.push(zeroed);
+            }
+        }
+        Ok(row)
+    }
+
+    /// Parses a zero command: a time, and after it the name of an axis. Without a name, the axis is `None`: all
+    /// references were captured.
+    fn zeroed(&self, text: &str) -> Result<(Moment, Option<usize>), String> {
+        let (at, name) = text.split_once(' ').map_or((text, None), |(at, name)| (at, Some(name)));
+        let place = |name| {
+            let place = self.axes.iter().position(|axis| axis == name);
+            place.ok_or_else(|| format!("there is no axis {name}; there are {}", self.axes.join(", ")))
+        };
+        Ok((time::parse(at)?, name.map(place).transpose()?))
+    }
+
+    /// Returns the control inputs of an axis. If the log has no permits, the axis is armed, and its register is at zero
+    /// in the first row.
+    fn control(&self, line: u64, columns: &AxisColumns) -> Result<Control, LogError> {
+        let take_over = self.micron(line, columns.from)?;
+        let take_over_slope = self.micron(line, columns.slope_from)?;
+        let acting = self.micron(line, columns.acting)?;
+        let measured = self.micron(line, columns.measured)?.map(|error| Measured { error, acting });
+        let forget = self.filled(columns.forget).is_some();
+        let sign = self.micron(line, columns.sign)?;
+        let behind = self.micron(line, columns.behind)?;
+        let slope = self.micron(line, columns.return_slope)?.unwrap_or(Micron::ZERO);
+        let return_to = self.micron(line, columns.return_to)?.map(|cz| ReturnTo { cz, slope });
+        let trust = self.filled(columns.trust).is_some();
+        let Some(place) = columns.permit else {
+            let at_rest = self.last.is_none().then_some(Micron::ZERO);
+            return Ok(Control {
+                permit: Permit::Armed,
+                take_over: take_over.or(at_rest),
+                forget,
+                measured,
+                sign,
+                trust,
+                behind,
+                return_to,
+                ..Control::default()
+            });
+        };
+        let word = self.cell(place).trim();
+        let permit = Permit::from_name(word).ok_or_else(|| {
+            self.error(line, place, format!("`{word}` is none of off, armed, unverified, stopping"))
+        })?;
+        Ok(Control { permit, take_over, take_over_slope, forget, measured, sign, trust, behind, return_to })
+    }
+
+    fn decided(&self, line: u64, columns: &AxisColumns) -> Result<Option<LoggedDecision>, LogError> {
+        let Some([raw, cz, model, state, acted]) = columns.decided else { return Ok(None) };
+        let Some(cz) = self.number(line, Some(cz))? else { return Ok(None) };
+        Ok(Some(LoggedDecision {
+            raw: self.number(line, Some(raw))?,
+            cz,
+            model: self.cell(model).to_owned(),
+            state: self.cell(state).to_owned(),
+            acted: self.cell(acted).to_owned(),
+            expected: match columns.expected {
+                Some(_) => Some(self.number(line, columns.expected)?),
+                None => None,
+            },
+            stood_in: columns.stood_in.map(|place| self.cell(place).to_owned()),
+            worse: columns.worse.map(|place| self.cell(place).to_owned()),
+        }))
+    }
+
+    fn cell(&self, place: usize) -> &str {
+        self.record.get(place).unwrap_or_default()
+    }
+
+    fn filled(&self, place: Option<usize>) -> Option<(usize, &str)> {
+        let place = place?;
+        Some((place, self.cell(place))).filter(|(_, text)| !text.is_empty())
+    }
+
+    /// Parses a number, which may be NaN or infinite. Returns `None` if the cell is empty.
+    fn number(&self, line: u64, place: Option<usize>) -> Result<Option<f64>, LogError> {
+        let Some((place, text)) = self.filled(place) else { return Ok(None) };
+        let text = text.trim();
+        if text.is_empty() {
+            return Ok(None);
+        }
+        text.parse().map(Some).map_err(|_| {
+            let dotted = text.replace(',', ".");
+            let comma = text.contains(',') && dotted.parse::<f64>().is_ok();
+            let hint = if comma {
+                format!("has a decimal comma; write {dotted}")
+            } else {
+                "is no number".to_owned()
+            };
+            self.error(line, place, format!("`{text}` {hint}"))
+        })
+    }
+
+    fn micron(&self, line: u64, place: Option<usize>) -> Result<Option<Micron>, LogError> {
+        Ok(self.number(line, place)?.and_then(Micron::new))
+    }
+
+    fn error(&self, line: u64, place: usize, message: impl Display) -> LogError {
+        let column = self.names.get(place).cloned();
+        LogError { file: self.file.clone(), line, column, message: message.to_string() }
+    }
+}
+
+/// Makes the error of an invalid record. `line` is used if the cause contains no position.
+pub(super) fn unreadable(file: &str, line: u64, cause: &csv::Error) -> LogError {
+    let message = match cause.kind() {
+        csv::ErrorKind::Utf8 { .. } => "this is not text in UTF-8; save the file again as UTF-8".to_owned(),
+        _ => cause.to_string(),
+    };
+    let line = cause.position().map_or(line, csv::Position::line);
+    LogError { file: file.to_owned(), line, column: None, message }
+}
+
+impl Columns {
+    fn find(profile: &Profile, places: &HashMap<&str, usize>) -> Option<Columns> {
+        let at = |name: &str| places.get(name).copied();
+        let axes = profile.axes.iter().map(|axis| {
+            let of = |column: &str| at(&format!("{}_{column}", axis.settings.name));
+            let [raw, cz, model, state, acted] = DECIDED.map(of);
+            let decided = (|| Some([raw?, cz?, model?, state?, acted?]))();
+            AxisColumns {
+                permit: of(PERMIT),
+                from: of(FROM),
+                slope_from: of(SLOPE_FROM),
+                measured: of(MEASURED),
+                acting: of(ACTING),
+                forget: of(FORGET),
+                sign: of(SIGN),
+                behind: of(BEHIND),
+                return_to: of(RETURN),
+                return_slope: of(RETURN_SLOPE),
+                error: of(ERROR),
+                decided,
+                expected: of(EXPECTED),
+                stood_in: of(STOOD_IN),
+                trust: of(TRUST),
+                worse: of(WORSE),
+            }
+        });
+        Some(Columns {
+            time: at(TIME)?,
+            signals: profile.signals.iter().map(|signal| at(&signal.name)).collect(),
+            axes: axes.collect(),
+            memory: at(MEMORY),
+            zero: at(ZERO),
+        })
+    }
+}
+
+/// Checks a value as the gateway does. A value outside the sensor's range is rejected, for example −32 °C of a broken
+/// sensor.
+fn reading(value: Option<f64>, range: Option<(f64, f64)>, now: Moment) -> Reading {
+    match (value, range) {
+        (None, _) => Reading::bad(now, Reason::NotInLog),
+        (Some(value), _) if !value.is_finite() => Reading::bad(now, Reason::NotANumber),
+        (Some(value), Some((low, high))) if !(low..=high).contains(&value) => {
+            Reading::bad(now, Reason::OutOfRange)
+        }
+        (Some(value), _) => Reading::good(value, now),
+    }
+}

@@ -1,0 +1,230 @@
+//! Formatter for the rows of the decision log. It reuses one buffer, and does not access files.
+
+use std::io::Write;
+
+use super::columns::{
+    ACTING, BEHIND, CLOCK, CORRECTION, DECIDED, DRY_RUN, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT,
+    RETURN, RETURN_SLOPE, SIGN, SLOPE, SLOPE_FROM, STOOD_IN, TIME, TRUST, WORSE, ZERO,
+};
+use crate::clock::Correction;
+use isotherm_core::compensation::{Control, Decision, Remembered, Snapshot};
+use isotherm_core::quantity::{Moment, Shift, Shifted, time};
+use isotherm_profile::{Axis, Profile};
+
+/// Converter from steps of the axes to rows of the log.
+#[derive(Clone, Debug)]
+pub struct Recorder {
+    /// Names of the models as CSV cells, by axis and model.
+    models: Vec<Vec<String>>,
+    /// For each axis: whether the log has columns for a slope that the control applies.
+    apart: Vec<bool>,
+    /// For each axis: whether its errors are measured (the profile has a probe).
+    probed: Vec<bool>,
+    /// For each axis: whether one of its models calculates its expected error.
+    expected: Vec<bool>,
+    /// For each axis: whether its models may use stand-ins for frozen sensors.
+    watched: Vec<bool>,
+    /// Names of the signals, as CSV cells.
+    signals: Vec<String>,
+    memory: Option<String>,
+    axes: Vec<String>,
+    zeroed: Vec<(Moment, Option<usize>)>,
+    /// Difference between the times in the file and the monotonic time of this run.
+    shift: Shift,
+    correction: Option<Correction>,
+    /// Whether the log is that of a dry run, in which no decision is written to a device.
+    dry_run: bool,
+    line: Vec<u8>,
+}
+
+impl Recorder {
+    /// Creates a recorder for the axes of this profile.
+    pub fn new(profile: &Profile) -> Recorder {
+        let names = |axis: &Axis| axis.settings.models.iter().map(|model| cell(&model.name)).collect();
+        let models = recorded(profile).map(names).collect();
+        let apart = recorded(profile).map(|axis| axis.settings.intercept_slope.is_some()).collect();
+        let probed = recorded(profile).map(|axis| axis.settings.probe.is_some()).collect();
+        Recorder {
+            models,
+            apart,
+            probed,
+            expected: recorded(profile).map(Axis::says_how_wrong).collect(),
+            watched: recorded(profile).map(is_watched).collect(),
+            signals: profile.signals.iter().map(|signal| cell(&signal.name)).collect(),
+            memory: None,
+            axes: recorded(profile).map(|axis| axis.settings.name.clone()).collect(),
+            zeroed: Vec::new(),
+            shift: Shift::default(),
+            correction: None,
+            dry_run: false,
+            line: Vec::with_capacity(512),
+        }
+    }
+
+    /// Sets whether the rows are those of a dry run.
+    #[must_use]
+    pub(in crate::gateway) fn of_dry_run(self, dry_run: bool) -> Recorder {
+        Recorder { dry_run, ..self }
+    }
+
+    /// Returns the header of a decision log, with its line break.
+    pub fn header(profile: &Profile) -> String {
+        let mut header = TIME.to_owned();
+        for signal in &profile.signals {
+            header += ",";
+            header += &cell(&signal.name);
+        }
+        for axis in recorded(profile) {
+            let slope = axis.settings.intercept_slope.map(|_| [RETURN_SLOPE, SLOPE_FROM, SLOPE]);
+            let probe = axis.settings.probe.map(|_| [MEASURED, ACTING, FORGET, WORSE, CORRECTION]);
+            let expected = axis.says_how_wrong().then_some(EXPECTED);
+            let stood_in = is_watched(axis).then_some([STOOD_IN, TRUST]);
+            let more = slope.into_iter().flatten().chain(probe.into_iter().flatten());
+            let more = more.chain(expected).chain(stood_in.into_iter().flatten());
+            for column in [PERMIT, FROM].into_iter().chain(DECIDED).chain([SIGN, BEHIND, RETURN]).chain(more)
+            {
+                header += ",";
+                header += &cell(&format!("{}_{column}", axis.settings.name));
+            }
+        }
+        header + "," + MEMORY + "," + ZERO + "," + CLOCK + "\n"
+    }
+
+    /// Returns the header of a dry run's log. It has an additional column, because no Cz in the log ever acted.
+    pub(in crate::gateway) fn dry_header(profile: &Profile) -> String {
+        format!("{},{DRY_RUN}\n", Recorder::header(profile).trim_end())
+    }
+
+    /// Sets the shift of the times in the file that starts now, and the correction of the clock before this file.
+    pub(in crate::gateway) fn stamp_by(&mut self, shift: Shift, correction: Option<Correction>) {
+        (self.shift, self.correction) = (shift, correction);
+    }
+
+    /// Marks the next row as the first one of a run or a file. `remembered` is the state with which it begins.
+    pub fn begin(&mut self, remembered: &Remembered) {
+        self.memory =
+            serde_json::to_string(&remembered.clone().shifted(self.shift)).ok().map(|json| cell(&json));
+    }
+
+    /// Records a zero command for the next row. `axis` is `None` if all references were captured.
+    pub fn zeroed(&mut self, at: Moment, axis: Option<usize>) {
+        self.zeroed.push((at, axis));
+    }
+
+    /// Returns the row of a step, with its line break. Controls and decisions are in the order of the profile's axes.
+    pub fn row<'a>(
+        &mut self,
+        snapshot: &Snapshot<'_>,
+        controls: &[Control],
+        decisions: impl IntoIterator<Item = &'a Decision>,
+    ) -> &[u8] {
+        self.line.clear();
+        time::write(&mut self.line, snapshot.now.shifted(self.shift));
+        for reading in snapshot.readings {
+            optional(&mut self.line, reading.usable());
+        }
+        let axes =
+            self.models.iter().zip(&self.apart).zip(&self.probed).zip(&self.expected).zip(&self.watched);
+        for ((control, decision), ((((models, apart), probed), expected), watched)) in
+            controls.iter().zip(decisions).zip(axes)
+        {
+            let model = decision.model.and_then(|place| models.get(place)).map_or("", String::as_str);
+            let line = &mut self.line;
+            text(line, control.permit.name());
+            optional(line, control.take_over.map(|found| found.get()));
+            optional(line, decision.raw.map(|raw| raw.get()));
+            optional(line, Some(decision.cz.get()));
+            text(line, model);
+            text(line, decision.state.name());
+            // Writing to a vector never fails.
+            let _ = write!(line, ",{}", decision.acted);
+            optional(line, control.sign.map(|place| place.get()));
+            optional(line, control.behind.map(|verified| verified.get()));
+            optional(line, control.return_to.map(|to| to.cz.get()));
+            if *apart {
+                optional(line, control.return_to.map(|to| to.slope.get()));
+                optional(line, control.take_over_slope.map(|found| found.get()));
+                optional(line, Some(decision.slope.get()));
+            }
+            if *probed {
+                let acting = control.measured.and_then(|measured| measured.acting);
+                optional(line, control.measured.map(|measured| measured.error.get()));
+                optional(line, acting.map(|acting| acting.get()));
+                text(line, if control.forget { "1" } else { "" });
+                text(line, if decision.worse.is_some() { "1" } else { "" });
+                optional(line, Some(decision.correction.get()));
+            }
+            if *expected {
+                optional(line, decision.expected.map(|expected| expected.get()));
+            }
+            if *watched {
+                let signal = decision.stood_in.and_then(|found| self.signals.get(found.signal.0));
+                text(line, signal.map_or("", String::as_str));
+                text(line, if control.trust { "1" } else { "" });
+            }
+        }
+        text(&mut self.line, self.memory.take().as_deref().unwrap_or_default());
+        text(&mut self.line, "");
+        for (place, (at, axis)) in self.zeroed.drain(..).enumerate() {
+            if place > 0 {
+                self.line.push(b';');
+            }
+            time::write(&mut self.line, at.shifted(self.shift));
+            if let Some(name) = axis.and_then(|axis| self.axes.get(axis)) {
+                self.line.push(b' ');
+                self.line.extend_from_slice(name.as_bytes());
+            }
+        }
+        text(&mut self.line, "");
+        if let Some(correction) = self.correction.take() {
+            let _ = write!(self.line, "{correction}");
+        }
+        if self.dry_run {
+            text(&mut self.line, "1");
+        }
+        self.line.push(b'\n');
+        &self.line
+    }
+}
+
+/// Returns the axes that have columns: those of the profile file. Releases are only in the output log.
+fn recorded(profile: &Profile) -> impl Iterator<Item = &Axis> {
+    profile.axes.iter().take(profile.compensated())
+}
+
+/// Returns whether a model of the axis checks its sensors for frozen values.
+fn is_watched(axis: &Axis) -> bool {
+    axis.settings.models.iter().any(|model| model.stand_ins.is_some())
+}
+
+fn text(line: &mut Vec<u8>, text: &str) {
+    line.push(b',');
+    line.extend_from_slice(text.as_bytes());
+}
+
+fn optional(line: &mut Vec<u8>, value: Option<f64>) {
+    line.push(b',');
+    if let Some(value) = value {
+        number(line, value);
+    }
+}
+
+/// Appends the shortest text from which the same number is parsed.
+pub fn number(line: &mut Vec<u8>, value: f64) {
+    let size = value.abs();
+    let plain = (1e-6..1e17).contains(&size) || size.to_bits() == 0;
+    // Writing to a vector never fails.
+    let _ = if plain { write!(line, "{value}") } else { write!(line, "{value:e}") };
+}
+
+/// Quotes the text of a cell if CSV requires quotation marks.
+pub(super) fn cell(text: &str) -> String {
+    if has_to_be_quoted(text) {
+        return format!("\"{}\"", text.replace('"', "\"\""));
+    }
+    text.to_owned()
+}
+
+pub(super) fn has_to_be_quoted(text: &str) -> bool {
+    text.contains(['"', ',', '\n', '\r'])
+}

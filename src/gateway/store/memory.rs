@@ -1,0 +1,157 @@
+//! State of a machine that is saved for the next start: time since machine start, references, lags, datums (zero points
+//! of Cz), results of probing, last verified Cz, and last good values.
+//!
+//! The [store](super::documents) saves the state. If a saved state is rejected, the gateway starts without one, and an
+//! operator must arm the axes.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::documents::{by_name, by_place};
+use super::places::{Places, renamed};
+use crate::gateway::state::sign::SignMemory;
+use crate::gateway::state::signal_table::LastGood;
+use isotherm_core::compensation::Remembered;
+use isotherm_core::compensation::settings::AxisSettings;
+use isotherm_core::place::MovedPlace;
+use isotherm_core::quantity::{Moment, Shift, Shifted};
+use isotherm_core::reading::SignalId;
+use isotherm_profile::Profile;
+
+/// State of a machine at one moment.
+#[derive(Debug)]
+pub(in crate::gateway) struct Memory {
+    at: Moment,
+    /// Names of the signals, in the order of their indices in `remembered`.
+    signals: Vec<String>,
+    remembered: Remembered,
+    verified_um: BTreeMap<String, f64>,
+    rest: UnchangedParts,
+}
+
+/// Parts of the state that are saved without a conversion.
+#[derive(Debug)]
+pub(super) struct UnchangedParts {
+    /// Results of the sign checks, by axis.
+    pub(in crate::gateway) signs: BTreeMap<String, SignMemory>,
+    pub(in crate::gateway) places: Arc<Places>,
+    /// Last good values of signals with a `max_rate`.
+    pub(in crate::gateway) values: BTreeMap<String, LastGood>,
+}
+
+/// State in the form in which the document contains it.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SavedState {
+    at: Moment,
+    /// State of the compensation, in which signals are identified by their names.
+    machine: Value,
+    /// Last verified Cz of each offset output, and last written Cz of each corrected position, µm.
+    verified_um: BTreeMap<String, f64>,
+    /// Results of the sign checks, by axis.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    signs: BTreeMap<String, SignMemory>,
+    /// Addresses of signals and registers of outputs. Empty in a document of layout 5.
+    #[serde(default)]
+    places: Places,
+    /// Last good values of signals with a `max_rate`.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    values: BTreeMap<String, LastGood>,
+}
+
+/// Saved state that a run reads at its start.
+#[derive(Debug, Default)]
+pub(in crate::gateway) struct RestoredMemory {
+    /// State of the compensation. Its moments are time stamps of the previous run.
+    pub(in crate::gateway) remembered: Remembered,
+    /// Time at which the state was saved.
+    pub(in crate::gateway) at: Option<Moment>,
+    /// Last verified Cz of each offset output, and last written Cz of each corrected position, µm.
+    pub(in crate::gateway) verified_um: BTreeMap<String, f64>,
+    /// Results of the sign checks, by axis.
+    pub(in crate::gateway) signs: BTreeMap<String, SignMemory>,
+    /// Addresses of signals and registers of outputs in the previous run.
+    pub(in crate::gateway) places: Places,
+    /// Outputs that were renamed, with the same register: old name and new name. The other fields contain the new
+    /// names.
+    pub(in crate::gateway) renamed: BTreeMap<String, String>,
+    /// Signals whose address has changed after a reference was captured from them. The reference is discarded.
+    pub(in crate::gateway) moved: BTreeMap<String, MovedPlace>,
+    /// Last good values of signals with a `max_rate`, with their age at the start. Empty if the duration of the stop is
+    /// not known.
+    pub(in crate::gateway) values: BTreeMap<String, LastGood>,
+}
+
+impl Memory {
+    pub(super) fn new(
+        profile: &Profile,
+        at: Moment,
+        remembered: Remembered,
+        verified_um: BTreeMap<String, f64>,
+        rest: UnchangedParts,
+    ) -> Memory {
+        let signals = profile.signals.iter().map(|signal| signal.name.clone()).collect();
+        Memory { at, signals, remembered, verified_um, rest }
+    }
+
+    /// Converts all moments to time stamps of the computer's clock.
+    pub(in crate::gateway) fn stamped(self, shift: Shift) -> Memory {
+        let remembered = self.remembered.counted_until(self.at).shifted(shift);
+        Memory { at: self.at.shifted(shift), remembered, ..self }
+    }
+
+    /// Converts the state to the form in which the document contains it.
+    pub(super) fn saved(self) -> serde_json::Result<SavedState> {
+        let mut machine = serde_json::to_value(&self.remembered)?;
+        by_name(&mut machine, &self.signals);
+        let UnchangedParts { signs, places, values } = self.rest;
+        let places = Arc::unwrap_or_clone(places);
+        Ok(SavedState { at: self.at, machine, verified_um: self.verified_um, signs, places, values })
+    }
+
+    /// Parses a saved state, for the signals of this profile. Without a `state`, returns an empty one.
+    ///
+    /// # Errors
+    /// The content is no state of a machine. The error is a clause.
+    pub(in crate::gateway) fn recall(
+        state: Option<Value>,
+        profile: &Profile,
+    ) -> Result<RestoredMemory, String> {
+        let Some(state) = state else { return Ok(RestoredMemory::default()) };
+        let read = serde_json::from_value(state).and_then(|mut state: SavedState| {
+            let signals: Vec<&str> = profile.signals.iter().map(|signal| signal.name.as_str()).collect();
+            by_place(&mut state.machine, &signals);
+            let mut remembered: Remembered = serde_json::from_value(state.machine)?;
+            let SavedState { at, verified_um, signs, places, mut values, .. } = state;
+            let now = Places::of(profile);
+            let places = places.named_as(&now);
+            let mut moved = places.moved_signals(&now);
+            let names = places.new_names(&now);
+            let (places, verified_um) = (places.renamed(&names), renamed(verified_um, &names));
+            let axes: Vec<AxisSettings> = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
+            values.retain(|name, _| !moved.contains_key(name));
+            values = renamed(values, &places.new_names_of_signals(&now));
+            moved.retain(|name, _| {
+                let place = signals.iter().position(|signal| *signal == name.as_str());
+                place.is_some_and(|place| remembered.forget(SignalId(place), &axes))
+            });
+            Ok(RestoredMemory {
+                remembered,
+                at: Some(at),
+                verified_um,
+                signs,
+                places,
+                renamed: names,
+                moved,
+                values,
+            })
+        });
+        read.map_err(|error| error.to_string())
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,62 @@
+//! Choice of the log file for a row, and the time stamps of its moments.
+//!
+//! All rows of a file are stamped with the same shift, which is the difference between time stamps and monotonic time.
+//! Therefore differences between their times are exact, and a replay gives the same bits. If the computer's clock was
+//! set, a new file begins, whose first row contains the old and the new time.
+
+use crate::clock::{Clock, Correction, SMALLEST_CORRECTION};
+use isotherm_core::quantity::{Moment, Shift, Shifted};
+
+/// Time stamps of the rows of one log.
+#[derive(Debug, Default)]
+pub(super) struct Stamps {
+    clock: Option<Clock>,
+    of: Stamped,
+    /// Correction of the clock for the first row of the file; `None` after this row was queued.
+    correction: Option<Correction>,
+}
+
+/// Number of a file in this run, and the shift from monotonic time to its time stamps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(in crate::gateway) struct Stamped {
+    pub(super) file: u64,
+    pub(super) shift: Shift,
+}
+
+impl Stamps {
+    /// Creates the time stamps of a clock. `correction` is present if the time of the clock does not continue after the
+    /// last run.
+    pub(super) fn by(clock: &Clock, correction: Option<Correction>) -> Stamps {
+        // The first file of the run is then a new one, whose first row contains the correction.
+        let of = Stamped { file: u64::from(correction.is_some()), shift: clock.shift() };
+        Stamps { clock: Some(clock.clone()), of, correction }
+    }
+
+    /// Returns file and shift for a row that is written now.
+    pub(super) fn check(&mut self, now: Moment) -> Stamped {
+        let shift = self.of_the_clock();
+        if shift != self.of.shift {
+            let (from, to) = (now.shifted(self.of.shift), now.shifted(shift));
+            // A clock that is only slewed continues in the same file, until the difference is large enough.
+            if from.since(to).max(to.since(from)) > SMALLEST_CORRECTION {
+                self.of = Stamped { file: self.of.file + 1, shift };
+                self.correction = Some(Correction { from, to });
+            }
+        }
+        self.of
+    }
+
+    /// Returns the shift from monotonic time to the present time of day, independently of the file.
+    pub(super) fn of_the_clock(&self) -> Shift {
+        self.clock.as_ref().map_or(self.of.shift, Clock::shift)
+    }
+
+    /// Returns the correction of the clock for the first row of a file, until that row is queued.
+    pub(super) fn correction(&self) -> Option<Correction> {
+        self.correction
+    }
+
+    pub(super) fn said(&mut self) {
+        self.correction = None;
+    }
+}

@@ -1,0 +1,42 @@
+//! Answer of the operator in a sign check with a dial gauge.
+
+use isotherm_core::explained::Explained;
+use serde::{Deserialize, Serialize};
+
+/// Direction in which a dial gauge moved when Cz increased.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum DialDirection {
+    /// The gauge moved in the plus direction, which is correct.
+    Plus,
+    /// The gauge moved in the minus direction, so the sign is wrong.
+    Minus,
+    /// The gauge did not move.
+    None,
+}
+
+impl DialDirection {
+    /// All directions with their names.
+    pub const ALL: [(&'static str, DialDirection); 3] =
+        [("plus", DialDirection::Plus), ("minus", DialDirection::Minus), ("none", DialDirection::None)];
+
+    /// Explains what this direction means for the axis, and what to do.
+    pub fn explained(self, axis: &str) -> Explained {
+        match self {
+            DialDirection::Plus => "the gauge moved to plus: the sign is right".into(),
+            DialDirection::Minus => Explained::new(
+                "the gauge moved to minus: the sign is WRONG, and every µm makes the error larger",
+                format!(
+                    "disarm {axis}, turn the sign of `scale` at its output (or the sign in the control), and check again"
+                ),
+            ),
+            DialDirection::None => Explained::new(
+                format!(
+                    "the gauge did not move: the control does not apply the offset, or the gauge does not \
+                     measure along {axis}"
+                ),
+                format!("disarm {axis} and look for the cause"),
+            ),
+        }
+    }
+}
