@@ -3,13 +3,13 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::effect::{effect_of, figure, lagged, late, reference as written};
+use super::effect::{effect_of, figure, lagged, late, reference as written, signed};
 use super::inputs::{ReferenceValue, lag};
-use super::uniform_temperature::signed;
-use super::{Computation, KindOfModel, Places, RawModel};
-use crate::Profile;
+use super::kind::{Computation, KindOfModel, Places};
+use super::raw::{LINEAR, RawModel};
 use crate::document::grouped;
 use crate::duration::Timespan;
+use crate::tables::signal::Signal;
 use crate::tables::{KeyContext, optional};
 use isotherm_core::compensation::model::{Input, Kind, Linear, Reference, Slope, Term};
 use isotherm_core::quantity::{Micron, MicronPerCelsius, MicronPerMillimetreCelsius, Millimetre};
@@ -18,7 +18,7 @@ use isotherm_core::quantity::{Micron, MicronPerCelsius, MicronPerMillimetreCelsi
 const MICRONS: f64 = 1000.0;
 
 pub(super) const KIND: KindOfModel = KindOfModel {
-    word: "linear",
+    word: LINEAR,
     one: "a linear model",
     keys: &["offset", "terms", "slope"],
     resolve,
@@ -210,9 +210,9 @@ impl RawTerm {
     }
 }
 
-fn preview(profile: &Profile, kind: &Kind) -> Option<Computation> {
+fn preview(signals: &[Signal], kind: &Kind) -> Option<Computation> {
     let Kind::Linear(linear) = kind else { return None };
-    Some(Computation { formula: text(profile, linear), effects: effects(profile, linear) })
+    Some(Computation { formula: text(signals, linear), effects: effects(signals, linear) })
 }
 
 /// Returns the ends of a slope's travel, and its reference position.
@@ -223,26 +223,26 @@ fn places(kind: &Kind) -> Option<Places> {
 }
 
 /// Formats the sum as a formula, for example `Cz = 2.4·(bed − 20) + 0 µm`.
-fn text(profile: &Profile, linear: &Linear) -> String {
+fn text(signals: &[Signal], linear: &Linear) -> String {
     let mut text = match linear.terms.len() {
         many if many > READABLE => format!("Cz = the sum of {many} terms"),
-        _ => format!("Cz = {}", sum_text(profile, &parts(&linear.terms))),
+        _ => format!("Cz = {}", sum_text(signals, &parts(&linear.terms))),
     };
     let sign = if linear.offset < Micron::ZERO { "−" } else { "+" };
     let zero = if linear.terms.is_empty() { "" } else { " " };
     text.push_str(&format!("{zero}{sign} {} µm", figure(linear.offset.get().abs())));
     if let Some(slope) = &linear.slope {
-        let position = &profile.signal(slope.position).name;
+        let position = &signals[slope.position.0].name;
         text.push_str(&format!(
             " + ({}) µm/mm·({position} − {} mm)",
-            sum_text(profile, &parts(&slope.terms)),
+            sum_text(signals, &parts(&slope.terms)),
             figure(slope.reference.get())
         ));
     }
     text
 }
 
-fn sum_text(profile: &Profile, parts: &[(Input, f64)]) -> String {
+fn sum_text(signals: &[Signal], parts: &[(Input, f64)]) -> String {
     let mut text = String::new();
     for (place, (input, gain)) in parts.iter().enumerate() {
         let sign = match (place, *gain < 0.0) {
@@ -251,7 +251,7 @@ fn sum_text(profile: &Profile, parts: &[(Input, f64)]) -> String {
             (_, false) => " + ",
             (_, true) => " − ",
         };
-        let name = &profile.signal(input.signal).name;
+        let name = &signals[input.signal.0].name;
         let rise = match (input.squared, input.reference) {
             (false, reference) => format!("({name} − {})", written(reference)),
             (true, Reference::Fixed(number)) => format!("({name}² − {})", figure(number.get().powi(2))),
@@ -263,36 +263,36 @@ fn sum_text(profile: &Profile, parts: &[(Input, f64)]) -> String {
     text
 }
 
-fn effects(profile: &Profile, linear: &Linear) -> Vec<String> {
+fn effects(signals: &[Signal], linear: &Linear) -> Vec<String> {
     let is_readable = linear.terms.len() <= READABLE;
     let each = gains(&linear.terms).into_iter().filter(|_| is_readable);
     let mut effects: Vec<String> =
-        each.map(|(input, gain)| effect_of(profile, &input, gain, &late(profile, &input, ""))).collect();
+        each.map(|(input, gain)| effect_of(signals, &input, gain, &late(signals, &input, ""))).collect();
     match is_readable {
-        true => effects.extend(together(profile, &linear.terms, 1.0, "")),
-        false => effects.extend(at_once_and_at_rest(profile, &linear.terms)),
+        true => effects.extend(together(signals, &linear.terms, 1.0, "")),
+        false => effects.extend(at_once_and_at_rest(signals, &linear.terms)),
     }
     if let Some(slope) = &linear.slope {
-        let position = &profile.signal(slope.position).name;
+        let position = &signals[slope.position.0].name;
         let beside = format!(" and {position} is 100 mm above {} mm", figure(slope.reference.get()));
         for (input, gain) in gains(&slope.terms) {
-            let place = late(profile, &input, &beside);
-            effects.push(effect_of(profile, &input, gain * 100.0, &place));
+            let place = late(signals, &input, &beside);
+            effects.push(effect_of(signals, &input, gain * 100.0, &place));
         }
-        effects.extend(together(profile, &slope.terms, 100.0, &beside));
+        effects.extend(together(signals, &slope.terms, 100.0, &beside));
     }
     effects
 }
 
 /// Describes each signal of a long sum: its immediate effect, and its effect in the steady state.
-fn at_once_and_at_rest(profile: &Profile, terms: &[Term]) -> Vec<String> {
+fn at_once_and_at_rest(signals: &[Signal], terms: &[Term]) -> Vec<String> {
     let own = gains(terms).into_iter().map(|(input, gain)| ((input.signal, input.squared), (input, gain)));
     let sum = |own: Vec<(Input, f64)>| {
         let at_once: f64 = own.iter().filter(|(input, _)| input.lag.is_none()).map(|(_, gain)| gain).sum();
         let at_rest: f64 = own.iter().map(|(_, gain)| gain).sum();
-        let (input, signal) = (own[0].0, profile.signal(own[0].0.signal));
+        let (input, signal) = (own[0].0, &signals[own[0].0.signal.0]);
         if input.squared || signal.unit.0 == "rpm" {
-            return effect_of(profile, &input, at_rest, " permanently");
+            return effect_of(signals, &input, at_rest, " permanently");
         }
         let [at_once, at_rest] = [at_once, at_rest].map(signed);
         let (name, unit) = (&signal.name, signal.unit);
@@ -304,7 +304,7 @@ fn at_once_and_at_rest(profile: &Profile, terms: &[Term]) -> Vec<String> {
 /// Describes the steady-state effect of each signal that has several terms with different lags. A single term may have
 /// the opposite sign.
 fn together<Gain: Copy + Into<f64>>(
-    profile: &Profile,
+    signals: &[Signal],
     terms: &[Term<Gain>],
     times: f64,
     beside: &str,
@@ -314,7 +314,7 @@ fn together<Gain: Copy + Into<f64>>(
     let sum = |own: Vec<(Input, f64)>| {
         let place = format!("{beside} permanently (its {} terms added up)", own.len());
         let all = own.iter().map(|(_, change)| change).sum();
-        (own.len() > 1).then(|| effect_of(profile, &own[0].0, all, &place))
+        (own.len() > 1).then(|| effect_of(signals, &own[0].0, all, &place))
     };
     grouped(own).into_iter().filter_map(|(_, own)| sum(own)).collect()
 }
