@@ -7,7 +7,6 @@
 //! Values are in the unit of each signal, minus its `reference` (a number, default 0, "start" or "zero"). `reach` is
 //! the largest Mahalanobis distance inside the envelope. Its default covers 99 % of a normal distribution.
 
-use schemars::JsonSchema;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
@@ -15,22 +14,13 @@ use super::effect::{figure, rise};
 use super::file::{bytes, read, taken};
 use super::half_models;
 use super::inputs::ReferenceValue;
-use super::raw::RawModel;
+use super::raw::{OutsideWord, RawModel};
 use crate::error::allowed;
 use crate::tables::signal::Signal;
 use crate::tables::{KeyContext, optional};
 use isotherm_core::compensation::model::envelope::{BadEnvelope, Identified, MOST};
 use isotherm_core::compensation::model::{Envelope, Input, Model, Outside, Reference};
 use isotherm_core::quantity::Celsius;
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub(super) enum OutsideWord {
-    Agree,
-    Warn,
-    Hold,
-    Shrink,
-}
 
 /// Content of an envelope file.
 #[derive(Debug, Deserialize)]

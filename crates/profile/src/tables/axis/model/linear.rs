@@ -1,14 +1,10 @@
 //! `kind = "linear"`: a sum of gains times temperature rises. A slope is multiplied by the position.
 
-use schemars::JsonSchema;
-use serde::Deserialize;
-
 use super::effect::{effect_of, figure, lagged, late, reference as written, signed};
-use super::inputs::{ReferenceValue, lag};
+use super::inputs::lag;
 use super::kind::{Computation, KindOfModel, Places};
-use super::raw::{LINEAR, RawModel};
+use super::raw::{LINEAR, RawModel, RawSlope, RawTerm};
 use crate::document::grouped;
-use crate::duration::Timespan;
 use crate::tables::signal::Signal;
 use crate::tables::{KeyContext, optional};
 use isotherm_core::compensation::model::{Input, Kind, Linear, Reference, Slope, Term};
@@ -32,53 +28,6 @@ const READABLE: usize = 12;
 const LARGE_GAIN: f64 = 100.0;
 /// Largest plausible gain of a slope, µm/mm per °C: ten times the expansion of aluminium.
 const LARGE_SLOPE: f64 = 0.24;
-
-/// Gain times a temperature rise.
-#[derive(Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[schemars(rename = "Term")]
-pub(super) struct RawTerm {
-    /// Temperature signal.
-    #[schemars(required)]
-    signal: Option<String>,
-    /// Gain in µm per unit of the signal, or per unit² with power = 2. In a slope, µm/mm. The alternative is
-    /// `expansion` with `length`, but not in a slope.
-    gain: Option<f64>,
-    /// Reference from which the rise is measured. A number such as 20.0 is the signal's value at which the structure
-    /// has its cold geometry. "start" is the value at machine start, "zero" that at the last zero command. With 0.0,
-    /// the rise is the value itself.
-    #[schemars(required)]
-    reference: Option<ReferenceValue>,
-    /// Time constant C of a first-order lag behind the signal. After the time t, the term has followed a step of the
-    /// signal by the part 1 − e^(−t/C).
-    lag: Option<Timespan>,
-    /// Power of the value, 1 or 2. With 2, the square of the reference is subtracted from the square of the value, for
-    /// example for a spindle speed. Default 1.
-    power: Option<i64>,
-    /// Coefficient of linear expansion, 1/K.
-    expansion: Option<f64>,
-    /// Length that expands, mm.
-    length: Option<f64>,
-}
-
-/// Terms that are multiplied by the distance from a reference position.
-#[derive(Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[schemars(rename = "Slope")]
-pub(super) struct RawSlope {
-    /// Signal with the position of the axis, mm.
-    #[schemars(required)]
-    position: Option<String>,
-    /// Position at which the slope adds nothing, mm.
-    #[schemars(required, extend("x-layers" = "arrives"))]
-    reference: Option<f64>,
-    /// Ends of the axis's travel, mm. They limit the effect of the slope. Required if the control receives the slope.
-    #[schemars(extend("x-layers" = "arrives"))]
-    travel: Option<[f64; 2]>,
-    /// Terms with gains in µm/mm per unit of the signal.
-    #[schemars(required)]
-    terms: Option<Vec<RawTerm>>,
-}
 
 fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
     let list = at.key("terms");
@@ -120,10 +69,6 @@ fn terms<Gain>(
 }
 
 impl RawSlope {
-    pub(super) fn terms(&self) -> impl Iterator<Item = &RawTerm> {
-        self.terms.iter().flatten()
-    }
-
     fn resolve(&self, at: &KeyContext<'_>) -> Option<Slope> {
         let position = at.key("position").position(self.position.as_ref());
         let list = at.key("terms");
@@ -146,10 +91,6 @@ impl RawSlope {
 }
 
 impl RawTerm {
-    pub(super) fn is_at_zero(&self) -> bool {
-        self.reference.is_some_and(ReferenceValue::is_zero)
-    }
-
     fn is_squared(&self, at: &KeyContext<'_>) -> Option<bool> {
         match self.power {
             None | Some(1) => Some(false),

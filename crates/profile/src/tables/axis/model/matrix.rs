@@ -8,7 +8,6 @@
 //! for each block, in mm/K. `guide_mm` contains the positions of the points along the axis, ascending. `guide_nodes`
 //! and `cases` are optional and ignored.
 
-use schemars::JsonSchema;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
@@ -16,7 +15,7 @@ use super::effect::{effect, figure, late, rises};
 use super::file::{bytes, fit, read, taken};
 use super::inputs::in_order;
 use super::kind::{Computation, KindOfModel, Places};
-use super::raw::{MATRIX, RawModel};
+use super::raw::{Carries, Component, MATRIX, RawModel};
 use crate::tables::KeyContext;
 use crate::tables::signal::Signal;
 use isotherm_core::compensation::model::{Kind, Matrix};
@@ -33,29 +32,6 @@ pub(super) const KIND: KindOfModel = KindOfModel {
     preview,
     places,
 };
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
-pub(super) enum Component {
-    #[serde(rename = "x")]
-    X,
-    #[serde(rename = "y")]
-    Y,
-    #[serde(rename = "z")]
-    Z,
-    #[serde(rename = "-x")]
-    MinusX,
-    #[serde(rename = "-y")]
-    MinusY,
-    #[serde(rename = "-z")]
-    MinusZ,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub(super) enum Carries {
-    Tool,
-    Work,
-}
 
 /// Content of a matrix file.
 #[derive(Debug, Deserialize)]

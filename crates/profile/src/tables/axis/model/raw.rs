@@ -5,13 +5,11 @@ use std::collections::BTreeMap;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
-use super::envelope::OutsideWord;
 use super::expected::RawExpected;
 use super::identified_with::RawIdentifiedWith;
 use super::inputs::{Inputs, ReferenceValue};
-use super::linear::{RawSlope, RawTerm};
-use super::matrix::{Carries, Component};
 use super::seals::RawSeals;
+use crate::duration::Timespan;
 
 // Words for the kinds in the key `kind`.
 pub(super) const LINEAR: &str = "linear";
@@ -95,4 +93,95 @@ impl RawModel {
     pub(in crate::tables::axis) fn has_input_at_zero(&self) -> bool {
         self.inputs.as_ref().is_some_and(|inputs| inputs.are_at_zero(self.reference))
     }
+}
+
+/// Gain times a temperature rise.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Term")]
+pub(super) struct RawTerm {
+    /// Temperature signal.
+    #[schemars(required)]
+    pub(super) signal: Option<String>,
+    /// Gain in µm per unit of the signal, or per unit² with power = 2. In a slope, µm/mm. The alternative is
+    /// `expansion` with `length`, but not in a slope.
+    pub(super) gain: Option<f64>,
+    /// Reference from which the rise is measured. A number such as 20.0 is the signal's value at which the structure
+    /// has its cold geometry. "start" is the value at machine start, "zero" that at the last zero command. With 0.0,
+    /// the rise is the value itself.
+    #[schemars(required)]
+    pub(super) reference: Option<ReferenceValue>,
+    /// Time constant C of a first-order lag behind the signal. After the time t, the term has followed a step of the
+    /// signal by the part 1 − e^(−t/C).
+    pub(super) lag: Option<Timespan>,
+    /// Power of the value, 1 or 2. With 2, the square of the reference is subtracted from the square of the value, for
+    /// example for a spindle speed. Default 1.
+    pub(super) power: Option<i64>,
+    /// Coefficient of linear expansion, 1/K.
+    pub(super) expansion: Option<f64>,
+    /// Length that expands, mm.
+    pub(super) length: Option<f64>,
+}
+
+/// Terms that are multiplied by the distance from a reference position.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Slope")]
+pub(super) struct RawSlope {
+    /// Signal with the position of the axis, mm.
+    #[schemars(required)]
+    pub(super) position: Option<String>,
+    /// Position at which the slope adds nothing, mm.
+    #[schemars(required, extend("x-layers" = "arrives"))]
+    pub(super) reference: Option<f64>,
+    /// Ends of the axis's travel, mm. They limit the effect of the slope. Required if the control receives the slope.
+    #[schemars(extend("x-layers" = "arrives"))]
+    pub(super) travel: Option<[f64; 2]>,
+    /// Terms with gains in µm/mm per unit of the signal.
+    #[schemars(required)]
+    pub(super) terms: Option<Vec<RawTerm>>,
+}
+
+impl RawTerm {
+    pub(super) fn is_at_zero(&self) -> bool {
+        self.reference.is_some_and(ReferenceValue::is_zero)
+    }
+}
+
+impl RawSlope {
+    pub(super) fn terms(&self) -> impl Iterator<Item = &RawTerm> {
+        self.terms.iter().flatten()
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum OutsideWord {
+    Agree,
+    Warn,
+    Hold,
+    Shrink,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+pub(super) enum Component {
+    #[serde(rename = "x")]
+    X,
+    #[serde(rename = "y")]
+    Y,
+    #[serde(rename = "z")]
+    Z,
+    #[serde(rename = "-x")]
+    MinusX,
+    #[serde(rename = "-y")]
+    MinusY,
+    #[serde(rename = "-z")]
+    MinusZ,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum Carries {
+    Tool,
+    Work,
 }
