@@ -438,8 +438,8 @@ impl Gateway {
         }
     }
 
-    /// Closes the sessions of OPC UA servers, so that a server with few sessions is free for another client. A server
-    /// that does not answer delays the end only by its timeout.
+    /// Closes the connections to OPC UA servers, because a server may allow only a few clients. A server that does not
+    /// answer delays the end only by its timeout.
     async fn take_leave(&self, tasks: &mut JoinSet<()>, lines: &HashMap<Id, BusId>) {
         let kept = |bus: BusId| {
             let bus = self.shared.profile.bus(bus);

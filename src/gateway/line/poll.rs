@@ -164,7 +164,7 @@ impl LineTask {
         self.polls.iter().map(Poll::requests).sum()
     }
 
-    /// Takes turns until the gateway has stopped. Then closes the session with an OPC UA server, which keeps a state
+    /// Takes turns until the gateway has stopped. Then closes the connection to an OPC UA server, which stores a state
     /// for it. With a `listener`, the task also receives CAN frames. A gateway may have 500 of these tasks. State that
     /// is needed only during a turn, or only on CAN, is therefore allocated separately.
     pub(in crate::gateway) async fn run(mut self: Box<Self>, listener: Option<Box<CanListener>>) {

@@ -30,8 +30,8 @@ pub(in crate::gateway) enum LineWork {
     All,
     /// Reads, heartbeats and corrected positions. No output changes its state or its ledger entry.
     WithoutOutputs,
-    /// Reads, heartbeats and corrected positions. In addition, each line closes its OPC UA session, because the server
-    /// would keep the session open.
+    /// Reads, heartbeats and corrected positions. In addition, each line closes its connection to an OPC UA server,
+    /// because the server would keep its state of the connection.
     Leave,
 }
 

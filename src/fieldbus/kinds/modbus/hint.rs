@@ -1,4 +1,4 @@
-//! What to do about faults that only Modbus has.
+//! Advice for users about faults that only Modbus has.
 
 use crate::tls::TlsFault;
 
