@@ -15,8 +15,8 @@ use super::error::{CallerFault, Fault, LinkFault, PeerFault};
 use super::kinds::{self, can, modbus, opcua};
 
 /// What to do about an OPC UA node whose value is not a number.
-const NOT_A_NUMBER: &str =
-    "write another node: `isotherm read --browse` shows which nodes hold a number. A text, a date or an array is none";
+const NOT_A_NUMBER: &str = "write another node: `isotherm read --browse` shows which nodes hold a number. A text, a \
+                            date or an array is no number";
 
 /// Returns what the user can do about a fault; `None` if the text of its cause is sufficient.
 pub const fn remedy(fault: Fault) -> Option<&'static str> {
