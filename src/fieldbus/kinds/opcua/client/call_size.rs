@@ -1,8 +1,8 @@
 //! Number of nodes in one call, as far as the gateway has learnt it from refusals of the server.
 //!
-//! A server may accept fewer nodes in one call than it states, or state no limit. It then refuses the whole call, because
-//! it has too many operations, or because the request or its answer is too long. The gateway halves the call. It uses
-//! the smaller size for all later calls, also on later connections.
+//! A server may accept fewer nodes in one call than it states, or state no limit. It then refuses the whole call,
+//! because it has too many operations, or because the request or its answer is too long. The gateway halves the call.
+//! It uses the smaller size for all later calls, also on later connections.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -36,8 +36,8 @@ pub(super) fn size_refusal(error: &Error) -> Option<SizeRefusal> {
         | StatusCode::BadRequestTooLarge
         | StatusCode::BadResponseTooLarge
         | StatusCode::BadEncodingLimitsExceeded) => Some(SizeRefusal::Answered(status)),
-        // The library reports a request with more chunks than the server accepts as a communication error. Only an error
-        // of an encoder has a context. The request was not sent.
+        // The library reports a request with more chunks than the server accepts as a communication error. Only an
+        // error of an encoder has a context. The request was not sent.
         StatusCode::BadCommunicationError if error.full_context().is_some() => {
             Some(SizeRefusal::Answered(StatusCode::BadRequestTooLarge))
         }

@@ -34,8 +34,8 @@ pub(super) fn without_chain(endpoint: EndpointDescription) -> EndpointDescriptio
 ///
 /// The signature of such an answer includes the chain, so that the chain cannot be cut from it. The opener checks the
 /// signature, decrypts the answer, and returns its content as an answer without security, which the library accepts.
-/// The keys of the channel are derived from a random number that the gateway has encrypted for the server, so nobody else
-/// can use the channel.
+/// The keys of the channel are derived from a random number that the gateway has encrypted for the server, so nobody
+/// else can use the channel.
 pub(super) struct ChainOpener {
     own: (X509, PrivateKey),
     server: Vec<u8>,
@@ -76,8 +76,8 @@ impl ChainOpener {
     }
 }
 
-/// Reads a field that follows its length (32 bits, lowest byte first; below zero for an empty field). `rest` then begins
-/// after the field.
+/// Reads a field that follows its length (32 bits, lowest byte first; below zero for an empty field). `rest` then
+/// begins after the field.
 fn field<'m>(rest: &mut &'m [u8]) -> Option<&'m [u8]> {
     let (length, after) = rest.split_first_chunk::<4>()?;
     let length = usize::try_from(i32::from_le_bytes(*length)).unwrap_or(0);
