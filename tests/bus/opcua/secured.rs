@@ -1,17 +1,14 @@
 //! Tests of signed and encrypted connections, of users, and of wrong certificates.
 
 use std::path::Path;
-use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use super::gateway::{beside, events, wait_until};
-use super::process::isotherm;
+use super::process::{Running, isotherm};
 use super::rig::{Line, Server, machine, no_session, profile, python};
 use super::words::typing;
 use isotherm::fieldbus::kinds::opcua::check as opcua_check;
 use isotherm::fieldbus::kinds::opcua::fault::OpcUaFault;
 use isotherm::fieldbus::wire::Answer;
-use isotherm::gateway::Options;
 
 /// Creates a directory with certificates, and with the server's certificate among the trusted ones.
 pub(crate) fn certificates() -> tempfile::TempDir {
@@ -168,24 +165,22 @@ async fn a_server_with_a_short_key_is_read_and_check_warns_of_its_certificate() 
     assert!(checked.said.contains(weak), "{}{}", checked.out, checked.said);
 }
 
-/// A gateway that retries a rejected password at once locks its user at many servers.
+/// Many servers lock a user after a few rejected passwords.
 #[test]
 fn a_rejected_password_is_not_tried_again_within_minutes_and_its_session_is_closed() {
     let directory = tempfile::tempdir().unwrap();
-    let server = Arc::new(Mutex::new(Server::start(&["--user", "isotherm:hot-and-cold"])));
-    let file = directory.path().join("password");
-    std::fs::write(&file, "cold-and-hot").unwrap();
-    let file = file.display();
-    let user = format!("security = \"none\"\nuser = {{ name = \"isotherm\", password_file = \"{file}\" }}");
-    let (text, seen) = (machine(server.lock().unwrap().port, &user), server.clone());
-    beside(&text, Options::default(), move |source| {
-        wait_until(source, "it is told", |status| {
-            events(status).iter().any(|event| event.contains("the server rejects this user"))
-        });
-        std::thread::sleep(Duration::from_secs(10));
-        let mut server = seen.lock().unwrap();
-        assert_eq!((server.does("logins"), server.does("open")), ("1".to_owned(), "0".to_owned()));
-    });
+    let mut server = Server::start(&["--user", "isotherm:hot-and-cold"]);
+    std::fs::write(directory.path().join("password"), "cold-and-hot").unwrap();
+    let user = "security = \"none\"\nuser = { name = \"isotherm\", password_file = \"password\" }";
+    let path = directory.path().join("machine.toml");
+    std::fs::write(&path, machine(server.port, user)).unwrap();
+    let mut command = isotherm(directory.path());
+    let mut gateway = Running::start(
+        command.arg("run").arg(&path).args(["--state", "state"]).current_dir(directory.path()),
+    );
+    gateway.receives("the server rejects this user");
+    std::thread::sleep(Duration::from_secs(10));
+    assert_eq!((server.does("logins"), server.does("open")), ("1".to_owned(), "0".to_owned()));
 }
 
 #[test]

@@ -293,3 +293,32 @@ impl State {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::call_size::CallSizes;
+    use super::super::subscription::tests::{asked, subscribed};
+    use super::*;
+
+    #[test]
+    fn after_a_message_that_is_too_large_for_the_server_the_next_subscription_has_smaller_ones() {
+        let session = Session::none("urn:test".to_owned(), Duration::from_secs(1), CallSizes::default());
+        let refused = |status| Err(Error::new(status, "said"));
+        let with_two_nodes = || Publishing {
+            of: vec![(asked(false), State::Sent(subscribed()))],
+            waiting: VecDeque::new(),
+            news: None,
+        };
+        let (mut publishing, now) = (with_two_nodes(), Moment::default());
+        let received = publishing.receive(refused(StatusCode::BadResponseTooLarge), &session, now, now);
+        assert!(matches!(received, Ok(false)));
+        assert!(publishing.of.is_empty(), "the line creates the subscription again");
+        assert!(publishing.news().is_some_and(|news| news.contains("BadResponseTooLarge")));
+        assert_eq!(session.sizes().most(Service::Publish), Some(1));
+        for status in [StatusCode::BadResponseTooLarge, StatusCode::BadUnknownResponse] {
+            let mut publishing = with_two_nodes();
+            assert!(publishing.receive(refused(status), &session, now, now).is_err(), "{status}");
+            assert_eq!(publishing.of.len(), 1);
+        }
+    }
+}

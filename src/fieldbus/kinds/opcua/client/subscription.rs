@@ -378,7 +378,7 @@ impl Subscribed {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use ::opcua::types::{MonitoredItemNotification, NotificationMessage, Variant};
     use isotherm_core::codec::Node;
@@ -386,7 +386,7 @@ mod tests {
 
     const SECOND: Duration = Duration::from_secs(1);
 
-    fn asked(by_stamp: bool) -> Subscription {
+    pub(in super::super) fn asked(by_stamp: bool) -> Subscription {
         let node = |name: &str| Node { id: format!("ns=2;s={name}").parse().unwrap(), data_type: None };
         Subscription {
             nodes: vec![node("bed"), node("scale")],
@@ -409,7 +409,7 @@ mod tests {
         i64::try_from(365 * 86_400 + seconds).unwrap() * 10_000_000
     }
 
-    fn subscribed() -> Subscribed {
+    pub(in super::super) fn subscribed() -> Subscribed {
         Subscribed {
             id: 1,
             values: vec![None, None],
