@@ -11,7 +11,10 @@
 //! - A lost connection leaves its session at the server. The next connection resumes that session, so that a server
 //!   with few sessions does not run out of them.
 //! - A certificate is trusted if it is identical to one in the directory that the profile names, and is valid now. The
-//!   gateway checks neither the authority that signed the certificate nor the names in it.
+//!   gateway checks neither the authority that signed the certificate nor the names in it. The server may send the
+//!   certificates of its authorities too (`chain.rs`).
+//! - A call that is too large for the server is halved (`call_size.rs`).
+//! - After a rejected login, the gateway makes no attempt for minutes, and leaves no session at the server.
 //! - The index of a namespace that the profile names by its URI is read each time a connection is opened. The URI of a
 //!   namespace that the profile names by index is stored ([`super::namespaces`]). If the server does not have the
 //!   namespace of a node, the gateway does not request the node, and treats it as missing.
