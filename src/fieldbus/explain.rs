@@ -14,7 +14,7 @@ use isotherm_profile::safe_file::without_numbers;
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
 use super::kinds::{self, can, modbus, opcua};
 
-/// What to do about an OPC UA node whose value is not a number.
+/// Remedy for an OPC UA node whose value is not a number.
 const NOT_A_NUMBER: &str = "write another node: `isotherm read --browse` shows which nodes hold a number. A text, a \
                             date or an array is no number";
 

@@ -171,15 +171,16 @@ impl OpcUaDial {
         let socket = Socket::new(&self.url, socket, own, &known.endpoint);
         let Ok(mut link) = Link::open(known.channel.clone(), &socket).await else { return Ok(None) };
         let login = Login { endpoint: &known.endpoint, own, user: &files.user };
-        let Err(error) = known.session.take_up(&mut link, login).await else {
-            return Ok(Some((link, known)));
-        };
+        let resumed = known.session.take_up(&mut link, login).await.map_err(|error| dial_fault(&error));
         let rejected = fault(OpcUaFault::UserRefused);
-        if dial_fault(&error) != rejected {
-            return Ok(None);
+        match resumed {
+            Ok(()) => Ok(Some((link, known))),
+            Err(why) if why == rejected => {
+                known.session.give_up(&mut link).await;
+                Err(rejected)
+            }
+            Err(_) => Ok(None),
         }
-        known.session.give_up(&mut link).await;
-        Err(rejected)
     }
 
     /// Chooses an endpoint of the server, opens a connection to it, and begins a new session.
