@@ -191,6 +191,6 @@ fn unlike_run(profile: &Profile, state: Option<&Path>) -> Vec<String> {
     let all = tokens.into_iter().chain(certificate).chain(socket).chain(changed);
     let all = all.chain(notices::hindered(profile));
     #[cfg(feature = "opcua")]
-    let all = all.chain(expiring(profile));
+    let all = all.chain(expiring(profile)).chain(certificates::weak(profile));
     all.collect()
 }

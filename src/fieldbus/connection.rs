@@ -34,6 +34,12 @@ pub trait Dial: Send {
         None
     }
 
+    /// Returns the shortest pause before the next attempt, after an attempt that failed with this fault. Without such a
+    /// pause, only the back-off of the line applies.
+    fn pause_after(&self, _fault: Fault) -> Duration {
+        Duration::ZERO
+    }
+
     /// Returns the time that opening may take in addition to the timeout of the line.
     fn takes(&self) -> Duration {
         Duration::ZERO

@@ -180,6 +180,12 @@ pub enum PeerFault {
     /// OPC UA node whose type differs from the profile.
     #[error("the node has another type than the profile says")]
     Type,
+    /// OPC UA node whose value is not a number, if the profile states no type for it.
+    #[error("the value of the node is not a number")]
+    NotANumber,
+    /// OPC UA node for which the server sends no value.
+    #[error("the node has no value")]
+    NoValue,
     /// Reply that violates the protocol.
     #[error("the reply violates the protocol")]
     Malformed,
@@ -285,7 +291,9 @@ impl Fault {
     pub(crate) const fn of_a_node(reason: Reason) -> Fault {
         match reason {
             Reason::Status(code) => Fault::Status(Status(code)),
-            _ => Fault::Peer(PeerFault::Type),
+            Reason::WrongType => Fault::Peer(PeerFault::Type),
+            Reason::NoNumber => Fault::Peer(PeerFault::NotANumber),
+            _ => Fault::Peer(PeerFault::NoValue),
         }
     }
 
@@ -303,8 +311,8 @@ impl Fault {
     /// request.
     pub const fn spoils_connection(self) -> bool {
         match self {
-            // The answer belongs to the request; the profile has the wrong type.
-            Fault::Peer(PeerFault::Type) => false,
+            // The answer belongs to the request. Only the value of the node cannot be used.
+            Fault::Peer(PeerFault::Type | PeerFault::NotANumber | PeerFault::NoValue) => false,
             Fault::Link(_) | Fault::Peer(_) | Fault::Timeout => true,
             _ => false,
         }
@@ -322,6 +330,7 @@ impl Fault {
             Fault::Aborted(_) => Reason::Refused,
             Fault::Status(Status(code)) | Fault::Part { status: Status(code), .. } => Reason::Status(code),
             Fault::Peer(PeerFault::Type) => Reason::WrongType,
+            Fault::Peer(PeerFault::NotANumber) => Reason::NoNumber,
             Fault::Unreadable { reason, .. } => reason,
             Fault::Timeout => Reason::Timeout,
             Fault::UNVERIFIED => Reason::NotAsExpected,

@@ -14,6 +14,10 @@ use isotherm_profile::safe_file::without_numbers;
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
 use super::kinds::{self, can, modbus, opcua};
 
+/// Remedy for an OPC UA node whose value is not a number.
+const NOT_A_NUMBER: &str = "write another node: `isotherm read --browse` shows which nodes hold a number. A text, a \
+                            date or an array is no number";
+
 /// Returns what the user can do about a fault; `None` if the text of its cause is sufficient.
 pub const fn remedy(fault: Fault) -> Option<&'static str> {
     Some(match fault {
@@ -75,6 +79,10 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
         Fault::Peer(PeerFault::Type) => {
             "write the node's own `type`. Without `type`, a signal accepts any number"
         }
+        Fault::Peer(PeerFault::NotANumber) => NOT_A_NUMBER,
+        Fault::Peer(PeerFault::NoValue) => {
+            "has the server a value for this node now? `isotherm read --browse` shows it"
+        }
         Fault::Status(status) | Fault::Part { status, .. } => opcua::status_hint(status),
         Fault::Unreadable { reason, .. } => return remedy(Fault::of_a_node(reason)),
         _ => return None,
@@ -104,6 +112,7 @@ pub const fn remedy_of_a_reading(reason: Reason) -> &'static str {
         }
         Reason::NotANumber => "are `type` and `word_order` those of the device?",
         Reason::WrongType => "write the node's own `type`",
+        Reason::NoNumber => NOT_A_NUMBER,
         Reason::SourceClock => "correct the clock of the server, or the clock of this computer",
         Reason::NotFound | Reason::SeveralFound => {
             "is the sensor plugged in? Write its name as `isotherm scan` shows it"

@@ -22,6 +22,8 @@ reads                prints how often nodes of these were read by a call
 read NAME            prints what the node holds
 other NAME           prints what the node of this name holds in the first namespace of another machine
 load                 the namespace of the machine is in the server's list from now on
+logins               prints how often a login was tried
+refusals             prints how many calls were refused because of their size, and forgets them
 taken                prints how many logins there are, and how many lists of nodes are kept for whoever asks on
 
 Each is acknowledged with a line. Every tenth of a second each value is stamped anew, as a control does that measures."""
@@ -39,8 +41,11 @@ from asyncua.server.internal_session import InternalSession, SessionState
 from asyncua.server.internal_subscription import InternalSubscription
 from asyncua.server.uaprocessor import UaProcessor
 from asyncua.server.user_managers import UserManager
+from asyncua.common.connection import TransportLimits
+from asyncua.crypto import security_policies
 from asyncua.ua.ua_binary import struct_from_binary
 from asyncua.crypto.permission_rules import User, UserRole
+from cryptography import x509
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--port", type=int, default=0)
@@ -52,6 +57,11 @@ parser.add_argument("--few", type=int, default=0)
 parser.add_argument("--most-written", type=int, default=0)
 parser.add_argument("--holds", action="append", default=[])
 parser.add_argument("--most", type=int, default=0, help="so many nodes in a call, read or subscribed to")
+parser.add_argument("--unsaid", type=int, default=0, help="so many nodes in a call, read or subscribed to, and the server does not say so")
+parser.add_argument("--refusal", default="BadTooManyOperations", help="how a call that is too large is refused")
+parser.add_argument("--huge", help="a call that reads this node is refused because of its size")
+parser.add_argument("--buffers", help="bytes of a chunk, chunks of a message, bytes of a message: 8192,1,0")
+parser.add_argument("--chain", help="the certificate of an authority, which is sent after the server's own")
 parser.add_argument("--subscriptions", type=int, default=1000, help="so many at once")
 parser.add_argument("--journal", help="a file to which is added what is told, written and read back, each with its moment")
 parser.add_argument("--many", type=int, default=0, help="so many nodes more: many0, many1, …")
@@ -115,6 +125,27 @@ async def processed(self, kind, *rest):
 
 UaProcessor._process_message = processed
 
+logins = [0]
+activate = InternalSession.activate_session
+
+
+def activated(self, params, *rest):
+    logins[0] += self.external
+    return activate(self, params, *rest)
+
+
+InternalSession.activate_session = activated
+
+authority = Path(arguments.chain).read_bytes() if arguments.chain else b""
+if authority:
+    policy_of = security_policies.SecurityPolicyFactory.create
+
+    def with_chain(self, peer):
+        self.certificate_chain = [x509.load_der_x509_certificate(authority)]
+        return policy_of(self, peer)
+
+    security_policies.SecurityPolicyFactory.create = with_chain
+
 
 class OneUser(UserManager):
     def get_user(self, iserver, username=None, password=None, certificate=None):
@@ -128,6 +159,9 @@ class OneUser(UserManager):
 
 async def main():
     server = Server(user_manager=OneUser())
+    if arguments.buffers:
+        chunk, chunks, message = (int(number) for number in arguments.buffers.split(","))
+        server.limits = TransportLimits(chunk, chunk, chunks, message)
     await server.init()
     server.set_endpoint(f"opc.tcp://127.0.0.1:{arguments.port}")
     policies = [ua.SecurityPolicyType.NoSecurity]
@@ -236,10 +270,17 @@ async def main():
                 await asyncio.sleep(held_back.pop(name))
         return results
 
-    reads = [0]
+    reads, too_large = [0], [0]
+
+    def refuse_large(count, is_huge=False):
+        if is_huge or (arguments.unsaid and count > arguments.unsaid):
+            too_large[0] += 1
+            raise getattr(ua.uaerrors, arguments.refusal)()
 
     def asked(params):
         reads[0] += any(one.NodeId in names for one in params.NodesToRead)
+        is_huge = any(arguments.huge and names.get(one.NodeId) == arguments.huge for one in params.NodesToRead)
+        refuse_large(len(params.NodesToRead), is_huge)
         if arguments.most and len(params.NodesToRead) > arguments.most:
             raise ua.uaerrors.BadTooManyOperations()
         told("read", params.NodesToRead)
@@ -296,6 +337,10 @@ async def main():
     async def monitored(params):
         if arguments.most and len(params.ItemsToCreate) > arguments.most:
             raise ua.uaerrors.BadTooManyOperations()
+        if arguments.unsaid and len(params.ItemsToCreate) > arguments.unsaid and "Response" in arguments.refusal:
+            # It is done, and only the answer is too long.
+            await monitor(params)
+        refuse_large(len(params.ItemsToCreate))
         return await monitor(params)
 
     subscribing.create_subscription, subscribing.create_monitored_items = subscribed, monitored
@@ -343,6 +388,9 @@ async def main():
             await server.write_attribute_value(node.nodeid, value)
 
     async with server:
+        for endpoint in server.iserver.endpoints:
+            if endpoint.ServerCertificate:
+                endpoint.ServerCertificate += authority
         port = server.bserver._server.sockets[0].getsockname()[1]
         note("start")
         print(port, flush=True)
@@ -384,6 +432,10 @@ async def main():
                     left[0] = int(number)
                 case ["taken"]:
                     answer = f"{InternalSession._current_connections} {len(rest)}"
+                case ["logins"]:
+                    answer = str(logins[0])
+                case ["refusals"]:
+                    answer, too_large[0] = str(too_large[0]), 0
                 case ["drop"]:
                     for session in list(server.iserver._external_sessions.values()):
                         await session.close_session(True)

@@ -77,6 +77,8 @@ pub enum Reason {
     Status(u32),
     /// The OPC UA node has another type than the profile states.
     WrongType,
+    /// The value of the OPC UA node is not a number, and the profile states no type.
+    NoNumber,
     /// The source timestamp of the value is later than the time of the OPC UA server that sends it.
     SourceClock,
     /// This computer has no sensor of this name.
@@ -168,6 +170,7 @@ impl Reason {
             Reason::Refused => "refused",
             Reason::Status(_) => "status",
             Reason::WrongType => "wrong-type",
+            Reason::NoNumber => "no-number",
             Reason::SourceClock => "source-clock",
             Reason::NotFound => "not-found",
             Reason::SeveralFound => "several-found",
@@ -223,6 +226,7 @@ impl fmt::Display for Reason {
             Reason::Refused => "the node refuses to give its value",
             Reason::Status(code) => return write!(f, "{}", Status(*code)),
             Reason::WrongType => "the node has another type than the profile says",
+            Reason::NoNumber => "the value of the node is not a number",
             Reason::SourceClock => "time stamp later than its server's own time: a clock is wrong",
             Reason::NotFound => "this computer has no sensor of this name",
             Reason::SeveralFound => "this computer has several sensors of this name",

@@ -105,6 +105,14 @@ pub(in crate::fieldbus) const fn status_hint(status: Status) -> &'static str {
             "there is no such node. Is the name of the node right? Is its namespace still the same after an \
              update of the server (`isotherm read --browse` shows the namespaces)?"
         }
+        _ if status.is(Status::TOO_MANY_OPERATIONS)
+            || status.is(Status::REQUEST_TOO_LARGE)
+            || status.is(Status::RESPONSE_TOO_LARGE)
+            || status.is(Status::ENCODING_LIMITS) =>
+        {
+            "the call is too large for the server, also in its smallest form: set the server to accept more nodes \
+             and longer messages. A set is written in one call: make it smaller"
+        }
         _ if status.is(Status::OUT_OF_RANGE) => {
             "the server does not accept this value for the node: are `scale`, the axis's `limit` and the \
              node's range right?"

@@ -97,6 +97,7 @@ impl DeviceLine {
             Err(fault) => {
                 self.is_put_down = false;
                 self.redial.fail(now);
+                self.redial.not_before_either(now.after(self.dial.pause_after(fault)));
                 self.refused = fault;
                 self.all_break(Break::Refused);
                 Err(fault)

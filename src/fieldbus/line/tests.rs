@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex};
 use super::*;
 use crate::clock::{BootClock, TimeOfDay};
 use crate::fieldbus::kinds::modbus::wire::ModbusWire;
+use crate::fieldbus::kinds::opcua::fault::OpcUaFault;
 use crate::fieldbus::wire::{Boxed, ModbusRequest, Wire};
 use isotherm_core::codec::{Register, Table};
 use isotherm_profile::{BusId, Functions, Quirks, ReadBy};
@@ -358,6 +359,38 @@ async fn what_the_profile_does_not_list_and_what_does_not_fit_never_leaves_the_h
     assert_eq!(line.ask(9, READ, 0).await, Err(Fault::Caller(CallerFault::Extent)));
     let script = script.lock().unwrap();
     assert!(script.asked.is_empty() && script.dialled == 0);
+}
+
+const REJECTED: Fault = Fault::Link(LinkFault::OpcUa(OpcUaFault::UserRefused));
+
+/// Scripted device whose server rejects logins.
+struct Rejecting(Scripted);
+
+impl Dial for Rejecting {
+    fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
+        self.0.dial(tap)
+    }
+
+    fn pause_after(&self, fault: Fault) -> Duration {
+        if fault == REJECTED { Duration::from_mins(5) } else { Duration::ZERO }
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn after_a_fault_with_a_pause_of_its_own_no_attempt_is_made_for_that_time() {
+    let (mut line, script) = line(|_| {});
+    line.line.dial = Box::new(Rejecting(Scripted(script.clone())));
+    let refused = Fault::Link(LinkFault::Refused);
+    let turns = [REJECTED, refused].map(|fault| Turn::Gives(Err(fault)));
+    script.lock().unwrap().dials.extend(turns);
+    assert_eq!(line.ask(0, READ, 0).await, Err(REJECTED));
+    for at in [1000, 60_000, 299_000] {
+        assert_eq!(line.ask(0, READ, at).await, Err(Fault::Link(LinkFault::Down)), "{at}");
+    }
+    assert_eq!(line.line.refusals(), (1, REJECTED));
+    assert_eq!(line.ask(0, READ, 301_000).await, Err(refused));
+    assert_eq!(line.ask(0, READ, 304_000).await, Ok(good()), "other faults have the usual pause");
+    assert_eq!(script.lock().unwrap().dialled, 3);
 }
 
 /// Scripted device on a line without transaction numbers.

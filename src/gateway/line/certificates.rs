@@ -1,4 +1,5 @@
-//! Certificates of OPC UA lines. Their expiry is reported a month before it, and when they have expired.
+//! Certificates of OPC UA lines. Their expiry is reported a month before it, and when they have expired. `check` also
+//! reports weak certificates.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -21,9 +22,37 @@ pub fn expiring(profile: &Profile, now: Moment) -> Vec<Expiry> {
     soon.map(|expiry| Expiry { is_over: expiry.until < now, ..expiry }).collect()
 }
 
+/// Returns a sentence for each certificate of a profile with a short key or a broken digest. The gateway uses these
+/// certificates.
+pub fn weak(profile: &Profile) -> Vec<String> {
+    let of_bus = |bus: &Bus| {
+        let weak = in_use(bus).into_iter().filter_map(|Used { file, whose, certificate }| {
+            let weakness = certificate.weakness()?;
+            let (owner, remedy) = match whose {
+                CertificateOwner::Gateway => (
+                    "gateway",
+                    "move it and its key away, and make both again (`isotherm opcua certificate PROFILE`)",
+                ),
+                CertificateOwner::User => ("user", "make a new one with 2048 bits and SHA-256"),
+                CertificateOwner::Server => (
+                    "server",
+                    "if the server can make one with 2048 bits and SHA-256, renew it there, then run `isotherm \
+                     opcua trust PROFILE`",
+                ),
+            };
+            let (bus, file) = (&bus.name, &file.name);
+            Some(format!(
+                "bus {bus}: the {owner}'s certificate {file} is weak: {weakness}. It works, but {remedy}"
+            ))
+        });
+        weak.collect::<Vec<_>>()
+    };
+    profile.buses.iter().flat_map(of_bus).collect()
+}
+
 /// Returns whether the profile has a certificate that can expire.
 pub(in crate::gateway) fn has_some(profile: &Profile) -> bool {
-    profile.buses.iter().any(|bus| !of_line(bus).is_empty())
+    profile.buses.iter().any(|bus| !in_use(bus).is_empty())
 }
 
 /// Reports each certificate once before its expiry and once after it, according to the clock of the computer.
@@ -39,25 +68,42 @@ pub(in crate::gateway) async fn watch(shared: Arc<Shared>, mut sleeper: Sleeper)
     }
 }
 
+/// Certificate that a line uses.
+struct Used<'b> {
+    file: &'b NamedFile,
+    whose: CertificateOwner,
+    certificate: Certificate,
+}
+
 fn of_line(bus: &Bus) -> Vec<Expiry> {
+    let expiry = |Used { file, whose, certificate }: Used<'_>| {
+        let (bus, file) = (bus.name.clone(), file.name.clone());
+        Expiry { bus, file, whose, until: certificate.to, is_over: false }
+    };
+    in_use(bus).into_iter().map(expiry).collect()
+}
+
+/// Returns the certificates that a line uses, except trusted ones that a newer one of the same name replaces.
+fn in_use(bus: &Bus) -> Vec<Used<'_>> {
     let Some(line) = &bus.opcua else { return Vec::new() };
     let read = |file: &NamedFile| Certificate::read(&file.bytes);
-    let expiry = |file: &NamedFile, whose, until| {
-        let (bus, file) = (bus.name.clone(), file.name.clone());
-        Expiry { bus, file, whose, until, is_over: false }
-    };
     let own = line.own.iter().map(|(cert, _)| (cert, CertificateOwner::Gateway));
     let user = match &line.user {
         User::Certified { cert, .. } => Some((cert, CertificateOwner::User)),
         User::Anonymous | User::Named { .. } => None,
     };
-    let ours = own.chain(user).filter_map(|(file, whose)| Some(expiry(file, whose, read(file)?.to)));
+    let ours =
+        own.chain(user).filter_map(|(file, whose)| Some(Used { file, whose, certificate: read(file)? }));
     let trusted: Vec<(&NamedFile, Certificate)> =
         line.trusted.iter().filter_map(|file| Some((file, read(file)?))).collect();
     let is_replaced = |old: &Certificate| {
         let names = |cert: &Certificate| (cert.subject.clone(), cert.application.clone());
         trusted.iter().any(|(_, other)| names(other) == names(old) && other.to > old.to)
     };
-    let servers = trusted.iter().filter(|(_, cert)| !is_replaced(cert));
-    ours.chain(servers.map(|(file, cert)| expiry(file, CertificateOwner::Server, cert.to))).collect()
+    let servers = trusted.iter().filter(|(_, cert)| !is_replaced(cert)).map(|(file, cert)| Used {
+        file: *file,
+        whose: CertificateOwner::Server,
+        certificate: cert.clone(),
+    });
+    ours.chain(servers).collect()
 }

@@ -6,7 +6,7 @@ use std::net::{TcpListener, TcpStream};
 use std::path::Path;
 use std::thread;
 
-use super::rig::{Line, Server, machine, no_session, profile};
+use super::rig::{Line, Server, machine, no_session, profile, with_many};
 use super::secured::{certificates, secured, serve};
 use isotherm::fieldbus::error::{Fault, PeerFault};
 use isotherm::fieldbus::kinds::opcua::fault::OpcUaFault;
@@ -112,13 +112,8 @@ async fn a_message_that_is_cut_on_an_encrypted_channel_is_a_fault_and_the_next_c
 
 #[tokio::test]
 async fn more_nodes_than_the_library_takes_by_itself_are_read() {
-    use std::fmt::Write as _;
     let server = Server::start(&["--many", "1200"]);
-    let mut text = machine(server.port, "");
-    for place in 0..1200 {
-        let node = format!("device = \"cnc\"\nnode = \"ns=2;s=many{place}\"\n");
-        write!(text, "[signal.many{place}]\n{node}unit = \"degC\"\nmax_age = \"5s\"\n").unwrap();
-    }
+    let text = with_many(&machine(server.port, ""), 1200);
     let directory = tempfile::tempdir().unwrap();
     let mut line = Line::new(profile(&text, directory.path()));
     assert_eq!(line.signals().await, Ok([Ok(20.0), Ok(100.0)]));

@@ -158,6 +158,16 @@ pub(crate) fn subscribing(port: u16) -> String {
     machine(port, "").replacen(every, &format!("{every}\nread = \"subscription\""), 1)
 }
 
+/// Returns the profile with so many signals more: `many0`, `many1`, …
+pub(crate) fn with_many(text: &str, count: usize) -> String {
+    let signal = |place| {
+        let node = format!("device = \"cnc\"\nnode = \"ns=2;s=many{place}\"\n");
+        format!("[signal.many{place}]\n{node}unit = \"degC\"\nmax_age = \"5s\"\n")
+    };
+    let more: String = (0..count).map(signal).collect();
+    format!("{text}{more}")
+}
+
 /// Returns the profile of this text. Its files are in this directory.
 pub(crate) fn profile(text: &str, directory: &Path) -> Profile {
     let path = directory.join("machine.toml");

@@ -6,6 +6,7 @@ use super::rig::{Line, SHORTLY, Server, no_session};
 use isotherm::fieldbus::error::{Fault, Outcome};
 use isotherm::fieldbus::kinds::opcua::fault::OpcUaFault;
 use isotherm::fieldbus::wire::Answer;
+use isotherm_core::reading::Status;
 
 #[tokio::test]
 async fn a_server_that_was_killed_and_is_back_is_read_and_written_again() {
@@ -62,6 +63,58 @@ async fn a_full_session_table_is_told_with_what_to_do_and_is_over_when_a_place_i
     assert!(fault.to_string().contains("close another client"), "{fault}");
     server.does("sessions 1");
     assert_eq!(line.signals().await, Ok([Ok(20.0), Ok(100.0)]));
+}
+
+/// Starts a peer that answers the messages of each connection with these, and then closes it. Returns its port.
+fn peer(answers: Vec<Vec<u8>>) -> u16 {
+    use std::io::{Read, Write};
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = listener.local_addr().unwrap().port();
+    std::thread::spawn(move || {
+        for stream in listener.incoming() {
+            let (mut stream, mut asked) = (stream.unwrap(), [0; 65_536]);
+            for answer in &answers {
+                let talked = stream.read(&mut asked).and_then(|_| stream.write_all(answer));
+                if talked.is_err() {
+                    break;
+                }
+            }
+        }
+    });
+    port
+}
+
+fn message(kind: &[u8], body: &[u8]) -> Vec<u8> {
+    let length = u32::try_from(8 + body.len()).unwrap();
+    [kind, &length.to_le_bytes(), body].concat()
+}
+
+fn error(status: u32) -> Vec<u8> {
+    message(b"ERRF", &[status.to_le_bytes(), (-1_i32).to_le_bytes()].concat())
+}
+
+#[tokio::test]
+async fn a_server_that_refuses_a_channel_speaks_opc_ua_and_its_reason_is_reported() {
+    let numbers = [0u32, 65_535, 65_535, 0, 0].map(u32::to_le_bytes).concat();
+    let welcome = || message(b"ACKF", &numbers);
+    let cases = [
+        (vec![error(0x8081_0000)], OpcUaFault::NoChannel, "close another client"),
+        (vec![error(0x807d_0000)], OpcUaFault::NoChannel, "close another client"),
+        (vec![welcome(), error(0x8081_0000)], OpcUaFault::NoChannel, "close another client"),
+        (vec![welcome(), error(0x8055_0000)], OpcUaFault::NoList, "discovery"),
+        (vec![welcome(), Vec::new()], OpcUaFault::NotOpened, "no channel left"),
+        (vec![Vec::new()], OpcUaFault::NoAnswer, "no channel left"),
+        (vec![error(0x8083_0000)], OpcUaFault::Refused(Status(0x8083_0000)), "BadTcpEndpointUrlInvalid"),
+    ];
+    for (answers, why, words) in cases {
+        let directory = tempfile::tempdir().unwrap();
+        let port = peer(answers);
+        let mut line = Line::new(super::rig::profile(&super::rig::machine(port, ""), directory.path()));
+        let fault = line.signals().await.unwrap_err();
+        assert_eq!(fault, no_session(why));
+        let said = fault.to_string();
+        assert!(said.contains(words) && !said.contains("does not speak"), "{said}");
+    }
 }
 
 #[tokio::test]

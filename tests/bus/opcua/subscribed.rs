@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::gateway::{beside, events, reported, wait_until};
 use super::held::{bed, wait};
-use super::rig::{Line, Server, profile, subscribing};
+use super::rig::{Line, Server, profile, subscribing, with_many};
 use isotherm::clock::Clock;
 use isotherm::fieldbus::error::{Fault, PeerFault};
 use isotherm::fieldbus::wire::{Answer, Request, Stamped};
@@ -106,6 +106,28 @@ async fn a_server_that_takes_one_node_a_call_is_given_one_a_call_and_what_it_lac
     assert_eq!(line.signals().await, Ok(wanted));
     until_sent(&mut line, &mut server).await;
     assert_eq!(line.signals().await, Ok(wanted));
+}
+
+#[tokio::test]
+async fn nodes_are_subscribed_to_in_calls_that_the_server_accepts() {
+    let cases: [&[&str]; 4] = [
+        &["--many", "11", "--unsaid", "5"],
+        &["--many", "11", "--unsaid", "5", "--refusal", "BadResponseTooLarge"],
+        &["--many", "300", "--buffers", "8192,1,4096"],
+        &["--many", "300", "--buffers", "8192,1,0"],
+    ];
+    for arguments in cases {
+        let mut server = Server::start(arguments);
+        let count = arguments[1].parse().unwrap();
+        let directory = tempfile::tempdir().unwrap();
+        let text = with_many(&subscribing(server.port), count);
+        let mut line = Line::new(profile(&text, directory.path()));
+        assert_eq!(line.signals().await, Ok([Ok(20.0), Ok(100.0)]), "{arguments:?}");
+        until_sent(&mut line, &mut server).await;
+        server.does("value bed 27.5");
+        until(&mut line, "the value has changed", [Ok(27.5), Ok(100.0)]).await;
+        assert_eq!(server.does("subscriptions"), "1", "{arguments:?}: none is left at the server");
+    }
 }
 
 #[tokio::test]

@@ -1,6 +1,6 @@
 //! Tests of reads and writes, and of the status that is reported for them.
 
-use super::rig::{Line, Server};
+use super::rig::{Line, SHORTLY, Server, machine, profile, with_many};
 use isotherm::fieldbus::error::{Fault, Outcome, PeerFault};
 use isotherm::fieldbus::wire::{Answer, NodeRequest, Request};
 use isotherm_core::codec::{Address, DataType, Node};
@@ -68,6 +68,72 @@ async fn a_refusal_that_means_not_done_is_told_apart_from_one_that_may_not() {
         assert!(!fault.spoils_connection(), "{name}: the session goes on");
     }
     assert_eq!(line.stands().await, Ok(0));
+}
+
+fn many(server: &Server, count: usize) -> Line {
+    let directory = tempfile::tempdir().unwrap();
+    Line::new(profile(&with_many(&machine(server.port, ""), count), directory.path()))
+}
+
+#[tokio::test]
+async fn a_call_that_a_server_refuses_because_of_its_size_is_halved_and_the_size_is_remembered() {
+    for refusal in
+        ["BadTooManyOperations", "BadRequestTooLarge", "BadResponseTooLarge", "BadEncodingLimitsExceeded"]
+    {
+        let mut server = Server::start(&["--many", "11", "--unsaid", "5", "--refusal", refusal]);
+        let mut line = many(&server, 11);
+        assert_eq!(line.signals().await, Ok([Ok(20.0), Ok(100.0)]), "{refusal}");
+        assert_eq!(server.does("refusals"), "2", "{refusal}: 13 and 7 nodes, then 4");
+        server.does("value bed 27.5");
+        assert_eq!(line.signals().await, Ok([Ok(27.5), Ok(100.0)]), "{refusal}");
+        server.does("drop");
+        let mut answered = line.signals().await;
+        for _ in 0..100 {
+            if answered.is_ok() {
+                break;
+            }
+            tokio::time::sleep(SHORTLY).await;
+            answered = line.signals().await;
+        }
+        assert_eq!(answered, Ok([Ok(27.5), Ok(100.0)]), "{refusal}");
+        assert_eq!(server.does("refusals"), "0", "{refusal}: also with a new session");
+    }
+}
+
+#[tokio::test]
+async fn nodes_that_do_not_fit_into_the_buffers_of_a_server_are_read_in_several_calls() {
+    for buffers in ["8192,1,4096", "8192,1,0", "8192,0,0"] {
+        let server = Server::start(&["--many", "400", "--buffers", buffers]);
+        let mut line = many(&server, 400);
+        assert_eq!(line.signals().await, Ok([Ok(20.0), Ok(100.0)]), "{buffers}");
+        assert_eq!(line.exchanges(), 0, "{buffers}: the connection is kept");
+    }
+}
+
+#[tokio::test]
+async fn a_node_that_a_server_refuses_alone_is_bad_and_the_others_are_read() {
+    let server = Server::start(&["--huge", "bed", "--refusal", "BadResponseTooLarge"]);
+    let mut line = Line::to(&server);
+    for _ in 0..2 {
+        let bed = Err(Reason::Status(Status::RESPONSE_TOO_LARGE.0));
+        assert_eq!(line.signals().await, Ok([bed, Ok(100.0)]));
+    }
+}
+
+#[tokio::test]
+async fn a_text_contradicts_a_type_in_the_profile_and_is_no_number_without_one() {
+    let server = Server::start(&[]);
+    let directory = tempfile::tempdir().unwrap();
+    let text = machine(server.port, "").replace("s=bed", "s=text");
+    let mut line = Line::new(profile(&text, directory.path()));
+    assert_eq!(line.signals().await, Ok([Err(Reason::NoNumber), Ok(100.0)]));
+    let id = "ns=2;s=text".parse().unwrap();
+    let address = Address::Node(Node { id, data_type: None });
+    let request = Request::read(&address, DataType::F64).unwrap();
+    let fault = line.asks(request).await.unwrap().answer.accepted().unwrap_err();
+    assert_eq!(fault, Fault::Peer(PeerFault::NotANumber));
+    let said = isotherm::fieldbus::explain::explain(fault);
+    assert!(said.contains("not a number: write another node") && !said.contains("type"), "{said}");
 }
 
 /// Status codes of the server itself, without a script.

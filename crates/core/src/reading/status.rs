@@ -7,7 +7,7 @@ use std::fmt;
 pub struct Status(pub u32);
 
 /// Codes that clients receive when they read, write or subscribe, as numbered in Part 6 of the specification.
-const NAMES: [(u32, &str); 102] = [
+const NAMES: [(u32, &str); 116] = [
     (0x0000, "Good"),
     (0x002f, "GoodOverload"),
     (0x0030, "GoodClamped"),
@@ -38,7 +38,16 @@ const NAMES: [(u32, &str); 102] = [
     (0x8012, "BadCertificateInvalid"),
     (0x8013, "BadSecurityChecksFailed"),
     (0x8014, "BadCertificateTimeInvalid"),
+    (0x8015, "BadCertificateIssuerTimeInvalid"),
+    (0x8016, "BadCertificateHostNameInvalid"),
+    (0x8017, "BadCertificateUriInvalid"),
+    (0x8018, "BadCertificateUseNotAllowed"),
+    (0x8019, "BadCertificateIssuerUseNotAllowed"),
     (0x801a, "BadCertificateUntrusted"),
+    (0x801b, "BadCertificateRevocationUnknown"),
+    (0x801c, "BadCertificateIssuerRevocationUnknown"),
+    (0x801d, "BadCertificateRevoked"),
+    (0x801e, "BadCertificateIssuerRevoked"),
     (0x801f, "BadUserAccessDenied"),
     (0x8020, "BadIdentityTokenInvalid"),
     (0x8021, "BadIdentityTokenRejected"),
@@ -77,6 +86,7 @@ const NAMES: [(u32, &str); 102] = [
     (0x8056, "BadTooManySessions"),
     (0x8057, "BadUserSignatureInvalid"),
     (0x8058, "BadApplicationSignatureInvalid"),
+    (0x8059, "BadNoValidCertificates"),
     (0x8073, "BadWriteNotSupported"),
     (0x8074, "BadTypeMismatch"),
     (0x8077, "BadTooManySubscriptions"),
@@ -93,6 +103,7 @@ const NAMES: [(u32, &str); 102] = [
     (0x8083, "BadTcpEndpointUrlInvalid"),
     (0x8085, "BadRequestTimeout"),
     (0x8086, "BadSecureChannelClosed"),
+    (0x8087, "BadSecureChannelTokenUnknown"),
     (0x8088, "BadSequenceNumberInvalid"),
     (0x8089, "BadConfigurationError"),
     (0x808a, "BadNotConnected"),
@@ -102,6 +113,7 @@ const NAMES: [(u32, &str); 102] = [
     (0x809d, "BadDataLost"),
     (0x80ae, "BadConnectionClosed"),
     (0x80af, "BadInvalidState"),
+    (0x80b7, "BadMaxConnectionsReached"),
     (0x80b8, "BadRequestTooLarge"),
     (0x80b9, "BadResponseTooLarge"),
     (0x80db, "BadTooManyMonitoredItems"),
@@ -109,10 +121,16 @@ const NAMES: [(u32, &str); 102] = [
     (0x80e6, "BadSecurityModeInsufficient"),
     (0x80e9, "BadLocked"),
     (0x80ee, "BadServerTooBusy"),
+    (0x810d, "BadCertificateChainIncomplete"),
     (0x8110, "BadLicenseNotAvailable"),
+    (0x8114, "BadCertificatePolicyCheckFailed"),
 ];
 
 impl Status {
+    /// BadEncodingLimitsExceeded: the message is too large for the server.
+    pub const ENCODING_LIMITS: Status = Status(0x8008_0000);
+    /// BadTooManyOperations: the call has more nodes than the server accepts.
+    pub const TOO_MANY_OPERATIONS: Status = Status(0x8010_0000);
     /// BadUserAccessDenied: the user may not read or write this node.
     pub const ACCESS_DENIED: Status = Status(0x801f_0000);
     /// BadNodeIdUnknown: the server does not have this node.
@@ -125,6 +143,10 @@ impl Status {
     pub const WRITE_NOT_SUPPORTED: Status = Status(0x8073_0000);
     /// BadTypeMismatch: the node has another type than the value.
     pub const TYPE_MISMATCH: Status = Status(0x8074_0000);
+    /// BadRequestTooLarge: the request has more bytes than the server accepts.
+    pub const REQUEST_TOO_LARGE: Status = Status(0x80b8_0000);
+    /// BadResponseTooLarge: the answer would have more bytes than the server can send.
+    pub const RESPONSE_TOO_LARGE: Status = Status(0x80b9_0000);
 
     /// Returns whether a value with this status may be used.
     pub const fn is_good(self) -> bool {

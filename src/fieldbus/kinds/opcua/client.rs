@@ -11,7 +11,10 @@
 //! - A lost connection leaves its session at the server. The next connection resumes that session, so that a server
 //!   with few sessions does not run out of them.
 //! - A certificate is trusted if it is identical to one in the directory that the profile names, and is valid now. The
-//!   gateway checks neither the authority that signed the certificate nor the names in it.
+//!   gateway checks neither the authority that signed the certificate nor the names in it. The server may send the
+//!   certificates of its authorities too (`chain.rs`).
+//! - A call that is too large for the server is halved (`call_size.rs`).
+//! - After a rejected login, the gateway makes no attempt for minutes, and leaves no session at the server.
 //! - The index of a namespace that the profile names by its URI is read each time a connection is opened. The URI of a
 //!   namespace that the profile names by index is stored ([`super::namespaces`]). If the server does not have the
 //!   namespace of a node, the gateway does not request the node, and treats it as missing.
@@ -24,7 +27,7 @@ use std::time::Duration;
 
 use ::opcua::client::{AsyncSecureChannel, IdentityToken};
 use ::opcua::crypto::{PrivateKey, X509};
-use ::opcua::types::EndpointDescription;
+use ::opcua::types::{EndpointDescription, Error};
 use tokio::net::TcpStream;
 
 use super::fault::OpcUaFault;
@@ -35,15 +38,18 @@ use crate::fieldbus::kinds::target::host_of_url;
 use crate::fieldbus::tcp::connected;
 use crate::fieldbus::trace::Tap;
 use crate::fieldbus::wire::Boxed;
+use call_size::CallSizes;
 use channel::{Link, Socket};
 use files::Files;
 use isotherm_profile::{Bus, Security};
-use session::{Login, Session};
-use status::{call_fault, dial_fault};
+use session::{Limits, Login, Session};
+use status::{Purpose, call_fault, dial_fault, opening_fault};
 use wire::OpcUa;
 
 pub mod browse;
+mod call_size;
 pub mod certificate;
+mod chain;
 mod channel;
 mod chunks;
 mod endpoint;
@@ -64,6 +70,9 @@ pub(super) use files::wrong;
 /// Time that opening a session may take in addition to the timeout of an answer: signatures and checks of certificates
 /// take longer.
 const OPENING: Duration = Duration::from_secs(5);
+/// Pause after the server has rejected the user or the gateway's certificate. Many servers lock a user after a few
+/// rejected logins, and record each rejected certificate.
+const AFTER_REJECTION: Duration = Duration::from_mins(5);
 
 /// Opens sessions with one OPC UA server.
 pub(super) struct OpcUaDial {
@@ -77,6 +86,8 @@ pub(super) struct OpcUaDial {
     files: Option<Files>,
     /// Channel, endpoint and session of the last connection, which the next connection resumes.
     known: Option<ServerState>,
+    /// Sizes of calls that the server has not refused.
+    sizes: CallSizes,
     /// Whether the server no longer had the session of the previous connection when the present one was opened.
     is_forgotten: bool,
     /// Namespaces that the profile names by index.
@@ -104,6 +115,7 @@ impl OpcUaDial {
             timeout,
             files,
             known: None,
+            sizes: CallSizes::default(),
             is_forgotten: false,
             namespaces: NamespaceTable::default(),
         })
@@ -117,7 +129,7 @@ impl OpcUaDial {
             let socket = connected(&self.address, self.timeout).await?;
             // If a later step fails, the endpoint or its certificate may have changed: query them again.
             if let Some(known) = self.known.take() {
-                taken_up = self.take_up(files, known, socket).await;
+                taken_up = self.take_up(files, known, socket).await?;
             }
         }
         self.is_forgotten = had_session && taken_up.is_none();
@@ -125,27 +137,50 @@ impl OpcUaDial {
             Some(taken_up) => taken_up,
             None => self.begin(files).await?,
         };
-        let limits = known.session.limits(&mut link).await?;
-        let read = known.session.read_namespaces(&mut link, &self.namespaces).await;
-        read.map_err(|error| call_fault(&error))?;
+        let limits = self.prepare(&mut link, &known.session).await?;
         let wire = OpcUa::new(link, known.session.clone(), limits);
         self.known = Some(known);
         Ok(Connection::Other(Box::new(wire)))
     }
 
+    /// Reads the limits and the namespaces of the server in a new session. If that fails, closes the session, because
+    /// no later connection resumes it.
+    async fn prepare(&self, link: &mut Link, session: &Session) -> Result<Limits, Fault> {
+        let limits = session.limits(link).await;
+        let read = match limits {
+            Ok(limits) => session.read_namespaces(link, &self.namespaces).await.map(|()| limits),
+            Err(error) => Err(error),
+        };
+        if read.is_err() {
+            session.give_up(link).await;
+        }
+        read.map_err(|error| call_fault(&error))
+    }
+
     /// Resumes the previous session on this socket; returns `None` if that fails.
+    ///
+    /// # Errors
+    /// The server rejects the user. A new session would be rejected too, and the server would count one more failure.
     async fn take_up(
         &self,
         files: &Files,
         known: ServerState,
         socket: TcpStream,
-    ) -> Option<(Link, ServerState)> {
+    ) -> Result<Option<(Link, ServerState)>, Fault> {
         let own = self.shown(files);
-        let socket = Socket::new(&self.url, socket, own);
-        let mut link = Link::open(known.channel.clone(), &socket).await.ok()?;
+        let socket = Socket::new(&self.url, socket, own, &known.endpoint);
+        let Ok(mut link) = Link::open(known.channel.clone(), &socket).await else { return Ok(None) };
         let login = Login { endpoint: &known.endpoint, own, user: &files.user };
-        known.session.take_up(&mut link, login).await.ok()?;
-        Some((link, known))
+        let resumed = known.session.take_up(&mut link, login).await.map_err(|error| dial_fault(&error));
+        let rejected = fault(OpcUaFault::UserRefused);
+        match resumed {
+            Ok(()) => Ok(Some((link, known))),
+            Err(why) if why == rejected => {
+                known.session.give_up(&mut link).await;
+                Err(rejected)
+            }
+            Err(_) => Ok(None),
+        }
     }
 
     /// Chooses an endpoint of the server, opens a connection to it, and begins a new session.
@@ -156,12 +191,14 @@ impl OpcUaDial {
         if self.security != Security::None {
             files.trusts(endpoint.server_certificate.as_ref()).map_err(fault)?;
         }
+        let endpoint = chain::without_chain(endpoint);
         let own = self.shown(files);
         let socket = connected(&self.address, self.timeout).await?;
-        let socket = Socket::new(&self.url, socket, own);
+        let socket = Socket::new(&self.url, socket, own, &endpoint);
         let channel = Arc::new(channel::secured(&endpoint));
-        let mut link = Link::open(channel.clone(), &socket).await.map_err(|error| dial_fault(&error))?;
-        let session = Session::none(files.application.clone(), self.timeout);
+        let not_opened = |error: Error| opening_fault(Purpose::Session, socket.reply(), &error);
+        let mut link = Link::open(channel.clone(), &socket).await.map_err(not_opened)?;
+        let session = Session::none(files.application.clone(), self.timeout, self.sizes.clone());
         session.begin(&mut link, Login { endpoint: &endpoint, own, user: &files.user }).await?;
         Ok((link, ServerState { channel, endpoint, session }))
     }
@@ -175,11 +212,15 @@ impl OpcUaDial {
 /// Queries the endpoints of a server, on a separate connection without security.
 async fn offered(url: &str, timeout: Duration) -> Result<Vec<EndpointDescription>, Fault> {
     let socket = connected(host_of_url(url), timeout).await?;
-    let socket = Socket::new(url, socket, None);
+    let socket = Socket::plain(url, socket);
     let plain = channel::secured(&EndpointDescription::from(url));
     let opening = Link::open(Arc::new(plain), &socket);
-    let mut link = opening.await.map_err(|_| fault(OpcUaFault::NoServer))?;
-    session::endpoints(&mut link, url, timeout + OPENING).await
+    let not_opened = |error: Error| opening_fault(Purpose::List, socket.reply(), &error);
+    let mut link = opening.await.map_err(not_opened)?;
+    let found = session::endpoints(&mut link, url, timeout + OPENING).await;
+    // The server may have a single channel, which the session needs.
+    link.close().await;
+    found
 }
 
 fn fault(why: OpcUaFault) -> Fault {
@@ -201,6 +242,15 @@ impl Dial for OpcUaDial {
 
     fn takes(&self) -> Duration {
         OPENING
+    }
+
+    fn pause_after(&self, fault: Fault) -> Duration {
+        match fault {
+            Fault::Link(LinkFault::OpcUa(OpcUaFault::UserRefused | OpcUaFault::OursRefused)) => {
+                AFTER_REJECTION
+            }
+            _ => Duration::ZERO,
+        }
     }
 }
 

@@ -13,6 +13,30 @@ pub enum OpcUaFault {
     /// The program at this port does not answer in the OPC UA protocol.
     #[error("the program at this port does not speak OPC UA: is the port right (usually 4840)?")]
     NoServer,
+    /// The program at this port closes the connection without an answer.
+    #[error(
+        "the program at this port closes the connection without an answer: is the port right (usually 4840)? \
+         If so, the server may have no channel left: close another client"
+    )]
+    NoAnswer,
+    /// The server has no free connection or channel.
+    #[error(
+        "the server has no channel left: close another client, or wait until a lost connection has expired at \
+         the server"
+    )]
+    NoChannel,
+    /// The server has accepted the connection, and closes it instead of opening a channel.
+    #[error(
+        "the server closes the connection instead of opening a channel: it has no channel left, or rejects \
+         the security. Close another client; the server's own log says why"
+    )]
+    NotOpened,
+    /// The server refuses to list its endpoints on a channel without security.
+    #[error(
+        "the server refuses to list its endpoints without security: allow this query at the server (often \
+         called discovery with the policy None). No session without security is needed"
+    )]
+    NoList,
     /// The server has no endpoint with the `security` and the kind of `user` in the profile.
     #[error(
         "the server offers no endpoint with this `security` and this kind of `user`: write what is switched \
@@ -55,7 +79,8 @@ pub enum OpcUaFault {
     /// The server rejects the gateway's certificate.
     #[error(
         "the server does not trust the gateway's certificate in `cert`: add it to the trusted certificates \
-         of the server"
+         of the server. A running gateway tries again after 5 minutes, or at once after `isotherm restart \
+         PROFILE --keep`"
     )]
     OursRefused,
     /// The files that the profile names are unusable.
@@ -64,7 +89,8 @@ pub enum OpcUaFault {
     /// The server rejects the user of the line.
     #[error(
         "the server rejects this user: name, password or certificate are wrong, or the user lacks the \
-         permission"
+         permission. A running gateway tries again after 5 minutes, or at once after `isotherm restart PROFILE \
+         --keep`. Many servers lock a user after a few wrong passwords"
     )]
     UserRefused,
     /// The server has no free session.

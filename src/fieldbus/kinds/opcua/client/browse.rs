@@ -17,8 +17,9 @@ use isotherm_core::reading::Status;
 use isotherm_profile::{Bus, one_line, safe_file};
 use serde::{Serialize, Serializer};
 
+use super::call_size::Service;
 use super::channel::Link;
-use super::session::Session;
+use super::session::{Session, answered};
 use super::status::call_fault;
 use super::value::{for_people, number_type};
 use super::{OPENING, OpcUaDial, fault};
@@ -132,9 +133,7 @@ impl Browser {
         let files = dial.files.as_ref().ok_or(fault(OpcUaFault::OurFiles))?;
         files.own_is_valid().map_err(fault)?;
         let (mut link, known) = dial.begin(files).await?;
-        let limits = known.session.limits(&mut link).await?;
-        let read = known.session.read_namespaces(&mut link, &dial.namespaces).await;
-        read.map_err(|error| call_fault(&error))?;
+        let limits = dial.prepare(&mut link, &known.session).await?;
         let (session, timeout) = (known.session, bus.timeout.max(Duration::from_secs(1)));
         Ok(Browser { link, session, timeout, most: limits.read.min(AT_ONCE) })
     }
@@ -215,6 +214,7 @@ impl Browser {
     /// Closes the session, so that the server can give it to another client.
     pub async fn close(mut self) {
         self.session.close(&mut self.link).await;
+        self.link.close().await;
     }
 
     /// Returns at most `room` child nodes of a node, and whether the server has more.
@@ -285,21 +285,19 @@ impl Browser {
         Ok(nodes)
     }
 
-    async fn read(&mut self, mut asked: Vec<ReadValueId>) -> Result<Vec<DataValue>, Fault> {
+    /// Reads attributes, in as many calls as the server requires.
+    async fn read(&mut self, asked: Vec<ReadValueId>) -> Result<Vec<DataValue>, Fault> {
         let mut found = Vec::with_capacity(asked.len());
-        while !asked.is_empty() {
-            let rest = asked.split_off(asked.len().min(self.most));
-            let now = std::mem::replace(&mut asked, rest);
-            let count = found.len() + now.len();
+        while let Some(rest) = asked.get(found.len()..).filter(|rest| !rest.is_empty()) {
+            let count = self.session.sizes().next(Service::Read, rest.len().min(self.most));
             let channel = self.link.channel.clone();
             let read = Read::new_manual(0, self.timeout, self.session.token(), channel.request_handle())
                 .timestamps_to_return(TimestampsToReturn::Neither)
                 .max_age(0.0)
-                .nodes_to_read(now);
-            let answer = self.link.ask(read.send(&channel)).await.map_err(|error| call_fault(&error))?;
-            found.extend(answer.results.unwrap_or_default());
-            if found.len() != count {
-                return Err(Fault::Peer(PeerFault::Length));
+                .nodes_to_read(rest[..count].to_vec());
+            match self.link.ask(read.send(&channel)).await {
+                Ok(answer) => found.extend(answered(answer, count)?.0),
+                Err(error) => found.extend(self.session.smaller(count, &error)?),
             }
         }
         Ok(found)

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 use std::time::Duration;
 
-use ::opcua::crypto::X509;
+use ::opcua::crypto::KeySize;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{counted, sha256};
 use rsa::pkcs1v15::SigningKey;
@@ -16,7 +16,7 @@ use x509_cert::Certificate as Parsed;
 use x509_cert::builder::{Builder, CertificateBuilder, Error, Profile};
 use x509_cert::der::asn1::{GeneralizedTime, Ia5String, ObjectIdentifier, UtcTime};
 use x509_cert::der::referenced::OwnedToRef;
-use x509_cert::der::{Decode, Encode, Reader, SliceReader};
+use x509_cert::der::{Decode, Encode};
 use x509_cert::ext::pkix::name::GeneralName;
 use x509_cert::ext::pkix::{
     AuthorityKeyIdentifier, BasicConstraints, ExtendedKeyUsage, KeyUsage, KeyUsages, SubjectAltName,
@@ -36,6 +36,15 @@ const KEY_BITS: usize = 2048;
 const EARLIER: Duration = Duration::from_hours(24);
 /// Object identifier of the extended key usage "TLS client authentication", which OPC UA requires of a client.
 const OF_A_CLIENT: ObjectIdentifier = ObjectIdentifier::new_unwrap("1.3.6.1.5.5.7.3.2");
+/// Shortest RSA key, in bits, that counts as safe. The security policies that the gateway supports require it too.
+const SAFE_BITS: usize = 2048;
+/// Object identifiers of signatures with a broken digest, and the name of the digest.
+const BROKEN_DIGESTS: [(ObjectIdentifier, &str); 4] = [
+    (ObjectIdentifier::new_unwrap("1.2.840.113549.1.1.5"), "SHA-1"),
+    (ObjectIdentifier::new_unwrap("1.2.840.10045.4.1"), "SHA-1"),
+    (ObjectIdentifier::new_unwrap("1.2.840.113549.1.1.4"), "MD5"),
+    (ObjectIdentifier::new_unwrap("1.2.840.113549.1.1.2"), "MD2"),
+];
 const SHA1_DIGITS: usize = 40;
 const SHA256_DIGITS: usize = 64;
 
@@ -56,6 +65,10 @@ pub struct Certificate {
     /// End of the validity.
     #[serde(serialize_with = "in_text")]
     pub to: Moment,
+    /// Length of the RSA key in bits; `None` if the key is no RSA key.
+    pub key_bits: Option<usize>,
+    /// Name of the digest of the signature if it is broken, for example `SHA-1`; else `None`.
+    pub broken_digest: Option<&'static str>,
     /// Whole certificate in DER form.
     #[serde(skip)]
     pub der: Vec<u8>,
@@ -77,9 +90,12 @@ impl Certificate {
     /// Reads a certificate in DER or PEM form; returns `None` if it is unreadable. In DER form, the certificates of its
     /// authorities may follow.
     pub fn read(bytes: &[u8]) -> Option<Certificate> {
-        let parsed = first(bytes).or_else(|| certificate(bytes))?;
+        let parsed = certificate(bytes)?;
         let der = parsed.to_der().ok()?;
-        let validity = Parsed::from_der(&der).ok()?.tbs_certificate.validity;
+        let content = Parsed::from_der(&der).ok()?;
+        let validity = content.tbs_certificate.validity;
+        let digest =
+            BROKEN_DIGESTS.iter().find(|(signature, _)| *signature == content.signature_algorithm.oid);
         let at = |time: Time| {
             Moment::from_nanos(u64::try_from(time.to_unix_duration().as_nanos()).unwrap_or(u64::MAX))
         };
@@ -94,6 +110,8 @@ impl Certificate {
             sha256: in_pairs(&sha256(&der)),
             from: at(validity.not_before),
             to: at(validity.not_after),
+            key_bits: parsed.public_key().ok().map(|key| key.bit_length()),
+            broken_digest: digest.map(|(_, name)| *name),
             der,
         })
     }
@@ -108,7 +126,21 @@ impl Certificate {
         let _ = writeln!(text, "  thumbprint   {thumbprint} (SHA-1)");
         let _ = writeln!(text, "  or           {sha256} (SHA-256)");
         let _ = writeln!(text, "  valid        {}", self.validity(now));
+        if let Some(weakness) = self.weakness() {
+            let _ = writeln!(text, "  warning      {weakness}: it should have {SAFE_BITS} bits and SHA-256");
+        }
         text
+    }
+
+    /// Returns why the certificate is weak, for example `the key has 1024 bits`; `None` if it is not.
+    pub fn weakness(&self) -> Option<String> {
+        let bits = self.key_bits.filter(|bits| *bits < SAFE_BITS);
+        let bits = bits.map(|bits| format!("the key has {bits} bits"));
+        let digest = self.broken_digest.map(|digest| format!("the signature uses {digest}"));
+        match (bits, digest) {
+            (Some(bits), Some(digest)) => Some(format!("{bits}, and {digest}")),
+            (bits, digest) => bits.or(digest),
+        }
     }
 
     /// Formats the dates of validity, and the days that are left.
@@ -144,14 +176,6 @@ impl Certificate {
         }
         Ok(known.replace(':', "").eq_ignore_ascii_case(&digits))
     }
-}
-
-/// Returns the first of several certificates in DER form.
-fn first(bytes: &[u8]) -> Option<X509> {
-    let mut reader = SliceReader::new(bytes).ok()?;
-    Parsed::decode(&mut reader).ok()?;
-    let end = usize::try_from(reader.position()).ok()?;
-    X509::from_der(bytes.get(..end)?).ok()
 }
 
 /// Formats hexadecimal digits in pairs: `5F3A…` as `5F:3A:…`.
@@ -232,6 +256,41 @@ mod tests {
     use super::*;
 
     const DAY: Duration = Duration::from_hours(24);
+
+    #[test]
+    fn a_short_key_and_a_broken_digest_are_named_and_the_certificate_is_read_anyway() {
+        let now = Moment::from_nanos(1_900_000_000_000_000_000);
+        let with_key = |bits| {
+            let key = RsaPrivateKey::new(&mut OsRng, bits).unwrap();
+            signed(&key, "old", "urn:old", "press-7", [now, now.after(10 * DAY)]).unwrap()
+        };
+        // The object identifier of SHA-256 with RSA, and the one of SHA-1 with RSA, differ in the last byte.
+        let with_sha1 = |mut der: Vec<u8>| {
+            const SHA256_RSA: &[u8] = b"\x2a\x86\x48\x86\xf7\x0d\x01\x01\x0b";
+            let places: Vec<usize> =
+                (0..der.len()).filter(|place| der[*place..].starts_with(SHA256_RSA)).collect();
+            assert_eq!(places.len(), 2);
+            places.into_iter().for_each(|place| der[place + 8] = 5);
+            der
+        };
+        let (short, long) = (with_key(1024), with_key(2048));
+        let cases = [
+            (long.clone(), Some(2048), None),
+            (short.clone(), Some(1024), Some("the key has 1024 bits")),
+            (with_sha1(long), Some(2048), Some("the signature uses SHA-1")),
+            (with_sha1(short), Some(1024), Some("the key has 1024 bits, and the signature uses SHA-1")),
+        ];
+        for (der, bits, weakness) in cases {
+            let read = Certificate::read(&der).unwrap();
+            assert_eq!((read.key_bits, read.weakness().as_deref()), (bits, weakness));
+            assert_eq!(
+                read.text(now).contains("  warning      the"),
+                weakness.is_some(),
+                "{}",
+                read.text(now)
+            );
+        }
+    }
 
     #[test]
     fn a_certificate_that_was_made_says_for_whom_how_long_and_by_which_thumbprints() {

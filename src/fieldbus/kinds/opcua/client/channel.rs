@@ -19,7 +19,8 @@ use tokio::io::{ReadHalf, WriteHalf};
 use tokio::net::TcpStream;
 use tokio_util::codec::FramedRead;
 
-use super::chunks::Chunks;
+use super::chain::ChainOpener;
+use super::chunks::{Chunks, Peer, Reply};
 use super::panic_guard::contained;
 
 /// Requested lifetime of the keys in milliseconds. The library renews the keys with the first request after three
@@ -69,12 +70,34 @@ pub(super) struct Socket {
     stream: Mutex<Option<TcpStream>>,
     own: Option<(X509, PrivateKey)>,
     state: Mutex<Option<Arc<SecureChannelState>>>,
+    peer: Arc<Peer>,
 }
 
 impl Socket {
-    pub(super) fn new(url: &str, stream: TcpStream, own: Option<&(X509, PrivateKey)>) -> Socket {
+    /// Returns a socket for a channel without security.
+    pub(super) fn plain(url: &str, stream: TcpStream) -> Socket {
+        Socket::with(url, stream, None, Peer::default())
+    }
+
+    /// Returns a socket for a channel to this endpoint. `own` is the certificate that the gateway sends.
+    pub(super) fn new(
+        url: &str,
+        stream: TcpStream,
+        own: Option<&(X509, PrivateKey)>,
+        endpoint: &EndpointDescription,
+    ) -> Socket {
+        let opener = own.map(|own| ChainOpener::new(own, endpoint.server_certificate.as_ref()));
+        Socket::with(url, stream, own, Peer::new(opener))
+    }
+
+    fn with(url: &str, stream: TcpStream, own: Option<&(X509, PrivateKey)>, peer: Peer) -> Socket {
         let (stream, state) = (Mutex::new(Some(stream)), Mutex::new(None));
-        Socket { url: url.to_owned(), stream, own: own.cloned(), state }
+        Socket { url: url.to_owned(), stream, own: own.cloned(), state, peer: Arc::new(peer) }
+    }
+
+    /// Returns the reply of the server to the opening of the connection.
+    pub(super) fn reply(&self) -> Reply {
+        self.peer.reply()
     }
 
     fn state(&self) -> Option<Arc<SecureChannelState>> {
@@ -104,10 +127,10 @@ impl Connector for Socket {
         }
         *self.state.lock().unwrap_or_else(PoisonError::into_inner) = Some(channel.clone());
         let open = |url: String, options: DecodingOptions| {
-            let stream = self.take();
+            let (stream, peer) = (self.take(), self.peer.clone());
             async move {
                 let (reader, writer) = tokio::io::split(stream?);
-                let reader = FramedRead::new(Chunks::new(reader, CHUNK), TcpCodec::new(options));
+                let reader = FramedRead::new(Chunks::new(reader, CHUNK, peer), TcpCodec::new(options));
                 Ok(StreamConnection::new(reader, writer, url))
             }
         };
@@ -192,6 +215,19 @@ impl Link {
                 }
                 () = std::future::ready(()) => return false,
             }
+        }
+    }
+
+    /// Closes the channel, so that the server can give it to another client. The call waits until the message has been
+    /// sent.
+    pub(super) async fn close(mut self) {
+        if !self.is_broken {
+            let channel = self.channel.clone();
+            let _ = contained(async {
+                channel.close_channel().await;
+                while !matches!(self.events.poll().await, TransportPollResult::Closed(_)) {}
+            })
+            .await;
         }
     }
 

@@ -1,52 +1,130 @@
-//! Limit on the length of the chunks that a server sends. Without it, the library would allocate the length that a
-//! chunk header states, up to four gigabytes.
+//! Chunks that a server sends, before the library reads them.
+//!
+//! - The length of a chunk is limited. Without the limit, the library would allocate the length that a chunk header
+//!   states, up to four gigabytes.
+//! - The first reply of the server is recorded. The library reports every reply that is no acknowledgement as a closed
+//!   connection, so that the reason of the server would be lost.
+//! - An answer that opens a channel is replaced if it contains the server's certificate with its chain ([`ChainOpener`]).
 
 use std::io::{Error, ErrorKind, Result};
 use std::pin::Pin;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Context, Poll, ready};
 
+use ::opcua::types::StatusCode;
 use tokio::io::{AsyncRead, ReadBuf};
+
+use super::chain::ChainOpener;
 
 /// Length in bytes of a chunk header: message type (three bytes), whether another chunk follows (one byte), total
 /// length of the chunk (32 bits, lowest byte first).
 const HEADER: usize = 8;
 
-/// Reader that returns the bytes of its input unchanged, and fails at a chunk longer than `longest`.
+/// Reply of a server to the opening of a connection, as far as it is known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Reply {
+    /// No complete chunk has arrived.
+    #[default]
+    None,
+    /// The server has accepted the connection.
+    Acknowledged,
+    /// The server has sent an error message with this status. It then closes the connection.
+    Error(StatusCode),
+    /// The data that arrived is not OPC UA.
+    Foreign,
+}
+
+/// Other end of a connection: its reply, and the opener of its answers.
+#[derive(Default)]
+pub(super) struct Peer {
+    reply: Mutex<Reply>,
+    opener: Option<ChainOpener>,
+}
+
+impl Peer {
+    /// Returns the other end of a connection on which nothing has arrived. `opener` is for secured channels.
+    pub(super) fn new(opener: Option<ChainOpener>) -> Peer {
+        Peer { reply: Mutex::default(), opener }
+    }
+
+    /// Returns the reply so far.
+    pub(super) fn reply(&self) -> Reply {
+        *self.reply.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn replies(&self, reply: Reply) {
+        *self.reply.lock().unwrap_or_else(PoisonError::into_inner) = reply;
+    }
+
+    /// Records a complete chunk if it is a reply. Returns the chunk that the library reads instead; `None` if the chunk
+    /// is not replaced.
+    fn receives(&self, chunk: &[u8]) -> Option<Vec<u8>> {
+        match (chunk.first_chunk::<3>(), self.reply()) {
+            (Some(b"MSG" | b"CLO"), _) => {}
+            (Some(b"OPN"), _) => return self.opener.as_ref()?.open(chunk),
+            (Some(b"ACK"), Reply::None) => self.replies(Reply::Acknowledged),
+            (Some(b"ERR"), _) => {
+                let status = chunk.get(HEADER..).and_then(<[u8]>::first_chunk::<4>);
+                let status = status.map_or(0, |status| u32::from_le_bytes(*status));
+                self.replies(Reply::Error(StatusCode::from(status)));
+            }
+            (_, Reply::None) => self.replies(Reply::Foreign),
+            _ => {}
+        }
+        None
+    }
+}
+
+/// Reader that returns its input one complete chunk after the other. It fails at a chunk longer than `longest`.
 pub(super) struct Chunks<R> {
     inner: R,
     longest: usize,
-    header: [u8; HEADER],
-    /// Number of header bytes read so far.
-    known: usize,
-    /// Number of bytes of the present chunk that are still to be read.
-    rest: usize,
+    peer: Arc<Peer>,
+    /// Bytes of a chunk that has not arrived completely.
+    incomplete: Vec<u8>,
+    /// Complete chunks, and the number of their bytes that the library has read.
+    complete: Vec<u8>,
+    passed: usize,
 }
 
 impl<R> Chunks<R> {
-    pub(super) fn new(inner: R, longest: usize) -> Chunks<R> {
-        Chunks { inner, longest, header: [0; HEADER], known: 0, rest: 0 }
+    pub(super) fn new(inner: R, longest: usize, peer: Arc<Peer>) -> Chunks<R> {
+        Chunks { inner, longest, peer, incomplete: Vec::new(), complete: Vec::new(), passed: 0 }
     }
 
-    fn check(&mut self, mut bytes: &[u8]) -> Result<()> {
-        while !bytes.is_empty() {
-            let passed = self.rest.min(bytes.len());
-            (self.rest, bytes) = (self.rest - passed, &bytes[passed..]);
-            let taken = bytes.len().min(HEADER - self.known);
-            self.header[self.known..self.known + taken].copy_from_slice(&bytes[..taken]);
-            (self.known, bytes) = (self.known + taken, &bytes[taken..]);
-            if self.known == HEADER {
-                let [.., a, b, c, d] = self.header;
-                let length = usize::try_from(u32::from_le_bytes([a, b, c, d])).unwrap_or(usize::MAX);
-                if !(HEADER..=self.longest).contains(&length) {
-                    return Err(Error::new(
-                        ErrorKind::InvalidData,
-                        "a chunk has a length that is not allowed",
-                    ));
-                }
-                (self.known, self.rest) = (0, length - HEADER);
+    /// Adds input, and moves the chunks that are complete now.
+    fn take(&mut self, bytes: &[u8]) -> Result<()> {
+        self.incomplete.extend_from_slice(bytes);
+        let mut begin = 0;
+        while let Some(header) = self.incomplete.get(begin..).and_then(<[u8]>::first_chunk::<HEADER>) {
+            let [.., a, b, c, d] = *header;
+            let length = usize::try_from(u32::from_le_bytes([a, b, c, d])).unwrap_or(usize::MAX);
+            if !(HEADER..=self.longest).contains(&length) {
+                self.peer.replies(Reply::Foreign);
+                return Err(Error::new(ErrorKind::InvalidData, "a chunk has a length that is not allowed"));
             }
+            let Some(chunk) = self.incomplete.get(begin..begin + length) else { break };
+            match self.peer.receives(chunk) {
+                Some(instead) => self.complete.extend(instead),
+                None => self.complete.extend_from_slice(chunk),
+            }
+            begin += length;
         }
+        self.incomplete.drain(..begin);
         Ok(())
+    }
+
+    /// Fills the buffer with bytes of complete chunks. Returns false if there are none.
+    fn fill(&mut self, buffer: &mut ReadBuf<'_>) -> bool {
+        let rest = &self.complete[self.passed..];
+        let count = rest.len().min(buffer.remaining());
+        buffer.put_slice(&rest[..count]);
+        self.passed += count;
+        if self.passed == self.complete.len() {
+            self.complete.clear();
+            self.passed = 0;
+        }
+        count > 0
     }
 }
 
@@ -57,8 +135,19 @@ impl<R: AsyncRead + Unpin> AsyncRead for Chunks<R> {
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<Result<()>> {
         let before = buffer.filled().len();
-        ready!(Pin::new(&mut self.inner).poll_read(context, buffer))?;
-        Poll::Ready(self.check(&buffer.filled()[before..]))
+        loop {
+            if self.fill(buffer) {
+                return Poll::Ready(Ok(()));
+            }
+            ready!(Pin::new(&mut self.inner).poll_read(context, buffer))?;
+            let read = &buffer.filled()[before..];
+            // The input has ended.
+            if read.is_empty() {
+                return Poll::Ready(Ok(()));
+            }
+            self.take(read)?;
+            buffer.set_filled(before);
+        }
     }
 }
 
@@ -66,20 +155,73 @@ impl<R: AsyncRead + Unpin> AsyncRead for Chunks<R> {
 mod tests {
     use super::*;
 
-    fn chunk(length: u32, bytes: usize) -> Vec<u8> {
-        [b"MSGF".as_slice(), &length.to_le_bytes(), &vec![7; bytes]].concat()
+    fn message(kind: &[u8], body: &[u8]) -> Vec<u8> {
+        let length = u32::try_from(HEADER + body.len()).unwrap();
+        [kind, &length.to_le_bytes(), body].concat()
+    }
+
+    fn chunks(longest: usize) -> Chunks<()> {
+        Chunks::new((), longest, Arc::default())
     }
 
     #[test]
     fn a_chunk_that_says_it_is_longer_than_any_may_be_ends_it_however_it_is_cut() {
+        let chunk =
+            |length: u32, bytes: usize| [b"MSGF".as_slice(), &length.to_le_bytes(), &vec![7; bytes]].concat();
         let (right, short) = (chunk(108, 100), chunk(8, 0));
+        let before = [&right, &short, &right].map(Vec::as_slice).concat();
         for (last, is_taken) in [(chunk(1000, 992), true), (chunk(1001, 993), false), (chunk(7, 0), false)] {
             let bytes = [&right, &short, &right, &last].map(Vec::as_slice).concat();
             for size in 1..bytes.len() {
-                let mut chunks = Chunks::new((), 1000);
-                let taken = bytes.chunks(size).try_for_each(|part| chunks.check(part));
+                let mut chunks = chunks(1000);
+                let taken = bytes.chunks(size).try_for_each(|part| chunks.take(part));
                 assert_eq!(taken.is_ok(), is_taken, "{size}");
+                assert_eq!(chunks.complete, if is_taken { &*bytes } else { &*before }, "{size}");
             }
+        }
+    }
+
+    #[tokio::test]
+    async fn what_arrives_is_passed_on_however_small_the_reads_are() {
+        use tokio::io::AsyncReadExt;
+        let bytes =
+            [message(b"ACKF", &[0; 20]), message(b"MSGC", &[1; 300]), message(b"MSGF", &[2; 5])].concat();
+        for size in [1, 7, 4096] {
+            let peer: Arc<Peer> = Arc::default();
+            let mut chunks = Chunks::new(bytes.as_slice(), 1000, peer.clone());
+            let mut found = Vec::new();
+            let mut part = vec![0; size];
+            loop {
+                match chunks.read(&mut part).await.unwrap() {
+                    0 => break,
+                    count => found.extend_from_slice(&part[..count]),
+                }
+            }
+            assert_eq!((found, peer.reply()), (bytes.clone(), Reply::Acknowledged), "{size}");
+        }
+    }
+
+    #[test]
+    fn the_reply_of_a_server_is_known_after_the_library_has_forgotten_it() {
+        let error = |code: u32| message(b"ERRF", &[&code.to_le_bytes()[..], &[0xff; 4]].concat());
+        let busy = Reply::Error(StatusCode::BadTcpServerTooBusy);
+        let ack = message(b"ACKF", &[0; 20]);
+        let cases = [
+            (Vec::new(), Reply::None),
+            (b"ACKF".to_vec(), Reply::None),
+            (ack.clone(), Reply::Acknowledged),
+            (error(0x807d_0000), busy),
+            ([ack.clone(), error(0x807d_0000)].concat(), busy),
+            ([ack.clone(), message(b"MSGF", &[7; 90])].concat(), Reply::Acknowledged),
+            (b"HTTP/1.1 400 Bad Request\r\n".to_vec(), Reply::Foreign),
+            (b"SSH-2.0-OpenSSH_9.2\r\n".to_vec(), Reply::Foreign),
+            ([ack, b"OPNF\xff\xff\xff\xff".to_vec()].concat(), Reply::Foreign),
+            (message(b"HELF", &[0; 20]), Reply::Foreign),
+        ];
+        for (bytes, expected) in cases {
+            let mut chunks = chunks(1000);
+            let _ = chunks.take(&bytes);
+            assert_eq!(chunks.peer.reply(), expected, "{bytes:?}");
         }
     }
 }

@@ -8,10 +8,13 @@ use x509_cert::der::Decode;
 use x509_cert::ext::pkix::SubjectAltName;
 use x509_cert::ext::pkix::name::GeneralName;
 
+use super::chain::leaf;
 use crate::clock::Clock;
 use crate::fieldbus::kinds::opcua::fault::OpcUaFault;
 use isotherm_profile::{NamedFile, OpcUa, ProfileError, User};
 
+/// Last line of a certificate in PEM form.
+const END: &[u8] = b"-----END CERTIFICATE-----";
 /// Application URI that the gateway reports if it has no certificate.
 const APPLICATION: &str = "urn:isotherm:gateway";
 
@@ -123,8 +126,13 @@ fn pair(cert: &NamedFile, key: &NamedFile, wrong: &mut Vec<ProfileError>) -> Opt
     Some((parsed, secret))
 }
 
+/// Reads a certificate in DER or PEM form. The certificates of its authorities may follow it.
 pub(super) fn certificate(bytes: &[u8]) -> Option<X509> {
-    X509::from_der(bytes).or_else(|_| X509::from_pem(bytes)).ok()
+    if let Some(own) = leaf(bytes) {
+        return X509::from_der(own).ok();
+    }
+    let end = bytes.windows(END.len()).position(|part| part == END).map_or(bytes.len(), |at| at + END.len());
+    X509::from_pem(bytes.get(..end)?).ok()
 }
 
 /// Returns the application URI of a certificate.

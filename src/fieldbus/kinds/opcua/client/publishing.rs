@@ -11,10 +11,11 @@ use ::opcua::types::{Error, PublishResponse, StatusCode, SubscriptionAcknowledge
 use isotherm_core::quantity::Moment;
 use isotherm_profile::plan::Subscription;
 
+use super::call_size::{Service, SizeRefusal, size_refusal};
 use super::channel::Link;
 use super::session::Session;
 use super::status::call_fault;
-use super::subscription::{Subscribed, ValueState, subscribe, unsubscribe};
+use super::subscription::{NotSubscribed, Subscribed, ValueState, subscribe, unsubscribe};
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::wire::NodeReading;
 
@@ -73,14 +74,14 @@ impl Publishing {
                     continue;
                 }
             };
-            is_more |= self.receive(answered, first.asked, now)?;
+            is_more |= self.receive(answered, session, first.asked, now)?;
         }
         loop {
             self.ask(link, session, now).await?;
             let first = if is_more { self.waiting.pop_front() } else { None };
             let Some(first) = first else { return Ok(()) };
             let answered = link.ask(first.answer).await;
-            is_more = self.receive(answered, first.asked, now)?;
+            is_more = self.receive(answered, session, first.asked, now)?;
         }
     }
 
@@ -88,6 +89,7 @@ impl Publishing {
     fn receive(
         &mut self,
         answered: Result<PublishResponse, Error>,
+        session: &Session,
         asked: Moment,
         now: Moment,
     ) -> Result<bool, Error> {
@@ -102,6 +104,11 @@ impl Publishing {
                     }
                     // Another request replaces it.
                     StatusCode::BadTooManyPublishRequests | StatusCode::BadTimeout => Ok(false),
+                    status if self.has_smaller_messages(session, &error) => {
+                        self.of.retain(|(_, state)| matches!(state, State::Refused));
+                        self.lost(Some(status));
+                        Ok(false)
+                    }
                     _ => Err(error),
                 };
             }
@@ -122,6 +129,15 @@ impl Publishing {
                 Ok(false)
             }
         }
+    }
+
+    /// Returns whether a message was too large for the server, and the next subscription can have smaller ones.
+    fn has_smaller_messages(&self, session: &Session, error: &Error) -> bool {
+        let sent = self.of.iter().filter_map(|(_, state)| state.sent());
+        let count = sent.map(Subscribed::count).max().unwrap_or(0);
+        let count = session.sizes().next(Service::Publish, count);
+        matches!(size_refusal(error), Some(SizeRefusal::Answered(_)))
+            && session.sizes().halve(Service::Publish, count)
     }
 
     fn lost(&mut self, why: Option<StatusCode>) {
@@ -207,10 +223,17 @@ impl Publishing {
         now: Moment,
     ) -> Result<(), Error> {
         self.of.retain(|(of, _)| of != asked);
-        self.end_others(link, session).await?;
         let most = VariableId::Server_ServerCapabilities_OperationLimits_MaxMonitoredItemsPerCall;
         let most = session.most(link, most).await?;
-        let state = match subscribe(link, session, asked, (most, now)).await {
+        let made = loop {
+            self.end_others(link, session).await?;
+            match subscribe(link, session, asked, (most, now)).await {
+                Ok(made) => break Ok(made),
+                Err(NotSubscribed::TooLarge) => {}
+                Err(NotSubscribed::Failed(error)) => break Err(error),
+            }
+        };
+        let state = match made {
             Ok((_, revised)) if revised.oldest(asked) > asked.max_age => {
                 self.news = Some(format!(
                     "a value of the subscription may become {:?} old, but `max_age` is {:?}. The gateway \
@@ -267,6 +290,35 @@ impl State {
         match self {
             State::Sent(subscribed) => Some(subscribed),
             State::Refused => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::call_size::CallSizes;
+    use super::super::subscription::tests::{asked, subscribed};
+    use super::*;
+
+    #[test]
+    fn after_a_message_that_is_too_large_for_the_server_the_next_subscription_has_smaller_ones() {
+        let session = Session::none("urn:test".to_owned(), Duration::from_secs(1), CallSizes::default());
+        let refused = |status| Err(Error::new(status, "said"));
+        let with_two_nodes = || Publishing {
+            of: vec![(asked(false), State::Sent(subscribed()))],
+            waiting: VecDeque::new(),
+            news: None,
+        };
+        let (mut publishing, now) = (with_two_nodes(), Moment::default());
+        let received = publishing.receive(refused(StatusCode::BadResponseTooLarge), &session, now, now);
+        assert!(matches!(received, Ok(false)));
+        assert!(publishing.of.is_empty(), "the line creates the subscription again");
+        assert!(publishing.news().is_some_and(|news| news.contains("BadResponseTooLarge")));
+        assert_eq!(session.sizes().most(Service::Publish), Some(1));
+        for status in [StatusCode::BadResponseTooLarge, StatusCode::BadUnknownResponse] {
+            let mut publishing = with_two_nodes();
+            assert!(publishing.receive(refused(status), &session, now, now).is_err(), "{status}");
+            assert_eq!(publishing.of.len(), 1);
         }
     }
 }

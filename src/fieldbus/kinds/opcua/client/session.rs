@@ -8,17 +8,20 @@ use ::opcua::client::{IdentityToken, UARequest};
 use ::opcua::core::ResponseMessage;
 use ::opcua::crypto::{PrivateKey, SecurityPolicy, X509, random, verify_signature_data};
 use ::opcua::types::{
-    ApplicationDescription, ApplicationType, AttributeId, ByteString, CreateSessionRequest, DateTime,
-    EndpointDescription, Error, GetEndpointsRequest, NodeId, ReadValueId, RequestHeader, StatusCode,
-    TimestampsToReturn, VariableId, Variant,
+    ApplicationDescription, ApplicationType, AttributeId, ByteString, CreateSessionRequest,
+    CreateSessionResponse, DataValue, DateTime, EndpointDescription, Error, GetEndpointsRequest, NodeId,
+    ReadResponse, ReadValueId, RequestHeader, StatusCode, TimestampsToReturn, VariableId, Variant,
 };
 
+use super::call_size::{CallSizes, Service, SizeRefusal, size_refusal};
+use super::chain::leaf;
 use super::channel::{Link, patience};
 use super::endpoint::{is_confirmed, security_of};
 use super::namespaces::Namespaces;
-use super::status::{call_fault, dial_fault};
+use super::status::{call_fault, dial_fault, is_of_the_session, list_fault};
+use super::value::without_value;
 use super::{OPENING, fault};
-use crate::fieldbus::error::Fault;
+use crate::fieldbus::error::{Fault, PeerFault};
 use crate::fieldbus::kinds::opcua::fault::OpcUaFault;
 use crate::fieldbus::kinds::opcua::namespaces::NamespaceTable;
 
@@ -26,6 +29,8 @@ use crate::fieldbus::kinds::opcua::namespaces::NamespaceTable;
 /// killed occupies the server for this time.
 const LIFETIME: f64 = 60_000.0;
 const NONCE: usize = 32;
+/// Longest wait for the answer to the closing of a session that was created but cannot be used.
+const CLOSING: Duration = Duration::from_secs(1);
 
 /// OPC UA session. Clones share its data.
 #[derive(Clone)]
@@ -33,6 +38,7 @@ pub(super) struct Session {
     application: String,
     timeout: Duration,
     held: Arc<Mutex<Option<ServerSession>>>,
+    sizes: CallSizes,
 }
 
 /// Data of a session at the server.
@@ -77,10 +83,10 @@ pub(super) async fn endpoints(
         locale_ids: None,
         profile_uris: None,
     };
-    let answer = link.ask(channel.send(request, timeout)).await.map_err(|error| dial_fault(&error))?;
+    let answer = link.ask(channel.send(request, timeout)).await.map_err(|error| list_fault(&error))?;
     match answer {
         ResponseMessage::GetEndpoints(found) => Ok(found.endpoints.unwrap_or_default()),
-        other => Err(dial_fault(&refused(&other))),
+        other => Err(list_fault(&refused(&other))),
     }
 }
 
@@ -99,9 +105,15 @@ pub(super) fn refused(answer: &ResponseMessage) -> Error {
 }
 
 impl Session {
-    /// Returns a session of this application that does not exist at the server yet.
-    pub(super) fn none(application: String, timeout: Duration) -> Session {
-        Session { application, timeout, held: Arc::default() }
+    /// Returns a session of this application that does not exist at the server yet. `sizes` are the sizes of calls that
+    /// earlier sessions have learnt.
+    pub(super) fn none(application: String, timeout: Duration, sizes: CallSizes) -> Session {
+        Session { application, timeout, held: Arc::default(), sizes }
+    }
+
+    /// Returns the sizes of calls that the server has not refused.
+    pub(super) fn sizes(&self) -> &CallSizes {
+        &self.sizes
     }
 
     /// Returns whether the gateway has a session at the server and knows of no end of it.
@@ -117,6 +129,29 @@ impl Session {
     /// Returns the authentication token of the session.
     pub(super) fn token(&self) -> NodeId {
         self.held().map_or(NodeId::null(), |held| held.token)
+    }
+
+    /// Returns the fault for a call of this session that got no usable answer. Records the end of the session.
+    pub(super) fn failed(&self, error: &Error) -> Fault {
+        if is_of_the_session(error) {
+            self.is_over();
+        }
+        call_fault(error)
+    }
+
+    /// Processes the error of a Read call of `count` nodes. If the call was too large, the next one has half of the
+    /// nodes. A single node that is too large gets the status of the server as its value.
+    ///
+    /// # Errors
+    /// The call has failed for another reason, or the connection is closed.
+    pub(super) fn smaller(&self, count: usize, error: &Error) -> Result<Option<DataValue>, Fault> {
+        let Some(refusal) = size_refusal(error) else { return Err(self.failed(error)) };
+        let is_smaller = self.sizes.halve(Service::Read, count);
+        match refusal {
+            SizeRefusal::Closed => Err(Fault::BROKEN),
+            SizeRefusal::Answered(_) if is_smaller => Ok(None),
+            SizeRefusal::Answered(status) => Ok(Some(without_value(status))),
+        }
     }
 
     /// Returns the longest time that the library waits for an answer in this session.
@@ -142,16 +177,38 @@ impl Session {
         self.activate(link, login, held).await
     }
 
-    /// Creates the session at the server and logs in the user.
+    /// Creates the session at the server and logs in the user. If the login fails, closes the session, because it would
+    /// otherwise occupy the server until its lifetime ends.
     pub(super) async fn begin(&self, link: &mut Link, login: Login<'_>) -> Result<(), Fault> {
-        let held = self.create(link, login).await?;
-        self.activate(link, login, held).await.map_err(|error| dial_fault(&error))
+        let nonce = random::byte_string(NONCE);
+        let made = self.create(link, login, &nonce).await?;
+        let token = made.authentication_token.clone();
+        let begun = match proven(&made, &nonce, login) {
+            Ok(()) => {
+                let held = ServerSession {
+                    token: token.clone(),
+                    nonce: made.server_nonce,
+                    subscriptions: Vec::new(),
+                    namespaces: Namespaces::default(),
+                };
+                self.activate(link, login, held).await.map_err(|error| dial_fault(&error))
+            }
+            Err(why) => Err(fault(why)),
+        };
+        if begun.is_err() {
+            let _ = tokio::time::timeout(CLOSING, self.close_with(link, token)).await;
+        }
+        begun
     }
 
-    async fn create(&self, link: &mut Link, login: Login<'_>) -> Result<ServerSession, Fault> {
-        let Login { endpoint, own, user } = login;
+    async fn create(
+        &self,
+        link: &mut Link,
+        login: Login<'_>,
+        nonce: &ByteString,
+    ) -> Result<CreateSessionResponse, Fault> {
+        let Login { endpoint, own, .. } = login;
         let channel = link.channel.clone();
-        let nonce = random::byte_string(NONCE);
         let request = CreateSessionRequest {
             request_header: header(&NodeId::null(), channel.request_handle(), OPENING),
             client_description: ApplicationDescription {
@@ -174,27 +231,7 @@ impl Session {
         if made.response_header.service_result.is_bad() {
             return Err(dial_fault(&Error::new(made.response_header.service_result, "refused")));
         }
-        if let Some((cert, _)) = own {
-            // Check that the server uses the trusted certificate, and has its key.
-            let not_proven = |_| fault(OpcUaFault::NotProven);
-            if made.server_certificate != endpoint.server_certificate {
-                return Err(fault(OpcUaFault::NotProven));
-            }
-            let server = X509::from_byte_string(&made.server_certificate).map_err(not_proven)?;
-            let policy = SecurityPolicy::from_uri(endpoint.security_policy_uri.as_ref());
-            verify_signature_data(&made.server_signature, policy, &server, cert, nonce.as_ref())
-                .map_err(not_proven)?;
-            let signed = made.server_endpoints.clone().unwrap_or_default();
-            if security_of(endpoint).is_none_or(|security| !is_confirmed(endpoint, signed, security, user)) {
-                return Err(fault(OpcUaFault::Weakened));
-            }
-        }
-        Ok(ServerSession {
-            token: made.authentication_token.clone(),
-            nonce: made.server_nonce.clone(),
-            subscriptions: Vec::new(),
-            namespaces: Namespaces::default(),
-        })
+        Ok(*made)
     }
 
     async fn activate(&self, link: &mut Link, login: Login<'_>, held: ServerSession) -> Result<(), Error> {
@@ -217,20 +254,30 @@ impl Session {
 
     /// Closes the session at the server, together with its subscriptions.
     pub(super) async fn close(&self, link: &mut Link) {
-        let channel = link.channel.clone();
-        let close = CloseSession::new_manual(0, self.patience(), self.token(), channel.request_handle());
-        // Without an answer, the server ends the session after its lifetime.
-        let _ = link.ask(close.send(&channel)).await;
+        self.close_with(link, self.token()).await;
         self.is_over();
     }
 
+    /// Closes the session at the server as [`Session::close`] does, if the server answers within a second.
+    pub(super) async fn give_up(&self, link: &mut Link) {
+        let _ = tokio::time::timeout(CLOSING, self.close(link)).await;
+        self.is_over();
+    }
+
+    async fn close_with(&self, link: &mut Link, token: NodeId) {
+        let channel = link.channel.clone();
+        let close = CloseSession::new_manual(0, self.patience(), token, channel.request_handle());
+        // Without an answer, the server ends the session after its lifetime.
+        let _ = link.ask(close.send(&channel)).await;
+    }
+
     /// Reads how many nodes the server accepts in one call. If the server has no limit, the result is unlimited.
-    pub(super) async fn limits(&self, link: &mut Link) -> Result<Limits, Fault> {
+    pub(super) async fn limits(&self, link: &mut Link) -> Result<Limits, Error> {
         let read = VariableId::Server_ServerCapabilities_OperationLimits_MaxNodesPerRead;
         let write = VariableId::Server_ServerCapabilities_OperationLimits_MaxNodesPerWrite;
         // Read one at a time: two nodes may exceed the limit.
-        let read = self.most(link, read).await.map_err(|error| call_fault(&error))?;
-        let write = self.most(link, write).await.map_err(|error| call_fault(&error))?;
+        let read = self.most(link, read).await?;
+        let write = self.most(link, write).await?;
         Ok(Limits { read, write })
     }
 
@@ -285,6 +332,39 @@ impl Session {
         if let Some(held) = self.lock().as_mut() {
             held.subscriptions.retain(|id| !ids.contains(id));
         }
+    }
+}
+
+/// Checks that the server of a secured session uses the trusted certificate, has its key, and offers no stronger
+/// security now than before.
+fn proven(made: &CreateSessionResponse, nonce: &ByteString, login: Login<'_>) -> Result<(), OpcUaFault> {
+    let Login { endpoint, own, user } = login;
+    let Some((cert, _)) = own else { return Ok(()) };
+    // The certificates of the authorities may follow the server's own.
+    if leaf(made.server_certificate.as_ref()) != Some(endpoint.server_certificate.as_ref()) {
+        return Err(OpcUaFault::NotProven);
+    }
+    let not_proven = |_| OpcUaFault::NotProven;
+    let server = X509::from_byte_string(&endpoint.server_certificate).map_err(not_proven)?;
+    let policy = SecurityPolicy::from_uri(endpoint.security_policy_uri.as_ref());
+    verify_signature_data(&made.server_signature, policy, &server, cert, nonce.as_ref())
+        .map_err(not_proven)?;
+    let signed = made.server_endpoints.clone().unwrap_or_default();
+    match security_of(endpoint) {
+        Some(security) if is_confirmed(endpoint, signed, security, user) => Ok(()),
+        _ => Err(OpcUaFault::Weakened),
+    }
+}
+
+/// Returns the values in the answer to a Read call of `count` nodes, and the time of the answer by the server's clock.
+///
+/// # Errors
+/// The answer has another number of values.
+pub(super) fn answered(answer: ReadResponse, count: usize) -> Result<(Vec<DataValue>, DateTime), Fault> {
+    let values = answer.results.unwrap_or_default();
+    match values.len() == count {
+        true => Ok((values, answer.response_header.timestamp)),
+        false => Err(Fault::Peer(PeerFault::Length)),
     }
 }
 

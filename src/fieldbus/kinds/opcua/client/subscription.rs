@@ -19,19 +19,20 @@ use ::opcua::core::ResponseMessage;
 use ::opcua::types::{
     CreateMonitoredItemsRequest, CreateSubscriptionResponse, DataChangeFilter, DataChangeNotification,
     DataChangeTrigger, DataValue, DateTime, Error, ExtensionObject, MonitoredItemCreateRequest,
-    MonitoringMode, MonitoringParameters, NodeId, PublishResponse, StatusChangeNotification, StatusCode,
-    TimestampsToReturn,
+    MonitoredItemCreateResult, MonitoringMode, MonitoringParameters, NodeId, PublishResponse,
+    StatusChangeNotification, StatusCode, TimestampsToReturn,
 };
 use isotherm_core::quantity::Moment;
 use isotherm_profile::plan::Subscription;
 
+use super::call_size::{Service, SizeRefusal, size_refusal};
 use super::channel::Link;
 use super::session::{Session, header, refused, value_of};
-use super::value::{reading, since};
+use super::value::{reading, since, without_value};
 use crate::fieldbus::kinds::opcua::namespaces::NamespaceTable;
 use crate::fieldbus::wire::{NodeReading, Stamped};
 
-/// Maximum number of nodes in one subscribe call. Any server accepts a request of this size.
+/// Maximum number of nodes in one subscribe call. Most servers accept a request of this size.
 const AT_ONCE: usize = 100;
 /// Time without a Publish request after which a server deletes a subscription.
 const LIFETIME: Duration = Duration::from_secs(60);
@@ -128,16 +129,30 @@ fn milliseconds(span: f64) -> Duration {
     Duration::try_from_secs_f64(span / 1000.0).unwrap_or(Duration::ZERO)
 }
 
+/// Reason why there is no subscription.
+pub(super) enum NotSubscribed {
+    /// A call was too large. Another subscription can be created with smaller calls.
+    TooLarge,
+    /// The server does not answer, or refuses the subscription.
+    Failed(Error),
+}
+
+impl From<Error> for NotSubscribed {
+    fn from(error: Error) -> NotSubscribed {
+        NotSubscribed::Failed(error)
+    }
+}
+
 /// Creates a subscription to these nodes. Returns it with the periods that the server grants.
 ///
 /// # Errors
-/// The server does not answer, or refuses the subscription.
+/// The reason why there is none. The server may have it in part.
 pub(super) async fn subscribe(
     link: &mut Link,
     session: &Session,
     asked: &Subscription,
     (most, now): (usize, Moment),
-) -> Result<(Subscribed, Revised), Error> {
+) -> Result<(Subscribed, Revised), NotSubscribed> {
     let channel = link.channel.clone();
     let lifetime = LIFETIME.as_millis() / asked.every.as_millis().max(1);
     let lifetime = u32::try_from(lifetime).unwrap_or(u32::MAX).max(LEAST);
@@ -146,6 +161,8 @@ pub(super) async fn subscribe(
             .publishing_interval(asked.every)
             .max_keep_alive_count(1)
             .max_lifetime_count(lifetime)
+            // Zero is no limit.
+            .max_notifications_per_publish(session.sizes().most(Service::Publish).map_or(0, number))
             .publishing_enabled(true);
     let made = link.ask(create.send(&channel)).await?;
     session.subscribes(made.subscription_id);
@@ -160,33 +177,25 @@ pub(super) async fn subscribe(
     }
     // Counted after the lookups, because the first lookup of an index is a change.
     let changes = namespaces.table().changes();
-    for some in known.chunks(most.clamp(1, AT_ONCE)) {
-        let items = some.iter().map(|(place, id)| item(id.clone(), *place, asked));
-        let items: Option<Vec<_>> = items.collect();
-        let request = CreateMonitoredItemsRequest {
-            request_header: header(&session.token(), channel.request_handle(), session.patience()),
-            subscription_id: made.subscription_id,
-            timestamps_to_return: TimestampsToReturn::Source,
-            items_to_create: items,
-        };
-        let results = match link.ask(channel.send(request, session.patience())).await? {
-            ResponseMessage::CreateMonitoredItems(made) if made.response_header.service_result.is_good() => {
-                made.results.unwrap_or_default()
+    let at_once = session.sizes().next(Service::Monitor, most.clamp(1, AT_ONCE));
+    for some in known.chunks(at_once) {
+        let monitored = monitor(link, session, made.subscription_id, some, asked).await;
+        let results = match monitored {
+            Ok(results) => results,
+            Err(error) => {
+                let is_too_large = matches!(size_refusal(&error), Some(SizeRefusal::Answered(_)));
+                let is_smaller =
+                    size_refusal(&error).is_some() && session.sizes().halve(Service::Monitor, some.len());
+                // The server may have created the items, and only be unable to answer.
+                return Err(match is_too_large && is_smaller {
+                    true => NotSubscribed::TooLarge,
+                    false => NotSubscribed::Failed(error),
+                });
             }
-            ResponseMessage::CreateMonitoredItems(made) => {
-                return Err(Error::new(made.response_header.service_result, "refused"));
-            }
-            other => return Err(refused(&other)),
         };
-        if results.len() != some.len() {
-            return Err(Error::new(
-                StatusCode::BadUnknownResponse,
-                "the server answered for another number of nodes than was requested",
-            ));
-        }
         for ((place, _), made) in some.iter().zip(results) {
             if is_of_the_subscription(made.status_code) {
-                return Err(Error::new(made.status_code, "refused"));
+                return Err(Error::new(made.status_code, "refused").into());
             }
             let is_taken = made.status_code.is_good();
             if is_taken {
@@ -211,8 +220,43 @@ pub(super) async fn subscribe(
     Ok((subscribed, revised))
 }
 
-fn without_value(status: StatusCode) -> DataValue {
-    DataValue { status: Some(status), ..DataValue::null() }
+/// Adds nodes to a subscription. Returns the result for each of them.
+async fn monitor(
+    link: &mut Link,
+    session: &Session,
+    subscription_id: u32,
+    nodes: &[(usize, NodeId)],
+    asked: &Subscription,
+) -> Result<Vec<MonitoredItemCreateResult>, Error> {
+    let channel = link.channel.clone();
+    let items = nodes.iter().map(|(place, id)| item(id.clone(), *place, asked));
+    let request = CreateMonitoredItemsRequest {
+        request_header: header(&session.token(), channel.request_handle(), session.patience()),
+        subscription_id,
+        timestamps_to_return: TimestampsToReturn::Source,
+        items_to_create: items.collect(),
+    };
+    let results = match link.ask(channel.send(request, session.patience())).await? {
+        ResponseMessage::CreateMonitoredItems(made) if made.response_header.service_result.is_good() => {
+            made.results.unwrap_or_default()
+        }
+        ResponseMessage::CreateMonitoredItems(made) => {
+            return Err(Error::new(made.response_header.service_result, "refused"));
+        }
+        other => return Err(refused(&other)),
+    };
+    match results.len() == nodes.len() {
+        true => Ok(results),
+        false => Err(Error::new(
+            StatusCode::BadUnknownResponse,
+            "the server answered for another number of nodes than was requested",
+        )),
+    }
+}
+
+/// Returns a count as OPC UA transmits it.
+fn number(count: usize) -> u32 {
+    u32::try_from(count).unwrap_or(u32::MAX)
 }
 
 /// Returns whether the server refuses the subscription as a whole. Other refusals concern only one node.
@@ -297,6 +341,11 @@ impl Subscribed {
         ValueState::All
     }
 
+    /// Returns the number of nodes in the subscription.
+    pub(super) fn count(&self) -> usize {
+        self.values.len()
+    }
+
     /// Returns the numbers of the messages that arrived since the last call, for their acknowledgement.
     pub(super) fn received(&mut self) -> Vec<u32> {
         std::mem::take(&mut self.received)
@@ -329,7 +378,7 @@ impl Subscribed {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use ::opcua::types::{MonitoredItemNotification, NotificationMessage, Variant};
     use isotherm_core::codec::Node;
@@ -337,7 +386,7 @@ mod tests {
 
     const SECOND: Duration = Duration::from_secs(1);
 
-    fn asked(by_stamp: bool) -> Subscription {
+    pub(in super::super) fn asked(by_stamp: bool) -> Subscription {
         let node = |name: &str| Node { id: format!("ns=2;s={name}").parse().unwrap(), data_type: None };
         Subscription {
             nodes: vec![node("bed"), node("scale")],
@@ -360,7 +409,7 @@ mod tests {
         i64::try_from(365 * 86_400 + seconds).unwrap() * 10_000_000
     }
 
-    fn subscribed() -> Subscribed {
+    pub(in super::super) fn subscribed() -> Subscribed {
         Subscribed {
             id: 1,
             values: vec![None, None],

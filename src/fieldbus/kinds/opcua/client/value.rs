@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use ::opcua::types::{DataValue, DateTime, Variant, VariantScalarTypeId};
+use ::opcua::types::{DataValue, DateTime, StatusCode, Variant, VariantScalarTypeId};
 use isotherm_core::codec::{DataType, Node, Scalar};
 use isotherm_core::reading::{Reason, Status};
 
@@ -23,10 +23,18 @@ pub(super) fn reading(node: &Node, value: &DataValue, answered: DateTime) -> Nod
     };
     let scalar = match &value.value {
         _ if !Status(status.bits()).is_good() => Err(Reason::Status(status.bits())),
-        Some(value) => scalar(value).ok_or(Reason::WrongType),
-        None => Err(Reason::BadReply),
+        None | Some(Variant::Empty) => Err(Reason::BadReply),
+        Some(value) => scalar(value).ok_or(match node.data_type {
+            Some(_) => Reason::WrongType,
+            None => Reason::NoNumber,
+        }),
     };
     NodeReading { value: scalar.and_then(|scalar| node.registers(scalar)), stamped, asked: None }
+}
+
+/// Returns a value of the library that has only this status.
+pub(super) fn without_value(status: StatusCode) -> DataValue {
+    DataValue { status: Some(status), ..DataValue::null() }
 }
 
 /// Returns the time between two stamps, which are in ticks. `source` may be slightly later than `server`, because their
@@ -136,6 +144,29 @@ mod tests {
             assert_eq!(sent.scalar_type_id().and_then(number_type), Some(data_type));
         }
         assert_eq!(scalar(&Variant::from("27.5")), None);
+    }
+
+    #[test]
+    fn a_value_that_is_no_number_contradicts_the_profile_only_if_the_profile_states_a_type() {
+        let read = |data_type, value| {
+            let node = Node { id: "ns=2;s=bed".parse().unwrap(), data_type };
+            let value = DataValue { value, ..DataValue::null() };
+            reading(&node, &value, DateTime::null()).value.err()
+        };
+        let text = || Some(Variant::from("27.5"));
+        let cases = [
+            (None, text(), Some(Reason::NoNumber)),
+            (Some(DataType::F64), text(), Some(Reason::WrongType)),
+            (None, Some(Variant::from(vec![1.0, 2.0])), Some(Reason::NoNumber)),
+            (Some(DataType::F64), Some(Variant::from(7_i32)), Some(Reason::WrongType)),
+            (None, Some(Variant::from(7_i32)), None),
+            (None, None, Some(Reason::BadReply)),
+            (None, Some(Variant::Empty), Some(Reason::BadReply)),
+            (Some(DataType::F64), Some(Variant::Empty), Some(Reason::BadReply)),
+        ];
+        for (data_type, value, expected) in cases {
+            assert_eq!(read(data_type, value.clone()), expected, "{data_type:?} {value:?}");
+        }
     }
 
     #[test]

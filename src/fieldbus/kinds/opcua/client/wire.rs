@@ -5,17 +5,18 @@ use std::time::Duration;
 use ::opcua::client::UARequest;
 use ::opcua::client::services::{Read, Write};
 use ::opcua::types::{
-    AttributeId, DataValue, DateTime, Error, NodeId, TimestampsToReturn, VariableId, WriteValue,
+    AttributeId, DataValue, DateTime, Error, NodeId, ReadResponse, TimestampsToReturn, VariableId, WriteValue,
 };
 use isotherm_core::codec::Node;
 use isotherm_core::reading::{Reason, Status};
 use isotherm_profile::plan::Subscription;
 
 use super::OPENING;
+use super::call_size::Service;
 use super::channel::Link;
 use super::publishing::{Latest, Publishing};
-use super::session::{Limits, Session, value_of};
-use super::status::{all_written, call_fault, is_of_the_session};
+use super::session::{Limits, Session, answered, value_of};
+use super::status::all_written;
 use super::value::{reading, variant};
 use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
 use crate::fieldbus::send_guard::SendGuard;
@@ -49,7 +50,7 @@ impl OpcUa {
                 send_guard.leave()?;
                 let table = self.session.namespaces().table();
                 let read = self.session.read_namespaces(&mut self.link, &table).await;
-                read.map(|()| Answer::Done).map_err(|error| self.failed(&error))
+                read.map(|()| Answer::Done).map_err(|error| self.session.failed(&error))
             }
             NodeRequest::Write { nodes, values } => self.write(nodes, values, send_guard).await,
         }
@@ -60,7 +61,7 @@ impl OpcUa {
         let now = send_guard.leave()?;
         let OpcUa { link, session, publishing, .. } = self;
         let taken_in = publishing.take_in(link, session, now).await;
-        taken_in.map_err(|error| self.failed(&error))?;
+        taken_in.map_err(|error| session.failed(&error))?;
         match self.publishing.latest(asked, now) {
             Latest::Known(nodes) => Ok(Answer::Nodes(nodes)),
             Latest::Unknown => self.read(&asked.nodes, send_guard).await,
@@ -69,31 +70,34 @@ impl OpcUa {
                 let answer = self.read(&asked.nodes, send_guard).await?;
                 let OpcUa { link, session, publishing, .. } = self;
                 let subscribed = publishing.subscribe(link, session, asked, now).await;
-                subscribed.map_err(|error| self.failed(&error))?;
+                subscribed.map_err(|error| session.failed(&error))?;
                 Ok(answer)
             }
         }
     }
 
-    /// Reads nodes, in as many calls as the limit of the server requires. The age of all values counts from the first
-    /// call. A node whose namespace the server does not have is not requested.
+    /// Reads nodes, in as many calls as the server requires. The age of all values counts from the first call. A node
+    /// whose namespace the server does not have is not requested.
     async fn read(&mut self, nodes: &[Node], send_guard: &mut SendGuard) -> Result<Answer, Fault> {
         let namespaces = self.session.namespaces();
         let known: Result<Vec<Option<NodeId>>, Fault> =
             nodes.iter().map(|node| namespaces.node_id(&node.id)).collect();
         let known = known?;
-        let mut ids: Vec<_> = known.iter().flatten().cloned().map(value_of).collect();
+        let ids: Vec<_> = known.iter().flatten().cloned().map(value_of).collect();
         let mut found = Vec::with_capacity(nodes.len());
         send_guard.leave()?;
-        while !ids.is_empty() {
-            let rest = ids.split_off(ids.len().min(self.limits.read));
-            let asked = std::mem::replace(&mut ids, rest);
-            let count = asked.len();
-            let (values, answered) = self.call(asked, TimestampsToReturn::Source).await?;
-            if values.len() != count {
-                return Err(Fault::Peer(PeerFault::Length));
+        while let Some(rest) = ids.get(found.len()..).filter(|rest| !rest.is_empty()) {
+            let count = self.session.sizes().next(Service::Read, rest.len().min(self.limits.read));
+            match self.call(rest[..count].to_vec(), TimestampsToReturn::Source).await {
+                Ok(answer) => {
+                    let (values, at) = answered(answer, count)?;
+                    found.extend(values.into_iter().map(|value| (value, at)));
+                }
+                Err(error) => {
+                    let refused = self.session.smaller(count, &error)?;
+                    found.extend(refused.map(|value| (value, DateTime::null())));
+                }
             }
-            found.extend(values.into_iter().map(|value| (value, answered)));
         }
         let mut found = found.iter();
         let each = nodes.iter().zip(&known).map(|(node, known)| {
@@ -130,7 +134,8 @@ impl OpcUa {
         let write =
             Write::new_manual(0, self.session.patience(), self.session.token(), handle).nodes_to_write(each);
         send_guard.leave()?;
-        let answer = self.link.ask(write.send(&channel)).await.map_err(|error| self.failed(&error))?;
+        let answer =
+            self.link.ask(write.send(&channel)).await.map_err(|error| self.session.failed(&error))?;
         let said = answer.results.unwrap_or_default();
         if said.len() != nodes.len() {
             return Err(Fault::Peer(PeerFault::Length));
@@ -143,7 +148,7 @@ impl OpcUa {
         &mut self,
         nodes: Vec<::opcua::types::ReadValueId>,
         stamps: TimestampsToReturn,
-    ) -> Result<(Vec<DataValue>, DateTime), Fault> {
+    ) -> Result<ReadResponse, Error> {
         let channel = self.link.channel.clone();
         let handle = channel.request_handle();
         // With a maximum age of zero, the server reads its source again.
@@ -151,22 +156,15 @@ impl OpcUa {
             .timestamps_to_return(stamps)
             .max_age(0.0)
             .nodes_to_read(nodes);
-        let answer = self.link.ask(read.send(&channel)).await.map_err(|error| self.failed(&error))?;
-        Ok((answer.results.unwrap_or_default(), answer.response_header.timestamp))
+        self.link.ask(read.send(&channel)).await
     }
 
     /// Renews the keys of the channel, if that is due. The library would otherwise renew them after the last clock
     /// sample, and so delay the request itself.
     async fn renew_keys(&mut self) -> Result<(), Fault> {
         let state = value_of(VariableId::Server_ServerStatus_State.into());
-        self.call(vec![state], TimestampsToReturn::Neither).await.map(|_| ())
-    }
-
-    fn failed(&self, error: &Error) -> Fault {
-        if is_of_the_session(error) {
-            self.session.is_over();
-        }
-        call_fault(error)
+        let renewed = self.call(vec![state], TimestampsToReturn::Neither).await;
+        renewed.map(|_| ()).map_err(|error| self.session.failed(&error))
     }
 }
 

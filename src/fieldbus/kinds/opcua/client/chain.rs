@@ -1,0 +1,201 @@
+//! Certificate of a server with its chain: the certificates of its authorities follow its own (OPC UA Part 6, 6.2.6).
+//!
+//! The library parses a certificate only without a chain. The gateway therefore gives it the server's own certificate,
+//! and opens the answer that contains the chain itself ([`ChainOpener`]).
+
+use ::opcua::crypto::{KeySize, PrivateKey, SecurityPolicy, X509};
+use ::opcua::types::{ByteString, EndpointDescription};
+use x509_cert::Certificate;
+use x509_cert::der::{Decode, Reader, SliceReader};
+
+/// First bytes of the answer to the opening of a channel: its type, and that it is complete.
+const OPENED: &[u8] = b"OPNF";
+/// Length in bytes of the type, the length and the number of the channel, with which each message begins.
+const HEADER: usize = 12;
+/// Length in bytes from which a key has a second byte for the length of the padding.
+const LONG_KEY: usize = 256;
+
+/// Returns the first of several certificates in DER form; `None` if it is unreadable.
+pub(super) fn leaf(bytes: &[u8]) -> Option<&[u8]> {
+    let mut reader = SliceReader::new(bytes).ok()?;
+    Certificate::decode(&mut reader).ok()?;
+    let end = usize::try_from(reader.position()).ok()?;
+    bytes.get(..end)
+}
+
+/// Returns the endpoint with the server's certificate alone. The endpoint has no certificate if it is unreadable.
+pub(super) fn without_chain(endpoint: EndpointDescription) -> EndpointDescription {
+    let own = leaf(endpoint.server_certificate.as_ref());
+    let server_certificate = own.map_or_else(ByteString::null, |own| own.to_vec().into());
+    EndpointDescription { server_certificate, ..endpoint }
+}
+
+/// Opener of the answers with which a server opens or renews a secured channel.
+///
+/// The signature of such an answer includes the chain, so that the chain cannot be cut from it. The opener checks the
+/// signature, decrypts the answer, and returns its content as an answer without security, which the library accepts.
+/// The keys of the channel are derived from a random number that the gateway has encrypted for the server, so nobody
+/// else can use the channel.
+pub(super) struct ChainOpener {
+    own: (X509, PrivateKey),
+    server: Vec<u8>,
+}
+
+impl ChainOpener {
+    /// Returns an opener for a channel between this certificate of the gateway and this one of the server.
+    pub(super) fn new(own: &(X509, PrivateKey), server: &[u8]) -> ChainOpener {
+        ChainOpener { own: own.clone(), server: server.to_vec() }
+    }
+
+    /// Returns the content of an answer that contains the server's certificate with its chain, as a message without
+    /// security. Returns `None` for all other messages, and for an answer with a wrong signature.
+    pub(super) fn open(&self, message: &[u8]) -> Option<Vec<u8>> {
+        let mut rest = message.get(HEADER..).filter(|_| message.starts_with(OPENED))?;
+        let policy = std::str::from_utf8(field(&mut rest)?).ok()?;
+        let (shown, thumbprint) = (field(&mut rest)?, field(&mut rest)?);
+        let has_chain = shown.len() > self.server.len() && shown.starts_with(&self.server);
+        let (cert, key) = &self.own;
+        if !has_chain || thumbprint != cert.thumbprint().value() {
+            return None;
+        }
+        let policy = SecurityPolicy::from_uri(policy);
+        if matches!(policy, SecurityPolicy::None | SecurityPolicy::Unknown)
+            || !rest.len().is_multiple_of(key.cipher_text_block_size())
+        {
+            return None;
+        }
+        let mut plain = vec![0; rest.len()];
+        let length = policy.asymmetric_decrypt(key, rest, &mut plain).ok()?;
+        plain.truncate(length);
+        let server = X509::from_der(&self.server).ok()?.public_key().ok()?;
+        let (padded, signature) = plain.split_at_checked(plain.len().checked_sub(server.size())?)?;
+        let head = message.get(..message.len() - rest.len())?;
+        policy.asymmetric_verify_signature(&server, &[head, padded].concat(), signature).ok()?;
+        let content = padded.get(..padded.len().checked_sub(padding(padded, key.size())?)?)?;
+        Some(unsecured(message.get(8..HEADER)?, content))
+    }
+}
+
+/// Reads a field that follows its length (32 bits, lowest byte first; below zero for an empty field). `rest` then
+/// begins after the field.
+fn field<'m>(rest: &mut &'m [u8]) -> Option<&'m [u8]> {
+    let (length, after) = rest.split_first_chunk::<4>()?;
+    let length = usize::try_from(i32::from_le_bytes(*length)).unwrap_or(0);
+    let (field, after) = after.split_at_checked(length)?;
+    *rest = after;
+    Some(field)
+}
+
+/// Returns the number of bytes at the end of the content that only fill it up to whole blocks. `key` is the length of
+/// the receiver's key in bytes.
+fn padding(padded: &[u8], key: usize) -> Option<usize> {
+    let (high, before) = padded.split_last()?;
+    if key <= LONG_KEY {
+        return Some(usize::from(*high) + 1);
+    }
+    let low = before.last()?;
+    Some(usize::from(u16::from_le_bytes([*low, *high])) + 2)
+}
+
+/// Returns a message that opens a channel without security. `channel` is the number of the channel.
+fn unsecured(channel: &[u8], content: &[u8]) -> Vec<u8> {
+    const NONE: [u8; 4] = [0xff; 4];
+    let policy = SecurityPolicy::None.to_uri().as_bytes();
+    let number = |length: usize| u32::try_from(length).unwrap_or(u32::MAX).to_le_bytes();
+    let length = HEADER + 4 + policy.len() + 2 * NONE.len() + content.len();
+    [OPENED, &number(length), channel, &number(policy.len()), policy, &NONE, &NONE, content].concat()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fieldbus::kinds::opcua::client::certificate::{NewCertificate, make};
+    use isotherm_core::quantity::Moment;
+    use std::time::Duration;
+
+    const POLICIES: [SecurityPolicy; 3] = [
+        SecurityPolicy::Basic256Sha256,
+        SecurityPolicy::Aes128Sha256RsaOaep,
+        SecurityPolicy::Aes256Sha256RsaPss,
+    ];
+
+    fn made(name: &str) -> (X509, PrivateKey, Vec<u8>) {
+        let now = Moment::from_nanos(1_900_000_000_000_000_000);
+        let NewCertificate { cert, key } =
+            make(name, "urn:test", "press-7", now, Duration::from_hours(24)).unwrap();
+        (X509::from_der(&cert).unwrap(), PrivateKey::from_pem(key.as_bytes()).unwrap(), cert)
+    }
+
+    /// Returns the answer of a server that shows `shown`, with this content, signed and encrypted for `to`.
+    fn sealed(policy: SecurityPolicy, shown: &[u8], key: &PrivateKey, to: &X509, content: &[u8]) -> Vec<u8> {
+        let receiver = to.public_key().unwrap();
+        let block = policy.asymmetric_padding_info(&receiver).block_size;
+        let fill = (block - (content.len() + 1 + key.size()) % block) % block;
+        let filled = u8::try_from(fill).unwrap();
+        let plain = [content, &vec![filled; fill + 1]].concat();
+        let uri = policy.to_uri().as_bytes();
+        let with_length = |bytes: &[u8]| [&u32::try_from(bytes.len()).unwrap().to_le_bytes(), bytes].concat();
+        let thumbprint = to.thumbprint().value().to_vec();
+        let body =
+            [vec![7, 0, 0, 0], with_length(uri), with_length(shown), with_length(&thumbprint)].concat();
+        let cipher = policy.calculate_cipher_text_size(plain.len() + key.size(), &receiver);
+        let length = u32::try_from(8 + body.len() + cipher).unwrap().to_le_bytes();
+        let head = [OPENED, &length, &body].concat();
+        let mut signature = vec![0; key.size()];
+        policy.asymmetric_sign(key, &[head.as_slice(), &plain].concat(), &mut signature).unwrap();
+        let mut encrypted = vec![0; cipher];
+        let secret = [plain, signature].concat();
+        assert_eq!(policy.asymmetric_encrypt(&receiver, &secret, &mut encrypted).unwrap(), cipher);
+        [head, encrypted].concat()
+    }
+
+    #[test]
+    fn an_answer_with_a_chain_is_opened_if_the_trusted_server_has_signed_it() {
+        let (server, server_key, server_der) = made("server");
+        let (_, other_key, authority_der) = made("authority");
+        let (own, own_key, _) = made("gateway");
+        let opener = ChainOpener::new(&(own.clone(), own_key), &server_der);
+        let chain = [server_der.as_slice(), &authority_der].concat();
+        assert_eq!((leaf(&chain), leaf(&server_der)), (Some(server_der.as_slice()), Some(&*server_der)));
+        let content: Vec<u8> = (0..200).collect();
+        for policy in POLICIES {
+            let answer = sealed(policy, &chain, &server_key, &own, &content);
+            let opened = opener.open(&answer).unwrap();
+            assert_eq!((&opened[..4], &opened[8..12]), (OPENED, [7, 0, 0, 0].as_slice()));
+            assert_eq!(opened[4..8], u32::try_from(opened.len()).unwrap().to_le_bytes());
+            assert!(opened.ends_with(&content) && opened.len() == HEADER + 4 + 47 + 8 + content.len());
+            assert!(opened[12..].starts_with(&[47, 0, 0, 0]));
+            // Without a chain, the library opens the answer itself.
+            assert_eq!(opener.open(&sealed(policy, &server_der, &server_key, &own, &content)), None);
+            let wrong = [
+                sealed(policy, &chain, &other_key, &own, &content),
+                sealed(policy, &chain, &server_key, &server, &content),
+                sealed(policy, &[authority_der.as_slice(), &server_der].concat(), &other_key, &own, &content),
+            ];
+            for answer in wrong {
+                assert_eq!(opener.open(&answer), None, "{policy:?}");
+            }
+            let mut changed = answer.clone();
+            changed[8] = 9;
+            assert_eq!(opener.open(&changed), None, "the number of the channel is signed too");
+            for length in (0..answer.len()).step_by(7) {
+                assert_eq!(opener.open(&answer[..length]), None, "{length}");
+            }
+        }
+        assert_eq!(opener.open(b"MSGF\x0c\0\0\0\x07\0\0\0"), None);
+    }
+
+    #[test]
+    fn an_endpoint_keeps_the_server_s_own_certificate_alone() {
+        let (_, _, server) = made("server");
+        let shown = |bytes: &[u8]| {
+            let endpoint =
+                EndpointDescription { server_certificate: bytes.to_vec().into(), ..Default::default() };
+            without_chain(endpoint).server_certificate
+        };
+        for bytes in [[server.as_slice(), &server].concat(), server.clone()] {
+            assert_eq!(shown(&bytes).value.as_deref(), Some(server.as_slice()));
+        }
+        assert!(shown(b"no certificate").is_null_or_empty() && shown(&[]).is_null_or_empty());
+    }
+}
