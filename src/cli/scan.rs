@@ -110,7 +110,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         None => format!("stopped after {} of {}", seen.asked, counted(scan.questions(), "request")),
         Some(FailedScan { unit, fault }) => {
             let (line, from) = (&scan.lines[0], scan.registers[0]);
-            remedy(fault, Question { line, unit, from, count: 1, timeout: scan.bus.timeout })
+            remedy(fault, Question { line, unit, from, count: 1, values: 1, timeout: scan.bus.timeout })
         }
     });
     if arguments.json {
