@@ -23,7 +23,7 @@ pub mod sysfs;
 pub mod unit_reader;
 pub mod values;
 
-pub use crate::fieldbus::error::Fault;
+pub use crate::fieldbus::error::{Fault, PeerFault};
 pub use crate::fieldbus::trace::Exchange;
 pub use crate::fieldbus::wire::Answer;
 pub use isotherm_core::codec::{DataType, Register, Table, WordOrder};
