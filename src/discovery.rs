@@ -6,6 +6,7 @@
 //! - [`can`] — state of the CAN interfaces of a profile, as the kernel reports it.
 //! - [`sysfs`] — temperature sensors of this computer, and sensors of a profile that this computer does not have.
 //! - `opcua` — endpoints, certificate and nodes of an OPC UA server. This module requires the feature `opcua`.
+//! - [`merged_reads`] — quirks with which a device serves a read of several values that fails.
 //! - [`mod@pipeline`] — whether a device supports two requests at a time.
 //! - [`scan`] — search for units that answer; [`register_search`] — search for the registers of a unit.
 //! - [`values`] — decoded values of registers. If the word order is unknown, they are decoded in both word orders.
@@ -13,6 +14,7 @@
 
 pub mod bus;
 pub mod can;
+pub mod merged_reads;
 #[cfg(feature = "opcua")]
 pub mod opcua;
 pub mod pipeline;

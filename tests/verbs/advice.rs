@@ -141,7 +141,9 @@ fn a_refused_read_over_a_gap_leads_to_max_gap() {
         "max_gap = 0",
         "docs/serial.md#quirks",
     ];
-    all_say(&online(home.path(), &text), &words);
+    let verbs = online(home.path(), &text);
+    all_say(&verbs, &words);
+    all_say(&verbs[..1], &["the device serves all its values with quirks = { max_gap = 0 }"]);
     let several = register(home.path(), &format!("tcp://{address}"), "input:0", "5");
     all_say(
         &[several],
@@ -161,7 +163,13 @@ fn a_read_of_several_values_without_an_answer_leads_to_max_registers_per_request
     let address = modbus_tcp(|asked| (count(asked) < 4).then(|| values(asked, 20)));
     let text = profile(&tcp(address), &[0, 1, 2, 3, 4]);
     let words = ["no answer in time: is the unit number right", "`max_registers_per_request`", "`max_gap`"];
-    all_say(&online(home.path(), &text), &words);
+    let verbs = online(home.path(), &text);
+    all_say(&verbs, &words);
+    let found = [
+        "the device answers other requests, but not this read of several values",
+        "the device serves all its values with quirks = { max_registers_per_request = 2 }",
+    ];
+    all_say(&verbs[..1], &found);
     let several = register(home.path(), &format!("tcp://{address}"), "input:0", "5");
     all_say(&[several], &["`max_registers_per_request`", "Try a smaller --count"]);
 
