@@ -54,6 +54,8 @@ pub struct Rtu {
     echoes: bool,
     /// Frame of the last request. Its echo may arrive even after the timeout of the answer.
     last_question: Vec<u8>,
+    /// Frame of the request before the last one. Its echo may be late.
+    question_before: Vec<u8>,
     /// Length in bytes of the answer to the last request.
     answer_length: usize,
     /// Discarded input since the last answer. It is searched for whole frames, which are not noise.
@@ -78,6 +80,7 @@ impl Rtu {
             heard: None,
             echoes: false,
             last_question: Vec::new(),
+            question_before: Vec::new(),
             answer_length: 0,
             discarded: Vec::new(),
             pending: Vec::new(),
@@ -280,7 +283,9 @@ impl Wire for Rtu {
             self.wait_for_silence(silence).await?;
             let discarded = std::mem::take(&mut self.discarded);
             let last_question = std::mem::take(&mut self.last_question);
-            if self.is_unsolicited(&discarded, unit, &last_question) {
+            let is_unsolicited = self.is_unsolicited(&discarded, unit, &last_question);
+            self.question_before = last_question;
+            if is_unsolicited {
                 return Err(Fault::UNASKED);
             }
             self.heard = None;
@@ -320,7 +325,8 @@ impl Wire for Rtu {
     fn missed(&mut self) -> Fault {
         self.port.discard_unsent();
         let received = std::mem::take(&mut self.received);
-        let invalid = || invalid::assess(&received, &self.last_question, self.answer_length);
+        let (question, before) = (&self.last_question, &self.question_before);
+        let invalid = || invalid::assess(&received, question, before, self.answer_length);
         self.heard.take().or_else(invalid).map_or(Fault::Timeout, Fault::Peer)
     }
 

@@ -1,7 +1,6 @@
 //! Input that contains no answer to a request: what it shows about the line. The functions have no state and no input
 //! or output.
 
-use super::frame::frames;
 use crate::fieldbus::error::PeerFault;
 use crate::fieldbus::kinds::modbus::pdu::EXCEPTION;
 use crate::fieldbus::kinds::modbus::text;
@@ -13,10 +12,11 @@ const DAMAGED: usize = 3;
 const SURPLUS: usize = 2;
 
 /// Returns the fault of input that contains no answer. Returns `None` if it may be noise: if it is shorter than the
-/// answer, apart from echoes. `question` is the frame of the request, and `answer` the length of its answer.
-pub(super) fn assess(received: &[u8], question: &[u8], answer: usize) -> Option<PeerFault> {
+/// answer, apart from echoes. `question` is the frame of the request, `before` that of the request before it, and
+/// `answer` the length of the answer.
+pub(super) fn assess(received: &[u8], question: &[u8], before: &[u8], answer: usize) -> Option<PeerFault> {
     let [unit, function, ..] = *question else { return None };
-    let left = without_requests(received, question);
+    let left = without_echoes(received, question, before);
     let long = (0..left.len()).find_map(|start| long_exception(&left[start..], unit, function));
     if let Some(code) = long {
         return Some(PeerFault::LongException(code));
@@ -25,18 +25,15 @@ pub(super) fn assess(received: &[u8], question: &[u8], answer: usize) -> Option<
     text.or((!left.is_empty() && left.len() >= answer).then_some(PeerFault::Malformed))
 }
 
-/// Removes the echo of the request, of which the first bytes may be damaged, and all whole read requests: late echoes,
-/// or requests of another master. Removes the beginning of an echo if nothing else is left.
-fn without_requests(received: &[u8], question: &[u8]) -> Vec<u8> {
+/// Removes the echo of the request, and a late echo of the request before it. The first bytes of an echo may be damaged.
+/// Removes the beginning of an echo if nothing else is left.
+fn without_echoes(received: &[u8], question: &[u8], before: &[u8]) -> Vec<u8> {
     let mut left = received.to_vec();
-    let tail = &question[question.len().min(DAMAGED)..];
-    while let Some(at) = left.windows(tail.len().max(1)).position(|part| part == tail) {
-        left.drain(at.saturating_sub(DAMAGED)..at + tail.len());
-    }
-    let others: Vec<_> = frames(&left).into_iter().filter(|frame| frame.is_question).collect();
-    for frame in others.iter().rev() {
-        // Unit before the content, checksum after it.
-        left.drain(frame.pdu.start - 1..frame.pdu.end + 2);
+    for sent in [question, before] {
+        let tail = &sent[sent.len().min(DAMAGED)..];
+        while let Some(at) = left.windows(tail.len().max(1)).position(|part| part == tail) {
+            left.drain(at.saturating_sub(DAMAGED)..at + tail.len());
+        }
     }
     if question.starts_with(&left) {
         left.clear();

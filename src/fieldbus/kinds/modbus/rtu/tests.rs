@@ -225,12 +225,19 @@ async fn an_echo_in_parts_with_noise_or_late_is_no_invalid_answer_of_a_unit_that
             let again = in_parts(&mut wire, &mut device, read, parts()).await;
             assert_eq!(again, Err(Fault::Timeout), "{read:?}, {size} bytes at a time, again");
         }
-        let late = framed_question(2, read);
-        for before in [&[0][..], &[0xff, 0], &late] {
+        for noise in [&[0][..], &[0xff, 0]] {
             let (mut wire, mut device) = line();
-            let noisy = [before, &echo].concat();
-            assert_eq!(asked(&mut wire, &mut device, read, &noisy).await, Err(Fault::Timeout), "{before:?}");
+            let noisy = [noise, &echo].concat();
+            assert_eq!(asked(&mut wire, &mut device, read, &noisy).await, Err(Fault::Timeout), "{noise:?}");
         }
+        // The echo of the request before arrives after its timeout.
+        let (mut wire, mut device) = line();
+        let span = Duration::from_millis(100);
+        let before = WallTimeout::new().within(span, wire.exchange(2, read, &mut without_deadline())).await;
+        assert_eq!((before, wire.missed()), (None, Fault::Timeout));
+        device.read_exact(&mut [0; 8]).await.unwrap();
+        let late = [framed_question(2, read), echo].concat();
+        assert_eq!(asked(&mut wire, &mut device, read, &late).await, Err(Fault::Timeout));
     }
 }
 

@@ -16,7 +16,7 @@ fn framed(body: &[u8]) -> Vec<u8> {
 /// Returns the fault of this input after a read of one register of unit 3.
 fn fault(received: &[u8]) -> Option<PeerFault> {
     let (_, answer) = frame::lengths(read(0, 1));
-    assess(received, &frame::request(3, read(0, 1)), answer)
+    assess(received, &frame::request(3, read(0, 1)), &frame::request(2, read(0, 1)), answer)
 }
 
 /// Checks that an echo, whole or damaged, early or late, with or without noise, is never an invalid answer.
@@ -38,6 +38,12 @@ fn an_echo_is_no_invalid_answer() {
         assert_eq!(fault(&damaged), None, "byte {at} is wrong");
     }
     assert_eq!(fault(&[echo.as_slice(), &echo].concat()), None, "twice");
+}
+
+/// Checks that the request of another master, which was not sent here, is no echo.
+#[test]
+fn a_request_of_another_master_is_not_removed() {
+    assert_eq!(fault(&frame::request(9, read(0, 1))), Some(PeerFault::Malformed));
 }
 
 #[test]
@@ -76,7 +82,7 @@ fn text_is_recognised_also_if_it_is_shorter_than_an_answer() {
 
 #[test]
 fn without_a_request_there_is_no_fault() {
-    assert_eq!(assess(&[0x55; 20], &[], 0), None);
+    assert_eq!(assess(&[0x55; 20], &[], &[], 0), None);
 }
 
 proptest! {
@@ -85,7 +91,7 @@ proptest! {
         received in proptest::collection::vec(any::<u8>(), 0..300),
         question in proptest::collection::vec(any::<u8>(), 0..12),
     ) {
-        let fault = assess(&received, &question, 7);
+        let fault = assess(&received, &question, &received, 7);
         prop_assert!(fault != Some(PeerFault::Malformed) || received.len() >= 7);
     }
 }
