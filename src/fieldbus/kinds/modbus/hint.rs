@@ -43,6 +43,8 @@ pub(in crate::fieldbus) enum Sight {
     OtherCount,
     /// The reply to a read of one value has another number of registers.
     OtherLength,
+    /// The reply to a read has another function code.
+    OtherFunction,
     /// Modbus ASCII on the line.
     ModbusAscii,
     /// DCON on the line.
@@ -70,6 +72,7 @@ impl Sight {
             (Fault::Peer(PeerFault::Unit(_)), ..) => Sight::OtherUnit,
             (Fault::Peer(PeerFault::Length), ..) if is_of_several => Sight::OtherCount,
             (Fault::Peer(PeerFault::Length), _, Asked::Read { .. }) => Sight::OtherLength,
+            (Fault::Peer(PeerFault::Function), _, Asked::Read { .. }) => Sight::OtherFunction,
             (Fault::Peer(PeerFault::Text(TextProtocol::ModbusAscii)), ..) => Sight::ModbusAscii,
             (Fault::Peer(PeerFault::Text(TextProtocol::Dcon)), ..) => Sight::Dcon,
             (Fault::Peer(PeerFault::Text(TextProtocol::Other)), ..) => Sight::OtherText,
@@ -144,6 +147,12 @@ impl Sight {
             Sight::OtherLength => (
                 "does `type` have as many registers as the value in the device?",
                 Some("type"),
+                "troubleshooting.md#read-a-register",
+            ),
+            Sight::OtherFunction => (
+                "is the table of `register` right (input, holding)? Some devices answer with the function of the other \
+                 table",
+                Some("register"),
                 "troubleshooting.md#read-a-register",
             ),
             Sight::ModbusAscii => (

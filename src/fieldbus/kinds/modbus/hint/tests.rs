@@ -35,6 +35,8 @@ fn each_observation_leads_to_its_key_and_its_chapter() {
         (peer(PeerFault::Length), SEVERAL, Some(longest)),
         (peer(PeerFault::Length), ONE, Some((Some("type"), "troubleshooting.md#read-a-register"))),
         (peer(PeerFault::Length), Asked::Any, None),
+        (peer(PeerFault::Function), ONE, Some((Some("register"), "troubleshooting.md#read-a-register"))),
+        (peer(PeerFault::Function), Asked::Write(6), None),
         (peer(PeerFault::Text(TextProtocol::ModbusAscii)), ONE, Some(protocol)),
         (peer(PeerFault::Text(TextProtocol::Dcon)), ONE, Some(protocol)),
         (peer(PeerFault::Text(TextProtocol::Other)), ONE, Some(protocol)),
@@ -80,7 +82,7 @@ fn each_key_is_in_its_hint_and_in_the_reference_and_each_chapter_is_in_the_manua
     }
 }
 
-const ALL: [Sight; 14] = [
+const ALL: [Sight; 15] = [
     Sight::GapRefused,
     Sight::ValuesRefused,
     Sight::CountRefused,
@@ -91,6 +93,7 @@ const ALL: [Sight; 14] = [
     Sight::OtherUnit,
     Sight::OtherCount,
     Sight::OtherLength,
+    Sight::OtherFunction,
     Sight::ModbusAscii,
     Sight::Dcon,
     Sight::OtherText,
