@@ -13,7 +13,7 @@ use crate::fieldbus::seen::{Asked, Seen};
 use crate::fieldbus::wire::Request;
 use crate::gateway::shared::line_handle::LineHandle;
 use crate::gateway::state::output::RegisterHealth;
-use crate::gateway::state::output_faults::{of_an_output, write_of};
+use crate::gateway::state::output_faults::{of_an_output, read_of, write_of};
 use crate::gateway::state::units::Units;
 use crate::gateway::store::documents::WHAT;
 use crate::gateway::store::ledger::{SaveCondition, SaveResult};
@@ -176,7 +176,7 @@ impl OutputRegister {
         }
         let in_words = || of_an_output(&shared.profile, self.id, fault);
         let asked = match access {
-            RequestKind::Read | RequestKind::ReadApplied => Asked::Any,
+            RequestKind::Read | RequestKind::ReadApplied => read_of(&shared.profile, self.id),
             RequestKind::Write => write_of(&shared.profile, self.id),
         };
         let seen = Seen::of(fault, asked);

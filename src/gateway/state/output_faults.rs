@@ -21,6 +21,15 @@ pub(in crate::gateway) fn of_an_output(profile: &Profile, output: OutputId, faul
     words.unwrap_or_else(|| fault.to_string())
 }
 
+/// Returns the extent of the read of an output. Of a set it is not known, because the quirks for reads of signals do not
+/// change its requests.
+pub(in crate::gateway) fn read_of(profile: &Profile, id: OutputId) -> Asked {
+    match profile.output(id).set {
+        Some(_) => Asked::Any,
+        None => Asked::Read { values: 1, gap: 0 },
+    }
+}
+
 /// Returns the extent of the write of an output. A set is written with as few requests as possible.
 pub(in crate::gateway) fn write_of(profile: &Profile, id: OutputId) -> Asked {
     let output = profile.output(id);

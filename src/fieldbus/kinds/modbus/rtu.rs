@@ -145,6 +145,11 @@ impl Rtu {
                     self.is_unsolicited(&received, unit, question);
                 }
                 Reply::Incomplete => {
+                    // Only if nothing else has arrived: inside an answer, other bytes may look like this frame.
+                    if let Some(code) = invalid::long_exception(&self.received, unit, request.function()) {
+                        self.received.clear();
+                        return Some(Err(Fault::Peer(PeerFault::LongException(code))));
+                    }
                     let surplus = self.received.len().saturating_sub(MOST_KEPT);
                     self.received.drain(..surplus);
                     return None;

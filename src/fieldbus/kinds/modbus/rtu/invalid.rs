@@ -42,7 +42,7 @@ fn without_echoes(received: &[u8], question: &[u8], before: &[u8]) -> Vec<u8> {
 }
 
 /// Returns the code of an exception with one or two surplus bytes, if these bytes are one whole frame of it.
-fn long_exception(bytes: &[u8], unit: u8, function: u8) -> Option<u8> {
+pub(super) fn long_exception(bytes: &[u8], unit: u8, function: u8) -> Option<u8> {
     let (body, sum) = bytes.split_at_checked(bytes.len().checked_sub(2)?)?;
     let [from, refused, code, surplus @ ..] = body else { return None };
     let is_it = *from == unit && *refused == function | EXCEPTION && (1..=SURPLUS).contains(&surplus.len());

@@ -254,7 +254,11 @@ async fn an_exception_with_surplus_bytes_and_text_are_named() {
     let (mut wire, mut device) = line();
     let long = Fault::Peer(PeerFault::LongException(2));
     let answer = framed(3, &[0x83, 2, 0, 0]);
+    let since = tokio_time();
     assert_eq!(asked(&mut wire, &mut device, READ, &answer).await, Err(long));
+    assert!(since() < Duration::from_millis(500), "at once");
+    let noisy = [&[0xff][..], &answer].concat();
+    assert_eq!(asked(&mut wire, &mut device, READ, &noisy).await, Err(long));
     assert!(long.is_refusal() && !long.spoils_connection());
     assert_eq!(
         long.outcome(),
