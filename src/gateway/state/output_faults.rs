@@ -21,8 +21,8 @@ pub(in crate::gateway) fn of_an_output(profile: &Profile, output: OutputId, faul
     words.unwrap_or_else(|| fault.to_string())
 }
 
-/// Returns the extent of the read of an output. Of a set it is not known, because the quirks for reads of signals do not
-/// change its requests.
+/// Returns the extent of the read of an output. [`Asked::Any`] for an output in a set, because quirks for the reads of
+/// signals do not change the reads of a set.
 pub(in crate::gateway) fn read_of(profile: &Profile, id: OutputId) -> Asked {
     match profile.output(id).set {
         Some(_) => Asked::Any,
