@@ -257,7 +257,7 @@ impl Fault {
     pub const fn is_absence(self) -> bool {
         match self {
             Fault::Unreadable { reason, .. } => Fault::of_a_node(reason).is_absence(),
-            Fault::Exception(code) => matches!(code, 1..=3),
+            Fault::Exception(code) | Fault::Peer(PeerFault::LongException(code)) => matches!(code, 1..=3),
             Fault::Aborted(AbortCode(code)) => matches!(code, NO_SUCH_OBJECT | NO_SUCH_SUBINDEX),
             Fault::Status(status) => status.is(Status::NO_SUCH_NODE),
             _ => false,
