@@ -6,6 +6,7 @@
 //! - [`can`] — state of the CAN interfaces of a profile, as the kernel reports it.
 //! - [`sysfs`] — temperature sensors of this computer, and sensors of a profile that this computer does not have.
 //! - `opcua` — endpoints, certificate and nodes of an OPC UA server. This module requires the feature `opcua`.
+//! - [`merged_reads`] — quirks with which a device serves a read of several values that fails.
 //! - [`mod@pipeline`] — whether a device supports two requests at a time.
 //! - [`scan`] — search for units that answer; [`register_search`] — search for the registers of a unit.
 //! - [`values`] — decoded values of registers. If the word order is unknown, they are decoded in both word orders.
@@ -13,6 +14,7 @@
 
 pub mod bus;
 pub mod can;
+pub mod merged_reads;
 #[cfg(feature = "opcua")]
 pub mod opcua;
 pub mod pipeline;
@@ -23,7 +25,7 @@ pub mod sysfs;
 pub mod unit_reader;
 pub mod values;
 
-pub use crate::fieldbus::error::Fault;
+pub use crate::fieldbus::error::{Fault, PeerFault};
 pub use crate::fieldbus::trace::Exchange;
 pub use crate::fieldbus::wire::Answer;
 pub use isotherm_core::codec::{DataType, Register, Table, WordOrder};

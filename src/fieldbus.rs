@@ -14,7 +14,8 @@
 //!   connection in a profile.
 //! - [`sysfs`] — sensors of this computer, each read on a separate thread.
 //! - [`tcp`] — sockets without send delay, and Modbus TCP on them; [`tls`] — Modbus TCP inside TLS.
-//! - [`mod@error`] — faults, by their cause; [`mod@explain`] — their explanations and advice for users.
+//! - [`mod@error`] — faults, by their cause; [`mod@explain`] — their explanations and advice for users, which depend on
+//!   what was [`seen`] of a request.
 //! - [`pending_replies`] — late replies that a serial unit may still send after a timeout, and the requests that may be
 //!   sent before they arrive.
 //! - [`reply_signature`] — features that distinguish the answers to two requests; `order_check` — test whether the
@@ -32,6 +33,7 @@ mod listed;
 mod local_tcp;
 pub mod port;
 mod request;
+pub mod seen;
 pub mod send_guard;
 pub mod serial;
 pub mod tcp;

@@ -14,13 +14,14 @@ use super::run::known_directory;
 use crate::cli::print::{say, say_all, say_beside};
 #[cfg(feature = "opcua")]
 use crate::discovery::opcua;
-use crate::discovery::{can, pipeline, sysfs};
+use crate::discovery::{can, merged_reads, pipeline, sysfs};
 #[cfg(feature = "opcua")]
 use crate::gateway::certificates;
 use crate::gateway::{control, moved_since, templates};
 use crate::observe::http::Admission;
-use isotherm_profile::Profile;
+use crate::observe::status::Status;
 use isotherm_profile::preview::{self, Preview};
+use isotherm_profile::{DeviceId, Profile};
 
 /// Shows every error of the profile with its line. Without errors it shows the read plan, each register in both
 /// notations, everything that would be written, and the sign of each model in words.
@@ -32,8 +33,9 @@ use isotherm_profile::preview::{self, Preview};
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// Also reads every signal and every output register once, and writes nothing. Connects to the broker of [mqtt] and
-    /// to the servers of [[notify]], and sends them no message
+    /// Also reads every signal and every output register once, and writes nothing. If a read of several values fails,
+    /// tests with which quirks the device serves them. Connects to the broker of [mqtt] and to the servers of
+    /// [[notify]], and sends them no message
     #[arg(long)]
     online: bool,
     /// The state directory with which the gateway is started. The check compares the templates with those of the last
@@ -78,11 +80,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let servers = notices::look(&profile)?;
     let directory = known_directory(arguments.state.as_deref().or(profile.history.directory.as_deref()));
     let moved = moved_since(&directory, &profile);
-    let status = read_once::once(profile, directory)?;
+    let status = read_once::once(profile.clone(), directory)?;
+    let unread = unread(&profile, &status);
+    let merged = super::runtime::start()?.block_on(merged_reads::tried(&profile, &unread));
     if arguments.json {
         let document = serde_json::json!({
             "profile": preview, "online": status, "can": lines, "pipeline": pairs, "sensors": sensors, "notify": servers,
-            "moved": moved,
+            "moved": moved, "merged": merged,
         });
         #[cfg(feature = "opcua")]
         let document = with(document, "nodes", &nodes)?;
@@ -112,6 +116,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         #[cfg(feature = "mqtt")]
         broker.iter().try_for_each(|looked| say!("{}", looked.line()))?;
         servers.iter().try_for_each(|looked| say!("{}", looked.line()))?;
+        for merged_reads::MergedReadTest { device, read, fault, quirks } in &merged {
+            say!("  device {device}: {read}: {fault}")?;
+            say!("    the device serves all its values with {quirks}")?;
+        }
         moved.iter().try_for_each(|moved| say!("  warning: {moved}"))?;
         say_all!("{}{}", read_once::signals(&status), read_once::fieldbus(&status))?;
     }
@@ -128,6 +136,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let unfit = pairs.iter().find(|tried| tried.fault.is_some());
     let unfit = unfit.map(|tried| format!("device {} does not support two requests at a time", tried.device));
     unfit.map_or(Ok(()), |unfit| Err(anyhow::anyhow!("{unfit}: remove `pipeline` from its bus")))
+}
+
+/// Returns the devices of which a signal has no good value.
+fn unread(profile: &Profile, status: &Status) -> Vec<DeviceId> {
+    let is_unread =
+        |name: &str| status.signals.iter().any(|signal| signal.device == name && signal.quality != "good");
+    let devices = profile.devices.iter().enumerate();
+    devices.filter(|(_, device)| is_unread(&device.name)).map(|(place, _)| DeviceId(place)).collect()
 }
 
 #[cfg(feature = "opcua")]

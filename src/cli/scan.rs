@@ -13,7 +13,7 @@ use crate::discovery::bus::{LineAddress, Parity, ScanKind, ScanReport, Serial, b
 use crate::discovery::register_search::{RegisterRange, walk};
 use crate::discovery::remedy::{Question, remedy};
 use crate::discovery::scan::{AnswerKind, Event, FailedScan, Responder, Scan};
-use crate::discovery::{Exchange, Register};
+use crate::discovery::{Exchange, Fault, Register};
 use crate::fieldbus::explain::explain_on;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{counted, duration_text};
@@ -110,18 +110,19 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         None => format!("stopped after {} of {}", seen.asked, counted(scan.questions(), "request")),
         Some(FailedScan { unit, fault }) => {
             let (line, from) = (&scan.lines[0], scan.registers[0]);
-            remedy(fault, Question { line, unit, from, count: 1, timeout: scan.bus.timeout })
+            remedy(fault, Question { line, unit, from, count: 1, values: 1, timeout: scan.bus.timeout })
         }
     });
     if arguments.json {
-        print_json(&text::document(&scan, &seen.found, &seen.ranges, stopped.as_deref()))?;
+        let found = (seen.found.as_slice(), seen.noticed.as_slice());
+        print_json(&text::document(&scan, found, &seen.ranges, stopped.as_deref()))?;
     } else {
         let bus = line.known.as_ref().map(|(profile, bus)| (profile, *bus));
         say_all!("{}", text::summary(&scan, &seen.found, bus))?;
     }
     match stopped {
         Some(why) => anyhow::bail!(why),
-        None if seen.found.is_empty() => anyhow::bail!(text::nobody(&scan)),
+        None if seen.found.is_empty() => anyhow::bail!(text::nobody(&scan, &seen.noticed)),
         None => Ok(()),
     }
 }
@@ -155,6 +156,8 @@ fn settings(line: &LineAddress, bauds: &[u32], parities: &[Parity]) -> Vec<LineA
 /// Results of the scan so far.
 struct ScanResults {
     found: Vec<(LineAddress, Responder)>,
+    /// Faults that show something about a line, but no unit. Each is in the list once.
+    noticed: Vec<(LineAddress, Fault)>,
     ranges: Vec<(u8, RegisterRange)>,
     /// Number of requests sent. `questions` is the number of all planned requests.
     asked: usize,
@@ -170,6 +173,7 @@ impl ScanResults {
         let (found, ranges, questions) = (Vec::new(), Vec::new(), scan.questions());
         ScanResults {
             found,
+            noticed: Vec::new(),
             ranges,
             asked: 0,
             questions,
@@ -192,6 +196,13 @@ impl ScanResults {
             Event::Found(line, found) => {
                 self.say(&text::found(&line, &found));
                 self.found.push((line, found));
+            }
+            Event::Noticed(line, fault) => {
+                let noticed = (line, fault);
+                if !self.noticed.contains(&noticed) {
+                    self.say(&text::noticed(&noticed));
+                    self.noticed.push(noticed);
+                }
             }
             Event::Asked(asked) => {
                 self.asked = asked;

@@ -23,7 +23,7 @@ pub(super) struct Target {
     pub(super) set: Vec<(String, String)>,
     /// The line; with a profile, the name of one of its buses. Without a profile: tcp://192.168.0.10:502,
     /// rtu:///dev/ttyUSB0?baud=9600&parity=none, rtu+tcp://192.168.0.11:4001, opc.tcp://192.168.0.12:4840, or /sys for
-    /// the sensors of this computer
+    /// the sensors of this computer. A host, with or without a port, is Modbus TCP, and /dev/ttyUSB0 is a serial port
     #[arg(long, value_name = "BUS")]
     pub(super) bus: Option<String>,
     /// Timeout of a request [default: that of the profile, or 500ms]
@@ -48,7 +48,8 @@ impl Target {
 
     /// Returns whether the line is given as the address of an OPC UA server.
     pub(super) fn is_at_a_server(&self) -> bool {
-        self.profile.is_none() && self.bus.as_ref().is_some_and(|bus| bus.starts_with("opc.tcp://"))
+        let address = || self.bus.as_ref()?.parse::<LineAddress>().ok();
+        self.profile.is_none() && address().is_some_and(|address| address.kind().has_namespaces)
     }
 
     /// Returns the line that the options name. A line without registers is an error.

@@ -1,6 +1,9 @@
 //! Address of a line as one word, as users type it: `tcp://192.168.0.10:502`,
 //! `rtu:///dev/ttyUSB0?baud=9600&parity=none`, `rtu+tcp://192.168.0.11:4001`, `opc.tcp://192.168.0.12:4840`. `/sys`
 //! stands for this computer's own sensors.
+//!
+//! The type of line may be missing. `/dev/ttyUSB0` is a serial port, `192.168.0.10` and `192.168.0.10:1502` are Modbus
+//! TCP, and a host with the port 4840 is an OPC UA server.
 
 use std::fmt;
 use std::str::FromStr;
@@ -8,7 +11,7 @@ use std::time::Duration;
 
 use crate::fieldbus::kinds::kind::BusKind;
 use crate::fieldbus::kinds::{self, KINDS};
-use isotherm_profile::{Bus, OpcUa, Quirks, Transport};
+use isotherm_profile::{Bus, OpcUa, Quirks, Transport, host_and_port};
 
 pub use crate::fieldbus::kinds::baud;
 pub use crate::fieldbus::kinds::kind::{ScanKind, ScanReport, VirtualLine};
@@ -83,6 +86,8 @@ impl FromStr for LineAddress {
     /// # Errors
     /// A sentence with the mistake and the correct form.
     fn from_str(text: &str) -> Result<LineAddress, String> {
+        let full = with_type(text);
+        let text = full.as_deref().unwrap_or(text);
         let parsed = KINDS.iter().find_map(|kind| (kind.parse)(text));
         let (transport, address) = parsed.unwrap_or_else(|| {
             Err(match text.split_once("://") {
@@ -92,6 +97,22 @@ impl FromStr for LineAddress {
         })?;
         Ok(LineAddress { transport, address })
     }
+}
+
+/// Registered port of OPC UA.
+const OPC_UA: u16 = 4840;
+
+/// Adds the type of line to a path of a serial port, or to a host with or without a port. Returns `None` for other
+/// texts.
+fn with_type(text: &str) -> Option<String> {
+    if text.starts_with("/dev/") {
+        return Some(format!("rtu://{text}"));
+    }
+    if text.is_empty() || text.starts_with('/') || text.contains("://") {
+        return None;
+    }
+    let is_opcua = host_and_port(text).is_ok_and(|(_, port)| port == Some(OPC_UA));
+    Some(format!("{}://{text}", if is_opcua { "opc.tcp" } else { "tcp" }))
 }
 
 /// Lists an example of each form of address.

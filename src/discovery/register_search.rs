@@ -57,7 +57,8 @@ pub async fn walk(
         let (Ok(offset), Ok(length)) = (u16::try_from(start), u16::try_from(count)) else { continue };
         let first = Register { offset, ..from };
         let answer = asker.read(unit, first, length).await;
-        if count > 1 && matches!(answer, Err(Fault::Exception(2 | 3))) {
+        let refused = answer.as_ref().err().and_then(|fault| fault.exception_code());
+        if count > 1 && matches!(refused, Some(2 | 3)) {
             let half = count / 2;
             left.push((start + half, count - half));
             left.push((start, half));
@@ -69,7 +70,7 @@ pub async fn walk(
                 missing.take().into_iter().for_each(&mut take);
                 take(RegisterRange::new(first, length, Ok(registers(answer))));
             }
-            Err(fault) if silences >= SILENCES || !matches!(fault, Fault::Timeout | Fault::Exception(_)) => {
+            Err(fault) if silences >= SILENCES || (fault != Fault::Timeout && refused.is_none()) => {
                 return Err(fault);
             }
             Err(fault) => match &mut missing {

@@ -8,10 +8,10 @@ use serde::Serialize;
 
 use crate::discovery::bus::LineAddress;
 use crate::discovery::unit_reader::{Trace, UnitReader};
-use crate::fieldbus::error::Fault;
+use crate::fieldbus::error::{Fault, PeerFault};
 use crate::fieldbus::wire::Answer;
 use isotherm_core::codec::Register;
-use isotherm_profile::{Bus, Quirks};
+use isotherm_profile::{Bus, Quirks, Transport};
 
 /// Length in bytes of an RTU frame that reads one register. `ANSWER` is the length of its answer.
 const REQUEST: usize = 8;
@@ -66,6 +66,9 @@ pub enum Event {
     Line(LineAddress),
     /// This unit answered on this line.
     Found(LineAddress, Responder),
+    /// The line received something that shows no unit with the requested number: an echo, text, or an answer with
+    /// another unit number.
+    Noticed(LineAddress, Fault),
     /// Number of requests sent so far.
     Asked(usize),
 }
@@ -108,6 +111,12 @@ impl Scan {
                         return Err(FailedScan { unit, fault });
                     }
                     report(Event::Asked(asked));
+                    if let Err(fault) = answer
+                        && is_of_no_unit(fault, line.transport)
+                    {
+                        report(Event::Noticed(line.clone(), fault));
+                        continue;
+                    }
                     if let Some(how) = how(&answer) {
                         let register = register.to_string();
                         report(Event::Found(line.clone(), Responder { unit, register, how }));
@@ -134,18 +143,30 @@ pub struct FailedScan {
     pub fault: Fault,
 }
 
+/// Returns whether the fault shows something about the line, but no unit with the requested number. Without transaction
+/// numbers, a frame of another unit is a late answer of that unit, or an answer to another master.
+fn is_of_no_unit(fault: Fault, transport: Transport) -> bool {
+    match fault {
+        Fault::Peer(PeerFault::Unit(_) | PeerFault::Text(_) | PeerFault::Echoed) => true,
+        Fault::Peer(PeerFault::Foreign) => transport != Transport::Tcp,
+        _ => false,
+    }
+}
+
 /// Classifies an answer; returns `None` if the answer shows that no such unit exists. A Modbus gateway to a serial line
 /// reports this with exception 10 or 11. Some devices close the connection if the unit number is not their own.
 fn how(answer: &Result<Answer, Fault>) -> Option<AnswerKind> {
+    if let Some(code) = answer.as_ref().err().and_then(|fault| fault.exception_code()) {
+        return (!matches!(code, 10 | 11)).then_some(AnswerKind::Exception(code));
+    }
     match answer {
         Ok(Answer::Registers(registers)) => registers.first().copied().map(AnswerKind::Value),
         Ok(Answer::Bits(bits)) => bits.first().map(|bit| AnswerKind::Value(u16::from(*bit))),
         Ok(Answer::Done | Answer::Nodes(_)) => None,
-        Err(Fault::Exception(10 | 11)) => None,
-        Err(Fault::Exception(code)) => Some(AnswerKind::Exception(*code)),
         Err(fault @ Fault::Peer(_)) => Some(AnswerKind::Garbled(fault.to_string())),
         Err(
             Fault::Timeout
+            | Fault::Exception(_)
             | Fault::Link(_)
             | Fault::Caller(_)
             | Fault::Aborted(_)
@@ -160,4 +181,44 @@ fn how(answer: &Result<Answer, Fault>) -> Option<AnswerKind> {
 /// TCP devices do so, because they have only one unit.
 pub fn heeds_no_number(found: &[&Responder], asked: usize) -> bool {
     asked > 3 && found.len() == asked && found.windows(2).all(|pair| pair[0].how == pair[1].how)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fieldbus::error::LinkFault;
+    use crate::fieldbus::kinds::modbus::text::TextProtocol;
+
+    const TCP: Transport = Transport::Tcp;
+    const RTU: Transport = Transport::RtuOverTcp;
+
+    /// Rows: answer, kind of line, whether it is noticed, and the kind of answer of the unit.
+    #[test]
+    fn only_an_answer_of_the_unit_shows_that_the_unit_exists() {
+        let peer = |fault| Err(Fault::Peer(fault));
+        let garbled = |fault: PeerFault| Some(AnswerKind::Garbled(fault.to_string()));
+        for (answer, transport, is_noticed, unit) in [
+            (Ok(Answer::Registers(vec![7])), TCP, false, Some(AnswerKind::Value(7))),
+            (Ok(Answer::Bits(vec![true])), TCP, false, Some(AnswerKind::Value(1))),
+            (Err(Fault::Exception(2)), RTU, false, Some(AnswerKind::Exception(2))),
+            (peer(PeerFault::LongException(2)), RTU, false, Some(AnswerKind::Exception(2))),
+            (Err(Fault::Exception(11)), TCP, false, None),
+            (peer(PeerFault::LongException(11)), TCP, false, None),
+            (Err(Fault::Timeout), RTU, false, None),
+            (Err(Fault::Link(LinkFault::Broken)), TCP, false, None),
+            (peer(PeerFault::Malformed), RTU, false, garbled(PeerFault::Malformed)),
+            (peer(PeerFault::Length), RTU, false, garbled(PeerFault::Length)),
+            (peer(PeerFault::Foreign), TCP, false, garbled(PeerFault::Foreign)),
+            (peer(PeerFault::Foreign), RTU, true, None),
+            (peer(PeerFault::Unit(1)), TCP, true, None),
+            (peer(PeerFault::Echoed), TCP, true, None),
+            (peer(PeerFault::Text(TextProtocol::Dcon)), RTU, true, None),
+        ] {
+            let noticed = answer.as_ref().err().is_some_and(|fault| is_of_no_unit(*fault, transport));
+            assert_eq!(noticed, is_noticed, "{answer:?}");
+            if !noticed {
+                assert_eq!(how(&answer), unit, "{answer:?}");
+            }
+        }
+    }
 }

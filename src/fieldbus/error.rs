@@ -1,6 +1,7 @@
 //! Faults of the fieldbus, classified by their cause.
 
 use super::kinds::can::canopen::abort::AbortCode;
+use super::kinds::modbus::text::TextProtocol;
 use super::kinds::opcua::fault::OpcUaFault;
 use crate::tls::TlsFault;
 use isotherm_core::reading::{Reason, Status, exception};
@@ -165,6 +166,9 @@ pub enum PeerFault {
     /// master.
     #[error("reply of another transaction or unit")]
     Foreign,
+    /// Reply to this request with this unit number instead of the requested one, over TCP.
+    #[error("the reply names unit {0}, which was not requested")]
+    Unit(u8),
     /// Reply with another function code.
     #[error("reply with another function code")]
     Function,
@@ -189,6 +193,15 @@ pub enum PeerFault {
     /// Reply that violates the protocol.
     #[error("the reply violates the protocol")]
     Malformed,
+    /// Modbus exception with this code, with more bytes than an exception has.
+    #[error("exception {0} ({name}), with surplus bytes", name = exception(*.0))]
+    LongException(u8),
+    /// Text of another protocol.
+    #[error("{0}")]
+    Text(TextProtocol),
+    /// The request itself, instead of a reply.
+    #[error("the request itself comes back instead of a reply")]
+    Echoed,
     /// Subscription on which the server sends neither data nor keep-alive messages in time.
     #[error("the subscription is silent: the server sends neither values nor keep-alive messages in time")]
     Silent,
@@ -236,7 +249,11 @@ impl Fault {
             Fault::Unreadable { reason, .. } => Fault::of_a_node(reason).is_refusal(),
             _ => matches!(
                 self,
-                Fault::Exception(_) | Fault::Aborted(_) | Fault::Status(_) | Fault::Part { .. }
+                Fault::Exception(_)
+                    | Fault::Peer(PeerFault::LongException(_))
+                    | Fault::Aborted(_)
+                    | Fault::Status(_)
+                    | Fault::Part { .. }
             ),
         }
     }
@@ -246,9 +263,34 @@ impl Fault {
     pub const fn is_absence(self) -> bool {
         match self {
             Fault::Unreadable { reason, .. } => Fault::of_a_node(reason).is_absence(),
-            Fault::Exception(code) => matches!(code, 1..=3),
+            Fault::Exception(code) | Fault::Peer(PeerFault::LongException(code)) => matches!(code, 1..=3),
             Fault::Aborted(AbortCode(code)) => matches!(code, NO_SUCH_OBJECT | NO_SUCH_SUBINDEX),
             Fault::Status(status) => status.is(Status::NO_SUCH_NODE),
+            _ => false,
+        }
+    }
+
+    /// Returns the code of a Modbus exception, also of one with surplus bytes.
+    pub const fn exception_code(self) -> Option<u8> {
+        match self {
+            Fault::Exception(code) | Fault::Peer(PeerFault::LongException(code)) => Some(code),
+            _ => None,
+        }
+    }
+
+    /// Returns whether the unit gave no answer: none in time, or only data that another unit or a program of another
+    /// protocol may have sent.
+    pub(super) const fn is_missing_answer(self) -> bool {
+        match self {
+            Fault::Timeout => true,
+            Fault::Peer(fault) => matches!(
+                fault,
+                PeerFault::Malformed
+                    | PeerFault::Foreign
+                    | PeerFault::Unit(_)
+                    | PeerFault::Text(_)
+                    | PeerFault::Echoed
+            ),
             _ => false,
         }
     }
@@ -311,8 +353,10 @@ impl Fault {
     /// request.
     pub const fn spoils_connection(self) -> bool {
         match self {
-            // The answer belongs to the request. Only the value of the node cannot be used.
-            Fault::Peer(PeerFault::Type | PeerFault::NotANumber | PeerFault::NoValue) => false,
+            // The answer belongs to the request. Only the value of the node cannot be used, or the device refuses.
+            Fault::Peer(
+                PeerFault::Type | PeerFault::NotANumber | PeerFault::NoValue | PeerFault::LongException(_),
+            ) => false,
             Fault::Link(_) | Fault::Peer(_) | Fault::Timeout => true,
             _ => false,
         }
@@ -326,7 +370,7 @@ impl Fault {
     /// Returns the reason for which a reading that failed with this fault is not good.
     pub const fn reason(self) -> Reason {
         match self {
-            Fault::Exception(code) => Reason::Exception(code),
+            Fault::Exception(code) | Fault::Peer(PeerFault::LongException(code)) => Reason::Exception(code),
             Fault::Aborted(_) => Reason::Refused,
             Fault::Status(Status(code)) | Fault::Part { status: Status(code), .. } => Reason::Status(code),
             Fault::Peer(PeerFault::Type) => Reason::WrongType,

@@ -2,8 +2,9 @@
 //! page take them from here.
 //!
 //! The `Display` text of a [`Fault`] is its cause. [`remedy`] returns what the user can do, and [`explain`] joins the
-//! two.
+//! two. The advice is more specific if more is known about a failed request than its fault, see [`Seen`].
 
+use std::borrow::Cow;
 use std::io::{Error, ErrorKind};
 
 use isotherm_core::explained::Explained;
@@ -13,20 +14,18 @@ use isotherm_profile::safe_file::without_numbers;
 
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
 use super::kinds::{self, can, modbus, opcua};
+use super::seen::{Advice, Seen};
 
 /// Remedy for an OPC UA node whose value is not a number.
 const NOT_A_NUMBER: &str = "write another node: `isotherm read --browse` shows which nodes hold a number. A text, a \
                             date or an array is no number";
 
-/// Returns what the user can do about a fault; `None` if the text of its cause is sufficient.
+/// Returns what the user can do about a fault; `None` if the text of its cause is sufficient, or if the fault is one of
+/// those of the table in `kinds/modbus/hint.rs`.
 pub const fn remedy(fault: Fault) -> Option<&'static str> {
     Some(match fault {
-        Fault::Timeout => {
-            "is the unit number right (`isotherm scan` finds it), is the device powered? On a serial line \
-             also check baud rate, parity, termination, and whether A and B are exchanged. Some devices do \
-             not answer at all if they do not have the register"
-        }
-        Fault::Exception(code) => modbus::hint::exception(code),
+        Fault::Timeout => modbus::hint::SILENT,
+        Fault::Exception(code) | Fault::Peer(PeerFault::LongException(code)) => modbus::hint::exception(code),
         Fault::Link(LinkFault::Refused) => {
             "is the port right (Modbus TCP: 502, OPC UA: 4840)? Is the protocol switched on in the device? \
              Does another master use the only connection of the device?"
@@ -137,20 +136,25 @@ pub const fn remedy_of_a_reading(reason: Reason) -> &'static str {
     }
 }
 
-/// Returns cause and remedy of a fault in one sentence.
-pub fn explain(fault: Fault) -> String {
-    Explained { cause: fault.to_string(), hint: remedy(fault).map(Into::into) }.to_string()
+/// Returns cause and remedy of a failed request in one sentence. Faults that only Modbus has get the advice for Modbus.
+pub fn explain(seen: impl Into<Seen>) -> String {
+    let seen = seen.into();
+    let general = || remedy(seen.fault).map(Cow::Borrowed);
+    let hint = modbus::hint::advice(seen).map(Advice::text).or_else(general);
+    Explained { cause: seen.fault.to_string(), hint }.to_string()
 }
 
-/// Returns cause and remedy of a fault. The remedy depends on the transport of the line.
-pub fn explain_on(line: Transport, fault: Fault) -> Explained {
-    advised_on(line, fault, fault.to_string())
+/// Returns cause and remedy of a failed request. The remedy depends on the transport of the line.
+pub fn explain_on(line: Transport, seen: impl Into<Seen>) -> Explained {
+    let seen = seen.into();
+    advised_on(line, seen, seen.fault.to_string())
 }
 
-/// Returns `cause` with the remedy of a fault. The remedy depends on the transport of the line.
-pub fn advised_on(line: Transport, fault: Fault, cause: String) -> Explained {
-    let hint = (kinds::of(line).hint)(fault).or_else(|| remedy(fault));
-    Explained { cause, hint: hint.map(Into::into) }
+/// Returns `cause` with the remedy of a failed request. The remedy depends on the transport of the line.
+pub fn advised_on(line: Transport, seen: impl Into<Seen>, cause: String) -> Explained {
+    let (seen, kind) = (seen.into(), kinds::of(line));
+    let general = || (kind.hint)(seen.fault).or_else(|| remedy(seen.fault)).map(Cow::Borrowed);
+    Explained { cause, hint: (kind.advice)(seen).map(Advice::text).or_else(general) }
 }
 
 /// Describes an error of a file, a socket or a port in one sentence, with a remedy and without the error number. An
@@ -187,6 +191,7 @@ pub fn explain_system(error: &Error) -> Explained {
 mod tests {
     use super::*;
     use crate::fieldbus::error::CanFault;
+    use crate::fieldbus::kinds::modbus::text::TextProtocol;
     use crate::tls::TlsFault;
     use isotherm_core::reading::Status;
 
@@ -208,11 +213,23 @@ mod tests {
             LinkFault::Can(CanFault::Down),
         ];
         let codes = [1, 2, 3, 4, 5, 6, 8, 10, 11].map(Fault::Exception);
-        let peer = [PeerFault::Malformed, PeerFault::Foreign, PeerFault::Unasked, PeerFault::OutOfOrder]
-            .map(Fault::Peer);
+        let peer = [
+            PeerFault::Malformed,
+            PeerFault::Foreign,
+            PeerFault::Unit(1),
+            PeerFault::Unasked,
+            PeerFault::OutOfOrder,
+            PeerFault::LongException(2),
+            PeerFault::Text(TextProtocol::ModbusAscii),
+            PeerFault::Text(TextProtocol::Dcon),
+            PeerFault::Text(TextProtocol::Other),
+            PeerFault::Echoed,
+        ]
+        .map(Fault::Peer);
         for fault in link.map(Fault::Link).into_iter().chain(codes).chain(peer).chain([Fault::Timeout]) {
             let said = explain(fault);
-            assert!(remedy(fault).is_some() || said.contains(", or "), "{fault:?}: {said}");
+            let is_advised = said.len() > fault.to_string().len();
+            assert!(is_advised || said.contains(", or "), "{fault:?}: {said}");
             assert!(said.starts_with(&fault.to_string()), "{said}");
             assert!(!said.contains("unknown"), "{said}");
         }

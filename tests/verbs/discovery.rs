@@ -234,7 +234,7 @@ fn what_is_wrong_with_a_reading_is_reported_with_a_remedy() {
         assert_eq!(refused.code, Some(2), "{arguments:?}: {}", refused.said);
         assert!(refused.said.contains(words), "{arguments:?}: {}", refused.said);
     }
-    let nowhere = alone(&["read", "--bus", "192.168.0.10", "--unit", "1", "--register", "input:0"]);
+    let nowhere = alone(&["read", "--bus", "modbus://192.168.0.10", "--unit", "1", "--register", "input:0"]);
     assert!(nowhere.said.contains("write tcp://192.168.0.10:502"), "{}", nowhere.said);
 }
 

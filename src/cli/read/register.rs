@@ -139,7 +139,8 @@ pub(super) fn run(target: &Target, one: &One, watch: bool, json: bool) -> anyhow
         )));
     }
     let (line, unit) = line(target, one, json)?;
-    let question = Question { line: &line.address, unit, from, count, timeout: line.bus.timeout };
+    let (values, timeout) = (one.count, line.bus.timeout);
+    let question = Question { line: &line.address, unit, from, count, values, timeout };
     let trace = one.trace.then_some(print_exchange as Trace);
     let mut requester = UnitReader::new(&line.address, &line.bus, line.quirks, trace);
     crate::cli::runtime::start()?.block_on(async {

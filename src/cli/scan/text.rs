@@ -8,6 +8,8 @@ use serde_json::json;
 use crate::discovery::bus::{LineAddress, ScanKind};
 use crate::discovery::register_search::RegisterRange;
 use crate::discovery::scan::{AnswerKind, Responder, Scan, heeds_no_number};
+use crate::discovery::{Fault, PeerFault};
+use crate::fieldbus::explain::explain_on;
 use isotherm_profile::duration_text;
 use isotherm_profile::{BusId, Profile};
 
@@ -119,7 +121,19 @@ fn profile_lines(found: &[&(LineAddress, Responder)], known: Option<(&Profile, B
     if text.is_empty() { text } else { format!("\n# for a profile:\n{text}") }
 }
 
-pub(super) fn nobody(scan: &Scan) -> String {
+/// Describes what was noticed about a line, with its remedy.
+pub(super) fn noticed((line, fault): &(LineAddress, Fault)) -> String {
+    format!("{line}: {}", explain_on(line.transport, *fault))
+}
+
+pub(super) fn nobody(scan: &Scan, noticed: &[(LineAddress, Fault)]) -> String {
+    let other = noticed.iter().find_map(|(_, fault)| match fault {
+        Fault::Peer(PeerFault::Unit(unit)) => Some(unit),
+        _ => None,
+    });
+    if let Some(unit) = other {
+        return format!("no unit answered with its number. Try --units {unit}");
+    }
     match scan.lines[0].kind().scan {
         ScanKind::Units { unanswered, .. } => format!("no unit answered. {unanswered}"),
         _ => "no unit answered".to_owned(),
@@ -128,15 +142,19 @@ pub(super) fn nobody(scan: &Scan) -> String {
 
 pub(super) fn document(
     scan: &Scan,
-    found: &[(LineAddress, Responder)],
+    (found, noticed): (&[(LineAddress, Responder)], &[(LineAddress, Fault)]),
     ranges: &[(u8, RegisterRange)],
     stopped: Option<&str>,
 ) -> serde_json::Value {
+    let noticed = noticed.iter().map(
+        |(line, fault)| json!({ "line": line.to_string(), "fault": explain_on(line.transport, *fault) }),
+    );
     let units = found.iter().map(|(line, found)| json!({ "line": line.to_string(), "found": found }));
     let registers = ranges.iter().map(|(unit, range)| json!({ "unit": unit, "stretch": range }));
     json!({
         "questions": scan.questions(),
         "units": units.collect::<Vec<_>>(),
+        "noticed": noticed.collect::<Vec<_>>(),
         "registers": registers.collect::<Vec<_>>(),
         "stopped": stopped,
     })

@@ -14,6 +14,19 @@ fn a_line_is_read_as_people_type_it() {
         ("opc.tcp://[fe80::1%2]:4841/", "opc.tcp://[fe80::1%2]:4841"),
         ("rtu:///dev/ttyUSB0", "/dev/ttyUSB0 at 9600 baud 8N1"),
         ("/sys", "/sys"),
+        ("/dev/ttyUSB0", "/dev/ttyUSB0 at 9600 baud 8N1"),
+        (
+            "/dev/serial/by-id/usb-FTDI_FT4X2ABC-if00-port0",
+            "/dev/serial/by-id/usb-FTDI_FT4X2ABC-if00-port0 at 9600 baud 8N1",
+        ),
+        ("/dev/ttyUSB0?baud=19200&parity=even", "/dev/ttyUSB0 at 19200 baud 8E1"),
+        ("192.168.0.10", "tcp://192.168.0.10:502"),
+        ("192.168.0.10:1502", "tcp://192.168.0.10:1502"),
+        ("localhost", "tcp://localhost:502"),
+        ("plc.cell:802", "tcp://plc.cell:802"),
+        ("[fe80::1]", "tcp://[fe80::1]:502"),
+        ("[fe80::1]:503", "tcp://[fe80::1]:503"),
+        ("192.168.0.12:4840", "opc.tcp://192.168.0.12:4840"),
         ("rtu:///dev/ttyS1?baud=1200&parity=even&stop_bits=2", "/dev/ttyS1 at 1200 baud 8E2"),
     ] {
         assert_eq!(
@@ -27,7 +40,12 @@ fn a_line_is_read_as_people_type_it() {
 #[test]
 fn what_is_no_line_is_told_how_to_write_one() {
     for (text, word) in [
-        ("192.168.0.10", "tcp://192.168.0.10:502"),
+        ("", "tcp://192.168.0.10:502"),
+        ("192.168.0.10:", "no host and port"),
+        ("192.168.0.10:0", "no host and port"),
+        ("192.168.0.10:99999", "the port is above 65535: write one from 1 to 65535"),
+        ("::1", "write [::1]:502"),
+        ("/dev/ttyUSB0?speed=9600", "baud, parity, stop_bits"),
         ("http://x", "rtu+tcp://"),
         ("tcp://", "the host is missing"),
         ("tcp://x:0", "no host and port"),

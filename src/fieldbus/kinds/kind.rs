@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use crate::fieldbus::connection::Dial;
 use crate::fieldbus::error::Fault;
+use crate::fieldbus::seen::{Advice, Seen};
 use crate::fieldbus::wire::Boxed;
 use isotherm_profile::{Bus, Transport};
 
@@ -26,6 +27,8 @@ pub struct BusKind {
     pub dial: fn(&Bus) -> Option<Box<dyn Dial>>,
     /// Returns what to do about a fault, if the advice for other types does not fit.
     pub hint: fn(Fault) -> Option<&'static str>,
+    /// Returns the advice on a failed request, if more is known about it than its fault. It precedes `hint`.
+    pub advice: fn(Seen) -> Option<Advice>,
     /// Returns the place of a line, by which two addresses of one line are recognised.
     pub place: fn(&Bus) -> LinePlace,
     /// Whether single answers get lost on a line without a fault of a device.
@@ -110,6 +113,7 @@ impl BusKind {
         shown: |_, address| address.to_owned(),
         dial: |_| None,
         hint: |_| None,
+        advice: |_| None,
         place: |bus| LinePlace::Name(bus.address.clone()),
         is_lossy: false,
         has_namespaces: false,

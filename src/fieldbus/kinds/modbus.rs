@@ -6,6 +6,7 @@
 //!   meanwhile.
 //! - [`reply_signature`] — what distinguishes the answers to two requests; `order_check` — whether the answers of a
 //!   unit behind a gateway belong to their requests.
+//! - [`text`] — text of another protocol on the line.
 //! - [`wire`] — interface of a Modbus connection, in addition to that of every line.
 //! - `pipeline` — whether two requests are sent together, and when the line stops doing so.
 
@@ -19,6 +20,7 @@ pub mod reply_signature;
 pub mod request;
 pub mod rtu;
 pub mod tcp;
+pub mod text;
 pub mod wire;
 
 use super::kind::{BusKind, LinePlace, ScanKind, VirtualLine};
@@ -40,6 +42,7 @@ pub const TCP: BusKind = BusKind {
     },
     shown: |_, address| format!("tcp://{address}"),
     dial,
+    advice: hint::advice,
     place: |bus| LinePlace::Host(bus.address.clone()),
     scan: ScanKind::Units {
         unanswered: "Try another port, or another --register. If the units are behind a Modbus gateway, check its \
@@ -60,6 +63,7 @@ pub const RTU_OVER_TCP: BusKind = BusKind {
     },
     shown: |_, address| format!("rtu+tcp://{address}"),
     dial,
+    advice: hint::advice,
     place: |bus| LinePlace::Host(bus.address.clone()),
     is_lossy: true,
     scan: SERIAL_UNITS,
@@ -87,6 +91,7 @@ pub const SERIAL: BusKind = BusKind {
         _ => address.to_owned(),
     },
     dial,
+    advice: hint::advice,
     place: |bus| LinePlace::Name(place(&bus.address)),
     is_lossy: true,
     scan: SERIAL_UNITS,

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::seed;
 use crate::fieldbus::backoff::Backoff;
-use crate::fieldbus::error::{Fault, LinkFault, PeerFault};
+use crate::fieldbus::error::{Fault, LinkFault};
 use crate::fieldbus::kinds;
 use crate::fieldbus::kinds::modbus::pending_replies::{PendingReplies, Spans, UnitReplies};
 use crate::fieldbus::kinds::modbus::reply_signature::ReplySignature;
@@ -128,8 +128,7 @@ impl Units {
     ) {
         let is_behind_gateway = self.all[place].is_behind_gateway;
         let pending = self.pending(place);
-        let is_lost = fault.is_of_a_gateway()
-            || matches!(fault, Fault::Timeout | Fault::Peer(PeerFault::Malformed | PeerFault::Foreign));
+        let is_lost = fault.is_of_a_gateway() || fault.is_missing_answer();
         if !is_lost {
             pending.reset_timing();
         }

@@ -263,7 +263,10 @@ impl Inspection {
             // Answers to another master say nothing about the register, and neither does a failed connection.
             Err(fault)
                 if fault.is_of_the_line()
-                    || matches!(fault, Fault::Peer(PeerFault::Foreign | PeerFault::OutOfOrder)) =>
+                    || matches!(
+                        fault,
+                        Fault::Peer(PeerFault::Foreign | PeerFault::Unit(_) | PeerFault::OutOfOrder)
+                    ) =>
             {
                 again.due = now.after(ASK_AGAIN);
                 return true;

@@ -9,11 +9,12 @@ use super::set_modbus::{self, Cells};
 use super::turn::LineTurn;
 use crate::fieldbus::error::{CallerFault, Fault, Outcome};
 use crate::fieldbus::explain::advised_on;
+use crate::fieldbus::seen::Seen;
 use crate::fieldbus::send_guard::SendDeadline;
 use crate::fieldbus::wire::Request;
 use crate::gateway::shared::line_handle::LineHandle;
 use crate::gateway::state::output::RegisterHealth;
-use crate::gateway::state::output_faults::of_an_output;
+use crate::gateway::state::output_faults::{of_an_output, write_of};
 use crate::gateway::state::units::{cz_factor, registers_in_text};
 use crate::gateway::store::log::outputs::{ControllerSnapshot, ControllerState, PositionSnapshot, Turn};
 use crate::gateway::store::storage::{CountedWrite, TurnRecord};
@@ -221,7 +222,8 @@ impl Position {
         self.failures.device_answers(!is_lost);
         let words = || of_an_output(&shared.profile, self.id, fault);
         if let Some(words) = self.failures.fails(fault, RequestKind::Write, words) {
-            let fault = advised_on(transport, fault, words);
+            let seen = Seen::of(fault, write_of(&shared.profile, self.id));
+            let fault = advised_on(transport, seen, words);
             shared.report(&Event::WriteFailed { output: output.name.clone(), fault });
         }
         self.is_unverified(shared, &fault);

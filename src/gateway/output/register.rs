@@ -9,10 +9,11 @@ use super::report;
 use super::turn::{DISK_PATIENCE, LineTurn, REMEMBERED};
 use crate::fieldbus::error::{CallerFault, Fault, Outcome};
 use crate::fieldbus::explain::advised_on;
+use crate::fieldbus::seen::{Asked, Seen};
 use crate::fieldbus::wire::Request;
 use crate::gateway::shared::line_handle::LineHandle;
 use crate::gateway::state::output::RegisterHealth;
-use crate::gateway::state::output_faults::of_an_output;
+use crate::gateway::state::output_faults::{of_an_output, read_of, write_of};
 use crate::gateway::state::units::Units;
 use crate::gateway::store::documents::WHAT;
 use crate::gateway::store::ledger::{SaveCondition, SaveResult};
@@ -174,6 +175,11 @@ impl OutputRegister {
             return;
         }
         let in_words = || of_an_output(&shared.profile, self.id, fault);
+        let asked = match access {
+            RequestKind::Read | RequestKind::ReadApplied => read_of(&shared.profile, self.id),
+            RequestKind::Write => write_of(&shared.profile, self.id),
+        };
+        let seen = Seen::of(fault, asked);
         let failures = match access {
             RequestKind::ReadApplied => &mut self.failures_applied,
             RequestKind::Read | RequestKind::Write => &mut self.failures,
@@ -181,11 +187,11 @@ impl OutputRegister {
         let reported = failures.fails(fault, access, in_words);
         let mut core = shared.core();
         let state = &mut core.outputs[self.id.0];
-        (state.failures, state.cause) = (state.failures + 1, Some(fault));
+        (state.failures, state.cause) = (state.failures + 1, Some(seen));
         let output = || shared.profile.output(self.id).name.clone();
         let device = shared.profile.device(shared.profile.output(self.id).device);
         let transport = shared.profile.bus(device.bus).transport;
-        core.events.extend(reported.map(|words| advised_on(transport, fault, words)).map(
+        core.events.extend(reported.map(|words| advised_on(transport, seen, words)).map(
             |fault| match access {
                 RequestKind::Read | RequestKind::ReadApplied => Event::ReadFailed { output: output(), fault },
                 RequestKind::Write => Event::WriteFailed { output: output(), fault },

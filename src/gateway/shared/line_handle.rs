@@ -9,6 +9,7 @@ use super::state::GatewayState;
 use super::{releasing, signing};
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::line::{Attribution, RequestObserver};
+use crate::fieldbus::seen::Seen;
 use crate::fieldbus::wire::Request;
 use crate::observe::events::Event;
 use isotherm_core::continuity::Break;
@@ -156,6 +157,7 @@ impl RequestObserver for LineHandle {
         let mut core = self.core();
         let now = self.clock.now();
         let GatewayState { device_health, devices, events, .. } = &mut *core;
+        let seen = device_health.record(device, request, outcome);
         let count = &mut device_health.devices[device.0];
         count.requests += 1;
         if let Err(fault) = outcome {
@@ -164,7 +166,7 @@ impl RequestObserver for LineHandle {
         match outcome {
             // The gateway before the device has answered: nothing came from the device.
             Err(fault) if !fault.is_refusal() || (fault.is_of_a_gateway() && request.is_read()) => {
-                device_health.fails(device, fault, refusals, events);
+                device_health.fails(device, seen.unwrap_or(Seen::from(fault)), refusals, events);
                 devices.misses(device, now);
             }
             // No device answers a frame: a frame that was sent says nothing about the device.

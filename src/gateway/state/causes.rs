@@ -88,9 +88,9 @@ impl CauseInputs<'_> {
                     (Some(failed), _) => {
                         Explained::new(format!("{condition}: {}", failed.message()), failed.hint())
                     }
-                    (None, Some(fault)) => self
+                    (None, Some(seen)) => self
                         .device_health
-                        .why_of_output(id, fault)
+                        .why_of_output(id, seen)
                         .within(|cause| format!("{condition}: {cause}")),
                     (None, None) => Explained { cause: condition, hint: hint_at(output, state.standing) },
                 }

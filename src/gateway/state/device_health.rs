@@ -7,12 +7,15 @@ use std::time::Duration;
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::explain::{advised_on, explain_on, remedy_of_a_reading};
 use crate::fieldbus::kinds;
+use crate::fieldbus::seen::{Others, Seen};
+use crate::fieldbus::wire::Request;
 use crate::observe::events::Event;
 use isotherm_core::explained::{Cause, Explained};
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::{Reason, SignalId};
 use isotherm_profile::{BusId, Device, DeviceId, OutputId, Profile};
 
+use super::failed_reads::{FailedReads, PlannedReads};
 use super::output_faults;
 
 /// Consecutive failures after which a device is reported as lost. A single lost answer is only counted. More are
@@ -32,6 +35,7 @@ const WORTH_A_WORD: Duration = Duration::from_millis(10);
 #[derive(Clone, Debug)]
 pub(in crate::gateway) struct DeviceHealth {
     profile: Arc<Profile>,
+    reads: Arc<PlannedReads>,
     pub(in crate::gateway) devices: Vec<DeviceCount>,
     pub(in crate::gateway) buses: Vec<BusCount>,
     /// Age of each signal by the timestamp of its server, at its last read.
@@ -45,6 +49,7 @@ pub(in crate::gateway) struct DeviceCount {
     pub(in crate::gateway) failures: BTreeMap<&'static str, u64>,
     pub(in crate::gateway) answered: bool,
     pub(in crate::gateway) lost: Option<LostDevice>,
+    failed: FailedReads,
     /// Last reported state of the subscription.
     pub(in crate::gateway) subscription: String,
 }
@@ -105,6 +110,7 @@ impl DeviceHealth {
     pub(in crate::gateway) fn new(profile: &Arc<Profile>) -> DeviceHealth {
         DeviceHealth {
             profile: profile.clone(),
+            reads: Arc::new(PlannedReads::of(profile)),
             devices: vec![DeviceCount::default(); profile.devices.len()],
             buses: vec![BusCount::default(); profile.buses.len()],
             stamped: vec![None; profile.signals.len()],
@@ -124,13 +130,19 @@ impl DeviceHealth {
         if !raw.is_empty() {
             return format!("{reason} (raw {})", raw.join(" or ")).into();
         }
-        let lost = self.devices[signal.device.0].lost.as_ref().filter(|lost| !lost.fault.cause.is_empty());
-        match (reason, lost) {
-            (Reason::LinkDown | Reason::Timeout | Reason::BadReply | Reason::NeverRead, Some(lost)) => {
+        let device = &self.devices[signal.device.0];
+        let lost = device.lost.as_ref().filter(|lost| !lost.fault.cause.is_empty());
+        let seen = self.reads.of_signal(&device.failed, (id, signal.device));
+        let seen = seen.filter(|seen| seen.fault.reason() == reason);
+        // The device answers other requests, so the fault concerns this read.
+        let own = seen.filter(|seen| lost.is_none() || seen.others == Others::Answered);
+        match (reason, lost, own) {
+            (Reason::Timeout | Reason::BadReply, _, Some(seen)) => self.explained(signal.device, seen),
+            (Reason::LinkDown | Reason::Timeout | Reason::BadReply | Reason::NeverRead, Some(lost), _) => {
                 lost.fault.clone()
             }
-            (Reason::Stale, _) => self.why_stale(id).unwrap_or_else(|| reason.to_string().into()),
-            (Reason::Jumped, _) => {
+            (Reason::Stale, ..) => self.why_stale(id).unwrap_or_else(|| reason.to_string().into()),
+            (Reason::Jumped, ..) => {
                 let (path, device) = (self.profile.path.display(), &self.profile.device(signal.device).name);
                 let question = "is it the same device with the same settings?";
                 Explained::new(
@@ -138,7 +150,9 @@ impl DeviceHealth {
                     format!("{question} If so: isotherm confirm {path} {device}"),
                 )
             }
-            (Reason::Exception(code), _) => self.explained(signal.device, Fault::Exception(code)),
+            (Reason::Exception(code), ..) => {
+                self.explained(signal.device, seen.unwrap_or(Seen::from(Fault::Exception(code))))
+            }
             _ => reason.to_string().into(),
         }
     }
@@ -156,19 +170,31 @@ impl DeviceHealth {
     }
 
     /// Returns cause and hint for a failed request of an output.
-    pub(super) fn why_of_output(&self, output: OutputId, fault: Fault) -> Explained {
+    pub(super) fn why_of_output(&self, output: OutputId, seen: Seen) -> Explained {
+        let fault = seen.fault;
         let id = self.profile.output(output).device;
         match &self.devices[id.0].lost {
             Some(lost) if fault.is_of_the_line() && !lost.fault.cause.is_empty() => lost.fault.clone(),
             _ => {
                 let words = output_faults::of_an_output(&self.profile, output, fault);
-                advised_on(self.profile.bus(self.profile.device(id).bus).transport, fault, words)
+                advised_on(self.profile.bus(self.profile.device(id).bus).transport, seen, words)
             }
         }
     }
 
-    fn explained(&self, id: DeviceId, fault: Fault) -> Explained {
-        explain_on(self.profile.bus(self.profile.device(id).bus).transport, fault)
+    fn explained(&self, id: DeviceId, seen: impl Into<Seen>) -> Explained {
+        explain_on(self.profile.bus(self.profile.device(id).bus).transport, seen)
+    }
+
+    /// Records the result of a request, for the advice of later messages. Returns what is known about the request if it
+    /// has failed.
+    pub(in crate::gateway) fn record(
+        &mut self,
+        id: DeviceId,
+        request: Request<'_>,
+        outcome: Result<(), Fault>,
+    ) -> Option<Seen> {
+        self.reads.record(&mut self.devices[id.0].failed, (id, request), outcome)
     }
 
     /// Records an answer of a device, or a frame from it.
@@ -199,12 +225,13 @@ impl DeviceHealth {
     pub(in crate::gateway) fn fails(
         &mut self,
         id: DeviceId,
-        fault: Fault,
+        seen: impl Into<Seen>,
         (attempts, refused): (u32, Fault),
         events: &mut Vec<Event>,
     ) {
+        let seen = seen.into();
         // A failure after a connection was made is the fault of the device.
-        if fault.is_of_the_line() && attempts > 0 {
+        if seen.fault.is_of_the_line() && attempts > 0 {
             let refusal = self.explained(id, refused);
             self.devices[id.0].misses(refusal);
             let bus = self.profile.device(id).bus;
@@ -215,7 +242,7 @@ impl DeviceHealth {
             }
             return;
         }
-        let explained = self.explained(id, fault);
+        let explained = self.explained(id, seen);
         let count = &mut self.devices[id.0];
         let bus = self.profile.bus(self.profile.device(id).bus);
         let is_lossy = kinds::of(bus.transport).is_lossy && count.answered;
@@ -343,6 +370,73 @@ mod tests {
         device_health.buses[0].connected = false;
         device_health.fails(cnc, down, (4, down), &mut events);
         assert!(matches!(events[2..], [Event::LinkDown { .. }]), "{events:?}");
+    }
+
+    /// Checks that messages about signals name the key that helps: refusals and silence of a read over a gap.
+    #[test]
+    fn the_fault_of_a_read_of_several_signals_names_the_key_that_helps() {
+        const PROFILE: &str = r#"
+            [machine]
+            name = "bench"
+            [bus.cell]
+            type = "modbus-tcp"
+            address = "127.0.0.1:1502"
+            [device.module]
+            bus = "cell"
+            unit = 1
+            [signal.bed]
+            device = "module"
+            register = "input:0"
+            type = "i16"
+            unit = "degC"
+            max_age = "5s"
+            [signal.spindle]
+            device = "module"
+            register = "input:4"
+            type = "i16"
+            unit = "degC"
+            max_age = "5s"
+            [signal.oil]
+            device = "module"
+            register = "holding:0"
+            type = "i16"
+            unit = "degC"
+            max_age = "5s"
+        "#;
+        let profile = isotherm_profile::parse(Path::new("bench.toml"), PROFILE, &[], &[]).unwrap().profile;
+        let of = |name: &str| SignalId(profile.signals.iter().position(|one| one.name == name).unwrap());
+        let (bed, oil, module) = (of("bed"), of("oil"), DeviceId(0));
+        let requests = profile.requests(module);
+        let read = |function: u8| {
+            let mut requests = requests.iter().filter_map(|request| Request::in_registers(&request.asks));
+            requests.find(|request| request.function() == function).unwrap()
+        };
+        let (over_gap, single) = (read(4), read(3));
+        let profile = Arc::new(profile);
+        let (mut health, mut events) = (DeviceHealth::new(&profile), Vec::new());
+        let never = (0, Fault::Link(LinkFault::Down));
+
+        let refused = Fault::Exception(2);
+        health.record(module, over_gap, Err(refused));
+        let said = health.why(bed, refused.reason()).to_string();
+        assert!(said.contains("the device has no such register") && said.contains("max_gap = 0"), "{said}");
+        let said = health.why(oil, refused.reason()).to_string();
+        assert!(said.contains("one-based") && !said.contains("max_gap"), "{said}");
+
+        // At first it is not known whether the device is dead.
+        let silent = health.record(module, over_gap, Err(Fault::Timeout)).unwrap();
+        health.fails(module, silent, never, &mut events);
+        let said = health.why(bed, Reason::Timeout).to_string();
+        assert!(said.contains("is the unit number right") && said.contains("`max_registers_per_request`"));
+        // The device answers another request.
+        health.record(module, single, Ok(()));
+        health.answers(module, Moment::from_nanos(1), &mut events);
+        let said = health.why(bed, Reason::Timeout).to_string();
+        assert!(said.contains("answers other requests") && !said.contains("unit number"), "{said}");
+        let silent = health.record(module, over_gap, Err(Fault::Timeout)).unwrap();
+        health.fails(module, silent, never, &mut events);
+        let again = health.why(bed, Reason::Timeout).to_string();
+        assert_eq!(again, said);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use std::time::Duration;
 use super::device_health::DeviceHealth;
 use super::dirty_vec::DirtyVec;
 use super::units::{cz_factor, is_near};
-use crate::fieldbus::error::Fault;
+use crate::fieldbus::seen::Seen;
 use crate::observe::events::HandshakeFault;
 use isotherm_core::compensation::AxisState;
 use isotherm_core::display::{Display, Intent, KnownCz};
@@ -54,7 +54,8 @@ pub(in crate::gateway) struct OutputState {
     pub(in crate::gateway) writes: u64,
     /// Failures since the last verified write.
     pub(in crate::gateway) failures: u64,
-    pub(in crate::gateway) cause: Option<Fault>,
+    /// Last failed request; `None` before the first one.
+    pub(in crate::gateway) cause: Option<Seen>,
     pub(in crate::gateway) handshake: HandshakeStatus,
 }
 

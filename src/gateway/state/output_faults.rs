@@ -1,6 +1,7 @@
 //! Texts about faults of outputs, with the names of the profile. For a set, they name the node that failed.
 
 use crate::fieldbus::error::Fault;
+use crate::fieldbus::seen::Asked;
 use isotherm_profile::{OutputId, Profile};
 
 /// Describes the fault of a read or a write of an output.
@@ -18,4 +19,28 @@ pub(in crate::gateway) fn of_an_output(profile: &Profile, output: OutputId, faul
         _ => None,
     };
     words.unwrap_or_else(|| fault.to_string())
+}
+
+/// Returns the extent of the read of an output. [`Asked::Any`] for an output in a set, because quirks for the reads of
+/// signals do not change the reads of a set.
+pub(in crate::gateway) fn read_of(profile: &Profile, id: OutputId) -> Asked {
+    match profile.output(id).set {
+        Some(_) => Asked::Any,
+        None => Asked::Read { values: 1, gap: 0 },
+    }
+}
+
+/// Returns the extent of the write of an output. A set is written with as few requests as possible.
+pub(in crate::gateway) fn write_of(profile: &Profile, id: OutputId) -> Asked {
+    let output = profile.output(id);
+    let device = profile.device(output.device);
+    let registers = match output.set.map(|set| profile.set(set)) {
+        Some(set) => {
+            let stretches = set.stretches(set.members(profile), device.longest_request());
+            stretches.iter().map(|stretch| stretch.count).max().unwrap_or(0)
+        }
+        None => output.encoding.data_type.registers(),
+    };
+    let function = device.functions.writes(registers);
+    function.map_or(Asked::Any, |function| Asked::Write(function.code()))
 }

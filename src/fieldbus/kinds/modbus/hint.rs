@@ -1,6 +1,191 @@
 //! Advice for users about faults that only Modbus has.
+//!
+//! [`Sight`] is the table from what was seen of a request to the key of the profile that helps, and to the chapter of
+//! the manual that describes it.
 
+use super::text::TextProtocol;
+use crate::fieldbus::error::{Fault, PeerFault};
+use crate::fieldbus::seen::{Advice, Asked, Others, Seen};
 use crate::tls::TlsFault;
+
+/// Text about an answer that did not arrive in time. A macro, because the table extends the text.
+macro_rules! silent {
+    () => {
+        "is the unit number right (`isotherm scan` finds it), is the device powered? On a serial line also check baud \
+         rate, parity, termination, and whether A and B are exchanged. Some devices do not answer at all if they do \
+         not have the register"
+    };
+}
+
+/// What to do if no answer arrives in time.
+pub(in crate::fieldbus) const SILENT: &str = silent!();
+
+/// Observation for which there is specific advice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::fieldbus) enum Sight {
+    /// Exception 2 to a read of several values with unused registers between them.
+    GapRefused,
+    /// Exception 2 to a read of several values without a gap.
+    ValuesRefused,
+    /// Exception 3 to a read of several values.
+    CountRefused,
+    /// A read of several values has no answer. It is not known whether the device answers other requests.
+    SeveralUnanswered,
+    /// A read of several values has no answer, although the device answers other requests.
+    OnlySeveralUnanswered,
+    /// Exception 1 to a write with function 06.
+    SingleWriteRefused,
+    /// Exception 1 to a write with function 16.
+    MultipleWriteRefused,
+    /// The reply names another unit.
+    OtherUnit,
+    /// The reply to a read of several values has another number of registers.
+    OtherCount,
+    /// The reply to a read of one value has another number of registers.
+    OtherLength,
+    /// The reply to a read has another function code.
+    OtherFunction,
+    /// Modbus ASCII on the line.
+    ModbusAscii,
+    /// DCON on the line.
+    Dcon,
+    /// Other text on the line.
+    OtherText,
+    /// The request comes back.
+    Echoed,
+}
+
+impl Sight {
+    /// Returns the observation to which this request belongs; `None` if there is no specific advice for it.
+    const fn of(seen: Seen) -> Option<Sight> {
+        let is_of_several = matches!(seen.asked, Asked::Read { values: 2.., .. });
+        Some(match (seen.fault, seen.fault.exception_code(), seen.asked) {
+            (_, Some(2), Asked::Read { values: 2.., gap: 1.. }) => Sight::GapRefused,
+            (_, Some(2), _) if is_of_several => Sight::ValuesRefused,
+            (_, Some(3), _) if is_of_several => Sight::CountRefused,
+            (_, Some(1), Asked::Write(6)) => Sight::SingleWriteRefused,
+            (_, Some(1), Asked::Write(16)) => Sight::MultipleWriteRefused,
+            (Fault::Timeout, ..) if is_of_several => match seen.others {
+                Others::Unknown => Sight::SeveralUnanswered,
+                Others::Answered => Sight::OnlySeveralUnanswered,
+            },
+            (Fault::Peer(PeerFault::Unit(_)), ..) => Sight::OtherUnit,
+            (Fault::Peer(PeerFault::Length), ..) if is_of_several => Sight::OtherCount,
+            (Fault::Peer(PeerFault::Length), _, Asked::Read { .. }) => Sight::OtherLength,
+            (Fault::Peer(PeerFault::Function), _, Asked::Read { .. }) => Sight::OtherFunction,
+            (Fault::Peer(PeerFault::Text(TextProtocol::ModbusAscii)), ..) => Sight::ModbusAscii,
+            (Fault::Peer(PeerFault::Text(TextProtocol::Dcon)), ..) => Sight::Dcon,
+            (Fault::Peer(PeerFault::Text(TextProtocol::Other)), ..) => Sight::OtherText,
+            (Fault::Peer(PeerFault::Echoed), ..) => Sight::Echoed,
+            _ => return None,
+        })
+    }
+
+    /// Returns the advice on this observation.
+    const fn advice(self) -> Advice {
+        const QUIRKS: &str = "serial.md#quirks";
+        const PROTOCOL: &str = "serial.md#another-protocol-on-the-line";
+        let (hint, key, chapter) = match self {
+            Sight::GapRefused => (
+                "the device has no such register. The request also reads registers between the values: if each can be \
+                 read alone, write `quirks = { max_gap = 0 }`. Otherwise: is the register number \
+                 in its manual one-based?",
+                Some("max_gap"),
+                QUIRKS,
+            ),
+            Sight::ValuesRefused => (
+                "the device has no such register: is a register number in its manual one-based? If each value can be \
+                 read alone, write `quirks = { one_request_per_field = true }` at the device",
+                Some("one_request_per_field"),
+                QUIRKS,
+            ),
+            Sight::CountRefused => (
+                "the device does not accept so many registers in one request: write a smaller \
+                 `max_registers_per_request` into the `quirks` of the device",
+                Some("max_registers_per_request"),
+                QUIRKS,
+            ),
+            Sight::SeveralUnanswered => (
+                concat!(
+                    silent!(),
+                    ". Others do not answer a read of many registers, or one over a gap: write \
+                     `max_registers_per_request` or `max_gap` into the `quirks`"
+                ),
+                Some("max_registers_per_request"),
+                QUIRKS,
+            ),
+            Sight::OnlySeveralUnanswered => (
+                "the device answers other requests, but not this read of several values: write a smaller \
+                 `max_registers_per_request`, or `max_gap = 0`, into its `quirks`",
+                Some("max_registers_per_request"),
+                QUIRKS,
+            ),
+            Sight::SingleWriteRefused => (
+                "the device does not know function 06, which writes one register: write `functions` at the device \
+                 without \"write-single\". The gateway then writes with function 16",
+                Some("functions"),
+                "control.md#the-function-that-writes",
+            ),
+            Sight::MultipleWriteRefused => (
+                "the device does not know function 16, which writes several registers: write `functions` at the \
+                 device without \"write-multiple\". The gateway then writes single registers with function 06",
+                Some("functions"),
+                "control.md#the-function-that-writes",
+            ),
+            Sight::OtherUnit => (
+                "if this is the right device, write the number in the reply as its `unit`. Some servers have one \
+                 number of their own, often 0, 1 or 255",
+                Some("unit"),
+                "troubleshooting.md#find-the-units",
+            ),
+            Sight::OtherCount => (
+                "the device sends another number of registers than requested: write a smaller \
+                 `max_registers_per_request`, or `one_request_per_field = true`, into its `quirks`",
+                Some("max_registers_per_request"),
+                QUIRKS,
+            ),
+            Sight::OtherLength => (
+                "does `type` have as many registers as the value in the device?",
+                Some("type"),
+                "troubleshooting.md#read-a-register",
+            ),
+            Sight::OtherFunction => (
+                "is the table of `register` right (input, holding)? Some devices answer with the function of the other \
+                 table",
+                Some("register"),
+                "troubleshooting.md#read-a-register",
+            ),
+            Sight::ModbusAscii => (
+                "set the device, or the Modbus gateway in front of it, from Modbus ASCII to Modbus RTU",
+                None,
+                PROTOCOL,
+            ),
+            Sight::Dcon => (
+                "set the protocol of the device from DCON to Modbus RTU, with its configuration program or its switch \
+                 INIT",
+                None,
+                PROTOCOL,
+            ),
+            Sight::OtherText => (
+                "is the port right? A console, a web server or another program sends text there",
+                None,
+                PROTOCOL,
+            ),
+            Sight::Echoed => (
+                "an adapter or a serial server returns what is sent, and no device answers: check its mode (echo, \
+                 loopback) and the wires behind it",
+                None,
+                PROTOCOL,
+            ),
+        };
+        Advice { hint, key, chapter }
+    }
+}
+
+/// Returns the advice on a failed request; `None` if the table has none for it.
+pub(in crate::fieldbus) fn advice(seen: Seen) -> Option<Advice> {
+    Sight::of(seen).map(Sight::advice)
+}
 
 /// Returns what to do about an exception.
 pub(in crate::fieldbus) const fn exception(code: u8) -> &'static str {
@@ -53,3 +238,6 @@ pub(in crate::fieldbus) const fn inside_tls(fault: TlsFault) -> Option<&'static 
         }
     })
 }
+
+#[cfg(test)]
+mod tests;

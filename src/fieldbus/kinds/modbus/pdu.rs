@@ -20,7 +20,7 @@ use crate::fieldbus::request::Answer;
 /// Length in bytes of the longest message of the protocol.
 pub(super) const LONGEST: usize = 253;
 /// Bit of the function code that marks an exception.
-const EXCEPTION: u8 = 0x80;
+pub(super) const EXCEPTION: u8 = 0x80;
 
 /// Appends the bytes of a request to `bytes`. Appends none if it is no Modbus request.
 pub(super) fn question(request: ModbusRequest<'_>, bytes: &mut Vec<u8>) {
@@ -47,7 +47,8 @@ fn head(request: ModbusRequest<'_>) -> [u8; 5] {
 /// Decodes an answer, and compares it with its request.
 ///
 /// # Errors
-/// The device refuses the request, or the bytes are no answer to it. An exception has exactly two bytes.
+/// The device refuses the request, or the bytes are no answer to it. An exception has exactly two bytes. An exception of
+/// three or four bytes is a fault of its own, because it does not prove that a write was not executed.
 pub(super) fn answer(request: ModbusRequest<'_>, bytes: &[u8]) -> Result<Answer, Fault> {
     let function = bytes.first().copied().unwrap_or_default();
     if function & !EXCEPTION != request.function() {
@@ -56,6 +57,7 @@ pub(super) fn answer(request: ModbusRequest<'_>, bytes: &[u8]) -> Result<Answer,
     if function & EXCEPTION != 0 {
         return Err(match bytes {
             [_, code] => Fault::Exception(*code),
+            [_, code, _] | [_, code, _, _] => Fault::Peer(PeerFault::LongException(*code)),
             _ => Fault::Peer(PeerFault::Malformed),
         });
     }
@@ -65,7 +67,8 @@ pub(super) fn answer(request: ModbusRequest<'_>, bytes: &[u8]) -> Result<Answer,
         _ => 5,
     };
     if bytes.len() != length {
-        return Err(Fault::Peer(PeerFault::Length));
+        let is_echo = request.is_read() && head(request) == *bytes;
+        return Err(Fault::Peer(if is_echo { PeerFault::Echoed } else { PeerFault::Length }));
     }
     if !request.is_read() {
         return if head(request) == *bytes { Ok(Answer::Done) } else { Err(Fault::Peer(PeerFault::Echo)) };

@@ -9,7 +9,8 @@
 //!   which the late answer could be mistaken ([`super::pending_replies`]). The late answer is discarded in this module
 //!   when it arrives.
 //! - An adapter without echo suppression receives its own requests. The first read detects such an adapter. From then
-//!   on, the echo of every request is expected before its answer.
+//!   on, the echo of every request is expected before its answer. An echo is never taken for an invalid answer, also if
+//!   it arrives in parts, with noise or late.
 //! - Bytes equal to the request do not count as the answer to a read. One kind of read has an answer that can equal the
 //!   request: a read of 17 to 24 bits from 0x0300 to 0x03FF.
 
@@ -29,6 +30,7 @@ use crate::fieldbus::wire::{Answer, Boxed, Call, Ending, Request, Wire};
 use isotherm_profile::Serial;
 
 mod frame;
+mod invalid;
 
 use frame::{Frame, Reply};
 
@@ -45,12 +47,17 @@ pub struct Rtu {
     silence: Silence,
     patience: WallTimeout,
     received: Vec<u8>,
-    /// Fault of input that was received since the last request and is no answer; `None` if there was no such input.
+    /// Fault of input that was discarded since the last request: noise before it, or a frame of another unit. `None` if
+    /// there was no such input.
     heard: Option<PeerFault>,
     /// Whether the adapter receives its own requests, because it has no echo suppression.
     echoes: bool,
     /// Frame of the last request. Its echo may arrive even after the timeout of the answer.
     last_question: Vec<u8>,
+    /// Frame of the request before the last one. Its echo may be late.
+    question_before: Vec<u8>,
+    /// Length in bytes of the answer to the last request.
+    answer_length: usize,
     /// Discarded input since the last answer. It is searched for whole frames, which are not noise.
     discarded: Vec<u8>,
     /// Unit and form of each late answer that may still arrive. `late`: units whose late answers have arrived.
@@ -73,6 +80,8 @@ impl Rtu {
             heard: None,
             echoes: false,
             last_question: Vec::new(),
+            question_before: Vec::new(),
+            answer_length: 0,
             discarded: Vec::new(),
             pending: Vec::new(),
             late: Vec::new(),
@@ -136,9 +145,10 @@ impl Rtu {
                     self.is_unsolicited(&received, unit, question);
                 }
                 Reply::Incomplete => {
-                    let (_, answer) = frame::lengths(request);
-                    if self.received.len() >= answer && self.heard.is_none() {
-                        self.heard = Some(PeerFault::Malformed);
+                    // Only if nothing else has arrived: inside an answer, other bytes may look like this frame.
+                    if let Some(code) = invalid::long_exception(&self.received, unit, request.function()) {
+                        self.received.clear();
+                        return Some(Err(Fault::Peer(PeerFault::LongException(code))));
                     }
                     let surplus = self.received.len().saturating_sub(MOST_KEPT);
                     self.received.drain(..surplus);
@@ -278,13 +288,16 @@ impl Wire for Rtu {
             self.wait_for_silence(silence).await?;
             let discarded = std::mem::take(&mut self.discarded);
             let last_question = std::mem::take(&mut self.last_question);
-            if self.is_unsolicited(&discarded, unit, &last_question) {
+            let is_unsolicited = self.is_unsolicited(&discarded, unit, &last_question);
+            self.question_before = last_question;
+            if is_unsolicited {
                 return Err(Fault::UNASKED);
             }
             self.heard = None;
             let question = frame::request(unit, request);
             send_guard.leave()?;
             self.last_question.clone_from(&question);
+            self.answer_length = frame::lengths(request).1;
             self.port.send(&question).await.map_err(|error| self.ended(Some(&error), Fault::BROKEN))?;
             // The port accepts all bytes at once, and sends them one after another.
             let sending = self.serial.map_or(Duration::ZERO, |serial| serial.bytes(question.len()));
@@ -316,7 +329,10 @@ impl Wire for Rtu {
 
     fn missed(&mut self) -> Fault {
         self.port.discard_unsent();
-        self.heard.take().map_or(Fault::Timeout, Fault::Peer)
+        let received = std::mem::take(&mut self.received);
+        let (question, before) = (&self.last_question, &self.question_before);
+        let invalid = || invalid::assess(&received, question, before, self.answer_length);
+        self.heard.take().or_else(invalid).map_or(Fault::Timeout, Fault::Peer)
     }
 
     fn ending(&mut self) -> Ending {

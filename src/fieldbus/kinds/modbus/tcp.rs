@@ -16,6 +16,7 @@ use std::time::Duration;
 use super::pdu;
 use super::reply_signature::ReplySignature;
 use super::request::ModbusRequest;
+use super::text;
 use super::wire::ModbusWire;
 use crate::fieldbus::error::{CallerFault, Fault, LinkFault, PeerFault};
 use crate::fieldbus::port::{Port, Tapped, is_in_order};
@@ -168,7 +169,7 @@ impl ModbusTcp {
                 let behind = self.behind.unanswered();
                 let is_wanted = first.answers(transaction, unit);
                 if !is_wanted && !behind.is_some_and(|(number, unit, _)| first.answers(number, unit)) {
-                    return Err(Fault::Peer(PeerFault::Foreign));
+                    return Err(Fault::Peer(first.answers_nothing(transaction)));
                 }
                 let Some(end) = first.end else { break };
                 let message = &self.received[HEADER + 1..end];
@@ -213,7 +214,8 @@ impl ModbusTcp {
         let number = |at: usize| u16::from_be_bytes([header[at], header[at + 1]]);
         let length = usize::from(number(4));
         if number(2) != 0 || !(2..=1 + pdu::LONGEST).contains(&length) {
-            return Err(Fault::Peer(PeerFault::Malformed));
+            let text = text::recognise(&self.received[..self.filled]);
+            return Err(Fault::Peer(text.map_or(PeerFault::Malformed, PeerFault::Text)));
         }
         let end = (rest.len() >= length).then_some(HEADER + length);
         Ok(Some(First { transaction: number(0), unit: rest.first().copied(), end }))
@@ -229,11 +231,26 @@ impl First {
     fn answers(&self, transaction: u16, unit: u8) -> bool {
         self.transaction == transaction && self.unit.is_none_or(|from| from == unit)
     }
+
+    /// Returns the fault of a frame that answers no open request. `transaction` is the number of the present request,
+    /// which a server repeats even if it names another unit.
+    fn answers_nothing(&self, transaction: u16) -> PeerFault {
+        match self.unit {
+            Some(unit) if self.transaction == transaction => PeerFault::Unit(unit),
+            _ => PeerFault::Foreign,
+        }
+    }
 }
 
 impl Wire for ModbusTcp {
     fn exchange<'a>(&'a mut self, unit: u8, request: Request<'a>, send_guard: &'a mut SendGuard) -> Call<'a> {
         Box::pin(self.exchange(unit, request, send_guard))
+    }
+
+    /// Returns [`Fault::Timeout`]. Text that is shorter than a header counts as text.
+    fn missed(&mut self) -> Fault {
+        let text = text::recognise(&self.received[..self.filled]);
+        text.map_or(Fault::Timeout, |text| Fault::Peer(PeerFault::Text(text)))
     }
 
     fn ending(&mut self) -> Ending {

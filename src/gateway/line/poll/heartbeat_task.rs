@@ -3,6 +3,7 @@
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::explain::explain_on;
 use crate::fieldbus::line::DeviceLine;
+use crate::fieldbus::seen::{Asked, Seen};
 use crate::fieldbus::send_guard::SendDeadline;
 use crate::fieldbus::wire::Request;
 use crate::gateway::shared::line_handle::LineHandle;
@@ -88,7 +89,9 @@ impl HeartbeatTask {
         if (fault.is_refusal() || is_deaf) && Cause::is_news(&mut self.reported, fault, CHANGED_AFTER) {
             let transport = shared.profile.bus(shared.profile.device(device).bus).transport;
             let (device, place) = self.names(shared);
-            let fault = explain_on(transport, fault);
+            let function = shared.profile.device(self.heartbeat.device).functions.writes(1);
+            let asked = function.map_or(Asked::Any, |function| Asked::Write(function.code()));
+            let fault = explain_on(transport, Seen::of(fault, asked));
             shared.report(&Event::HeartbeatFailed { device, place, fault });
         }
     }

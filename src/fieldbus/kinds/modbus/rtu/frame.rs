@@ -51,10 +51,13 @@ pub(super) fn lengths(request: ModbusRequest<'_>) -> (usize, usize) {
 }
 
 /// Returns whether the answer to this request could begin with the same bytes as the request, so that an echo could be
-/// mistaken for it.
+/// mistaken for it. In the answer to a read, the length of the data is at the place of the high byte of the address.
 pub(super) fn is_like_its_answer(request: ModbusRequest<'_>) -> bool {
     match request {
-        ModbusRequest::Read { from, .. } => matches!(from.table, Table::Coil | Table::Discrete),
+        ModbusRequest::Read { from, count } => {
+            let is_bits = matches!(from.table, Table::Coil | Table::Discrete);
+            is_bits && from.offset >> 8 == count.div_ceil(8)
+        }
         ModbusRequest::WriteCoil { .. } | ModbusRequest::WriteSingle { .. } => true,
         ModbusRequest::WriteMultiple { .. } => false,
     }

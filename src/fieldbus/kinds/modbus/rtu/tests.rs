@@ -7,6 +7,8 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, DuplexStream
 
 use super::*;
 use crate::clock::{Clock, WallTimeout};
+use crate::fieldbus::error::Outcome;
+use crate::fieldbus::kinds::modbus::text::TextProtocol;
 use isotherm_core::codec::{Register, Table, checksum};
 use isotherm_profile::Parity;
 
@@ -182,6 +184,97 @@ async fn an_adapter_that_lets_us_hear_ourselves_is_seen_at_the_first_read_and_no
     assert_eq!(asked(&mut wire, &mut device, WRITE, &nobody).await, Err(Fault::Timeout));
     let done = heard(WRITE, &framed(3, &[6, 0, 4, 0, 9]));
     assert_eq!(asked(&mut wire, &mut device, WRITE, &done).await, Ok(Answer::Done));
+}
+
+/// Sends these parts after the request, with 20 ms between them. Returns the result of the read within one second.
+async fn in_parts(
+    wire: &mut Rtu,
+    device: &mut DuplexStream,
+    read: Request<'_>,
+    parts: impl Iterator<Item = Vec<u8>>,
+) -> Result<Answer, Fault> {
+    let call = async {
+        let answer = WallTimeout::new()
+            .within(Duration::from_secs(1), wire.exchange(3, read, &mut without_deadline()))
+            .await;
+        answer.unwrap_or_else(|| Err(wire.missed()))
+    };
+    let device = async {
+        let mut question = [0; 8];
+        device.read_exact(&mut question).await.unwrap();
+        for part in parts {
+            device.write_all(&part).await.unwrap();
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    };
+    tokio::join!(call, device).0
+}
+
+/// An answer of one register is shorter than its request. An echo in parts therefore has its length for a moment.
+#[tokio::test(start_paused = true)]
+async fn an_echo_in_parts_with_noise_or_late_is_no_invalid_answer_of_a_unit_that_does_not_exist() {
+    let registers = Request::read_registers(Register { table: Table::Holding, offset: 0 }, 1);
+    let coil = Request::read_registers(Register { table: Table::Coil, offset: 0 }, 1);
+    for read in [registers, coil] {
+        let echo = framed_question(3, read);
+        for size in 1..=echo.len() {
+            let (mut wire, mut device) = line();
+            let parts = || echo.chunks(size).map(<[u8]>::to_vec);
+            let nobody = in_parts(&mut wire, &mut device, read, parts()).await;
+            assert_eq!(nobody, Err(Fault::Timeout), "{read:?}, {size} bytes at a time");
+            let again = in_parts(&mut wire, &mut device, read, parts()).await;
+            assert_eq!(again, Err(Fault::Timeout), "{read:?}, {size} bytes at a time, again");
+        }
+        for noise in [&[0][..], &[0xff, 0]] {
+            let (mut wire, mut device) = line();
+            let noisy = [noise, &echo].concat();
+            assert_eq!(asked(&mut wire, &mut device, read, &noisy).await, Err(Fault::Timeout), "{noise:?}");
+        }
+        // The echo of the request before arrives after its timeout.
+        let (mut wire, mut device) = line();
+        let span = Duration::from_millis(100);
+        let before = WallTimeout::new().within(span, wire.exchange(2, read, &mut without_deadline())).await;
+        assert_eq!((before, wire.missed()), (None, Fault::Timeout));
+        device.read_exact(&mut [0; 8]).await.unwrap();
+        let late = [framed_question(2, read), echo].concat();
+        assert_eq!(asked(&mut wire, &mut device, read, &late).await, Err(Fault::Timeout));
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_answer_after_an_echo_in_parts_is_used() {
+    let (mut wire, mut device) = line();
+    let parts = [framed_question(3, READ), registers(1, 2)].concat();
+    let parts = parts.chunks(3).map(<[u8]>::to_vec);
+    assert_eq!(in_parts(&mut wire, &mut device, READ, parts).await, good());
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_exception_with_surplus_bytes_and_text_are_named() {
+    let (mut wire, mut device) = line();
+    let long = Fault::Peer(PeerFault::LongException(2));
+    let answer = framed(3, &[0x83, 2, 0, 0]);
+    let since = tokio_time();
+    assert_eq!(asked(&mut wire, &mut device, READ, &answer).await, Err(long));
+    assert!(since() < Duration::from_millis(500), "at once");
+    let noisy = [&[0xff][..], &answer].concat();
+    assert_eq!(asked(&mut wire, &mut device, READ, &noisy).await, Err(long));
+    assert!(long.is_refusal() && !long.spoils_connection());
+    assert_eq!(
+        long.outcome(),
+        Outcome::Unknown,
+        "of a write, only an exception of two bytes proves something"
+    );
+    for (text, protocol) in [
+        (&b":030304000100 02F3\r\n"[..], TextProtocol::Other),
+        (b":03030400010002F3\r\n", TextProtocol::ModbusAscii),
+        (b"?03\r", TextProtocol::Dcon),
+        (b">+025.12+020.45\r", TextProtocol::Dcon),
+    ] {
+        let fault = Fault::Peer(PeerFault::Text(protocol));
+        assert_eq!(asked(&mut wire, &mut device, READ, text).await, Err(fault), "{}", text.escape_ascii());
+    }
+    assert_eq!(asked(&mut wire, &mut device, READ, &registers(1, 2)).await, good());
 }
 
 #[tokio::test(start_paused = true)]

@@ -5,7 +5,8 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 use std::time::Duration;
 
 use super::*;
-use crate::clock::Clock;
+use crate::clock::{Clock, WallTimeout};
+use crate::fieldbus::kinds::modbus::text::TextProtocol;
 use crate::fieldbus::send_guard::SendDeadline;
 use isotherm_core::codec::{Register, Table};
 
@@ -67,7 +68,52 @@ async fn an_answer_of_another_transaction_or_unit_is_foreign() {
     let pdu = [3, 4, 0, 1, 0, 2];
     assert_eq!(asked(READ, |asked| frame(asked, 1, 0, &pdu)).await, peer(PeerFault::Foreign));
     assert_eq!(asked(READ, |asked| frame(asked, 255, 0, &pdu)).await, peer(PeerFault::Foreign));
-    assert_eq!(asked(READ, |asked| frame(asked, 0, 1, &pdu)).await, peer(PeerFault::Foreign));
+    assert_eq!(asked(READ, |asked| frame(asked, 1, 1, &pdu)).await, peer(PeerFault::Foreign));
+    assert_eq!(asked(READ, |asked| frame(asked, 0, 1, &pdu)).await, peer(PeerFault::Unit(4)));
+    assert_eq!(asked(WRITE, |asked| frame(asked, 0, 252, ECHO)).await, peer(PeerFault::Unit(255)));
+}
+
+#[tokio::test]
+async fn an_exception_of_three_or_four_bytes_is_one_with_its_code_and_a_longer_one_is_malformed() {
+    for (request, refused) in [(READ, 0x83), (WRITE, 0x86)] {
+        assert_eq!(plain(request, &[refused, 2, 0]).await, peer(PeerFault::LongException(2)));
+        assert_eq!(plain(request, &[refused, 2, 0, 0]).await, peer(PeerFault::LongException(2)));
+        assert_eq!(plain(request, &[refused, 2, 0, 0, 0]).await, peer(PeerFault::Malformed));
+    }
+}
+
+#[tokio::test]
+async fn a_request_that_comes_back_is_no_answer_and_has_a_fault_of_its_own() {
+    assert_eq!(asked(READ, <[u8]>::to_vec).await, peer(PeerFault::Echoed));
+    let bits = Request::read_registers(Register { table: Table::Discrete, offset: 0 }, 3);
+    assert_eq!(asked(bits, <[u8]>::to_vec).await, peer(PeerFault::Echoed));
+}
+
+#[tokio::test]
+async fn text_is_named() {
+    for (text, protocol) in [
+        (&b"HTTP/1.1 400 Bad Request\r\n\r\n"[..], TextProtocol::Other),
+        (b"SSH-2.0-OpenSSH_9.2\r\n", TextProtocol::Other),
+        (b":010402000000F9\r\n", TextProtocol::ModbusAscii),
+        (b">+025.12\r", TextProtocol::Dcon),
+    ] {
+        assert_eq!(asked(READ, |_| text.to_vec()).await, peer(PeerFault::Text(protocol)));
+    }
+}
+
+#[tokio::test]
+async fn text_that_is_shorter_than_a_header_is_named_after_the_timeout() {
+    let (ours, mut theirs) = duplex(512);
+    let mut wire = ModbusTcp::new(ours, &Tap::default());
+    let mut send_guard = SendGuard::without_deadline(&Clock::wall());
+    for (text, fault) in
+        [(&[][..], Fault::Timeout), (b"?01\r", Fault::Peer(PeerFault::Text(TextProtocol::Dcon)))]
+    {
+        theirs.write_all(text).await.unwrap();
+        let exchange = wire.exchange(3, READ, &mut send_guard);
+        let answer = WallTimeout::new().within(Duration::from_millis(20), exchange).await;
+        assert_eq!((answer, wire.missed()), (None, fault));
+    }
 }
 
 #[tokio::test]
@@ -189,7 +235,7 @@ async fn of_two_questions_nothing_is_believed_that_a_single_one_would_not_be() {
     let neither = pair(|write, read| vec![frame(write, 0, 0, ECHO), frame(read, 5, 0, TWO)]);
     assert_eq!(neither.await, (done.clone(), peer(PeerFault::Foreign)));
     let nobody = pair(|write, read| vec![frame(write, 0, 0, ECHO), frame(read, 0, 1, TWO)]);
-    assert_eq!(nobody.await, (done.clone(), peer(PeerFault::Foreign)));
+    assert_eq!(nobody.await, (done.clone(), peer(PeerFault::Unit(4))));
     let short = pair(|write, read| vec![frame(write, 0, 0, ECHO), frame(read, 0, 0, &[3, 2, 0, 1])]);
     assert_eq!(short.await, (done.clone(), peer(PeerFault::Length)));
     // The answer to the second request does not answer the first, even with its transaction.

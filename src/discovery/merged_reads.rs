@@ -1,0 +1,169 @@
+//! Reads of several values that fail: whether the device serves the values by other reads, and which quirk leads to
+//! those reads. Only reads.
+
+use serde::Serialize;
+
+use crate::discovery::bus::{LineAddress, ScanKind};
+use crate::discovery::unit_reader::UnitReader;
+use crate::fieldbus::error::{Fault, PeerFault};
+use crate::fieldbus::explain::explain_on;
+use crate::fieldbus::seen::{Asked, Others, Seen};
+use isotherm_profile::plan::{ReadRequest, plan};
+use isotherm_profile::{Device, DeviceId, Profile, Quirks};
+
+/// Smaller lengths of a read that are tried, in registers.
+const LENGTHS: [u16; 7] = [64, 32, 16, 8, 4, 2, 1];
+
+/// Device that does not serve a planned read, but serves its values with other quirks.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct MergedReadTest {
+    /// Name of the device in the profile.
+    pub device: String,
+    /// First planned read that fails, as text.
+    pub read: String,
+    /// Fault of this read, with the advice.
+    pub fault: String,
+    /// Quirks with which the device serves all its values, as in a profile.
+    pub quirks: String,
+}
+
+/// Tests the planned reads of these devices. For each device that serves its values with other quirks only, returns the
+/// first such quirks: with the fewest reads.
+pub async fn tried(profile: &Profile, devices: &[DeviceId]) -> Vec<MergedReadTest> {
+    let mut found = Vec::new();
+    for id in devices {
+        let device = profile.device(*id);
+        let bus = profile.bus(device.bus);
+        let line = LineAddress::of(bus);
+        let planned = profile.requests(*id);
+        if !matches!(line.kind().scan, ScanKind::Units { .. }) || planned.iter().all(is_single) {
+            continue;
+        }
+        let mut reader = UnitReader::new(&line, bus, device.quirks, None);
+        let Some((failed, fault)) = first_failure(&mut reader, device, &planned).await else { continue };
+        if is_single(&planned[failed]) || !may_depend_on_quirks(fault) {
+            continue;
+        }
+        let with = |quirks: Quirks| {
+            let device = Device { quirks, ..device.clone() };
+            plan(&device, profile.signals_of(*id))
+        };
+        // If a value cannot be read alone, no quirk helps.
+        let alone = with(Quirks { one_request_per_field: true, ..device.quirks });
+        if first_failure(&mut reader, device, &alone).await.is_some() {
+            continue;
+        }
+        let mut helps = "one_request_per_field = true".to_owned();
+        let longest = planned.iter().flat_map(|read| &read.fields).map(|field| field.len).max();
+        let mut failing = vec![planned.clone()];
+        for (quirks, text) in variants(device.quirks, longest.unwrap_or(1)) {
+            let reads = with(quirks);
+            if failing.contains(&reads) {
+                continue;
+            }
+            if reads == alone || first_failure(&mut reader, device, &reads).await.is_none() {
+                helps = text;
+                break;
+            }
+            failing.push(reads);
+        }
+        let read = &planned[failed];
+        let seen = Seen { fault, asked: Asked::of(read), others: Others::Answered };
+        found.push(MergedReadTest {
+            device: device.name.clone(),
+            read: read.to_string(),
+            fault: explain_on(bus.transport, seen).to_string(),
+            quirks: format!("quirks = {{ {helps} }}"),
+        });
+    }
+    found
+}
+
+/// Sends these reads one after another. Returns the place and the fault of the first one that fails.
+async fn first_failure(
+    reader: &mut UnitReader,
+    device: &Device,
+    reads: &[ReadRequest],
+) -> Option<(usize, Fault)> {
+    for (place, read) in reads.iter().enumerate() {
+        let Some((from, count)) = read.span() else { continue };
+        if let Err(fault) = reader.read(device.unit, from, count).await {
+            return Some((place, fault));
+        }
+    }
+    None
+}
+
+fn is_single(read: &ReadRequest) -> bool {
+    read.fields.len() < 2
+}
+
+/// Returns whether other reads of the same values may succeed after this fault.
+fn may_depend_on_quirks(fault: Fault) -> bool {
+    let is_refused = fault.exception_code().is_some() && !fault.is_of_a_gateway();
+    is_refused || matches!(fault, Fault::Timeout | Fault::Peer(PeerFault::Length))
+}
+
+/// Returns quirks to try, with their text in a profile: those with the fewest reads first. A read is at least as long as
+/// the `longest` value, because a value is never divided.
+fn variants(quirks: Quirks, longest: u16) -> Vec<(Quirks, String)> {
+    let without_gaps = Quirks { max_gap: 0, ..quirks };
+    let mut variants = vec![(without_gaps, "max_gap = 0".to_owned())];
+    let shorter = |quirks: Quirks, more: &str| {
+        let allowed = longest..quirks.max_registers_per_request;
+        let lengths = LENGTHS.into_iter().filter(|length| allowed.contains(length));
+        let variant = |length: u16| {
+            let quirks = Quirks { max_registers_per_request: length, ..quirks };
+            (quirks, format!("{more}max_registers_per_request = {length}"))
+        };
+        lengths.map(variant).collect::<Vec<_>>()
+    };
+    variants.extend(shorter(quirks, ""));
+    variants.extend(shorter(without_gaps, "max_gap = 0, "));
+    variants
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn variants_begin_with_gaps_and_then_become_shorter() {
+        let texts = |quirks: Quirks, longest: u16| {
+            variants(quirks, longest).into_iter().map(|(_, text)| text).collect::<Vec<_>>()
+        };
+        let all = texts(Quirks::default(), 1);
+        assert_eq!(all.len(), 1 + 2 * LENGTHS.len());
+        assert_eq!(all[..2], ["max_gap = 0", "max_registers_per_request = 64"]);
+        assert_eq!(all[LENGTHS.len() + 1], "max_gap = 0, max_registers_per_request = 64");
+        let short = Quirks { max_registers_per_request: 4, ..Quirks::default() };
+        assert_eq!(
+            texts(short, 1),
+            [
+                "max_gap = 0",
+                "max_registers_per_request = 2",
+                "max_registers_per_request = 1",
+                "max_gap = 0, max_registers_per_request = 2",
+                "max_gap = 0, max_registers_per_request = 1",
+            ]
+        );
+        assert_eq!(texts(short, 4), ["max_gap = 0"], "a value has four registers");
+    }
+
+    #[test]
+    fn faults_of_the_line_and_of_a_gateway_do_not_depend_on_quirks() {
+        for (fault, may) in [
+            (Fault::Timeout, true),
+            (Fault::Exception(2), true),
+            (Fault::Exception(3), true),
+            (Fault::Peer(PeerFault::LongException(2)), true),
+            (Fault::Peer(PeerFault::Length), true),
+            (Fault::Exception(11), false),
+            (Fault::Peer(PeerFault::Unit(7)), false),
+            (Fault::Peer(PeerFault::Malformed), false),
+            (Fault::Link(crate::fieldbus::error::LinkFault::Refused), false),
+        ] {
+            assert_eq!(may_depend_on_quirks(fault), may, "{fault:?}");
+        }
+    }
+}

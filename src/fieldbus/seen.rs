@@ -1,0 +1,127 @@
+//! Failed request as a user can see it: its fault, its extent, and whether the device answers other requests. The
+//! advice to the user depends on it.
+
+use std::borrow::Cow;
+
+use super::error::Fault;
+use isotherm_profile::plan::ReadRequest;
+
+/// Failed request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Seen {
+    /// Fault of the request.
+    pub fault: Fault,
+    /// Extent of the request.
+    pub asked: Asked,
+    /// Whether the device answers other requests meanwhile.
+    pub others: Others,
+}
+
+/// Extent of a request to a Modbus unit, as far as the advice depends on it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Asked {
+    /// Any request.
+    #[default]
+    Any,
+    /// Read of registers or bits.
+    Read {
+        /// Number of values.
+        values: u16,
+        /// Largest number of unused registers between two values.
+        gap: u16,
+    },
+    /// Write with this function code.
+    Write(u8),
+}
+
+/// Whether a device answers other requests while one request fails.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Others {
+    /// No other request was sent meanwhile, or none was answered.
+    #[default]
+    Unknown,
+    /// The device has answered another request meanwhile.
+    Answered,
+}
+
+/// Advice on a fault.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Advice {
+    /// What to do.
+    pub hint: &'static str,
+    /// Key of the profile that helps; `None` if a setting of the device or of another program helps.
+    pub key: Option<&'static str>,
+    /// File and heading of the manual, as in a link below `docs`.
+    pub chapter: &'static str,
+}
+
+impl Advice {
+    /// Returns the hint with a reference to the manual.
+    pub fn text(self) -> Cow<'static, str> {
+        let Advice { hint, chapter, .. } = self;
+        let end = if hint.ends_with('?') { "" } else { "." };
+        format!("{hint}{end} See docs/{chapter}").into()
+    }
+}
+
+impl Seen {
+    /// Returns what is known if only the fault and the extent are known.
+    pub const fn of(fault: Fault, asked: Asked) -> Seen {
+        Seen { fault, asked, others: Others::Unknown }
+    }
+}
+
+impl From<Fault> for Seen {
+    fn from(fault: Fault) -> Seen {
+        Seen::of(fault, Asked::Any)
+    }
+}
+
+impl Asked {
+    /// Returns the extent of a planned read. [`Asked::Any`] for reads that are not of registers.
+    pub fn of(request: &ReadRequest) -> Asked {
+        if request.span().is_none() {
+            return Asked::Any;
+        }
+        let mut parts: Vec<(u16, u16)> = request.fields.iter().map(|field| (field.at, field.len)).collect();
+        parts.sort_unstable();
+        // Registers before `end` are used. Two values may share registers.
+        let (mut end, mut gap) = (0, 0);
+        for (at, len) in parts {
+            gap = at.saturating_sub(end).max(gap);
+            end = at.saturating_add(len).max(end);
+        }
+        Asked::Read { values: u16::try_from(request.fields.len()).unwrap_or(u16::MAX), gap }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isotherm_core::codec::{Register, Table};
+    use isotherm_core::reading::SignalId;
+    use isotherm_profile::plan::{Field, ReadTarget};
+
+    fn read(fields: &[(u16, u16)]) -> ReadRequest {
+        let count = fields.iter().map(|(at, len)| at + len).max().unwrap_or(0);
+        let from = Register { table: Table::Input, offset: 100 };
+        let fields = fields.iter().map(|(at, len)| Field { signal: SignalId(0), at: *at, len: *len });
+        ReadRequest { asks: ReadTarget::Registers { from, count }, fields: fields.collect() }
+    }
+
+    #[test]
+    fn the_gap_of_a_read_is_the_longest_run_of_registers_that_no_value_uses() {
+        for (fields, gap) in [
+            (&[(0, 1)][..], 0),
+            (&[(0, 2), (2, 2)], 0),
+            (&[(0, 1), (3, 1)], 2),
+            (&[(3, 1), (0, 1), (9, 2)], 5),
+            (&[(0, 4), (1, 1), (5, 1)], 1),
+        ] {
+            let values = u16::try_from(fields.len()).unwrap();
+            assert_eq!(Asked::of(&read(fields)), Asked::Read { values, gap }, "{fields:?}");
+        }
+        let sensors = ReadRequest { asks: ReadTarget::Sensors(Vec::new()), fields: Vec::new() };
+        assert_eq!(Asked::of(&sensors), Asked::Any);
+    }
+}
