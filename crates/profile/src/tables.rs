@@ -206,6 +206,7 @@ impl Check<'_> {
         self.report
             .set_units(self.signals.resolved.iter().map(|signal| Some(signal.as_ref()?.unit)).collect());
         self.axes.resolved = self.each(&self.axes, &raw.axis, RawAxis::resolve);
+        signal::limits::set_defaults(self);
         self.outputs.resolved = self.each(&self.outputs, &raw.output, RawOutput::resolve);
         axis::intercept_slope::resolve(self);
         output::note_counts(self);

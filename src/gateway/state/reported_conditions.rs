@@ -1,10 +1,14 @@
 //! Reported conditions of the axes. Each state, level, extrapolation, stand-in and worse model is reported once when it
 //! begins, and once when it ends.
 
+use std::time::Duration;
+
 use crate::observe::events::Event;
+use isotherm_core::compensation::model::Contribution;
 use isotherm_core::compensation::settings::AxisSettings;
 use isotherm_core::compensation::{AxisState, Decision, RejectedSensor, Stages};
 use isotherm_core::explained::{Cause, Explained};
+use isotherm_core::quantity::Moment;
 use isotherm_profile::Profile;
 
 use super::{comparison, extrapolation, stand_in};
@@ -27,28 +31,78 @@ pub(in crate::gateway) struct ReportedConditions {
 /// Levels of one axis that have been reported and have not ended.
 #[derive(Clone, Copy, Debug, Default)]
 struct Levels {
-    at_limit: bool,
+    limit: LimitState,
     warned: bool,
     tripped: bool,
 }
 
-/// Fraction of the warning level below which |Cz| ends a warning. A value that fluctuates at the level causes one
-/// warning.
+/// Position of an axis at its limit.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum LimitState {
+    /// The axis is within its limit.
+    #[default]
+    Within,
+    /// The model has requested more than the limit since this moment.
+    Reached(Moment),
+    /// The model requests more than the limit for so long that an alarm was reported.
+    Lasting,
+}
+
+/// Fraction of a level below which the value ends a report about the level. A value that fluctuates at the level causes
+/// one report.
 const ENDS_AT: f64 = 0.95;
+/// Time at the limit after which an alarm is reported.
+const LIMIT_LASTS_AFTER: Duration = Duration::from_secs(5 * 60);
+/// Largest number of contributions in the alarm.
+const SHOWN_CONTRIBUTIONS: usize = 3;
 
 impl Levels {
     fn is_warned(&self) -> bool {
         self.warned
     }
 
-    /// Adds the events of this decision.
+    /// Adds the events of this decision about the limit of the axis: one when the model requests more, one when this
+    /// lasts, and one when it is over after it has lasted.
+    fn report_limit(
+        &mut self,
+        (profile, axis): (&Profile, &AxisSettings),
+        decision: &Decision,
+        contributions: impl FnOnce() -> Vec<Contribution>,
+        events: &mut Vec<Event>,
+    ) {
+        let (name, limit) = (|| axis.name.clone(), axis.guard.limit);
+        let at_limit = decision.acted.contains(Stages::LIMIT);
+        // Without a value of the model, it is not known whether the axis would leave its limit.
+        let is_over = !at_limit
+            && (matches!(decision.state, AxisState::Off)
+                || decision.raw.is_some_and(|raw| raw.abs().get() < ENDS_AT * limit.get()));
+        match (self.limit, decision.raw) {
+            (LimitState::Within, Some(wanted)) if at_limit => {
+                self.limit = LimitState::Reached(decision.at);
+                events.push(Event::AtLimit { axis: name(), wanted, limit });
+            }
+            (LimitState::Reached(since), Some(wanted))
+                if at_limit && decision.at.since(since) > LIMIT_LASTS_AFTER =>
+            {
+                self.limit = LimitState::Lasting;
+                let mut largest = contributions();
+                largest.truncate(SHOWN_CONTRIBUTIONS);
+                let signals = largest.iter().map(|part| profile.signal(part.signal).name.clone()).collect();
+                let contributions = largest.iter().map(|part| part.cz).collect();
+                events.push(Event::LimitLasts { axis: name(), wanted, limit, signals, contributions });
+            }
+            (LimitState::Reached(_), _) if is_over => self.limit = LimitState::Within,
+            (LimitState::Lasting, _) if is_over => {
+                self.limit = LimitState::Within;
+                events.push(Event::LimitOver { axis: name() });
+            }
+            _ => {}
+        }
+    }
+
+    /// Adds the events of this decision about the levels of the axis.
     fn report(&mut self, axis: &AxisSettings, decision: &Decision, events: &mut Vec<Event>) {
         let name = || axis.name.clone();
-        let at_limit = decision.acted.contains(Stages::LIMIT);
-        if let Some(wanted) = decision.raw.filter(|_| at_limit && !self.at_limit) {
-            events.push(Event::AtLimit { axis: name(), wanted, limit: axis.guard.limit });
-        }
-        self.at_limit = at_limit;
         let size = decision.cz.abs().get().max(decision.slope.abs().get());
         let warned =
             axis.levels.warn.filter(|warn| size > warn.get() * if self.warned { ENDS_AT } else { 1.0 });
@@ -70,12 +124,14 @@ impl ReportedConditions {
     }
 
     /// Adds the events of this decision. `why` returns why the axis does not follow its preferred model.
+    /// `contributions` returns the contributions of the signals to its Cz, the largest first.
     pub(in crate::gateway) fn report(
         &mut self,
         profile: &Profile,
         axis: &AxisSettings,
         decision: &Decision,
         (why, stopping): (impl FnOnce() -> Explained, bool),
+        contributions: impl FnOnce() -> Vec<Contribution>,
         events: &mut Vec<Event>,
     ) {
         let (from, to) = (self.state.name(), decision.state.name());
@@ -96,6 +152,7 @@ impl ReportedConditions {
             }
             self.state = decision.state;
         }
+        self.levels.report_limit((profile, axis), decision, contributions, events);
         self.levels.report(axis, decision, events);
         events.extend(extrapolation::event(profile, &axis.name, decision, &mut self.extrapolating));
         events.extend(comparison::event(axis, decision, &mut self.worse));
@@ -138,7 +195,7 @@ mod tests {
             decision.state = state;
             let mut events = Vec::new();
             let why = || Explained::new(cause, "mend it");
-            reported.report(&profile, axis, &decision, (why, stopping), &mut events);
+            reported.report(&profile, axis, &decision, (why, stopping), Vec::new, &mut events);
             let texts = events.iter().map(|event| event.entry(Moment::default()).text);
             texts.collect::<Vec<_>>()
         };

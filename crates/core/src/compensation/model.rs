@@ -7,6 +7,7 @@ pub mod envelope;
 pub mod network;
 pub mod stand_ins;
 
+mod contribution;
 mod expected;
 mod formula;
 mod input;
@@ -16,6 +17,7 @@ mod matrix;
 mod term;
 
 pub use super::reference::Reference;
+pub use contribution::Contribution;
 pub use envelope::{Beyond, CLEARLY_INSIDE, Coverage, Envelope, Extrapolation, Outside};
 pub use expected::{Expected, Growth};
 pub use formula::{Condition, Expression, ExpressionError, Formula, Symbol};

@@ -19,10 +19,12 @@ use counter::{Capture, RawCounter};
 use isotherm_core::codec::{Address, Counter, Encoding, PcSensor};
 use isotherm_core::compensation::model::Condition;
 use isotherm_core::reading::Reason;
+use limits::{DefaultLimits, RangeValue, RateValue};
 use unit::Unit;
 
 pub(crate) mod bad;
 pub(crate) mod counter;
+pub(crate) mod limits;
 pub(crate) mod unit;
 
 /// Value that is read from a device.
@@ -66,12 +68,18 @@ pub(crate) struct RawSignal {
     #[serde(default)]
     #[schemars(schema_with = "units")]
     pub(crate) unit: Option<String>,
-    /// Smallest and largest plausible value, in the unit. A value outside is bad.
+    /// Smallest and largest plausible value, in the unit. A value outside is bad. "none": no limit. Default of a
+    /// temperature that a model uses: -40 to 200 °C. Default of any other temperature: not below absolute zero.
     #[schemars(extend("x-layers" = "free"))]
-    range: Option<[f64; 2]>,
-    /// Largest plausible rate of change, units per second. A faster change is bad.
+    range: Option<RangeValue>,
+    /// Largest plausible rate of change, units per second. A faster change is bad. "none": no limit. Default of a
+    /// temperature that a model uses: 5 °C per second.
     #[schemars(extend("x-layers" = "free"))]
-    max_rate: Option<f64>,
+    max_rate: Option<RateValue>,
+    /// Whether the value is a difference of two temperatures. Then `range` and `max_rate` have no default. Default
+    /// false.
+    #[schemars(extend("x-layers" = "free"))]
+    difference: Option<bool>,
     /// Largest age of a reading. An older one is stale. Default: five polls, and at least three timeouts.
     #[schemars(extend("x-layers" = "free"))]
     max_age: Option<Timespan>,
@@ -125,10 +133,14 @@ pub struct Signal {
     pub encoding: Encoding,
     /// Engineering unit of the value.
     pub unit: Unit,
-    /// Smallest and largest plausible value.
+    /// Smallest and largest plausible value that the profile or its template states.
     pub range: Option<(f64, f64)>,
-    /// Largest plausible change per second.
+    /// Largest plausible change per second that the profile states.
     pub max_rate: Option<f64>,
+    /// Limits of a temperature that apply because nothing states others.
+    pub defaults: DefaultLimits,
+    /// Whether the value is a difference of two temperatures.
+    pub is_difference: bool,
     /// Largest age of a reading. An older one is stale.
     pub max_age: Duration,
     /// Condition on other signals under which this one is bad.
@@ -142,6 +154,18 @@ pub struct Signal {
 }
 
 impl Signal {
+    /// Returns whether a value is within the range that applies: the stated one, or the default.
+    pub fn is_plausible(&self, value: f64) -> bool {
+        let is_stated = self.range.is_none_or(|(low, high)| (low..=high).contains(&value));
+        is_stated && self.defaults.range.is_none_or(|range| range.contains(value))
+    }
+
+    /// Returns the largest plausible change per second that applies: the stated one, or the default. `None` if there is
+    /// no limit.
+    pub fn rate_limit(&self) -> Option<f64> {
+        self.max_rate.or(self.defaults.max_rate)
+    }
+
     /// Preview of the signal: address, encoding, and conditions under which it is bad.
     pub(crate) fn preview(&self, profile: &Profile) -> Section {
         let (encoding, unit) = (&self.encoding, self.unit);
@@ -214,6 +238,7 @@ impl Signal {
         }
         doubts.extend(self.range.map(|(low, high)| format!("outside {low} to {high} {unit}")));
         doubts.extend(self.max_rate.map(|rate| format!("faster than {rate} {unit} per second")));
+        doubts.extend(self.defaults.conditions(unit).into_iter().map(|limit| format!("{limit} (default)")));
         doubts.extend(self.counter.as_ref().map(|counter| {
             let speed = counter.max_speed;
             format!("after a step faster than {speed} {unit} per second until the next reading confirms it")
@@ -255,14 +280,10 @@ impl RawSignal {
             }
         }
         let max_age = self.max_age(check, at, device);
-        let range = self.range.map(|[low, high]| {
-            if low >= high {
-                let message = format!("the range {low} to {high} is empty");
-                at.key("range").invalid(message, "write the smaller value first, as [-10.0, 80.0]");
-            }
-            (low, high)
-        });
-        let max_rate = at.key("max_rate").positive(self.max_rate);
+        let range = self.range.and_then(|range| range.resolve(&at.key("range")));
+        let max_rate = self.max_rate.and_then(RateValue::number);
+        let has_max_rate = max_rate.is_some();
+        let max_rate = at.key("max_rate").positive(max_rate);
         let fault_when = expression::condition(&at.key("fault_when"), self.fault_when.as_ref(), Some(name));
         let kind = known.unwrap_or(check.kinds[0]);
         if !(kind.has_place)(self) && at.key("channel").is_written() {
@@ -275,10 +296,11 @@ impl RawSignal {
             None => unit.or(Some(Unit("1"))),
         };
         sentinels_fit(&at.key("bad"), &encoding);
+        let is_difference = self.is_difference(&at.key("difference"), unit);
         let every = device.map_or(Duration::ZERO, |device| device.every);
         // A value that arrives without a request must arrive twice before it is stale.
         let apart = max_age.filter(|_| (kind.comes_by_itself)(self)).map_or(every, |age| every.min(age / 2));
-        let (place, has_max_rate) = (at.key("counter"), self.max_rate.is_some());
+        let place = at.key("counter");
         let counter = self.counter.as_ref();
         let counter = counter.map(|raw| raw.resolve(&place, &encoding, device, apart, has_max_rate));
         let (counter, capture) = counter.unwrap_or_default();
@@ -291,6 +313,9 @@ impl RawSignal {
             unit: unit?,
             range,
             max_rate,
+            // The models that use the signal are resolved later.
+            defaults: DefaultLimits::default(),
+            is_difference,
             max_age: max_age?,
             fault_when,
             merge: !kind.has_registers || self.merge.unwrap_or(true),
