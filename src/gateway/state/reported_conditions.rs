@@ -180,7 +180,7 @@ mod tests {
     use super::*;
     use crate::gateway::store::log::sample;
     use isotherm_core::compensation::{Compensation, Remembered};
-    use isotherm_core::quantity::Moment;
+    use isotherm_core::reading::SignalId;
 
     /// Checks an axis on hold: first a sensor is lost, then a line is down. The state is the same, the cause differs.
     #[test]
@@ -211,5 +211,86 @@ mod tests {
         assert_eq!(step(holding, "stopping", true), [""; 0], "an orderly stop is no trouble");
         assert_eq!(step(AxisState::Active, "", false), ["axis z: frozen → compensating"]);
         assert_eq!(step(AxisState::Active, "a", false), [""; 0]);
+    }
+
+    /// Axis with its limit. The test sets what the model requests, second by second.
+    struct Limited {
+        profile: Profile,
+        decision: Decision,
+        reported: ReportedConditions,
+        contributions: Vec<Contribution>,
+    }
+
+    impl Limited {
+        fn new() -> Limited {
+            let profile = sample::profile();
+            let axis = profile.axes[0].settings.clone();
+            let compensation = Compensation::new(profile.machine.clone(), vec![axis], Remembered::default());
+            let decision = Decision { state: AxisState::Active, ..*compensation.decision(0).unwrap() };
+            let part = |place, cz| Contribution { signal: SignalId(place), cz: sample::of(cz) };
+            let contributions = vec![part(0, 65.0), part(1, -6.0), part(2, 2.0), part(3, 0.5)];
+            let mut limited =
+                Limited { profile, decision, reported: ReportedConditions::default(), contributions };
+            limited.at(0, Some(0.0));
+            limited
+        }
+
+        /// Returns the kinds of the events at this second. `times` is the requested Cz as a multiple of the limit.
+        fn at(&mut self, second: u64, times: Option<f64>) -> Vec<String> {
+            self.events(second, times).into_iter().map(|(kind, _)| kind).collect()
+        }
+
+        fn events(&mut self, second: u64, times: Option<f64>) -> Vec<(String, String)> {
+            let axis = &self.profile.axes[0].settings;
+            self.decision.at = Moment::default().after(Duration::from_secs(second));
+            self.decision.raw = times.map(|times| sample::of(times * axis.guard.limit.get()));
+            let is_beyond = times.is_some_and(|times| times.abs() > 1.0);
+            self.decision.acted = if is_beyond { Stages::LIMIT } else { Stages::default() };
+            let (mut events, parts) = (Vec::new(), self.contributions.clone());
+            let why = (|| Explained::from("a cause"), false);
+            self.reported.report(&self.profile, axis, &self.decision, why, || parts, &mut events);
+            let entries = events.iter().map(|event| event.entry(Moment::default()));
+            let of_limit = entries.filter(|entry| entry.kind.contains("limit"));
+            of_limit.map(|entry| (entry.kind.to_string(), entry.text)).collect()
+        }
+    }
+
+    #[test]
+    fn an_axis_at_its_limit_for_more_than_five_minutes_is_an_alarm_that_names_the_signals() {
+        let mut limited = Limited::new();
+        assert_eq!(limited.at(10, Some(1.5)), ["at-limit"]);
+        assert!(
+            (11..=310).all(|second| limited.at(second, Some(1.5)).is_empty()),
+            "five minutes are allowed"
+        );
+        let events = limited.events(311, Some(1.5));
+        let [(kind, text)] = events.as_slice() else { panic!("{events:?}") };
+        assert_eq!(kind, "limit-lasts");
+        let names: Vec<&str> = limited.profile.signals.iter().map(|signal| signal.name.as_str()).collect();
+        let parts = format!(
+            "largest contributions: {} 65.0 µm, {} -6.0 µm, {} 2.0 µm;",
+            names[0], names[1], names[2]
+        );
+        assert!(text.contains(&parts) && !text.contains("0.5 µm"), "{text}");
+        assert!((312..900).all(|second| limited.at(second, Some(1.5)).is_empty()), "it is reported once");
+        assert_eq!(limited.at(900, Some(0.5)), ["limit-over"]);
+        assert_eq!(limited.at(901, Some(1.5)), ["at-limit"], "the time begins again");
+        assert_eq!(limited.at(1000, Some(1.5)), [""; 0]);
+    }
+
+    /// A value that fluctuates at the limit, or is lost for a moment, does not begin the time again.
+    #[test]
+    fn only_a_value_clearly_within_the_limit_ends_the_time() {
+        let mut limited = Limited::new();
+        assert_eq!(limited.at(10, Some(-1.01)), ["at-limit"]);
+        for second in 11..=310 {
+            let times = [Some(-1.01), Some(-0.99), None][usize::try_from(second % 3).unwrap()];
+            assert_eq!(limited.at(second, times), [""; 0], "second {second}");
+        }
+        assert_eq!(limited.at(320, Some(-1.01)), ["limit-lasts"]);
+        assert_eq!(limited.at(321, None), [""; 0]);
+        assert_eq!(limited.at(322, Some(-0.96)), [""; 0]);
+        limited.decision.state = AxisState::Off;
+        assert_eq!(limited.at(323, None), ["limit-over"]);
     }
 }
