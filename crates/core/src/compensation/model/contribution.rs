@@ -21,10 +21,10 @@ pub struct Contribution {
 }
 
 impl Model {
-    /// Returns the contributions of the signals, the largest first. The contribution of a signal is the change of Cz
-    /// if only this signal changes from its reference to its present value, and all lags have settled. A formula has no
-    /// references: its signals count from their values at machine start, or from zero. Returns an empty list if the
-    /// model has no value. Signals without a reference are left out.
+    /// Returns the contributions of the signals, the largest first. A contribution is the change of Cz if only this
+    /// signal changes from its reference to its present value. All lags have then settled. A formula has no references:
+    /// its signals count from their values at machine start, or from zero. Returns an empty list if the model has no
+    /// value. Signals without a reference are left out.
     pub fn contributions(&self, snapshot: &Snapshot<'_>, machine: &Machine) -> Vec<Contribution> {
         let (now, readings) = (snapshot.now, snapshot.readings);
         let Some(whole) = self.settled(now, readings, machine) else { return Vec::new() };
