@@ -74,14 +74,14 @@ fn an_axis_at_its_limit_for_five_minutes_is_an_alarm_with_the_signal_that_moves_
     let faults = sends("wheelhead", "1e30", "for_time = \"400s\"");
     let trace = run(&text, &faults, 9 * MINUTE);
     law::holds(&trace);
-    let reported = |kind: &str| -> Vec<(u64, &str)> {
+    let reported = |kind: &str| {
         let second = |at: &str| {
             let number = |from: usize| at[from..from + 2].parse::<u64>().unwrap();
             60 * (60 * number(11) + number(14)) + number(17)
         };
         let begin = second(&trace.events[0].at);
         let events = trace.events.iter().filter(|event| event.kind == kind);
-        events.map(|event| (second(&event.at) - begin, event.text.as_str())).collect()
+        events.map(|event| (second(&event.at) - begin, event.text.as_str())).collect::<Vec<_>>()
     };
     let [(reached, _)] = reported("at-limit")[..] else { panic!("{}", trace.lines()) };
     let [(lasts, text)] = reported("limit-lasts")[..] else { panic!("{}", trace.lines()) };
