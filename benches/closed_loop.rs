@@ -45,6 +45,7 @@ type = "i16"
 scale = 0.1
 unit = "degC"
 max_age = "5s"
+max_rate = "none"
 [signal.wheelhead]
 device = "module"
 register = "input:1"
@@ -52,6 +53,7 @@ type = "i16"
 scale = 0.1
 unit = "degC"
 max_age = "5s"
+max_rate = "none"
 [signal.position]
 device = "module"
 register = "input:7"

@@ -74,6 +74,7 @@ frame = { id = 0x301, start = 0, length = 16, order = "little", signed = true }
 scale = 0.1
 unit = "degC"
 max_age = "60s"
+max_rate = "none"
 [axis.z]
 limit = 40.0
 step = 1.0

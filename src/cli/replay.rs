@@ -13,8 +13,9 @@
 //!   `z_state` and `z_acted` do not change until the next update. If rows come slower, there is one update per row.
 //!   Then Cz may lag more than on the machine, and a warning is given.
 //! - `z_raw_um` and `z_model` are those of the model at every row, even without an update.
-//! - `range` is applied to the values. `max_rate`, `max_age` and `fault_when` are not, because each row counts as a new
-//!   reading.
+//! - `range` is applied to the values if the profile or its template states it. A default `range` is not applied, so
+//!   that the log of an earlier version gives the same decisions. `max_rate`, `max_age` and `fault_when` are not applied
+//!   either, because each row counts as a new reading.
 
 use std::io::{BufRead, BufReader, Read, Write};
 

@@ -1,6 +1,7 @@
 //! Data on disk: the document with state and ledger, the logs, and the registers and addresses of outputs and signals.
 
 pub mod backup;
+pub(super) mod default_limits;
 pub(super) mod disk;
 pub(super) mod documents;
 pub(super) mod ledger;

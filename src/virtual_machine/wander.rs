@@ -12,9 +12,13 @@ use isotherm_profile::Signal;
 pub(super) fn wander(signal: &Signal, seed: u64, seconds: f64) -> f64 {
     let phase: f64 = stream(seed, &signal.name).random_range(0.0..TAU);
     let wave = |period: f64| (TAU * seconds / period + phase).sin();
+    let about = |middle: f64, amplitude: f64| {
+        middle + amplitude * wave(6.0 * 3600.0) + 0.03 * noise(signal, seed, seconds)
+    };
     let value = match signal.unit.0 {
-        "degC" => 22.0 + 2.0 * wave(6.0 * 3600.0) + 0.03 * noise(signal, seed, seconds),
-        "K" => wave(6.0 * 3600.0) + 0.03 * noise(signal, seed, seconds),
+        "degC" | "K" if signal.is_difference => about(0.0, 1.0),
+        "degC" => about(22.0, 2.0),
+        "K" => about(295.15, 2.0),
         "mm" => 100.0 + 20.0 * wave(600.0),
         "um" => 2.0 * wave(3600.0),
         "rpm" => 1000.0,

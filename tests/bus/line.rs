@@ -35,6 +35,7 @@ type = "i16"
 scale = 0.1
 unit = "degC"
 max_age = "5s"
+max_rate = "none"
 [signal.scale_y]
 device = "cnc"
 register = "holding:1"

@@ -36,6 +36,7 @@ type = "i16"
 scale = 0.1
 unit = "degC"
 max_age = "5s"
+max_rate = "none"
 [signal.position]
 device = "scale"
 register = "holding:1"

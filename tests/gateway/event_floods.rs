@@ -40,12 +40,16 @@ register = "holding:0"
 type = "u16"
 unit = "degC"
 max_age = "5s"
+range = "none"
+max_rate = "none"
 [signal.sane]
 device = "sane"
 register = "holding:0"
 type = "u16"
 unit = "degC"
 max_age = "5s"
+range = "none"
+max_rate = "none"
 "#;
 
 /// Duration of the flood.

@@ -39,6 +39,7 @@ type = "i16"
 scale = 0.1
 unit = "degC"
 range = [10.0, 40.0]
+max_rate = "none"
 max_age = "3s"
 [axis.z]
 limit = 400.0

@@ -71,6 +71,7 @@ type = "i16"
 scale = 0.1
 unit = "degC"
 range = [10.0, 40.0]
+max_rate = "none"
 max_age = "5s"
 [axis.z]
 limit = 40.0

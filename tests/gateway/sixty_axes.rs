@@ -169,7 +169,7 @@ fn profile(address: SocketAddr, axes: u16, every: &str) -> isotherm_profile::Pro
         write!(
             text,
             "[signal.t{sensor}]\ndevice = \"thermocouples\"\nregister = \"input:{}\"\n{pair}\nscale = {FINE:.5}\n\
-             unit = \"degC\"\nmax_age = \"{}s\"\n",
+             unit = \"degC\"\nmax_age = \"{}s\"\nmax_rate = \"none\"\n",
             2 * sensor,
             MAX_AGE.as_secs()
         )

@@ -19,6 +19,7 @@ mod hints;
 mod kept;
 mod late;
 mod layers;
+mod limits;
 mod load;
 mod mistakes;
 mod models;

@@ -58,9 +58,9 @@ impl Scene {
     /// Machine on an RTU line behind a serial server, with another master. `is_limited` is whether the profile limits
     /// the rate of the temperatures.
     pub(crate) fn second_master(is_limited: bool) -> Scene {
-        let (bus, age) = ("[bus.sensors]\ntype = \"modbus-", "max_age = \"3s\"\n");
+        let (bus, no_rate) = ("[bus.sensors]\ntype = \"modbus-", "max_rate = \"none\"\n");
         let text = day::TEXT.replace(&format!("{bus}tcp\""), &format!("{bus}rtu-over-tcp\""));
-        let limited = text.replace(age, &format!("{age}max_rate = {MAX_RATE}\n"));
+        let limited = text.replace(no_rate, &format!("max_rate = {MAX_RATE}\n"));
         let profile = day::parsed(if is_limited { &limited } else { &text });
         Scene { profile, beyond: Beyond::SecondMaster }
     }

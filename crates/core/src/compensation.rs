@@ -45,7 +45,7 @@ pub use stand_in::{RejectedSensor, SubstitutedSensor};
 pub use state::AxisState;
 
 use axis::Axis;
-use model::Model;
+use model::{Contribution, Model};
 use reference::{Machine, MachineChange, Reference};
 use settings::{AxisSettings, MachineSettings};
 
@@ -174,6 +174,14 @@ impl Compensation {
     pub fn model_value(&self, axis: usize, snapshot: &Snapshot<'_>) -> Option<(usize, Micron)> {
         let chosen = self.axes.get(axis)?.choose(snapshot, &self.machine).0?;
         Some((chosen.model, chosen.raw))
+    }
+
+    /// Returns the contributions of the signals to the Cz of an axis's model in use, the largest first. Returns an empty
+    /// list if no model is in use.
+    pub fn contributions(&self, axis: usize, snapshot: &Snapshot<'_>) -> Vec<Contribution> {
+        let axis = self.axes.get(axis);
+        let model = axis.and_then(|axis| axis.settings.models.get(axis.decision.model?));
+        model.map(|model| model.contributions(snapshot, &self.machine)).unwrap_or_default()
     }
 
     /// Returns the sensors from which the stand-in of this signal is estimated, for this model of an axis. `None` if

@@ -194,6 +194,13 @@ catalogue! {
     /// The model of an axis requests more Cz than the limit of the axis.
     AtLimit = warning("at-limit")
         .hint("are the sensors and references of the axis right? If they are, raise axis.{axis}.limit");
+    /// The model of an axis has requested more Cz than the limit of the axis for more than five minutes. The event names
+    /// the signals with the largest contributions.
+    LimitLasts = warning("limit-lasts").raises("limit of axis {axis}")
+        .hint("look at the sensors with the largest contributions, and at their references. If all are right, raise \
+               `limit` of the axis");
+    /// The model of an axis does not request more Cz than the limit of the axis any more.
+    LimitOver = info("limit-over").ends(&["limit of axis {axis}"]);
     /// The absolute value of an axis's Cz is above the warning level.
     Warned = warning("warned").raises("level of axis {axis}")
         .hint("measure a part, and compare the sensors of the axis with each other");
@@ -339,6 +346,11 @@ catalogue! {
     /// A device template of the profile differs from the one of the last run.
     TemplateChanged = warning("template-changed")
         .hint("check the settings that `isotherm check` prints, before the machine makes parts");
+    /// Readings of some temperatures are rejected by limits that an earlier version of the program did not have, because
+    /// the profile states none. Each limit is reported once.
+    DefaultLimits = warning("default-limits")
+        .hint("write `range` and `max_rate` for each sensor, or \"none\"; for a difference of temperatures, write \
+               `difference = true`");
     /// Other gateways on this computer cannot be detected. A second gateway that writes the same register would not be
     /// rejected.
     NotExclusive = warning("not-exclusive").hint("make sure that only one gateway writes to each register");

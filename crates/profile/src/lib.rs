@@ -95,6 +95,7 @@ pub use tables::schema::schema;
 pub use tables::set::{OutputSet, OwnWord, Stretch};
 pub use tables::signal::Signal;
 pub use tables::signal::counter::Capture;
+pub use tables::signal::limits::{DefaultLimits, DefaultRange};
 pub use tables::signal::unit::Unit;
 pub use tables::web::{Commands, Language, PLAIN, Web, WebTls};
 pub use template::Template;

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use super::options::Options;
 use crate::clock::{Clock, Correction};
 use crate::gateway::shared::state::GatewayState;
+use crate::gateway::store::default_limits;
 use crate::gateway::store::documents::{self, Entries, Entry, Opened, WHAT};
 use crate::gateway::store::log::outputs::ENDING;
 use crate::gateway::store::memory::{Memory, RestoredMemory};
@@ -78,6 +79,12 @@ impl RecoveredState {
         for (signal, moved) in &restored.moved {
             let (signal, why) = (signal.clone(), why_forgotten(signal, moved));
             journal.report(now, &Event::ReferenceForgotten { signal, why });
+        }
+        // Without a saved state, nothing has changed for the operator.
+        if restored.at.is_some() {
+            for event in default_limits::new_since(&restored.limits, profile) {
+                journal.report(now, &event);
+            }
         }
         let nothing = Entries::new();
         let entries = match &opened.found {

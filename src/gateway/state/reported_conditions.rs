@@ -1,10 +1,14 @@
 //! Reported conditions of the axes. Each state, level, extrapolation, stand-in and worse model is reported once when it
 //! begins, and once when it ends.
 
+use std::time::Duration;
+
 use crate::observe::events::Event;
+use isotherm_core::compensation::model::Contribution;
 use isotherm_core::compensation::settings::AxisSettings;
 use isotherm_core::compensation::{AxisState, Decision, RejectedSensor, Stages};
 use isotherm_core::explained::{Cause, Explained};
+use isotherm_core::quantity::Moment;
 use isotherm_profile::Profile;
 
 use super::{comparison, extrapolation, stand_in};
@@ -27,28 +31,78 @@ pub(in crate::gateway) struct ReportedConditions {
 /// Levels of one axis that have been reported and have not ended.
 #[derive(Clone, Copy, Debug, Default)]
 struct Levels {
-    at_limit: bool,
+    limit: LimitState,
     warned: bool,
     tripped: bool,
 }
 
-/// Fraction of the warning level below which |Cz| ends a warning. A value that fluctuates at the level causes one
-/// warning.
+/// Position of an axis at its limit.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum LimitState {
+    /// The axis is within its limit.
+    #[default]
+    Within,
+    /// The model has requested more than the limit since this moment.
+    Reached(Moment),
+    /// The model requests more than the limit for so long that an alarm was reported.
+    Lasting,
+}
+
+/// Fraction of a level below which the value ends a report about the level. A value that fluctuates at the level causes
+/// one report.
 const ENDS_AT: f64 = 0.95;
+/// Time at the limit after which an alarm is reported.
+const LIMIT_LASTS_AFTER: Duration = Duration::from_secs(5 * 60);
+/// Largest number of contributions in the alarm.
+const SHOWN_CONTRIBUTIONS: usize = 3;
 
 impl Levels {
     fn is_warned(&self) -> bool {
         self.warned
     }
 
-    /// Adds the events of this decision.
+    /// Adds the events of this decision about the limit of the axis: one when the model requests more, one when this
+    /// lasts, and one when it is over after it has lasted.
+    fn report_limit(
+        &mut self,
+        (profile, axis): (&Profile, &AxisSettings),
+        decision: &Decision,
+        contributions: impl FnOnce() -> Vec<Contribution>,
+        events: &mut Vec<Event>,
+    ) {
+        let (name, limit) = (|| axis.name.clone(), axis.guard.limit);
+        let at_limit = decision.acted.contains(Stages::LIMIT);
+        // Without a value of the model, it is not known whether the axis would leave its limit.
+        let is_over = !at_limit
+            && (matches!(decision.state, AxisState::Off)
+                || decision.raw.is_some_and(|raw| raw.abs().get() < ENDS_AT * limit.get()));
+        match (self.limit, decision.raw) {
+            (LimitState::Within, Some(wanted)) if at_limit => {
+                self.limit = LimitState::Reached(decision.at);
+                events.push(Event::AtLimit { axis: name(), wanted, limit });
+            }
+            (LimitState::Reached(since), Some(wanted))
+                if at_limit && decision.at.since(since) > LIMIT_LASTS_AFTER =>
+            {
+                self.limit = LimitState::Lasting;
+                let mut largest = contributions();
+                largest.truncate(SHOWN_CONTRIBUTIONS);
+                let signals = largest.iter().map(|part| profile.signal(part.signal).name.clone()).collect();
+                let contributions = largest.iter().map(|part| part.cz).collect();
+                events.push(Event::LimitLasts { axis: name(), wanted, limit, signals, contributions });
+            }
+            (LimitState::Reached(_), _) if is_over => self.limit = LimitState::Within,
+            (LimitState::Lasting, _) if is_over => {
+                self.limit = LimitState::Within;
+                events.push(Event::LimitOver { axis: name() });
+            }
+            _ => {}
+        }
+    }
+
+    /// Adds the events of this decision about the levels of the axis.
     fn report(&mut self, axis: &AxisSettings, decision: &Decision, events: &mut Vec<Event>) {
         let name = || axis.name.clone();
-        let at_limit = decision.acted.contains(Stages::LIMIT);
-        if let Some(wanted) = decision.raw.filter(|_| at_limit && !self.at_limit) {
-            events.push(Event::AtLimit { axis: name(), wanted, limit: axis.guard.limit });
-        }
-        self.at_limit = at_limit;
         let size = decision.cz.abs().get().max(decision.slope.abs().get());
         let warned =
             axis.levels.warn.filter(|warn| size > warn.get() * if self.warned { ENDS_AT } else { 1.0 });
@@ -70,12 +124,14 @@ impl ReportedConditions {
     }
 
     /// Adds the events of this decision. `why` returns why the axis does not follow its preferred model.
+    /// `contributions` returns the contributions of the signals to its Cz, the largest first.
     pub(in crate::gateway) fn report(
         &mut self,
         profile: &Profile,
         axis: &AxisSettings,
         decision: &Decision,
         (why, stopping): (impl FnOnce() -> Explained, bool),
+        contributions: impl FnOnce() -> Vec<Contribution>,
         events: &mut Vec<Event>,
     ) {
         let (from, to) = (self.state.name(), decision.state.name());
@@ -96,6 +152,7 @@ impl ReportedConditions {
             }
             self.state = decision.state;
         }
+        self.levels.report_limit((profile, axis), decision, contributions, events);
         self.levels.report(axis, decision, events);
         events.extend(extrapolation::event(profile, &axis.name, decision, &mut self.extrapolating));
         events.extend(comparison::event(axis, decision, &mut self.worse));
@@ -123,7 +180,7 @@ mod tests {
     use super::*;
     use crate::gateway::store::log::sample;
     use isotherm_core::compensation::{Compensation, Remembered};
-    use isotherm_core::quantity::Moment;
+    use isotherm_core::reading::SignalId;
 
     /// Checks an axis on hold: first a sensor is lost, then a line is down. The state is the same, the cause differs.
     #[test]
@@ -138,7 +195,7 @@ mod tests {
             decision.state = state;
             let mut events = Vec::new();
             let why = || Explained::new(cause, "mend it");
-            reported.report(&profile, axis, &decision, (why, stopping), &mut events);
+            reported.report(&profile, axis, &decision, (why, stopping), Vec::new, &mut events);
             let texts = events.iter().map(|event| event.entry(Moment::default()).text);
             texts.collect::<Vec<_>>()
         };
@@ -154,5 +211,86 @@ mod tests {
         assert_eq!(step(holding, "stopping", true), [""; 0], "an orderly stop is no trouble");
         assert_eq!(step(AxisState::Active, "", false), ["axis z: frozen → compensating"]);
         assert_eq!(step(AxisState::Active, "a", false), [""; 0]);
+    }
+
+    /// Axis with its limit. The test sets what the model requests, second by second.
+    struct Limited {
+        profile: Profile,
+        decision: Decision,
+        reported: ReportedConditions,
+        contributions: Vec<Contribution>,
+    }
+
+    impl Limited {
+        fn new() -> Limited {
+            let profile = sample::profile();
+            let axis = profile.axes[0].settings.clone();
+            let compensation = Compensation::new(profile.machine.clone(), vec![axis], Remembered::default());
+            let decision = Decision { state: AxisState::Active, ..*compensation.decision(0).unwrap() };
+            let part = |place, cz| Contribution { signal: SignalId(place), cz: sample::of(cz) };
+            let contributions = vec![part(0, 65.0), part(1, -6.0), part(2, 2.0), part(3, 0.5)];
+            let mut limited =
+                Limited { profile, decision, reported: ReportedConditions::default(), contributions };
+            limited.at(0, Some(0.0));
+            limited
+        }
+
+        /// Returns the kinds of the events at this second. `times` is the requested Cz as a multiple of the limit.
+        fn at(&mut self, second: u64, times: Option<f64>) -> Vec<String> {
+            self.events(second, times).into_iter().map(|(kind, _)| kind).collect()
+        }
+
+        fn events(&mut self, second: u64, times: Option<f64>) -> Vec<(String, String)> {
+            let axis = &self.profile.axes[0].settings;
+            self.decision.at = Moment::default().after(Duration::from_secs(second));
+            self.decision.raw = times.map(|times| sample::of(times * axis.guard.limit.get()));
+            let is_beyond = times.is_some_and(|times| times.abs() > 1.0);
+            self.decision.acted = if is_beyond { Stages::LIMIT } else { Stages::default() };
+            let (mut events, parts) = (Vec::new(), self.contributions.clone());
+            let why = (|| Explained::from("a cause"), false);
+            self.reported.report(&self.profile, axis, &self.decision, why, || parts, &mut events);
+            let entries = events.iter().map(|event| event.entry(Moment::default()));
+            let of_limit = entries.filter(|entry| entry.kind.contains("limit"));
+            of_limit.map(|entry| (entry.kind.to_string(), entry.text)).collect()
+        }
+    }
+
+    #[test]
+    fn an_axis_at_its_limit_for_more_than_five_minutes_is_an_alarm_that_names_the_signals() {
+        let mut limited = Limited::new();
+        assert_eq!(limited.at(10, Some(1.5)), ["at-limit"]);
+        assert!(
+            (11..=310).all(|second| limited.at(second, Some(1.5)).is_empty()),
+            "five minutes are allowed"
+        );
+        let events = limited.events(311, Some(1.5));
+        let [(kind, text)] = events.as_slice() else { panic!("{events:?}") };
+        assert_eq!(kind, "limit-lasts");
+        let names: Vec<&str> = limited.profile.signals.iter().map(|signal| signal.name.as_str()).collect();
+        let parts = format!(
+            "largest contributions: {} 65.0 µm, {} -6.0 µm, {} 2.0 µm;",
+            names[0], names[1], names[2]
+        );
+        assert!(text.contains(&parts) && !text.contains("0.5 µm"), "{text}");
+        assert!((312..900).all(|second| limited.at(second, Some(1.5)).is_empty()), "it is reported once");
+        assert_eq!(limited.at(900, Some(0.5)), ["limit-over"]);
+        assert_eq!(limited.at(901, Some(1.5)), ["at-limit"], "the time begins again");
+        assert_eq!(limited.at(1000, Some(1.5)), [""; 0]);
+    }
+
+    /// A value that fluctuates at the limit, or is lost for a moment, does not begin the time again.
+    #[test]
+    fn only_a_value_clearly_within_the_limit_ends_the_time() {
+        let mut limited = Limited::new();
+        assert_eq!(limited.at(10, Some(-1.01)), ["at-limit"]);
+        for second in 11..=310 {
+            let times = [Some(-1.01), Some(-0.99), None][usize::try_from(second % 3).unwrap()];
+            assert_eq!(limited.at(second, times), [""; 0], "second {second}");
+        }
+        assert_eq!(limited.at(320, Some(-1.01)), ["limit-lasts"]);
+        assert_eq!(limited.at(321, None), [""; 0]);
+        assert_eq!(limited.at(322, Some(-0.96)), [""; 0]);
+        limited.decision.state = AxisState::Off;
+        assert_eq!(limited.at(323, None), ["limit-over"]);
     }
 }

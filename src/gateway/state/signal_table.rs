@@ -90,12 +90,12 @@ impl SignalTable {
         }
     }
 
-    /// Starts the rate filters with the last good values of the previous run, by signal name. Signals without
-    /// `max_rate` and signals of devices with checks are left out.
+    /// Starts the rate filters with the last good values of the previous run, by signal name. Signals without a limit of
+    /// the rate and signals of devices with checks are left out.
     pub(in crate::gateway) fn recall(&mut self, values: &BTreeMap<String, LastGood>, start: Moment) {
         let profile = &self.latest.profile;
         for (place, signal) in profile.signals.iter().enumerate() {
-            if profile.device(signal.device).is_checked() || signal.max_rate.is_none() {
+            if profile.device(signal.device).is_checked() || signal.rate_limit().is_none() {
                 continue;
             }
             if let Some(LastGood { value, age }) = values.get(&signal.name) {
@@ -104,11 +104,11 @@ impl SignalTable {
         }
     }
 
-    /// Returns the last good value of each signal that has a `max_rate`, by name.
+    /// Returns the last good value of each signal that has a limit of the rate, by name.
     pub(in crate::gateway) fn last_good(&self, now: Moment) -> BTreeMap<String, LastGood> {
         let signals = self.latest.profile.signals.iter().zip(&self.rates);
         let good = signals.filter_map(|(signal, filter)| {
-            let (value, age) = filter.before_stop(now, signal.max_rate?)?;
+            let (value, age) = filter.before_stop(now, signal.rate_limit()?)?;
             Some((signal.name.clone(), LastGood { value, age }))
         });
         good.collect()
@@ -129,10 +129,10 @@ impl SignalTable {
         let position = value.and_then(|value| self.position(id, value, at));
         let signal = self.latest.profile.signal(id);
         let assessed = position.and_then(|value| {
-            if signal.range.is_some_and(|(low, high)| !(low..=high).contains(&value)) {
+            if !signal.is_plausible(value) {
                 return Err(Reason::OutOfRange);
             }
-            match self.rates[id.0].assess(value, at, signal.max_rate, breaks) {
+            match self.rates[id.0].assess(value, at, signal.rate_limit(), breaks) {
                 Ok(()) => Ok(value),
                 Err(RateFault::TooFast) => Err(Reason::TooFast),
                 Err(RateFault::Jumped) => Err(Reason::Jumped),
@@ -145,8 +145,8 @@ impl SignalTable {
     }
 
     /// Stores a value that may be the answer to a request of another master. It is used only if it agrees with the
-    /// value read before it: within `max_rate`, or exactly if the signal has none. Otherwise the last good value is
-    /// used until it is stale.
+    /// value read before it: within the `max_rate` of the profile, or exactly if the profile states none. The default is
+    /// too wide to distinguish two masters. Otherwise the last good value is used until it is stale.
     pub(in crate::gateway) fn store_ambiguous(
         &mut self,
         id: SignalId,
@@ -172,7 +172,7 @@ impl SignalTable {
     }
 
     /// Marks the last reading as doubtful: it may be the answer to a request of another master that was detected after
-    /// it. Without `max_rate` no check has confirmed the reading, so it is rejected.
+    /// it. Without a `max_rate` of the profile no check has confirmed the reading, so it is rejected.
     pub(in crate::gateway) fn doubt(&mut self, id: SignalId) {
         let reading = &mut self.latest.readings[id.0];
         if reading.quality == Quality::Good && self.latest.profile.signal(id).max_rate.is_none() {

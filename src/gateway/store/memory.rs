@@ -10,6 +10,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::default_limits::KnownLimits;
 use super::documents::{by_name, by_place};
 use super::places::{Places, renamed};
 use crate::gateway::state::sign::SignMemory;
@@ -38,8 +39,10 @@ pub(super) struct UnchangedParts {
     /// Results of the sign checks, by axis.
     pub(in crate::gateway) signs: BTreeMap<String, SignMemory>,
     pub(in crate::gateway) places: Arc<Places>,
-    /// Last good values of signals with a `max_rate`.
+    /// Last good values of signals with a limit of the rate of change.
     pub(in crate::gateway) values: BTreeMap<String, LastGood>,
+    /// Default limits of signals. They have been reported.
+    pub(in crate::gateway) limits: KnownLimits,
 }
 
 /// State in the form in which the document contains it.
@@ -57,9 +60,12 @@ pub(super) struct SavedState {
     /// Addresses of signals and registers of outputs. Empty in a document of layout 5.
     #[serde(default)]
     places: Places,
-    /// Last good values of signals with a `max_rate`.
+    /// Last good values of signals with a limit of the rate of change.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     values: BTreeMap<String, LastGood>,
+    /// Default limits of signals. They have been reported. Empty in a state of a version without them.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    limits: KnownLimits,
 }
 
 /// Saved state that a run reads at its start.
@@ -80,9 +86,11 @@ pub(in crate::gateway) struct RestoredMemory {
     pub(in crate::gateway) renamed: BTreeMap<String, String>,
     /// Signals whose address has changed after a reference was captured from them. The reference is discarded.
     pub(in crate::gateway) moved: BTreeMap<String, MovedPlace>,
-    /// Last good values of signals with a `max_rate`, with their age at the start. Empty if the duration of the stop is
-    /// not known.
+    /// Last good values of signals with a limit of the rate of change, with their age at the start. Empty if the duration
+    /// of the stop is not known.
     pub(in crate::gateway) values: BTreeMap<String, LastGood>,
+    /// Default limits of signals that the previous run has reported.
+    pub(in crate::gateway) limits: KnownLimits,
 }
 
 impl Memory {
@@ -107,9 +115,9 @@ impl Memory {
     pub(super) fn saved(self) -> serde_json::Result<SavedState> {
         let mut machine = serde_json::to_value(&self.remembered)?;
         by_name(&mut machine, &self.signals);
-        let UnchangedParts { signs, places, values } = self.rest;
+        let UnchangedParts { signs, places, values, limits } = self.rest;
         let places = Arc::unwrap_or_clone(places);
-        Ok(SavedState { at: self.at, machine, verified_um: self.verified_um, signs, places, values })
+        Ok(SavedState { at: self.at, machine, verified_um: self.verified_um, signs, places, values, limits })
     }
 
     /// Parses a saved state, for the signals of this profile. Without a `state`, returns an empty one.
@@ -125,7 +133,7 @@ impl Memory {
             let signals: Vec<&str> = profile.signals.iter().map(|signal| signal.name.as_str()).collect();
             by_place(&mut state.machine, &signals);
             let mut remembered: Remembered = serde_json::from_value(state.machine)?;
-            let SavedState { at, verified_um, signs, places, mut values, .. } = state;
+            let SavedState { at, verified_um, signs, places, mut values, mut limits, .. } = state;
             let now = Places::of(profile);
             let places = places.named_as(&now);
             let mut moved = places.moved_signals(&now);
@@ -133,7 +141,8 @@ impl Memory {
             let (places, verified_um) = (places.renamed(&names), renamed(verified_um, &names));
             let axes: Vec<AxisSettings> = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
             values.retain(|name, _| !moved.contains_key(name));
-            values = renamed(values, &places.new_names_of_signals(&now));
+            let new_names = places.new_names_of_signals(&now);
+            (values, limits) = (renamed(values, &new_names), renamed(limits, &new_names));
             moved.retain(|name, _| {
                 let place = signals.iter().position(|signal| *signal == name.as_str());
                 place.is_some_and(|place| remembered.forget(SignalId(place), &axes))
@@ -147,6 +156,7 @@ impl Memory {
                 renamed: names,
                 moved,
                 values,
+                limits,
             })
         });
         read.map_err(|error| error.to_string())

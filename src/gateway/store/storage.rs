@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use jiff::civil::Date;
 
+use super::default_limits;
 use super::documents::Writer;
 use super::log::Recorder;
 use super::log::outputs::ENDING;
@@ -247,7 +248,8 @@ impl Storage {
         self.handed_over.clear();
         self.handed_over.extend(outputs.iter().map(|state| state.cz));
         let (signs, values) = (self.signs.clone(), board.last_good(now));
-        let rest = UnchangedParts { signs, places: Arc::clone(places), values };
+        let limits = default_limits::of(profile);
+        let rest = UnchangedParts { signs, places: Arc::clone(places), values, limits };
         let memory = Memory::new(profile, now, compensation.remembered(), verified, rest);
         writer.remember(memory.stamped(self.stamps.of_the_clock()));
         let _ = self.hand_over(Job::Sync { at: now });

@@ -197,6 +197,32 @@ events! {
             let hint = hint_with(EventKind::AtLimit, &[("axis", axis)]);
             caused(format!("axis {axis}"), Explained::new(cause, hint))
         };
+        // `signals`: those with the largest contributions to the requested Cz.
+        LimitLasts {
+            axis: String,
+            #[serde(rename = "wanted_um")]
+            wanted: Micron,
+            #[serde(rename = "limit_um")]
+            limit: Micron,
+            signals: Vec<String>,
+            #[serde(rename = "contributions_um")]
+            contributions: Vec<Micron>,
+        } => {
+            let parts: Vec<String> =
+                signals.iter().zip(contributions).map(|(signal, cz)| format!("{signal} {cz}")).collect();
+            let parts = match parts.as_slice() {
+                [] => "the contributions of the signals are not known".to_owned(),
+                parts => format!("largest contributions: {}", parts.join(", ")),
+            };
+            caused(
+                format!("axis {axis}"),
+                format!(
+                    "the model requests {wanted}, held at its limit of ±{limit} for more than five minutes; {parts}"
+                )
+            )
+        };
+        LimitOver { axis: String } =>
+            plain(format!("axis {axis}: the model does not request more than the limit any more"));
         Warned {
             axis: String,
             #[serde(rename = "cz_um")]
@@ -354,6 +380,17 @@ events! {
         );
         TemplateChanged { template: String, changes: String } =>
             caused("", format!("template {template} has changed since the last run: {changes}"));
+        // `limits`: conditions under which a reading of these signals is rejected.
+        DefaultLimits { signals: Vec<String>, limits: Vec<String> } => {
+            let about = if signals.len() == 1 { "signal" } else { "signals" };
+            caused(
+                format!("{about} {}", signals.join(", ")),
+                format!(
+                    "readings {} are rejected from now on, because the profile states no other limits",
+                    limits.join(" or ")
+                )
+            )
+        };
         CncBooted { device: String, from: f64, to: f64 } => caused(
             format!("device {device}"),
             format!(

@@ -9,8 +9,8 @@ use isotherm_core::compensation::settings::{
 use isotherm_core::quantity::{Micron, MicronPerSecond};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{
-    Arm, Axis, AxisId, Bus, Device, Functions, Heartbeat, History, OnStop, Output, Purpose, Quirks, ReadBy,
-    Share, Signal, Transport, Unit, Verify, Writes,
+    Arm, Axis, AxisId, Bus, DefaultLimits, Device, Functions, Heartbeat, History, OnStop, Output, Purpose,
+    Quirks, ReadBy, Share, Signal, Transport, Unit, Verify, Writes,
 };
 
 pub(crate) const THERMOCOUPLES: u8 = 1;
@@ -204,6 +204,8 @@ fn signal(name: &str, device: usize, register: &str, encoding: Encoding, unit: &
         unit: Unit(unit),
         range: None,
         max_rate: None,
+        defaults: DefaultLimits::default(),
+        is_difference: false,
         max_age: Duration::from_secs(5),
         fault_when: None,
         merge: true,

@@ -125,6 +125,7 @@ device = "cnc"
 node = "ns=2;s=bed"
 unit = "degC"
 max_age = "2s"
+max_rate = "none"
 [signal.scale]
 device = "cnc"
 node = "ns=2;s=scale"

@@ -345,7 +345,8 @@ impl Case {
                 "[bus.b{number}]\n{line}\ntimeout = \"{}ms\"\n\
                  [device.d{number}]\nbus = \"b{number}\"\nunit = 1\nevery = \"150ms\"\nfunctions = [{functions}]\n\
                  [signal.s{number}]\ndevice = \"d{number}\"\nregister = \"input:0\"\ntype = \"i32\"\n\
-                 word_order = \"msw-first\"\nscale = 0.1\nunit = \"degC\"\nmax_age = \"10s\"\n{axis}",
+                 word_order = \"msw-first\"\nscale = 0.1\nunit = \"degC\"\nrange = \"none\"\nmax_rate = \"none\"\n\
+                 max_age = \"10s\"\n{axis}",
                 self.kind.timeout().as_millis()
             )
             .unwrap();

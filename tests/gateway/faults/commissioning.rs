@@ -35,6 +35,7 @@ unit = 1
 device = "module"
 channel = 2
 max_age = "5s"
+max_rate = "none"
 [axis.z]
 limit = 40.0
 step = 1.0
@@ -360,10 +361,10 @@ fn a_decimal_point_changed_at_the_panel_is_found_within_a_minute_and_cz_goes_bac
 
 /// Module that nothing identifies.
 fn unidentified(rate: &str) -> String {
-    cell().replace("template = \"icp-das-m7019r\"\nexpect = { type_code = 15 }", "").replace(
-        "channel = 2",
-        &format!("register = \"input:2\"\ntype = \"i16\"\nscale = 0.1\nunit = \"degC\"\n{rate}"),
-    )
+    cell()
+        .replace("template = \"icp-das-m7019r\"\nexpect = { type_code = 15 }", "")
+        .replace("channel = 2", "register = \"input:2\"\ntype = \"i16\"\nscale = 0.1\nunit = \"degC\"")
+        .replace("max_rate = \"none\"", rate)
 }
 
 #[test]

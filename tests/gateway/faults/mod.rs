@@ -19,6 +19,7 @@ mod load;
 mod logged;
 mod moved;
 mod outputs;
+mod plausible;
 mod probing;
 mod released;
 mod restarts;

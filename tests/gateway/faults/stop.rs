@@ -185,6 +185,7 @@ async fn drifting() -> World {
         word_order = \"msw-first\"
         unit = \"degC\"
         max_age = \"5s\"
+        max_rate = \"none\"
         [axis.z]
         limit = 40.0
         step = 0.5

@@ -45,6 +45,7 @@ unit = 1
 device = "thermocouples"
 channel = 0
 max_age = "5s"
+max_rate = "none"
 [signal.scale_z]
 device = "scale"
 register = "holding:84"

@@ -42,6 +42,7 @@ type = "i16"
 scale = 0.1
 unit = "degC"
 max_age = "30s"
+max_rate = "none"
 [signal.air]
 device = "module"
 register = "holding:1"
@@ -49,6 +50,7 @@ type = "i16"
 scale = 0.1
 unit = "degC"
 max_age = "30s"
+max_rate = "none"
 "#;
 
 const AXIS: &str = r#"

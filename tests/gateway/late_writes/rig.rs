@@ -30,6 +30,7 @@ type = "i16"
 scale = 0.1
 unit = "degC"
 max_age = "3s"
+max_rate = "none"
 [axis.z]
 limit = 40.0
 step = 1.0

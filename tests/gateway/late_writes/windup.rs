@@ -9,7 +9,7 @@ use crate::late_writes::rig::{SET, beside, nobody_is_blamed, profile_of};
 
 /// The other member follows its own sensor.
 const COLUMN: &str = "[signal.column]\ndevice = \"cnc\"\nregister = \"holding:1\"\ntype = \"i16\"\nscale = 0.1\nunit = \"degC\"\n\
-                      max_age = \"3s\"\n[axis.y]";
+                      max_age = \"3s\"\nmax_rate = \"none\"\n[axis.y]";
 
 fn temperature(tenths: i16) -> u16 {
     tenths.cast_unsigned()

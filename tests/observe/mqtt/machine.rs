@@ -30,7 +30,7 @@ fn profile(address: &str, mqtt: &str) -> String {
         .map(|place| {
             format!(
                 "bed{place} = {{ device = \"cnc\", register = \"holding:{place}\", type = \"i16\", scale = 0.1, unit = \"degC\", \
-                 max_age = \"10s\" }}\n"
+                 max_age = \"10s\", max_rate = \"none\" }}\n"
             )
         })
         .collect();

@@ -28,6 +28,7 @@ type = "i16"
 scale = 0.1
 unit = "degC"
 max_age = "5s"
+max_rate = "none"
 [signal.oil]
 device = "module"
 register = "input:1"
@@ -35,6 +36,7 @@ type = "i16"
 scale = 0.1
 unit = "degC"
 max_age = "5s"
+max_rate = "none"
 [signal.post]
 device = "module"
 register = "input:2"
@@ -42,6 +44,7 @@ type = "i16"
 scale = 0.1
 unit = "degC"
 max_age = "5s"
+max_rate = "none"
 [axis.z]
 limit = 40.0
 step = 1.0

@@ -65,6 +65,32 @@ fn every_shipped_template_is_taken_in_each_of_its_variants_and_names_its_source(
     }
 }
 
+/// A device sends a number for a sensor with an open circuit. If it were used, the axis would move to its limit.
+#[test]
+fn every_shipped_template_states_the_values_of_an_open_circuit_or_lists_them_as_unverified() {
+    let mut found = 0;
+    for name in template::names() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/profiles/devices");
+        let text = std::fs::read_to_string(format!("{file}/{name}.toml")).unwrap();
+        let written: toml::Table = text.parse().unwrap();
+        let unverified = written.get("unverified").and_then(toml::Value::as_array);
+        let unverified = unverified.into_iter().flatten().filter_map(toml::Value::as_str);
+        let is_listed = unverified.into_iter().any(|fact| fact.contains("open ") || fact.contains("broken "));
+        let channels = written.get("channel").and_then(toml::Value::as_table).into_iter().flatten();
+        for (channel, group) in channels {
+            let is_temperature = group.get("unit").and_then(toml::Value::as_str) == Some("degC");
+            // The sensor of a cold junction is inside the device.
+            let is_inside = ["cold_junction", "cjc", "junction", "reference"].contains(&channel.as_str());
+            if is_temperature && !is_inside {
+                found += 1;
+                let states = ["bad", "fault_when", "range"].iter().any(|key| group.get(*key).is_some());
+                assert!(states || is_listed, "{name}.{channel}");
+            }
+        }
+    }
+    assert!(found >= 20, "{found} groups of temperatures");
+}
+
 #[test]
 fn the_schema_of_a_template_knows_the_keys_of_signals_outputs_and_checks() {
     let schema = template::schema();

@@ -68,6 +68,8 @@ type = "i16"
 scale = 0.1
 unit = "degC"
 max_age = "MAX_AGE"
+range = "none"
+max_rate = "none"
 [axis.z]
 limit = 2000.0
 step = 1.0

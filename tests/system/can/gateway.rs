@@ -37,6 +37,7 @@ pdo = { cob_id = 0x185, start = 0, length = 16, signed = true }
 scale = 0.1
 unit = "degC"
 max_age = "1s"
+max_rate = "none"
 bad = [{ raw = -512, means = "open circuit" }]
 [signal.room]
 device = "sender"
@@ -44,6 +45,7 @@ frame = { id = 0x18FF0105, start = 15, length = 16, order = "big", signed = true
 scale = 0.1
 unit = "degC"
 max_age = "1s"
+max_rate = "none"
 [signal.serial]
 device = "module"
 sdo = "1018:04"

@@ -50,6 +50,7 @@ device = "module"
 pdo = { number = 1, start = 0, length = 16, signed = true }
 scale = 0.0625
 unit = "degC"
+max_rate = "none"
 bad = [-1, { raw = -512, means = "open circuit" }]
 [signal.wheelhead]
 device = "sender"
@@ -57,6 +58,7 @@ frame = { id = 0x18FF0105, start = 10, length = 22, order = "little" }
 scale = 0.0078125
 offset = -16384.0
 unit = "degC"
+max_rate = "none"
 [signal.scale_z]
 device = "encoder"
 pdo = { number = 1, start = 0, length = 32, signed = true }

@@ -331,12 +331,14 @@ pdo = { cob_id = 0x185, start = 0, length = 16, signed = true }
 scale = 0.0625
 bad = [{ raw = -512, means = "open circuit" }, -1]
 unit = "degC"
+max_rate = "none"
 [signal.wall]
 device = "axtc"
 pdo = { cob_id = 0x185, start = 16, length = 16, signed = true }
 scale = 0.0625
 bad = [{ raw = -512, means = "open circuit" }, -1]
 unit = "degC"
+max_rate = "none"
 
 [signal.scale_z]
 device = "display"

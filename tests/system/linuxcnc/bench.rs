@@ -44,6 +44,7 @@ scale = 0.1
 bad = [32767]
 unit = "degC"
 max_age = "1s"
+max_rate = "none"
 [signal.taking]
 device = "mill"
 channel = "taking"

@@ -5,6 +5,7 @@ pub mod envelope;
 pub mod network;
 pub mod stand_ins;
 
+mod contribution;
 mod evaluate;
 mod expected;
 mod formula;
@@ -16,6 +17,7 @@ mod term;
 mod unusable;
 
 pub use super::reference::Reference;
+pub use contribution::Contribution;
 pub use envelope::{Beyond, CLEARLY_INSIDE, Coverage, Envelope, Extrapolation, Outside};
 pub use evaluate::{Evaluate, Outputs};
 pub use expected::{Expected, Growth};

@@ -4,7 +4,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::kinds::modbus::requests::MAX_BITS;
-use crate::{BusId, DeviceId, Functions, Quirks, ReadBy, Unit};
+use crate::{BusId, DefaultLimits, DeviceId, Functions, Quirks, ReadBy, Unit};
 use isotherm_core::codec::{
     self, Address, BitField, BitKind, ByteOrder, CanId, CanMatch, DataType, Encoding, Object, Register,
     Scale, WordOrder,
@@ -47,6 +47,8 @@ fn signal(register: &str, data_type: DataType, merge: bool) -> Signal {
         unit: Unit("1"),
         range: None,
         max_rate: None,
+        defaults: DefaultLimits::default(),
+        is_difference: false,
         max_age: Duration::from_secs(5),
         fault_when: None,
         merge,

@@ -6,6 +6,7 @@ use std::time::Duration;
 use super::device::Device;
 use super::register::{plain, register};
 use super::signal::Signal;
+use super::signal::limits::DefaultLimits;
 use super::signal::unit::Unit;
 use super::{Check, KeyContext};
 use crate::DeviceId;
@@ -102,6 +103,8 @@ fn counter(device: &Device, id: DeviceId, address: Address, timeout: Duration) -
         unit: Unit("count"),
         range: None,
         max_rate: None,
+        defaults: DefaultLimits::default(),
+        is_difference: false,
         max_age: (device.every * 5).max(timeout * 3),
         fault_when: None,
         merge: true,

@@ -19,10 +19,12 @@ use counter::{Capture, RawCounter};
 use isotherm_core::codec::{Address, Counter, Encoding, PcSensor};
 use isotherm_core::compensation::model::Condition;
 use isotherm_core::reading::Reason;
+use limits::{DefaultLimits, RangeValue, RateValue};
 use unit::Unit;
 
 pub(crate) mod bad;
 pub(crate) mod counter;
+pub(crate) mod limits;
 mod resolve;
 pub(crate) mod unit;
 
@@ -67,12 +69,19 @@ pub(crate) struct RawSignal {
     #[serde(default)]
     #[schemars(schema_with = "units")]
     pub(crate) unit: Option<String>,
-    /// Smallest and largest plausible value, in the unit of the signal. Values outside of this range are bad.
+    /// Smallest and largest plausible value, in the unit of the signal. Values outside of this range are bad. "none": no
+    /// limit. Default of a temperature that a model uses: -40 to 200 °C. Default of any other temperature: not below
+    /// absolute zero.
     #[schemars(extend("x-layers" = "free"))]
-    range: Option<[f64; 2]>,
-    /// Largest plausible rate of change, units per second. A reading that changes faster is bad.
+    range: Option<RangeValue>,
+    /// Largest plausible rate of change, units per second. A reading that changes faster is bad. "none": no limit.
+    /// Default of a temperature that a model uses: 5 °C per second.
     #[schemars(extend("x-layers" = "free"))]
-    max_rate: Option<f64>,
+    max_rate: Option<RateValue>,
+    /// Whether the value is a difference of two temperatures. Then `range` and `max_rate` have no default. Default
+    /// false.
+    #[schemars(extend("x-layers" = "free"))]
+    difference: Option<bool>,
     /// Largest age of a reading. An older one is stale. Default: five polls, and at least three timeouts.
     #[schemars(extend("x-layers" = "free"))]
     max_age: Option<Timespan>,
@@ -126,10 +135,14 @@ pub struct Signal {
     pub encoding: Encoding,
     /// Engineering unit of the value.
     pub unit: Unit,
-    /// Smallest and largest plausible value.
+    /// Smallest and largest plausible value that the profile or its template states.
     pub range: Option<(f64, f64)>,
-    /// Largest plausible change per second.
+    /// Largest plausible change per second that the profile states.
     pub max_rate: Option<f64>,
+    /// Limits of a temperature that apply because nothing states others.
+    pub defaults: DefaultLimits,
+    /// Whether the value is a difference of two temperatures.
+    pub is_difference: bool,
     /// Largest age of a reading. An older one is stale.
     pub max_age: Duration,
     /// Condition on other signals under which this signal is bad.
@@ -143,6 +156,18 @@ pub struct Signal {
 }
 
 impl Signal {
+    /// Returns whether a value is within the range that applies: the stated one, or the default.
+    pub fn is_plausible(&self, value: f64) -> bool {
+        let is_stated = self.range.is_none_or(|(low, high)| (low..=high).contains(&value));
+        is_stated && self.defaults.range.is_none_or(|range| range.contains(value))
+    }
+
+    /// Returns the largest plausible change per second that applies: the stated one, or the default. `None` if there is
+    /// no limit.
+    pub fn rate_limit(&self) -> Option<f64> {
+        self.max_rate.or(self.defaults.max_rate)
+    }
+
     /// Preview of the signal: address, encoding, and conditions under which it is bad.
     pub(crate) fn preview(&self, device: &Device, bus: &Bus) -> Section {
         let (encoding, unit) = (&self.encoding, self.unit);
@@ -215,6 +240,7 @@ impl Signal {
         }
         doubts.extend(self.range.map(|(low, high)| format!("outside {low} to {high} {unit}")));
         doubts.extend(self.max_rate.map(|rate| format!("faster than {rate} {unit} per second")));
+        doubts.extend(self.defaults.conditions(unit).into_iter().map(|limit| format!("{limit} (default)")));
         doubts.extend(self.counter.as_ref().map(|counter| {
             let speed = counter.max_speed;
             format!("after a step faster than {speed} {unit} per second until the next reading confirms it")

@@ -5,6 +5,7 @@ use super::GatewayState;
 use crate::gateway::state::probing::why_refused;
 use crate::gateway::state::signal_table::QualityChange;
 use crate::observe::events::Event;
+use isotherm_core::compensation::Snapshot;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::Profile;
 
@@ -69,7 +70,10 @@ impl GatewayState {
             let settings = &profile.axes[axis].settings;
             let why = || self.why(axis, now);
             let rejected = self.compensation.rejected(axis);
-            reported.report(profile, settings, decision, (why, self.phase.is_stopping()), &mut events);
+            let contributions =
+                || self.compensation.contributions(axis, &Snapshot::new(now, self.board.seen()));
+            let why = (why, self.phase.is_stopping());
+            reported.report(profile, settings, decision, why, contributions, &mut events);
             reported.report_rejected(profile, settings, decision, rejected, &mut events);
         }
         (self.events, self.reported) = (events, reported);

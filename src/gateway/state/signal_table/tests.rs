@@ -238,3 +238,65 @@ fn a_reading_before_another_master_was_noticed_serves_on_only_if_its_rate_was_ch
     board.store_ambiguous(OPEN, Ok(0.0), at(3), 0);
     assert_eq!(board.value(OPEN, at(3)), Some(0.0));
 }
+
+/// Profile whose temperature has no limits of its own.
+fn unlimited(keys: &str) -> Profile {
+    let text = PROFILE.replace("range = [-10.0, 80.0]\nmax_rate = 2.0\n", keys);
+    let parsed = isotherm_profile::parse(std::path::Path::new("m.toml"), &text, &[], &[]);
+    parsed.unwrap_or_else(|errors| panic!("{errors}")).profile
+}
+
+/// The values of open circuits in devices of which no `bad` is known: the least 16-bit and the largest 32-bit count in
+/// tenths, and a large floating-point number.
+#[test]
+fn a_temperature_of_a_model_has_a_range_and_a_rate_without_keys() {
+    let profile = unlimited("");
+    for (value, reason) in [
+        (-3276.8, Reason::OutOfRange),
+        (214_748_364.7, Reason::OutOfRange),
+        (1e30, Reason::OutOfRange),
+        (200.1, Reason::OutOfRange),
+        (-40.1, Reason::OutOfRange),
+        (25.1, Reason::TooFast),
+        (14.9, Reason::TooFast),
+    ] {
+        let mut board = board(&profile);
+        board.store(BED, Ok(value), at(1), 0);
+        assert_eq!(quality(&mut board, at(1)), Quality::Bad(reason), "{value}");
+    }
+    for value in [24.9, 15.1] {
+        let mut board = board(&profile);
+        board.store(BED, Ok(value), at(1), 0);
+        assert_eq!(board.value(BED, at(1)), Some(value));
+    }
+}
+
+#[test]
+fn none_switches_each_limit_off_and_a_difference_has_none() {
+    let of = |keys: &str, value: f64| {
+        let profile = unlimited(keys);
+        let mut board = board(&profile);
+        board.store(BED, Ok(value), at(1), 0);
+        quality(&mut board, at(1))
+    };
+    let too_fast = Quality::Bad(Reason::TooFast);
+    assert_eq!(of("range = \"none\"\n", 1e30), too_fast);
+    assert_eq!(of("max_rate = \"none\"\n", 200.0), Quality::Good);
+    assert_eq!(of("max_rate = \"none\"\n", 200.1), Quality::Bad(Reason::OutOfRange));
+    assert_eq!(of("range = \"none\"\nmax_rate = \"none\"\n", 1e30), Quality::Good);
+    assert_eq!(of("difference = true\n", -3276.8), Quality::Good);
+    assert_eq!(of("difference = true\nrange = [-10.0, 80.0]\n", 80.1), Quality::Bad(Reason::OutOfRange));
+}
+
+/// The default rate is too wide to tell the answers of two masters apart.
+#[test]
+fn a_default_rate_confirms_no_ambiguous_value() {
+    let profile = unlimited("");
+    let mut board = board(&profile);
+    board.store_ambiguous(BED, Ok(21.0), at(1), 0);
+    assert_eq!(board.value(BED, at(1)), Some(20.0), "the value before it was another");
+    board.store_ambiguous(BED, Ok(21.0), at(2), 0);
+    assert_eq!(board.value(BED, at(2)), Some(21.0));
+    board.doubt(BED);
+    assert_eq!(board.value(BED, at(2)), None);
+}

@@ -6,6 +6,7 @@ use super::*;
 use isotherm_core::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
 use isotherm_core::quantity::{Micron, Moment, time};
 use isotherm_core::reading::{Quality, Reading, Reason};
+use isotherm_profile::{DefaultLimits, DefaultRange};
 
 fn rows(log: &str) -> Result<(Vec<LogRow>, Vec<String>), LogError> {
     let mut reader = LogReader::open(&sample::profile(), log.as_bytes(), ("day.csv", None))?;
@@ -81,6 +82,21 @@ fn values_the_gateway_would_refuse_are_refused() {
     let reasons: Vec<_> = rows.iter().flat_map(|row| &row.readings[..2]).map(|r| r.quality).collect();
     let (out, nan) = (Quality::Bad(Reason::OutOfRange), Quality::Bad(Reason::NotANumber));
     assert_eq!(reasons, [out, nan, out, nan]);
+}
+
+/// A log of an earlier version contains values that its gateway accepted without default limits. The same decisions need
+/// the same values.
+#[test]
+fn default_limits_are_not_applied_to_a_log() {
+    let mut profile = sample::profile();
+    profile.signals[0].range = None;
+    let range = Some(DefaultRange::Within(-40.0, 200.0));
+    profile.signals[0].defaults = DefaultLimits { range, max_rate: Some(5.0) };
+    let log = "time,bed\n0,-3276.8\n1,1e30\n2,20\n";
+    let mut reader = LogReader::open(&profile, log.as_bytes(), ("day.csv", None)).unwrap();
+    for value in [-3276.8, 1e30, 20.0] {
+        assert_eq!(reader.next_row().unwrap().unwrap().readings[0].usable(), Some(value));
+    }
 }
 
 #[test]

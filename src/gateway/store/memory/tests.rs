@@ -2,11 +2,13 @@ use std::time::Duration;
 
 use super::*;
 use crate::gateway::state::signal_table::SignalTable;
+use crate::gateway::store::default_limits;
 use crate::gateway::store::log::sample;
 use isotherm_core::compensation::model::{Input, Kind, Reference};
 use isotherm_core::compensation::{Compensation, Control, Permit, Snapshot};
 use isotherm_core::quantity::Micron;
 use isotherm_core::reading::Reading;
+use isotherm_profile::{DefaultLimits, DefaultRange};
 
 /// Profile in which both terms of the first model of axis z lag behind their temperature by half an hour.
 fn lagging() -> Profile {
@@ -26,7 +28,12 @@ fn gateway(profile: &Profile, remembered: Remembered) -> Compensation {
 
 /// Rest of a state without signs and values. The signals have the places of this profile.
 fn rest(profile: &Profile) -> UnchangedParts {
-    UnchangedParts { signs: BTreeMap::new(), places: Arc::new(Places::of(profile)), values: BTreeMap::new() }
+    UnchangedParts {
+        signs: BTreeMap::new(),
+        places: Arc::new(Places::of(profile)),
+        values: BTreeMap::new(),
+        limits: BTreeMap::new(),
+    }
 }
 
 /// State as the next start finds it.
@@ -191,4 +198,24 @@ fn last_good_values_age_over_a_stop_and_go_with_the_place_of_their_signal() {
     let mut moved = profile;
     moved.signals[0].encoding.scale = isotherm_core::codec::Scale::of(7.0);
     assert!(Memory::recall(Some(state), &moved).unwrap().values.is_empty(), "another worth of a count");
+}
+
+#[test]
+fn default_limits_are_saved_and_a_state_of_a_version_without_them_has_none() {
+    let mut profile = sample::profile();
+    let limits = DefaultLimits { range: Some(DefaultRange::Within(-40.0, 200.0)), max_rate: Some(5.0) };
+    profile.signals[0].defaults = limits;
+    // The sample gives all its signals the same register. This one can be recognised under another name.
+    profile.signals[0].encoding.offset = 1.5;
+    let known = default_limits::of(&profile);
+    let rest = UnchangedParts { limits: known.clone(), ..rest(&profile) };
+    let at = Moment::from_nanos(1_000_000_000);
+    let mut state = saved(Memory::new(&profile, at, Remembered::default(), BTreeMap::new(), rest));
+    assert_eq!(Memory::recall(Some(state.clone()), &profile).unwrap().limits, known);
+    let mut renamed = profile.clone();
+    renamed.signals[0].name = "another_name".to_owned();
+    let recalled = Memory::recall(Some(state.clone()), &renamed).unwrap().limits;
+    assert_eq!(recalled.get("another_name"), Some(&limits));
+    state.as_object_mut().unwrap().remove("limits");
+    assert!(Memory::recall(Some(state), &profile).unwrap().limits.is_empty());
 }

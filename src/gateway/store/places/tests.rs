@@ -96,6 +96,7 @@ const SERVER: &str = r#"
     device = "cnc"
     node = "ns=2;s=bed"
     unit = "degC"
+    max_rate = "none"
     [axis.z]
     limit = 40.0
     step = 1.0

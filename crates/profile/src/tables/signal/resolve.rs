@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use super::bad::sentinels_fit;
+use super::limits::{DefaultLimits, RateValue};
 use super::unit::Unit;
 use super::{Located, PLACES, RawSignal, Signal};
 use crate::duration::shown;
@@ -34,14 +35,10 @@ impl RawSignal {
             }
         }
         let max_age = self.max_age(check, at, device);
-        let range = self.range.map(|[low, high]| {
-            if low >= high {
-                let message = format!("the range {low} to {high} is empty");
-                at.key("range").invalid(message, "write the smaller value first, as [-10.0, 80.0]");
-            }
-            (low, high)
-        });
-        let max_rate = at.key("max_rate").positive(self.max_rate);
+        let range = self.range.and_then(|range| range.resolve(&at.key("range")));
+        let max_rate = self.max_rate.and_then(RateValue::number);
+        let has_max_rate = max_rate.is_some();
+        let max_rate = at.key("max_rate").positive(max_rate);
         let fault_when = expression::condition(&at.key("fault_when"), self.fault_when.as_ref(), Some(name));
         let kind = known.unwrap_or(check.kinds[0]);
         if !(kind.has_place)(self) && at.key("channel").is_written() {
@@ -54,10 +51,11 @@ impl RawSignal {
             None => unit.or(Some(Unit("1"))),
         };
         sentinels_fit(&at.key("bad"), &encoding);
+        let is_difference = self.is_difference(&at.key("difference"), unit);
         let every = device.map_or(Duration::ZERO, |device| device.every);
         // A value that arrives without a request must arrive twice before it is stale.
         let apart = max_age.filter(|_| (kind.comes_by_itself)(self)).map_or(every, |age| every.min(age / 2));
-        let (place, has_max_rate) = (at.key("counter"), self.max_rate.is_some());
+        let place = at.key("counter");
         let counter = self.counter.as_ref();
         let counter = counter.map(|raw| raw.resolve(&place, &encoding, device, apart, has_max_rate));
         let (counter, capture) = counter.unwrap_or_default();
@@ -70,6 +68,9 @@ impl RawSignal {
             unit: unit?,
             range,
             max_rate,
+            // The models that use the signal are resolved later.
+            defaults: DefaultLimits::default(),
+            is_difference,
             max_age: max_age?,
             fault_when,
             merge: !kind.has_registers || self.merge.unwrap_or(true),

@@ -21,11 +21,15 @@ device = "module"
 pdo = { cob_id = 0x185, start = 0, length = 16 }
 unit = "degC"
 max_age = "9s"
+range = "none"
+max_rate = "none"
 [signal.room]
 device = "sender"
 frame = { id = 0x300, start = 0, length = 16, order = "little" }
 unit = "degC"
 max_age = "3s"
+range = "none"
+max_rate = "none"
 [axis.z]
 limit = 40.0
 step = 1.0

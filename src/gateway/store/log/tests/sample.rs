@@ -10,7 +10,7 @@ use isotherm_core::compensation::settings::{
     AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault,
 };
 use isotherm_core::reading::SignalId;
-use isotherm_profile::{Arm, Axis, DeviceId, History, Profile, Purpose, Signal, Unit};
+use isotherm_profile::{Arm, Axis, DefaultLimits, DeviceId, History, Profile, Purpose, Signal, Unit};
 
 /// Converts a number to a quantity.
 pub(crate) fn of<Quantity: TryFrom<f64, Error = &'static str>>(value: f64) -> Quantity {
@@ -35,6 +35,8 @@ fn signal(name: &str) -> Signal {
         unit: Unit("degC"),
         range: Some((-20.0, 100.0)),
         max_rate: None,
+        defaults: DefaultLimits::default(),
+        is_difference: false,
         max_age: Duration::from_secs(5),
         fault_when: None,
         merge: true,

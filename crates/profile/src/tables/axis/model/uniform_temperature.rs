@@ -38,11 +38,12 @@ pub(crate) struct UniformValue {
 }
 
 impl UniformTemperature {
-    /// Creates a machine with these signals. Signals other than temperatures are 0. All values are limited to the range
-    /// of their signal.
+    /// Creates a machine with these signals. Differences of temperatures and signals other than temperatures are 0. All
+    /// values are limited to the range of their signal.
     pub(crate) fn at(celsius: f64, signals: &[Signal]) -> UniformTemperature {
         let reading = |signal: &Signal| {
             let value = match signal.unit.0 {
+                _ if signal.is_difference => 0.0,
                 "degC" => celsius,
                 "K" => celsius + FREEZING,
                 _ => 0.0,

@@ -1,0 +1,213 @@
+//! `range` and `max_rate` of a signal, and the limits of a temperature for which the profile states neither.
+//!
+//! The value of an open or unsupplied sensor is often a number of the device, for example −3276.8 °C. If nothing
+//! rejects it, an axis moves to its limit. Therefore every temperature has limits unless the profile removes them:
+//!
+//! | temperature | `range` | `max_rate` |
+//! |---|---|---|
+//! | a model uses it | −40 to 200 °C | 5 °C/s |
+//! | any other | not below absolute zero | none |
+//! | `difference = true` | none | none |
+//!
+//! The limits are kept apart from those of the profile. A replay applies only the latter, so that the log of an earlier
+//! version gives the same decisions again.
+
+use std::collections::HashSet;
+
+use serde::{Deserialize, Serialize};
+
+use super::unit::Unit;
+use super::{RawSignal, Signal};
+use crate::schema_of::schema_of;
+use crate::tables::check::Tables;
+use crate::tables::{Check, KeyContext};
+use isotherm_core::compensation::model::{Model, StandIns};
+use isotherm_core::reading::SignalId;
+
+/// Largest plausible rate of change of a temperature that a model uses, °C/s. It is the same number in K/s.
+const DEFAULT_RATE: f64 = 5.0;
+
+/// `range` as the profile writes it.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(untagged)]
+pub(super) enum RangeValue {
+    Bounds([f64; 2]),
+    Word(NoLimit),
+}
+
+/// `max_rate` as the profile writes it.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(untagged)]
+pub(super) enum RateValue {
+    Number(f64),
+    Word(NoLimit),
+}
+
+/// Word that removes a limit, also that of the template.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum NoLimit {
+    None,
+}
+
+schema_of!(RangeValue as "PlausibleRange": { "anyOf": [
+    { "type": "array", "items": { "type": "number" }, "minItems": 2, "maxItems": 2 },
+    { "type": "string", "enum": ["none"] },
+] });
+schema_of!(RateValue as "PlausibleRate": { "anyOf": [{ "type": "number" }, { "type": "string", "enum": ["none"] }] });
+
+impl RangeValue {
+    /// Resolves the smallest and the largest value. `None` if the profile writes "none".
+    pub(super) fn resolve(self, at: &KeyContext<'_>) -> Option<(f64, f64)> {
+        let (low, high) = match self {
+            RangeValue::Bounds([low, high]) => (low, high),
+            RangeValue::Word(NoLimit::None) => return None,
+        };
+        if low >= high {
+            let message = format!("the range {low} to {high} is empty");
+            at.invalid(message, "write the smaller value first, as [-10.0, 80.0]");
+        }
+        Some((low, high))
+    }
+}
+
+impl RateValue {
+    /// Returns the rate. `None` if the profile writes "none".
+    pub(super) fn number(self) -> Option<f64> {
+        match self {
+            RateValue::Number(rate) => Some(rate),
+            RateValue::Word(NoLimit::None) => None,
+        }
+    }
+}
+
+/// Plausible values of a temperature for which neither the profile nor its template states a `range`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DefaultRange {
+    /// A model uses the temperature: smallest and largest plausible value.
+    Within(f64, f64),
+    /// No model uses the temperature: absolute zero.
+    NotBelow(f64),
+}
+
+impl DefaultRange {
+    /// Returns whether a value is plausible.
+    pub fn contains(self, value: f64) -> bool {
+        match self {
+            DefaultRange::Within(low, high) => (low..=high).contains(&value),
+            DefaultRange::NotBelow(low) => value >= low,
+        }
+    }
+}
+
+/// Limits of a temperature that apply because neither the profile nor its template states others.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DefaultLimits {
+    /// Plausible values. `None` if the profile or its template states a `range` or removes it, and for any other signal
+    /// than a temperature.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub range: Option<DefaultRange>,
+    /// Largest plausible change per second. `None` as for `range`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_rate: Option<f64>,
+}
+
+impl DefaultLimits {
+    /// Returns whether the signal has no default limit.
+    pub fn is_empty(&self) -> bool {
+        self.range.is_none() && self.max_rate.is_none()
+    }
+
+    /// Returns the conditions under which a reading in this unit is rejected.
+    pub fn conditions(&self, unit: Unit) -> Vec<String> {
+        let range = self.range.map(|range| match range {
+            DefaultRange::Within(low, high) => format!("outside {low} to {high} {unit}"),
+            DefaultRange::NotBelow(low) => format!("below {low} {unit}"),
+        });
+        let rate = self.max_rate.map(|rate| format!("faster than {rate} {unit} per second"));
+        range.into_iter().chain(rate).collect()
+    }
+}
+
+/// Unit of a temperature.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Temperature {
+    Celsius,
+    Kelvin,
+}
+
+impl Temperature {
+    fn of(unit: Unit) -> Option<Temperature> {
+        match unit.0 {
+            "degC" => Some(Temperature::Celsius),
+            "K" => Some(Temperature::Kelvin),
+            _ => None,
+        }
+    }
+
+    /// Range of a temperature that a model uses.
+    fn usual(self) -> DefaultRange {
+        match self {
+            Temperature::Celsius => DefaultRange::Within(-40.0, 200.0),
+            Temperature::Kelvin => DefaultRange::Within(233.15, 473.15),
+        }
+    }
+
+    /// Range of any other temperature.
+    fn physical(self) -> DefaultRange {
+        DefaultRange::NotBelow(match self {
+            Temperature::Celsius => -273.15,
+            Temperature::Kelvin => 0.0,
+        })
+    }
+}
+
+impl RawSignal {
+    /// Resolves `difference`, which only a temperature may have.
+    pub(super) fn is_difference(&self, at: &KeyContext<'_>, unit: Option<Unit>) -> bool {
+        let is_difference = self.difference.unwrap_or(false);
+        if let Some(unit) = unit.filter(|unit| is_difference && Temperature::of(*unit).is_none()) {
+            let message = format!("a value in \"{}\" is no difference of temperatures", unit.0);
+            at.invalid(message, "remove `difference`: it is only for a signal in \"degC\" or \"K\"");
+        }
+        is_difference
+    }
+
+    /// Returns the limits that apply because the profile states none. `is_used`: a model uses the signal.
+    fn defaults(&self, signal: &Signal, is_used: bool) -> DefaultLimits {
+        let Some(temperature) = Temperature::of(signal.unit).filter(|_| !signal.is_difference) else {
+            return DefaultLimits::default();
+        };
+        let range = if is_used { temperature.usual() } else { temperature.physical() };
+        let has_rate = is_used && self.max_rate.is_none() && self.counter.is_none();
+        DefaultLimits {
+            range: self.range.is_none().then_some(range),
+            max_rate: has_rate.then_some(DEFAULT_RATE),
+        }
+    }
+}
+
+/// Sets the default limits of all signals. The axes must be resolved, because their models use signals.
+pub(in crate::tables) fn set_defaults(check: &mut Check<'_>) {
+    let models = check.axes.valid().flat_map(|axis| &axis.settings.models);
+    let used: HashSet<SignalId> = models.flat_map(signals_of).collect();
+    let written = &check.raw.signal;
+    let Tables { names, resolved } = &mut check.signals;
+    for (place, (name, signal)) in names.iter().zip(resolved).enumerate() {
+        if let (Some(raw), Some(signal)) = (written.get(name), signal) {
+            signal.defaults = raw.defaults(signal, used.contains(&SignalId(place)));
+        }
+    }
+}
+
+/// Returns the signals of a model, of its envelope and of its stand-ins.
+fn signals_of(model: &Model) -> Vec<SignalId> {
+    let envelope = model.envelope.iter().flat_map(|envelope| envelope.inputs());
+    let predictors = |stand_ins: &StandIns| -> Vec<SignalId> {
+        stand_ins.watched().flat_map(|(signal, _)| stand_ins.predictors(signal)).collect()
+    };
+    let stand_ins = model.stand_ins.iter().flat_map(predictors);
+    model.signals().into_iter().chain(envelope.map(|known| known.input.signal)).chain(stand_ins).collect()
+}
