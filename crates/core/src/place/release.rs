@@ -56,7 +56,7 @@ impl Obstacle {
     /// Returns the obstacle as a text about the register.
     pub fn cause(self) -> &'static str {
         match self {
-            Obstacle::Set => "the control accepts the register only together with others of its set",
+            Obstacle::Set => "the control accepts the register only together with the other values of the set",
             Obstacle::Writes => "the register holds no offset",
             Obstacle::Address => "the value is not in a Modbus register",
             Obstacle::Unread => "the register cannot be read",
