@@ -8,10 +8,11 @@ use std::time::Duration;
 use anyhow::Context;
 
 use crate::clock::Clock;
+use crate::fieldbus::line::LONGEST_GATEWAY_WAIT;
 use crate::gateway::{Gateway, Options};
 use crate::observe::status::{GatewayApi, Status};
-use isotherm_profile::Profile;
 use isotherm_profile::counted;
+use isotherm_profile::{DeviceId, Profile};
 
 /// Longest time to wait for a frame that a CAN device sends by itself.
 const LONGEST_PERIOD: Duration = Duration::from_secs(10);
@@ -37,6 +38,10 @@ pub(super) fn watch(
     let patience = profile.buses.iter().map(|bus| bus.timeout * 3).max().unwrap_or_default();
     let devices = u32::try_from(profile.devices.len()).unwrap_or(u32::MAX);
     let patience = patience * devices.max(1) + Duration::from_millis(500);
+    // A silent unit behind a Modbus gateway delays the others.
+    let mut known = (0..profile.devices.len()).map(DeviceId);
+    let waits = known.any(|device| profile.is_behind_gateway(device));
+    let patience = patience + if waits { LONGEST_GATEWAY_WAIT } else { Duration::ZERO };
     // The gateway cannot request these frames: it waits for the next one.
     let comes = profile.signals.iter().filter(|signal| signal.address.is_in_frames());
     let patience = comes.map(|signal| signal.max_age.min(LONGEST_PERIOD)).fold(patience, Duration::max);

@@ -62,7 +62,10 @@ impl UnitReader {
         let units: Vec<(DeviceId, &Device)> =
             devices.iter().map(|device| (DeviceId(usize::from(device.unit)), device)).collect();
         let tap = Tap::default();
-        let line = dial(&bus).map(|dial| DeviceLine::new(&bus, &units, dial, &Clock::wall()).tapped(&tap));
+        let line = dial(&bus).map(|dial| {
+            let line = DeviceLine::new(&bus, &units, dial, &Clock::wall()).tapped(&tap);
+            line.renewed_after_timeouts()
+        });
         UnitReader { line, trace: trace.and_then(|show| Some((tap.listen(None).ok()?, show))) }
     }
 
