@@ -12,6 +12,7 @@ use super::print::print_json;
 use super::read_once;
 use super::run::known_directory;
 use crate::cli::print::{say, say_all, say_beside};
+use crate::discovery::new_connection::NewConnectionAdvice;
 #[cfg(feature = "opcua")]
 use crate::discovery::opcua;
 use crate::discovery::{can, pipeline, sysfs};
@@ -78,11 +79,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let servers = notices::look(&profile)?;
     let directory = known_directory(arguments.state.as_deref().or(profile.history.directory.as_deref()));
     let moved = moved_since(&directory, &profile);
-    let status = read_once::once(profile, directory)?;
+    let status = read_once::once(profile.clone(), directory)?;
+    let connections = read_once::examined(&profile, &status)?;
     if arguments.json {
         let document = serde_json::json!({
             "profile": preview, "online": status, "can": lines, "pipeline": pairs, "sensors": sensors, "notify": servers,
-            "moved": moved,
+            "moved": moved, "connections": connections,
         });
         #[cfg(feature = "opcua")]
         let document = with(document, "nodes", &nodes)?;
@@ -106,6 +108,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 format!("{fault}: remove `pipeline` from bus {bus}")
             });
             say!("  device {device}: two requests at a time: {came}")?;
+        }
+        for NewConnectionAdvice { device, advice, .. } in &connections {
+            say!("  warning: device {device}: {advice}")?;
         }
         #[cfg(feature = "opcua")]
         nodes.iter().try_for_each(tell)?;

@@ -8,9 +8,10 @@ use std::time::Duration;
 use anyhow::Context;
 
 use crate::clock::Clock;
+use crate::discovery::new_connection::{self, NewConnectionAdvice};
 use crate::fieldbus::line::LONGEST_GATEWAY_WAIT;
 use crate::gateway::{Gateway, Options};
-use crate::observe::status::{GatewayApi, Status};
+use crate::observe::status::{DeviceStatus, GatewayApi, Status};
 use isotherm_profile::counted;
 use isotherm_profile::{DeviceId, Profile};
 
@@ -72,6 +73,15 @@ fn is_complete(source: &Arc<dyn GatewayApi>) -> bool {
     status.signals.iter().all(|signal| signal.quality != "never-read")
         && status.devices.iter().all(|device| device.state != "never-answered" || device.requests == 0)
         && status.outputs.iter().all(|output| output.writes != "offset" || output.value.is_some())
+}
+
+/// Tests the devices of a bus on which none has answered, see [`new_connection`].
+pub(super) fn examined(profile: &Profile, status: &Status) -> anyhow::Result<Vec<NewConnectionAdvice>> {
+    let is_silent = |device: &DeviceStatus| device.state != "ok" && device.requests > 0;
+    if !status.devices.iter().any(is_silent) {
+        return Ok(Vec::new());
+    }
+    Ok(super::runtime::start()?.block_on(new_connection::examined(profile)))
 }
 
 /// Returns an error if a signal cannot be used. The error lists such signals by reason.

@@ -233,6 +233,12 @@ impl DeviceLine {
         self
     }
 
+    /// Reverses [`DeviceLine::renewed_after_timeouts`].
+    pub fn kept_after_timeouts(mut self) -> DeviceLine {
+        self.after_timeout = AfterTimeout::Keep;
+        self
+    }
+
     /// Switches off the rule that the age of an answer counts from its request. Tests use this to show what the rule
     /// prevents.
     #[doc(hidden)]

@@ -55,9 +55,24 @@ impl DeviceLine {
             Wait::Renew => return self.renew(now).await,
             Wait::Until(until) => until,
         };
-        let span = until.since(now);
+        // Virtual time does not pass while a task waits, so that the wait would never be over.
+        let span = if self.send_guard.is_virtual() { Duration::ZERO } else { until.since(now) };
+        let received = self.listen_for_late(silent, expects_late, span).await;
+        let now = self.send_guard.sample();
+        self.take_late_replies();
+        received?;
+        if self.gateway.has_waited() { self.renew(now).await } else { Ok(()) }
+    }
+
+    /// Waits for `span`, or until the late answer to the silent request has arrived, if it is expected.
+    async fn listen_for_late(
+        &mut self,
+        silent: (u8, Moment),
+        expects_late: bool,
+        span: Duration,
+    ) -> Result<(), Fault> {
         self.send_guard.away_for(span + self.timeout);
-        let received = match self.wire.as_mut().and_then(Connection::modbus).filter(|_| expects_late) {
+        match self.wire.as_mut().and_then(Connection::modbus).filter(|_| expects_late) {
             Some(modbus) => {
                 let late = modbus.await_late(silent, &mut self.send_guard);
                 self.patience.within(span, late).await.unwrap_or(Ok(()))
@@ -66,11 +81,7 @@ impl DeviceLine {
                 tokio::time::sleep(span).await;
                 Ok(())
             }
-        };
-        let now = self.send_guard.sample();
-        self.take_late_replies();
-        received?;
-        if self.gateway.has_waited() { self.renew(now).await } else { Ok(()) }
+        }
     }
 
     /// Returns the latest time until which the line waits for a Modbus gateway that it does not know, after a request at
