@@ -36,6 +36,12 @@ impl DeviceLine {
         first.breaker.allows(now).then_some(first.device)
     }
 
+    /// Returns whether the line has waited for a Modbus gateway since `due`. A request that was due then is late, although
+    /// the line has not too much to do.
+    pub fn has_waited_since(&self, due: Moment) -> bool {
+        self.gateway.waited_until() > due
+    }
+
     /// Waits until the Modbus gateway has given up the unit before, if it may still wait for that unit. If the line cannot
     /// know when this is, it opens another connection.
     pub(super) async fn wait_for_gateway(&mut self, place: usize) -> Result<(), Fault> {
@@ -59,6 +65,7 @@ impl DeviceLine {
         let span = if self.send_guard.is_virtual() { Duration::ZERO } else { until.since(now) };
         let received = self.listen_for_late(silent, expects_late, span).await;
         let now = self.send_guard.sample();
+        self.gateway.wait_ended(now);
         self.take_late_replies();
         received?;
         if self.gateway.has_waited() { self.renew(now).await } else { Ok(()) }

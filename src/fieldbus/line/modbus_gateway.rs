@@ -52,6 +52,8 @@ pub(super) struct ModbusGateway {
     dead_not_before: Moment,
     /// Own timeout of the Modbus gateway that was reported last.
     reported: Option<Duration>,
+    /// End of the last wait for the Modbus gateway.
+    waited_until: Moment,
 }
 
 /// What the Modbus gateway does if a unit is silent for longer than `timeout`, and its own timeout.
@@ -182,6 +184,9 @@ impl ModbusGateway {
     /// `timeout`.
     pub(super) fn answered(&mut self, unit: u8, is_after_timeout: bool, now: Moment) {
         self.proof = Proof::Given;
+        if is_after_timeout {
+            self.wait_ended(now);
+        }
         let Some(silent) = self.occupied.take().filter(|silent| silent.unit != unit) else { return };
         let passed = now.since(silent.asked);
         let learns = match self.giving_up {
@@ -223,6 +228,16 @@ impl ModbusGateway {
             (false, Some(_)) => Wait::None,
             (false, None) => Wait::Renew,
         }
+    }
+
+    /// Records that a wait for the Modbus gateway has ended.
+    pub(super) fn wait_ended(&mut self, now: Moment) {
+        self.waited_until = now;
+    }
+
+    /// Returns the end of the last wait for the Modbus gateway.
+    pub(super) fn waited_until(&self) -> Moment {
+        self.waited_until
     }
 
     /// Records that the line has waited for as long as [`ModbusGateway::wait`] has said. Returns whether it opens another

@@ -130,7 +130,7 @@ impl Poll {
             (self.next, self.repeats) = (now.next_tick(due, self.every), 0);
             self.read_at = now;
             let late = now.since(due);
-            if late >= self.every {
+            if late >= self.every && !line.has_waited_since(due) {
                 overruns.note(late, self.device);
             }
         }
