@@ -47,7 +47,7 @@ impl DeviceLine {
             // The Modbus gateway has answered instead of the unit.
             Err(fault) if is_behind_gateway && fault.is_of_a_gateway() => {
                 self.misses = 0;
-                self.history.answers += 1;
+                self.history.answers = self.history.answers.saturating_add(1);
                 self.evidence.answered();
                 self.note_gateway_miss(place, *fault);
                 self.note_miss(place, request, *fault, now);
@@ -64,6 +64,9 @@ impl DeviceLine {
                 let may_keep = may_keep && request.is_read() && *fault == Fault::Timeout;
                 let is_kept = has_ids && may_keep && self.keeps_connection();
                 let is_renewed = if has_ids { !is_kept } else { is_lost || self.misses >= MISSES };
+                // The device may answer on another connection, after timeouts on one that has worked before.
+                let is_worn_out =
+                    *fault == Fault::Timeout && is_renewed && self.misses > 1 && self.history.answers > 0;
                 if is_renewed {
                     self.misses = 0;
                     let unanswered = self.drop_connection().filter(|_| !matches!(fault, Fault::Link(_)));
@@ -78,7 +81,10 @@ impl DeviceLine {
                     // The pause begins at the end of the timeout. Otherwise, several dead units would leave no pause.
                     let waited = if *fault == Fault::Timeout { self.timeout } else { Duration::ZERO };
                     let unit = self.units.at_mut(place);
-                    unit.breaker.fail(now.after(waited));
+                    match is_worn_out {
+                        true => unit.breaker.succeed(),
+                        false => unit.breaker.fail(now.after(waited)),
+                    }
                     unit.last_fault = *fault;
                 } else {
                     self.note_miss(place, request, *fault, now);
@@ -86,7 +92,7 @@ impl DeviceLine {
             }
             _ => {
                 self.misses = 0;
-                self.history.answers += 1;
+                self.history.answers = self.history.answers.saturating_add(1);
                 self.evidence.answered();
                 let asked = self.send_guard.asked().unwrap_or(now);
                 let unit = self.units.at_mut(place);

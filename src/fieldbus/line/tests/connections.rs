@@ -10,13 +10,15 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 struct Server {
     /// Number of requests that it loses at first.
     loses: u32,
-    /// Number of answers after which it closes the connection.
+    /// Number of answers after which it closes the connection, and after which it does not answer any more.
     closes_after: u32,
+    stops_after: u32,
     /// Time that it needs for the first answer of a connection.
     first_takes: Duration,
 }
 
-const USUAL: Server = Server { loses: 0, closes_after: u32::MAX, first_takes: Duration::ZERO };
+const USUAL: Server =
+    Server { loses: 0, closes_after: u32::MAX, stops_after: u32::MAX, first_takes: Duration::ZERO };
 
 /// Requests that have arrived: number of the connection, and function.
 type Arrived = Arc<Mutex<Vec<(u32, u8)>>>;
@@ -36,7 +38,7 @@ impl Dial for Opens {
             let (mut question, mut lost, mut answers) = ([0; 12], 0, 0);
             while answers < server.closes_after && theirs.read_exact(&mut question).await.is_ok() {
                 arrived.lock().unwrap().push((connection, question[7]));
-                if lost < server.loses {
+                if lost < server.loses || answers >= server.stops_after {
                     lost += 1;
                     continue;
                 }
@@ -99,6 +101,18 @@ async fn a_connection_on_which_nothing_is_answered_is_replaced_after_as_many_tim
         assert_eq!(line.ask(0, READ, at).await, Err(Fault::Timeout), "{at}");
     }
     assert_eq!(arrived(&requests), [(1, 3), (1, 3), (1, 3), (2, 3)]);
+}
+
+/// The connection has worked before, for example until a firewall has forgotten it.
+#[tokio::test(start_paused = true)]
+async fn after_the_last_timeout_on_a_connection_that_has_worked_the_next_one_is_tried_without_a_pause() {
+    let (mut line, requests) = line_to(Server { stops_after: 1, ..USUAL }, |_| {});
+    assert_eq!(line.ask(0, READ, 0).await, read_on(1));
+    for at in [1000, 11_000, 21_000] {
+        assert_eq!(line.ask(0, READ, at).await, Err(Fault::Timeout), "{at}");
+    }
+    assert_eq!(line.ask(0, READ, 21_300).await, read_on(2));
+    assert_eq!(arrived(&requests), [(1, 3), (1, 3), (1, 3), (1, 3), (2, 3)]);
 }
 
 /// The system may still hold the bytes of a write that is not acknowledged.
