@@ -285,9 +285,10 @@ impl DeviceLine {
         (self.redial.failures(), self.refused)
     }
 
-    /// Returns whether this device backs off after a failure.
+    /// Returns whether this device backs off after a failure, or is dead and gets no request now.
     pub fn is_backing_off(&self, device: DeviceId, now: Moment) -> bool {
-        self.units.get(device).is_some_and(|unit| !unit.breaker.allows(now))
+        let is_resting = |place| !self.units.at(place).breaker.allows(now) || !self.may_try(place, now);
+        self.units.place(device).is_some_and(is_resting)
     }
 
     /// Returns the moment at which an exchange would end if a request were sent now. Reads that are due by then may be
@@ -305,8 +306,10 @@ impl DeviceLine {
             let is_to_wait = |pending: &PendingReplies| {
                 pending.has_pending() || pending.order.control(request, |_| true).is_some()
             };
-            let must_wait =
-                unit.is_behind_gateway && self.units.pending.get(unit.number).is_some_and(is_to_wait);
+            let is_to_wait = self.units.pending.get(unit.number).is_some_and(is_to_wait)
+                || self.gateway.occupied().is_some();
+            let must_wait = (unit.is_behind_gateway && is_to_wait)
+                || self.units.place(device).is_none_or(|place| !self.may_try(place, now));
             (unit.functions.allow(request.function()) && unit.breaker.allows(now) && !must_wait)
                 .then_some(unit.number)
         };

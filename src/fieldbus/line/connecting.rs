@@ -100,7 +100,7 @@ impl DeviceLine {
         }
         let missed = connection.wire().missed();
         let has_ids = connection.has_transaction_id();
-        if has_ids && !connection.modbus().is_some_and(|modbus| modbus.give_up()) {
+        if has_ids && connection.modbus().is_none_or(|modbus| !modbus.give_up()) {
             return Err(missed);
         }
         if !has_ids || is_behind_gateway {
