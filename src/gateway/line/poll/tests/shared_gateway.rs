@@ -35,6 +35,10 @@ struct Behaviour {
     deaf_for: Duration,
     /// Time at which the dead units fail, and time at which they answer again.
     dead: (Duration, Duration),
+    /// Answer time of the dead units, if they are only slow.
+    slow: Option<Duration>,
+    /// Whether each answer gets the transaction and unit of the newest request on its connection.
+    stamps: bool,
 }
 
 const USUAL: Behaviour = Behaviour {
@@ -44,6 +48,8 @@ const USUAL: Behaviour = Behaviour {
     closes: false,
     deaf_for: Duration::ZERO,
     dead: (Duration::ZERO, Duration::MAX),
+    slow: None,
+    stamps: false,
 };
 
 /// Modbus gateway with a healthy unit and two dead ones.
@@ -89,31 +95,49 @@ impl Peer {
         is_free
     }
 
-    async fn lives(self: Arc<Peer>, mut end: DuplexStream) {
+    /// Returns the answer of the serial line, or of the Modbus gateway that gives up; `None` if there is none.
+    async fn passes(&self, question: &[u8; 12]) -> Option<Vec<u8>> {
+        let Behaviour { own, gives_up, slow, .. } = self.behaviour;
+        let (unit, function) = (question[6], question[7]);
+        let _line = self.serial.lock().await;
+        let takes = if self.is_dead(unit) { slow.unwrap_or(Duration::MAX) } else { TAKES };
+        tokio::time::sleep(takes.min(own)).await;
+        match takes <= own {
+            true => Some(vec![function, 2, 0, 200 + unit]),
+            false => (gives_up == GivesUp::WithException).then(|| vec![function | 0x80, 11]),
+        }
+    }
+
+    async fn lives(self: Arc<Peer>, end: DuplexStream) {
         let accepted = self.begun.elapsed();
-        let mut question = [0; 12];
-        while end.read_exact(&mut question).await.is_ok() {
+        let (mut reads, mut writes) = tokio::io::split(end);
+        let (queue, mut queued) = tokio::sync::mpsc::unbounded_channel();
+        let newest = Arc::new(Mutex::new([0_u8; 12]));
+        let stored = newest.clone();
+        let reader = tokio::spawn(async move {
+            let mut question = [0; 12];
+            while reads.read_exact(&mut question).await.is_ok() {
+                *stored.lock().unwrap() = question;
+                if queue.send(question).is_err() {
+                    return;
+                }
+            }
+        });
+        while let Some(question) = queued.recv().await {
             if self.begun.elapsed() < accepted + self.behaviour.deaf_for {
                 continue;
             }
-            let unit = question[6];
-            self.asked.lock().unwrap().push(unit);
-            let line = self.serial.lock().await;
-            let answer = if self.is_dead(unit) {
-                tokio::time::sleep(self.behaviour.own).await;
-                (self.behaviour.gives_up == GivesUp::WithException).then(|| vec![question[7] | 0x80, 11])
-            } else {
-                tokio::time::sleep(TAKES).await;
-                Some(vec![question[7], 2, 0, 200 + unit])
-            };
-            drop(line);
-            let Some(pdu) = answer else { continue };
+            self.asked.lock().unwrap().push(question[6]);
+            let Some(pdu) = self.passes(&question).await else { continue };
+            let head = if self.behaviour.stamps { *newest.lock().unwrap() } else { question };
             let length = u8::try_from(pdu.len() + 1).unwrap();
-            let frame = [&question[..2], &[0, 0, 0, length, unit], pdu.as_slice()].concat();
-            if end.write_all(&frame).await.is_err() || self.behaviour.closes {
+            let frame = [&head[..2], &[0, 0, 0, length, head[6]], pdu.as_slice()].concat();
+            if writes.write_all(&frame).await.is_err() || self.behaviour.closes {
                 break;
             }
         }
+        // The stream ends with its second half.
+        reader.abort();
         if let Some(span) = self.behaviour.frees_after {
             *self.free_at.lock().unwrap() = Some(self.begun.elapsed() + span);
         }
@@ -156,6 +180,8 @@ struct Run {
     failed: u64,
     asked: Vec<u8>,
     dialled: u64,
+    /// Values that are not those of their unit.
+    wrong: Vec<(String, f64)>,
     status: Status,
 }
 
@@ -185,10 +211,17 @@ fn run(units: &[u8], behaviour: Behaviour, span: Duration) -> Run {
         let watched = source.clone();
         let watches = async move {
             let (mut bad, mut after_first, mut all) = (0_u32, None::<u32>, 0_u32);
+            let mut wrong = Vec::new();
             while begun.elapsed() < span {
                 tokio::time::sleep(Duration::from_millis(100)).await;
                 let status = watched.status();
                 let is_good = status.signals.iter().any(|one| one.name == "t1" && one.quality == "good");
+                for (signal, value) in status.signals.iter().filter_map(|one| Some((one, one.value?))) {
+                    let unit: f64 = signal.name[1..].parse().unwrap();
+                    if (value - 20.0 - unit / 10.0).abs() > 0.01 {
+                        wrong.push((signal.name.clone(), value));
+                    }
+                }
                 all += 1;
                 bad += u32::from(!is_good);
                 after_first = match after_first {
@@ -197,11 +230,11 @@ fn run(units: &[u8], behaviour: Behaviour, span: Duration) -> Run {
                 };
             }
             let all = f64::from(all);
-            (f64::from(bad) / all, after_first.map_or(1.0, |bad| f64::from(bad) / all))
+            (f64::from(bad) / all, after_first.map_or(1.0, |bad| f64::from(bad) / all), wrong)
         };
         let watching = tokio::spawn(watches);
         gateway.run(tokio::time::sleep(span + SECOND), std::future::ready(())).await;
-        let (bad, bad_after_first) = watching.await.unwrap();
+        let (bad, bad_after_first, wrong) = watching.await.unwrap();
         let status = source.status();
         let place = units.iter().position(|unit| *unit == HEALTHY).unwrap();
         let device = status.devices.iter().find(|device| device.name == format!("d{place}")).unwrap();
@@ -215,7 +248,7 @@ fn run(units: &[u8], behaviour: Behaviour, span: Duration) -> Run {
             100.0 * bad,
             100.0 * bad_after_first
         );
-        Run { bad, bad_after_first, answered, failed, asked, dialled, status }
+        Run { bad, bad_after_first, answered, failed, asked, dialled, wrong, status }
     })
 }
 
@@ -289,6 +322,21 @@ fn dead_units_that_return_are_read_again() {
         assert!(run.bad <= MOST, "{behaviour:?}: {}", run.bad);
         for unit in FIRST {
             assert_eq!(run.quality(unit), "good", "{behaviour:?}: unit {unit}");
+        }
+    }
+}
+
+/// The units answer only after `timeout`. Their answers have the form of those of the healthy unit.
+#[test]
+fn a_late_answer_of_another_unit_is_no_reading_though_the_modbus_gateway_stamps_it_with_the_newest_request() {
+    let slow = Duration::from_millis(800);
+    for (own, stamps) in [(1, false), (1, true), (3, true)] {
+        let behaviour = Behaviour { slow: Some(slow), stamps, ..row((own, None)) };
+        for units in [FIRST, LAST] {
+            let run = run(&units, behaviour, MINUTE);
+            assert_eq!(run.wrong, [], "{behaviour:?}, {units:?}");
+            assert!(run.bad_after_first <= MOST, "{behaviour:?}, {units:?}: {}", run.bad_after_first);
+            assert_eq!(run.dialled, 1, "{behaviour:?}, {units:?}");
         }
     }
 }
