@@ -15,9 +15,10 @@
 //! answer to the request before. After a timeout over TCP the line keeps the connection: a late answer has the
 //! transaction number of its request, and is discarded. The line drops the connection after several timeouts in a row,
 //! and after each timeout if a Modbus gateway returned a wrong transaction number before, see `line/settle.rs`. On RTU,
-//! answers have no transaction number, and a new connection does not help, because a late answer may also arrive on it. On such a line the unit gets no request, under any device
-//! name, until [`GRACE`] further timeouts have passed. Input that arrives until then is discarded. A unit that is known
-//! to answer promptly waits less, see [`super::pending_replies`].
+//! answers have no transaction number, and a new connection does not help, because a late answer may also arrive on it.
+//! On such a line the unit gets no request, under any device name, until [`GRACE`] further timeouts have passed. Input
+//! that arrives until then is discarded. A unit that is known to answer promptly waits less, see
+//! [`super::pending_replies`].
 //!
 //! An answer that arrives even later cannot be distinguished from the answer to the next request. The timeout must
 //! therefore be at least a quarter of the longest answer time of a device. After two timeouts in a row the line opens
@@ -25,9 +26,9 @@
 //! same way, see `line/late_replies.rs`. The unit must also prove that its answers are in order, see `line/control.rs`.
 //!
 //! A device that failed gets no request during a pause that doubles with each failure. During the pause the line serves
-//! its other devices. A dead unit therefore costs them at most one timeout per pause. A dead unit behind a Modbus gateway
-//! may cost them the longer timeout of the Modbus gateway, see `line/gateway_turns.rs`. A line that cannot connect backs
-//! off in the same way. `line/retry.rs` decides which requests are repeated.
+//! its other devices. A dead unit therefore costs them at most one timeout per pause. A dead unit behind a Modbus
+//! gateway may cost them the longer timeout of the Modbus gateway, see `line/gateway_turns.rs`. A line that cannot
+//! connect backs off in the same way. `line/retry.rs` decides which requests are repeated.
 
 use std::pin::pin;
 use std::sync::Arc;

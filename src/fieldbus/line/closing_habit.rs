@@ -1,8 +1,8 @@
 //! Detection of a server that closes each connection after one answer.
 //!
-//! Such a server is no sign of another client, and its connections need no back-off. The line then closes each connection
-//! itself, as with `quirks.close_after_each`. Otherwise it would send each request on a connection that is already
-//! closed, and could never send a write on the connection of the read before it.
+//! Such a server is no sign of another client, and its connections need no back-off. The line then closes each
+//! connection itself, as with `quirks.close_after_each`. Otherwise it would send each request on a connection that is
+//! already closed, and could never send a write on the connection of the read before it.
 
 use crate::fieldbus::wire::Ending;
 
@@ -14,8 +14,8 @@ const IN_A_ROW: u32 = 3;
 pub(super) struct ClosingHabit(u32);
 
 impl ClosingHabit {
-    /// Records the end of a connection with this number of complete answers. Returns whether the server has closed it in
-    /// an orderly way after a complete answer.
+    /// Records the end of a connection with this number of complete answers. Returns whether the server has closed it
+    /// in an orderly way after a complete answer.
     pub(super) fn ended(&mut self, answers: u32, ending: Ending) -> bool {
         let is_orderly = ending == Ending::Closed && answers > 0;
         self.0 = if is_orderly && answers == 1 { self.0.saturating_add(1) } else { 0 };

@@ -57,8 +57,8 @@ impl DeviceLine {
     }
 
     /// Records that the other end closed the connection with this ending. Returns true if the last connections were so
-    /// short that the line must back off before it connects again. An orderly close after a complete answer is no sign of
-    /// another client.
+    /// short that the line must back off before it connects again. An orderly close after a complete answer is no sign
+    /// of another client.
     pub(super) fn is_contested(&mut self, ending: Ending, now: Moment) -> bool {
         let is_orderly = self.closing_habit.ended(self.history.answers, ending);
         if is_orderly || now.since(self.history.opened_at) >= SHORT_LIFE {
@@ -74,8 +74,8 @@ impl DeviceLine {
         is_contested
     }
 
-    /// Sends a read on a new connection, if a device loses the first request (`quirks.loses_first_request`). The read may
-    /// be answered or not. It has the table of `request`, and is not a write, whose outcome would be unknown.
+    /// Sends a read on a new connection, if a device loses the first request (`quirks.loses_first_request`). The read
+    /// may be answered or not. It has the table of `request`, and is not a write, whose outcome would be unknown.
     pub(super) async fn send_opening_read(
         &mut self,
         place: usize,

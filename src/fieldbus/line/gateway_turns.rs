@@ -25,9 +25,9 @@ impl DeviceLine {
         self.gateway.may_try_dead(unit.tried, self.timeout, others, now)
     }
 
-    /// Returns the device to be asked next, after a unit behind a Modbus gateway has not answered: the one that answered
-    /// last, because it most probably still does. Otherwise several units that die together would occupy the Modbus
-    /// gateway one after another. `None`: any device may be next.
+    /// Returns the device to be asked next, after a unit behind a Modbus gateway has not answered: the one that
+    /// answered last, because it most probably still does. Otherwise several units that die together would occupy the
+    /// Modbus gateway one after another. `None`: any device may be next.
     pub fn first_after_miss(&self, now: Moment) -> Option<DeviceId> {
         if !self.gateway.awaits_proof(now) {
             return None;
@@ -36,14 +36,14 @@ impl DeviceLine {
         first.breaker.allows(now).then_some(first.device)
     }
 
-    /// Returns whether the line has waited for a Modbus gateway since `due`. A request that was due then is late, although
-    /// the line has not too much to do.
+    /// Returns whether the line has waited for a Modbus gateway since `due`. A request that was due then is late,
+    /// although the line has not too much to do.
     pub fn has_waited_since(&self, due: Moment) -> bool {
         self.gateway.waited_until() > due
     }
 
-    /// Waits until the Modbus gateway has given up the unit before, if it may still wait for that unit. If the line cannot
-    /// know when this is, it opens another connection.
+    /// Waits until the Modbus gateway has given up the unit before, if it may still wait for that unit. If the line
+    /// cannot know when this is, it opens another connection.
     pub(super) async fn wait_for_gateway(&mut self, place: usize) -> Result<(), Fault> {
         let unit = self.units.at(place);
         let (number, is_behind_gateway) = (unit.number, unit.is_behind_gateway);
@@ -91,8 +91,8 @@ impl DeviceLine {
         }
     }
 
-    /// Returns the latest time until which the line waits for a Modbus gateway that it does not know, after a request at
-    /// `asked`. Meanwhile no reading becomes too old, if possible.
+    /// Returns the latest time until which the line waits for a Modbus gateway that it does not know, after a request
+    /// at `asked`. Meanwhile no reading becomes too old, if possible.
     fn latest_wait(&self, asked: Moment) -> Moment {
         let usable = self.units.live().map(|unit| unit.received.after(unit.max_age));
         let latest = usable.min().map(|usable| usable.before(self.timeout));
@@ -117,8 +117,8 @@ impl DeviceLine {
         self.gateway.patience(unit.number, self.send_guard.last_sample())
     }
 
-    /// Updates the state of the Modbus gateway with the result of a request to a unit. `may_be_late`: an earlier answer of
-    /// the unit was missing. `is_after_timeout`: the line has waited longer than `timeout` for the answer.
+    /// Updates the state of the Modbus gateway with the result of a request to a unit. `may_be_late`: an earlier answer
+    /// of the unit was missing. `is_after_timeout`: the line has waited longer than `timeout` for the answer.
     pub(super) fn note_gateway(
         &mut self,
         place: usize,

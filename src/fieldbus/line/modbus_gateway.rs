@@ -12,9 +12,9 @@
 //! an exception after it, with the transaction number of the given up request. Others send nothing: the timeout then
 //! shows only in the answer of the next unit.
 //!
-//! Waiting also keeps requests apart: while the late answer of one unit may arrive, no request to another unit is open on
-//! the connection. A Modbus gateway that gives an answer the transaction number of the newest request then gives it the
-//! right one. If the timeout of the Modbus gateway is not known, the line drops the connection instead of sending a
+//! Waiting also keeps requests apart: while the late answer of one unit may arrive, no request to another unit is open
+//! on the connection. A Modbus gateway that gives an answer the transaction number of the newest request then gives it
+//! the right one. If the timeout of the Modbus gateway is not known, the line drops the connection instead of sending a
 //! second request on it.
 //!
 //! This module decides only. `gateway_turns` sends, waits and reports.
@@ -26,8 +26,8 @@ use isotherm_core::quantity::Moment;
 
 /// Longest time for which the line waits for a Modbus gateway whose timeout is not known.
 pub(super) const LONGEST_WAIT: Duration = Duration::from_secs(5);
-/// Longest timeout of a Modbus gateway that the line learns. A longer time may have another cause, for example a stop of
-/// this computer.
+/// Longest timeout of a Modbus gateway that the line learns. A longer time may have another cause, for example a stop
+/// of this computer.
 const LONGEST_OWN: Duration = Duration::from_secs(10);
 /// Longest additional time of one request, because the line waits for a Modbus gateway.
 pub const LONGEST_GATEWAY_WAIT: Duration = Duration::from_secs(16);
@@ -35,8 +35,8 @@ pub const LONGEST_GATEWAY_WAIT: Duration = Duration::from_secs(16);
 const LATER: Duration = Duration::from_millis(100);
 /// Longest time between two requests to a dead unit.
 const SELDOM: Duration = Duration::from_secs(300);
-/// Time after a missing answer within which another unit must answer before a dead unit is asked. Afterwards, no unit may
-/// be left that answers.
+/// Time after a missing answer within which another unit must answer before a dead unit is asked. Afterwards, no unit
+/// may be left that answers.
 const PROOF: Duration = Duration::from_secs(30);
 /// Dead units get requests for at most this part of the time.
 const SHARE: u32 = 4;
@@ -91,8 +91,8 @@ enum TransactionNumbers {
 struct SilentRequest {
     unit: u8,
     asked: Moment,
-    /// Whether the line has waited for the Modbus gateway without knowing for how long. A prompt answer then shows nothing
-    /// about its timeout.
+    /// Whether the line has waited for the Modbus gateway without knowing for how long. A prompt answer then shows
+    /// nothing about its timeout.
     was_awaited: bool,
 }
 
@@ -211,8 +211,8 @@ impl ModbusGateway {
         }
     }
 
-    /// Returns what the line does before it sends a request to the unit. `expects_late`: the connection is the one of the
-    /// silent request. `latest`: time until which the line may wait for a Modbus gateway that it does not know.
+    /// Returns what the line does before it sends a request to the unit. `expects_late`: the connection is the one of
+    /// the silent request. `latest`: time until which the line may wait for a Modbus gateway that it does not know.
     pub(super) fn wait(&self, unit: u8, expects_late: bool, latest: Moment, now: Moment) -> Wait {
         let Some(silent) = self.occupied else { return Wait::None };
         let until = match (self.own_timeout(), self.giving_up) {
@@ -220,7 +220,8 @@ impl ModbusGateway {
             // The unit itself has waited for its late answer.
             (None, GivingUp::Unknown) if expects_late && silent.unit != unit => latest,
             (None, _) if expects_late => return Wait::Renew,
-            // The line does not know for how long it should wait. It sends the request, and waits longer for the answer.
+            // The line does not know for how long it should wait. It sends the request, and waits longer for the
+            // answer.
             (None, _) => return Wait::None,
         };
         match (until > now, self.own_timeout()) {
@@ -240,8 +241,8 @@ impl ModbusGateway {
         self.waited_until
     }
 
-    /// Records that the line has waited for as long as [`ModbusGateway::wait`] has said. Returns whether it opens another
-    /// connection, because the Modbus gateway has sent no answer and its timeout is not known.
+    /// Records that the line has waited for as long as [`ModbusGateway::wait`] has said. Returns whether it opens
+    /// another connection, because the Modbus gateway has sent no answer and its timeout is not known.
     pub(super) fn has_waited(&mut self) -> bool {
         let Some(silent) = self.occupied.as_mut().filter(|_| self.giving_up == GivingUp::Unknown) else {
             return false;
@@ -251,8 +252,8 @@ impl ModbusGateway {
         true
     }
 
-    /// Returns for how much longer than `timeout` the line waits for the answer of a unit, because the Modbus gateway may
-    /// still wait for another unit.
+    /// Returns for how much longer than `timeout` the line waits for the answer of a unit, because the Modbus gateway
+    /// may still wait for another unit.
     pub(super) fn patience(&self, unit: u8, now: Moment) -> Duration {
         let Some(silent) = self.occupied.filter(|silent| silent.unit != unit) else { return Duration::ZERO };
         let longest = self.own_timeout().map_or(LONGEST_WAIT, |own| own + own / 2 + LATER);
@@ -264,8 +265,8 @@ impl ModbusGateway {
         matches!(self.proof, Proof::AwaitedSince(since) if now.since(since) < PROOF)
     }
 
-    /// Returns whether a dead unit gets a request that was last asked at `tried`. `live`: for each unit that answers, the
-    /// time of its last answer and the age at which its readings are too old.
+    /// Returns whether a dead unit gets a request that was last asked at `tried`. `live`: for each unit that answers,
+    /// the time of its last answer and the age at which its readings are too old.
     ///
     /// A dead unit is asked only after another unit has answered, for a part of the time, and if meanwhile no reading
     /// becomes too old. It is asked every five minutes in any case.

@@ -1,8 +1,8 @@
 //! Effects of a result on the connection and on the unit: whether the connection is kept, and how long the unit backs
 //! off.
 //!
-//! A timeout of a read over TCP leaves the connection open, because a new connection may not help: some Modbus gateways accept one
-//! client, and do not accept the next one for seconds. The line drops the connection if:
+//! A timeout of a read over TCP leaves the connection open, because a new connection may not help: some Modbus gateways
+//! accept one client, and do not accept the next one for seconds. The line drops the connection if:
 //!
 //! - the request was a write: the operating system may still hold its bytes;
 //! - the wire could not recognise the late answer, because a part of a frame was sent or received, or because a second

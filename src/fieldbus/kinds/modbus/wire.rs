@@ -61,14 +61,14 @@ pub trait ModbusWire: Wire {
         false
     }
 
-    /// Returns whether the late answer to the given up request may still arrive on this connection that was sent to this
-    /// unit at `asked`.
+    /// Returns whether the late answer to the given up request may still arrive on this connection that was sent to
+    /// this unit at `asked`.
     fn expects_late(&self, _unit: u8, _asked: Moment) -> bool {
         false
     }
 
-    /// Discards late answers until the one to this given up request has arrived. The caller limits the time. The call may
-    /// be cancelled at any time.
+    /// Discards late answers until the one to this given up request has arrived. The caller limits the time. The call
+    /// may be cancelled at any time.
     ///
     /// # Errors
     /// The connection has ended, or other input has arrived.

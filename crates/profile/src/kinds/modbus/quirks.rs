@@ -34,8 +34,8 @@ pub(crate) struct RawQuirks {
     /// Whether the connection is closed after each answer, for a device that accepts only one client at a time. Default
     /// false.
     close_after_each: Option<bool>,
-    /// Whether the device loses the first request of each connection. The gateway then sends a read after connecting, and
-    /// ignores whether it is answered. Default false.
+    /// Whether the device loses the first request of each connection. The gateway then sends a read after connecting,
+    /// and ignores whether it is answered. Default false.
     loses_first_request: Option<bool>,
     /// Whether the device is behind a Modbus gateway from TCP to a serial line. After a missed answer, the next request
     /// then waits for the time of a late answer. Default: true if two or more units share the modbus-tcp bus.

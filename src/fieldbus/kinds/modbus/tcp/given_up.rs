@@ -51,8 +51,8 @@ impl GivenUp {
         self.requests.iter().any(|request| request.transaction == transaction)
     }
 
-    /// Returns whether a frame is the late answer to a given up request. If the unit number of the frame has not arrived
-    /// yet, the transaction number decides.
+    /// Returns whether a frame is the late answer to a given up request. If the unit number of the frame has not
+    /// arrived yet, the transaction number decides.
     pub(super) fn expects(&self, first: &First) -> bool {
         self.requests.iter().any(|request| first.answers(request.transaction, request.unit))
     }

@@ -257,7 +257,8 @@ const LAST: [u8; 3] = [DEAD[0], DEAD[1], HEALTHY];
 const MINUTE: Duration = Duration::from_secs(60);
 
 /// Own timeouts of the Modbus gateway, and times until a one-client Modbus gateway accepts the next client. Before, the
-/// healthy unit was not good for up to 92 % of the time with an own timeout of 3 s, and for 10 % or 72 % with one client.
+/// healthy unit was not good for up to 92 % of the time with an own timeout of 3 s, and for 10 % or 72 % with one
+/// client.
 const ROWS: [(u64, Option<u64>); 6] =
     [(1, None), (3, None), (1, Some(3)), (1, Some(10)), (3, Some(3)), (3, Some(10))];
 
