@@ -128,8 +128,8 @@ impl Units {
 
     /// Returns the devices behind the Modbus gateway that have answered their last requests.
     pub(super) fn live(&self) -> impl Iterator<Item = &Unit> {
-        let live = (0..self.all.len()).filter(|place| self.is_live(*place)).map(|place| self.at(place));
-        live.filter(|unit| unit.is_behind_gateway)
+        let live = (0..self.all.len()).filter(move |place| self.is_live(*place));
+        live.map(move |place| self.at(place)).filter(|unit| unit.is_behind_gateway)
     }
 
     /// Returns the devices with this unit number.
