@@ -8,6 +8,8 @@
 //! - `opcua` — endpoints, certificate and nodes of an OPC UA server. This module requires the feature `opcua`.
 //! - [`merged_reads`] — quirks with which a device serves a read of several values that fails.
 //! - [`mod@pipeline`] — whether a device supports two requests at a time.
+//! - [`new_connection`] — whether a device that does not answer needs a pause after connecting, or loses the first
+//!   request.
 //! - [`scan`] — search for units that answer; [`register_search`] — search for the registers of a unit.
 //! - [`values`] — decoded values of registers. If the word order is unknown, they are decoded in both word orders.
 //! - [`remedy`] — advice to the user on a fault.
@@ -15,6 +17,7 @@
 pub mod bus;
 pub mod can;
 pub mod merged_reads;
+pub mod new_connection;
 #[cfg(feature = "opcua")]
 pub mod opcua;
 pub mod pipeline;

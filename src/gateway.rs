@@ -390,7 +390,8 @@ impl Gateway {
         let line = DeviceLine::new(settings, &devices, dial, &self.shared.clock)
             .tapped(self.wire_log.tap(bus))
             .witnessed(Arc::new(handle.clone()))
-            .aged(profile.shortest_age());
+            .aged(profile.shortest_age())
+            .with_ages(|device| profile.shortest_age_of(device));
         let line = if self.options.is_unchecked { line.unchecked() } else { line };
         let task = LineTask::new(handle, bus, (line, sleeper), can, start);
         Some((Box::new(task), listener.map(Box::new)))

@@ -12,6 +12,7 @@ use super::print::print_json;
 use super::read_once;
 use super::run::known_directory;
 use crate::cli::print::{say, say_all, say_beside};
+use crate::discovery::new_connection::NewConnectionAdvice;
 #[cfg(feature = "opcua")]
 use crate::discovery::opcua;
 use crate::discovery::{can, merged_reads, pipeline, sysfs};
@@ -83,10 +84,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let status = read_once::once(profile.clone(), directory)?;
     let unread = unread(&profile, &status);
     let merged = super::runtime::start()?.block_on(merged_reads::tried(&profile, &unread));
+    let connections = read_once::examined(&profile, &status)?;
     if arguments.json {
         let document = serde_json::json!({
             "profile": preview, "online": status, "can": lines, "pipeline": pairs, "sensors": sensors, "notify": servers,
-            "moved": moved, "merged": merged,
+            "moved": moved, "merged": merged, "connections": connections,
         });
         #[cfg(feature = "opcua")]
         let document = with(document, "nodes", &nodes)?;
@@ -110,6 +112,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 format!("{fault}: remove `pipeline` from bus {bus}")
             });
             say!("  device {device}: two requests at a time: {came}")?;
+        }
+        for NewConnectionAdvice { device, advice, .. } in &connections {
+            say!("  warning: device {device}: {advice}")?;
         }
         #[cfg(feature = "opcua")]
         nodes.iter().try_for_each(tell)?;

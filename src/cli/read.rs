@@ -7,7 +7,8 @@ use super::read_once;
 use super::run::known_directory;
 use super::target::Target;
 use super::values::wrong_arguments;
-use crate::cli::print::{clear, say_all};
+use crate::cli::print::{clear, say_all, say_beside};
+use crate::discovery::new_connection::NewConnectionAdvice;
 use crate::observe::status::Status;
 
 #[cfg(feature = "opcua")]
@@ -61,11 +62,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let document = |status: &Status| serde_json::json!({ "now": status.now, "signals": status.signals });
     let directory = known_directory(profile.history.directory.as_deref());
     if !arguments.watch {
-        let status = read_once::once(profile, directory)?;
+        let status = read_once::once(profile.clone(), directory)?;
         if arguments.json {
             print_json(&document(&status))?;
         } else {
             say_all!("{}", read_once::signals(&status))?;
+        }
+        for NewConnectionAdvice { device, advice, .. } in read_once::examined(&profile, &status)? {
+            say_beside!("device {device}: {advice}");
         }
         return read_once::assess(&status);
     }

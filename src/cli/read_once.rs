@@ -8,10 +8,12 @@ use std::time::Duration;
 use anyhow::Context;
 
 use crate::clock::Clock;
+use crate::discovery::new_connection::{self, NewConnectionAdvice};
+use crate::fieldbus::line::LONGEST_GATEWAY_WAIT;
 use crate::gateway::{Gateway, Options};
-use crate::observe::status::{GatewayApi, Status};
-use isotherm_profile::Profile;
+use crate::observe::status::{DeviceStatus, GatewayApi, Status};
 use isotherm_profile::counted;
+use isotherm_profile::{DeviceId, Profile};
 
 /// Longest time to wait for a frame that a CAN device sends by itself.
 const LONGEST_PERIOD: Duration = Duration::from_secs(10);
@@ -37,6 +39,10 @@ pub(super) fn watch(
     let patience = profile.buses.iter().map(|bus| bus.timeout * 3).max().unwrap_or_default();
     let devices = u32::try_from(profile.devices.len()).unwrap_or(u32::MAX);
     let patience = patience * devices.max(1) + Duration::from_millis(500);
+    // A silent unit behind a Modbus gateway delays the others.
+    let mut known = (0..profile.devices.len()).map(DeviceId);
+    let waits = known.any(|device| profile.is_behind_gateway(device));
+    let patience = patience + if waits { LONGEST_GATEWAY_WAIT } else { Duration::ZERO };
     // The gateway cannot request these frames: it waits for the next one.
     let comes = profile.signals.iter().filter(|signal| signal.address.is_in_frames());
     let patience = comes.map(|signal| signal.max_age.min(LONGEST_PERIOD)).fold(patience, Duration::max);
@@ -67,6 +73,15 @@ fn is_complete(source: &Arc<dyn GatewayApi>) -> bool {
     status.signals.iter().all(|signal| signal.quality != "never-read")
         && status.devices.iter().all(|device| device.state != "never-answered" || device.requests == 0)
         && status.outputs.iter().all(|output| output.writes != "offset" || output.value.is_some())
+}
+
+/// Tests the devices of a bus on which none has answered, see [`new_connection`].
+pub(super) fn examined(profile: &Profile, status: &Status) -> anyhow::Result<Vec<NewConnectionAdvice>> {
+    let is_silent = |device: &DeviceStatus| device.state != "ok" && device.requests > 0;
+    if !status.devices.iter().any(is_silent) {
+        return Ok(Vec::new());
+    }
+    Ok(super::runtime::start()?.block_on(new_connection::examined(profile)))
 }
 
 /// Returns an error if a signal cannot be used. The error lists such signals by reason.

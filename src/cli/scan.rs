@@ -10,6 +10,7 @@ use super::values::wrong_arguments;
 use crate::cli::print::{say, say_all, say_beside, say_progress};
 use crate::clock::Clock;
 use crate::discovery::bus::{LineAddress, Parity, ScanKind, ScanReport, Serial, baud};
+use crate::discovery::new_connection::NewConnection;
 use crate::discovery::register_search::{RegisterRange, walk};
 use crate::discovery::remedy::{Question, remedy};
 use crate::discovery::scan::{AnswerKind, Event, FailedScan, Responder, Scan};
@@ -97,6 +98,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             if let Some(range) = arguments.registers {
                 seen.walk(&scan, range).await;
             }
+            if seen.found.is_empty() {
+                seen.needs = scan.examine().await;
+            }
             Ok(())
         };
         let stopped: Option<Option<FailedScan>> = tokio::select! {
@@ -122,7 +126,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     match stopped {
         Some(why) => anyhow::bail!(why),
-        None if seen.found.is_empty() => anyhow::bail!(text::nobody(&scan, &seen.noticed)),
+        None if seen.found.is_empty() => match seen.needs {
+            Some((unit, needs)) => anyhow::bail!("unit {unit}: {needs}"),
+            None => anyhow::bail!(text::nobody(&scan, &seen.noticed)),
+        },
         None => Ok(()),
     }
 }
@@ -159,6 +166,8 @@ struct ScanResults {
     /// Faults that show something about a line, but no unit. Each is in the list once.
     noticed: Vec<(LineAddress, Fault)>,
     ranges: Vec<(u8, RegisterRange)>,
+    /// Unit that answers only with another setting; `None` if there is none, or if units have answered.
+    needs: Option<(u8, NewConnection)>,
     /// Number of requests sent. `questions` is the number of all planned requests.
     asked: usize,
     questions: usize,
@@ -175,6 +184,7 @@ impl ScanResults {
             found,
             noticed: Vec::new(),
             ranges,
+            needs: None,
             asked: 0,
             questions,
             several: false,

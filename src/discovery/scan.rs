@@ -7,6 +7,7 @@ use std::time::Duration;
 use serde::Serialize;
 
 use crate::discovery::bus::LineAddress;
+use crate::discovery::new_connection::{LONGEST_PAUSE, NewConnection, examine};
 use crate::discovery::unit_reader::{Trace, UnitReader};
 use crate::fieldbus::error::{Fault, PeerFault};
 use crate::fieldbus::wire::Answer;
@@ -16,6 +17,8 @@ use isotherm_profile::{Bus, Quirks, Transport};
 /// Length in bytes of an RTU frame that reads one register. `ANSWER` is the length of its answer.
 const REQUEST: usize = 8;
 const ANSWER: usize = 7;
+/// Number of units that are tested with a pause after connecting, if no unit has answered.
+const UNITS: usize = 8;
 
 /// Settings of a scan.
 #[derive(Clone, Debug)]
@@ -126,6 +129,25 @@ impl Scan {
             }
         }
         Ok(())
+    }
+
+    /// Tests whether the devices on the first line need a pause after connecting, or lose the first request of each
+    /// connection. It is of use if no unit has answered. Returns such a unit and its behaviour.
+    pub async fn examine(&self) -> Option<(u8, NewConnection)> {
+        let (line, register) = (self.lines.first()?, *self.registers.first()?);
+        // One connection is enough for all units if the answers of absent units cannot be confused with others.
+        let most = if line.transport == Transport::Tcp { UNITS } else { 1 };
+        let pause = self.quirks.pause_after_connect.max(LONGEST_PAUSE);
+        let quirks = Quirks { pause_after_connect: pause, loses_first_request: true, ..self.quirks };
+        let mut reader = UnitReader::new(line, &self.bus, quirks, self.trace).keeping();
+        for unit in self.units.clone().take(most) {
+            if how(&reader.read(unit, register, 1).await).is_some() {
+                reader.hang_up();
+                let found = examine(line, &self.bus, self.quirks, unit, (register, 1)).await?;
+                return Some((unit, found));
+            }
+        }
+        None
     }
 
     /// Returns the reader for the units of one line.

@@ -62,8 +62,23 @@ impl UnitReader {
         let units: Vec<(DeviceId, &Device)> =
             devices.iter().map(|device| (DeviceId(usize::from(device.unit)), device)).collect();
         let tap = Tap::default();
-        let line = dial(&bus).map(|dial| DeviceLine::new(&bus, &units, dial, &Clock::wall()).tapped(&tap));
+        let line = dial(&bus).map(|dial| {
+            let line = DeviceLine::new(&bus, &units, dial, &Clock::wall()).tapped(&tap);
+            line.renewed_after_timeouts()
+        });
         UnitReader { line, trace: trace.and_then(|show| Some((tap.listen(None).ok()?, show))) }
+    }
+
+    /// Keeps the connection after a timeout, as the gateway does. A reader closes it otherwise, because most of the
+    /// units that a scan queries do not exist.
+    pub fn keeping(mut self) -> UnitReader {
+        self.line = self.line.map(DeviceLine::kept_after_timeouts);
+        self
+    }
+
+    /// Closes the connection.
+    pub fn hang_up(&mut self) {
+        self.line.iter_mut().for_each(DeviceLine::hang_up);
     }
 
     /// Reads registers or bits of a unit. If the line cannot connect, it tries three times in total.

@@ -11,11 +11,14 @@
 //! The age of an answer counts from the time at which its request was sent. An answer that arrives after its timeout is
 //! discarded.
 //!
-//! After a timeout or a wrong answer the line drops the connection. Otherwise every later request on the connection
-//! could get the answer to the request before. On RTU, answers have no transaction number, and a new connection does
-//! not help, because a late answer may also arrive on it. On such a line the unit gets no request, under any device
-//! name, until [`GRACE`] further timeouts have passed. Input that arrives until then is discarded. A unit that is known
-//! to answer promptly waits less, see [`super::pending_replies`].
+//! After a wrong answer the line drops the connection. Otherwise every later request on the connection could get the
+//! answer to the request before. After a timeout over TCP the line keeps the connection: a late answer has the
+//! transaction number of its request, and is discarded. The line drops the connection after several timeouts in a row,
+//! and after each timeout if a Modbus gateway returned a wrong transaction number before, see `line/settle.rs`. On RTU,
+//! answers have no transaction number, and a new connection does not help, because a late answer may also arrive on it.
+//! On such a line the unit gets no request, under any device name, until [`GRACE`] further timeouts have passed. Input
+//! that arrives until then is discarded. A unit that is known to answer promptly waits less, see
+//! [`super::pending_replies`].
 //!
 //! An answer that arrives even later cannot be distinguished from the answer to the next request. The timeout must
 //! therefore be at least a quarter of the longest answer time of a device. After two timeouts in a row the line opens
@@ -23,8 +26,9 @@
 //! same way, see `line/late_replies.rs`. The unit must also prove that its answers are in order, see `line/control.rs`.
 //!
 //! A device that failed gets no request during a pause that doubles with each failure. During the pause the line serves
-//! its other devices. A dead unit therefore costs them at most one timeout per pause. A line that cannot connect backs
-//! off in the same way. `line/retry.rs` decides which requests are repeated.
+//! its other devices. A dead unit therefore costs them at most one timeout per pause. A dead unit behind a Modbus
+//! gateway may cost them the longer timeout of the Modbus gateway, see `line/gateway_turns.rs`. A line that cannot
+//! connect backs off in the same way. `line/retry.rs` decides which requests are repeated.
 
 use std::pin::pin;
 use std::sync::Arc;
@@ -40,27 +44,35 @@ use super::send_guard::{SendDeadline, SendGuard};
 use super::trace::Tap;
 use super::wire::{Answer, Request};
 use crate::clock::{Clock, WallTimeout};
+use closing_habit::ClosingHabit;
 use continuity::Evidence;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Bus, Device, DeviceId};
+use modbus_gateway::ModbusGateway;
 use other_masters::OtherMasters;
 use units::{FIRST_PAUSE, Units};
 
+mod closing_habit;
 mod connecting;
 mod continuity;
 mod control;
+mod gateway_turns;
 mod late_replies;
+mod modbus_gateway;
 mod other_masters;
 mod request_observer;
 mod retry;
+mod settle;
 mod units;
 
+pub use modbus_gateway::LONGEST_GATEWAY_WAIT;
 pub use request_observer::RequestObserver;
 
 /// Number of timeouts after the first one, during which a late answer may still arrive. The unit gets no request until
 /// they have passed.
 pub const GRACE: u32 = 3;
-/// Number of timeouts in a row after which the line opens the port again, if answers have no transaction number.
+/// Number of timeouts in a row after which the line opens the port again, if answers have no transaction number. With
+/// transaction numbers, this number is larger on a line with several units.
 const MISSES: u32 = 2;
 
 /// One physical line. Its owner task is the only sender.
@@ -93,6 +105,23 @@ pub struct DeviceLine {
     yielding: Backoff,
     evidence: Evidence,
     others: OtherMasters,
+    after_timeout: AfterTimeout,
+    /// Modbus gateway (from TCP to a serial line) in front of the units that are behind one.
+    gateway: ModbusGateway,
+    closing_habit: ClosingHabit,
+    /// Whether a device loses the first request of each connection (`quirks.loses_first_request`).
+    loses_first_request: bool,
+    /// Number of connections so far.
+    connections: u64,
+}
+
+/// What a line does with a connection whose late answers it could discard, after a timeout.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum AfterTimeout {
+    /// It keeps the connection.
+    Keep,
+    /// It drops the connection. The units are not known, so nothing waits for the Modbus gateway in front of them.
+    Renew,
 }
 
 /// Requests on the present connection so far.
@@ -104,6 +133,10 @@ struct ConnectionHistory {
     needs_pause: bool,
     /// Whether a request on the connection has ended.
     has_answered: bool,
+    /// Whether the first request was sent that the device may lose.
+    is_opened: bool,
+    /// Number of complete answers on the connection.
+    answers: u32,
 }
 
 /// Answer that was checked against its request.
@@ -135,6 +168,7 @@ impl DeviceLine {
     pub fn new(bus: &Bus, devices: &[(DeviceId, &Device)], dial: Box<dyn Dial>, clock: &Clock) -> DeviceLine {
         let pauses = devices.iter().map(|(_, device)| device.quirks.pause_after_connect);
         let pause_after_connect = pauses.fold(bus.quirks.pause_after_connect, Duration::max);
+        let mut quirks = devices.iter().map(|(_, device)| &device.quirks).chain([&bus.quirks]);
         DeviceLine {
             dial,
             send_guard: SendGuard::without_deadline(clock),
@@ -159,6 +193,11 @@ impl DeviceLine {
             yielding: Backoff::new(FIRST_PAUSE, seed(&bus.name)),
             evidence: Evidence::default(),
             others: OtherMasters::default(),
+            after_timeout: AfterTimeout::Keep,
+            gateway: ModbusGateway::default(),
+            closing_habit: ClosingHabit::default(),
+            loses_first_request: quirks.any(|quirks| quirks.loses_first_request),
+            connections: 0,
         }
     }
 
@@ -178,6 +217,26 @@ impl DeviceLine {
     /// computer counts as stopped in between.
     pub fn aged(mut self, max_age: Duration) -> DeviceLine {
         self.send_guard = self.send_guard.aged(max_age);
+        self
+    }
+
+    /// Sets the age at which the readings of each device are too old. While a unit behind a Modbus gateway is dead, the
+    /// line asks it only if the readings of the other units do not become too old.
+    pub fn with_ages(mut self, max_age_of: impl Fn(DeviceId) -> Duration) -> DeviceLine {
+        self.units.set_ages(max_age_of);
+        self
+    }
+
+    /// Drops the connection after each timeout, and never waits for a Modbus gateway. A scan uses this, because most of
+    /// the units that it asks do not exist.
+    pub fn renewed_after_timeouts(mut self) -> DeviceLine {
+        self.after_timeout = AfterTimeout::Renew;
+        self
+    }
+
+    /// Reverses [`DeviceLine::renewed_after_timeouts`].
+    pub fn kept_after_timeouts(mut self) -> DeviceLine {
+        self.after_timeout = AfterTimeout::Keep;
         self
     }
 
@@ -227,9 +286,10 @@ impl DeviceLine {
         (self.redial.failures(), self.refused)
     }
 
-    /// Returns whether this device backs off after a failure.
+    /// Returns whether this device backs off after a failure, or is dead and gets no request now.
     pub fn is_backing_off(&self, device: DeviceId, now: Moment) -> bool {
-        self.units.get(device).is_some_and(|unit| !unit.breaker.allows(now))
+        let is_resting = |place| !self.units.at(place).breaker.allows(now) || !self.may_try(place, now);
+        self.units.place(device).is_some_and(is_resting)
     }
 
     /// Returns the moment at which an exchange would end if a request were sent now. Reads that are due by then may be
@@ -247,8 +307,10 @@ impl DeviceLine {
             let is_to_wait = |pending: &PendingReplies| {
                 pending.has_pending() || pending.order.control(request, |_| true).is_some()
             };
-            let must_wait =
-                unit.is_behind_gateway && self.units.pending.get(unit.number).is_some_and(is_to_wait);
+            let is_to_wait = self.units.pending.get(unit.number).is_some_and(is_to_wait)
+                || self.gateway.occupied().is_some();
+            let must_wait = (unit.is_behind_gateway && is_to_wait)
+                || self.units.place(device).is_none_or(|place| !self.may_try(place, now));
             (unit.functions.allow(request.function()) && unit.breaker.allows(now) && !must_wait)
                 .then_some(unit.number)
         };
@@ -307,7 +369,7 @@ impl DeviceLine {
             return Err(Fault::Caller(CallerFault::Extent));
         }
         let mut now = self.send_guard.sample();
-        if !unit.breaker.allows(now) {
+        if !unit.breaker.allows(now) || !self.may_try(place, now) {
             return Err(unit.last_fault);
         }
         if matches!(leave, SendDeadline::OnConnection(_)) && !self.is_connected() {
@@ -333,15 +395,22 @@ impl DeviceLine {
         let mut is_controlled = false;
         // The request that was sent last is a control question, or `request` itself.
         let (sent, answer) = loop {
-            let (mut are_two, mut is_second) = (false, false);
+            let (mut are_two, mut is_second, mut may_keep) = (false, false, true);
             let begun = self.tap.begin();
-            self.send_guard.next(request, leave);
+            let before = self.wire.is_some().then_some(self.connections);
             let mut answer = self.make_ready(place, request, now).await;
+            self.send_guard.next(request, leave);
+            if matches!(leave, SendDeadline::OnConnection(_))
+                && before.is_some_and(|it| it != self.connections)
+            {
+                return Err(Fault::CLOSED);
+            }
             if answer.is_ok() && !may_be_unverified && self.is_unverified(place) {
                 break (request, Err(Fault::UNVERIFIED));
             }
             let control = self.control_question(place, request).filter(|_| answer.is_ok() && !is_controlled);
             let sent = control.unwrap_or(request);
+            let patience = self.patience_for(place);
             if answer.is_ok()
                 && let Some(connection) = &mut self.wire
             {
@@ -361,7 +430,7 @@ impl DeviceLine {
                     modbus.set_follow_up(read);
                     are_two = is_second || modbus.has_follow_up();
                 }
-                let span = self.timeout + connection.wire().time_under_way(sent);
+                let span = self.timeout + connection.wire().time_under_way(sent) + patience;
                 self.send_guard.begins(span);
                 let exchanged = {
                     // A future that is pinned here need not be moved.
@@ -373,8 +442,14 @@ impl DeviceLine {
                 for late in connection.modbus().into_iter().flat_map(|modbus| modbus.received_late()) {
                     self.units.pending.of(late).reset_timing();
                 }
+                if let Some(asked) = self.send_guard.asked() {
+                    self.units.at_mut(place).tried = asked;
+                }
                 let pending = self.units.pending.of(number);
                 first_asked = pending.first_asked(sent);
+                let may_be_late = pending.has_pending();
+                // The answer may belong to the first attempt. The answer to the second one may then still arrive.
+                may_keep = exchanged.is_none() || first_asked.is_none() || pending.is_likely_after(took);
                 answer = match exchanged {
                     // An answer that is found after its timeout is late, even if the timer has not fired yet.
                     Some(answer)
@@ -392,17 +467,20 @@ impl DeviceLine {
                 if is_behind_gateway && self.send_guard.asked().is_some() {
                     let outcome = answer.as_ref().map(|_| ()).map_err(|fault| *fault);
                     let received = connection.modbus().and_then(|modbus| modbus.received_form());
-                    let may_be_late = pending.has_pending();
                     if pending.order.assess(sent, outcome, received, may_be_late) {
                         answer = Err(Fault::Peer(PeerFault::OutOfOrder));
                     }
                 }
                 match answer {
                     Err(fault) if is_missing(fault) => {}
-                    // The answer to a control question shows nothing about the read that waits for it.
-                    Ok(_) | Err(Fault::Exception(_)) if control.is_none() => pending.answers(sent, took),
+                    // The answer to a control question shows nothing about the read that waits for it. Time beyond
+                    // the timeout was spent on waiting for the Modbus gateway.
+                    Ok(_) | Err(Fault::Exception(_)) if control.is_none() => {
+                        pending.answers(sent, took.min(span - patience));
+                    }
                     _ => {}
                 }
+                self.note_gateway(place, &answer, may_be_late, took + patience > span);
             }
             if let Some(begun) = begun {
                 self.tap.tell(begun, (device, number), sent, &answer);
@@ -425,7 +503,7 @@ impl DeviceLine {
             self.check_for_break(place, &answer, now);
             if !std::mem::take(&mut was_connected) || !matches!(answer, Err(Fault::BROKEN | Fault::CLOSED)) {
                 let breaker = control.map(|_| self.units.at(place).breaker.clone());
-                let answer = self.settle(place, sent, answer, now);
+                let answer = self.settle(place, sent, answer, may_keep, now);
                 if !control.is_some_and(|control| self.may_follow(place, control, &answer)) {
                     break (sent, answer);
                 }
@@ -439,11 +517,12 @@ impl DeviceLine {
                 continue;
             }
             let has_ids = self.wire.as_mut().is_some_and(Connection::has_transaction_id);
+            let ending = self.end_of_connection();
             self.drop_connection();
             // It is unknown whether a write that was sent was executed. This is more important than the back-off of the
             // line.
             let may_be_done = answer == Err(Fault::BROKEN) && !request.is_read();
-            if has_ids && self.is_contested(now) {
+            if has_ids && self.is_contested(ending, now) {
                 break (sent, if may_be_done { answer } else { Err(Fault::Link(LinkFault::Contested)) });
             }
             let may_be_asked = may_be_unverified || !self.is_unverified(place);
@@ -469,89 +548,6 @@ impl DeviceLine {
             attribution => attribution,
         };
         Ok(CheckedAnswer { answer: answer?, asked, attribution })
-    }
-
-    /// Updates the state of the connection and of the unit with the result of a request: its answer, or the fault.
-    fn settle(
-        &mut self,
-        place: usize,
-        request: Request<'_>,
-        answer: Result<Answer, Fault>,
-        now: Moment,
-    ) -> Result<Answer, Fault> {
-        let Some(connection) = &mut self.wire else { return answer };
-        let has_ids = connection.has_transaction_id();
-        self.is_nameless = !has_ids;
-        let is_behind_gateway = self.units.at(place).is_behind_gateway;
-        let has_left = self.send_guard.asked().is_some();
-        let is_first = has_left && !self.history.has_answered;
-        self.history.has_answered |= has_left;
-        let answer = match answer {
-            Err(Fault::BROKEN) if is_first && has_ids => Err(self.dial.turned_away()),
-            answer => answer,
-        };
-        match &answer {
-            // The request was not sent, so the result says nothing about the device.
-            Err(Fault::Caller(_)) => {}
-            // The Modbus gateway has answered instead of the unit.
-            Err(fault) if is_behind_gateway && fault.is_of_a_gateway() => {
-                self.misses = 0;
-                self.evidence.answered();
-                self.note_miss(place, request, *fault, now);
-                self.put_down(place);
-            }
-            Err(fault) if fault.spoils_connection() => {
-                self.misses += 1;
-                let is_lost = matches!(fault, Fault::Link(_) | Fault::Peer(PeerFault::Unasked));
-                if *fault == Fault::Peer(PeerFault::OutOfOrder) {
-                    // This pause comes first: the wait for a late answer may extend it.
-                    self.rest_out_of_order(place, now);
-                }
-                if has_ids || is_lost || self.misses >= MISSES {
-                    self.misses = 0;
-                    let unanswered = self.drop_connection().filter(|_| !matches!(fault, Fault::Link(_)));
-                    if let Some(read) = unanswered {
-                        self.note_lost_read(read, now);
-                    }
-                }
-                if has_ids && !(is_behind_gateway && has_left && !matches!(fault, Fault::Link(_))) {
-                    // The pause begins at the end of the timeout. Otherwise, several dead units would leave no pause.
-                    let waited = if *fault == Fault::Timeout { self.timeout } else { Duration::ZERO };
-                    let unit = self.units.at_mut(place);
-                    unit.breaker.fail(now.after(waited));
-                    unit.last_fault = *fault;
-                } else {
-                    self.note_miss(place, request, *fault, now);
-                }
-            }
-            _ => {
-                self.misses = 0;
-                self.evidence.answered();
-                let unit = self.units.at_mut(place);
-                unit.received = now;
-                unit.breaker.succeed();
-                self.put_down(place);
-            }
-        }
-        answer
-    }
-
-    /// Prepares the connection for a request: connects if necessary, discards late input, and waits for the pause of
-    /// the unit. Returns [`Answer::Done`] on success.
-    async fn make_ready(&mut self, place: usize, request: Request<'_>, now: Moment) -> Result<Answer, Fault> {
-        if self.wire.is_none() {
-            self.connect(now).await?;
-        }
-        self.wait_for_late(place, request).await?;
-        let unit = self.units.at(place);
-        let pause = unit.quirks.pause_between_requests;
-        if self.history.needs_pause && !pause.is_zero() {
-            self.send_guard.away_for(pause);
-            tokio::time::sleep(pause).await;
-            self.send_guard.sample();
-        }
-        self.history.needs_pause = true;
-        Ok(Answer::Done)
     }
 }
 

@@ -121,6 +121,11 @@ impl SendGuard {
         }
     }
 
+    /// Returns whether the time of the clock passes only while all tasks sleep.
+    pub(super) fn is_virtual(&self) -> bool {
+        self.clock.is_virtual()
+    }
+
     /// Announces that no clock sample follows for this time, so that the gap does not count as a stop of the computer.
     pub fn away_for(&mut self, span: Duration) {
         self.stall_detector.away_for(span);

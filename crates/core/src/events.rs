@@ -331,6 +331,11 @@ catalogue! {
     Overrun = warning("overrun").hint("`isotherm check` shows the load of each bus");
     /// A device does not support two requests at a time. The gateway now sends requests to the device one by one.
     PipelineGivenUp = warning("pipeline-given-up").hint("remove `pipeline` from the profile");
+    /// The Modbus gateway of a bus waits for a silent unit for longer than `timeout`. Meanwhile it answers for no other
+    /// unit. The gateway asks silent units so seldom that the readings of the others do not become too old.
+    GatewayTimeout = warning("gateway-timeout")
+        .hint("set a shorter timeout in the Modbus gateway, write a longer `timeout` of the bus, or take units that do \
+               not exist out of the profile");
     /// A server does not support a requested subscription, or supports it only with other settings.
     Subscription = warning("subscription")
         .hint("set the server to send values as often as `every` demands, or write a longer `every`");

@@ -10,10 +10,11 @@ use crate::cli::target::{Line, Target};
 use crate::cli::values;
 use crate::cli::values::wrong_arguments;
 use crate::clock::Clock;
+use crate::discovery::new_connection::examine;
 use crate::discovery::remedy::{Question, remedy};
 use crate::discovery::unit_reader::{Trace, UnitReader};
 use crate::discovery::values::{RegisterValue, ValueFormat};
-use crate::discovery::{DataType, Exchange, Register, WordOrder};
+use crate::discovery::{DataType, Exchange, Fault, Register, WordOrder};
 
 /// Maximum number of registers in one Modbus request. [`MOST_BITS`] is the maximum number of bits.
 const MOST_REGISTERS: u16 = 125;
@@ -148,9 +149,17 @@ pub(super) fn run(target: &Target, one: &One, watch: bool, json: bool) -> anyhow
         let begun = clock.now();
         loop {
             let answer = requester.read(unit, from, count).await;
-            let values = answer
-                .map(|answer| form.values(from, &answer))
-                .map_err(|fault| remedy(fault, question));
+            let needs = match answer {
+                Err(Fault::Timeout) if !watch => {
+                    requester.hang_up();
+                    examine(&line.address, &line.bus, line.quirks, unit, (from, count)).await
+                }
+                _ => None,
+            };
+            let values = answer.map(|answer| form.values(from, &answer)).map_err(|fault| match needs {
+                Some(needs) => format!("unit {unit}: {needs}"),
+                None => remedy(fault, question),
+            });
             let now = watch.then(|| clock.time_of_day().to_string());
             let why = values.as_ref().err();
             if json {

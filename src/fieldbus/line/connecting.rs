@@ -6,7 +6,9 @@ use super::{ConnectionHistory, DeviceLine};
 use crate::fieldbus::error::{Fault, LinkFault};
 use crate::fieldbus::kinds::modbus::pending_replies::PendingReplies;
 use crate::fieldbus::kinds::modbus::reply_signature::ReplySignature;
-use crate::fieldbus::wire::Request;
+use crate::fieldbus::send_guard::SendDeadline;
+use crate::fieldbus::wire::{Ending, ModbusRequest, Request};
+use isotherm_core::codec::{Register, Table};
 use isotherm_core::continuity::Break;
 use isotherm_core::quantity::Moment;
 
@@ -19,9 +21,9 @@ const SHORT_LIVES: u32 = 3;
 
 impl DeviceLine {
     /// Closes the connection after an answer, if the device at `place` accepts one client at a time
-    /// (`quirks.close_after_each`).
+    /// (`quirks.close_after_each`), or if the server would close it.
     pub(super) fn put_down(&mut self, place: usize) {
-        if self.units.at(place).quirks.close_after_each {
+        if self.units.at(place).quirks.close_after_each || self.closing_habit.is_after_each() {
             self.wire = None;
             self.is_put_down = true;
         }
@@ -49,10 +51,17 @@ impl DeviceLine {
         let _ = self.patience.within(self.timeout, connection.wire().close()).await;
     }
 
-    /// Records that the other end closed the connection. Returns true if the last connections were so short that the
-    /// line must back off before it connects again.
-    pub(super) fn is_contested(&mut self, now: Moment) -> bool {
-        if now.since(self.history.opened_at) >= SHORT_LIFE {
+    /// Returns how the present connection has ended, as far as its wire knows it.
+    pub(super) fn end_of_connection(&mut self) -> Ending {
+        self.wire.as_mut().map_or(Ending::Lost, |connection| connection.wire().ending())
+    }
+
+    /// Records that the other end closed the connection with this ending. Returns true if the last connections were so
+    /// short that the line must back off before it connects again. An orderly close after a complete answer is no sign
+    /// of another client.
+    pub(super) fn is_contested(&mut self, ending: Ending, now: Moment) -> bool {
+        let is_orderly = self.closing_habit.ended(self.history.answers, ending);
+        if is_orderly || now.since(self.history.opened_at) >= SHORT_LIFE {
             self.short_lives = 0;
             self.yielding.succeed();
             return false;
@@ -63,6 +72,44 @@ impl DeviceLine {
             self.yielding.fail(now);
         }
         is_contested
+    }
+
+    /// Sends a read on a new connection, if a device loses the first request (`quirks.loses_first_request`). The read
+    /// may be answered or not. It has the table of `request`, and is not a write, whose outcome would be unknown.
+    pub(super) async fn send_opening_read(
+        &mut self,
+        place: usize,
+        request: Request<'_>,
+    ) -> Result<(), Fault> {
+        self.history.is_opened = true;
+        let unit = self.units.at(place);
+        let (number, is_behind_gateway) = (unit.number, unit.is_behind_gateway);
+        let read = opening_read(request).filter(|read| unit.functions.allow(read.function()));
+        let (Some(read), Some(connection)) = (read, &mut self.wire) else { return Ok(()) };
+        let span = self.timeout + connection.wire().time_under_way(read);
+        self.send_guard.next(read, SendDeadline::None);
+        self.send_guard.begins(span);
+        let answer =
+            self.patience.within(span, connection.exchange(number, read, &mut self.send_guard)).await;
+        self.send_guard.sample();
+        self.history.has_answered = true;
+        match answer {
+            Some(Err(fault @ (Fault::Link(_) | Fault::Peer(_)))) => return Err(fault),
+            Some(_) => return Ok(()),
+            None => {}
+        }
+        let missed = connection.wire().missed();
+        let has_ids = connection.has_transaction_id();
+        if has_ids && connection.modbus().is_none_or(|modbus| !modbus.give_up()) {
+            return Err(missed);
+        }
+        if !has_ids || is_behind_gateway {
+            // The answer may still arrive, like any late answer.
+            let pending = self.units.pending.of(number);
+            pending.anything();
+            pending.order.suspect(ReplySignature::of(read));
+        }
+        Ok(())
     }
 
     pub(super) async fn connect(&mut self, now: Moment) -> Result<(), Fault> {
@@ -84,8 +131,13 @@ impl DeviceLine {
                     self.send_guard.sample();
                 }
                 self.wire = Some(wire);
-                self.history =
-                    ConnectionHistory { opened_at: now, needs_pause: self.is_put_down, has_answered: false };
+                self.connections += 1;
+                self.history = ConnectionHistory {
+                    opened_at: now,
+                    needs_pause: self.is_put_down,
+                    is_opened: !self.loses_first_request,
+                    ..ConnectionHistory::default()
+                };
                 self.is_put_down = false;
                 self.redial.succeed();
                 self.evidence.connected();
@@ -96,6 +148,7 @@ impl DeviceLine {
             }
             Err(fault) => {
                 self.is_put_down = false;
+                self.closing_habit.refused();
                 self.redial.fail(now);
                 self.redial.not_before_either(now.after(self.dial.pause_after(fault)));
                 self.refused = fault;
@@ -104,4 +157,17 @@ impl DeviceLine {
             }
         }
     }
+}
+
+/// Returns a read of one value in the same place as `request`; `None` if it is not for a Modbus unit.
+fn opening_read(request: Request<'_>) -> Option<Request<'static>> {
+    let Request::Modbus(request) = request else { return None };
+    let (from, count) = match request {
+        ModbusRequest::Read { from, count } => (from, count),
+        ModbusRequest::WriteCoil { at, .. } => (Register { table: Table::Coil, offset: at }, 1),
+        ModbusRequest::WriteSingle { at, .. } | ModbusRequest::WriteMultiple { at, .. } => {
+            (Register { table: Table::Holding, offset: at }, 1)
+        }
+    };
+    Some(Request::read_registers(from, count))
 }

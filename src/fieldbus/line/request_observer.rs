@@ -36,6 +36,10 @@ pub trait RequestObserver: Send + Sync {
     /// were open.
     fn gives_up_pipeline(&self, _fault: Fault) {}
 
+    /// Reports that the Modbus gateway on the line waits for a silent unit for this time, which is longer than the
+    /// timeout of the line.
+    fn waits_for_gateway(&self, _own_timeout: Duration) {}
+
     /// Reports news about the OPC UA subscription of a device, as a sentence.
     fn subscribes(&self, _device: DeviceId, _what: String) {}
 

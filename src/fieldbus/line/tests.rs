@@ -9,6 +9,7 @@ use crate::fieldbus::wire::{Boxed, ModbusRequest, Wire};
 use isotherm_core::codec::{Register, Table};
 use isotherm_profile::{BusId, Functions, Quirks, ReadBy};
 
+mod connections;
 mod gateway;
 mod order;
 

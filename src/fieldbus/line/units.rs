@@ -18,6 +18,8 @@ const SHORTEST_REST: Duration = Duration::from_millis(750);
 /// Number of consecutive missing answers up to which the pause of a unit does not grow. It applies to units that have
 /// answered before, on lines without reliable transaction numbers.
 const PATIENT: u32 = 3;
+/// Number of consecutive missing answers after which a unit counts as dead.
+const DEAD: u32 = 2;
 /// Length of the first pause after a failure.
 pub(super) const FIRST_PAUSE: Duration = Duration::from_secs(1);
 
@@ -36,8 +38,12 @@ pub(super) struct Unit {
     /// Whether a Modbus gateway to a serial line is in front of the unit. A late answer of the unit may then have the
     /// transaction number of another request.
     pub(super) is_behind_gateway: bool,
-    /// Time of the last answer of the unit.
+    /// Time of the last request that the unit has answered.
     pub(super) received: Moment,
+    /// Time of the last request that was sent to the unit.
+    pub(super) tried: Moment,
+    /// Age at which the readings of the device are too old; `Duration::MAX` if it has none.
+    pub(super) max_age: Duration,
 }
 
 /// All devices of the line. Several devices of a profile may have the same unit number.
@@ -61,6 +67,8 @@ impl Units {
             is_checked: device.is_checked() || kinds::of(transport).has_namespaces,
             is_behind_gateway: device.quirks.gateway.is_present(transport, numbers()),
             received: Moment::default(),
+            tried: Moment::default(),
+            max_age: Duration::MAX,
         };
         let mut pending = UnitReplies::of_units(numbers());
         if is_tcp {
@@ -93,6 +101,37 @@ impl Units {
         self.all.iter().find(|unit| unit.device == device)
     }
 
+    /// Sets the age at which the readings of each device are too old.
+    pub(super) fn set_ages(&mut self, max_age_of: impl Fn(DeviceId) -> Duration) {
+        self.all.iter_mut().for_each(|unit| unit.max_age = max_age_of(unit.device));
+    }
+
+    /// Returns the number of devices on the line.
+    pub(super) fn count(&self) -> u32 {
+        u32::try_from(self.all.len()).unwrap_or(u32::MAX)
+    }
+
+    /// Returns whether the unit has answered its last request.
+    pub(super) fn is_live(&self, place: usize) -> bool {
+        let unit = self.at(place);
+        let has_missed = self.pending.get(unit.number).is_some_and(|pending| pending.missed() > 0);
+        unit.received != Moment::default() && unit.breaker.failures() == 0 && !has_missed
+    }
+
+    /// Returns whether the unit counts as dead: it has never answered, or has missed two answers in a row. A single
+    /// missing answer may be chance.
+    pub(super) fn is_dead(&self, place: usize) -> bool {
+        let unit = self.at(place);
+        let has_missed = self.pending.get(unit.number).is_some_and(|pending| pending.missed() >= DEAD);
+        unit.breaker.failures() > 0 || has_missed
+    }
+
+    /// Returns the devices behind the Modbus gateway that have answered their last requests.
+    pub(super) fn live(&self) -> impl Iterator<Item = &Unit> {
+        let live = (0..self.all.len()).filter(move |place| self.is_live(*place));
+        live.map(move |place| self.at(place)).filter(|unit| unit.is_behind_gateway)
+    }
+
     /// Returns the devices with this unit number.
     pub(super) fn named(&self, number: u8) -> impl Iterator<Item = DeviceId> {
         self.all.iter().filter(move |unit| unit.number == number).map(|unit| unit.device)
@@ -112,6 +151,7 @@ impl Units {
     pub(super) fn revive(&mut self, device: Option<DeviceId>) {
         for unit in self.all.iter_mut().filter(|unit| device.is_none_or(|one| one == unit.device)) {
             unit.breaker.succeed();
+            unit.tried = Moment::default();
         }
     }
 

@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use super::systemd::Report;
 use crate::clock::StallDetector;
+use crate::fieldbus::line::LONGEST_GATEWAY_WAIT;
 use crate::gateway::shared::shared_state::Shared;
 use crate::observe::events::Event;
 use isotherm_profile::{BusId, Profile};
@@ -120,5 +121,7 @@ fn limit(profile: &Profile, bus: BusId) -> Duration {
         devices.count() + profile.signals.len() + 4 * profile.outputs.len() + 8 * profile.sets.len();
     let requests = u32::try_from(requests).unwrap_or(u32::MAX);
     let request = profile.bus(bus).timeout + pauses.max().unwrap_or_default();
-    Duration::from_secs(5) + longest * 4 + request.saturating_mul(requests.saturating_mul(2))
+    let has_gateway = profile.devices_on(bus).any(|(device, _)| profile.is_behind_gateway(device));
+    let wait = if has_gateway { LONGEST_GATEWAY_WAIT } else { Duration::ZERO };
+    Duration::from_secs(5) + wait + longest * 4 + request.saturating_mul(requests.saturating_mul(2))
 }

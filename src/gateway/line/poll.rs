@@ -9,6 +9,9 @@
 //!   └───────┘      what is due first: one request of a device's reads · one verified write · one check of a device
 //! ```
 //!
+//! After a unit behind a Modbus gateway has not answered, the device that answered last is read before the others, see
+//! [`DeviceLine::first_after_miss`].
+//!
 //! No series of writes makes a sensor stale. A device whose readings have reached half of their `max_age` is read
 //! before every output, a limited number of times in a row. No slow device delays a corrected position, or an axis that
 //! is due, by more than one of its requests.
@@ -310,8 +313,7 @@ impl LineTask {
         if self.heartbeat_task.as_ref().is_some_and(|heartbeat_task| heartbeat_task.due <= now) {
             return Turn::Beat;
         }
-        let polls = self.polls.iter().enumerate().map(|(place, poll)| (poll.due(), place));
-        let read = polls.min();
+        let read = self.reads_due(now).min().map(|(due, _, place)| (due, place));
         if self.may_step(now) {
             return Turn::Step;
         }
@@ -327,7 +329,7 @@ impl LineTask {
         let output = jobs().min();
         let read = read.filter(|(due, _)| *due <= now);
         match (read, output.filter(|(due, _)| *due <= now)) {
-            (None, None) => Turn::Sleep(self.idle_until()),
+            (None, None) => Turn::Sleep(self.idle_until(now)),
             (None, Some((_, output))) => Turn::Output(output),
             (Some((due, first)), output) => {
                 let others_wait =
@@ -379,9 +381,23 @@ impl LineTask {
         pressing.map(|(place, poll)| (!poll.reads_position, poll.due(), place)).min().map(|(.., place)| place)
     }
 
+    /// Returns the time at which each device may be read, whether it waits for another device to be read before it, and
+    /// its index.
+    fn reads_due(&self, now: Moment) -> impl Iterator<Item = (Moment, bool, usize)> {
+        let first = self.line.first_after_miss(now);
+        let first = first.and_then(|device| self.polls.iter().find(|poll| poll.device == device));
+        let first = first.map(|poll| (poll.device, poll.due()));
+        self.polls.iter().enumerate().map(move |(place, poll)| match first {
+            Some((device, due)) if poll.device != device && poll.may_wait_until(due) => {
+                (poll.due().max(due), true, place)
+            }
+            _ => (poll.due(), false, place),
+        })
+    }
+
     /// Returns the time at which the next turn is due.
-    fn idle_until(&self) -> Moment {
-        let polls = self.polls.iter().map(|poll| poll.due());
+    fn idle_until(&self, now: Moment) -> Moment {
+        let polls = self.reads_due(now).map(|(due, ..)| due);
         let jobs = self.working_jobs().map(|(_, job)| job.due);
         let heartbeat_task = self.heartbeat_task.iter().map(|heartbeat_task| heartbeat_task.due);
         let step = self.step_due.filter(|_| self.steps_axes);

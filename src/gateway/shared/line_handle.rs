@@ -209,6 +209,12 @@ impl RequestObserver for LineHandle {
         self.core().events.push(Event::PipelineGivenUp { bus, fault: fault.to_string() });
     }
 
+    fn waits_for_gateway(&self, own: Duration) {
+        let bus = self.profile.bus(self.bus);
+        let (bus, timeout) = (bus.name.clone(), bus.timeout);
+        self.core().events.push(Event::GatewayTimeout { bus, own, timeout });
+    }
+
     /// Reports that another master uses the line. The report is repeated when messages of a new form arrive.
     fn shares_line(&self, attribute: &dyn Fn(u8, Request<'_>) -> Attribution) {
         let mut ids = Vec::new();

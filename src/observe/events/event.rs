@@ -32,6 +32,12 @@ fn seconds(span: &Duration) -> String {
     duration_text(Duration::from_secs(span.as_secs()))
 }
 
+/// Formats a measured span in tenths of a second, for example `1 s` or `0.8 s`.
+fn about(span: Duration) -> String {
+    let tenths = (span.as_secs_f64() * 10.0).round();
+    format!("{} s", tenths / 10.0)
+}
+
 /// Joins the first five names, and adds the number of the others, for example `a, b, c, d, e and 3 more`.
 fn listed(names: &[String]) -> String {
     let named = names.iter().take(5).map(String::as_str).collect::<Vec<_>>().join(", ");
@@ -437,6 +443,21 @@ events! {
         PipelineGivenUp { bus: String, fault: String } => caused(
             format!("bus {bus}"),
             format!("two requests at a time failed ({fault}); the gateway now sends one at a time")
+        );
+        GatewayTimeout {
+            bus: String,
+            #[serde(rename = "own_s", serialize_with = "in_seconds")]
+            own: Duration,
+            #[serde(rename = "timeout_s", serialize_with = "in_seconds")]
+            timeout: Duration,
+        } => caused(
+            format!("bus {bus}"),
+            format!(
+                "the Modbus gateway waits for a silent unit: the gateway's own timeout (about {}) is longer than \
+                 `timeout` ({})",
+                about(*own),
+                duration_text(*timeout)
+            )
         );
         Subscription { device: String, what: String } => caused(format!("device {device}: the subscription"), what);
         StoodStill {

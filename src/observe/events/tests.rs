@@ -115,6 +115,11 @@ fn troubles() -> Vec<Event> {
         Event::BusTrouble { bus: name(), address: "can0".into(), what: "bus off".into() },
         Event::Overrun { bus: name(), what: "a read".into(), late: Duration::from_millis(30) },
         Event::PipelineGivenUp { bus: name(), fault: "no answer".into() },
+        Event::GatewayTimeout {
+            bus: name(),
+            own: Duration::from_millis(1010),
+            timeout: Duration::from_millis(500),
+        },
         Event::Subscription { device: name(), what: "the server sends slower".into() },
         Event::StoodStill { span: Duration::from_secs(9) },
         Event::TaskFailed { task: name(), why: "it ended".into() },

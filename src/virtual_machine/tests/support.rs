@@ -161,6 +161,7 @@ fn quirks() -> Quirks {
         max_registers_per_request: 125,
         max_gap: 0,
         close_after_each: false,
+        loses_first_request: false,
         gateway: isotherm_profile::Gateway::ByUnits,
     }
 }

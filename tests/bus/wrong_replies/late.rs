@@ -87,7 +87,8 @@ fn an_answer_that_is_found_after_its_timeout_is_no_reading() {
 }
 
 /// Simulates a converter that forwards received bytes to any client. The answer to a request of the previous connection
-/// arrives right after the first request of this one, with the transaction that it had.
+/// arrives right after the first request of this one, with the transaction that it had. The converter closes the first
+/// connection, because the gateway keeps a connection after a timeout.
 #[test]
 fn an_answer_to_a_question_of_the_connection_before_is_no_reading() {
     let life = life(move |mut peer: Peer| async move {
@@ -103,6 +104,8 @@ fn an_answer_to_a_question_of_the_connection_before_is_no_reading() {
             } else {
                 let lie = asked.framed(&asked.content());
                 peer.lane.owes(lie);
+                tokio::time::sleep(2 * peer.kind().timeout()).await;
+                return Ok(());
             }
             first = false;
         }

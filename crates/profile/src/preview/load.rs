@@ -65,7 +65,8 @@ fn cost(bus: &Bus, device: &Device, asked: &Exchange) -> Cost {
     let known = bytes + quirks.pause_between_requests;
     if quirks.close_after_each {
         // The next request requires a new connection first.
-        return Cost { known: known + quirks.pause_after_connect, waits: 2.0 };
+        let lost = if quirks.loses_first_request { bus.timeout } else { Duration::ZERO };
+        return Cost { known: known + quirks.pause_after_connect + lost, waits: 2.0 };
     }
     Cost { known, waits: 1.0 }
 }

@@ -2,10 +2,12 @@
 //!
 //! - Transaction numbers are random. A device that counts transactions by itself, or is ahead by one, would not match
 //!   them.
-//! - Bytes that answer no open request close the connection, and so do bytes after an answer. Input from before a
-//!   request is recognized by its transaction number. Before a write the wire also checks for such input, and then does
-//!   not send the write. The wire skips this check immediately after an answer, because nothing else had arrived with
-//!   the answer.
+//! - A late answer has the transaction number of a request of this connection that was given up after its timeout. The
+//!   wire discards it and keeps the connection, see `given_up`.
+//! - All other bytes that answer no open request close the connection, and so do bytes after an answer. Input from
+//!   before a request is recognized by its transaction number. Before a write, and while a late answer is expected, the
+//!   wire also checks for such input, and then does not send the request. A write skips this check immediately after an
+//!   answer, because nothing else had arrived with the answer.
 //! - A read may be sent in the same TCP segment after another request, with its own transaction number.
 
 use std::collections::hash_map::RandomState;
@@ -17,17 +19,19 @@ use super::pdu;
 use super::reply_signature::ReplySignature;
 use super::request::ModbusRequest;
 use super::text;
-use super::wire::ModbusWire;
+use super::wire::{LateReply, ModbusWire};
 use crate::fieldbus::error::{CallerFault, Fault, LinkFault, PeerFault};
 use crate::fieldbus::port::{Port, Tapped, is_in_order};
 use crate::fieldbus::send_guard::SendGuard;
 use crate::fieldbus::trace::Tap;
-use crate::fieldbus::wire::{Answer, Call, Ending, Request, Wire};
+use crate::fieldbus::wire::{Answer, Boxed, Call, Ending, Request, Wire};
 use crate::tls::TlsFault;
 use follow_up_read::FollowUpRead;
+use given_up::{GivenUp, SentRequest};
 use isotherm_core::quantity::Moment;
 
 mod follow_up_read;
+mod given_up;
 
 /// Length in bytes of the fields transaction, protocol and length. The length field counts the bytes after them.
 const HEADER: usize = 6;
@@ -47,6 +51,11 @@ pub struct ModbusTcp {
     received: Box<[u8; 2 * LONGEST]>,
     filled: usize,
     behind: FollowUpRead,
+    /// Request whose answer is awaited; `None` if it was answered.
+    open: Option<SentRequest>,
+    /// Whether a part of a request may not have been sent.
+    is_sending: bool,
+    given_up: GivenUp,
     /// Form of the received answer to the present request; `None` before it arrives.
     form: Option<ReplySignature>,
     /// Time at which the last answered request was sent; `Moment::default()` if the last request was not answered.
@@ -73,6 +82,9 @@ impl ModbusTcp {
             received: Box::new([0; 2 * LONGEST]),
             filled: 0,
             behind: FollowUpRead::default(),
+            open: None,
+            is_sending: false,
+            given_up: GivenUp::default(),
             form: None,
             answered: Moment::default(),
             ending: Ending::Lost,
@@ -86,15 +98,17 @@ impl ModbusTcp {
         send_guard: &mut SendGuard,
     ) -> Result<Answer, Fault> {
         let Request::Modbus(request) = request else { return Err(Fault::Caller(CallerFault::Function)) };
-        self.form = None;
+        (self.form, self.open) = (None, None);
         if let Some((transaction, asked)) = self.behind.take_unanswered(unit, request) {
             // The request was sent, even if it gets no answer.
             send_guard.left(asked);
-            return self.receive_answer(transaction, unit, |message| pdu::answer(request, message)).await;
+            self.open = Some(SentRequest { transaction, unit, asked });
+            let answer = |message: &[u8]| pdu::answer(request, message);
+            return self.receive_answer((transaction, unit), send_guard, answer).await;
         }
         if let Some((transaction, unit, request)) = self.behind.unanswered() {
-            let answer =
-                self.receive_answer(transaction, unit, |message| Ok(pdu::answer(request, message))).await?;
+            let answer = |message: &[u8]| Ok(pdu::answer(request, message));
+            let answer = self.receive_answer((transaction, unit), send_guard, answer).await?;
             self.behind.answered(answer);
             self.form = None;
         }
@@ -102,33 +116,93 @@ impl ModbusTcp {
             send_guard.left(asked);
             return answer;
         }
-        if !request.is_read() && send_guard.last_sample().since(self.answered) >= AT_ONCE {
-            self.expect_nothing()?;
+        let may_hide_input = !request.is_read() && send_guard.last_sample().since(self.answered) >= AT_ONCE;
+        if may_hide_input || self.given_up.is_expected() {
+            self.check_input()?;
         }
         self.question.clear();
         let transaction = self.frame(unit, request);
         let behind = self.behind.take_question();
         let behind = behind.map(|(unit, request)| (unit, request, self.frame(unit, request)));
         let asked = send_guard.leave()?;
+        self.is_sending = true;
         self.port.send(&self.question).await.map_err(|error| self.ended(Some(&error), Fault::BROKEN))?;
+        self.is_sending = false;
+        self.open = Some(SentRequest { transaction, unit, asked });
         if let Some((unit, request, transaction)) = behind {
             self.behind.left(unit, request, transaction, asked);
         }
         self.answered = Moment::default();
-        let answer = self.receive_answer(transaction, unit, |message| pdu::answer(request, message)).await?;
+        let answer = |message: &[u8]| pdu::answer(request, message);
+        let answer = self.receive_answer((transaction, unit), send_guard, answer).await?;
         self.answered = asked;
         Ok(answer)
     }
 
-    /// Checks that no input has arrived without a request.
-    fn expect_nothing(&mut self) -> Result<(), Fault> {
-        match self.port.take_waiting(&mut *self.received) {
-            Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted) => {
-                Ok(())
+    /// Checks that no input has arrived without a request, except late answers, which it discards.
+    fn check_input(&mut self) -> Result<(), Fault> {
+        loop {
+            match self.port.take_waiting(&mut self.received[self.filled..]) {
+                Err(error)
+                    if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted) =>
+                {
+                    return Ok(());
+                }
+                Err(error) => return Err(self.ended(Some(&error), Fault::CLOSED)),
+                Ok(0) => return Err(self.ended(None, Fault::CLOSED)),
+                Ok(count) => self.filled += count,
             }
-            Err(error) => Err(self.ended(Some(&error), Fault::CLOSED)),
-            Ok(0) => Err(self.ended(None, Fault::CLOSED)),
-            Ok(_) => Err(Fault::Peer(PeerFault::Unasked)),
+            // The time of arrival is not known: the input may have waited for long.
+            self.discard_late(None)?;
+        }
+    }
+
+    /// Discards the late answers in the receive buffer. `received` is the time of their arrival, if it is known.
+    ///
+    /// # Errors
+    /// The buffer contains anything else.
+    fn discard_late(&mut self, received: Option<Moment>) -> Result<(), Fault> {
+        self.discard_late_frames(received).map_err(|_| Fault::UNASKED)?;
+        if self.filled == 0 { Ok(()) } else { Err(Fault::UNASKED) }
+    }
+
+    /// Discards the complete late answers at the beginning of the receive buffer.
+    ///
+    /// # Errors
+    /// The next frame is no late answer.
+    fn discard_late_frames(&mut self, received: Option<Moment>) -> Result<(), Fault> {
+        while let Some(first) = self.first()? {
+            if !self.given_up.expects(&first) {
+                return Err(Fault::Peer(PeerFault::Foreign));
+            }
+            let Some(end) = first.end else { break };
+            self.discard_first(&first, end, received);
+        }
+        Ok(())
+    }
+
+    /// Discards the first frame in the receive buffer, which is a late answer and ends at `end`.
+    fn discard_first(&mut self, first: &First, end: usize, received: Option<Moment>) {
+        self.given_up.answered(first, &self.received[HEADER + 1..end], received);
+        self.forget_first(end);
+    }
+
+    /// Receives and discards late answers until the one to this given up request has arrived.
+    async fn receive_late(
+        &mut self,
+        (unit, asked): (u8, Moment),
+        send_guard: &mut SendGuard,
+    ) -> Result<(), Fault> {
+        loop {
+            self.discard_late_frames(Some(send_guard.sample()))?;
+            if !self.given_up.contains(unit, asked) {
+                return if self.filled == 0 { Ok(()) } else { Err(Fault::UNASKED) };
+            }
+            match self.port.receive(&mut self.received[self.filled..]).await {
+                Ok(0) => return Err(self.ended(None, Fault::CLOSED)),
+                Ok(count) => self.filled += count,
+                Err(error) => return Err(self.ended(Some(&error), Fault::CLOSED)),
+            }
         }
     }
 
@@ -145,42 +219,52 @@ impl ModbusTcp {
     }
 
     /// Draws the next transaction number, by Marsaglia's xorshift. It differs from the last one, because two requests
-    /// may be open.
+    /// may be open, and from those of the given up requests.
     fn draw(&mut self) -> u16 {
         let last = self.drawn >> 48;
-        while self.drawn >> 48 == last {
+        loop {
             self.drawn ^= self.drawn << 13;
             self.drawn ^= self.drawn >> 7;
             self.drawn ^= self.drawn << 17;
+            let drawn = u16::try_from(self.drawn >> 48).unwrap_or_default();
+            if self.drawn >> 48 != last && !self.given_up.has(drawn) {
+                return drawn;
+            }
         }
-        u16::try_from(self.drawn >> 48).unwrap_or_default()
     }
 
     /// Waits for the answer to this request. An answer to the read sent directly after the request is stored, whichever
     /// of the two arrives first.
     async fn receive_answer<T>(
         &mut self,
-        transaction: u16,
-        unit: u8,
+        (transaction, unit): (u16, u8),
+        send_guard: &mut SendGuard,
         answer: impl FnOnce(&[u8]) -> Result<T, Fault>,
     ) -> Result<T, Fault> {
         loop {
             while let Some(first) = self.first()? {
                 let behind = self.behind.unanswered();
                 let is_wanted = first.answers(transaction, unit);
-                if !is_wanted && !behind.is_some_and(|(number, unit, _)| first.answers(number, unit)) {
+                let is_late = !is_wanted && self.given_up.expects(&first);
+                let is_behind = behind.is_some_and(|(number, unit, _)| first.answers(number, unit));
+                if !is_wanted && !is_late && !is_behind {
                     return Err(Fault::Peer(first.answers_nothing(transaction)));
                 }
                 let Some(end) = first.end else { break };
+                if is_late {
+                    self.discard_first(&first, end, Some(send_guard.sample()));
+                    continue;
+                }
                 let message = &self.received[HEADER + 1..end];
                 if is_wanted {
                     let is_last = behind.is_none_or(|(number, ..)| number == transaction);
-                    if is_last && end < self.filled {
-                        return Err(Fault::Peer(PeerFault::Unasked));
-                    }
                     self.form = ReplySignature::of_answer(message);
                     let answered = answer(message);
+                    self.open = None;
                     self.forget_first(end);
+                    if is_last && self.filled > 0 {
+                        self.discard_late(Some(send_guard.sample()))?;
+                    }
                     return answered;
                 }
                 if let Some((_, _, request)) = behind {
@@ -259,6 +343,31 @@ impl Wire for ModbusTcp {
 }
 
 impl ModbusWire for ModbusTcp {
+    fn give_up(&mut self) -> bool {
+        // The rest of a frame could not be told from the beginning of the next one.
+        let is_between_frames = self.filled == 0 && !self.is_sending && !self.behind.is_under_way();
+        if is_between_frames {
+            self.given_up.extend(self.open.take());
+        }
+        is_between_frames
+    }
+
+    fn expects_late(&self, unit: u8, asked: Moment) -> bool {
+        self.given_up.contains(unit, asked)
+    }
+
+    fn await_late<'a>(
+        &'a mut self,
+        request: (u8, Moment),
+        send_guard: &'a mut SendGuard,
+    ) -> Boxed<'a, Result<(), Fault>> {
+        Box::pin(self.receive_late(request, send_guard))
+    }
+
+    fn late_replies(&mut self) -> Vec<LateReply> {
+        self.given_up.take_replies()
+    }
+
     fn set_follow_up(&mut self, read: Option<(u8, Request<'static>)>) {
         self.behind.ask(read);
     }

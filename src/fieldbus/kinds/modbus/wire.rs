@@ -6,6 +6,7 @@ use std::time::Duration;
 use super::reply_signature::ReplySignature;
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::request::Request;
+use crate::fieldbus::send_guard::SendGuard;
 use crate::fieldbus::wire::{Boxed, Wire};
 use isotherm_core::quantity::Moment;
 
@@ -18,6 +19,19 @@ pub struct ForeignFrame {
     pub form: Option<ReplySignature>,
     /// Whether the frame is a request.
     pub is_question: bool,
+}
+
+/// Answer that arrived on a TCP connection after the line had given up its request. The wire has discarded it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LateReply {
+    /// Unit of the request.
+    pub unit: u8,
+    /// Time at which the request was sent.
+    pub asked: Moment,
+    /// Time at which the answer arrived; `None` if the wire did not listen at that time.
+    pub received: Option<Moment>,
+    /// Whether a Modbus gateway has answered instead of the unit, with exception 10 or 11.
+    pub is_of_a_gateway: bool,
 }
 
 /// Open Modbus connection, with or without transaction numbers.
@@ -38,6 +52,36 @@ pub trait ModbusWire: Wire {
 
     /// Returns the frames of other masters since the last call.
     fn overheard(&mut self) -> Vec<ForeignFrame> {
+        Vec::new()
+    }
+
+    /// Gives up the open request after its timeout. Returns whether the connection can still be used: the wire then
+    /// recognises the late answer by its transaction number, and discards it.
+    fn give_up(&mut self) -> bool {
+        false
+    }
+
+    /// Returns whether the late answer to the given up request may still arrive on this connection that was sent to
+    /// this unit at `asked`.
+    fn expects_late(&self, _unit: u8, _asked: Moment) -> bool {
+        false
+    }
+
+    /// Discards late answers until the one to this given up request has arrived. The caller limits the time. The call
+    /// may be cancelled at any time.
+    ///
+    /// # Errors
+    /// The connection has ended, or other input has arrived.
+    fn await_late<'a>(
+        &'a mut self,
+        _request: (u8, Moment),
+        _send_guard: &'a mut SendGuard,
+    ) -> Boxed<'a, Result<(), Fault>> {
+        Box::pin(std::future::ready(Ok(())))
+    }
+
+    /// Returns the late answers that were discarded since the last call.
+    fn late_replies(&mut self) -> Vec<LateReply> {
         Vec::new()
     }
 

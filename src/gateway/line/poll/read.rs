@@ -53,7 +53,7 @@ pub(super) fn polls(profile: &Profile, bus: BusId, corrected: &[DeviceId], start
         has_been_read: false,
         is_discarded: false,
         read_at: start,
-        max_age: profile.signals_of(id).map(|(_, signal)| signal.max_age).min().unwrap_or(Duration::MAX),
+        max_age: profile.shortest_age_of(id),
         captures: Captures::new(profile.signals_of(id).filter_map(|(_, signal)| signal.capture)),
         requests: profile.requests(id),
     };
@@ -72,6 +72,11 @@ impl Poll {
     /// the next round begins.
     pub(super) fn due(&self) -> Moment {
         self.again.or(self.under_way.map(|(due, _)| due)).unwrap_or(self.next)
+    }
+
+    /// Returns whether the device may wait until `other`, when another device is due: for at most one period.
+    pub(super) fn may_wait_until(&self, other: Moment) -> bool {
+        other <= self.due().after(self.every)
     }
 
     /// Returns whether the device was due at `by` and has not been read since.
@@ -125,7 +130,7 @@ impl Poll {
             (self.next, self.repeats) = (now.next_tick(due, self.every), 0);
             self.read_at = now;
             let late = now.since(due);
-            if late >= self.every {
+            if late >= self.every && !line.has_waited_since(due) {
                 overruns.note(late, self.device);
             }
         }

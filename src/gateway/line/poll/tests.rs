@@ -23,6 +23,8 @@ use crate::gateway::lifecycle::options::Options;
 use isotherm_core::codec::{Register, Table, checksum};
 use isotherm_profile::{BusId, DeviceId, Parity, Serial};
 
+mod shared_gateway;
+
 /// Time that the devices need for an answer.
 const TAKES: Duration = Duration::from_millis(20);
 

@@ -34,6 +34,9 @@ pub(crate) struct RawQuirks {
     /// Whether the connection is closed after each answer, for a device that accepts only one client at a time. Default
     /// false.
     close_after_each: Option<bool>,
+    /// Whether the device loses the first request of each connection. The gateway then sends a read after connecting,
+    /// and ignores whether it is answered. Default false.
+    loses_first_request: Option<bool>,
     /// Whether the device is behind a Modbus gateway from TCP to a serial line. After a missed answer, the next request
     /// then waits for the time of a late answer. Default: true if two or more units share the modbus-tcp bus.
     gateway: Option<bool>,
@@ -54,6 +57,8 @@ pub struct Quirks {
     pub max_gap: u16,
     /// Whether the connection is closed after each answer.
     pub close_after_each: bool,
+    /// Whether the device loses the first request of each connection.
+    pub loses_first_request: bool,
     /// Whether a Modbus gateway to a serial line is in front of the device.
     pub gateway: Gateway,
 }
@@ -93,6 +98,7 @@ impl Default for Quirks {
             max_registers_per_request: 125,
             max_gap: 8,
             close_after_each: false,
+            loses_first_request: false,
             gateway: Gateway::ByUnits,
         }
     }
@@ -119,6 +125,7 @@ impl RawQuirks {
             max_registers_per_request: most.unwrap_or(below.max_registers_per_request),
             max_gap: self.max_gap.unwrap_or(below.max_gap),
             close_after_each: self.close_after_each.unwrap_or(below.close_after_each),
+            loses_first_request: self.loses_first_request.unwrap_or(below.loses_first_request),
             gateway: gateway.unwrap_or(below.gateway),
         }
     }

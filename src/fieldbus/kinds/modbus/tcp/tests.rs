@@ -371,3 +371,152 @@ async fn what_nobody_asked_for_keeps_a_write_from_leaving_and_is_found_behind_on
         assert_eq!(!heard.is_empty(), left, "{pause} ms");
     }
 }
+
+/// Connection to a peer, with a request that the wire has given up.
+struct Late {
+    wire: ModbusTcp,
+    peer: DuplexStream,
+    send_guard: SendGuard,
+    clock: Clock,
+    /// Request that was given up, and its time.
+    asked: Vec<u8>,
+    sent: Moment,
+}
+
+/// Sends a read that the peer does not answer within the timeout.
+async fn given_up() -> Late {
+    let (ours, mut peer) = duplex(2048);
+    let clock = Clock::simulated(Moment::default().after(Duration::from_secs(60)), None);
+    let (mut wire, mut send_guard) =
+        (ModbusTcp::new(ours, &Tap::default()), SendGuard::without_deadline(&clock));
+    let exchange = wire.exchange(3, READ, &mut send_guard);
+    assert!(tokio::time::timeout(Duration::from_millis(20), exchange).await.is_err());
+    assert!(wire.give_up());
+    let sent = send_guard.asked().unwrap();
+    assert!(wire.expects_late(3, sent) && !wire.expects_late(4, sent));
+    let asked = receive(&mut peer).await;
+    Late { wire, peer, send_guard, clock, asked, sent }
+}
+
+impl Late {
+    /// Sends bytes and then the answer to the next request. Returns the result of that request.
+    async fn next(&mut self, request: Request<'_>, late: &[u8], pdu: &[u8]) -> Result<Answer, Fault> {
+        let Late { wire, peer, send_guard, .. } = self;
+        let answers = async {
+            let asked = receive(peer).await;
+            let answer = [late, &frame(&asked, 0, 0, pdu)].concat();
+            peer.write_all(&answer).await.unwrap();
+            std::future::pending::<()>().await;
+        };
+        tokio::select! {
+            answer = wire.exchange(3, request, send_guard) => answer,
+            () = answers => unreachable!(),
+        }
+    }
+
+    fn reply(&self) -> Vec<u8> {
+        frame(&self.asked, 0, 0, &[3, 4, 0, 9, 0, 9])
+    }
+}
+
+const NEXT: &[u8] = &[3, 4, 0, 1, 0, 2];
+
+#[tokio::test]
+async fn a_late_answer_is_discarded_and_the_next_request_gets_its_own() {
+    let right = Ok(Answer::Registers(vec![1, 2]));
+    let mut late = given_up().await;
+    let reply = late.reply();
+    assert_eq!(late.next(READ, &reply, NEXT).await, right, "before the answer");
+    assert!(!late.wire.expects_late(3, late.sent));
+    let [reply] = late.wire.late_replies().try_into().unwrap();
+    assert_eq!((reply.unit, reply.is_of_a_gateway, reply.received), (3, false, Some(late.clock.now())));
+    // It arrives while no request is open, and its time is not known.
+    let mut late = given_up().await;
+    let reply = late.reply();
+    late.peer.write_all(&reply).await.unwrap();
+    late.clock.skip(Duration::from_secs(1));
+    late.send_guard.sample();
+    assert_eq!(late.next(READ, &[], NEXT).await, right, "while no request is open");
+    assert_eq!(late.wire.late_replies()[0].received, None);
+    // It arrives in the same segment behind the answer.
+    let mut late = given_up().await;
+    let reply = late.reply();
+    let behind = async {
+        let asked = receive(&mut late.peer).await;
+        late.peer.write_all(&[frame(&asked, 0, 0, NEXT), reply].concat()).await.unwrap();
+    };
+    let (answer, ()) = tokio::join!(late.wire.exchange(3, READ, &mut late.send_guard), behind);
+    assert_eq!(answer, right, "behind the answer");
+    assert!(!late.wire.expects_late(3, late.sent));
+}
+
+#[tokio::test]
+async fn a_late_exception_of_a_gateway_is_told_from_an_answer_of_the_unit() {
+    for (pdu, is_of_a_gateway) in [(&[0x83, 11][..], true), (&[0x83, 10], true), (&[0x83, 4], false)] {
+        let mut late = given_up().await;
+        let bytes = frame(&late.asked, 0, 0, pdu);
+        late.peer.write_all(&bytes).await.unwrap();
+        assert_eq!(late.wire.await_late((3, late.sent), &mut late.send_guard).await, Ok(()));
+        assert_eq!(late.wire.late_replies()[0].is_of_a_gateway, is_of_a_gateway, "{pdu:?}");
+    }
+}
+
+#[tokio::test]
+async fn anything_but_one_late_answer_to_each_given_up_request_still_closes_the_connection() {
+    let foreign = peer(PeerFault::Foreign);
+    let pdu = [3, 4, 0, 9, 0, 9];
+    for (transaction, unit, of) in
+        [(1, 0, "another transaction"), (255, 0, "the one before"), (0, 1, "another unit")]
+    {
+        let mut late = given_up().await;
+        let bytes = frame(&late.asked, transaction, unit, &pdu);
+        assert_eq!(late.next(READ, &bytes, NEXT).await, foreign, "{of}");
+        let mut late = given_up().await;
+        let bytes = frame(&late.asked, transaction, unit, &pdu);
+        late.peer.write_all(&bytes).await.unwrap();
+        assert_eq!(late.next(WRITE, &[], ECHO).await, peer(PeerFault::Unasked), "{of}, before the request");
+    }
+    let mut late = given_up().await;
+    let twice = [late.reply(), late.reply()].concat();
+    assert_eq!(late.next(READ, &twice, NEXT).await, foreign, "twice");
+    let mut late = given_up().await;
+    let bytes = [late.reply(), vec![0]].concat();
+    late.peer.write_all(&bytes).await.unwrap();
+    assert_eq!(
+        late.wire.await_late((3, late.sent), &mut late.send_guard).await,
+        Err(Fault::UNASKED),
+        "a byte behind it"
+    );
+}
+
+#[tokio::test]
+async fn a_connection_in_the_middle_of_a_frame_cannot_be_kept() {
+    for bytes in [1, 6, 11] {
+        let (ours, mut theirs) = duplex(512);
+        let mut wire = ModbusTcp::new(ours, &Tap::default());
+        let mut send_guard = SendGuard::without_deadline(&Clock::wall());
+        let part = async {
+            let asked = receive(&mut theirs).await;
+            theirs.write_all(&frame(&asked, 0, 0, NEXT)[..bytes]).await.unwrap();
+            std::future::pending::<()>().await;
+        };
+        let exchange = async { tokio::join!(wire.exchange(3, READ, &mut send_guard), part) };
+        assert!(tokio::time::timeout(Duration::from_millis(20), exchange).await.is_err());
+        assert!(!wire.give_up(), "{bytes} bytes of the answer");
+    }
+    // A request of which a part was sent.
+    let (ours, _theirs) = duplex(5);
+    let mut wire = ModbusTcp::new(ours, &Tap::default());
+    let mut send_guard = SendGuard::without_deadline(&Clock::wall());
+    let exchange = wire.exchange(3, READ, &mut send_guard);
+    assert!(tokio::time::timeout(Duration::from_millis(20), exchange).await.is_err());
+    assert!(!wire.give_up());
+}
+
+#[tokio::test]
+async fn a_connection_that_ends_while_a_late_answer_is_awaited_was_closed_while_idle() {
+    let mut late = given_up().await;
+    drop(late.peer);
+    assert_eq!(late.wire.await_late((3, late.sent), &mut late.send_guard).await, Err(Fault::CLOSED));
+    assert_eq!(late.wire.ending(), Ending::Closed);
+}

@@ -1,0 +1,133 @@
+//! Test of a device that does not answer: whether it ignores requests for a time after connecting, or loses the first
+//! request of each connection. The test only reads.
+
+use std::fmt;
+use std::time::Duration;
+
+use serde::Serialize;
+
+use crate::discovery::bus::LineAddress;
+use crate::discovery::unit_reader::UnitReader;
+use crate::fieldbus::wire::{ModbusRequest, Request};
+use isotherm_core::codec::Register;
+use isotherm_profile::{Bus, BusId, Profile, Quirks, duration_text};
+
+/// Pauses after connecting that are tried, the shortest first.
+const PAUSES: [Duration; 2] = [Duration::from_millis(500), LONGEST_PAUSE];
+/// Longest pause after connecting that is tried.
+pub const LONGEST_PAUSE: Duration = Duration::from_secs(2);
+/// Number of devices of a bus of which one must answer. Otherwise the first one is tested.
+const DEVICES: usize = 4;
+
+/// Behaviour of a device on a new connection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NewConnection {
+    /// It answers only after this pause.
+    Deaf(Duration),
+    /// It loses the first request.
+    LosesFirst,
+}
+
+/// Device of a profile with such a behaviour.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct NewConnectionAdvice {
+    /// Name of the bus in the profile.
+    pub bus: String,
+    /// Name of the device in the profile.
+    pub device: String,
+    /// Description of the behaviour, and what to do.
+    pub advice: String,
+}
+
+/// Describes the behaviour, and names the key for it.
+impl fmt::Display for NewConnection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            NewConnection::Deaf(pause) => write!(
+                f,
+                "the device ignores requests directly after connecting: write quirks = {{ pause_after_connect = \"{}\" }}",
+                duration_text(*pause)
+            ),
+            NewConnection::LosesFirst => f.write_str(
+                "the device loses the first request of each connection: write quirks = { loses_first_request = true }",
+            ),
+        }
+    }
+}
+
+/// Tests a unit that has not answered a read of these registers. Returns `None` if it answers now, or if it does not
+/// answer with any setting. The caller must have closed its own connection.
+pub async fn examine(
+    line: &LineAddress,
+    bus: &Bus,
+    quirks: Quirks,
+    unit: u8,
+    read: (Register, u16),
+) -> Option<NewConnection> {
+    // A single lost answer is chance.
+    if is_answered(line, bus, quirks, unit, read).await {
+        return None;
+    }
+    let [short, long] = PAUSES.map(NewConnection::Deaf);
+    for found in [short, long, NewConnection::LosesFirst] {
+        let changed = match found {
+            NewConnection::Deaf(pause) => Quirks { pause_after_connect: pause, ..quirks },
+            NewConnection::LosesFirst => Quirks { loses_first_request: true, ..quirks },
+        };
+        let is_new = match found {
+            NewConnection::Deaf(pause) => pause > quirks.pause_after_connect,
+            NewConnection::LosesFirst => !quirks.loses_first_request,
+        };
+        if is_new && is_answered(line, bus, changed, unit, read).await {
+            return Some(found);
+        }
+    }
+    None
+}
+
+/// Sends a read on a connection of its own. Returns whether the unit answers, with data or with a refusal.
+async fn is_answered(
+    line: &LineAddress,
+    bus: &Bus,
+    quirks: Quirks,
+    unit: u8,
+    (from, count): (Register, u16),
+) -> bool {
+    match UnitReader::new(line, bus, quirks, None).read(unit, from, count).await {
+        Ok(_) => true,
+        Err(fault) => fault.is_refusal() && !fault.is_of_a_gateway(),
+    }
+}
+
+/// Tests the Modbus buses of a profile on which no device answers.
+pub async fn examined(profile: &Profile) -> Vec<NewConnectionAdvice> {
+    let mut found = Vec::new();
+    for (place, bus) in profile.buses.iter().enumerate() {
+        let reads = profile.devices_on(BusId(place)).filter_map(|(id, device)| {
+            let request = profile.requests(id).into_iter().next()?;
+            let Request::Modbus(ModbusRequest::Read { from, count }) = Request::in_registers(&request.asks)?
+            else {
+                return None;
+            };
+            Some((device, (from, count)))
+        });
+        let reads: Vec<_> = reads.take(DEVICES).collect();
+        let Some((first, read)) = reads.first().copied() else { continue };
+        let line = LineAddress::of(bus);
+        let mut does_answer = false;
+        for (device, read) in &reads {
+            does_answer = does_answer || is_answered(&line, bus, device.quirks, device.unit, *read).await;
+        }
+        if does_answer {
+            continue;
+        }
+        if let Some(behaviour) = examine(&line, bus, first.quirks, first.unit, read).await {
+            let (bus, device) = (bus.name.clone(), first.name.clone());
+            found.push(NewConnectionAdvice { bus, device, advice: behaviour.to_string() });
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,113 @@
+//! Tests with peers on real sockets.
+
+use std::io::{Read, Write};
+use std::net::TcpListener;
+use std::path::Path;
+
+use super::*;
+use isotherm_core::codec::Table;
+
+const TIMEOUT: Duration = Duration::from_millis(250);
+const READ: (Register, u16) = (Register { table: Table::Holding, offset: 0 }, 1);
+
+/// Behaviour of the peer.
+#[derive(Clone, Copy, Debug)]
+enum Peer {
+    /// It ignores the requests on a connection before this time.
+    Deaf(Duration),
+    /// It ignores this number of requests on each connection.
+    Loses(u32),
+    /// It ignores the first request of all.
+    LosesOnce,
+}
+
+/// Serves one connection after another. Returns the address.
+fn serve(peer: Peer) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    std::thread::spawn(move || {
+        for (connection, stream) in listener.incoming().enumerate() {
+            let mut stream = stream.unwrap();
+            std::thread::spawn(move || {
+                if let Peer::Deaf(span) = peer {
+                    std::thread::sleep(span);
+                    stream.set_nonblocking(true).unwrap();
+                    let _ = stream.read(&mut [0; 1024]);
+                    stream.set_nonblocking(false).unwrap();
+                }
+                let mut lost = match peer {
+                    Peer::Deaf(_) => 0,
+                    Peer::Loses(count) => count,
+                    Peer::LosesOnce => u32::from(connection == 0),
+                };
+                let mut question = [0; 12];
+                while stream.read_exact(&mut question).is_ok() {
+                    if lost > 0 {
+                        lost -= 1;
+                        continue;
+                    }
+                    let answer = [question[0], question[1], 0, 0, 0, 5, question[6], question[7], 2, 0, 7];
+                    if stream.write_all(&answer).is_err() {
+                        return;
+                    }
+                }
+            });
+        }
+    });
+    address
+}
+
+async fn found(peer: Peer, quirks: Quirks) -> Option<NewConnection> {
+    let line: LineAddress = format!("tcp://{}", serve(peer)).parse().unwrap();
+    let bus = line.bus(TIMEOUT);
+    // The read of the verb.
+    assert!(!is_answered(&line, &bus, Quirks::default(), 1, READ).await, "{peer:?}");
+    examine(&line, &bus, quirks, 1, READ).await
+}
+
+#[tokio::test]
+async fn a_device_that_is_deaf_after_connecting_is_told_from_one_that_loses_the_first_request() {
+    let usual = Quirks::default();
+    let known = Quirks { loses_first_request: true, ..usual };
+    let (deaf, loses, chance, dead, works) = tokio::join!(
+        found(Peer::Deaf(Duration::from_secs(1)), usual),
+        found(Peer::Loses(1), usual),
+        found(Peer::LosesOnce, usual),
+        found(Peer::Loses(u32::MAX), usual),
+        found(Peer::Loses(1), known),
+    );
+    assert_eq!(deaf, Some(NewConnection::Deaf(PAUSES[1])));
+    assert_eq!(loses, Some(NewConnection::LosesFirst));
+    assert_eq!(chance, None, "it answers now");
+    assert_eq!(dead, None);
+    assert_eq!(works, None, "it answers with the setting that it has");
+}
+
+#[test]
+fn each_behaviour_names_its_key() {
+    for (behaviour, key) in [
+        (NewConnection::Deaf(PAUSES[1]), "quirks = { pause_after_connect = \"2s\" }"),
+        (NewConnection::LosesFirst, "quirks = { loses_first_request = true }"),
+    ] {
+        assert!(behaviour.to_string().contains(key), "{behaviour}");
+    }
+}
+
+fn profile(address: &str) -> Profile {
+    let text = format!(
+        "[machine]\nname = \"cell\"\n[bus.cell]\ntype = \"modbus-tcp\"\naddress = \"{address}\"\ntimeout = \"250ms\"\n\
+         [device.one]\nbus = \"cell\"\nunit = 1\nevery = \"1s\"\n[signal.bed]\ndevice = \"one\"\n\
+         register = \"holding:0\"\ntype = \"i16\"\nunit = \"degC\"\n"
+    );
+    let loaded = isotherm_profile::parse(Path::new("cell.toml"), &text, &[], &[]);
+    loaded.unwrap_or_else(|errors| panic!("{errors}")).profile
+}
+
+#[tokio::test]
+async fn the_devices_of_a_profile_are_tested_if_none_answers() {
+    let advice = examined(&profile(&serve(Peer::Loses(1)))).await;
+    let [NewConnectionAdvice { bus, device, advice }] = advice.as_slice() else { panic!("{advice:?}") };
+    assert_eq!((bus.as_str(), device.as_str()), ("cell", "one"));
+    assert!(advice.contains("loses_first_request"), "{advice}");
+    assert_eq!(examined(&profile(&serve(Peer::Loses(0)))).await, []);
+}

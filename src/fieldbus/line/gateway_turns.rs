@@ -1,0 +1,183 @@
+//! Turns of the units behind a Modbus gateway (from TCP to a serial line): when each may be asked, and waiting for the
+//! Modbus gateway before and during a request. See `modbus_gateway`.
+
+use std::time::Duration;
+
+use super::modbus_gateway::{LONGEST_WAIT, Wait};
+use super::{AfterTimeout, DeviceLine};
+use crate::fieldbus::connection::Connection;
+use crate::fieldbus::error::{Fault, LinkFault, PeerFault};
+use crate::fieldbus::wire::Answer;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::DeviceId;
+
+impl DeviceLine {
+    /// Returns whether the unit may get a request now. A dead unit behind a Modbus gateway is asked seldom, because the
+    /// other units wait meanwhile.
+    pub(super) fn may_try(&self, place: usize, now: Moment) -> bool {
+        let unit = self.units.at(place);
+        if !unit.is_behind_gateway || self.after_timeout == AfterTimeout::Renew || !self.units.is_dead(place)
+        {
+            return true;
+        }
+        let others = self.units.live().filter(|other| other.number != unit.number);
+        let others = others.map(|other| (other.received, other.max_age));
+        self.gateway.may_try_dead(unit.tried, self.timeout, others, now)
+    }
+
+    /// Returns the device to be asked next, after a unit behind a Modbus gateway has not answered: the one that
+    /// answered last, because it most probably still does. Otherwise several units that die together would occupy the
+    /// Modbus gateway one after another. `None`: any device may be next.
+    pub fn first_after_miss(&self, now: Moment) -> Option<DeviceId> {
+        if !self.gateway.awaits_proof(now) {
+            return None;
+        }
+        let first = self.units.live().max_by_key(|unit| unit.received)?;
+        first.breaker.allows(now).then_some(first.device)
+    }
+
+    /// Returns whether the line has waited for a Modbus gateway since `due`. A request that was due then is late,
+    /// although the line has not too much to do.
+    pub fn has_waited_since(&self, due: Moment) -> bool {
+        self.gateway.waited_until() > due
+    }
+
+    /// Waits until the Modbus gateway has given up the unit before, if it may still wait for that unit. If the line
+    /// cannot know when this is, it opens another connection.
+    pub(super) async fn wait_for_gateway(&mut self, place: usize) -> Result<(), Fault> {
+        let unit = self.units.at(place);
+        let (number, is_behind_gateway) = (unit.number, unit.is_behind_gateway);
+        let Some(silent) = self.gateway.occupied() else { return Ok(()) };
+        let Some(connection) = &mut self.wire else { return Err(Fault::Link(LinkFault::Down)) };
+        let has_gateway = is_behind_gateway && connection.has_transaction_id();
+        if !has_gateway || self.after_timeout == AfterTimeout::Renew {
+            return Ok(());
+        }
+        let expects_late = connection.modbus().is_some_and(|modbus| modbus.expects_late(silent.0, silent.1));
+        let now = self.send_guard.sample();
+        let latest = self.latest_wait(silent.1);
+        let until = match self.gateway.wait(number, expects_late, latest, now) {
+            Wait::None => return Ok(()),
+            Wait::Renew => return self.renew(now).await,
+            Wait::Until(until) => until,
+        };
+        // Virtual time does not pass while a task waits, so that the wait would never be over.
+        let span = if self.send_guard.is_virtual() { Duration::ZERO } else { until.since(now) };
+        let received = self.listen_for_late(silent, expects_late, span).await;
+        let now = self.send_guard.sample();
+        self.gateway.wait_ended(now);
+        self.take_late_replies();
+        received?;
+        if self.gateway.has_waited() { self.renew(now).await } else { Ok(()) }
+    }
+
+    /// Waits for `span`, or until the late answer to the silent request has arrived, if it is expected.
+    async fn listen_for_late(
+        &mut self,
+        silent: (u8, Moment),
+        expects_late: bool,
+        span: Duration,
+    ) -> Result<(), Fault> {
+        self.send_guard.away_for(span + self.timeout);
+        match self.wire.as_mut().and_then(Connection::modbus).filter(|_| expects_late) {
+            Some(modbus) => {
+                let late = modbus.await_late(silent, &mut self.send_guard);
+                self.patience.within(span, late).await.unwrap_or(Ok(()))
+            }
+            None => {
+                tokio::time::sleep(span).await;
+                Ok(())
+            }
+        }
+    }
+
+    /// Returns the latest time until which the line waits for a Modbus gateway that it does not know, after a request
+    /// at `asked`. Meanwhile no reading becomes too old, if possible.
+    fn latest_wait(&self, asked: Moment) -> Moment {
+        let usable = self.units.live().map(|unit| unit.received.after(unit.max_age));
+        let latest = usable.min().map(|usable| usable.before(self.timeout));
+        let latest = latest.map_or(Moment::END, |latest| latest.max(asked.after(2 * self.timeout)));
+        latest.min(asked.after(LONGEST_WAIT.max(2 * self.timeout)))
+    }
+
+    /// Replaces the connection by another one.
+    async fn renew(&mut self, now: Moment) -> Result<(), Fault> {
+        self.drop_connection();
+        self.connect(now).await
+    }
+
+    /// Returns for how much longer than `timeout` the line waits for the answer of a unit. A unit that does not answer
+    /// anyway gets no more time.
+    pub(super) fn patience_for(&self, place: usize) -> Duration {
+        let unit = self.units.at(place);
+        let is_waited_for = unit.is_behind_gateway && self.after_timeout == AfterTimeout::Keep;
+        if !is_waited_for || self.gateway.occupied().is_none() || !self.units.is_live(place) {
+            return Duration::ZERO;
+        }
+        self.gateway.patience(unit.number, self.send_guard.last_sample())
+    }
+
+    /// Updates the state of the Modbus gateway with the result of a request to a unit. `may_be_late`: an earlier answer
+    /// of the unit was missing. `is_after_timeout`: the line has waited longer than `timeout` for the answer.
+    pub(super) fn note_gateway(
+        &mut self,
+        place: usize,
+        answer: &Result<Answer, Fault>,
+        may_be_late: bool,
+        is_after_timeout: bool,
+    ) {
+        self.take_late_replies();
+        let unit = self.units.at(place);
+        if !unit.is_behind_gateway {
+            return;
+        }
+        let now = self.send_guard.last_sample();
+        match answer {
+            Err(Fault::Peer(PeerFault::OutOfOrder)) => self.gateway.confuses_numbers(),
+            Err(Fault::Peer(PeerFault::Length | PeerFault::Function | PeerFault::Echo)) if may_be_late => {
+                self.gateway.confuses_numbers();
+            }
+            Err(fault) if !fault.is_refusal() || fault.is_of_a_gateway() => {}
+            _ => {
+                self.gateway.answered(unit.number, is_after_timeout, now);
+                self.report_longer_timeout();
+            }
+        }
+    }
+
+    /// Records that a unit behind the Modbus gateway has not answered, which this fault shows.
+    pub(super) fn note_gateway_miss(&mut self, place: usize, fault: Fault) {
+        let Some(asked) = self.send_guard.asked() else { return };
+        let (number, was_dead) = (self.units.at(place).number, self.units.is_dead(place));
+        let now = self.send_guard.last_sample();
+        match fault {
+            Fault::Timeout => self.gateway.missed(number, asked, now),
+            _ => self.gateway.gave_up(now),
+        }
+        if was_dead {
+            self.gateway.spent_on_dead(asked, self.timeout);
+        }
+    }
+
+    /// Processes the late answers that the wire has discarded.
+    fn take_late_replies(&mut self) {
+        let replies = self.wire.as_mut().and_then(Connection::modbus).map(|modbus| modbus.late_replies());
+        for late in replies.into_iter().flatten() {
+            // The connection is not lost, although answers are missing.
+            self.misses = 0;
+            self.gateway.received_late(&late);
+            if !late.is_of_a_gateway {
+                self.units.pending.of(late.unit).reset_timing();
+            }
+            self.report_longer_timeout();
+        }
+    }
+
+    /// Reports to the observer that the timeout of the Modbus gateway is longer than that of the line. The report is
+    /// repeated if the timeout changes.
+    fn report_longer_timeout(&mut self) {
+        if let (Some(own), Some(observer)) = (self.gateway.news(self.timeout), &self.observer) {
+            observer.waits_for_gateway(own);
+        }
+    }
+}

@@ -1,0 +1,301 @@
+//! What a line knows of the Modbus gateway (from TCP to a serial line) in front of its units.
+//!
+//! A Modbus gateway has one request at a time on its serial line. While it waits for a silent unit, it answers no other
+//! request. Its own timeout may be longer than `timeout`:
+//!
+//! ```text
+//! line:             request to 1 ── timeout ── request to 2 ── timeout       2 seems to be dead
+//! Modbus gateway:   waits for 1 ······································ exception 11 of 1 ── answer of 2
+//! ```
+//!
+//! The line therefore learns that timeout, and waits for its end before it asks another unit. Some Modbus gateways send
+//! an exception after it, with the transaction number of the given up request. Others send nothing: the timeout then
+//! shows only in the answer of the next unit.
+//!
+//! Waiting also keeps requests apart: while the late answer of one unit may arrive, no request to another unit is open
+//! on the connection. A Modbus gateway that gives an answer the transaction number of the newest request then gives it
+//! the right one. If the timeout of the Modbus gateway is not known, the line drops the connection instead of sending a
+//! second request on it.
+//!
+//! This module decides only. `gateway_turns` sends, waits and reports.
+
+use std::time::Duration;
+
+use crate::fieldbus::kinds::modbus::wire::LateReply;
+use isotherm_core::quantity::Moment;
+
+/// Longest time for which the line waits for a Modbus gateway whose timeout is not known.
+pub(super) const LONGEST_WAIT: Duration = Duration::from_secs(5);
+/// Longest timeout of a Modbus gateway that the line learns. A longer time may have another cause, for example a stop
+/// of this computer.
+const LONGEST_OWN: Duration = Duration::from_secs(10);
+/// Longest additional time of one request, because the line waits for a Modbus gateway.
+pub const LONGEST_GATEWAY_WAIT: Duration = Duration::from_secs(16);
+/// Additional time in which an exception of the Modbus gateway may arrive.
+const LATER: Duration = Duration::from_millis(100);
+/// Longest time between two requests to a dead unit.
+const SELDOM: Duration = Duration::from_secs(300);
+/// Time after a missing answer within which another unit must answer before a dead unit is asked. Afterwards, no unit
+/// may be left that answers.
+const PROOF: Duration = Duration::from_secs(30);
+/// Dead units get requests for at most this part of the time.
+const SHARE: u32 = 4;
+
+/// State of the Modbus gateway of one line.
+#[derive(Debug, Default)]
+pub(super) struct ModbusGateway {
+    giving_up: GivingUp,
+    numbers: TransactionNumbers,
+    occupied: Option<SilentRequest>,
+    proof: Proof,
+    /// Earliest time at which a dead unit gets a request.
+    dead_not_before: Moment,
+    /// Own timeout of the Modbus gateway that was reported last.
+    reported: Option<Duration>,
+    /// End of the last wait for the Modbus gateway.
+    waited_until: Moment,
+}
+
+/// What the Modbus gateway does if a unit is silent for longer than `timeout`, and its own timeout.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum GivingUp {
+    #[default]
+    Unknown,
+    /// It sends an exception after this time.
+    WithException(Duration),
+    /// It sends nothing.
+    Silently(SilentTimeout),
+}
+
+/// Own timeout of a Modbus gateway that gives up silently.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum SilentTimeout {
+    Unknown,
+    /// Another unit has answered in time, when this time had passed.
+    AtMost(Duration),
+    /// Another unit has answered after its timeout, when this time had passed.
+    About(Duration),
+}
+
+/// Whether the Modbus gateway returns the transaction number of each request in its answer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum TransactionNumbers {
+    #[default]
+    Right,
+    /// A request got the answer to another one.
+    Wrong,
+}
+
+/// Request that was not answered in time. The Modbus gateway may still wait for its unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct SilentRequest {
+    unit: u8,
+    asked: Moment,
+    /// Whether the line has waited for the Modbus gateway without knowing for how long. A prompt answer then shows
+    /// nothing about its timeout.
+    was_awaited: bool,
+}
+
+/// Whether a unit has answered since the last missing answer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Proof {
+    #[default]
+    Given,
+    /// No unit has answered since this time.
+    AwaitedSince(Moment),
+}
+
+/// What the line does before it sends a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Wait {
+    /// It sends the request.
+    None,
+    /// It waits until the Modbus gateway answers the silent request, at most until this time.
+    Until(Moment),
+    /// It opens another connection first.
+    Renew,
+}
+
+impl ModbusGateway {
+    /// Returns whether the Modbus gateway has returned the right transaction numbers so far.
+    pub(super) fn returns_numbers(&self) -> bool {
+        self.numbers == TransactionNumbers::Right
+    }
+
+    /// Records that a request got the answer to another request.
+    pub(super) fn confuses_numbers(&mut self) {
+        self.numbers = TransactionNumbers::Wrong;
+    }
+
+    /// Returns the unit and the time of the request for which the Modbus gateway may still wait.
+    pub(super) fn occupied(&self) -> Option<(u8, Moment)> {
+        self.occupied.map(|silent| (silent.unit, silent.asked))
+    }
+
+    /// Returns the own timeout of the Modbus gateway, if it is longer than `timeout` and was not reported yet.
+    pub(super) fn news(&mut self, timeout: Duration) -> Option<Duration> {
+        let is_news = |own: &Duration| self.reported.is_none_or(|last| own.abs_diff(last) > last / 4);
+        let own = self.longer_timeout().filter(|own| *own > timeout).filter(is_news)?;
+        self.reported = Some(own);
+        Some(own)
+    }
+
+    /// Returns the own timeout of the Modbus gateway, if the line has observed it.
+    fn longer_timeout(&self) -> Option<Duration> {
+        match self.giving_up {
+            GivingUp::WithException(own) | GivingUp::Silently(SilentTimeout::About(own)) => Some(own),
+            GivingUp::Unknown | GivingUp::Silently(SilentTimeout::Unknown | SilentTimeout::AtMost(_)) => None,
+        }
+    }
+
+    /// Returns the own timeout of the Modbus gateway, or an upper limit of it.
+    fn own_timeout(&self) -> Option<Duration> {
+        match self.giving_up {
+            GivingUp::Silently(SilentTimeout::AtMost(most)) => Some(most),
+            _ => self.longer_timeout(),
+        }
+    }
+
+    /// Records that a request to the unit, sent at `asked`, was not answered in time.
+    pub(super) fn missed(&mut self, unit: u8, asked: Moment, now: Moment) {
+        // The line has waited for the Modbus gateway, so what it knows of its timeout is not right any more.
+        if self.occupied.is_some_and(|silent| silent.unit != unit) {
+            self.giving_up = match self.giving_up {
+                GivingUp::Silently(_) => GivingUp::Silently(SilentTimeout::Unknown),
+                GivingUp::Unknown | GivingUp::WithException(_) => GivingUp::Unknown,
+            };
+        }
+        self.occupied = Some(SilentRequest { unit, asked, was_awaited: false });
+        self.proof = Proof::AwaitedSince(now);
+    }
+
+    /// Records that the Modbus gateway has given up a unit with an exception, within `timeout`.
+    pub(super) fn gave_up(&mut self, now: Moment) {
+        self.occupied = None;
+        self.proof = Proof::AwaitedSince(now);
+    }
+
+    /// Records that a request to a dead unit was sent at `asked`, and not answered.
+    pub(super) fn spent_on_dead(&mut self, asked: Moment, timeout: Duration) {
+        self.dead_not_before = asked.after(self.cost(timeout) * SHARE);
+    }
+
+    /// Records an answer of a unit. `is_after_timeout`: it arrived only because the line has waited longer than
+    /// `timeout`.
+    pub(super) fn answered(&mut self, unit: u8, is_after_timeout: bool, now: Moment) {
+        self.proof = Proof::Given;
+        if is_after_timeout {
+            self.wait_ended(now);
+        }
+        let Some(silent) = self.occupied.take().filter(|silent| silent.unit != unit) else { return };
+        let passed = now.since(silent.asked);
+        let learns = match self.giving_up {
+            GivingUp::Unknown => is_after_timeout,
+            GivingUp::WithException(_) => false,
+            GivingUp::Silently(SilentTimeout::Unknown) => is_after_timeout || !silent.was_awaited,
+            GivingUp::Silently(_) => is_after_timeout,
+        };
+        if learns && passed <= LONGEST_OWN {
+            let own =
+                if is_after_timeout { SilentTimeout::About(passed) } else { SilentTimeout::AtMost(passed) };
+            self.giving_up = GivingUp::Silently(own);
+        }
+    }
+
+    /// Records a late answer, which was discarded.
+    pub(super) fn received_late(&mut self, late: &LateReply) {
+        self.occupied = self.occupied.filter(|silent| (silent.unit, silent.asked) != (late.unit, late.asked));
+        let own = late.received.map(|received| received.since(late.asked));
+        if let Some(own) = own.filter(|own| late.is_of_a_gateway && *own <= LONGEST_OWN) {
+            self.giving_up = GivingUp::WithException(own);
+        }
+    }
+
+    /// Returns what the line does before it sends a request to the unit. `expects_late`: the connection is the one of
+    /// the silent request. `latest`: time until which the line may wait for a Modbus gateway that it does not know.
+    pub(super) fn wait(&self, unit: u8, expects_late: bool, latest: Moment, now: Moment) -> Wait {
+        let Some(silent) = self.occupied else { return Wait::None };
+        let until = match (self.own_timeout(), self.giving_up) {
+            (Some(own), _) => silent.asked.after(own + own / 8 + LATER),
+            // The unit itself has waited for its late answer.
+            (None, GivingUp::Unknown) if expects_late && silent.unit != unit => latest,
+            (None, _) if expects_late => return Wait::Renew,
+            // The line does not know for how long it should wait. It sends the request, and waits longer for the
+            // answer.
+            (None, _) => return Wait::None,
+        };
+        match (until > now, self.own_timeout()) {
+            (true, _) => Wait::Until(until),
+            (false, Some(_)) => Wait::None,
+            (false, None) => Wait::Renew,
+        }
+    }
+
+    /// Records that a wait for the Modbus gateway has ended.
+    pub(super) fn wait_ended(&mut self, now: Moment) {
+        self.waited_until = now;
+    }
+
+    /// Returns the end of the last wait for the Modbus gateway.
+    pub(super) fn waited_until(&self) -> Moment {
+        self.waited_until
+    }
+
+    /// Records that the line has waited for as long as [`ModbusGateway::wait`] has said. Returns whether it opens
+    /// another connection, because the Modbus gateway has sent no answer and its timeout is not known.
+    pub(super) fn has_waited(&mut self) -> bool {
+        let Some(silent) = self.occupied.as_mut().filter(|_| self.giving_up == GivingUp::Unknown) else {
+            return false;
+        };
+        silent.was_awaited = true;
+        self.giving_up = GivingUp::Silently(SilentTimeout::Unknown);
+        true
+    }
+
+    /// Returns for how much longer than `timeout` the line waits for the answer of a unit, because the Modbus gateway
+    /// may still wait for another unit.
+    pub(super) fn patience(&self, unit: u8, now: Moment) -> Duration {
+        let Some(silent) = self.occupied.filter(|silent| silent.unit != unit) else { return Duration::ZERO };
+        let longest = self.own_timeout().map_or(LONGEST_WAIT, |own| own + own / 2 + LATER);
+        silent.asked.after(longest).since(now)
+    }
+
+    /// Returns whether another unit must answer before a dead unit is asked.
+    pub(super) fn awaits_proof(&self, now: Moment) -> bool {
+        matches!(self.proof, Proof::AwaitedSince(since) if now.since(since) < PROOF)
+    }
+
+    /// Returns whether a dead unit gets a request that was last asked at `tried`. `live`: for each unit that answers,
+    /// the time of its last answer and the age at which its readings are too old.
+    ///
+    /// A dead unit is asked only after another unit has answered, for a part of the time, and if meanwhile no reading
+    /// becomes too old. It is asked every five minutes in any case.
+    pub(super) fn may_try_dead(
+        &self,
+        tried: Moment,
+        timeout: Duration,
+        live: impl Iterator<Item = (Moment, Duration)>,
+        now: Moment,
+    ) -> bool {
+        let mut live = live.peekable();
+        if live.peek().is_none() {
+            return true;
+        }
+        if self.awaits_proof(now) {
+            return false;
+        }
+        // Afterwards the other unit must still answer.
+        let until = now.after(self.cost(timeout) + timeout);
+        now.since(tried) >= SELDOM
+            || (now >= self.dead_not_before
+                && live.all(|(received, max_age)| received.after(max_age) >= until))
+    }
+
+    /// Returns the time for which a dead unit occupies the line.
+    fn cost(&self, timeout: Duration) -> Duration {
+        self.own_timeout().unwrap_or_default().max(timeout)
+    }
+}
+
+#[cfg(test)]
+mod tests;
