@@ -65,6 +65,11 @@ impl Profile {
         self.signals.iter().map(|signal| signal.max_age).min().unwrap_or(Duration::MAX)
     }
 
+    /// Returns the shortest `max_age` of the signals of a device; `Duration::MAX` if the device has no signals.
+    pub fn shortest_age_of(&self, device: DeviceId) -> Duration {
+        self.signals_of(device).map(|(_, signal)| signal.max_age).min().unwrap_or(Duration::MAX)
+    }
+
     /// Signal with this index.
     pub fn signal(&self, id: SignalId) -> &Signal {
         &self.signals[id.0]
