@@ -9,7 +9,7 @@ use super::report;
 use super::turn::{DISK_PATIENCE, LineTurn, REMEMBERED};
 use crate::fieldbus::error::{CallerFault, Fault, Outcome};
 use crate::fieldbus::explain::advised_on;
-use crate::fieldbus::seen::{Asked, Seen};
+use crate::fieldbus::seen::Seen;
 use crate::fieldbus::wire::Request;
 use crate::gateway::shared::line_handle::LineHandle;
 use crate::gateway::state::output::RegisterHealth;
