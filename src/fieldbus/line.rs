@@ -76,7 +76,7 @@ pub struct DeviceLine {
     redial: Backoff,
     refused: Fault,
     units: Units,
-    /// Whether the transport has no transaction numbers, so that answers do not name their request.
+    /// Whether the transport has no transaction numbers, so that an answer does not show to which request it belongs.
     is_nameless: bool,
     pipeline: Pipeline,
     /// Duration of the last exchange, from the request to the end of its answer.
@@ -162,7 +162,7 @@ impl DeviceLine {
         }
     }
 
-    /// Sets the tap, which logs the exchanges of the line.
+    /// Sets the tap: the recorder that copies the frames of the line to a log.
     pub fn tapped(mut self, tap: &Tap) -> DeviceLine {
         self.tap = tap.clone();
         self

@@ -49,7 +49,8 @@ pub trait Wire: Send {
         Fault::Timeout
     }
 
-    /// Returns news about a subscription of the device, once.
+    /// Returns a sentence about the last change of a subscription of the device. The next call returns `None`, unless
+    /// there was another change.
     fn news(&mut self) -> Option<String> {
         None
     }

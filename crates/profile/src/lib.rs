@@ -116,7 +116,7 @@ pub struct AxisId(pub usize);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct OutputId(pub usize);
 
-/// Index of a set (outputs that are written together) in the profile.
+/// Index of an output set (outputs that are written together) in the profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct SetId(pub usize);
 
@@ -212,8 +212,8 @@ impl Profile {
         &self.axes[id.0]
     }
 
-    /// Returns whether an axis does not compensate, but only returns a register that no output uses any more to its
-    /// value without Cz.
+    /// Returns whether an axis does not compensate, but only returns a register that outputs no longer use to its value
+    /// without Cz.
     pub fn is_release(&self, id: AxisId) -> bool {
         self.axis(id).purpose == Purpose::Release
     }

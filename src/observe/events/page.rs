@@ -63,7 +63,7 @@ impl PageToken {
                     .of(EventKind::TokenChanged)
             }
             PageToken::Gone { role, why } => {
-                caused(format!("the {role}'s token is not valid any more"), why).of(EventKind::TokenGone)
+                caused(format!("the {role}'s token is no longer valid"), why).of(EventKind::TokenGone)
             }
         }
     }

@@ -58,8 +58,7 @@ pub(super) async fn since(State(room): State<HttpState>, RawQuery(query): RawQue
     }
 }
 
-/// Reads the events since `since`. `is_wanted` returns `false` when the client does not wait any more; reading then
-/// stops.
+/// Reads the events since `since`. `is_wanted` returns `false` when the client no longer waits; reading then stops.
 fn read(room: &HttpState, since: &str, is_wanted: &dyn Fn() -> bool) -> Result<Events, (StatusCode, String)> {
     let now = time::parse(&room.source.status().now).unwrap_or_default();
     let since = begin(since, now).map_err(|why| (StatusCode::BAD_REQUEST, why))?;

@@ -59,7 +59,7 @@ pub enum Trouble {
     Unanswered,
     /// The device refused a write, or the register does not hold the written value.
     Untaken,
-    /// The same trouble as [`Trouble::Untaken`], but for more than one turn (visit of the line task to the output).
+    /// Trouble of [`Trouble::Untaken`] that has lasted for more than one turn (visit of the line task to the output).
     StillUntaken,
     /// The state of the output cannot be saved to disk.
     Disk,

@@ -20,7 +20,7 @@ pub(super) enum Topic {
     Applied,
     /// Only the operator can say which part of the register value is the operator offset.
     Question,
-    /// The operator offset and the gateway share of the register are known, and saved on disk.
+    /// Both parts of the register value (operator offset and gateway share) are known, and saved on disk.
     Division,
 }
 

@@ -123,7 +123,7 @@ fn run(table: &mut Table, names: &[String], name: String, rows: Range<usize>) ->
     Run { name, file: table.file.clone(), times: table.times[rows.clone()].to_vec(), values }
 }
 
-/// Value of the splitting column in each row.
+/// Value in each log row of the column by which a log is divided into runs.
 enum Labels<'t> {
     Words(Vec<&'t str>),
     Numbers(&'t [f64]),

@@ -1,7 +1,7 @@
 //! Region of inputs on which a model was identified, and the action of an axis whose inputs are outside this region.
 //!
 //! Inputs are inside the region if two conditions are true. Every input is between its smallest and its largest value.
-//! The Mahalanobis distance `d = √((x − m)ᵀ·S⁻¹·(x − m))` of all inputs from their means is at most the reach r.
+//! The Mahalanobis distance `d = √((x − m)ᵀ·S⁻¹·(x − m))` of all inputs from their means is at most r, the reach.
 //!
 //! The excess e is the distance from the region as one number: `e = max(d/r − 1, largest (distance beyond min or max) /
 //! (max − min))`. It is negative inside the region, and then gives the distance to the nearest edge. Extrapolation
@@ -21,8 +21,8 @@ use crate::reading::SignalId;
 /// Maximum number of inputs of an envelope. It is limited because a step stores them in an array of fixed size.
 pub const MOST: usize = 64;
 
-/// Excess below which the inputs count as clearly inside: each by a twentieth of its range, and their distance by a
-/// twentieth of the reach.
+/// Excess below which the inputs count as clearly inside: each by a twentieth of its range, and their Mahalanobis
+/// distance by a twentieth of the largest distance inside.
 pub const CLEARLY_INSIDE: f64 = -0.05;
 
 /// Excess above which a difference between the model's two halves reduces the value. Over the next `WIDTH` of excess,

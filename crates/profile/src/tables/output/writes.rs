@@ -38,7 +38,7 @@ pub enum Writes {
     Intercept,
     /// tanβ in µm/mm. The control multiplies it by the distance from the reference position.
     Slope,
-    /// P0 in mm: the reference position, a constant of the profile.
+    /// P0 in mm: the reference position, at which the slope has no effect. It is a constant of the profile.
     Reference,
     /// Position + Cz in mm, as soon as the position is read.
     Corrected {
@@ -81,8 +81,8 @@ impl Writes {
         matches!(self, Writes::Offset | Writes::Intercept)
     }
 
-    /// Returns true if the value is written with the period of the axis, into a register of its own. A corrected
-    /// position is not.
+    /// Returns true if the value is written with the period of the axis, into a register of its own. A position plus Cz
+    /// is not: it is written at each reading of the position.
     pub const fn is_scheduled(self) -> bool {
         !matches!(self, Writes::Corrected { .. })
     }
@@ -215,7 +215,7 @@ pub(super) fn can_move(check: &Check<'_>, at: &KeyContext<'_>, output: &Output, 
     }
 }
 
-/// Sets the count (smallest change) of the axis's guard to the count of this output, if that is coarser. For a diameter
+/// Sets the count of the axis (smallest change of Cz) to the count of this output, if that is coarser. For a diameter
 /// the output contains twice Cz, so its count is divided by two. A slope output sets the count of the slope instead.
 pub(super) fn note_count(axis: &mut Axis, output: &Output) {
     if output.encoding.data_type.integer_range().is_none() {

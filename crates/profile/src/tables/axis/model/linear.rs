@@ -61,7 +61,7 @@ pub(super) struct RawTerm {
     length: Option<f64>,
 }
 
-/// Terms that are multiplied by the distance from a reference position.
+/// Terms of Cz that are multiplied by the distance of the axis from a reference position.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Slope")]
@@ -215,7 +215,8 @@ fn preview(profile: &Profile, kind: &Kind) -> Option<Computation> {
     Some(Computation { formula: text(profile, linear), effects: effects(profile, linear) })
 }
 
-/// Returns the ends of a slope's travel, and its reference position.
+/// Returns the ends of the travel for which a slope applies, and the position at which it has no effect (reference
+/// position), mm.
 fn places(kind: &Kind) -> Option<Places> {
     let Kind::Linear(Linear { slope: Some(slope), .. }) = kind else { return None };
     let travel = slope.travel.iter().flat_map(|(from, to)| [from.get(), to.get()]);
