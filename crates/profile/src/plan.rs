@@ -13,7 +13,7 @@
 //! - All sensors of this computer in one device are read at the same time.
 
 use crate::kinds::KINDS;
-use crate::{Device, Signal};
+use crate::{Device, DeviceId, Profile, Signal};
 use isotherm_core::reading::SignalId;
 
 mod request;
@@ -33,6 +33,19 @@ pub fn plan<'a>(
     let mut requests: Vec<ReadRequest> = requests.collect();
     requests.sort_by_key(ReadRequest::rank);
     requests
+}
+
+impl Profile {
+    /// Read requests of one poll of a device.
+    pub fn requests(&self, device: DeviceId) -> Vec<ReadRequest> {
+        plan(self.device(device), self.signals_of(device))
+    }
+
+    /// Read requests of one poll of a device, without those for CANopen objects.
+    pub fn register_requests(&self, device: DeviceId) -> Vec<ReadRequest> {
+        let is_object = |request: &ReadRequest| matches!(request.asks, ReadTarget::Object(_));
+        self.requests(device).into_iter().filter(|request| !is_object(request)).collect()
+    }
 }
 
 #[cfg(test)]

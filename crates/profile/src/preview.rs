@@ -37,10 +37,12 @@ impl Preview {
             let requests = profile.register_requests(id);
             let polled = requests.iter().map(|request| request.preview(profile)).collect();
             let (every, summary) = (shown(device.every), summary(&requests));
-            let (kind, _) = kinds::of(profile.bus(device.bus).transport);
+            let bus = profile.bus(device.bus);
+            let (kind, _) = kinds::of(bus.transport);
             let described = (kind.device_preview)(device, &every, &summary);
             let checks = checks::preview(profile, id, device);
-            (device.bus, device.preview((profile, id), &described, (summary, polled), checks))
+            let can = device.can.as_ref().map(|can| can.preview(profile, id));
+            (device.bus, device.preview((&bus.name, &described), can, (summary, polled), checks))
         };
         let devices: Vec<(BusId, Section)> = devices.map(preview).collect();
         let mut section = Section::default();
@@ -79,7 +81,9 @@ impl Preview {
         section.entry("without_checks", unidentified);
         section.line("");
         section.line("signals");
-        section.parts("signals", profile.signals.iter().map(|signal| signal.preview(profile)));
+        let signals = profile.signals.iter().map(|signal| (signal, profile.device(signal.device)));
+        let signals = signals.map(|(signal, device)| signal.preview(device, profile.bus(device.bus)));
+        section.parts("signals", signals);
         if !profile.only_recorded.is_empty() {
             let names = profile.only_recorded.join(", ");
             section.line(format!(
@@ -87,8 +91,8 @@ impl Preview {
             ));
         }
         section.entry("only_recorded", &profile.only_recorded);
-        let all_over = UniformTemperature::shown(profile);
-        section.parts("axes", profile.axes.iter().map(|axis| axis.preview(profile, &all_over)));
+        let all_over = UniformTemperature::shown(&profile.signals);
+        section.parts("axes", profile.axes.iter().map(|axis| axis.preview(&profile.signals, &all_over)));
         section.line("");
         section.line("writes");
         section.parts("writes", profile.outputs.iter().map(|output| output.preview(profile)));
@@ -100,7 +104,8 @@ impl Preview {
         let captures: Vec<String> = captures.collect();
         section.lines("  ", &captures);
         section.parts("sets", profile.sets.iter().map(|set| set.preview(profile)));
-        section.part("heartbeat", profile.heartbeat.as_ref().map(|heartbeat| heartbeat.preview(profile)));
+        let heartbeat = profile.heartbeat.as_ref();
+        section.part("heartbeat", heartbeat.map(|beat| beat.preview(profile.device(beat.device))));
         if profile.outputs.is_empty() && captures.is_empty() && profile.heartbeat.is_none() {
             section.line("  nothing");
         }

@@ -4,8 +4,8 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::label::{self, labelled};
-use super::{Check, KeyContext, optional};
-use crate::Profile;
+use super::signal::Signal;
+use super::{KeyContext, optional};
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
 use isotherm_core::compensation::model::{Model, Reference};
@@ -118,7 +118,7 @@ pub struct Axis {
 
 impl Axis {
     /// Preview of the axis: calculation, direction, limits and rate of Cz.
-    pub(crate) fn preview(&self, profile: &Profile, all_over: &[UniformTemperature]) -> Section {
+    pub(crate) fn preview(&self, signals: &[Signal], all_over: &[UniformTemperature]) -> Section {
         let AxisSettings { name, models, guard, levels, .. } = &self.settings;
         let mut section = Section::default();
         section.line("");
@@ -131,7 +131,7 @@ impl Axis {
         }
         entries!(section, name, label = &self.label);
         let models = models.iter().enumerate();
-        section.parts("models", models.map(|(place, model)| model::preview(profile, place, model, all_over)));
+        section.parts("models", models.map(|(place, model)| model::preview(signals, place, model, all_over)));
         let mut sign =
             "Cz is added to the position: a positive Cz makes the commanded or displayed position larger"
                 .to_owned();
@@ -170,7 +170,7 @@ impl Axis {
             section.entry(key, text);
         }
         if let Some(settings) = &self.settings.probe {
-            let probe = probe::preview(profile, self, settings);
+            let probe = probe::preview(signals, self, settings);
             section.line(format!("  probe: {probe}"));
             section.entry("probe", probe);
         }
@@ -202,7 +202,8 @@ impl Axis {
 }
 
 impl RawAxis {
-    pub(super) fn resolve(&self, check: &Check<'_>, at: &KeyContext<'_>, name: &str) -> Option<Axis> {
+    /// Resolves an axis. `settle` is the averaging time of the machine's references.
+    pub(super) fn resolve(&self, settle: Option<Timespan>, at: &KeyContext<'_>, name: &str) -> Option<Axis> {
         let guard = self.guard(at);
         let every = at.key("every").period(self.every);
         let on_fault = self.on_fault.as_ref().and_then(|action| action.resolve(&at.key("on_fault")));
@@ -218,7 +219,6 @@ impl RawAxis {
         let datum = self.datum(&at.key("datum"));
         let probe = optional(self.probe.as_ref(), |probe| probe.resolve(&at.key("probe"), self));
         // All models are checked, even after one with an error.
-        let settle = check.raw.machine.as_ref().and_then(|machine| machine.settle);
         let models = models.iter().enumerate().map(|(index, model)| model.resolve(&list.item(index), settle));
         let models: Vec<Option<Model>> = models.collect();
         let (probe, probe_input) = probe?.unzip();

@@ -6,10 +6,9 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::bus::APART;
-use super::bus::periods::EVERY;
-use super::label::{self, labelled};
-use super::{Check, KeyContext};
+use super::KeyContext;
+use super::label::labelled;
+use crate::BusId;
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
 use crate::kinds::can::node::{CanDevice, RawEmergency, RawSetup};
@@ -18,10 +17,10 @@ use crate::kinds::modbus::quirks::{Quirks, RawQuirks};
 use crate::kinds::opcua::nodes::{ReadBy, SourceTime};
 use crate::schema_of::schema_of;
 use crate::template::Template;
-use crate::{BusId, DeviceId, Profile};
 use isotherm_core::codec::Table;
 use verify::{Expected, RawVerify};
 
+mod resolve;
 pub(crate) mod verify;
 
 /// Device on a line: a Modbus unit, a CAN device, an OPC UA server, or sensors of this computer.
@@ -170,13 +169,12 @@ impl Device {
     /// Preview of the device: its description, its reads, its checks with their bounds, and its template.
     pub(crate) fn preview(
         &self,
-        (profile, id): (&Profile, DeviceId),
-        described: &str,
+        (bus, described): (&str, &str),
+        can: Option<Section>,
         (summary, requests): (String, Vec<Section>),
         (checks, bounds): (Vec<Section>, Vec<String>),
     ) -> Section {
         let (name, unit, every) = (&self.name, self.unit, shown(self.every));
-        let can = self.can.as_ref().map(|can| can.preview(profile, id));
         let mut section = Section::default();
         section.line(format!("  {}: {described}", labelled(name, &self.label)));
         can.iter().for_each(|can| section.lines_of(can));
@@ -192,7 +190,7 @@ impl Device {
         let sent = (self.read == ReadBy::Subscription)
             .then_some("the server sends changed values (a subscription); the gateway does not poll");
         section.lines("    ", sent);
-        entries!(section, read = sent, name, label = &self.label, bus = &profile.bus(self.bus).name, unit);
+        entries!(section, read = sent, name, label = &self.label, bus, unit);
         entries!(section, every, summary);
         section.parts("requests", requests.into_iter());
         section.parts("checks", checks.into_iter());
@@ -248,59 +246,5 @@ impl Device {
     pub(crate) fn lacks(&self, at: &KeyContext<'_>, needs: &str, functions: &str) {
         let help = format!("add {functions} to `functions` of the device, if the device supports it");
         at.invalid(format!("{needs}, which is not among the `functions` of `{}`", self.name), help);
-    }
-}
-
-impl RawDevice {
-    pub(super) fn resolve(&self, check: &Check<'_>, at: &KeyContext<'_>, name: &str) -> Option<Device> {
-        if self.template.is_none() {
-            let help = "write template = \"…\" as well, or remove this key";
-            at.not_applicable(&["variant", "sha256", "base", "expect"], "a device template", help);
-        }
-        let every = at.key("every").period(self.every).unwrap_or(EVERY);
-        if self.functions.as_ref().is_some_and(Vec::is_empty) {
-            let help = "name the allowed functions, as [\"read-holding\", \"write-multiple\"], or remove the \
-                        key to allow all";
-            at.key("functions").invalid("a device without an allowed function cannot be used", help);
-        }
-        let functions = self.functions.as_deref().map_or(Functions::ALL, Functions::of);
-        let bus = at.key("bus").named(&check.buses.names, self.bus.as_ref());
-        let line = bus.and_then(|bus| check.buses.get(bus));
-        let over = line.map_or_else(Quirks::default, |line| line.quirks);
-        let quirks = self.quirks.as_ref().map_or(over, |quirks| quirks.over(over));
-        if line.is_some_and(|line| line.pipeline > 1 && line.quirks.support_two()) && !quirks.support_two() {
-            at.key("quirks").invalid(APART, "remove the quirk, or `pipeline` of the bus");
-        }
-        let known = check.line_kind_of(self);
-        if let Some(kind) = known {
-            for (keys, owner, help) in kind.foreign_device_keys {
-                at.not_applicable(keys, owner, help);
-            }
-            check.kinds_beside(kind).for_each(|other| (other.device_keys_elsewhere)(self, at));
-        }
-        let kind = known.unwrap_or(check.kinds[0]);
-        let DeviceParts { unit, can, source_time, is_pc } = (kind.device)(check, self, at, line);
-        let list = at.key("verify");
-        let verify = self.verify.iter().flatten().enumerate();
-        let verify = verify.filter_map(|(place, raw)| (kind.verify)(raw, &list.item(place), functions));
-        let verify = verify.collect();
-        let template = check.templates.get(name).cloned();
-        let (bus, unit) = (BusId(bus?), unit?);
-        let label = label::resolve(&at.key("label"), self.label.as_ref());
-        Some(Device {
-            name: name.to_owned(),
-            label,
-            bus,
-            unit,
-            every,
-            functions,
-            quirks,
-            verify,
-            template,
-            can,
-            source_time,
-            read: self.read.unwrap_or_default(),
-            is_pc,
-        })
     }
 }

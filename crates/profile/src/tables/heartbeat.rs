@@ -5,12 +5,14 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use super::device::Device;
 use super::register::{Notation, TypeWord};
-use super::{Check, KeyContext};
+use crate::DeviceId;
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
-use crate::{DeviceId, Profile};
 use isotherm_core::codec::{Address, DataType, Node};
+
+mod resolve;
 
 /// Smallest value that the heartbeat's counter must be able to reach.
 pub(crate) const FEW: u16 = 100;
@@ -59,8 +61,7 @@ impl Heartbeat {
     }
 
     /// Preview of the heartbeat: register or node, and period.
-    pub(crate) fn preview(&self, profile: &Profile) -> Section {
-        let device = profile.device(self.device);
+    pub(crate) fn preview(&self, device: &Device) -> Section {
         let function = self.address.register().map_or(0, |_| device.functions.write_code(1));
         let by = if function == 0 { String::new() } else { format!("; function {function:02}, 1 register") };
         let data_type = self.data_type();
@@ -72,23 +73,5 @@ impl Heartbeat {
         section.json("register", register);
         entries!(section, every, function);
         section
-    }
-}
-
-impl RawHeartbeat {
-    pub(super) fn resolve(&self, check: &Check<'_>, at: &KeyContext<'_>) -> Option<Heartbeat> {
-        let every = at.key("every").period(self.every);
-        let index = at.key("device").named(&check.devices.names, self.device.as_ref());
-        let known = check.line_kind(self.device.as_ref());
-        if let Some(why) = known.and_then(|kind| kind.only_read) {
-            return at.key("device").reject(why, "name the device of the control that watches the gateway");
-        }
-        let address = (known.unwrap_or(check.kinds[0]).heartbeat)(self, at);
-        let is_register = address.as_ref().is_some_and(|address| address.register().is_some());
-        let device = index.and_then(|index| check.devices.get(index));
-        if let Some(device) = device.filter(|_| is_register) {
-            device.must_write(&at.key("register"), 1);
-        }
-        Some(Heartbeat { device: DeviceId(index?), address: address?, every: every? })
     }
 }

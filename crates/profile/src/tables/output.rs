@@ -5,28 +5,29 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use super::KeyContext;
 use super::handshake::RawHandshake;
-use super::register::{self, Notation, TypeWord, WordOrderWord};
-use super::restart::RawRestart;
+use super::register::{self, TypeWord, WordOrderWord};
 use super::signal::ChannelValue;
-use super::{Check, KeyContext, expression};
-use crate::document::{Section, entries};
-use crate::duration::{Timespan, shown};
+use crate::duration::Timespan;
 use crate::kinds::can::fields::{RawFrame, RawPdo};
-use crate::wording::counted;
-use crate::{AxisId, DeviceId, Profile, SetId};
+use crate::kinds::opcua::nodes::Place;
+use crate::{AxisId, DeviceId, SetId};
 use applied::{Applied, ReadBackValue};
 use display::{Display, RawBeside, RawStale};
 use isotherm_core::codec::{Address, DataType, Encoding, Scale};
 use isotherm_core::compensation::model::Condition;
+use isotherm_core::quantity::Micron;
 use isotherm_core::reading::SignalId;
 use share::Share;
-use stated::Stated;
 use verify::{Verify, VerifyWord};
 use writes::{Writes, WritesWord};
 
 pub(crate) mod applied;
 pub(crate) mod display;
+mod preview;
+pub(super) mod range;
+mod resolve;
 pub(crate) mod share;
 pub(crate) mod stated;
 pub(crate) mod verify;
@@ -107,6 +108,17 @@ pub(crate) struct RawOutput {
     stale: Option<RawStale>,
 }
 
+/// Detection of a CNC restart.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Restart")]
+pub(super) struct RawRestart {
+    /// Register that changes at every start of the CNC, read with the device's signals. On an OPC UA server a node: {
+    /// node = "ns=2;s=…" }.
+    #[schemars(required)]
+    pub(super) boot_counter: Option<Place>,
+}
+
 /// Output of the profile, after all its keys were checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Output {
@@ -143,6 +155,16 @@ pub struct Output {
     pub stated: Option<Stated>,
 }
 
+/// Scale, bias, diameter and limit of an output as the profile file states them, without the layers above it. If the
+/// file lacks a key or names it in `allow_override`, the value of the merged profile is used.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stated {
+    scale: Scale,
+    bias: i64,
+    diameter: bool,
+    limit: Micron,
+}
+
 impl Output {
     /// Returns whether the output is written alone (belongs to no output set), and writes another quantity than a
     /// position plus Cz.
@@ -165,82 +187,6 @@ impl Output {
             _ => self.address.clone(),
         }
     }
-
-    /// Preview of the output: quantity, address, encoding, and verification.
-    pub(crate) fn preview(&self, profile: &Profile) -> Section {
-        let (axis, device, encoding) = (profile.axis(self.axis), profile.device(self.device), &self.encoding);
-        let (name, device_name) = (&self.name, &device.name);
-        let (data_type, scale) = (encoding.data_type.name(), encoding.scale.get());
-        let registers = encoding.data_type.registers();
-        let function = self.address.register().map_or(0, |_| device.functions.write_code(registers));
-        let register = Notation::of(&self.address, encoding.data_type);
-        let word_order = register::shown_order(&self.address, encoding);
-        let unit = self.writes.unit();
-        let mut line = match self.address.is_in_frames() {
-            true => format!("  {name}: {register}, to {device_name}"),
-            false => format!("  {name}: {register} of {device_name}, {data_type}"),
-        };
-        line.extend(word_order.iter().map(|order| format!(" {order}")));
-        line += &format!(", {scale} {unit} per {}", register::one_of(&self.address));
-        if encoding.bias != 0 {
-            line += &format!(", bias {}", encoding.bias);
-        }
-        if function != 0 {
-            line += &format!("; function {function:02}, {}", counted(registers, "register"));
-        }
-        let mut section = Section::default();
-        section.line(line);
-        entries!(section, output = name, axis = &axis.settings.name, device = device_name);
-        section.json("register", register);
-        entries!(section, registers, data_type, word_order, scale, unit, bias = encoding.bias);
-        let counts = writes::counts(self, axis, profile);
-        entries!(section, counts, function);
-        let meaning = writes::meaning(self, axis, profile);
-        section.line(format!("    writes {meaning}"));
-        section.entry("meaning", meaning);
-        let display = self.display.preview();
-        section.lines("    ", &display);
-        let channel = device.channel(name);
-        section.lines("    ", &channel);
-        let is_shared = self.share == Share::Ledger;
-        section.line(match counts {
-            Some((low, high)) if is_shared => format!("    counts {low} to {high}, plus the operator offset"),
-            Some((low, high)) => format!("    counts {low} to {high}"),
-            None => "    counts are limited only by the register's type".to_owned(),
-        });
-        let share = is_shared.then_some(
-            "the operator offset in the register stays; the gateway share is added to it, and is stored in a \
-             ledger on disk",
-        );
-        section.lines("    ", share);
-        let verify = verify::preview(self, device);
-        section.line(format!("    accepted {verify}"));
-        section.entry("verify", verify);
-        let refresh = self.refresh.map(shown);
-        let again = if is_shared { "read" } else { "written" };
-        section.lines(&format!("    {again} again every "), &refresh);
-        section.entry("refresh", refresh);
-        let when = self.when.as_ref().map(|condition| &condition.text);
-        section.entry("when", when);
-        let restart = self.restart(profile);
-        section.lines("    read again, and Cz resumes from the value read, when ", &restart);
-        section.entry("restart", restart);
-        section.line(match when {
-            Some(when) => format!("    written only when {when}; otherwise the register value stays"),
-            None => "    no interlock".to_owned(),
-        });
-        entries!(section, share, channel, display);
-        section
-    }
-
-    /// Describes the detection of a restart of the control, in addition to the register becoming zero.
-    fn restart(&self, profile: &Profile) -> Option<String> {
-        let counter = self.boot_counter.map(|id| format!("{} changes", profile.signal(id).address));
-        let on = profile.machine.on.filter(|_| self.writes.is_scheduled());
-        let on = on.map(|id| format!("{} rises", profile.signal(id).name));
-        let seen: Vec<String> = counter.into_iter().chain(on).collect();
-        (!seen.is_empty()).then(|| seen.join(", or "))
-    }
 }
 
 /// Address, encoding and verification of an output.
@@ -254,50 +200,7 @@ pub(crate) struct Target {
 }
 
 impl RawOutput {
-    pub(super) fn resolve(&self, check: &Check<'_>, at: &KeyContext<'_>, name: &str) -> Option<Output> {
-        let axis = at.key("axis").named(&check.axes.names, self.axis.as_ref());
-        self.keeps_pace(check, at);
-        let index = at.key("device").named(&check.devices.names, self.device.as_ref());
-        let writes = writes::resolve(self, at);
-        let refresh = at.key("refresh").period(self.refresh);
-        let when = expression::condition(&at.key("when"), self.when.as_ref(), None);
-        let known = check.line_kind(self.device.as_ref());
-        if let Some(why) = known.and_then(|kind| kind.only_read) {
-            let help = "name the device of the control that receives the value";
-            return at.key("device").reject(why, help);
-        }
-        if let Some((kind, device)) = known.zip(self.device.as_ref()) {
-            (kind.foreign_output_keys)(self, at, device);
-        }
-        let kind = known.unwrap_or(check.kinds[0]);
-        let Target { address, encoding, verify, share, applied, display } =
-            (kind.output)(check, self, at, name, index)?;
-        if share == Share::Ledger && refresh.is_some() {
-            let message = "a shared register is not refreshed: writing the same value again could overwrite \
-                           a change by the operator";
-            let help = "remove `refresh`: the gateway reads the register once in each `every` of its axis";
-            at.key("refresh").warn_key(message, Some(help));
-        }
-        Some(Output {
-            name: name.to_owned(),
-            axis: AxisId(axis?),
-            device: DeviceId(index?),
-            address,
-            encoding,
-            writes: writes?,
-            verify,
-            refresh: refresh.filter(|_| share == Share::Whole),
-            when,
-            set: None,
-            boot_counter: None,
-            share,
-            applied,
-            display,
-            stated: None,
-        })
-    }
-
-    /// Returns whether the output writes another quantity than a position plus Cz (`writes = "corrected"`).
+    /// Returns whether the output writes another quantity than a corrected position.
     pub(crate) fn is_written_as_cz(&self) -> bool {
         self.writes.is_some_and(|writes| writes != WritesWord::Corrected)
     }
@@ -339,28 +242,6 @@ impl RawOutput {
         }
         bias
     }
-
-    /// Reports an axis that is faster than the control can follow. The control would lag unnoticed.
-    fn keeps_pace(&self, check: &Check<'_>, at: &KeyContext<'_>) {
-        let most = at.key("largest_step").positive(self.largest_step);
-        let least = at.key("shortest_every").duration(self.shortest_every);
-        let Some(name) = &self.axis else { return };
-        let Some(axis) = check.raw.axis.get(name) else { return };
-        let device = self.device.as_deref().unwrap_or_default();
-        let of_axis = at.top("axis").key(name);
-        if let Some((most, step)) = most.zip(axis.step).filter(|(most, step)| step > most) {
-            let message =
-                format!("a step of {step} µm is larger than `{device}` can follow at once, {most} µm");
-            of_axis.key("step").invalid(message, format!("write step = {most:?} or less"));
-        }
-        let every = axis.every.map(|Timespan(every)| every);
-        if let Some((least, every)) = least.zip(every).filter(|(least, every)| every < least) {
-            let (least, every) = (shown(least), shown(every));
-            let message =
-                format!("`{device}` can follow one update in {least}, but the axis makes one in {every}");
-            of_axis.key("every").invalid(message, format!("write every = \"{least}\" or longer"));
-        }
-    }
 }
 
 /// Reports the type of a single bit at this key.
@@ -368,21 +249,5 @@ pub(crate) fn not_one_bit(at: &KeyContext<'_>, data_type: Option<DataType>) {
     if data_type == Some(DataType::Bool) {
         let help = "write an integer or floating-point type: i16, i32, f32, …";
         at.invalid("one bit cannot hold a compensation value", help);
-    }
-}
-
-/// Checks that each output can hold every value of its axis. Sets for each axis the coarsest count of its outputs,
-/// which is the smallest change that they can show.
-pub(super) fn note_counts(check: &mut Check<'_>) {
-    for output in check.outputs.valid() {
-        let at = check.at("output").key(&output.name);
-        if let Some(axis) = check.axes.get(output.axis.0) {
-            writes::can_move(check, &at, output, axis);
-        }
-    }
-    for output in check.outputs.resolved.iter().flatten() {
-        if let Some(Some(axis)) = check.axes.resolved.get_mut(output.axis.0) {
-            writes::note_count(axis, output);
-        }
     }
 }

@@ -3,9 +3,6 @@
 
 use std::time::Duration;
 
-use schemars::JsonSchema;
-use serde::Deserialize;
-
 use super::device::Device;
 use super::register::{plain, register};
 use super::signal::Signal;
@@ -15,17 +12,6 @@ use crate::DeviceId;
 use crate::kinds::opcua::nodes::{Place, read};
 use isotherm_core::codec::{Address, DataType, Node};
 use isotherm_core::reading::SignalId;
-
-/// Detection of a CNC restart.
-#[derive(Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[schemars(rename = "Restart")]
-pub(super) struct RawRestart {
-    /// Register that changes at every start of the CNC, read with the device's signals. On an OPC UA server a node: {
-    /// node = "ns=2;s=…" }.
-    #[schemars(required)]
-    boot_counter: Option<Place>,
-}
 
 /// Boot counter of a device.
 struct BootCounter {

@@ -7,7 +7,7 @@ use schemars::generate::SchemaSettings;
 use schemars::transform::RecursiveTransform;
 use serde_json::Value;
 
-use super::RawProfile;
+use super::raw_profile::RawProfile;
 
 /// JSON Schema of a profile. It is generated only once, because this takes longer than reading a small profile.
 static SCHEMA: LazyLock<Value> = LazyLock::new(|| {

@@ -5,16 +5,16 @@ use std::time::Duration;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
+use super::bus::Bus;
 use super::device::Device;
-use super::label::{self, labelled};
+use super::label::labelled;
 use super::register::{self, Notation, TypeWord, WordOrderWord};
-use super::{Check, KeyContext, expression};
+use crate::DeviceId;
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
 use crate::kinds::can::fields::{RawFrame, RawPdo};
 use crate::schema_of::schema_of;
-use crate::{DeviceId, Profile, ReadBy};
-use bad::{BadValue, sentinels_fit};
+use bad::BadValue;
 use counter::{Capture, RawCounter};
 use isotherm_core::codec::{Address, Counter, Encoding, PcSensor};
 use isotherm_core::compensation::model::Condition;
@@ -23,6 +23,7 @@ use unit::Unit;
 
 pub(crate) mod bad;
 pub(crate) mod counter;
+mod resolve;
 pub(crate) mod unit;
 
 /// Value that is read from a device.
@@ -143,9 +144,9 @@ pub struct Signal {
 
 impl Signal {
     /// Preview of the signal: address, encoding, and conditions under which it is bad.
-    pub(crate) fn preview(&self, profile: &Profile) -> Section {
+    pub(crate) fn preview(&self, device: &Device, bus: &Bus) -> Section {
         let (encoding, unit) = (&self.encoding, self.unit);
-        let (name, device) = (&self.name, profile.device(self.device));
+        let name = &self.name;
         let register = Notation::of(&self.address, encoding.data_type);
         let (data_type, scale) = (encoding.data_type.name(), encoding.scale.get());
         let channel = device.channel(name);
@@ -179,7 +180,7 @@ impl Signal {
         let mut section = Section::default();
         section.line(line);
         let read_in = sensor.map(|sensor| {
-            let sought = sensor.sought_in(&profile.bus(profile.device(self.device).bus).address);
+            let sought = sensor.sought_in(&bus.address);
             format!("read in {sought}")
         });
         section.lines("    ", &read_in);
@@ -234,103 +235,3 @@ pub(crate) struct Located {
     /// Unit if the profile names none.
     pub(crate) unit: Option<Unit>,
 }
-
-impl RawSignal {
-    pub(super) fn resolve(&self, check: &Check<'_>, at: &KeyContext<'_>, name: &str) -> Option<Signal> {
-        let index = at.key("device").named(&check.devices.names, self.device.as_ref());
-        let device = index.and_then(|index| check.devices.get(index));
-        if PLACES.into_iter().filter(|key| at.has(key)).count() > 1 {
-            let help = "keep one of register, channel, dbc, pdo, sdo, frame, node, sensor";
-            at.wrong_key("the signal is read from more than one place", help);
-        }
-        let known = check.line_kind(self.device.as_ref());
-        if let Some((kind, device)) = known.zip(self.device.as_ref()) {
-            let reported = (kind.check_signal)(self, at, device);
-            for other in check.kinds_beside(kind) {
-                let own = &other.signal_keys;
-                let keys: Vec<&str> =
-                    own.keys.iter().copied().filter(|key| !reported.contains(key)).collect();
-                let help = own.help.map_or_else(|| (kind.signal_help)(device), str::to_owned);
-                at.not_applicable(&keys, own.owner, &help);
-            }
-        }
-        let max_age = self.max_age(check, at, device);
-        let range = self.range.map(|[low, high]| {
-            if low >= high {
-                let message = format!("the range {low} to {high} is empty");
-                at.key("range").invalid(message, "write the smaller value first, as [-10.0, 80.0]");
-            }
-            (low, high)
-        });
-        let max_rate = at.key("max_rate").positive(self.max_rate);
-        let fault_when = expression::condition(&at.key("fault_when"), self.fault_when.as_ref(), Some(name));
-        let kind = known.unwrap_or(check.kinds[0]);
-        if !(kind.has_place)(self) && at.key("channel").is_written() {
-            // A channel without an address has been reported.
-            return None;
-        }
-        let Located { address, encoding, unit } = (kind.signal)(check, self, at, device)?;
-        let unit = match self.unit.as_deref() {
-            Some(unit) => Unit::named(unit),
-            None => unit.or(Some(Unit("1"))),
-        };
-        sentinels_fit(&at.key("bad"), &encoding);
-        let every = device.map_or(Duration::ZERO, |device| device.every);
-        // A value that arrives without a request must arrive twice before it is stale.
-        let apart = max_age.filter(|_| (kind.comes_by_itself)(self)).map_or(every, |age| every.min(age / 2));
-        let (place, has_max_rate) = (at.key("counter"), self.max_rate.is_some());
-        let counter = self.counter.as_ref();
-        let counter = counter.map(|raw| raw.resolve(&place, &encoding, device, apart, has_max_rate));
-        let (counter, capture) = counter.unwrap_or_default();
-        Some(Signal {
-            name: name.to_owned(),
-            label: label::resolve(&at.key("label"), self.label.as_ref()),
-            device: DeviceId(index?),
-            address,
-            encoding,
-            unit: unit?,
-            range,
-            max_rate,
-            max_age: max_age?,
-            fault_when,
-            merge: !kind.has_registers || self.merge.unwrap_or(true),
-            counter,
-            capture: capture.filter(|_| kind.has_registers),
-        })
-    }
-
-    fn max_age(&self, check: &Check<'_>, at: &KeyContext<'_>, device: Option<&Device>) -> Option<Duration> {
-        let at = at.key("max_age");
-        let given = at.duration(self.max_age);
-        let device = device?;
-        let every = device.every;
-        let Some(age) = given else {
-            let timeout = check.bus_of(device).map_or(Duration::ZERO, |bus| bus.timeout);
-            return Some((5 * every).max(3 * timeout));
-        };
-        if check.kinds.iter().any(|kind| (kind.comes_by_itself)(self)) {
-            return Some(age);
-        }
-        let figures =
-            format!("`max_age` is {}, `{}` is read every {}", shown(age), device.name, shown(every));
-        if device.read == ReadBy::Subscription && age < SENT_WITHIN * every {
-            let help = format!(
-                "write max_age = \"{}\", or write read = \"poll\" at the device",
-                shown((SENT_WITHIN + 1) * every)
-            );
-            let message = format!("{figures}: a value from a subscription may be {SENT_WITHIN} periods old");
-            return at.reject(message, help);
-        }
-        let help = format!("allow at least two polls: write max_age = \"{}\"", shown(2 * every));
-        if age <= every {
-            at.invalid(format!("{figures}: the signal would always become stale"), help);
-        } else if age < 2 * every {
-            at.warn(format!("{figures}: one late answer makes the signal stale"), help);
-        }
-        Some(age)
-    }
-}
-
-/// Largest age of a value from a subscription, in poll periods. A value needs up to one period each to be sampled,
-/// sent, requested and used.
-const SENT_WITHIN: u32 = 4;

@@ -3,7 +3,7 @@
 
 use serde_json::{Map, Value};
 
-use super::{Group, text, texts};
+use super::group::{Group, text, texts};
 use crate::kinds::can::channel as can;
 use crate::kinds::modbus::channel as modbus;
 use crate::tables::register::TypeWord;

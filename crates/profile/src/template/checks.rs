@@ -4,7 +4,7 @@ use serde_json::Value;
 
 use super::channels::{Channel, OF_GROUP};
 use super::fill::Filling;
-use super::text;
+use super::group::text;
 use crate::error::allowed;
 use crate::kinds::can::channel::of_member;
 use crate::kinds::modbus::channel::shifted;

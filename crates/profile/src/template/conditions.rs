@@ -2,9 +2,9 @@
 
 use serde_json::{Value, json};
 
-use super::Use;
 use super::channels::Channel;
 use super::fill::Filling;
+use super::used::Use;
 use crate::source_map::child;
 
 impl Filling<'_> {

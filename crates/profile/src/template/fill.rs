@@ -7,7 +7,8 @@ use serde_json::{Map, Value, json};
 
 use super::channels::Channel;
 use super::find::{Definition, Written, Wrong, find};
-use super::{Templates, Use, in_order, text};
+use super::group::{in_order, text};
+use super::used::{Templates, Use};
 use crate::error::{Findings, allowed};
 use crate::files::Files;
 use crate::sha256;

@@ -6,7 +6,9 @@ use std::collections::BTreeMap;
 use serde_json::{Map, Value, json};
 
 use super::channels::{Channel, of_group};
-use super::{Group, Template, schema, shipped, text, texts};
+use super::group::{Group, text, texts};
+use super::used::Template;
+use super::{schema, shipped};
 use crate::error::{Findings, allowed};
 use crate::files::Files;
 use crate::schema_check::SchemaCheck;

@@ -1,9 +1,11 @@
 //! Preview of a CAN line: the SYNC messages that the gateway sends, and the filters in the kernel. The kernel discards
-//! received frames that no filter matches.
+//! received frames that no filter matches. The preview of a device on such a line.
 
+use super::emergency::Emergency;
+use super::node::{CanDevice, Setup};
 use crate::document::{Section, entries, grouped};
 use crate::duration::shown;
-use crate::{BusId, Profile};
+use crate::{BusId, DeviceId, Profile};
 use isotherm_core::codec::{Address, CanId, CanMatch};
 
 /// Services of a CANopen node. The node sends each service with this identifier plus its node number.
@@ -43,4 +45,81 @@ pub(super) fn preview(profile: &Profile, id: BusId) -> Section {
     section.lines("    ", &filters);
     entries!(section, sync, filters);
     section
+}
+
+impl CanDevice {
+    /// Preview of the device: monitoring, setup, received frames, requested objects, written frames.
+    pub(crate) fn preview(&self, profile: &Profile, id: DeviceId) -> Section {
+        let own = || profile.signals_of(id).map(|(_, signal)| signal);
+        let watched = self.node.map(|node| {
+            let started = match self.start {
+                true => format!("node {node} is started by NMT at the beginning and after each boot-up"),
+                false => {
+                    format!(
+                        "node {node} is not started by the gateway: it starts by itself, or another master \
+                         starts it"
+                    )
+                }
+            };
+            let heartbeat =
+                self.heartbeat.map_or("the heartbeat of the node is not monitored".to_owned(), |span| {
+                    format!(
+                        "the heartbeat of the node counts as missing after {}, also if none was ever \
+                         received",
+                        shown(span)
+                    )
+                });
+            [started, heartbeat]
+        });
+        let setup = self.setup.iter().map(|Setup { object, value, what }| {
+            let what = if what.is_empty() { String::new() } else { format!(": {what}") };
+            format!("before each start writes {object} = {value} ({}){what}", object.data_type.name())
+        });
+        let fields = own().filter_map(|signal| match &signal.address {
+            Address::Frame(field) => Some((field, signal.name.as_str())),
+            _ => None,
+        });
+        let values = grouped(fields).into_iter().map(|(field, names)| {
+            let choice: String = field.multiplex.iter().map(|selector| format!(", {selector}")).collect();
+            (field.frames, format!("{} ({}{choice})", names.join(" and "), field.bits))
+        });
+        let frames = grouped(values).into_iter();
+        let frames = frames.map(|(frames, values)| format!("frame {frames}: {}", values.join(", ")));
+        let every = shown(profile.device(id).every);
+        let objects = profile.objects(id).into_iter().filter_map(|object| {
+            let of = own().filter(|signal| signal.address == Address::Object(object));
+            let names: Vec<&str> = of.map(|signal| signal.name.as_str()).collect();
+            let kind = object.data_type.name();
+            (!names.is_empty())
+                .then(|| format!("object {object}, {kind}, every {every}: {}", names.join(", ")))
+        });
+        let sends = self.written.iter().map(|frame| {
+            let is_in = |address: &Address| matches!(address, Address::Frame(field) if field.frames.takes(frame.id()));
+            let of = profile.outputs.iter().filter(|output| output.device == id && is_in(&output.address));
+            let names: Vec<&str> = of.map(|output| output.name.as_str()).collect();
+            let bytes: Vec<String> = frame.data().iter().map(|byte| format!("{byte:02x}")).collect();
+            let kind = if frame.is_fd() { "CAN FD, " } else { "" };
+            let (id, count, bytes, names) = (frame.id(), bytes.len(), bytes.join(" "), names.join(", "));
+            format!("sends {id}, {kind}{count} bytes, {bytes} before the values: {names}")
+        });
+        let emergencies = self.emergencies.iter().map(|Emergency { code, mask, meaning }| {
+            let bits = if *mask == u16::MAX { String::new() } else { format!(" in the bits of {mask:#06x}") };
+            format!("emergency {code:#06x}{bits}: {meaning}")
+        });
+        let mut section = Section::default();
+        section.entry("node", self.node);
+        let lists: [(&str, Vec<String>); 6] = [
+            ("watched", watched.into_iter().flatten().collect()),
+            ("setup", setup.collect()),
+            ("frames", frames.collect()),
+            ("objects", objects.collect()),
+            ("sends", sends.collect()),
+            ("emergencies", emergencies.collect()),
+        ];
+        for (key, list) in lists {
+            section.lines("    ", &list);
+            section.entry(key, list);
+        }
+        section
+    }
 }

@@ -1,6 +1,7 @@
 //! Warnings about settings that are allowed but probably wrong. Each warning states the suspicious figure.
 
-use super::model::uniform_temperature::{UniformTemperature, signed};
+use super::model::effect::signed;
+use super::model::uniform_temperature::UniformTemperature;
 use crate::Profile;
 use crate::document;
 use crate::tables::Check;

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::{Axis, RawAxis, level};
-use crate::Profile;
+use crate::tables::signal::Signal;
 use crate::tables::{KeyContext, optional};
 use isotherm_core::compensation::settings::{Filter, GainSettings, OnWorse, ProbeSettings};
 use isotherm_core::quantity::Micron;
@@ -190,8 +190,8 @@ impl RawGains {
 }
 
 /// Describes source, sign and bounds of measured errors, for `isotherm check`.
-pub(super) fn preview(profile: &Profile, axis: &Axis, settings: &ProbeSettings) -> String {
-    let name = |id| &profile.signal(id).name;
+pub(super) fn preview(signals: &[Signal], axis: &Axis, settings: &ProbeSettings) -> String {
+    let name = |id: SignalId| &signals[id.0].name;
     let from = match &axis.probe_input {
         Some(input) => match input.trigger {
             Some(trigger) => {

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use crate::duration::Timespan;
-use crate::tables::RawProfile;
+use crate::tables::raw_profile::RawProfile;
 
 /// Default poll period of a device.
 pub(in crate::tables) const EVERY: Duration = Duration::from_secs(1);

@@ -2,23 +2,13 @@
 
 use serde_json::Value;
 
-use super::Output;
 use super::writes::{MICRONS, Writes};
+use super::{Output, Stated};
 use crate::Profile;
 use crate::protected_keys::allowed;
 use crate::source_map::child;
 use isotherm_core::codec::{ControlView, Encoding, Scale};
 use isotherm_core::quantity::Micron;
-
-/// Scale, bias, diameter and limit of an output as the profile file states them, without the layers above it. If the
-/// file lacks a key or names it in `allow_override`, the value of the merged profile is used.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stated {
-    scale: Scale,
-    bias: i64,
-    diameter: bool,
-    limit: Micron,
-}
 
 /// Adds to each output the settings of the profile file.
 pub(crate) fn by(file: &Value, profile: &mut Profile) {

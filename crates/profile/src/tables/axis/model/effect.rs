@@ -2,17 +2,17 @@
 
 use std::time::Duration;
 
-use crate::Profile;
 use crate::document;
 use crate::duration::shown;
+use crate::tables::signal::Signal;
 use isotherm_core::compensation::model::{Input, Reference};
 use isotherm_core::quantity::Celsius;
 use isotherm_core::reading::SignalId;
 
 /// Describes the change of Cz if a signal rises by one unit. `place` is a further condition of the sentence, for
 /// example a position.
-pub(super) fn effect(profile: &Profile, id: SignalId, change: f64, place: &str) -> String {
-    let signal = profile.signal(id);
+pub(super) fn effect(signals: &[Signal], id: SignalId, change: f64, place: &str) -> String {
+    let signal = &signals[id.0];
     let unit = signal.unit.to_string();
     let space = if unit.is_empty() { "" } else { " " };
     let sign = if change < 0.0 { "−" } else { "+" };
@@ -22,11 +22,11 @@ pub(super) fn effect(profile: &Profile, id: SignalId, change: f64, place: &str) 
 
 /// Describes the change of Cz if an input rises by one unit. For a squared input, describes the change over the whole
 /// range of the signal.
-pub(super) fn effect_of(profile: &Profile, input: &Input, change: f64, place: &str) -> String {
+pub(super) fn effect_of(signals: &[Signal], input: &Input, change: f64, place: &str) -> String {
     if !input.squared {
-        return effect(profile, input.signal, change, place);
+        return effect(signals, input.signal, change, place);
     }
-    let signal = profile.signal(input.signal);
+    let signal = &signals[input.signal.0];
     let top = signal.range.map_or(1000.0, |(low, high)| high.max(-low));
     let (name, unit, sign) = (&signal.name, signal.unit, if change < 0.0 { "−" } else { "+" });
     let (change, top) = (figure((change * top * top).abs()), figure(top));
@@ -34,16 +34,16 @@ pub(super) fn effect_of(profile: &Profile, input: &Input, change: f64, place: &s
 }
 
 /// Returns the condition `place` of a sentence, with the lag of an input added.
-pub(super) fn late(profile: &Profile, input: &Input, place: &str) -> String {
-    let signal = &profile.signal(input.signal).name;
+pub(super) fn late(signals: &[Signal], input: &Input, place: &str) -> String {
+    let signal = &signals[input.signal.0].name;
     let behind =
         |lag: Duration| format!("{place} (63 % of the effect {} after {signal} has risen)", shown(lag));
     input.time_constant().map_or_else(|| place.to_owned(), behind)
 }
 
 /// Value of a signal at which its effect is calculated: the middle of its range, or 20 without a range.
-pub(super) fn middle(profile: &Profile, id: SignalId) -> f64 {
-    profile.signal(id).range.map_or(20.0, |(low, high)| f64::midpoint(low, high))
+pub(super) fn middle(signals: &[Signal], id: SignalId) -> f64 {
+    signals[id.0].range.map_or(20.0, |(low, high)| f64::midpoint(low, high))
 }
 
 /// Describes the reference from which a rise is measured.
@@ -56,13 +56,13 @@ pub(super) fn reference(reference: Reference) -> String {
 }
 
 /// Formats the rises of several inputs above their references, each with its lag.
-pub(super) fn rises(profile: &Profile, inputs: &[Input]) -> String {
-    inputs.iter().map(|input| rise(profile, input)).collect::<Vec<_>>().join(", ")
+pub(super) fn rises(signals: &[Signal], inputs: &[Input]) -> String {
+    inputs.iter().map(|input| rise(signals, input)).collect::<Vec<_>>().join(", ")
 }
 
 /// Formats the rise of an input above its reference, with its lag: `(bed − 20)`, or `bed` if the reference is 0.
-pub(super) fn rise(profile: &Profile, input: &Input) -> String {
-    let name = &profile.signal(input.signal).name;
+pub(super) fn rise(signals: &[Signal], input: &Input) -> String {
+    let name = &signals[input.signal.0].name;
     let rise = match input.reference {
         Reference::Fixed(Celsius::ZERO) => name.clone(),
         other => format!("({name} − {})", reference(other)),
@@ -78,4 +78,11 @@ pub(super) fn lagged(input: &Input) -> String {
 /// Formats a number without the last digits, which result from binary fractions.
 pub(super) fn figure(number: f64) -> String {
     document::figure(number, 9)
+}
+
+/// Formats µm with their sign, and with at most three decimals.
+pub(in crate::tables::axis) fn signed(cz: f64) -> String {
+    let rounded = (cz * 1000.0).round() / 1000.0;
+    let sign = if rounded < 0.0 { "−" } else { "+" };
+    if rounded.abs() > 0.0 { format!("{sign}{}", figure(rounded.abs())) } else { "0".to_owned() }
 }

@@ -7,30 +7,20 @@
 //! Values are in the unit of each signal, minus its `reference` (a number, default 0, "start" or "zero"). `reach` is
 //! the largest Mahalanobis distance inside the envelope. Its default covers 99 % of a normal distribution.
 
-use schemars::JsonSchema;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use super::RawModel;
 use super::effect::{figure, rise};
 use super::file::{bytes, read, taken};
 use super::half_models;
 use super::inputs::ReferenceValue;
-use crate::Profile;
+use super::raw::{OutsideWord, RawModel};
 use crate::error::allowed;
+use crate::tables::signal::Signal;
 use crate::tables::{KeyContext, optional};
 use isotherm_core::compensation::model::envelope::{BadEnvelope, Identified, MOST};
 use isotherm_core::compensation::model::{Envelope, Input, Model, Outside, Reference};
 use isotherm_core::quantity::Celsius;
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub(super) enum OutsideWord {
-    Agree,
-    Warn,
-    Hold,
-    Shrink,
-}
 
 /// Content of an envelope file.
 #[derive(Debug, Deserialize)]
@@ -104,9 +94,9 @@ pub(super) fn resolve(
         }
         return Some(None);
     };
-    let halves = at.key("halves");
-    let apart = optional(raw.halves.as_deref(), |name| half_models::resolve(raw, &halves, name, model?));
-    let bytes = bytes(raw, "envelope", &place, name)?;
+    let (seals, halves) = (raw.sha256.as_ref(), at.key("halves"));
+    let apart = optional(raw.halves.as_deref(), |name| half_models::resolve(seals, &halves, name, model?));
+    let bytes = bytes(seals, "envelope", &place, name)?;
     let file: EnvelopeFile = taken(&place, name, read(&bytes, "isotherm-envelope"))?;
     let signals = model?.signals();
     let names = &at.report.signals;
@@ -141,11 +131,11 @@ pub(super) fn resolve(
 }
 
 /// Describes the envelope of a model, and the action outside of the envelope.
-pub(super) fn preview(profile: &Profile, envelope: &Envelope) -> String {
+pub(super) fn preview(signals: &[Signal], envelope: &Envelope) -> String {
     let range = |known: &Identified| {
-        let signal = profile.signal(known.input.signal);
+        let signal = &signals[known.input.signal.0];
         let (min, max) = known.range;
-        format!("{} {} … {} {}", rise(profile, &known.input), figure(min), figure(max), signal.unit)
+        format!("{} {} … {} {}", rise(signals, &known.input), figure(min), figure(max), signal.unit)
     };
     let ranges: Vec<String> = envelope.inputs().iter().map(range).collect();
     let outside = match envelope.outside() {

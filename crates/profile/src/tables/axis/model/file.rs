@@ -4,7 +4,7 @@
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
-use super::RawModel;
+use super::seals::RawSeals;
 use crate::tables::KeyContext;
 
 /// Keys that every file of a model has.
@@ -63,9 +63,9 @@ pub(super) fn fit(what: &str, own: &[String], given: &[&str]) -> Result<(), Stri
 }
 
 /// Reads the file that a key of the model names, and checks its SHA-256. `at` is the context of this key.
-pub(super) fn bytes(raw: &RawModel, key: &str, at: &KeyContext<'_>, name: &str) -> Option<Vec<u8>> {
+pub(super) fn bytes(seals: Option<&RawSeals>, key: &str, at: &KeyContext<'_>, name: &str) -> Option<Vec<u8>> {
     let bytes = at.file(name, "a relative path begins in the directory of the profile")?;
-    raw.sha256.as_ref().is_none_or(|seals| seals.fits(key, at, name, &bytes)).then_some(bytes)
+    seals.is_none_or(|seals| seals.fits(key, at, name, &bytes)).then_some(bytes)
 }
 
 /// Returns the content of a file. If the content is invalid, reports the reason with the name of the file.

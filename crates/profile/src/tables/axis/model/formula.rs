@@ -4,14 +4,15 @@ use std::collections::BTreeMap;
 
 use super::effect::{effect, figure, middle};
 use super::inputs::Inputs;
-use super::{Computation, KindOfModel, RawModel};
-use crate::Profile;
+use super::kind::{Computation, KindOfModel};
+use super::raw::{FORMULA, RawModel};
+use crate::tables::signal::Signal;
 use crate::tables::{KeyContext, expression};
 use isotherm_core::compensation::model::{Formula, Kind};
 use isotherm_core::reading::SignalId;
 
 pub(super) const KIND: KindOfModel = KindOfModel {
-    word: "formula",
+    word: FORMULA,
     one: "a formula",
     keys: &["formula", "constants", "inputs"],
     resolve,
@@ -39,18 +40,18 @@ fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
     expression::formula(at, raw.formula.as_ref()?, inputs, constants).map(Kind::Formula)
 }
 
-fn preview(profile: &Profile, kind: &Kind) -> Option<Computation> {
+fn preview(signals: &[Signal], kind: &Kind) -> Option<Computation> {
     let Kind::Formula(formula) = kind else { return None };
     let names: Vec<&str> =
-        formula.expression.signals().into_iter().map(|id| profile.signal(id).name.as_str()).collect();
+        formula.expression.signals().into_iter().map(|id| signals[id.0].name.as_str()).collect();
     let text = format!("Cz = {} µm, over {}", formula.expression.text(), names.join(", "));
-    Some(Computation { formula: text, effects: effects(profile, formula) })
+    Some(Computation { formula: text, effects: effects(signals, formula) })
 }
 
 /// Describes the effect of each signal at one point, because a formula may not be linear. The point is machine start,
 /// with every signal in the middle of its range.
-fn effects(profile: &Profile, formula: &Formula) -> Vec<String> {
-    let middle = |id: SignalId| middle(profile, id);
+fn effects(signals: &[Signal], formula: &Formula) -> Vec<String> {
+    let middle = |id: SignalId| middle(signals, id);
     let at = |raised: Option<SignalId>| {
         let value = |id: SignalId| Some(middle(id) + if raised == Some(id) { 1.0 } else { 0.0 });
         formula.expression.evaluate(&value, Some(0.0)).ok().filter(|cz| cz.is_finite())
@@ -58,13 +59,9 @@ fn effects(profile: &Profile, formula: &Formula) -> Vec<String> {
     let change = |id: SignalId| match (at(None), at(Some(id))) {
         (Some(before), Some(after)) => {
             let place = format!(" (from {} at t = 0)", figure(middle(id)));
-            effect(profile, id, after - before, &place)
+            effect(signals, id, after - before, &place)
         }
-        _ => format!(
-            "at {} = {} and t = 0 the formula has no value",
-            profile.signal(id).name,
-            figure(middle(id))
-        ),
+        _ => format!("at {} = {} and t = 0 the formula has no value", signals[id.0].name, figure(middle(id))),
     };
     formula.expression.signals().into_iter().map(change).collect()
 }

@@ -11,9 +11,9 @@
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use super::RawModel;
 use super::effect::figure;
 use super::file::{bytes, read, taken};
+use super::seals::RawSeals;
 use crate::duration::shown;
 use crate::tables::KeyContext;
 use isotherm_core::compensation::model::{Model, Term};
@@ -41,8 +41,13 @@ struct HalfTerm {
 }
 
 /// Returns the difference between the gains of the two halves, for each term of the model.
-pub(super) fn resolve(raw: &RawModel, at: &KeyContext<'_>, name: &str, model: &Model) -> Option<Vec<f64>> {
-    let bytes = bytes(raw, "halves", at, name)?;
+pub(super) fn resolve(
+    seals: Option<&RawSeals>,
+    at: &KeyContext<'_>,
+    name: &str,
+    model: &Model,
+) -> Option<Vec<f64>> {
+    let bytes = bytes(seals, "halves", at, name)?;
     let file: HalvesFile = taken(at, name, read(&bytes, "isotherm-halves"))?;
     let apart = file.of(model.sum(), &at.report.signals);
     taken(at, name, apart)

@@ -6,7 +6,6 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::RawModel;
 use crate::duration::{Timespan, shown};
 use crate::schema_of::schema_of;
 use crate::tables::KeyContext;
@@ -99,12 +98,12 @@ impl Inputs {
 /// Returns the inputs in their order, with the names of their signals. `default` is the reference of inputs without
 /// one. Without a default, every input needs a reference.
 pub(super) fn in_order<'r>(
-    raw: &'r RawModel,
+    (raw, reference): (Option<&'r Inputs>, Option<ReferenceValue>),
     at: &KeyContext<'_>,
     default: Option<Reference>,
 ) -> Option<(Vec<Input>, Vec<&'r str>)> {
     let list = at.key("inputs");
-    let inputs = match raw.inputs.as_ref()? {
+    let inputs = match raw? {
         Inputs::InOrder(inputs) => inputs,
         Inputs::ByName(_) => {
             let help = "write inputs = [ \"bed\", \"column\" ], in the order of the file";
@@ -114,7 +113,7 @@ pub(super) fn in_order<'r>(
     if inputs.is_empty() {
         return list.reject("a model without inputs follows no temperature", "name at least one signal");
     }
-    let of_model = raw.reference.map(Reference::from).or(default);
+    let of_model = reference.map(Reference::from).or(default);
     let (mut found, mut names, mut lacks_reference) = (Vec::new(), Vec::new(), false);
     for (place, input) in inputs.iter().enumerate() {
         let item = list.item(place);
@@ -124,7 +123,7 @@ pub(super) fn in_order<'r>(
         };
         // Without a default, a missing reference is reported once for all inputs.
         let has_reference =
-            default.is_none() || own.or(raw.reference).is_some() || at.key("reference").is_written();
+            default.is_none() || own.or(reference).is_some() || at.key("reference").is_written();
         let lag = lag(&item, own_lag, has_reference);
         let Some(name) = name else { continue };
         names.push(name.as_str());

@@ -1,15 +1,11 @@
 //! `kind = "linear"`: a sum of gains times temperature rises. A slope is multiplied by the position.
 
-use schemars::JsonSchema;
-use serde::Deserialize;
-
-use super::effect::{effect_of, figure, lagged, late, reference as written};
-use super::inputs::{ReferenceValue, lag};
-use super::uniform_temperature::signed;
-use super::{Computation, KindOfModel, Places, RawModel};
-use crate::Profile;
+use super::effect::{effect_of, figure, lagged, late, reference as written, signed};
+use super::inputs::lag;
+use super::kind::{Computation, KindOfModel, Places};
+use super::raw::{LINEAR, RawModel, RawSlope, RawTerm};
 use crate::document::grouped;
-use crate::duration::Timespan;
+use crate::tables::signal::Signal;
 use crate::tables::{KeyContext, optional};
 use isotherm_core::compensation::model::{Input, Kind, Linear, Reference, Slope, Term};
 use isotherm_core::quantity::{Micron, MicronPerCelsius, MicronPerMillimetreCelsius, Millimetre};
@@ -18,7 +14,7 @@ use isotherm_core::quantity::{Micron, MicronPerCelsius, MicronPerMillimetreCelsi
 const MICRONS: f64 = 1000.0;
 
 pub(super) const KIND: KindOfModel = KindOfModel {
-    word: "linear",
+    word: LINEAR,
     one: "a linear model",
     keys: &["offset", "terms", "slope"],
     resolve,
@@ -32,53 +28,6 @@ const READABLE: usize = 12;
 const LARGE_GAIN: f64 = 100.0;
 /// Largest plausible gain of a slope, µm/mm per °C: ten times the expansion of aluminium.
 const LARGE_SLOPE: f64 = 0.24;
-
-/// Gain times a temperature rise.
-#[derive(Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[schemars(rename = "Term")]
-pub(super) struct RawTerm {
-    /// Temperature signal.
-    #[schemars(required)]
-    signal: Option<String>,
-    /// Gain in µm per unit of the signal, or per unit² with power = 2. In a slope, µm/mm. The alternative is
-    /// `expansion` with `length`, but not in a slope.
-    gain: Option<f64>,
-    /// Reference from which the rise is measured. A number such as 20.0 is the signal's value at which the structure
-    /// has its cold geometry. "start" is the value at machine start, "zero" that at the last zero command. With 0.0,
-    /// the rise is the value itself.
-    #[schemars(required)]
-    reference: Option<ReferenceValue>,
-    /// Time constant C of a first-order lag behind the signal. After the time t, the term has followed a step of the
-    /// signal by the part 1 − e^(−t/C).
-    lag: Option<Timespan>,
-    /// Power of the value, 1 or 2. With 2, the square of the reference is subtracted from the square of the value, for
-    /// example for a spindle speed. Default 1.
-    power: Option<i64>,
-    /// Coefficient of linear expansion, 1/K.
-    expansion: Option<f64>,
-    /// Length that expands, mm.
-    length: Option<f64>,
-}
-
-/// Terms of Cz that are multiplied by the distance of the axis from a reference position.
-#[derive(Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[schemars(rename = "Slope")]
-pub(super) struct RawSlope {
-    /// Signal with the position of the axis, mm.
-    #[schemars(required)]
-    position: Option<String>,
-    /// Position at which the slope adds nothing, mm.
-    #[schemars(required, extend("x-layers" = "arrives"))]
-    reference: Option<f64>,
-    /// Ends of the axis's travel, mm. They limit the effect of the slope. Required if the control receives the slope.
-    #[schemars(extend("x-layers" = "arrives"))]
-    travel: Option<[f64; 2]>,
-    /// Terms with gains in µm/mm per unit of the signal.
-    #[schemars(required)]
-    terms: Option<Vec<RawTerm>>,
-}
 
 fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
     let list = at.key("terms");
@@ -120,10 +69,6 @@ fn terms<Gain>(
 }
 
 impl RawSlope {
-    pub(super) fn terms(&self) -> impl Iterator<Item = &RawTerm> {
-        self.terms.iter().flatten()
-    }
-
     fn resolve(&self, at: &KeyContext<'_>) -> Option<Slope> {
         let position = at.key("position").position(self.position.as_ref());
         let list = at.key("terms");
@@ -146,10 +91,6 @@ impl RawSlope {
 }
 
 impl RawTerm {
-    pub(super) fn is_at_zero(&self) -> bool {
-        self.reference.is_some_and(ReferenceValue::is_zero)
-    }
-
     fn is_squared(&self, at: &KeyContext<'_>) -> Option<bool> {
         match self.power {
             None | Some(1) => Some(false),
@@ -210,9 +151,9 @@ impl RawTerm {
     }
 }
 
-fn preview(profile: &Profile, kind: &Kind) -> Option<Computation> {
+fn preview(signals: &[Signal], kind: &Kind) -> Option<Computation> {
     let Kind::Linear(linear) = kind else { return None };
-    Some(Computation { formula: text(profile, linear), effects: effects(profile, linear) })
+    Some(Computation { formula: text(signals, linear), effects: effects(signals, linear) })
 }
 
 /// Returns the ends of the travel for which a slope applies, and the position at which it has no effect (reference
@@ -224,26 +165,26 @@ fn places(kind: &Kind) -> Option<Places> {
 }
 
 /// Formats the sum as a formula, for example `Cz = 2.4·(bed − 20) + 0 µm`.
-fn text(profile: &Profile, linear: &Linear) -> String {
+fn text(signals: &[Signal], linear: &Linear) -> String {
     let mut text = match linear.terms.len() {
         many if many > READABLE => format!("Cz = the sum of {many} terms"),
-        _ => format!("Cz = {}", sum_text(profile, &parts(&linear.terms))),
+        _ => format!("Cz = {}", sum_text(signals, &parts(&linear.terms))),
     };
     let sign = if linear.offset < Micron::ZERO { "−" } else { "+" };
     let zero = if linear.terms.is_empty() { "" } else { " " };
     text.push_str(&format!("{zero}{sign} {} µm", figure(linear.offset.get().abs())));
     if let Some(slope) = &linear.slope {
-        let position = &profile.signal(slope.position).name;
+        let position = &signals[slope.position.0].name;
         text.push_str(&format!(
             " + ({}) µm/mm·({position} − {} mm)",
-            sum_text(profile, &parts(&slope.terms)),
+            sum_text(signals, &parts(&slope.terms)),
             figure(slope.reference.get())
         ));
     }
     text
 }
 
-fn sum_text(profile: &Profile, parts: &[(Input, f64)]) -> String {
+fn sum_text(signals: &[Signal], parts: &[(Input, f64)]) -> String {
     let mut text = String::new();
     for (place, (input, gain)) in parts.iter().enumerate() {
         let sign = match (place, *gain < 0.0) {
@@ -252,7 +193,7 @@ fn sum_text(profile: &Profile, parts: &[(Input, f64)]) -> String {
             (_, false) => " + ",
             (_, true) => " − ",
         };
-        let name = &profile.signal(input.signal).name;
+        let name = &signals[input.signal.0].name;
         let rise = match (input.squared, input.reference) {
             (false, reference) => format!("({name} − {})", written(reference)),
             (true, Reference::Fixed(number)) => format!("({name}² − {})", figure(number.get().powi(2))),
@@ -264,36 +205,36 @@ fn sum_text(profile: &Profile, parts: &[(Input, f64)]) -> String {
     text
 }
 
-fn effects(profile: &Profile, linear: &Linear) -> Vec<String> {
+fn effects(signals: &[Signal], linear: &Linear) -> Vec<String> {
     let is_readable = linear.terms.len() <= READABLE;
     let each = gains(&linear.terms).into_iter().filter(|_| is_readable);
     let mut effects: Vec<String> =
-        each.map(|(input, gain)| effect_of(profile, &input, gain, &late(profile, &input, ""))).collect();
+        each.map(|(input, gain)| effect_of(signals, &input, gain, &late(signals, &input, ""))).collect();
     match is_readable {
-        true => effects.extend(together(profile, &linear.terms, 1.0, "")),
-        false => effects.extend(at_once_and_at_rest(profile, &linear.terms)),
+        true => effects.extend(together(signals, &linear.terms, 1.0, "")),
+        false => effects.extend(at_once_and_at_rest(signals, &linear.terms)),
     }
     if let Some(slope) = &linear.slope {
-        let position = &profile.signal(slope.position).name;
+        let position = &signals[slope.position.0].name;
         let beside = format!(" and {position} is 100 mm above {} mm", figure(slope.reference.get()));
         for (input, gain) in gains(&slope.terms) {
-            let place = late(profile, &input, &beside);
-            effects.push(effect_of(profile, &input, gain * 100.0, &place));
+            let place = late(signals, &input, &beside);
+            effects.push(effect_of(signals, &input, gain * 100.0, &place));
         }
-        effects.extend(together(profile, &slope.terms, 100.0, &beside));
+        effects.extend(together(signals, &slope.terms, 100.0, &beside));
     }
     effects
 }
 
 /// Describes each signal of a long sum: its immediate effect, and its effect in the steady state.
-fn at_once_and_at_rest(profile: &Profile, terms: &[Term]) -> Vec<String> {
+fn at_once_and_at_rest(signals: &[Signal], terms: &[Term]) -> Vec<String> {
     let own = gains(terms).into_iter().map(|(input, gain)| ((input.signal, input.squared), (input, gain)));
     let sum = |own: Vec<(Input, f64)>| {
         let at_once: f64 = own.iter().filter(|(input, _)| input.lag.is_none()).map(|(_, gain)| gain).sum();
         let at_rest: f64 = own.iter().map(|(_, gain)| gain).sum();
-        let (input, signal) = (own[0].0, profile.signal(own[0].0.signal));
+        let (input, signal) = (own[0].0, &signals[own[0].0.signal.0]);
         if input.squared || signal.unit.0 == "rpm" {
-            return effect_of(profile, &input, at_rest, " permanently");
+            return effect_of(signals, &input, at_rest, " permanently");
         }
         let [at_once, at_rest] = [at_once, at_rest].map(signed);
         let (name, unit) = (&signal.name, signal.unit);
@@ -305,7 +246,7 @@ fn at_once_and_at_rest(profile: &Profile, terms: &[Term]) -> Vec<String> {
 /// Describes the steady-state effect of each signal that has several terms with different lags. A single term may have
 /// the opposite sign.
 fn together<Gain: Copy + Into<f64>>(
-    profile: &Profile,
+    signals: &[Signal],
     terms: &[Term<Gain>],
     times: f64,
     beside: &str,
@@ -315,7 +256,7 @@ fn together<Gain: Copy + Into<f64>>(
     let sum = |own: Vec<(Input, f64)>| {
         let place = format!("{beside} permanently (its {} terms added up)", own.len());
         let all = own.iter().map(|(_, change)| change).sum();
-        (own.len() > 1).then(|| effect_of(profile, &own[0].0, all, &place))
+        (own.len() > 1).then(|| effect_of(signals, &own[0].0, all, &place))
     };
     grouped(own).into_iter().filter_map(|(_, own)| sum(own)).collect()
 }

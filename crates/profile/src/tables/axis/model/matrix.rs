@@ -8,16 +8,16 @@
 //! for each block, in mm/K. `guide_mm` contains the positions of the points along the axis, ascending. `guide_nodes`
 //! and `cases` are optional and ignored.
 
-use schemars::JsonSchema;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
 use super::effect::{effect, figure, late, rises};
 use super::file::{bytes, fit, read, taken};
 use super::inputs::in_order;
-use super::{Computation, KindOfModel, Places, RawModel};
-use crate::Profile;
+use super::kind::{Computation, KindOfModel, Places};
+use super::raw::{Carries, Component, MATRIX, RawModel};
 use crate::tables::KeyContext;
+use crate::tables::signal::Signal;
 use isotherm_core::compensation::model::{Kind, Matrix};
 use isotherm_core::quantity::Millimetre;
 
@@ -25,36 +25,13 @@ use isotherm_core::quantity::Millimetre;
 const MICRONS: f64 = 1000.0;
 
 pub(super) const KIND: KindOfModel = KindOfModel {
-    word: "matrix",
+    word: MATRIX,
     one: "a matrix",
     keys: &["inputs", "file", "reference", "position", "component", "carries"],
     resolve,
     preview,
     places,
 };
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
-pub(super) enum Component {
-    #[serde(rename = "x")]
-    X,
-    #[serde(rename = "y")]
-    Y,
-    #[serde(rename = "z")]
-    Z,
-    #[serde(rename = "-x")]
-    MinusX,
-    #[serde(rename = "-y")]
-    MinusY,
-    #[serde(rename = "-z")]
-    MinusZ,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub(super) enum Carries {
-    Tool,
-    Work,
-}
 
 /// Content of a matrix file.
 #[derive(Debug, Deserialize)]
@@ -111,9 +88,9 @@ fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
         at.key(key).missing(format!("`{key}` is missing: a matrix needs it"), help);
     }
     let position = at.key("position").position(raw.position.as_ref());
-    let inputs = in_order(raw, at, None);
+    let inputs = in_order((raw.inputs.as_ref(), raw.reference), at, None);
     let (name, at) = (raw.file.as_deref()?, at.key("file"));
-    let bytes = bytes(raw, "file", &at, name)?;
+    let bytes = bytes(raw.sha256.as_ref(), "file", &at, name)?;
     let file = taken(&at, name, MatrixFile::parse(&bytes))?;
     let (inputs, names) = inputs?;
     taken(&at, name, fit("blocks", &file.blocks, &names))?;
@@ -151,21 +128,21 @@ fn places(kind: &Kind) -> Option<Places> {
 }
 
 /// Preview of the calculation, with the effect of each block's temperature in the middle of the guideway.
-fn preview(profile: &Profile, kind: &Kind) -> Option<Computation> {
+fn preview(signals: &[Signal], kind: &Kind) -> Option<Computation> {
     let Kind::Matrix(matrix) = kind else { return None };
-    let position = &profile.signal(matrix.position()).name;
+    let position = &signals[matrix.position().0].name;
     let (first, last) = (matrix.ends().0.get(), matrix.ends().1.get());
     let formula = format!(
         "Cz = P·ΔT µm at {position}, P of {} from {first} to {last} mm (beyond an end, the value at this \
          end), over \
          {}",
         matrix.source(),
-        rises(profile, matrix.blocks())
+        rises(signals, matrix.blocks())
     );
     let at = f64::midpoint(first, last);
     let place = format!(" (at {position} = {} mm)", figure(at));
     let blocks = matrix.blocks().iter().zip(matrix.gains_at(Millimetre::new(at).unwrap_or_default()));
     let effects =
-        blocks.map(|(block, gain)| effect(profile, block.signal, gain.get(), &late(profile, block, &place)));
+        blocks.map(|(block, gain)| effect(signals, block.signal, gain.get(), &late(signals, block, &place)));
     Some(Computation { formula, effects: effects.collect() })
 }

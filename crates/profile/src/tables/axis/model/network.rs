@@ -15,15 +15,16 @@ use serde::de::IgnoredAny;
 use super::effect::{effect, figure, late, middle, rises};
 use super::file::{bytes, fit, read, taken};
 use super::inputs::in_order;
-use super::{Computation, KindOfModel, RawModel};
-use crate::Profile;
+use super::kind::{Computation, KindOfModel};
+use super::raw::{NETWORK, RawModel};
 use crate::tables::KeyContext;
+use crate::tables::signal::Signal;
 use isotherm_core::compensation::model::network::{Activation, Layer, Layers, Net, Node, Radial, Scaling};
 use isotherm_core::compensation::model::{Input, Kind, Network, Reference};
 use isotherm_core::quantity::Celsius;
 
 pub(super) const KIND: KindOfModel = KindOfModel {
-    word: "network",
+    word: NETWORK,
     one: "a network",
     keys: &["inputs", "file", "reference"],
     resolve,
@@ -144,9 +145,9 @@ fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
     at.key("inputs").missing("`inputs` is missing: a network needs them", help);
     let help = "write file = \"spindle.onnx\", or a .json of the project's own format, next to the profile";
     at.key("file").missing("`file` is missing: a network needs it", help);
-    let inputs = in_order(raw, at, Some(Reference::Fixed(Celsius::ZERO)));
+    let inputs = in_order((raw.inputs.as_ref(), raw.reference), at, Some(Reference::Fixed(Celsius::ZERO)));
     let (name, at) = (raw.file.as_deref()?, at.key("file"));
-    let bytes = bytes(raw, "file", &at, name)?;
+    let bytes = bytes(raw.sha256.as_ref(), "file", &at, name)?;
     let (inputs, names) = inputs?;
     let (net, own) = taken(&at, name, net(name, bytes, inputs.len()))?;
     let fits = match own {
@@ -183,13 +184,13 @@ fn is_onnx(name: &str) -> bool {
 
 /// Preview of the calculation, with the effect of each signal. Every signal is assumed in the middle of its range, and
 /// its rise from a captured reference is assumed as zero.
-fn preview(profile: &Profile, kind: &Kind) -> Option<Computation> {
+fn preview(signals: &[Signal], kind: &Kind) -> Option<Computation> {
     let Kind::Network(network) = kind else { return None };
     let reads = network.reads();
     let formula =
-        format!("Cz = {} of {} µm, over {}", network.net().what(), network.source(), rises(profile, reads));
+        format!("Cz = {} of {} µm, over {}", network.net().what(), network.source(), rises(signals, reads));
     let rise = |input: &Input| match input.reference {
-        Reference::Fixed(number) => middle(profile, input.signal) - number.get(),
+        Reference::Fixed(number) => middle(signals, input.signal) - number.get(),
         Reference::Start | Reference::Zero => 0.0,
     };
     let at: Vec<f64> = reads.iter().map(rise).collect();
@@ -198,11 +199,11 @@ fn preview(profile: &Profile, kind: &Kind) -> Option<Computation> {
         let mut raised = at.clone();
         raised[place] += 1.0;
         let change = network.net().output(&raised) - before;
-        let name = &profile.signal(input.signal).name;
-        let from = figure(middle(profile, input.signal));
+        let name = &signals[input.signal.0].name;
+        let from = figure(middle(signals, input.signal));
         if change.is_finite() {
             let place = format!(" (from {from})");
-            effect(profile, input.signal, change, &late(profile, input, &place))
+            effect(signals, input.signal, change, &late(signals, input, &place))
         } else {
             format!("near {name} = {from} the output of the neural network is not a finite number")
         }

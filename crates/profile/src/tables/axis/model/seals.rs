@@ -7,14 +7,10 @@
 //! `isotherm identify` writes these keys. Files without such a key are not checked, because users write some of them by
 //! hand.
 
-use std::fmt::Write as _;
-use std::io::Read;
-
 use schemars::JsonSchema;
 use serde::Deserialize;
-use sha2::{Digest, Sha256};
 
-use super::RawModel;
+use crate::sha256;
 use crate::tables::KeyContext;
 
 /// Number of hex digits of a SHA-256.
@@ -35,33 +31,6 @@ pub(super) struct RawSeals {
     stand_ins: Option<String>,
 }
 
-/// Returns the SHA-256 of these bytes as a profile states it: 64 hex digits.
-#[must_use]
-pub fn sha256(bytes: &[u8]) -> String {
-    in_hex(&Sha256::digest(bytes))
-}
-
-/// Returns the SHA-256 of all bytes of a reader: 64 hex digits.
-///
-/// # Errors
-/// Those of the reader.
-pub fn sha256_of(mut reader: impl Read) -> std::io::Result<String> {
-    let (mut digest, mut part) = (Sha256::new(), vec![0; 1 << 16]);
-    loop {
-        match reader.read(&mut part)? {
-            0 => return Ok(in_hex(&digest.finalize())),
-            length => digest.update(&part[..length]),
-        }
-    }
-}
-
-fn in_hex(digest: &[u8]) -> String {
-    digest.iter().fold(String::new(), |mut text, byte| {
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
-}
-
 impl RawSeals {
     /// Returns the keys of a model that name a file, each with the SHA-256 that the profile states.
     fn each(&self) -> [(&'static str, Option<&String>); 4] {
@@ -75,9 +44,8 @@ impl RawSeals {
 
     /// Reports an invalid SHA-256, a SHA-256 without a file, and a file without SHA-256 if other files have one. `at`
     /// is the context of the model.
-    pub(super) fn check(&self, raw: &RawModel, at: &KeyContext<'_>) {
+    pub(super) fn check(&self, files: [&Option<String>; 4], at: &KeyContext<'_>) {
         let place = at.key("sha256");
-        let files = [&raw.file, &raw.envelope, &raw.halves, &raw.stand_ins];
         for ((key, seal), named) in self.each().into_iter().zip(files) {
             match (seal, named) {
                 (Some(_), None) => {

@@ -14,12 +14,12 @@ use std::time::Duration;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use super::RawModel;
 use super::file::{bytes, read, taken};
 use super::inputs::LONGEST_LAG;
-use crate::Profile;
+use super::seals::RawSeals;
 use crate::error::allowed;
 use crate::tables::KeyContext;
+use crate::tables::signal::Signal;
 use isotherm_core::compensation::model::StandIns;
 use isotherm_core::compensation::model::stand_ins::{Described, Replaces};
 use isotherm_core::reading::SignalId;
@@ -57,8 +57,8 @@ struct TermOfFile {
 }
 
 /// Resolves the relations between sensors in the file with this name.
-pub(super) fn resolve(raw: &RawModel, at: &KeyContext<'_>, name: &str) -> Option<StandIns> {
-    let bytes = bytes(raw, "stand_ins", at, name)?;
+pub(super) fn resolve(seals: Option<&RawSeals>, at: &KeyContext<'_>, name: &str) -> Option<StandIns> {
+    let bytes = bytes(seals, "stand_ins", at, name)?;
     let file: StandInsFile = taken(at, name, read(&bytes, "isotherm-stand-ins"))?;
     let described = taken(at, name, file.described(&at.report.signals))?;
     for sensor in &described {
@@ -144,7 +144,7 @@ fn fingerprint(bytes: &[u8]) -> u64 {
 }
 
 /// Describes which sensors are monitored for frozen readings, and which of them other sensors can replace.
-pub(super) fn preview(profile: &Profile, stand_ins: &StandIns) -> String {
+pub(super) fn preview(signals: &[Signal], stand_ins: &StandIns) -> String {
     let mut text = format!("{} sensors are checked for frozen readings", stand_ins.watched().count());
     let groups = [
         (Replaces::FrozenOrLost, "other sensors replace"),
@@ -153,7 +153,7 @@ pub(super) fn preview(profile: &Profile, stand_ins: &StandIns) -> String {
     ];
     for (wanted, words) in groups {
         let found = stand_ins.watched().filter(|(_, replaces)| *replaces == wanted);
-        let names: Vec<&str> = found.map(|(signal, _)| profile.signal(signal).name.as_str()).collect();
+        let names: Vec<&str> = found.map(|(signal, _)| signals[signal.0].name.as_str()).collect();
         if !names.is_empty() {
             text += &format!("; {words} {}", names.join(", "));
         }

@@ -3,8 +3,8 @@
 
 use std::time::Duration;
 
-use super::{KINDS, effect::figure};
-use crate::Profile;
+use super::KINDS;
+use super::effect::{figure, signed};
 use crate::document::Section;
 use crate::tables::signal::Signal;
 use isotherm_core::compensation::Snapshot;
@@ -58,8 +58,8 @@ impl UniformTemperature {
     }
 
     /// Returns a machine for each temperature of the preview.
-    pub(crate) fn shown(profile: &Profile) -> Vec<UniformTemperature> {
-        SHOWN.into_iter().map(|celsius| UniformTemperature::at(celsius, &profile.signals)).collect()
+    pub(crate) fn shown(signals: &[Signal]) -> Vec<UniformTemperature> {
+        SHOWN.into_iter().map(|celsius| UniformTemperature::at(celsius, signals)).collect()
     }
 
     /// Returns the model's value at the position where its absolute value is largest. `None` if the model has no value
@@ -111,15 +111,13 @@ impl UniformTemperature {
     }
 }
 
-/// Formats µm with their sign, and with at most three decimals.
-pub(crate) fn signed(cz: f64) -> String {
-    let rounded = (cz * 1000.0).round() / 1000.0;
-    let sign = if rounded < 0.0 { "−" } else { "+" };
-    if rounded.abs() > 0.0 { format!("{sign}{}", figure(rounded.abs())) } else { "0".to_owned() }
-}
-
 /// Adds the values to the preview as text, `everything at 15, 20, 25 °C: Cz = −12, 0, +12 µm`, and as JSON.
-pub(super) fn preview(section: &mut Section, profile: &Profile, model: &Model, shown: &[UniformTemperature]) {
+pub(super) fn preview(
+    section: &mut Section,
+    signals: &[Signal],
+    model: &Model,
+    shown: &[UniformTemperature],
+) {
     let asked: Vec<Option<UniformValue>> = shown.iter().map(|all_over| all_over.asked(model)).collect();
     let temperatures: Vec<String> = shown.iter().map(|all_over| figure(all_over.celsius)).collect();
     let figures = asked
@@ -127,9 +125,8 @@ pub(super) fn preview(section: &mut Section, profile: &Profile, model: &Model, s
         .map(|asked| asked.as_ref().map_or_else(|| "no value".to_owned(), |asked| signed(asked.cz)));
     let figures = figures.collect::<Vec<String>>().join(", ");
     let position = asked.iter().flatten().find_map(|asked| asked.position);
-    let position = position.map(|(signal, _)| {
-        format!(", at the value of {} with the largest |Cz|", profile.signal(signal).name)
-    });
+    let position = position
+        .map(|(signal, _)| format!(", at the value of {} with the largest |Cz|", signals[signal.0].name));
     let position = position.unwrap_or_default();
     section.line(format!("     everything at {} °C: Cz = {figures} µm{position}", temperatures.join(", ")));
     let document = shown.iter().zip(&asked).map(|(all_over, asked)| {

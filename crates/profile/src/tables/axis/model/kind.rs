@@ -1,0 +1,34 @@
+//! Kinds of models.
+
+use super::raw::RawModel;
+use crate::tables::KeyContext;
+use crate::tables::signal::Signal;
+use isotherm_core::compensation::model::Kind;
+use isotherm_core::reading::SignalId;
+
+/// Kind of model: its keys, its parser and its preview.
+pub(super) struct KindOfModel {
+    /// Word for the kind in the key `kind`.
+    pub(super) word: &'static str,
+    /// Name with its article in messages: "a matrix".
+    pub(super) one: &'static str,
+    /// Keys of this kind, in addition to those of every model.
+    pub(super) keys: &'static [&'static str],
+    pub(super) resolve: fn(&RawModel, &KeyContext<'_>) -> Option<Kind>,
+    /// Preview of a model. `None` for a model of another kind.
+    pub(super) preview: fn(&[Signal], &Kind) -> Option<Computation>,
+    /// Positions at which the preview evaluates the model. `None` for a model without a position, or of another kind.
+    pub(super) places: fn(&Kind) -> Option<Places>,
+}
+
+/// Position signal of a model, with the positions at which the preview evaluates the model, mm.
+pub(super) type Places = (SignalId, Vec<f64>);
+
+/// Calculation of a model as text.
+#[derive(Default)]
+pub(super) struct Computation {
+    /// Formula, for example `Cz = 2.4·(bed − 20) + 0 µm`.
+    pub(super) formula: String,
+    /// Effect of one unit of each signal.
+    pub(super) effects: Vec<String>,
+}

@@ -1,0 +1,102 @@
+//! State of a check in progress: the tables that are resolved so far.
+
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+
+use super::axis::Axis;
+use super::bus::periods::Periods;
+use super::bus::{Bus, RawBus};
+use super::bus_kind::BusKind;
+use super::device::{Device, RawDevice};
+use super::output::Output;
+use super::raw_profile::RawProfile;
+use super::set::OutputSet;
+use super::signal::Signal;
+use crate::dbc::Dbcs;
+use crate::key_context::{KeyContext, Names, Report};
+use crate::kinds::can::frame_writes::Written;
+use crate::source_map::SourceMap;
+use crate::template::Templates;
+
+/// Tables of one kind: their names, and the resolved ones so far.
+pub(crate) struct Tables<T> {
+    pub(crate) names: Names,
+    /// Resolved tables in the order of the names. `None` if a table has errors.
+    pub(crate) resolved: Vec<Option<T>>,
+}
+
+/// State of a check in progress.
+pub(crate) struct Check<'a> {
+    pub(crate) raw: &'a RawProfile,
+    pub(crate) report: Report<'a>,
+    pub(super) templates: &'a Templates,
+    /// All kinds of buses. A line whose type has an error counts as one of the first kind.
+    pub(super) kinds: &'static [&'static BusKind],
+    pub(crate) buses: Tables<Bus>,
+    pub(crate) devices: Tables<Device>,
+    pub(crate) signals: Tables<Signal>,
+    pub(super) axes: Tables<Axis>,
+    pub(crate) outputs: Tables<Output>,
+    pub(super) sets: Tables<OutputSet>,
+    /// Frames that outputs write on CAN lines.
+    pub(crate) written_frames: RefCell<Vec<Written>>,
+    pub(crate) dbcs: RefCell<Dbcs>,
+    /// Periods of reads and writes on each line.
+    pub(super) periods: Periods,
+}
+
+impl<T> Tables<T> {
+    pub(super) fn of<R>(kind: &'static str, raw: &BTreeMap<String, R>, spans: &SourceMap) -> Tables<T> {
+        Tables { names: Names::of(kind, raw, spans), resolved: Vec::new() }
+    }
+
+    /// Returns the resolved table at this index. `None` if it has errors.
+    pub(crate) fn get(&self, place: usize) -> Option<&T> {
+        self.resolved.get(place)?.as_ref()
+    }
+
+    /// Iterates over the tables without errors.
+    pub(crate) fn valid(&self) -> impl Iterator<Item = &T> {
+        self.resolved.iter().flatten()
+    }
+
+    /// Moves all resolved tables out of the list. `None` if one of them has errors.
+    pub(super) fn whole(&mut self) -> Option<Vec<T>> {
+        std::mem::take(&mut self.resolved).into_iter().collect()
+    }
+}
+
+impl Check<'_> {
+    /// Returns the context of a key at the top of the profile.
+    pub(crate) fn at(&self, key: &str) -> KeyContext<'_> {
+        self.report.at(key)
+    }
+
+    /// Returns the kind of a device's line. `None` if the device or its line is unknown.
+    pub(super) fn line_kind(&self, device: Option<&String>) -> Option<&'static BusKind> {
+        self.line_kind_of(self.raw.device.get(device?)?)
+    }
+
+    /// Returns the kind of a device's line. `None` if the line is unknown.
+    pub(super) fn line_kind_of(&self, device: &RawDevice) -> Option<&'static BusKind> {
+        self.kind_of_line(self.raw.bus.get(device.bus.as_ref()?)?)
+    }
+
+    /// Returns the kind of a line. If its type has an error, other keys may show it.
+    pub(super) fn kind_of_line(&self, line: &RawBus) -> Option<&'static BusKind> {
+        self.kinds.iter().copied().find(|kind| match line.kind {
+            Some(of) => kind.line_type(of).is_some(),
+            None => (kind.recognises)(line),
+        })
+    }
+
+    /// Iterates over the other kinds than this one.
+    pub(super) fn kinds_beside(&self, own: &'static BusKind) -> impl Iterator<Item = &'static BusKind> {
+        self.kinds.iter().copied().filter(move |kind| !std::ptr::eq(*kind, own))
+    }
+
+    /// Returns the bus of a device.
+    pub(crate) fn bus_of(&self, device: &Device) -> Option<&Bus> {
+        self.buses.get(device.bus.0)
+    }
+}

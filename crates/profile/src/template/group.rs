@@ -1,0 +1,25 @@
+//! Groups of a template file, and their keys.
+
+use serde_json::{Map, Value};
+
+use crate::source_map::{SourceMap, child};
+
+/// Group of similar channels, checks or targets.
+pub(super) type Group = Map<String, Value>;
+
+pub(super) fn text<'v>(table: &'v Group, key: &str) -> Option<&'v str> {
+    table.get(key).and_then(Value::as_str)
+}
+
+pub(super) fn texts(table: &Group, key: &str) -> Vec<String> {
+    let list = table.get(key).and_then(Value::as_array);
+    list.into_iter().flatten().filter_map(Value::as_str).map(str::to_owned).collect()
+}
+
+/// Returns the names of one kind of table, in the order of the file.
+pub(super) fn in_order(profile: &Map<String, Value>, table: &str, spans: &SourceMap) -> Vec<String> {
+    let names = profile.get(table).and_then(Value::as_object);
+    let mut names: Vec<String> = names.into_iter().flat_map(Map::keys).cloned().collect();
+    names.sort_by_key(|name| spans.rank(&child(table, name)));
+    names
+}

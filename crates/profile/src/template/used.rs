@@ -1,0 +1,68 @@
+//! Template of a device, and the signals and outputs that use it.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+
+use crate::document::{Section, entries};
+use crate::sha256;
+
+/// Template of a device.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Template {
+    /// Name of the template.
+    pub name: String,
+    /// Variant chosen by the profile.
+    pub variant: Option<String>,
+    /// Manufacturer and type.
+    pub title: String,
+    /// Manual or page that the template is taken from.
+    pub source: String,
+    /// Path of the user's own file. `None` for a shipped template.
+    pub own_file: Option<String>,
+    /// Text of the template.
+    pub text: Cow<'static, str>,
+    /// Notes for the user.
+    pub notes: Vec<String>,
+    /// Facts that were not verified with the manual or on the device.
+    pub unverified: Vec<String>,
+    /// Checks that are omitted, and why.
+    pub unchecked: Vec<String>,
+    /// Signals and outputs that use a channel of the template.
+    pub uses: Vec<Use>,
+}
+
+impl Template {
+    /// Preview of the template: its origin and its notes.
+    pub(crate) fn preview(&self) -> Section {
+        let variant = self.variant.as_ref().map_or(String::new(), |variant| format!(", variant {variant}"));
+        let mut section = Section::default();
+        section.line(format!("    template {}{variant}: {}; source: {}", self.name, self.title, self.source));
+        section.lines(
+            "      ",
+            self.own_file.iter().map(|file| format!("read from {file}, not from the shipped templates")),
+        );
+        let sha256 = sha256(self.text.as_bytes());
+        section.line(format!("      sha256 = \"{sha256}\""));
+        section.lines("      note: ", &self.notes);
+        section.lines("      not verified: ", &self.unverified);
+        section.lines("      not checked before arming: ", &self.unchecked);
+        entries!(section, name = &self.name, variant = &self.variant, title = &self.title);
+        entries!(section, source = &self.source, own_file = &self.own_file, sha256 = &sha256);
+        entries!(section, notes = &self.notes, unverified = &self.unverified, unchecked = &self.unchecked);
+        section
+    }
+}
+
+/// Signal or output that takes its registers from a template.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Use {
+    /// Name in the profile.
+    pub name: String,
+    /// Name of the channel.
+    pub channel: String,
+    /// Keys of the template that the profile sets itself.
+    pub overridden: Vec<String>,
+}
+
+/// Templates by the name of their device.
+pub(crate) type Templates = BTreeMap<String, Template>;
