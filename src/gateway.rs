@@ -438,8 +438,8 @@ impl Gateway {
         }
     }
 
-    /// Closes the sessions of OPC UA servers, so that a server with few sessions is free for another client. A server
-    /// that does not answer delays the end only by its timeout.
+    /// Logs out of the OPC UA servers, so that a server that accepts few clients is free for another one. A server that
+    /// does not answer delays the end only by its timeout.
     async fn take_leave(&self, tasks: &mut JoinSet<()>, lines: &HashMap<Id, BusId>) {
         let kept = |bus: BusId| {
             let bus = self.shared.profile.bus(bus);

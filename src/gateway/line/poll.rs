@@ -164,10 +164,10 @@ impl LineTask {
         self.polls.iter().map(Poll::requests).sum()
     }
 
-    /// Executes turns (one action each: a read, an output, a step of the axes) until the gateway has stopped. Then
-    /// closes the session with an OPC UA server, which keeps a state for it. With a `listener`, the task also receives
-    /// CAN frames. A gateway may have 500 of these tasks. State that is needed only during a turn, or only on CAN, is
-    /// therefore allocated separately.
+    /// Executes turns (one action each: a read, an output, a step of the axes) until the gateway has stopped. Then logs
+    /// out of an OPC UA server, which otherwise keeps a state for this client. With a `listener`, the task also
+    /// receives CAN frames. A gateway may have 500 of these tasks. State that is needed only during a turn, or only on
+    /// CAN, is therefore allocated separately.
     pub(in crate::gateway) async fn run(mut self: Box<Self>, listener: Option<Box<CanListener>>) {
         match listener {
             None => self.turns().await,

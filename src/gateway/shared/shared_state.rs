@@ -30,8 +30,8 @@ pub(in crate::gateway) enum LineWork {
     All,
     /// Reads, heartbeats and corrected positions. No output changes its state or its entry in the register ledger.
     WithoutOutputs,
-    /// Reads, heartbeats and corrected positions. In addition, each line closes its OPC UA session, because the server
-    /// would keep the session open.
+    /// Reads, heartbeats and corrected positions. In addition, each line logs out of its OPC UA server, which would
+    /// otherwise keep a state for this client.
     Leave,
 }
 

@@ -41,7 +41,7 @@ pub(super) trait Connection {
 /// Report about a connection.
 #[derive(Debug)]
 pub(super) enum BrokerReport {
-    /// There is room for another message, or the broker has acknowledged one.
+    /// Another message can be sent: the queue has room, or the broker has acknowledged a message.
     Room,
     /// A message was received.
     Arrived(ReceivedMessage),

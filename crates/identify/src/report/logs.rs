@@ -159,8 +159,8 @@ pub(super) fn alike(campaign: &Campaign<'_>) -> Markup {
     html! {
         h2 { "Sensors with similar values" }
         p {
-            "Correlations in hundredths, over the rows of all runs, of the measured error and of the rises of \
-             the sensors since the start of a run. A darker cell is a stronger correlation. If the \
+            "Correlations in hundredths of the measured error and of the rises of the sensors since the start \
+             of a run. All rows of all runs are used. A darker cell is a stronger correlation. If the \
              correlation is negative, one value falls while the other rises."
         }
         // The map has a fixed minimum width, so that its figures remain legible.

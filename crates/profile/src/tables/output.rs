@@ -200,7 +200,7 @@ pub(crate) struct Target {
 }
 
 impl RawOutput {
-    /// Returns whether the output writes another quantity than a corrected position.
+    /// Returns whether the output writes another quantity than a position plus Cz (`writes = "corrected"`).
     pub(crate) fn is_written_as_cz(&self) -> bool {
         self.writes.is_some_and(|writes| writes != WritesWord::Corrected)
     }

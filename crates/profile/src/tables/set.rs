@@ -116,7 +116,7 @@ impl OutputSet {
         format!("{} {}", if self.is_named { "set" } else { "output" }, self.name)
     }
 
-    /// Iterates over the addresses of the set's own words, which are not values of outputs, each with its key.
+    /// Iterates over the addresses of the output set's own words, which are not values of outputs, each with its key.
     pub(super) fn own(&self) -> impl Iterator<Item = (&'static str, Address)> {
         let own = [
             ("sequence", self.sequence.map(Address::from)),

@@ -1,4 +1,4 @@
-//! What to do about faults that only Modbus has.
+//! Remedies for faults that occur only on Modbus lines.
 
 use crate::tls::TlsFault;
 

@@ -173,7 +173,7 @@ fn a_document_that_is_gone_is_missed_by_its_number() {
     std::fs::remove_file(bench.path(STATE)).unwrap();
     bench.is_unfit("the file is missing, but the file with its save number exists (2)");
     std::fs::remove_file(bench.path(NUMBER)).unwrap();
-    assert!(bench.open().is_first, "to begin anew, a person removes both");
+    assert!(bench.open().is_first, "to begin again, a person removes both");
 }
 
 #[test]

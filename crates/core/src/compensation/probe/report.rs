@@ -160,7 +160,7 @@ impl fmt::Display for Rejected {
             ),
             Rejected::Ahead { time, now } => write!(
                 f,
-                "the `time` {time} of the measurement is in the future: the clock of this computer shows \
+                "the `time` {time} of the measurement is in the future. The clock of this computer shows \
                  {now}; set the clock that is wrong, or leave `time` out"
             ),
         }
