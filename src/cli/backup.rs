@@ -199,7 +199,8 @@ fn secrets(profile: &Profile, beside: &Path) -> BTreeSet<String> {
     secrets
 }
 
-/// Returns the file of the web page's certificate; `None` without TLS. The profile reader does not read this file.
+/// Returns the path of the web page's certificate file; `None` if the web page has no TLS. The loader of the profile
+/// does not read this file.
 fn certificate(profile: &Profile, beside: &Path) -> Option<String> {
     let tls = profile.web.as_ref()?.tls.as_ref()?;
     Some(name_in(&tls.cert, beside))

@@ -102,7 +102,7 @@ struct ConnectionHistory {
     opened_at: Moment,
     /// Whether the next request must keep the pause of its unit, because another one was sent before.
     needs_pause: bool,
-    /// Whether a request on the connection has ended.
+    /// Whether at least one request on this connection was completed.
     has_answered: bool,
 }
 
@@ -189,7 +189,7 @@ impl DeviceLine {
         self
     }
 
-    /// Reads the clock, and returns the present moment.
+    /// Samples the clock. The returned moment is the time of this line until the next sample.
     pub fn sample(&mut self) -> Moment {
         self.send_guard.sample()
     }

@@ -55,7 +55,7 @@ pub trait Wire: Send {
         None
     }
 
-    /// Returns how the connection ended, as far as the wire knows it.
+    /// Returns how the connection ended, as far as the wire (its transport) knows it.
     fn ending(&mut self) -> Ending {
         Ending::Lost
     }

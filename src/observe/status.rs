@@ -353,7 +353,7 @@ pub struct AxisStatus {
     pub arming: ArmingStatus,
     /// Running sign check with a dial gauge; `None` if there is none.
     pub sign: Option<SignStatus>,
-    /// Time of the last sign check, RFC 3339, and direction in which the gauge moved.
+    /// Last sign check: its time (RFC 3339), and the direction in which the gauge moved.
     pub sign_checked: Option<(String, DialDirection)>,
     /// True error of the axis, which only a virtual machine knows.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -82,7 +82,7 @@ pub enum Owner {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OutputPlace {
-    /// Address of the bus.
+    /// Address of the bus to which the device is connected.
     pub bus: String,
     /// Unit or node number of the device.
     pub unit: u8,
@@ -204,7 +204,7 @@ pub enum PlaceComparison {
     Removed,
 }
 
-/// Difference of two places.
+/// Difference between the saved place of an output or signal and its place in the profile.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MovedPlace {
     /// Most serious part that differs.

@@ -119,7 +119,7 @@ pub struct FleetTerm {
     pub halves: Option<[f64; 2]>,
 }
 
-/// Residual error of a run, root mean squares in µm.
+/// Measured error of a run without and with models, as root mean squares in µm.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RunLeft {
     /// Name of the machine.

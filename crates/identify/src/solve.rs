@@ -13,7 +13,7 @@ mod net;
 
 pub(super) use net::Net;
 
-/// Minimum penalty. With it, the system has a solution even if two terms are equal, and has no visible effect
+/// Minimum penalty. Because of it, the equations have a solution even if two terms are equal. It has no visible effect
 /// otherwise.
 const ROUNDING: f64 = 1e-12;
 /// Minimum root mean square that is assumed for a term. A term that is always zero would otherwise have the scale zero.

@@ -44,7 +44,7 @@ const TIMES: f64 = 2.0;
 const ENOUGH_RUNS: usize = 4;
 /// Factor by which the largest D must exceed the second largest to be ignored.
 const FAR: f64 = 3.0;
-/// Penalty if there is only one run, which gives no validation.
+/// Ridge penalty for a single run, with which no validation is possible.
 const UNCHOSEN: f64 = 0.3;
 
 /// Stand-in of one sensor.

@@ -107,7 +107,7 @@ impl Means {
     }
 }
 
-/// Held-out run, row by row.
+/// Run that was held out of the identification, with its error and the Cz of the model in each row.
 #[derive(Clone, Debug)]
 pub struct HeldOut {
     /// Score of the run.
@@ -116,9 +116,9 @@ pub struct HeldOut {
     pub(crate) windows: Vec<u128>,
     /// Time of each row, s since the run's first row.
     pub seconds: Vec<f64>,
-    /// Measured error e, µm, counted from its cold value.
+    /// Measured error e in each row, µm, counted from its cold value.
     pub error: Vec<f64>,
-    /// Cz that the model would have added, µm.
+    /// Cz that the model would have added in each row, µm.
     pub cz: Vec<f64>,
     /// Model, identified from all other runs.
     pub learned: Learned,

@@ -54,7 +54,7 @@ pub struct AxisSummary {
     pub reproduced: Option<Reproduced>,
 }
 
-/// Smallest and largest value.
+/// Smallest and largest value of a quantity over all log rows.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Range {
     /// Smallest value.

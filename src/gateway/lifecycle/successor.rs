@@ -35,11 +35,11 @@ pub(in crate::gateway) const CHECKED_WITHIN: Duration = Duration::from_secs(60);
 /// File of the running program, even if another program is at its path now.
 const OWN_IMAGE: &str = "/proc/self/exe";
 const LOOK_EVERY: Duration = Duration::from_millis(20);
-/// Maximum size of a check's output that is stored, in bytes. `LINES` is the maximum number of its lines in the answer
-/// to the client.
+/// Maximum size, in bytes, of the output of the checking program that is stored. `LINES` is the maximum number of its
+/// lines in the answer to the client.
 const MOST_SAID: usize = 64_000;
 const LINES: usize = 5;
-/// Maximum number of characters of these lines in the answer to the client.
+/// Maximum number of characters of the check's output in the answer to the client.
 const LONGEST_SAID: usize = 800;
 /// Maximum wait for the rest of the output after a check has ended. A process that the check started may still hold the
 /// pipe open.

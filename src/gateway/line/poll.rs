@@ -82,7 +82,7 @@ pub(in crate::gateway) struct LineTask {
 struct Pending {
     /// Whether a device was read, or another task has woken the line, since the last step of the axes.
     has_news: bool,
-    /// Whether a value was read that is used on another line.
+    /// Whether a value was read that another line uses, so that the task of that line must be woken.
     wakes_others: bool,
     /// Whether checks of devices may be due.
     inspects: bool,

@@ -45,7 +45,7 @@ pub(in crate::gateway) struct DeviceCount {
     pub(in crate::gateway) failures: BTreeMap<&'static str, u64>,
     pub(in crate::gateway) answered: bool,
     pub(in crate::gateway) lost: Option<LostDevice>,
-    /// Last reported state of the subscription.
+    /// State of the device's OPC UA subscription that was reported last.
     pub(in crate::gateway) subscription: String,
 }
 

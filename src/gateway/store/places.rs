@@ -56,7 +56,7 @@ pub(in crate::gateway) struct Places {
 #[derive(Debug, Default)]
 pub(in crate::gateway) struct Moves {
     pub(in crate::gateway) places: Arc<Places>,
-    /// Outputs whose register has changed in the profile and was not read since the start.
+    /// Outputs whose register has changed in the profile, and whose new register was not read since the start.
     unread: Vec<OutputId>,
 }
 

@@ -46,7 +46,7 @@ pub enum PageToken {
         /// Role of the token: scraper, viewer or operator.
         role: &'static str,
     },
-    /// The file contains no valid token.
+    /// The token file contains no valid token.
     Gone {
         /// Role of the token: scraper, viewer or operator.
         role: &'static str,

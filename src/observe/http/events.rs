@@ -32,7 +32,7 @@ struct Events {
     events: VecDeque<Entry>,
     /// Number of older events in the time range that were left out.
     left_out: usize,
-    /// Damages of the event files, as sentences.
+    /// Damaged places that were found in the event files, as sentences.
     damage: Vec<String>,
 }
 

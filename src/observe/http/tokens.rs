@@ -182,7 +182,7 @@ fn read(path: &Path) -> Result<(String, FileIdentity), String> {
 /// Change of a token file.
 #[derive(Debug, PartialEq)]
 pub(super) enum Change {
-    /// The file contains another token.
+    /// The token file contains another token than before.
     Another,
     /// The file no longer contains a valid token; contains the reason.
     Gone(String),

@@ -25,7 +25,7 @@ impl Stages {
     pub const DEADBAND: Stages = Stages(2);
     /// The change was reduced to the largest step.
     pub const STEP: Stages = Stages(4);
-    /// The change was reduced to the largest speed.
+    /// The change was reduced to the largest speed (`rate`).
     pub const RATE: Stages = Stages(8);
     /// The value was rounded to whole counts.
     pub const ROUND: Stages = Stages(16);
@@ -75,7 +75,7 @@ pub(super) enum Pace {
     Follow,
     /// Cz goes to zero at the axis's rate, without deadband.
     Ramp,
-    /// Cz goes to zero by one largest step at every update, without regard to the rate.
+    /// Cz goes to zero by the largest step at every update. The limit of the speed does not apply.
     Steps,
 }
 

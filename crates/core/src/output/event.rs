@@ -31,7 +31,7 @@ pub enum Event {
     },
     /// The register fell to zero: the CNC was restarted, or another client cleared the register.
     CncRestarted {
-        /// Register value before.
+        /// Register value before the change.
         stood: Counts,
     },
     /// Another client wrote to a register that belongs to the gateway. The axis is off.

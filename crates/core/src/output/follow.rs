@@ -40,8 +40,8 @@ impl Follow {
         }
     }
 
-    /// Records that the decision could not be sent in time. A pending request to resume from the register value takes
-    /// precedence.
+    /// Records that the line task came too late to send the decision. A pending request to resume from the register
+    /// value takes precedence.
     pub(super) fn late(&mut self) {
         if !matches!(self, Follow::TakeOver(_)) {
             *self = Follow::Late;

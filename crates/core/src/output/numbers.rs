@@ -16,8 +16,8 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Largest distance from the last acknowledged number at which a number may be from an earlier run. A number farther
-/// away was set by the control.
+/// Largest distance from the number that the control acknowledged last at which a number may come from an earlier run.
+/// The control itself must have set a number farther away.
 const REACH: u16 = 200;
 /// Number of possible set numbers: 1 to 65535. Zero is reserved for a control that has just been started.
 const ALL: u16 = u16::MAX;

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::event::Event;
 use super::slots::Slots;
 
-/// Condition that is reported only once while it lasts.
+/// Condition that is reported when it begins, and not repeated while it lasts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Topic {
     /// The device acknowledges writes, and the register is not read.

@@ -137,7 +137,7 @@ impl SetValue {
 pub enum SetInput {
     /// The turn of the output set begins: the line task works on it until [`SetInput::TurnEnds`].
     Demand(SetDemand),
-    /// The computer was paused.
+    /// The computer was paused for a while (for example suspended), so that values may be too old.
     Paused,
     /// The disk or the control has answered for one of the outputs.
     Member {
@@ -278,7 +278,7 @@ pub enum SetAction {
     Write {
         /// Value of each output.
         values: Vec<SetValue>,
-        /// Number, heartbeat and control word.
+        /// Number, heartbeat and control word of the set, which are written with the values.
         own: OwnWords,
         /// Last moment for the first byte.
         not_after: Moment,

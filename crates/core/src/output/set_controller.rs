@@ -492,7 +492,7 @@ impl SetController {
         }
     }
 
-    /// Delays the next attempt, but not beyond the time of the next refresh.
+    /// Delays the next attempt to write the set, but not beyond the time of its next refresh.
     fn put_off(&mut self, settings: &SetSettings, now: Moment) {
         let refresh = self.refreshes(settings).filter(|refresh| *refresh > now);
         self.tries_from = now.after(RETRY).min(refresh.unwrap_or(Moment::END));

@@ -152,7 +152,7 @@ impl SetMembers {
         self.controllers.iter().any(|one| one.follow() == Follow::Late)
     }
 
-    /// Returns whether an output will request a write if the next read shows nothing new.
+    /// Returns whether an output of the set will request a write if the next read shows nothing new.
     pub(super) fn may_write(&self, settings: &SetSettings, now: Moment) -> bool {
         self.with(settings).any(|(controller, settings)| controller.state().may_write(settings, now))
     }

@@ -110,7 +110,7 @@ impl NextPhase {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Reason {
-    /// An output must be read.
+    /// The registers of an output must be read.
     Look,
     /// An output is written if the read shows nothing new.
     Change,

@@ -12,7 +12,7 @@ use super::{BadLog, Run};
 /// Maximum number of runs. A column with more changes does not identify runs.
 const MOST_RUNS: usize = 10_000;
 
-/// Division of files into runs.
+/// Settings for the division of log files into runs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Split {
     /// Column whose changes begin a new run.

@@ -77,7 +77,7 @@ impl Samples {
 /// Fold of the inner validation: the training rows, and each held-out run.
 #[derive(Debug)]
 struct Fold<'a> {
-    /// Number of the fold, from zero.
+    /// Index of the fold, from zero.
     number: u64,
     training: Samples,
     held: Vec<&'a Samples>,

@@ -25,9 +25,9 @@ use crate::sensors::Forward;
 use crate::solve::{Net, Ridge, decades};
 use crate::statistics::{count, least_sum, median};
 
-/// Penalty if there are too few runs for a choice.
+/// Ridge penalty if there are too few runs to choose one by validation.
 const UNCHOSEN: f64 = 0.3;
-/// Factor of the gains of a ridge regression from one run.
+/// Factor by which the gains of a ridge regression are reduced if there is only one run.
 const OF_ONE_RUN: f64 = 0.7;
 /// L2 penalties of the elastic net. The weaker one is used only if its residual is less than [`CLEARLY`] times as
 /// large.

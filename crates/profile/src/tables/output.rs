@@ -128,7 +128,7 @@ pub struct Output {
     pub axis: AxisId,
     /// Device that is written to.
     pub device: DeviceId,
-    /// First register, object, node, or place in a frame.
+    /// Address of the output: its first register, its object or node, or its place in a frame.
     pub address: Address,
     /// Encoding of the value in registers.
     pub encoding: Encoding,

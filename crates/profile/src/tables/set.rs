@@ -82,11 +82,11 @@ pub struct OutputSet {
 /// Word that an output set writes into a node, apart from the values of its outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OwnWord {
-    /// Count of the writes.
+    /// Heartbeat: number of the writes so far.
     Heartbeat,
-    /// State of the axes.
+    /// Control word: state of the axes in bits.
     Control,
-    /// Version number.
+    /// Version number of the set's layout, a constant of the profile.
     Version(u16),
 }
 

@@ -21,7 +21,7 @@ pub(super) struct Filling<'a> {
     pub(super) errors: &'a mut Findings,
     pub(super) known: BTreeMap<String, Definition>,
     pub(super) templates: Templates,
-    /// Devices whose template cannot be used. That has been reported.
+    /// Devices whose template has an error, which was reported already.
     broken: Vec<String>,
 }
 

@@ -21,7 +21,7 @@ pub(in crate::gateway) struct Entry {
     /// Register of the output. `None` in a document of layout 5 or earlier.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(in crate::gateway) place: Option<OutputPlace>,
-    /// Text by which layout 5 identifies the register.
+    /// Register of the output as a text, in a document of layout 5 or earlier.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(in crate::gateway) register: Option<String>,
     pub(in crate::gateway) kept: output::SavedOutput,

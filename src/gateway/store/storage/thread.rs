@@ -272,7 +272,7 @@ impl DayFile {
         written
     }
 
-    /// Checks whether the file, or its directory, was removed. The next row then begins a new file.
+    /// Checks whether the log file of the day, or its directory, was removed. The next row then begins a new file.
     fn check(&mut self) -> std::io::Result<()> {
         let Some(file) = self.file.take_if(|file| !file.is_there()) else { return Ok(()) };
         let text = format!("{} was removed", file.path.display());
