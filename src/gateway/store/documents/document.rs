@@ -70,8 +70,8 @@ impl fmt::Display for DocumentRejection {
             }
             DocumentRejection::Earlier(found) => write!(
                 f,
-                "the file has the old layout {found}, which this program cannot read: start an \
-                 intermediate version once, or let the operator arm the axes"
+                "the file has the old layout {found}: run a version of isotherm between the two for a \
+                 short time, or let the operator arm the axes"
             ),
             DocumentRejection::Because(why) => f.write_str(why),
         }

@@ -110,7 +110,8 @@ pub struct Extrapolation {
     pub outside: Outside,
     /// Factor for the Cz of the model. It differs from 1 only for [`Outside::Shrink`] and [`Outside::Agree`].
     pub gain: f64,
-    /// Difference of Cz between the model's two halves; `None` unless [`Outside::Agree`] uses it.
+    /// Difference of Cz between the model's two halves (the two models whose mean is this model); `None` unless
+    /// [`Outside::Agree`] uses it.
     #[serde(default)]
     pub apart: Option<Micron>,
 }
@@ -266,8 +267,8 @@ impl Envelope {
     }
 }
 
-/// Returns the share of a model's Cz `x` that is used at this excess if its two halves differ by `apart`, both in µm.
-/// The share is 1 if both are zero.
+/// Returns the share of a model's Cz `x` that is used at this excess if its two halves (the models whose mean it is)
+/// differ by `apart`, both in µm. The share is 1 if both are zero.
 pub(in crate::compensation) fn agreed(excess: f64, x: f64, apart: f64) -> f64 {
     let counts = ((excess - BEGINS) / WIDTH).clamp(0.0, 1.0) * apart;
     let share = 1.0 / (1.0 + (counts / x).powi(2));
