@@ -209,7 +209,11 @@ fn each_obstacle_is_said_with_what_to_do() {
             "an earlier version of the program may have written it",
         ),
         ("spoiled", bounded(&|bounds| bounds.step_um = 0.0), "does not contain a valid limit"),
-        ("set", bounded(&|bounds| bounds.obstacle = Some(Obstacle::Set)), "the other registers of its output set"),
+        (
+            "set",
+            bounded(&|bounds| bounds.obstacle = Some(Obstacle::Set)),
+            "the other registers of its output set",
+        ),
         (
             "limit",
             FormerPlace { held_um: Some(40.5), ..plain.clone() },
