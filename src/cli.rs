@@ -133,7 +133,7 @@ enum Verb {
     Report(report::Arguments),
     /// Replace the running gateway by another program or profile; no axis moves
     Restart(restart::Arguments),
-    /// Save the files of a machine in one file: profile, models, templates, state and ledger
+    /// Save the files of a machine in one file: profile, models, templates, and saved state
     Backup(backup::Arguments),
     /// Restore a machine from its backup; no axis moves before an operator arms it
     Restore(restore::Arguments),

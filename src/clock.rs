@@ -81,7 +81,7 @@ enum WakeupOf {
     Simulated(simulated::Wakeup),
 }
 
-/// Guard that stops a virtual clock, for example while a run is being set up.
+/// Value that stops a virtual clock until it is dropped, for example while a run is being set up.
 #[derive(Debug)]
 pub struct Hold {
     _membership: Option<simulated::Membership>,

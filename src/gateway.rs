@@ -96,8 +96,8 @@ pub struct Outcome {
     pub rested: bool,
     /// Sentence about the values that stay in the registers after the run.
     pub left: String,
-    /// State for the program that replaces this gateway. It is `None` unless the run ended for a replacement, which
-    /// moves no axis.
+    /// State for the program that replaces this gateway. It is `None` unless the run ended because another program
+    /// replaces this gateway. Such an end moves no axis.
     pub handover: Option<Handover>,
 }
 
@@ -255,8 +255,8 @@ impl Gateway {
         Outcome { failed, rested, left, handover }
     }
 
-    /// Stores state, ledger, logs and events on disk. Returns a sentence about the values that stay in the registers,
-    /// and whether a task failed.
+    /// Stores state, register ledger, logs and events on disk. Returns a sentence about the values that stay in the
+    /// registers, and whether a task failed.
     async fn keep(&self) -> (String, bool) {
         let left = shutdown::what_is_left(&self.shared);
         self.shared.report(&Event::Stopped { left: left.clone() });
@@ -426,7 +426,7 @@ impl Gateway {
         lines.insert(tasks.spawn(again.run(listener)).id(), bus);
     }
 
-    /// Waits until no strobe output is set any more.
+    /// Waits until all strobe signals are reset.
     async fn release_strobes(&self) {
         if !shutdown::leave(&self.shared) {
             return;

@@ -120,7 +120,7 @@ pub enum UnknownUnit {
     /// Exception 0x0B, as Modbus gateways send it.
     #[default]
     Exception,
-    /// No answer, as on a serial line.
+    /// The client gets no answer, as on a serial line.
     Silence,
 }
 

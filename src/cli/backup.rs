@@ -31,9 +31,9 @@ pub(super) const MODE: u32 = 0o640;
 /// File mode of the other profile files. Any user may read them, because the gateway runs as another user.
 pub(super) const PROFILE_MODE: u32 = 0o644;
 
-/// Writes the files of a machine into one tar archive: the profile and its .local.toml, the files that they name, the
-/// state and the ledger. The named files are models, device templates, DBC files and certificates. The archive lists
-/// the SHA-256 of each file. The gateway may run during the backup.
+/// Writes the files of a machine into one tar archive: the profile and its .local.toml, the files that they name, and
+/// the saved state. The named files are models, device templates, DBC files and certificates. The archive lists the
+/// SHA-256 of each file. The gateway may run during the backup.
 ///
 /// Logs and events are not included: copy them from the state directory. Settings that were made with --set or by the
 /// environment are not included either.
@@ -199,7 +199,8 @@ fn secrets(profile: &Profile, beside: &Path) -> BTreeSet<String> {
     secrets
 }
 
-/// Returns the file of the web page's certificate; `None` without TLS. The profile reader does not read this file.
+/// Returns the path of the web page's certificate file; `None` if the web page has no TLS. The loader of the profile
+/// does not read this file.
 fn certificate(profile: &Profile, beside: &Path) -> Option<String> {
     let tls = profile.web.as_ref()?.tls.as_ref()?;
     Some(name_in(&tls.cert, beside))

@@ -17,7 +17,7 @@ use isotherm_profile::{WebTls, safe_file};
 /// checks find the same state, because certificate and key cannot be replaced at the same moment.
 const LOOK_EVERY: Duration = Duration::from_secs(2);
 
-/// Server configuration of the web page with its certificate, and the files that contain certificate and key.
+/// TLS configuration of the web page's server, and the paths of its certificate file and key file.
 #[derive(Debug)]
 pub(super) struct Certificate {
     files: WebTls,

@@ -3,7 +3,7 @@
 
 use rustix::process::{Resource, getrlimit};
 
-/// Number of descriptors that the program itself uses: its streams, runtimes, listeners, logs, state and ledger.
+/// Number of descriptors that the program itself uses: its streams, runtimes, listeners, logs, and saved state.
 const OWN: u64 = 32;
 /// Maximum number of descriptors that a line uses at one time: a closing connection, the next connection, and a name
 /// lookup.

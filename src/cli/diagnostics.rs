@@ -15,8 +15,8 @@ const UNREAD: usize = 2048;
 const SILENT: &str = "opcua_client=off,opcua_core=off,opcua_crypto=off,opcua_types=off";
 
 /// Starts the log on stderr, in the format of the system journal if stderr leads to the journal. A separate thread
-/// writes the lines, so that a slow reader of stderr does not block the program. Dropping the returned guard writes the
-/// pending lines.
+/// writes the lines, so that a slow reader of stderr does not block the program. When the returned value is dropped,
+/// the pending lines are written.
 pub(super) fn start_log(filter: &str) -> WorkerGuard {
     use tracing_subscriber::field::MakeExt;
     use tracing_subscriber::filter::{FilterExt, Targets};

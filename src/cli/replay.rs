@@ -122,7 +122,7 @@ fn run_outputs(arguments: &Arguments, log: impl Read, name: &str) -> anyhow::Res
 /// Number of rows between two progress messages. A replay of a month takes long enough to need them.
 const SAID_EVERY: u64 = 2_000_000;
 
-/// Decision and error of one axis at one row.
+/// Decision and error of one axis at one log row.
 #[derive(Clone, Debug)]
 struct Outcome<'a> {
     raw: Option<Micron>,

@@ -56,7 +56,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 /// Waits until the new gateway has taken over completely, at most for [`READY_WITHIN`], and returns its status.
-/// `replaced` is the first status of the new gateway, or the failure of the replacement.
+/// `replaced` is the first status of the new gateway, or the reason why it did not replace the old one.
 ///
 /// # Errors
 /// The profile is wrong, and its errors were printed; or the running gateway was not replaced.

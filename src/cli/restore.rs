@@ -23,7 +23,7 @@ use isotherm_profile::{one_line, safe_file, sha256};
 const LARGEST_MANIFEST: u64 = 1024 * 1024;
 const MOST_FILES: usize = 4096;
 
-/// Restores a backup: the profile and its files to a directory, state and ledger to the state directory.
+/// Restores a backup: the profile and its files to a directory, the saved state to the state directory.
 ///
 /// The verb checks everything before it writes anything. It does not replace newer files. It does nothing while the
 /// gateway of the machine runs. The backup does not contain what was written to the registers after it was made. Every
@@ -39,7 +39,7 @@ pub(super) struct Arguments {
     /// The directory of the profile and its files
     #[arg(long, value_name = "DIR", default_value = ".")]
     to: PathBuf,
-    /// The directory for state and ledger [default: the platform's state directory]
+    /// The directory for the saved state [default: the platform's state directory]
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
 }

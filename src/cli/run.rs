@@ -123,7 +123,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
     if let Some(place) = volume::volatile_mount(&directory) {
         let directory = directory.display();
         tracing::warn!(
-            "state and ledger in {directory} are stored in {place}: keep them in a directory or a named volume of the host"
+            "the saved state in {directory} is stored in {place}: keep it in a directory or a named volume \
+             of the host"
         );
     }
     let figures = profile.mqtt.as_ref().map(|mqtt| Arc::new(BrokerFigures::of(mqtt.broker.to_string())));

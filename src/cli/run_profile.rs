@@ -1,5 +1,5 @@
-//! Profile that a gateway runs. It is read from disk, and its source files are also kept in memory. After a
-//! replacement, the previous program in this process hands those source files over, and this program has already
+//! Profile that a gateway runs. It is read from disk, and its source files are also stored in memory. If this program
+//! has replaced another one in the same process, that program hands the source files over. This program has already
 //! checked them.
 
 use std::fs::File;
@@ -16,7 +16,8 @@ use isotherm_profile::{Errors, Loaded, Sources, environment};
 /// Profile with its source files.
 pub(super) struct RunProfile {
     pub(super) loaded: Loaded,
-    /// Source files in sealed memory; `None` if the system has no sealed memory.
+    /// Source files in sealed memory, which the kernel protects against changes; `None` if the system has no such
+    /// memory.
     pub(super) kept: Option<KeptProfile>,
 }
 

@@ -1,4 +1,4 @@
-//! Check whether state and ledger are kept when the container in which the gateway runs is removed.
+//! Check whether the saved state of a gateway in a container is lost when the container is removed.
 
 use std::path::Path;
 

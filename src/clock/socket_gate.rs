@@ -21,7 +21,7 @@ use super::{Clock, Source};
 #[derive(Debug)]
 pub struct SocketGate(Option<(Arc<Simulated>, u64)>);
 
-/// Guard for a task that reads from the socket: virtual time does not advance until the guard is dropped. Create it
+/// Value for a task that reads from the socket: virtual time does not advance until this value is dropped. Create it
 /// before the first read of a message. Drop it after all work that results from the last message, including wakeups.
 #[derive(Debug)]
 pub struct ReadGuard<'a>(&'a SocketGate);
@@ -40,7 +40,7 @@ impl Clock {
 }
 
 impl SocketGate {
-    /// Stops virtual time until the returned guard is dropped. Call it before reading from the socket.
+    /// Stops virtual time until the returned value is dropped. Call it before reading from the socket.
     pub fn taking(&self) -> ReadGuard<'_> {
         self.tell(true);
         ReadGuard(self)

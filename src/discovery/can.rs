@@ -16,7 +16,7 @@ pub struct Inspected {
     pub interface: String,
     /// Whether the interface exists and is up.
     pub is_up: bool,
-    /// State of the interface, for display.
+    /// State of the CAN interface, for display.
     pub state: String,
     /// Advice to the user, each with a command; empty if nothing is wrong.
     pub advice: Vec<String>,

@@ -16,7 +16,7 @@ pub struct Question<'a> {
     pub line: &'a LineAddress,
     /// Modbus unit that the request addresses.
     pub unit: u8,
-    /// First register or bit.
+    /// First register or bit that was requested.
     pub from: Register,
     /// Number of registers or bits.
     pub count: u16,

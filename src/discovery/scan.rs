@@ -27,7 +27,7 @@ pub struct Scan {
     pub lines: Vec<LineAddress>,
     /// Bus whose timeout and quirks apply to the scan.
     pub bus: Bus,
-    /// Quirks that apply to each unit.
+    /// Quirks of the devices, which apply to each unit of the lines.
     pub quirks: Quirks,
     /// Unit numbers to query.
     pub units: RangeInclusive<u8>,
@@ -45,7 +45,7 @@ pub struct Responder {
     pub unit: u8,
     /// Address of the register that was read.
     pub register: String,
-    /// Kind of the answer.
+    /// Kind of the answer: a value, an exception, or an invalid answer.
     #[serde(flatten)]
     pub how: AnswerKind,
 }

@@ -73,7 +73,8 @@ pub enum CallerFault {
     /// The server accepts only this number of nodes in one call. The request has more nodes, which must be written
     /// together.
     #[error(
-        "the server accepts {0} nodes in one call (MaxNodesPerWrite), and a set must be written in one call"
+        "the server accepts {0} nodes in one call (MaxNodesPerWrite), and an output set must be written in \
+         one call"
     )]
     TooManyNodes(u32),
 }

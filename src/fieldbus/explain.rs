@@ -73,7 +73,7 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
             "write read = \"poll\" at the device: the gateway then polls the nodes"
         }
         Fault::Caller(CallerFault::TooManyNodes(_)) => {
-            "set the server to accept more nodes in one call, or make the set smaller"
+            "set the server to accept more nodes in one call, or divide the outputs over several output sets"
         }
         Fault::Peer(PeerFault::Type) => {
             "write the node's own `type`. Without `type`, a signal accepts any number"

@@ -88,7 +88,7 @@ pub struct DeviceLine {
     redial: Backoff,
     refused: Fault,
     units: Units,
-    /// Whether the transport has no transaction numbers, so that answers do not name their request.
+    /// Whether the transport has no transaction numbers, so that an answer does not show to which request it belongs.
     is_nameless: bool,
     pipeline: Pipeline,
     /// Duration of the last exchange, from the request to the end of its answer.
@@ -131,7 +131,7 @@ struct ConnectionHistory {
     opened_at: Moment,
     /// Whether the next request must keep the pause of its unit, because another one was sent before.
     needs_pause: bool,
-    /// Whether a request on the connection has ended.
+    /// Whether at least one request on this connection was completed.
     has_answered: bool,
     /// Whether the first request was sent that the device may lose.
     is_opened: bool,
@@ -201,7 +201,7 @@ impl DeviceLine {
         }
     }
 
-    /// Sets the tap, which logs the exchanges of the line.
+    /// Sets the tap: the recorder that copies the frames of the line to a log.
     pub fn tapped(mut self, tap: &Tap) -> DeviceLine {
         self.tap = tap.clone();
         self
@@ -248,7 +248,7 @@ impl DeviceLine {
         self
     }
 
-    /// Reads the clock, and returns the present moment.
+    /// Samples the clock. The returned moment is the time of this line until the next sample.
     pub fn sample(&mut self) -> Moment {
         self.send_guard.sample()
     }

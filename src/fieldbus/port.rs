@@ -1,5 +1,5 @@
 //! Streams that carry Modbus. Input in the system's buffer can be read without the async runtime, which may not know of
-//! it yet. A tap can log all bytes.
+//! it yet. A tap (recorder) can log all bytes.
 
 use std::io::{self, Read};
 use std::pin::Pin;
@@ -47,7 +47,7 @@ pub(super) fn is_in_order(error: Option<&io::Error>) -> bool {
     error.is_none_or(|error| matches!(error.kind(), io::ErrorKind::BrokenPipe | io::ErrorKind::UnexpectedEof))
 }
 
-/// Port whose bytes are copied to a tap.
+/// Port whose bytes are copied to a tap (recorder of the frames on a line).
 pub(super) struct Tapped {
     port: Box<dyn Port>,
     tap: Tap,
@@ -78,8 +78,8 @@ impl Tapped {
         Ok(count)
     }
 
-    /// Reads input without waiting, see [`Port::take_waiting`]. The tap also gets input that is then discarded, because
-    /// a user who reads the log can find late answers in it.
+    /// Reads input without waiting, see [`Port::take_waiting`]. The tap (recorder of the line) also gets input that is
+    /// then discarded, because a user who reads the log can find late answers in it.
     pub(super) fn take_waiting(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         let count = self.port.take_waiting(bytes)?;
         self.tap.pass(&bytes[..count], false);

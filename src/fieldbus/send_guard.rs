@@ -41,7 +41,7 @@ pub struct SendGuard {
 }
 
 impl SendGuard {
-    /// Returns a guard whose next request has no deadline.
+    /// Returns a send guard (send deadline of the next request) without a deadline.
     pub fn without_deadline(clock: &Clock) -> SendGuard {
         SendGuard {
             clock: clock.clone(),
@@ -66,7 +66,7 @@ impl SendGuard {
         SendGuard { stall_detector: StallDetector::begin(self.clock.now(), max_age), is_watched, ..self }
     }
 
-    /// Prepares the guard for the next request: `leave` is its deadline, and it counts as not sent.
+    /// Prepares the send guard for the next request: `leave` is its deadline, and it counts as not sent.
     pub(super) fn next(&mut self, request: Request<'_>, leave: SendDeadline) {
         let not_after = match leave {
             SendDeadline::None => Moment::END,

@@ -30,7 +30,7 @@ const LONGEST: usize = 520;
 /// Maximum number of listeners of one line.
 const MOST_LISTENERS: usize = 4;
 
-/// Tap of a line: copies its frames to the listeners. Clones share the listeners.
+/// Tap (recorder) of a line: copies the frames on the line to the listeners. Clones have the same listeners.
 #[derive(Clone, Debug)]
 pub struct Tap(Arc<Shared>);
 

@@ -49,12 +49,13 @@ pub trait Wire: Send {
         Fault::Timeout
     }
 
-    /// Returns news about a subscription of the device, once.
+    /// Returns a sentence about the last change of a subscription of the device. The next call returns `None`, unless
+    /// there was another change.
     fn news(&mut self) -> Option<String> {
         None
     }
 
-    /// Returns how the connection ended, as far as the wire knows it.
+    /// Returns how the connection ended, as far as the wire (its transport) knows it.
     fn ending(&mut self) -> Ending {
         Ending::Lost
     }

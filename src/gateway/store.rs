@@ -1,4 +1,5 @@
-//! Data on disk: the document with state and ledger, the logs, and the registers and addresses of outputs and signals.
+//! Data on disk: the document with saved state and register ledger, the logs, and the registers and addresses of
+//! outputs and signals.
 
 pub mod backup;
 pub(super) mod default_limits;

@@ -17,7 +17,7 @@ use serde::Serialize;
 use isotherm_core::quantity::Moment;
 use rows::{Row, rows};
 
-/// Requested time range and columns.
+/// Requested time range and columns of the decision log.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Question {
     pub(super) from: Moment,
@@ -32,17 +32,17 @@ pub(super) struct Column {
     pub(super) unit: &'static str,
 }
 
-/// Values of the requested columns over time, for a chart.
+/// Values of the requested log columns over time, for a chart.
 #[derive(Debug, Serialize)]
 pub(super) struct Course {
     /// Times of the points, in seconds since 1970. At a gap between rows, every column is null.
     time: Vec<f64>,
     columns: Vec<Extremes>,
-    /// Number of rows in the time range.
+    /// Number of log rows in the time range.
     rows: u64,
 }
 
-/// Smallest and largest value of one column at each point; null if there is none.
+/// Smallest and largest value of one log column at each point of the chart; null if there is none.
 #[derive(Debug, Serialize)]
 struct Extremes {
     name: String,
@@ -51,7 +51,7 @@ struct Extremes {
     max: Vec<f64>,
 }
 
-/// Interval of the time range, with the times of its first and last row in nanoseconds.
+/// Interval of the time range, with the times of its first and last log row in nanoseconds.
 #[derive(Clone, Copy)]
 struct Stretch {
     first: u64,
@@ -60,7 +60,7 @@ struct Stretch {
 
 const EMPTY: Stretch = Stretch { first: u64::MAX, last: 0 };
 
-/// Histogram of the times between two rows, in nanoseconds, by powers of two.
+/// Histogram of the times between two log rows, in nanoseconds, by powers of two.
 struct Distances([u64; 64]);
 
 impl Distances {
@@ -69,8 +69,8 @@ impl Distances {
         self.0[power as usize] += 1;
     }
 
-    /// Returns the time between two rows above which there is a gap, in nanoseconds. Nine in ten times are at most a
-    /// quarter of it.
+    /// Returns the time between two log rows above which there is a gap, in nanoseconds. Nine in ten times are at most
+    /// a quarter of it.
     fn gap(&self) -> u64 {
         let most = self.0.iter().sum::<u64>() * 9 / 10;
         let mut seen = 0;
@@ -197,7 +197,7 @@ pub(super) fn download(
     Ok(())
 }
 
-/// Calls `each` for every complete row in the time range, with the indices of the requested columns.
+/// Calls `each` for every complete log row in the time range, with the indices of the requested columns.
 fn each_row(
     log: &Path,
     question: &Question,

@@ -41,7 +41,7 @@ pub use stand_in::StandIn;
 pub(crate) use stand_in::others;
 
 impl Event {
-    /// Returns the journal entry of the event at the time `at`.
+    /// Returns this event as an entry of the event journal, with the time `at`.
     pub fn entry(&self, at: Moment) -> Entry {
         let described = self.described();
         // Numbers and texts always have a JSON form.

@@ -120,7 +120,7 @@ impl Posting {
     }
 }
 
-/// Sends all messages until `stopped` is set. The remaining messages then have [`stop::MESSAGES`].
+/// Sends all messages until `stopped` is set. From then on, the remaining messages have the time [`stop::MESSAGES`].
 async fn all(
     routes: Vec<(Arc<Outbox>, Server)>,
     rules: Rules,

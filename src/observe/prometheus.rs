@@ -16,7 +16,10 @@ const GAUGES: [(&str, &str); 36] = [
     ("isotherm_axis_verified_cz_meters", "Compensation that was last verified in the control."),
     ("isotherm_axis_verified_age_seconds", "Time since the compensation was verified."),
     ("isotherm_axis_unreachable", "1 while the value in the control cannot be read."),
-    ("isotherm_axis_cz_meters", "Compensation after the guard has limited it."),
+    (
+        "isotherm_axis_cz_meters",
+        "Compensation after the limits of the axis: limit, deadband, step, rate, rounding.",
+    ),
     ("isotherm_axis_raw_meters", "Compensation as the model computes it."),
     ("isotherm_axis_expected_meters", "Expected residual error, as one standard deviation."),
     ("isotherm_axis_state", "1 for the state the axis is in, 0 for the others."),
@@ -46,7 +49,10 @@ const GAUGES: [(&str, &str); 36] = [
         "isotherm_axis_excess_ratio",
         "Distance of the inputs from the edge of the model's range; below 0 inside.",
     ),
-    ("isotherm_guard_acting", "1 when this guard stage changed the last compensation."),
+    (
+        "isotherm_guard_acting",
+        "1 when this limit (limit, deadband, step, rate, round) changed the last compensation.",
+    ),
     ("isotherm_signal_value", "Last usable value of the signal, in the unit of its label."),
     ("isotherm_signal_good", "1 when the signal may be used."),
     ("isotherm_signal_age_seconds", "Time since the signal was measured."),

@@ -101,7 +101,7 @@ impl Requester {
         Requester { stays: true, ..self }
     }
 
-    /// Returns the reason why the request must not begin any more, as a sentence. `None` if it may begin.
+    /// Returns the reason why it is too late to begin the request, as a sentence. `None` if it may begin.
     pub fn has_lapsed(&self) -> Option<String> {
         if self.until.is_some_and(|until| BootClock::default().passed() >= until) {
             return Some(format!("the request had to wait longer than {} s", ANSWER_TIMEOUT.as_secs()));

@@ -123,7 +123,7 @@ pub enum Answer {
 }
 
 impl Answer {
-    /// Returns the sentence of the answer.
+    /// Returns the text of the answer as a sentence.
     pub fn text(&self) -> &str {
         let (Answer::Done(text) | Answer::Waits(text) | Answer::TooSoon(text)) = self;
         text
@@ -208,7 +208,7 @@ pub struct Status {
     pub devices: Vec<DeviceStatus>,
     /// Outputs, in the profile's order.
     pub outputs: Vec<OutputStatus>,
-    /// Registers that no output uses any more, but that still contain a value of the gateway.
+    /// Registers that outputs no longer use, but that still contain a value of the gateway.
     pub left: Vec<FormerRegisterStatus>,
     /// Number of log rows that were lost because the queue for the disk was full.
     pub log_dropped: u64,
@@ -330,13 +330,13 @@ pub struct AxisStatus {
     /// Expected residual error if the axis follows its model: one standard deviation, µm. `None` if the profile does
     /// not contain it, and outside the range on which the model was identified.
     pub expected_um: Option<f64>,
-    /// Cz after the guard has limited it, µm. It is the target of the register.
+    /// Cz after the limits of the axis (limit, deadband, step, rate, rounding), µm. It is the target of the register.
     pub cz_um: f64,
     /// Last verified Cz in the register, µm; `None` if none was verified yet.
     pub verified_um: Option<f64>,
     /// Seconds since the request that read the verified value.
     pub verified_age_s: Option<f64>,
-    /// Guard stages that changed the value: limit, deadband, step, rate, round.
+    /// Limits that changed the value: limit, deadband, step, rate, round.
     pub acted: Vec<&'static str>,
     /// Maximum absolute value of Cz, µm.
     pub limit_um: f64,
@@ -353,7 +353,7 @@ pub struct AxisStatus {
     pub arming: ArmingStatus,
     /// Running sign check with a dial gauge; `None` if there is none.
     pub sign: Option<SignStatus>,
-    /// Time of the last sign check, RFC 3339, and direction in which the gauge moved.
+    /// Last sign check: its time (RFC 3339), and the direction in which the gauge moved.
     pub sign_checked: Option<(String, DialDirection)>,
     /// True error of the axis, which only a virtual machine knows.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -376,8 +376,8 @@ pub struct ArmingStatus {
     pub armed: bool,
     /// Whether the axis is off because the operator has switched it off, or must arm it first.
     pub left_off: bool,
-    /// Whether the axis only returns a register to its base value, because no output uses the register any more. Such
-    /// an axis does not compensate, and the logs have no columns for it.
+    /// Whether the axis only returns a register to its base value, because outputs no longer use the register. Such an
+    /// axis does not compensate, and the logs have no columns for it.
     pub release: bool,
 }
 
@@ -393,13 +393,13 @@ pub struct TruthStatus {
 /// Running sign check of an axis.
 #[derive(Clone, Debug, Serialize)]
 pub struct SignStatus {
-    /// Requester of the check, with its channel.
+    /// Requester of the sign check, with its channel.
     pub asked: String,
-    /// Change of Cz for the check, µm.
+    /// Change of Cz for the sign check, µm.
     pub by_um: f64,
     /// Whether the register holds the changed Cz, so that the operator may read the gauge.
     pub there: bool,
-    /// Seconds until the check ends, and the change of Cz is withdrawn.
+    /// Seconds until the sign check ends, and the change of Cz is withdrawn.
     pub expires_s: f64,
     /// Movement of the gauge that is expected, in words.
     pub must: String,
@@ -410,7 +410,7 @@ pub struct SignStatus {
 pub struct WaitingStatus {
     /// Requester, with its channel.
     pub asked: String,
-    /// Seconds until the request expires.
+    /// Seconds until the request to arm expires.
     pub expires_s: f64,
 }
 
@@ -530,7 +530,8 @@ pub struct OutputStatus {
     pub handshake: String,
     /// Last verified value, in the output's unit (µm or µm/mm for an offset or slope, mm for a position).
     pub value: Option<f64>,
-    /// Operator offset and gateway share in the value; `None` if the register is not shared with an operator.
+    /// Two parts of the value: operator offset and gateway share; `None` if the register is not shared with an
+    /// operator.
     pub shares: Option<SharesStatus>,
     /// Value that the control reports as applied, in the output's unit; `None` if it reports none.
     pub applied: Option<f64>,
@@ -545,11 +546,11 @@ pub struct OutputStatus {
     pub age_s: Option<f64>,
 }
 
-/// Shares in the value of a register that the gateway shares with an operator.
+/// Two parts of the value of a register that both the gateway and an operator write to.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct SharesStatus {
-    /// Operator offset, in the unit of the output.
+    /// Operator offset: part of the value that the operator entered, in the unit of the output.
     pub base: f64,
-    /// Gateway share, in the unit of the output.
+    /// Gateway share: part of the value that the gateway added, in the unit of the output.
     pub share: f64,
 }

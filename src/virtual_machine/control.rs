@@ -1,6 +1,6 @@
-//! Control side of output sets and handshakes. With a handshake, the control acknowledges a strobe after a delay, and
-//! then accepts the values. If the set has a sequence number, that number must have changed. Without a handshake, the
-//! control accepts the values when the sequence number changes. Without either, it accepts them at once.
+//! Control side of output sets and handshakes. With a handshake, the control acknowledges a strobe signal after a
+//! delay, and then accepts the values. If the set has a sequence number, that number must have changed. Without a
+//! handshake, the control accepts the values when the sequence number changes. Without either, it accepts them at once.
 
 use std::time::Duration;
 
@@ -10,7 +10,7 @@ use isotherm_core::codec::{Address, Register};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Flag, OutputId, OutputSet, Profile, SetId};
 
-/// Time from a change of the strobe until the control reacts.
+/// Time from a change of the strobe signal until the control reacts.
 const REACTS_AFTER: Duration = Duration::from_millis(30);
 
 /// Values that a control has accepted from an output set.
@@ -20,7 +20,7 @@ pub struct AcceptedSet {
     pub at: Moment,
     /// Output set of the values.
     pub set: SetId,
-    /// Register values of each output, in the order of the set.
+    /// Register values of each output, in the order of the output set.
     pub words: Vec<Vec<u16>>,
 }
 
@@ -28,15 +28,15 @@ pub struct AcceptedSet {
 #[derive(Clone, Debug)]
 pub(super) struct Control {
     pub(super) set: SetId,
-    /// Position of the set's unit in the list of the hardware.
+    /// Position of the output set's unit in the list of the hardware.
     pub(super) place: usize,
     outputs: Vec<(OutputId, Address, u16)>,
-    /// Flags of the handshake: strobe and acknowledge; `None` if the set has no handshake.
+    /// Flags of the handshake: strobe and acknowledge; `None` if the output set has no handshake.
     handshake: Option<[Flag; 2]>,
     sequence: Option<Register>,
     last_sequence: u16,
     strobe_up: bool,
-    /// Time at which the strobe last changed.
+    /// Time at which the strobe signal last changed.
     changed: Moment,
     acknowledges: bool,
     taken: Vec<Vec<u16>>,
@@ -63,14 +63,14 @@ impl Control {
         control
     }
 
-    /// Returns the registers and bits of the set itself, without those of its outputs.
+    /// Returns the registers and bits of the output set itself, without those of its outputs.
     pub(super) fn own(set: &OutputSet) -> impl Iterator<Item = Register> {
         let flags = flags(set).into_iter().flatten();
         set.own_registers().chain(flags.map(|flag| flag.address))
     }
 
     /// Returns the register values of an output that the control accepted last; `None` if the output is not in this
-    /// set.
+    /// output set.
     pub(super) fn taken(&self, output: OutputId) -> Option<&[u16]> {
         let place = self.outputs.iter().position(|(id, ..)| *id == output)?;
         self.taken.get(place).map(Vec::as_slice)

@@ -35,7 +35,7 @@ pub(super) struct Hardware {
     /// For each signal that indicates a fault of another signal: its value while there is no fault. `None` for other
     /// signals.
     well: Vec<Option<f64>>,
-    /// For each output that writes a corrected position: amount by which the written position differs from the measured
+    /// For each output that writes a position plus Cz: amount by which the written position differs from the measured
     /// one, µm.
     corrections: Vec<f64>,
     /// For each axis: offset that an external control applies, µm; `None` if there is no external control.
@@ -44,7 +44,7 @@ pub(super) struct Hardware {
     axes: Vec<(AxisId, String)>,
     /// Virtual control of each output set.
     controls: Vec<Control>,
-    /// Values that the controls have accepted; recorded only together with the journal.
+    /// Values that the controls have accepted. They are recorded only if the request journal is recorded.
     pub(super) taken: Vec<AcceptedSet>,
     cycles: Vec<Cycle>,
     pub(super) faults: Faults,
@@ -150,8 +150,8 @@ impl Hardware {
     }
 
     /// Returns the Cz that acts in the machine, µm. This is the value that the control has accepted for the axis's Cz
-    /// output, or else the correction of its corrected position. A diameter value is halved. An offset of an external
-    /// control replaces both.
+    /// output, or else the Cz in the position that was written for it. A diameter value is halved. An offset of an
+    /// external control replaces both.
     pub(super) fn applied_um(&self, axis: AxisId) -> f64 {
         if let Some(cz_um) = self.elsewhere[axis.0] {
             return cz_um;
@@ -226,7 +226,7 @@ impl Hardware {
     }
 
     /// Returns the content of the cells (registers or bits) that a request addresses. Returns an empty list if they do
-    /// not exist, or if no journal is recorded.
+    /// not exist, or if the machine records no request journal.
     fn cells_of(&self, place: usize, request: &Request) -> Vec<u16> {
         let bank = self.journal.as_ref().map(|_| &self.units[place].bank);
         bank.and_then(|bank| bank.registers(request.address, request.count)).unwrap_or_default().to_vec()
@@ -337,7 +337,7 @@ impl Hardware {
         }
     }
 
-    /// Returns the content of `count` cells of a device; `None` if one does not exist.
+    /// Returns the content of `count` cells (registers or bits) of a device; `None` if one does not exist.
     #[cfg(test)]
     pub(super) fn cell(&self, device: DeviceId, address: &Address, count: u16) -> Option<&[u16]> {
         self.units[self.unit_of[device.0]].bank.read(address, count)

@@ -17,11 +17,11 @@ pub struct SeenRequest {
     pub address: Address,
     /// Number of cells (registers or bits) that the request addresses.
     pub count: u16,
-    /// Content of the cells before the request.
+    /// Content of these registers or bits before the request.
     pub before: Vec<u16>,
-    /// Content of the cells after the request. A fault can make the client receive another answer.
+    /// Content of these registers or bits after the request. A fault can make the client receive another answer.
     pub after: Vec<u16>,
-    /// Content of the cells that a write requested; empty for a read.
+    /// Values that a write requested for these registers or bits; empty for a read.
     pub wanted: Vec<u16>,
 }
 

@@ -164,8 +164,8 @@ impl Request {
     }
 }
 
-/// Returns the answers to the requests in these bytes, by a unit with sixteen cells in each table. A connection of a
-/// virtual machine gives the same answers. Fuzz tests use this function.
+/// Returns the answers to the requests in these bytes, by a unit with sixteen registers or bits in each table. A
+/// connection of a virtual machine gives the same answers. Fuzz tests use this function.
 pub fn answered(bytes: &[u8], is_rtu: bool) -> Vec<u8> {
     let framing = if is_rtu { Framing::Rtu } else { Framing::Tcp };
     let mut bank = Bank::default();

@@ -30,15 +30,15 @@ impl Bank {
         (cells, first)
     }
 
-    /// Writes values to the cells from `address` on, and creates the cells if needed.
+    /// Writes values to the registers or bits from `address` on, and creates those that do not exist.
     pub(super) fn set(&mut self, address: &Address, values: &[u16]) {
         let count = values.len();
         let (cells, first) = self.reserve(address, u16::try_from(count).unwrap_or(u16::MAX));
         cells[first..first + count].copy_from_slice(values);
     }
 
-    /// Returns the content of the cells from `address` on; bits are 0 or 1. Returns `None` if one of the cells does not
-    /// exist.
+    /// Returns the content of the registers or bits from `address` on; bits are 0 or 1. Returns `None` if one of them
+    /// does not exist.
     pub(super) fn read(&self, address: &Address, count: u16) -> Option<&[u16]> {
         match address {
             Address::Modbus(register) => self.registers(*register, count),
@@ -46,8 +46,8 @@ impl Bank {
         }
     }
 
-    /// Writes values to the cells from `address` on. If one of the cells does not exist, changes nothing and returns
-    /// `None`.
+    /// Writes values to the registers or bits from `address` on. If one of them does not exist, changes nothing and
+    /// returns `None`.
     pub(super) fn write(&mut self, address: &Address, values: &[u16]) -> Option<()> {
         let cells = match address {
             Address::Modbus(Register { table, offset }) => {

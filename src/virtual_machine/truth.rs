@@ -82,13 +82,13 @@ pub(super) struct Observer {
     begin: Moment,
     pub(super) summary: Summary,
     pub(super) latest: Option<TruthRow>,
-    /// Rows at intervals of ten seconds, until [`Window::take_course`](super::Window::take_course) removes them.
+    /// True errors at intervals of ten seconds, until [`Window::take_course`](super::Window::take_course) removes them.
     pub(super) course: Vec<TruthRow>,
 }
 
-/// Interval of the rows in `course`.
+/// Interval of the true errors in `course`.
 const ROW_EVERY: Duration = Duration::from_secs(10);
-/// Number of rows in `course` at which no more are added, so that memory stays limited if no program reads them.
+/// Number of entries in `course` at which no more are added, so that memory stays limited if no program reads them.
 const LONGEST_COURSE: usize = 10_000;
 
 impl Observer {

@@ -72,7 +72,7 @@ state_that_goes_with_the_container_is_warned_of_and_other_is_not() {
     local said
     says "this container's own layer" "$(start_with)" && says 'a volume without a name' "$(start_with --volume /var/lib/isotherm)" || return 1
     said=$(start_with --volume kept:/var/lib/isotherm)
-    says 'the gateway runs' "$said" && case $said in *'state and ledger'*) fails "$said" ;; esac
+    says 'the gateway runs' "$said" && case $said in *'the saved state in'*) fails "$said" ;; esac
 }
 
 a_wrong_profile_is_tried_five_times_and_no_more() {
@@ -172,7 +172,7 @@ it_stops_at_zero_and_another_container_goes_on_with_its_state() {
     local begun=$SECONDS said
     compose virtual stop && is 'exit code' 0 "$(of_gateway .State.ExitCode)" && says 'cnc_y holds 0.0 µm' "$(engine logs "$gateway" 2>&1)" || return 1
     echo "    stopped within $((SECONDS - begun)) s"
-    case $(engine logs "$gateway" 2>&1) in *'state and ledger'*) fails 'it warned of a named volume'; return 1 ;; esac
+    case $(engine logs "$gateway" 2>&1) in *'the saved state in'*) fails 'it warned of a named volume'; return 1 ;; esac
     compose virtual down && compose virtual up --detach && health_says 120 'code 0' || return 1
     said=$(engine exec "$gateway" isotherm events /etc/isotherm/machine.toml --json)
     is 'starts that it knows of' 2 "$(grep -c '"kind":"started"' <<<"$said")"

@@ -105,7 +105,7 @@ async fn the_status_is_one_json_document() {
 async fn unknown_addresses_and_methods_are_refused_in_words() {
     let door = Door::open(None).await;
     let unknown = door.get("/nothing").await;
-    assert_eq!((unknown.code, unknown.body.contains("The page is at /")), (404, true));
+    assert_eq!((unknown.code, unknown.body.contains("The web page is at /")), (404, true));
     let method = door.send("DELETE", "/api/status", &[], "").await;
     assert_eq!((method.code, method.header("allow")), (405, "GET,HEAD"));
     assert_eq!(door.get("/api/arm").await.code, 405, "a link can not arm a machine");

@@ -405,7 +405,8 @@ fn what_a_control_applies_is_read_elsewhere_and_of_a_whole_offset_alone() {
     assert!(reported(&with("{ register = \"coil:3\" }")).contains("cannot hold an offset"));
     assert!(reported(&with("{ tolerance = 0.2 }")).contains("`register` is missing"));
     assert!(
-        reported(&with(table).replacen("share = \"whole\"", "share = \"ledger\"", 1)).contains("the sum")
+        reported(&with(table).replacen("share = \"whole\"", "share = \"ledger\"", 1))
+            .contains("the gateway share cannot be read in it")
     );
     assert!(reported(&with("{ register = \"input:112\", tolerance = -1.0 }")).contains("more than zero"));
 }

@@ -368,7 +368,7 @@ fn what_is_wrong_with_the_words_of_a_set_in_nodes_is_told_at_their_keys() {
         "\"u8\"",
         &["u8 cannot contain 4711"],
     );
-    no_set("s=taken", "s=strobe", "set.line.handshake.acknowledge", "{ node", &["the strobe itself"]);
+    no_set("s=taken", "s=strobe", "set.line.handshake.acknowledge", "{ node", &["the strobe signal itself"]);
     no_set(
         "\"ns=2;s=life\"",
         "\"ns=2;s=beat\"",

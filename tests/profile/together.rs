@@ -54,7 +54,7 @@ fn a_strobe_must_be_written_and_an_acknowledge_read() {
     shaken_refused("coil:20", "discrete:20", strobe, "\"discrete", &["cannot be written", "coil:20"]);
     shaken_refused("coil:20", "coil:20.1", strobe, "\"coil:20.1", &["one bit already"]);
     shaken_refused("coil:20", "holding:101.16", strobe, "\"holding", &["0 to 15"]);
-    shaken_refused("discrete:20", "coil:20", acknowledge, "\"coil:20", &["the strobe itself"]);
+    shaken_refused("discrete:20", "coil:20", acknowledge, "\"coil:20", &["the strobe signal itself"]);
     shaken_refused("discrete:20", "bit:20", acknowledge, "\"bit:20", &["no register table", "discrete:20"]);
     let beat = HANDSHAKE.replacen("coil:20", "holding:100", 1);
     let text = shaken().replacen(HANDSHAKE, &beat, 1);
@@ -62,7 +62,7 @@ fn a_strobe_must_be_written_and_an_acknowledge_read() {
         &text,
         "heartbeat.register",
         "\"holding",
-        &["writes the same registers", "strobe of output cnc_z"],
+        &["writes the same registers", "strobe signal of output cnc_z"],
     );
     shaken_refused("coil:20", "holding:105", strobe, "\"holding", &["writes the same registers", "cnc_z"]);
     shaken_refused("discrete:20", "holding:104", acknowledge, "\"holding", &["overlaps", "cnc_z"]);

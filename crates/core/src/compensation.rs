@@ -9,7 +9,8 @@
 //!
 //! # Terms
 //! - **raw**: value that the model requests, µm.
-//! - **Cz**: value after the guard, in whole counts of the register.
+//! - **Cz**: value after the limits of the axis (the guard: limit, deadband, step, rate), in whole counts of the
+//!   register.
 //! - **due**: an axis computes a decision at its own period. It does so at once if its permit changes or if it must
 //!   take over a value. Any other snapshot is only used to detect a machine start or a zero command.
 

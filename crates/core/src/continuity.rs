@@ -182,8 +182,8 @@ impl DeviceContinuity {
         self.resets
     }
 
-    /// Returns the number of breaks of continuity for [`RateFilter`]. Zero for a device with checks, because the checks
-    /// identify the device.
+    /// Returns the number of breaks of continuity that the [`RateFilter`] must consider. Zero for a device with checks,
+    /// because the checks identify the device.
     pub fn breaks_without_checks(&self) -> u64 {
         match self.identity {
             Identity::None => self.breaks,

@@ -19,7 +19,7 @@ mod control_word;
 
 pub use control_word::control_word;
 
-/// Cz of an axis in the control, as far as the gateway knows it.
+/// Cz that acts in the control for an axis, as far as the gateway knows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum KnownCz {
     /// The gateway writes no Cz for the axis, or has not verified any yet.

@@ -20,9 +20,10 @@ const LOSES_ANSWERS: &str =
     "if this happens often, answers are lost: check the cable, the converter and the load of the device";
 /// Hint for a sensor that is bad or rejected.
 const LOOK_AT_THE_SENSOR: &str = "look at the sensor, its cable and its channel";
-/// Hint for an acknowledge of the control that is set although it must not be.
-const DROPS_ACKNOWLEDGE: &str = "does the control's program drop the acknowledge when the strobe drops?";
-/// Hint for a strobe or acknowledge of a handshake that cannot be read or written.
+/// Hint for an acknowledge signal of the control that is set although it must not be.
+const DROPS_ACKNOWLEDGE: &str =
+    "does the control's program drop the acknowledge signal when the strobe signal drops?";
+/// Hint for a signal of a handshake (strobe or acknowledge) that cannot be read or written.
 const MAY_ACCESS: &str = "is the control on, may the gateway read and write this address?";
 /// Hint for a certificate that has expired, or expires soon.
 const RENEW: &str =
@@ -140,7 +141,7 @@ catalogue! {
     WaitsToArm = info("waits-to-arm").ends(&["arming of axis {axis}"]);
     /// An armed axis resumes from its register value after a restart of the control.
     GoesOn = info("goes-on");
-    /// A device does not answer any more, or its answers are wrong.
+    /// A device no longer answers, or its answers are wrong.
     DeviceLost = warning("device-lost").raises("device {device}").hint(DOES_NOT_ANSWER);
     /// A device answers again.
     DeviceBack = info("device-back").ends(&["device {device}"]);
@@ -153,7 +154,7 @@ catalogue! {
         .hint("is the bus terminated at both ends, has every node the same bitrate?");
     /// The fault of a bus or serial line has ended.
     BusWell = info("bus-well").ends(&["trouble of bus {bus}"]);
-    /// A signal cannot be used any more.
+    /// A signal can no longer be used.
     SignalBad = warning("signal-bad").raises("signal {signal}").hint(LOOK_AT_THE_SENSOR);
     /// A signal can be used again.
     SignalGood = info("signal-good").ends(&["signal {signal}"]);
@@ -189,7 +190,7 @@ catalogue! {
     ModelAges = warning("model-ages").hint("if this happens again, identify the model again");
     /// Probings show that an axis is worse with its model than without compensation.
     Worse = error("worse").raises("compensation of axis {axis}").hint("identify the model again, or disarm the axis");
-    /// Probings do not show any more that an axis is worse with its model.
+    /// Probings no longer show that an axis is worse with its model than without compensation.
     WorseOver = info("worse-over").ends(&["compensation of axis {axis}"]);
     /// The model of an axis requests more Cz than the limit of the axis.
     AtLimit = warning("at-limit")
@@ -204,7 +205,7 @@ catalogue! {
     /// The absolute value of an axis's Cz is above the warning level.
     Warned = warning("warned").raises("level of axis {axis}")
         .hint("measure a part, and compare the sensors of the axis with each other");
-    /// The model of an axis requests more Cz than the error level, and is not used any more.
+    /// The model of an axis requests more Cz than the error level, and is no longer used.
     BeyondError = error("beyond-error").raises("model of axis {axis}")
         .hint("find the cause, for example a faulty sensor, then arm the axis");
     /// A value for an output exceeded the range of its register and was limited to this range.
@@ -218,7 +219,8 @@ catalogue! {
     /// possible.
     StoodIn = warning("stood-in").raises("sensor of axis {axis}: {signal}")
         .hint("look at the sensor, its cable and its channel; the axis uses the sensor's own reading again by itself");
-    /// A stand-in does not replace a sensor any more: the sensor is accepted again, or the stand-in cannot be used.
+    /// A stand-in (value estimated from other sensors) no longer replaces a sensor: the sensor is accepted again, or
+    /// the stand-in cannot be used.
     StandInOver = info("stand-in-over").ends(&["sensor of axis {axis}: {signal}"]);
     /// The computer's clock was set. Displayed times follow the clock; measured intervals do not change.
     ClockSet = warning("clock-set").word(CLOCK)
@@ -255,7 +257,7 @@ catalogue! {
     /// The address, scale or owner of an output's register differs from the last run. The axis of the output is off.
     OutputMoved = error("output-moved").raises("place of output {output}")
         .hint("compare the profile with the control, then arm the axis");
-    /// A register that belongs to no output any more contains a verified value of the gateway.
+    /// A register that no longer belongs to any output contains a verified value of the gateway.
     RegisterLeft = warning("register-left").raises("former register of output {output}")
         .hint("release the register, or correct its value at the control");
     /// A register that belonged to no output was returned to its base value at the operator's request, and verified.
@@ -269,10 +271,11 @@ catalogue! {
     NamespaceRecorded = info("namespace-recorded");
     /// A namespace has another index on the server than in the profile. The gateway uses the server's index.
     NamespaceMoved = warning("namespace-moved").hint("write nsu={uri};... instead of ns={from};... in the profile");
-    /// The Cz that a corrected position contains is unknown. Cz starts at zero.
+    /// The Cz in a corrected position (measured position plus Cz) is not known from an earlier run. Cz starts at zero.
     PositionFromZero = warning("position-from-zero")
         .hint("compare the position at the display with the scale before a part is made");
-    /// The gateway share of the value in a shared register is uncertain. The operator must confirm the share.
+    /// The gateway cannot tell which part of a shared register's value it has added (gateway share). The operator must
+    /// confirm the share.
     LedgerDoubt = error("ledger-doubt").raises("ledger of {output}")
         .hint("set the register to your own offset, then arm the axis");
     /// A register to be shared has an unknown value that is not zero. The operator must confirm that the value is an
@@ -294,18 +297,19 @@ catalogue! {
     WaitsForLateWrite = warning("waits-for-late-write").hint(LOSES_ANSWERS);
     /// Writes to a register are acknowledged, but the register cannot be read.
     NotReadBack = info("not-read-back").word(UNVERIFIED);
-    /// The acknowledge of the control was set before the strobe, and stayed set.
+    /// The acknowledge signal of the control was set before the gateway set the strobe signal, and stayed set.
     AcknowledgeEarly = error("acknowledge-early").hint(DROPS_ACKNOWLEDGE);
-    /// The control did not acknowledge the strobe in time.
+    /// The control did not acknowledge the strobe signal in time.
     AcknowledgeMissing = error("acknowledge-missing")
-        .hint("does the control's program run, does it read this strobe? If so, raise `timeout` of the handshake");
-    /// The acknowledge of the control could not be read.
+        .hint("does the control's program run, does it read this strobe signal? If so, raise `timeout` of \
+               the handshake");
+    /// The acknowledge signal of the control could not be read.
     AcknowledgeNotRead = error("acknowledge-not-read").hint(MAY_ACCESS);
-    /// The acknowledge of the control stayed set after the gateway had reset the strobe.
+    /// The acknowledge signal of the control stayed set after the gateway had reset the strobe signal.
     AcknowledgeStuck = error("acknowledge-stuck").hint(DROPS_ACKNOWLEDGE);
-    /// The gateway could not set the strobe of a handshake.
+    /// The gateway could not set the strobe signal of a handshake.
     StrobeNotWritten = error("strobe-not-written").hint(MAY_ACCESS);
-    /// The gateway could not reset the strobe of a handshake.
+    /// The gateway could not reset the strobe signal of a handshake.
     StrobeNotDropped = error("strobe-not-dropped").hint(MAY_ACCESS);
     /// The axis has corrected its model with a measured error.
     Probed = info("probed");
@@ -364,7 +368,8 @@ catalogue! {
         .hint("free disk space for the state directory, or use another state directory (`--state`)");
     /// The state or the log can be saved on disk again.
     KeptAgain = info("kept-again").ends(&["keeping {what}"]);
-    /// The saved state or ledger was rejected: it is damaged, was changed, or is a copy from elsewhere.
+    /// The saved state, or the register ledger in it, was rejected: it is damaged, was changed, or is a copy from
+    /// elsewhere.
     NotBelieved = error("not-believed").raises("belief in state and ledger")
         .hint("compare the registers of the control with their correct values, then arm the axes");
     /// The gateway was restarted in the same process, and rejected the state that the former program handed over.
@@ -372,7 +377,7 @@ catalogue! {
     /// The gateway runs the checked profile, but some of its files, variables or settings have changed since the check.
     ProfileDiffers = warning("profile-differs")
         .hint("to use the changed files: `isotherm restart {profile} --keep`");
-    /// The saved state or ledger comes from an earlier version of the program, and is used.
+    /// The saved state, or the saved register ledger, comes from an earlier version of the program, and is used.
     TakenFromEarlier = warning("taken-from-earlier");
     /// Some events are missing on disk, because the disk did not save them in time.
     EventsLost = warning("events-lost").hint("is the disk full, slow or broken?");
@@ -414,7 +419,7 @@ catalogue! {
     Command = info("command");
     /// A command was refused.
     CommandRefused = warning("command-refused");
-    /// A command was dropped, because its sender did not wait for it any more. The gateway does not carry out the
+    /// A command was dropped, because its sender no longer waited for the result. The gateway does not carry out the
     /// command.
     CommandDropped = warning("command-dropped").hint("give the command again");
 }

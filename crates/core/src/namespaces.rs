@@ -70,8 +70,8 @@ pub enum Located {
 }
 
 impl Located {
-    /// Returns the server's index for the index `named` in the profile. `None` if no request with this namespace may be
-    /// sent.
+    /// Returns the index that the OPC UA server uses for the namespace with the index `named` in the profile. `None` if
+    /// no request with this namespace may be sent.
     pub fn index(&self, named: u16) -> Option<u16> {
         match self {
             Located::Unidentified | Located::New(_) | Located::Same => Some(named),
@@ -80,7 +80,8 @@ impl Located {
         }
     }
 
-    /// Returns whether the server's index is unknown, so that no request with this namespace may be sent.
+    /// Returns whether the index of the namespace on the OPC UA server is unknown, so that no request with this
+    /// namespace may be sent.
     pub fn is_lost(&self) -> bool {
         self.index(0).is_none()
     }

@@ -38,11 +38,11 @@
 //! operator.
 //!
 //! For an output that **cannot be read**, only the answers of the device are known. The last acknowledged value
-//! replaces the last value read. A copy without an answer is dropped when a write is acknowledged that began after the
-//! longest delay of the copy. For this purpose the last acknowledged value is sent again.
+//! replaces the last value read. A write without an answer is dropped when another write is acknowledged that began
+//! after the longest delay of the first. For this purpose the last acknowledged value is sent again.
 //!
 //! An output **in a set** is sent in one request with others. When one of them or the heartbeat is written, the
-//! register values of the others are sent with it, in every state ([`Fact::PiggybackAsked`]). Such a value is a copy
+//! register values of the others are sent with it, in every state ([`Fact::PiggybackAsked`]). Such a value is a write
 //! under way like any other.
 //!
 //! # Meaning of a read

@@ -53,8 +53,8 @@ pub enum Part {
 }
 
 impl Part {
-    /// Returns whether an output that writes a corrected position can continue in steps after this part has changed. It
-    /// can if register and units per count are the same.
+    /// Returns whether an output that writes a position plus Cz can continue in steps of Cz after this part of its
+    /// place has changed. It can if register and units per count are the same.
     pub fn is_bridged_by_steps(self) -> bool {
         matches!(self, Part::Axis | Part::Diameter)
     }
@@ -73,7 +73,8 @@ pub trait Place {
 pub enum Owner {
     /// The gateway owns the whole register.
     Whole,
-    /// The operator owns the register. The gateway adds its share to the value, and stores the share in a ledger.
+    /// The operator owns the register. The gateway adds its own offset (gateway share) to the value, and stores the
+    /// share in the register ledger on disk.
     Ledger,
 }
 
@@ -81,7 +82,7 @@ pub enum Owner {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OutputPlace {
-    /// Address of the bus.
+    /// Address of the bus to which the device is connected.
     pub bus: String,
     /// Unit or node number of the device.
     pub unit: u8,
@@ -138,8 +139,8 @@ impl OutputPlace {
         (&self.bus, self.unit, &self.address) == (&other.bus, other.unit, &other.address)
     }
 
-    /// Returns whether the output writes a corrected position: a position that contains Cz, and is written again for
-    /// each new position.
+    /// Returns whether the output writes a corrected position: a position that was read, plus Cz. It is written again
+    /// for each new position.
     pub fn is_corrected_position(&self) -> bool {
         self.writes == "corrected"
     }
@@ -193,17 +194,17 @@ impl Place for SignalPlace {
 pub enum PlaceComparison {
     /// The place in the profile is the stored one.
     Same,
-    /// The place was stored under this other name, which the profile does not contain any more.
+    /// The place was stored under this other name, which the profile no longer contains.
     Renamed(String),
     /// No place is stored under this name.
     Unknown,
     /// Another place is stored under this name than in the profile.
     Moved(MovedPlace),
-    /// The name is not in the profile any more.
+    /// The profile no longer contains the name.
     Removed,
 }
 
-/// Difference of two places.
+/// Difference between the saved place of an output or signal and its place in the profile.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MovedPlace {
     /// Most serious part that differs.
@@ -396,7 +397,7 @@ impl FormerPlace {
         !is_bridged
     }
 
-    /// Returns whether a Cz of the gateway remains in a register that belongs to no output any more.
+    /// Returns whether a Cz of the gateway remains in a register that no longer belongs to an output.
     pub fn is_left_behind(&self, profile: &BTreeMap<String, OutputPlace>) -> bool {
         let is_ours = profile.values().any(|place| place.is_at(&self.place));
         !is_ours && self.keeps_something()
@@ -412,8 +413,7 @@ impl FormerPlace {
 }
 
 /// Returns the axes whose new outputs could repeat the effect of the removed output. These are its own axis, and axes
-/// with a new output in its register. If the profile does not have its own axis any more, these are all axes with a new
-/// output.
+/// with a new output in its register. If the profile no longer has its own axis, these are all axes with a new output.
 fn axes_with_new_outputs(
     removed: &OutputPlace,
     found: &BTreeMap<String, PlaceComparison>,

@@ -23,7 +23,7 @@ const UNRELATED: f64 = 0.5;
 const COLD_AT_STARTS: f64 = 0.15;
 /// Maximum change of a sensor within 20 min, as a ratio to the largest change of any sensor.
 const SLOW: f64 = 1.0 / 3.0;
-/// Change within 20 min, °C, that the air of a hall does not reach with closed gates.
+/// Change within 20 min, °C, that the air of a hall does not make while its doors are closed.
 const NO_AIR: f64 = 1.0;
 /// Minimum range (maximum minus minimum) of the readings of a sensor, °C. A sensor that changes less is not reported.
 const MOVES: f64 = 0.2;
@@ -52,7 +52,7 @@ struct Figures {
     range: f64,
 }
 
-/// Returns the column of the temperature whose name means ambient air; otherwise the first temperature in `like`.
+/// Returns the log column of the temperature whose name means ambient air; otherwise the first temperature in `like`.
 pub(crate) fn ambient_column(dataset: &Dataset, like: &[Finding]) -> Option<usize> {
     let name = |place: usize| dataset.columns[place].name.as_str();
     let is_named = |place: &usize| is_named_for_the_air(name(*place));
@@ -68,7 +68,8 @@ pub(crate) fn is_named_for_the_air(name: &str) -> bool {
     words.any(|word| ["ambient", "air", "room", "hall", "shop", "environment"].contains(&word))
 }
 
-/// Finds the sensors that behave like the air. The result is empty without a speed column, or with too few starts.
+/// Finds the sensors that behave like the air. The result is empty if the logs have no column of a speed, or with too
+/// few starts.
 pub(crate) fn find(dataset: &Dataset, columns: &[usize], error: usize) -> Vec<Finding> {
     let Some(load) = load(dataset) else { return Vec::new() };
     let runs: Vec<Courses> = dataset.runs.iter().map(|run| courses(run, load, error, columns)).collect();
@@ -104,7 +105,7 @@ pub(crate) fn find(dataset: &Dataset, columns: &[usize], error: usize) -> Vec<Fi
     columns.iter().zip(&all).filter(|(_, of)| is_air(of)).map(like).collect()
 }
 
-/// Returns the column of the speed that exceeds 1 in the most rows; `None` if no speed exceeds 1.
+/// Returns the log column of the speed that exceeds 1 in the most rows; `None` if no speed exceeds 1.
 fn load(dataset: &Dataset) -> Option<usize> {
     let turns = |column: &usize| {
         let values = dataset.runs.iter().flat_map(|run| &run.values[*column]);

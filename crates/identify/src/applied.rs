@@ -5,7 +5,7 @@ use crate::dataset::{BadLog, Column, Dataset, Kind};
 use crate::statistics::least_and_most;
 use isotherm_profile::{Profile, Writes};
 
-/// Range of a Cz column up to which Cz is treated as constant, µm. A constant Cz does not change the drift.
+/// Range of the Cz in a log up to which Cz is treated as constant, µm. A constant Cz does not change the drift.
 const STANDS_STILL: f64 = 1e-9;
 
 /// Source of the Cz that was active during the measurement of the error.
@@ -16,17 +16,17 @@ pub enum Applied {
     AsLogged,
     /// No Cz was active.
     Nothing,
-    /// The column of this name, µm.
+    /// The log column of this name, µm.
     Column(String),
 }
 
 impl Applied {
-    /// Parses `none` or the name of a column.
+    /// Parses `none` or the name of a log column.
     pub fn named(text: &str) -> Applied {
         if text == "none" { Applied::Nothing } else { Applied::Column(text.to_owned()) }
     }
 
-    /// Returns whether the operator named this column as the source of the Cz.
+    /// Returns whether the operator named this log column as the source of the Cz that acted during the measurement.
     pub(crate) fn names(&self, column: &str) -> bool {
         matches!(self, Applied::Column(name) if name == column)
     }
@@ -45,13 +45,13 @@ pub(crate) fn moves_the_machine(profile: &Profile, axis: &str) -> Option<bool> {
     }
 }
 
-/// Returns the axis in the name of an error column, for example `z` for `z_error_um`; `None` if the name has another
-/// form.
+/// Returns the axis in the name of a log column with measured errors, for example `z` for `z_error_um`; `None` if the
+/// name has another form.
 fn axis_of(error: &str) -> Option<&str> {
     ["_error_um", "_measured_um"].iter().find_map(|end| error.strip_suffix(end))
 }
 
-/// Returns the column of the Cz that this measured error contains; `None` if the error contains no Cz, or only a
+/// Returns the log column of the Cz that this measured error contains; `None` if the error contains no Cz, or only a
 /// constant one.
 fn acting(
     dataset: &Dataset,

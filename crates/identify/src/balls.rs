@@ -50,7 +50,7 @@ pub struct Terms {
 /// Thermal terms of one round.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RoundTerms {
-    /// Mean time of the touches.
+    /// Mean time of the touches in this round.
     #[serde(skip)]
     pub time: Moment,
     /// Mean time of the touches, h since the cold round.

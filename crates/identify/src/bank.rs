@@ -1,8 +1,9 @@
-//! Bank of candidate terms: the values of every input with every lag, as the gateway itself would compute them.
+//! Matrix of candidate terms (the bank) of a model: one column for each input with each lag, one row for each row of
+//! the logs. The values are those that the gateway itself would compute.
 //!
 //! References are captured by the gateway's own [`Compensation`]. Each input is followed by its own [`Lag`], row by row
-//! of the log as it was recorded. Rows are averaged only after that. A model identified from the bank therefore gives
-//! the same values in a replay of the run.
+//! of the log as it was recorded. Rows are averaged only after that. A model identified from this matrix therefore
+//! gives the same values in a replay of the run.
 //!
 //! A rise is zero until its reference has been captured, because the axis does not compensate before. If the error at a
 //! position is counted from the first visit of that position, the rises are counted from that visit, too.
@@ -27,34 +28,34 @@ pub(crate) fn usual_lags() -> Vec<Option<Duration>> {
     LAGS_MIN.iter().map(|minutes| (*minutes > 0).then(|| Duration::from_mins((*minutes).into()))).collect()
 }
 
-/// Candidate term of a model, with one column in the bank: an input with a lag, its square, or its product with the
-/// position.
+/// Candidate term of a model: an input with a lag, its square, or its product with the position. Each candidate has one
+/// column in the matrix of candidate terms.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Candidate {
     /// Index of the input in the inputs of the campaign.
     pub input: usize,
     /// Time constant of the lag; `None` for the rise without a lag.
     pub lag: Option<Duration>,
-    /// Whether the column contains the square of the input.
+    /// Whether the term is the square of the input.
     pub squared: bool,
-    /// Whether the column is multiplied by the distance from the campaign's reference position. It is then a term of
-    /// the slope, in mm·°C.
+    /// Whether the term is multiplied by the distance from the campaign's reference position. It is then a term of the
+    /// slope, in mm·°C.
     pub along: bool,
 }
 
 /// Selection of the rows of a log. Masked rows, in which a sensor was frozen, are never selected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Rows {
-    /// Rows in which the error was measured.
+    /// Log rows in which the error was measured.
     WithError,
-    /// All rows. If the error is missing in a row, the target is NaN.
+    /// All log rows. If the error is missing in a row, the target is NaN.
     Every,
 }
 
-/// Values of every candidate column in every run.
+/// Matrix of candidate terms: value of each term in each row of each run.
 #[derive(Clone, Debug)]
 pub(crate) struct Bank {
-    /// Columns of the bank.
+    /// Candidate term of each column of the matrix.
     pub(crate) candidates: Vec<Candidate>,
     /// For each input of the campaign: whether it is a speed.
     pub(crate) is_speed: Vec<bool>,
@@ -66,14 +67,14 @@ pub(crate) struct Bank {
 #[derive(Clone, Debug)]
 pub(crate) struct Traced {
     pub(crate) name: String,
-    /// For each row, the number of its averaging window in the run. A bank with other columns may lack some of these
-    /// windows.
+    /// For each row, the number of its averaging window in the run. A matrix with other candidate terms may lack some
+    /// of these windows.
     pub(crate) windows: Vec<u128>,
     /// Time of each row, in seconds since the first row of the run.
     pub(crate) seconds: Vec<f64>,
     /// Cz that would compensate the whole error, µm: −(e − cold value of e).
     pub(crate) target: DVector<f64>,
-    /// Rises of the inputs, in their units. Each candidate has one column. The rises start at the same row as the
+    /// Rises of the inputs, in their units. Each candidate term has one column. The rises start at the same row as the
     /// target.
     pub(crate) rises: DMatrix<f64>,
 }
@@ -85,8 +86,8 @@ impl Candidate {
 }
 
 impl Bank {
-    /// Creates the bank of all inputs with these lags, and of the candidates in `beside`. Each speed also contributes
-    /// its square. A speed is used only with a lag, because a spindle warms the machine with a delay.
+    /// Creates the matrix of candidate terms: all inputs with these lags, and the candidates in `beside`. Each speed
+    /// also contributes its square. A speed is used only with a lag, because a spindle warms the machine with a delay.
     pub(crate) fn with_speeds(
         campaign: &Campaign<'_>,
         lags: &[Option<Duration>],
@@ -109,7 +110,7 @@ impl Bank {
         Bank::new(campaign, candidates)
     }
 
-    /// Creates the bank of these inputs with these lags.
+    /// Creates the matrix of candidate terms from these inputs with these lags.
     pub(crate) fn of_inputs(
         campaign: &Campaign<'_>,
         inputs: &[usize],
@@ -123,30 +124,30 @@ impl Bank {
         Bank::with(campaign, inputs.iter().flat_map(all).collect(), rows)
     }
 
-    /// Creates the bank of every input with these lags.
+    /// Creates the matrix of candidate terms from every input with these lags.
     pub(crate) fn of(campaign: &Campaign<'_>, lags: &[Option<Duration>]) -> Bank {
         let inputs: Vec<usize> = (0..campaign.inputs.len()).collect();
         Bank::of_inputs(campaign, &inputs, lags, Rows::WithError)
     }
 
-    /// Creates the bank of these candidates, over the rows with a measured error.
+    /// Creates the matrix of these candidate terms, over the rows with a measured error.
     pub(crate) fn new(campaign: &Campaign<'_>, candidates: Vec<Candidate>) -> Bank {
         Bank::with(campaign, candidates, Rows::WithError)
     }
 
-    /// Creates the bank of these candidates, over the selected rows.
+    /// Creates the matrix of these candidate terms, over the selected rows.
     pub(crate) fn with(campaign: &Campaign<'_>, candidates: Vec<Candidate>, rows: Rows) -> Bank {
         let places = 0..campaign.dataset.runs.len();
         let runs = places.into_par_iter().map(|place| trace(campaign, place, &candidates, rows)).collect();
         Bank { candidates, is_speed: campaign.inputs.iter().map(|input| input.is_speed()).collect(), runs }
     }
 
-    /// Returns the index of the candidate's column; `None` if the bank does not have it.
+    /// Returns the index of the candidate's column; `None` if the matrix does not contain it.
     pub(crate) fn column(&self, candidate: &Candidate) -> Option<usize> {
         self.candidates.iter().position(|known| known == candidate)
     }
 
-    /// Returns the index of the column of an input without a lag; `None` if the bank does not have it.
+    /// Returns the index of the column of an input without a lag; `None` if the matrix does not contain it.
     pub(crate) fn plain(&self, input: usize) -> Option<usize> {
         self.column(&Candidate::new(input, None))
     }
@@ -263,7 +264,7 @@ pub(crate) fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate
     }
 }
 
-/// Sums of the rows in one averaging window: number of rows, number of rows with an error, and the sums of their
+/// Sums of the log rows in one averaging window: number of rows, number of rows with an error, and the sums of their
 /// values.
 struct Window {
     index: u128,

@@ -24,11 +24,11 @@ pub(crate) struct Campaign<'a> {
     pub(crate) dataset: Cow<'a, Dataset>,
     /// Possible inputs of a model.
     pub(crate) inputs: Vec<Input>,
-    /// Index of the column with the measured error e, µm.
+    /// Index of the log column with the measured error e, µm.
     pub(crate) error: usize,
     /// Machine settings of the profile. Without `settle` in the profile, the time is [`USUAL_SETTLE`].
     pub(crate) machine: MachineSettings,
-    /// Time over which rows are averaged; zero means no averaging.
+    /// Time over which the rows of the logs are averaged; zero means no averaging.
     pub(crate) resample: Duration,
     /// Position of the axis, for errors that were measured at several positions; `None` for one position.
     pub(crate) position: Option<Position>,
@@ -38,7 +38,7 @@ pub(crate) struct Campaign<'a> {
     mending: Option<Mending<'a>>,
 }
 
-/// Column of a signal, and the range of its valid values, if the profile limits it.
+/// Log column of a signal, and the range of its valid values, if the profile limits it.
 type Channel = (usize, Option<(f64, f64)>);
 
 /// Input of a model.
@@ -163,12 +163,13 @@ impl<'a> Campaign<'a> {
         usual.max(self.resample.as_secs_f64()).max(1e-3)
     }
 
-    /// Returns the number of rows in one independent sample, if rows closer than `independent` depend on each other.
+    /// Returns the number of log rows in one independent sample, if rows closer in time than `independent` depend on
+    /// each other.
     pub(crate) fn rows_per_sample(&self, independent: Duration) -> f64 {
         (independent.as_secs_f64() / self.row_seconds()).max(1.0)
     }
 
-    /// Replaces the content of `readings` by the readings of one row, with the range checks of the gateway.
+    /// Replaces the content of `readings` by the readings of one log row, with the range checks of the gateway.
     pub(super) fn readings(&self, run: &Run, row: usize, now: Moment, readings: &mut Vec<Reading>) {
         readings.clear();
         readings.extend(self.columns.iter().map(|channel| {
@@ -231,13 +232,13 @@ impl<'a> Campaign<'a> {
     }
 }
 
-/// Target of a model at one row.
+/// Target of a model (Cz that would leave no error) at one log row.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Target {
     /// Target Cz, µm. NaN if the error is missing, and before the machine starts.
     pub(super) cz: f64,
-    /// Row of the first visit of this position, if that was after the references had settled; else `None`. The machine
-    /// was already warm in that row. Therefore the target and the rises of a model are both counted from it.
+    /// Log row of the first visit of this position, if that was after the references had settled; else `None`. The
+    /// machine was already warm in that row. Therefore the target and the rises of a model are both counted from it.
     pub(super) since: Option<usize>,
 }
 
@@ -245,8 +246,8 @@ impl Target {
     const UNKNOWN: Target = Target { cz: f64::NAN, since: None };
 }
 
-/// Returns an axis without models, whose Cz is zero. The axis is due at every row, because references are captured only
-/// when an axis is due.
+/// Returns an axis without models, whose Cz is zero. The axis is due at every log row, because references are captured
+/// only when an axis is due.
 fn onlooker() -> AxisSettings {
     AxisSettings {
         name: "onlooker".to_owned(),
@@ -280,7 +281,7 @@ pub(super) fn without(inputs: &[Input], excluded: &[Finding]) -> Vec<Input> {
     inputs.iter().filter(is_good).cloned().collect()
 }
 
-/// Returns the columns of these inputs that are temperatures.
+/// Returns the log columns of those inputs that are temperatures.
 pub(super) fn temperatures_of(dataset: &Dataset, inputs: &[Input]) -> Vec<usize> {
     let columns = inputs.iter().map(|input| input.column);
     columns.filter(|column| dataset.columns[*column].kind == Kind::Temperature).collect()

@@ -103,7 +103,7 @@ pub(super) fn unused_position(dataset: &Dataset, error: usize) -> Option<String>
     })
 }
 
-/// Returns the column of this name. If the column is missing, adds a message to `wrong` and returns `None`.
+/// Returns the log column of this name. If the column is missing, adds a message to `wrong` and returns `None`.
 pub(super) fn column_of(dataset: &Dataset, name: &str, wrong: &mut Vec<String>) -> Option<usize> {
     let found = dataset.column(name);
     if found.is_none() {

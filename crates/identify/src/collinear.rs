@@ -6,8 +6,8 @@ use crate::bank::{Bank, Candidate};
 use crate::campaign::Campaign;
 use crate::gram::Gram;
 
-/// Collinearity of the columns of some terms (Belsley, Kuh, Welsch 1980). Each column is scaled to root mean square 1.
-/// The columns are not centred, because the model has no intercept.
+/// Collinearity of some terms of a model (Belsley, Kuh, Welsch 1980). The values of each term are scaled to root mean
+/// square 1. They are not centred, because the model has no intercept.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Collinearity {
     /// Ratio of the largest singular value to the smallest.

@@ -40,7 +40,7 @@ use table::Table;
 pub struct Dataset {
     /// Columns of the runs, in the order of the first file, without the time.
     pub columns: Vec<Column>,
-    /// Unused columns of the files. Their values are not stored.
+    /// Unused columns of the log files. Their values are not stored.
     pub unread: Vec<Column>,
     /// One run for each warm-up, in the order of files and time.
     pub runs: Vec<Run>,
@@ -48,7 +48,7 @@ pub struct Dataset {
     pub remarks: Vec<String>,
 }
 
-/// A column of numbers.
+/// Log column of numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Column {
     /// Name in the header.
@@ -57,7 +57,8 @@ pub struct Column {
     pub kind: Kind,
 }
 
-/// Function that returns the unit of a column in the profile; `None` if the profile does not contain the column.
+/// Function that returns the unit that the profile gives for a log column; `None` if the profile has no signal of this
+/// name.
 pub type Units<'a> = &'a dyn Fn(&str) -> Option<&'static str>;
 
 impl Dataset {
@@ -130,12 +131,12 @@ impl Dataset {
         Ok(Dataset { columns, unread, remarks, runs })
     }
 
-    /// Returns the names of the used columns, then of the unused ones.
+    /// Returns the names of the used log columns, then of the unused ones.
     pub(crate) fn names(&self) -> Vec<&str> {
         self.columns.iter().chain(&self.unread).map(|column| column.name.as_str()).collect()
     }
 
-    /// Returns the indices of the columns of this kind.
+    /// Returns the indices of the log columns of this kind.
     pub(crate) fn of_kind(&self, kind: Kind) -> impl Iterator<Item = usize> {
         (0..self.columns.len()).filter(move |place| self.columns[*place].kind == kind)
     }
@@ -145,7 +146,7 @@ impl Dataset {
         self.runs.iter().map(|run| run.lasts().as_secs_f64()).sum()
     }
 
-    /// Returns the index of the column with this name; `None` if there is no such column.
+    /// Returns the index of the log column with this name; `None` if there is no such column.
     pub fn column(&self, name: &str) -> Option<usize> {
         self.columns.iter().position(|column| column.name == name)
     }

@@ -52,13 +52,13 @@ pub struct Drift {
     pub test: Test,
     /// Reason for the choice of `test`.
     pub because: String,
-    /// Time from the first row to the last, h.
+    /// Duration of the run, from its first log row to its last, h.
     pub hours: f64,
     /// Number of rows of the run.
     pub rows: usize,
-    /// Drift of each displacement column.
+    /// Drift of each displacement in the log.
     pub displacements: Vec<Displacement>,
-    /// Change of each temperature column.
+    /// Change of each temperature in the log.
     pub temperatures: Vec<Temperature>,
     /// Stages of the movement; empty if nothing moved.
     pub stages: Vec<Stage>,
@@ -69,7 +69,7 @@ pub struct Drift {
 /// Drift of one displacement over a run, from the means of each minute. Ranges are maximum minus minimum.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Displacement {
-    /// Name of the column.
+    /// Name of the log column with the displacement.
     pub name: String,
     /// Range of the displacement over the whole time, µm.
     pub range_um: f64,
@@ -85,14 +85,14 @@ pub struct Displacement {
     pub drift_um: f64,
     /// Change per hour, µm/h.
     pub drift_um_per_h: f64,
-    /// Change of the displacement in each stage, µm; `None` if the column is empty in the stage.
+    /// Change of the displacement in each stage, µm; `None` if the log has no value of it in the stage.
     pub stages_um: Vec<Option<f64>>,
 }
 
 /// Change of one temperature over a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Temperature {
-    /// Name of the column.
+    /// Name of the log column with the temperature.
     pub name: String,
     /// Temperature in the first minutes, °C.
     pub begin_c: f64,
@@ -203,7 +203,7 @@ fn displacement(name: String, minutes: &Minutes, stages: &[Stage]) -> Displaceme
     }
 }
 
-/// Returns the change of a temperature; `None` if the column has no values.
+/// Returns the change of a temperature; `None` if the log has no value of it.
 fn temperature(name: String, minutes: &Minutes) -> Option<Temperature> {
     (!minutes.values.is_empty()).then(|| Temperature {
         name,

@@ -36,9 +36,9 @@ pub struct Expected {
 /// runs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Inside {
-    /// Share of the rows within one standard deviation, 0 to 1; 0.68 for normal errors.
+    /// Share of the log rows whose residual is within one standard deviation, 0 to 1; 0.68 for normal errors.
     pub inside_1: f64,
-    /// Share of the rows within two standard deviations, 0 to 1; 0.95 for normal errors.
+    /// Share of the log rows whose residual is within two standard deviations, 0 to 1; 0.95 for normal errors.
     pub inside_2: f64,
 }
 

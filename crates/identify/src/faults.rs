@@ -52,7 +52,7 @@ pub struct Finding {
 pub struct Omission {
     /// Signal that is left out.
     pub signal: String,
-    /// Residual error with the signal, with its readings as recorded except masked rows.
+    /// Residual error with the signal, with its readings as recorded, without the log rows that were masked.
     pub with_um: f64,
     /// Residual error without the signal.
     pub without_um: f64,
@@ -92,7 +92,7 @@ impl Repaired {
     }
 }
 
-/// Fault of one column.
+/// Fault of one temperature sensor (log column).
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Fault {
     pub(super) column: usize,
@@ -108,9 +108,9 @@ pub(super) struct Fault {
 /// Effect of a fault on a run, in the order of repair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Damage {
-    /// Spikes: separate rows with wrong readings.
+    /// Spikes: separate log rows with wrong readings.
     Spikes,
-    /// A step that shifts all rows after it.
+    /// A step that shifts the readings in all log rows after it.
     Jump,
     /// Constant readings for a part of the run. Their rows are masked. The readings are rebuilt only for the lagged
     /// values after these rows.
@@ -121,7 +121,7 @@ pub(super) enum Damage {
     /// Constant readings that no other sensor can rebuild. Their rows are masked, and the readings are treated as
     /// missing.
     Missing,
-    /// Fault whose rows are unknown. The sensor must be left out.
+    /// Fault in unknown log rows. The sensor must be left out.
     Whole,
 }
 
@@ -132,26 +132,26 @@ impl Damage {
     }
 }
 
-/// Returns the faults of these temperature columns, except freezes, as reasons to leave them out. A jump at the end of
-/// a freeze in `frozen` is no fault.
+/// Returns the faults of the sensors in these log columns, except freezes, as reasons to leave them out. A jump at the
+/// end of a freeze in `frozen` is no fault.
 pub(super) fn find(dataset: &Dataset, columns: &[usize], frozen: &[Frozen]) -> Vec<Finding> {
     faults(dataset, columns, frozen).iter().map(|fault| fault.finding(dataset, "")).collect()
 }
 
-/// Rows in which a reading was constant while the predictions of the other sensors moved.
+/// Log rows in which a reading was constant while the predictions of the other sensors moved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Frozen {
     /// Column of the dataset.
     pub(crate) column: usize,
     /// Run of the dataset.
     pub(crate) run: usize,
-    /// First row with the constant value. The reading in this row is valid.
+    /// First log row with the constant value. The reading in this row is valid.
     pub(crate) first: usize,
-    /// Last row with the constant value.
+    /// Last log row with the constant value.
     pub(crate) last: usize,
     /// Whether the run has no reading after `last`.
     pub(crate) lasts_to_the_end: bool,
-    /// Change of the temperature during these rows, as the other sensors predict it, °C.
+    /// Change of the temperature from the first to the last of these log rows, as the other sensors predict it, °C.
     pub(crate) missed: f64,
 }
 
@@ -253,7 +253,7 @@ fn is_near(minute: f64, steps: &[f64]) -> bool {
     steps.iter().any(|step| (step - minute).abs() <= THAWS)
 }
 
-/// Returns the share of a run's rows without a value in this column.
+/// Returns the share of a run's log rows without a value in this column.
 pub(super) fn missing(run: &Run, column: usize) -> f64 {
     let gone = run.values[column].iter().filter(|value| !value.is_finite()).count();
     count(gone) / count(run.times.len()).max(1.0)
@@ -264,13 +264,13 @@ fn minute(second: f64) -> f64 {
     (second / 60.0).floor() * 60.0
 }
 
-/// Returns the rows within any of these spans, s. The end of a span is excluded.
+/// Returns the log rows within any of these time spans, s. The end of a span is excluded.
 fn rows_within(run: &Run, spans: &[(f64, f64)]) -> Vec<usize> {
     let is_inside = |second: f64| spans.iter().any(|(from, to)| (*from..*to).contains(&second));
     run.seconds().enumerate().filter(|(_, second)| is_inside(*second)).map(|(row, _)| row).collect()
 }
 
-/// Returns the rows of spikes. If each minute is a mean of several rows, the minutes before and after a spike may
+/// Returns the log rows of spikes. If each minute is a mean of several rows, the minutes before and after a spike may
 /// contain rows of the spike, too.
 fn rows_of_spikes(run: &Run, own: &Minutes, spikes: &[(usize, usize)]) -> Vec<usize> {
     let seconds: Vec<f64> = run.seconds().collect();
@@ -327,7 +327,7 @@ fn jumps(own: &Minutes, spikes: &[(usize, usize)]) -> Vec<(f64, usize)> {
     good.windows(2).filter_map(step).collect()
 }
 
-/// Returns the smallest step between two values of a column; 0 if its values never change.
+/// Returns the smallest step between two values of a log column; 0 if its values never change.
 pub(super) fn resolution(dataset: &Dataset, column: usize) -> f64 {
     let pairs = dataset.runs.iter().flat_map(|run| run.values[column].windows(2));
     let steps = pairs.map(|pair| (pair[1] - pair[0]).abs()).filter(|step| *step > 1e-9);

@@ -38,7 +38,7 @@ pub struct RunProducts {
     axis: String,
     /// Averaging time of the references, s.
     settle_s: f64,
-    /// Time over which rows were averaged, s.
+    /// Time over which log rows were averaged, s.
     resample_s: f64,
     columns: Vec<Column>,
     runs: Vec<Run>,
@@ -95,7 +95,7 @@ struct Head {
 pub struct FleetModel {
     /// Name of the axis in the profiles.
     pub axis: String,
-    /// Terms, in the order of the columns.
+    /// Terms, in the order of the columns of the products.
     pub terms: Vec<FleetTerm>,
     /// Residual error of each run with models from other runs.
     pub runs: Vec<RunLeft>,
@@ -119,7 +119,7 @@ pub struct FleetTerm {
     pub halves: Option<[f64; 2]>,
 }
 
-/// Residual error of a run, root mean squares in µm.
+/// Measured error of a run without and with models, as root mean squares in µm.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RunLeft {
     /// Name of the machine.
@@ -350,7 +350,7 @@ impl RunProducts {
         }
     }
 
-    /// Returns the columns as a bank that contains no rows.
+    /// Returns the columns of the products as a matrix of candidate terms that has no rows.
     fn bank(&self) -> Bank {
         let mut signals: Vec<&str> = Vec::new();
         let mut is_speed = Vec::new();
@@ -397,7 +397,7 @@ impl Sums {
         }
     }
 
-    /// Returns whether the sums belong to this number of columns.
+    /// Returns whether the sums of products were made with this number of columns (terms).
     fn has(&self, width: usize) -> bool {
         self.cross.len() == width && self.square.len() == width * (width + 1) / 2
     }

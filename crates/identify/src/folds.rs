@@ -52,7 +52,7 @@ impl Inner {
         Inner { all, folds }
     }
 
-    /// Returns the products of some of the columns.
+    /// Returns the products of some of the columns (candidate terms).
     pub(super) fn of_columns(self, columns: &[usize]) -> Inner {
         if columns.iter().copied().eq(0..self.all.cross.len()) {
             return self;
@@ -72,7 +72,7 @@ impl Inner {
         self
     }
 
-    /// Returns the folds with each column scaled to a root mean square of 1.
+    /// Returns the folds, in which each column (candidate term) is scaled to a root mean square of 1.
     pub(super) fn scaled(&self) -> Vec<Scaled> {
         self.folds.iter().map(Scaled::of).collect()
     }

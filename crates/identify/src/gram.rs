@@ -1,4 +1,5 @@
-//! Products X'X, X'y and y'y of a run. With them, a fit of any subset of the bank needs no second pass over the data.
+//! Products X'X, X'y and y'y of a run. With them, a fit of any subset of the candidate terms needs no second pass over
+//! the data.
 
 use std::ops::AddAssign;
 
@@ -6,19 +7,19 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::statistics::count;
 
-/// Columns of the bank, with their gains.
+/// Indices of columns in the matrix of candidate terms, with their gains.
 pub(crate) type Gains = Vec<(usize, f64)>;
 
 /// Gram products of a run: X'X, X'y and y'y of its columns X and its target y. Products of several runs are added.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Gram {
-    /// X'X: products of the columns with each other.
+    /// X'X: products of the columns (candidate terms) with each other.
     pub(crate) square: DMatrix<f64>,
-    /// X'y: product of each column with the target.
+    /// X'y: product of each column (candidate term) with the target.
     pub(crate) cross: DVector<f64>,
     /// y'y: sum of the squares of the target.
     pub(crate) power: f64,
-    /// Number of rows over which the products are summed.
+    /// Number of log rows over which the products are summed.
     pub(crate) rows: f64,
 }
 
@@ -76,7 +77,7 @@ impl Gram {
         self
     }
 
-    /// Returns the products of some of the columns.
+    /// Returns the products of some of the columns (candidate terms).
     pub(crate) fn of_columns(&self, columns: &[usize]) -> Gram {
         Gram {
             square: DMatrix::from_fn(columns.len(), columns.len(), |i, j| {

@@ -40,12 +40,12 @@ pub struct Identified {
     pub method: &'static str,
     /// Name of the axis in the profile.
     pub axis: String,
-    /// Name of the column with the measured error.
+    /// Name of the log column with the measured error.
     pub error: String,
     /// Terms of Cz = Σ gain·rise; empty for a network.
     pub terms: Vec<TermFound>,
-    /// Condition number of the terms' columns, each scaled to a root mean square of 1. `None` if two columns are the
-    /// same, or if there are no terms.
+    /// Condition number of the matrix of the terms' values, each term scaled to a root mean square of 1. `None` if two
+    /// terms have the same values, or if there are no terms.
     pub condition: Option<f64>,
     /// Description of the network; `None` for other models.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -110,9 +110,10 @@ pub struct TermFound {
     pub unit: String,
     /// Standard error of the gain; `None` if there are too few runs.
     pub se: Option<f64>,
-    /// Largest contribution to Cz on any row, µm.
+    /// Largest contribution to Cz in any log row, µm.
     pub largest_um: f64,
-    /// Factor by which other, similar terms increase the variance of the gain; `None` if two columns are the same.
+    /// Factor by which other, similar terms increase the variance of the gain; `None` if two terms have the same
+    /// values.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub inflation: Option<f64>,
     /// Whether the term belongs to the slope over the position.
@@ -129,13 +130,13 @@ pub struct TermFound {
 /// Column of the logs, and its use.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ColumnShown {
-    /// Name of the column.
+    /// Name of the log column.
     pub name: String,
     /// Kind of quantity, detected from unit, name and values.
     pub kind: Kind,
-    /// Use of the column.
+    /// Use of the log column in the identification.
     pub used: &'static str,
-    /// Smallest step between two values; 0 if the values never change. `None` if the column was not read.
+    /// Smallest step between two values; 0 if the values never change. `None` if the log column was not read.
     pub resolution: Option<f64>,
     /// Smallest value in the logs; `None` if the column was not read.
     pub min: Option<f64>,

@@ -8,7 +8,8 @@ use isotherm_core::compensation::model::network::Net;
 
 /// Identification method, combined with the data of a campaign.
 pub(crate) trait Learner: Sync {
-    /// Bank with the rows from which the method identifies a model, and on which the model is validated.
+    /// Matrix of candidate terms, with the rows from which the method identifies a model, and on which the model is
+    /// validated.
     fn bank(&self) -> &Bank;
 
     /// Identifies a model from these runs, without these inputs.
@@ -32,7 +33,7 @@ pub enum Learned {
     },
     /// Network whose inputs are rises.
     Net {
-        /// Inputs in the order of the network: columns of the bank.
+        /// Inputs in the order of the network. Each is a candidate term.
         inputs: Vec<Candidate>,
         /// Network that computes Cz from the rises.
         net: Box<Net>,
@@ -63,7 +64,7 @@ impl Learned {
         inputs
     }
 
-    /// Returns the Cz of the model for each row of a run in the bank, µm.
+    /// Returns the Cz of the model for each row of a run, µm. `bank` is the matrix of candidate terms.
     pub(crate) fn predict(&self, campaign: &Campaign<'_>, bank: &Bank, run: usize) -> Vec<f64> {
         let rises = &bank.runs[run].rises;
         match self {

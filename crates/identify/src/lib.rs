@@ -5,8 +5,8 @@
 //!  (logs)   (checks,   (profile's  (rises   (X'X)   (learn)    (one run    (JSON)        (TOML)
 //!           faults)     view)     and lags)                   left out)
 //! ```
-//! The rises and lags of the bank are computed by the gateway's own [`compensation`](isotherm_core::compensation).
-//! Therefore an identified model gives the same values in the gateway.
+//! The rises and lags in the matrix of candidate terms (`bank`) are computed by the gateway's own
+//! [`compensation`](isotherm_core::compensation). Therefore an identified model gives the same values in the gateway.
 //!
 //! [`fleet`] stores the products of each run, so that the products of several machines can be added. [`select`] selects
 //! measuring points without a profile. [`report`] renders HTML reports of models and of selections.

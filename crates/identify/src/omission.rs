@@ -36,8 +36,8 @@ pub(crate) fn harmful(campaign: &Campaign<'_>, suspects: &[usize]) -> Vec<(usize
     found
 }
 
-/// Returns the effect of leaving this input out of a campaign. `None` if a model with the input cannot be tested,
-/// because there is only one run, or because the input is missing throughout a run.
+/// Returns the effect on the residual error if this input is left out of a campaign. `None` if a model with the input
+/// cannot be tested, because there is only one run, or because the input is missing throughout a run.
 pub(crate) fn cost(campaign: &Campaign<'_>, input: &Input) -> Option<Omission> {
     let (with, place) = (campaign.with_input(input.clone()), campaign.inputs.len());
     let left = left_without(&with, &[Vec::new(), vec![place]])?;

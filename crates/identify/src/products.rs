@@ -11,9 +11,9 @@ use crate::whiten;
 /// Gram products X'X, X'y and y'y of each run.
 #[derive(Clone, Debug)]
 pub(crate) struct Products {
-    /// Products of the rows as recorded. Models are validated on them.
+    /// Gram products of the log rows as recorded. Models are validated with them.
     plain: Vec<Gram>,
-    /// Products of the whitened rows. Models are identified from them.
+    /// Gram products of the whitened log rows. Models are identified from them.
     white: Vec<Gram>,
 }
 

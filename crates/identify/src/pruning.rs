@@ -5,7 +5,7 @@
 use crate::bank::{Bank, Candidate};
 use crate::learn::Learned;
 
-/// Removes the terms with the smallest effects. On every row, the sum of the removed effects is at most `most` µm.
+/// Removes the terms with the smallest effects. In every log row, the sum of the removed effects is at most `most` µm.
 pub(crate) fn prune(learned: Learned, bank: &Bank, most: f64) -> Learned {
     let Some(gains) = learned.sum() else { return learned };
     let apart = match &learned {
@@ -25,8 +25,8 @@ pub(crate) fn prune(learned: Learned, bank: &Bank, most: f64) -> Learned {
     }
 }
 
-/// Returns for each term whether it remains in the model; `None` if the bank does not contain a column. `apart` is the
-/// difference of the gains of the two models of a mean; empty for other models.
+/// Returns for each term whether it remains in the model; `None` if the matrix of candidate terms lacks one of them.
+/// `apart` is the difference of the gains of the two models of a mean; empty for other models.
 fn kept(gains: &[(Candidate, f64)], apart: &[f64], bank: &Bank, most: f64) -> Option<Vec<bool>> {
     let columns: Vec<usize> =
         gains.iter().map(|(candidate, _)| bank.column(candidate)).collect::<Option<_>>()?;

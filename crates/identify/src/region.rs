@@ -15,7 +15,7 @@ pub struct Region {
     /// Name, mean, smallest and largest rise of each input.
     pub inputs: Vec<(String, f64, f64, f64)>,
     covariance: DMatrix<f64>,
-    /// Largest Mahalanobis distance of a row.
+    /// Largest Mahalanobis distance of the inputs in any row of the logs.
     reach: f64,
 }
 

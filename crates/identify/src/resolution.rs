@@ -12,9 +12,9 @@ use isotherm_profile::Signal;
 
 /// Minimum number of consecutive equal readings of a plateau. Means of a fluctuating reading are rarely equal so often.
 const PLATEAU: usize = 5;
-/// Minimum share of the readings on plateaus for a column whose counts are coarse.
+/// Minimum share of the readings on plateaus for a sensor (log column) whose counts are coarse.
 const COARSE: f64 = 0.2;
-/// Minimum number of plateaus for which the counts of a column are treated as coarse, whatever the share of readings on
+/// Minimum number of plateaus for which the counts of a sensor are treated as coarse, whatever the share of readings on
 /// plateaus. A fine sensor has one plateau for each time that it froze.
 const MANY: usize = 10;
 /// Difference below which two readings are equal, °C.
@@ -32,7 +32,8 @@ pub(crate) fn scale(signal: &Signal) -> Option<f64> {
     }
 }
 
-/// Estimates the count of a column, in its unit, from its plateaus. Returns 0 if the column has too few plateaus.
+/// Estimates the count (smallest step) of a sensor, in its unit, from the plateaus in its log column. Returns 0 if
+/// there are too few plateaus.
 pub(crate) fn estimated(dataset: &Dataset, column: usize) -> f64 {
     let (mut levels, mut still, mut all) = (Vec::new(), 0, 0);
     for run in &dataset.runs {
@@ -56,8 +57,8 @@ pub(crate) fn estimated(dataset: &Dataset, column: usize) -> f64 {
     if smallest.is_finite() { smallest.min(MOST) } else { USUAL }
 }
 
-/// Returns the smallest step of a column between two rows, in its unit; 0 if the column never changes. The step is the
-/// count of the sensor, except if the rows are means.
+/// Returns the smallest step of a log column between two rows, in its unit; 0 if the column never changes. The step is
+/// the count of the sensor, except if the rows are means.
 pub(crate) fn finest_step(dataset: &Dataset, column: usize) -> f64 {
     faults::resolution(dataset, column).min(MOST)
 }

@@ -33,7 +33,7 @@ pub use steps::{Step, Steps};
 /// Assessment of the points. Serialized, it is the JSON of `select`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Selected {
-    /// Column of the measured error.
+    /// Log column of the measured error.
     pub error: String,
     /// Result of each run: without compensation, and as a held-out run with the recommended points.
     pub runs: Vec<RunScore>,
@@ -60,7 +60,7 @@ pub struct Selected {
 /// A point and its figures.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Point {
-    /// Name of the column.
+    /// Name of the log column.
     pub name: String,
     /// Correlation of the rise of the point with the error.
     pub correlation: f64,

@@ -14,12 +14,12 @@ use sound_sensors::{SoundSensors, examine};
 
 mod sound_sensors;
 
-/// Columns that the operator has chosen, and their use. Without a profile, `axis` and `position` are ignored.
+/// Log columns that the operator has chosen, and their use. Without a profile, `axis` and `position` are ignored.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Choice {
     /// Name of the axis; `None` means the only axis of the profile.
     pub axis: Option<String>,
-    /// Column with the measured error; `None` means `<axis>_error_um`.
+    /// Log column with the measured error; `None` means `<axis>_error_um`.
     pub error: Option<String>,
     /// Names of the inputs. If the list is empty, every temperature of the profile that the logs contain is an input.
     pub inputs: Vec<String>,
@@ -29,7 +29,7 @@ pub struct Choice {
     pub without: Vec<String>,
     /// Inputs that are used although they look faulty.
     pub keep: Vec<String>,
-    /// Time over which rows are averaged; zero means no averaging.
+    /// Time over which log rows are averaged; zero means no averaging.
     pub resample: Duration,
     /// Signal of the axis position, and the position at which the slope adds nothing, mm.
     pub position: Option<(String, f64)>,
@@ -78,7 +78,7 @@ pub fn without_cz(
 }
 
 impl Choice {
-    /// Returns the column with the measured error: the named one, or `<axis>_error_um`.
+    /// Returns the log column with the measured error: the named one, or `<axis>_error_um`.
     #[must_use]
     pub fn error_column(&self, profile: &Profile) -> String {
         // `ready` reports a missing axis.
@@ -90,7 +90,7 @@ impl Choice {
     }
 }
 
-/// Returns a function that gives the unit of a column; `None` if the column is no signal of the profile.
+/// Returns a function that gives the unit of a log column; `None` if the column is no signal of the profile.
 pub fn units(profile: &Profile) -> impl Fn(&str) -> Option<&'static str> + '_ {
     |name| profile.signals.iter().find(|signal| signal.name == name).map(|signal| signal.unit.0)
 }

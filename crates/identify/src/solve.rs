@@ -13,9 +13,10 @@ mod net;
 
 pub(super) use net::Net;
 
-/// Minimum penalty. It makes the system of two equal columns solvable, and has no visible effect otherwise.
+/// Minimum penalty. Because of it, the equations have a solution even if two terms are equal. It has no visible effect
+/// otherwise.
 const ROUNDING: f64 = 1e-12;
-/// Minimum root mean square that is assumed for a column. A column of zeros would otherwise have the scale zero.
+/// Minimum root mean square that is assumed for a term. A term that is always zero would otherwise have the scale zero.
 const STANDS_STILL: f64 = 1e-9;
 
 /// Returns the gains w of these columns that minimize the mean squared residual plus `penalty`·|w|². For the penalty,

@@ -44,7 +44,7 @@ const TIMES: f64 = 2.0;
 const ENOUGH_RUNS: usize = 4;
 /// Factor by which the largest D must exceed the second largest to be ignored.
 const FAR: f64 = 3.0;
-/// Penalty if there is only one run, which gives no validation.
+/// Ridge penalty for a single run, with which no validation is possible.
 const UNCHOSEN: f64 = 0.3;
 
 /// Stand-in of one sensor.
@@ -81,7 +81,7 @@ impl StandIn {
     }
 }
 
-/// Rises of the sensors in every row, including rows without a measured error. Each sensor is predicted from the
+/// Rises of the sensors in every log row, including rows without a measured error. Each sensor is predicted from the
 /// others.
 pub(crate) struct Others<'a> {
     campaign: &'a Campaign<'a>,
@@ -104,7 +104,7 @@ impl<'a> Others<'a> {
         Others { campaign, white: bank.runs_in_parallel(gram), bank, sensors }
     }
 
-    /// Returns the products of these columns, with a sensor's own rise as the target.
+    /// Returns the Gram products of these candidate terms, with a sensor's own rise as the target.
     fn products(&self, own: usize, columns: &[usize], runs: &[usize]) -> Gram {
         let sum = Gram::sum(&self.white, runs);
         Gram {
@@ -285,8 +285,8 @@ fn threshold(each: &[(usize, Vec<f64>)]) -> f64 {
     (TIMES * seen).max(LEAST)
 }
 
-/// Returns D in each row, °C: the motion of `predicted` since the reading last changed. `changed` is the time of the
-/// last change before each row, s.
+/// Returns D in each log row, °C: the motion of `predicted` since the reading last changed. `changed` is the time of
+/// the last change before each row, s.
 fn apart(seconds: &[f64], predicted: &[f64], changed: &[f64]) -> Vec<f64> {
     let then = |changed: f64| seconds.partition_point(|second| *second <= changed).saturating_sub(1);
     let rows = seconds.iter().zip(predicted).zip(changed);

@@ -2,7 +2,7 @@
 
 use std::borrow::Borrow;
 
-/// Converts a number of rows to floating point.
+/// Converts a number of log rows to floating point.
 pub(super) fn count(rows: usize) -> f64 {
     #[allow(clippy::cast_precision_loss, reason = "rows of a log")]
     let count = rows as f64;

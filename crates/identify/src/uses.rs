@@ -7,8 +7,8 @@ use crate::drift::is_feed;
 use crate::setup::{Choice, units};
 use isotherm_profile::Profile;
 
-/// Selects the columns of `isotherm identify`: the signals of the profile, the error, its active Cz, and columns that
-/// describe the use of the machine.
+/// Selects the log columns that `isotherm identify` reads: the signals of the profile, the error, its active Cz, and
+/// columns that describe the use of the machine.
 pub fn of_identify<'a>(
     profile: &'a Profile,
     choice: &'a Choice,
@@ -24,8 +24,8 @@ pub fn of_identify<'a>(
     }
 }
 
-/// Selects the columns of `isotherm select`: the points, the error, its active Cz, and speeds. Without `choice.inputs`,
-/// every column that may be a temperature is a point.
+/// Selects the log columns that `isotherm select` reads: the points, the error, its active Cz, and speeds. Without
+/// `choice.inputs`, every column that may be a temperature is a point.
 pub fn of_select<'a>(choice: &'a Choice, applied: &'a Applied) -> impl Fn(&str) -> bool + 'a {
     move |name| {
         let is_named = |names: &[String]| names.iter().any(|known| known == name);
@@ -42,8 +42,8 @@ pub fn of_select<'a>(choice: &'a Choice, applied: &'a Applied) -> impl Fn(&str) 
     }
 }
 
-/// Selects the columns of `isotherm report`: displacements, temperatures, and columns of turning or movement. Loads,
-/// pressures and switches are left out.
+/// Selects the log columns that `isotherm report` reads: displacements, temperatures, and columns of turning or
+/// movement. Loads, pressures and switches are left out.
 pub fn of_report<'a>(
     displacements: &'a [String],
     applied: &'a Applied,

@@ -23,7 +23,7 @@ pub struct RunScore {
     pub range_um: f64,
     /// Root mean square residual, µm.
     pub rmse_um: f64,
-    /// Absolute residual that 95 % of the rows do not exceed, µm.
+    /// Absolute residual error that 95 % of the log rows do not exceed, µm.
     pub p95_um: f64,
     /// Range of the error without compensation, µm.
     pub uncompensated_range_um: f64,
@@ -32,7 +32,7 @@ pub struct RunScore {
     /// Reduction of the range of the error in percent. It is negative if the range grew. `None` if the range without
     /// compensation is zero.
     pub range_cut_percent: Option<f64>,
-    /// Share of the rows within the expected error; `None` if that error is not known.
+    /// Share of the log rows whose residual is within the expected error; `None` if that error is not known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_um: Option<Inside>,
 }
@@ -107,26 +107,26 @@ impl Means {
     }
 }
 
-/// Held-out run, row by row.
+/// Run that was held out of the identification, with its error and the Cz of the model in each row.
 #[derive(Clone, Debug)]
 pub struct HeldOut {
     /// Score of the run.
     pub score: RunScore,
-    /// Number of the averaging window of each row.
+    /// Number of the averaging window from which each row was made.
     pub(crate) windows: Vec<u128>,
     /// Time of each row, s since the run's first row.
     pub seconds: Vec<f64>,
-    /// Measured error e, µm, counted from its cold value.
+    /// Measured error e in each row, µm, counted from its cold value.
     pub error: Vec<f64>,
-    /// Cz that the model would have added, µm.
+    /// Cz that the model would have added in each row, µm.
     pub cz: Vec<f64>,
     /// Model, identified from all other runs.
     pub learned: Learned,
 }
 
 impl HeldOut {
-    /// Returns the residual error in each row: e + Cz. `probe` is the interval of a simulated probe, s. With it, the
-    /// residual at the last probing is subtracted.
+    /// Returns the residual error in each log row: e + Cz. `probe` is the interval of a simulated probe, s. With it,
+    /// the residual at the last probing is subtracted.
     pub fn residual(&self, probe: Option<f64>) -> Vec<f64> {
         residual(&self.seconds, &self.error, &self.cz, probe)
     }

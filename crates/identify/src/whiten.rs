@@ -19,7 +19,8 @@ use crate::gram::Gram;
 /// Variance that the random walk of the residual gains per hour, relative to the variance of a minute row.
 const WALK_PER_HOUR: f64 = 1.0;
 
-/// Returns for each row the Kalman gain K, and the standard deviation √F by which the innovation of the row is divided.
+/// Returns for each log row the Kalman gain K, and the standard deviation √F by which the innovation of the row is
+/// divided.
 fn steps(seconds: &[f64]) -> Vec<(f64, f64)> {
     let mut variance = 0.0;
     let mut last = seconds.first().copied().unwrap_or_default();

@@ -38,9 +38,9 @@ struct Piece {
 pub struct Division {
     /// Cut; `None` if two parts were joined.
     pub cut: Option<Cut>,
-    /// Parts after the change.
+    /// Parts (blocks) after the change.
     pub parts: Vec<Part>,
-    /// Lower bound of the residual, µm RMS over guideway and cases.
+    /// Lower bound of the residual error with these parts, µm RMS over all guideway nodes and load cases.
     pub floor_um: f64,
 }
 
@@ -83,7 +83,7 @@ impl<'a> Floors<'a> {
         (left.sum::<f64>() / count((self.rows.len() * self.moved.len()).max(1))).sqrt()
     }
 
-    /// Returns the lower bound of the residual with these parts, µm RMS over guideway and cases.
+    /// Returns the lower bound of the residual error with these parts, µm RMS over all guideway nodes and load cases.
     #[must_use]
     pub fn of(&self, parts: &[Part]) -> f64 {
         self.floor(&self.pieces(parts), &[], &[])

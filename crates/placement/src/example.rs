@@ -13,7 +13,7 @@ use crate::grid::Grid;
 use crate::mesh::{Kind, Mesh, count};
 use crate::write::{coordinates, element, set};
 
-/// Boundaries of the cells along each axis, mm.
+/// Boundaries of the grid cells along each axis, mm.
 const LINES: [&[f64]; 3] = [
     &[-350.0, -310.0, -260.0, -200.0, -100.0, 0.0, 100.0, 200.0, 260.0, 310.0, 350.0],
     &[
@@ -170,7 +170,7 @@ fn mesh() -> Mesh {
     )
 }
 
-/// Returns the position of a cell boundary with this number, mm. A number with a half is the middle between two
+/// Returns the position of the grid boundary with this number, mm. A number with a half is the middle between two
 /// boundaries.
 fn along(axis: usize, counted: f64) -> f64 {
     let lines = LINES[axis];

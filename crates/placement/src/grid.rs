@@ -1,14 +1,14 @@
-//! Body made of the cells of a box, as a mesh of tetrahedra.
+//! Body made of the grid cells of a box, as a mesh of tetrahedra.
 
 use std::collections::HashMap;
 
 use crate::element::EDGES;
 use crate::mesh::{Element, Kind, Mesh, NodeId, count};
 
-/// Box that is divided into cells.
+/// Box that is divided into grid cells.
 #[derive(Debug, Clone, Copy)]
 pub struct Grid {
-    /// Number of cells along each axis.
+    /// Number of grid cells along each axis.
     pub cells: [usize; 3],
     /// Length of the box along each axis, mm.
     pub size: [f64; 3],
@@ -17,7 +17,7 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Meshes the cells for whose centres `kept` returns true. `moved` maps each corner to its position. All
+    /// Meshes the grid cells for whose centres `kept` returns true. `moved` maps each corner to its position. All
     /// coordinates are in mm.
     #[must_use]
     pub fn mesh(

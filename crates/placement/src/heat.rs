@@ -40,8 +40,8 @@ pub fn temperatures(
     reached(&Heat::of(mesh, materials, load)?, load, progress)
 }
 
-/// Calculates the rises for several load cases, in parallel. The matrix for the common mesh and materials is assembled
-/// once.
+/// Calculates the rises for several load cases, in parallel. A load case with the mesh, the materials and the
+/// prescribed nodes of the first load case uses the same matrix.
 pub fn temperatures_of_each(inputs: &[FeInput]) -> Vec<Result<Vec<f64>, HeatError>> {
     let first = inputs.first().map(|first| (first, Conducts::of(&first.mesh, &first.materials, &first.load)));
     let one = |input: &FeInput| {

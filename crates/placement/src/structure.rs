@@ -54,7 +54,7 @@ pub struct Structure<'a> {
 pub struct Adjoint {
     /// Number of rows: three (x, y, z) for each guideway node, in their order.
     pub rows: usize,
-    /// Number of columns: nodes of the mesh.
+    /// Number of columns of the matrix: nodes of the mesh.
     pub columns: usize,
     /// Values in mm/K, row by row.
     pub values: Vec<f64>,

@@ -127,7 +127,7 @@ pub struct CaseResult {
     pub name: String,
     /// Displacement δ1 of the guideway in the case, mm. Rows: 3·guide + component.
     pub delta1_mm: Vec<f64>,
-    /// Largest displacement δ1 in an evaluated direction, µm.
+    /// Largest displacement of a guideway node in an evaluated direction, µm.
     pub largest_um: f64,
     /// Error with a node at the centre of each block.
     pub naive_centroid: Residual,

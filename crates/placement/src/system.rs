@@ -15,7 +15,7 @@ use faer::{Conj, MatMut, Par, Side};
 
 use crate::graph::Graph;
 
-/// Number of rows up to which threads cost more time than they save.
+/// Number of equations (matrix rows) up to which threads cost more time than they save.
 const SMALL: usize = 30_000;
 
 /// Sparsity pattern of a system over the free nodes of a mesh.
@@ -24,9 +24,9 @@ struct Pattern {
     free: Vec<Option<usize>>,
     /// Number of rows of a right-hand side.
     size: usize,
-    /// Index in `rows` at which each column begins.
+    /// Index in `rows` at which each column of the matrix begins.
     start: Vec<usize>,
-    /// Rows of the entries, ascending in each column.
+    /// Row number of each matrix entry, ascending in each column.
     rows: Vec<usize>,
     /// Elimination order and fill-in, which are the same for all values; `None` if they cannot be determined.
     symbolic: Option<Arc<SymbolicCholesky<usize>>>,

@@ -30,7 +30,7 @@ pub struct View {
 pub struct VisiblePoint {
     /// Coordinate along the axis towards the viewer, mm.
     depth: f64,
-    /// Corners of the triangle.
+    /// Corners of one triangle of the surface.
     pub corners: [usize; 3],
     /// Weights of the corners; their sum is 1.
     pub shares: [f64; 3],

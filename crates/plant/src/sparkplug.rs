@@ -141,7 +141,7 @@ impl Sparkplug {
         LostValues { unconfirmed_records: self.unconfirmed.dropped(), ..self.left_out }
     }
 
-    /// Makes the birth message, and data messages with the waiting events and `events`.
+    /// Makes the birth message, and data messages with the events that were queued before it and with `events`.
     fn birth(&mut self, now: Moment, snapshot: &Snapshot, events: &[PlantEvent]) -> Vec<Message> {
         let stamp = self.stamp(now, snapshot);
         self.owes_birth = false;

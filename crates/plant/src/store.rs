@@ -261,8 +261,8 @@ impl Store {
     /// Marks the `count` oldest records as published, and removes the files that contain no others.
     ///
     /// # Errors
-    /// The mark cannot be written. Until a restart, the records are not returned again. After a restart, they are
-    /// returned if their file still exists.
+    /// The mark cannot be written. Before a restart, the records are not returned a second time. After a restart, they
+    /// are returned if their file still exists.
     pub fn drop_first(&mut self, count: usize) -> io::Result<()> {
         let mut left = u64::try_from(count).unwrap_or(u64::MAX);
         for segment in &self.segments {

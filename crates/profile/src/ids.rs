@@ -16,6 +16,6 @@ pub struct AxisId(pub usize);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct OutputId(pub usize);
 
-/// Index of a set (outputs that are written together) in the profile.
+/// Index of an output set (outputs that are written together) in the profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct SetId(pub usize);

@@ -43,7 +43,7 @@ pub struct Profile {
     pub axes: Vec<Axis>,
     /// Outputs: values that the gateway writes to devices.
     pub outputs: Vec<Output>,
-    /// Sets of outputs that are written together.
+    /// Output sets: outputs that are written together.
     pub sets: Vec<OutputSet>,
     /// Heartbeat, which shows the CNC that the gateway runs.
     pub heartbeat: Option<Heartbeat>,
@@ -109,8 +109,8 @@ impl Profile {
         &self.axes[id.0]
     }
 
-    /// Returns whether an axis does not compensate, but only returns a register that no output uses any more to its
-    /// value without Cz.
+    /// Returns whether an axis does not compensate, but only returns a register that outputs no longer use to its value
+    /// without Cz.
     pub fn is_release(&self, id: AxisId) -> bool {
         self.axis(id).purpose == Purpose::Release
     }
@@ -125,7 +125,7 @@ impl Profile {
         &self.outputs[id.0]
     }
 
-    /// Set with this index.
+    /// Output set with this index.
     pub fn set(&self, id: SetId) -> &OutputSet {
         &self.sets[id.0]
     }

@@ -4,8 +4,8 @@
 //!
 //! | `x-layers` | meaning |
 //! |---|---|
-//! | `less` | A guard: a layer may reduce the number |
-//! | `same` | A guard: only the profile sets it |
+//! | `less` | A limit: a layer may reduce the number |
+//! | `same` | A protection: only the profile sets it |
 //! | `arrives` | The key changes the data that the machine receives: only the profile sets it |
 //! | `free` | A layer may set it, although its table says otherwise |
 //!
@@ -171,7 +171,7 @@ fn tables<'a>(machine: &'a Value, kind: &str) -> impl Iterator<Item = (&'a Strin
     machine.get(kind).and_then(Value::as_object).into_iter().flatten()
 }
 
-/// Returns whether the gateway writes to this device, or writes a corrected position that it reads from this device.
+/// Returns whether the gateway writes to this device, or reads a position from it and writes that position plus Cz.
 fn is_written(machine: &Value, device: &str) -> bool {
     let is_its = |table: &Value| table.get("device").is_some_and(|of| of == device);
     let has_setup = machine.get("device").and_then(|all| all.get(device)?.get("setup")).is_some();
@@ -272,7 +272,7 @@ impl Guards<'_> {
         if self.spans.rank(path).0 > 0 {
             let why = match rule {
                 Rule::Arrives => "and this key changes the data that the machine receives",
-                _ => "and a layer can only tighten a guard that the profile has",
+                _ => "and a layer can only tighten a limit that the profile has",
             };
             let why = format!("the profile has no `{path}`, {why}");
             self.refuse(guard, path, why, "write this key into the profile");

@@ -1,5 +1,5 @@
-//! Temporary logs of a demo, so that its web page has a history. A demo stores no state and no ledger: each one starts
-//! without them.
+//! Temporary logs of a demo, so that its web page has a history. A demo stores no state and no register ledger: each
+//! one starts without them.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -46,7 +46,7 @@ impl Drop for Logs {
     }
 }
 
-/// Disk for state and ledger that stores nothing.
+/// Disk for saved state and register ledger that stores nothing.
 pub(super) struct NullDisk;
 
 impl Disk for NullDisk {

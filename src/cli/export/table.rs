@@ -12,10 +12,10 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::Type;
 
-/// Maximum number of cells that are kept in memory before a part is written.
+/// Maximum number of values that are collected in memory before a part of the table is written.
 const HELD: usize = 2_000_000;
 
-/// Type of a column.
+/// Type of a column of the exported table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     /// Time in UTC, to the microsecond. Every row must have it.
@@ -24,7 +24,8 @@ pub(super) enum Kind {
     Text,
 }
 
-/// Cells of a column. For numbers and texts, a flag for each row says whether the row has a cell (1).
+/// Values of a column of the exported table. For numbers and texts, a flag for each row says whether the row has a cell
+/// (1).
 #[derive(Debug)]
 enum Cells {
     Moments(Vec<i64>),
@@ -73,7 +74,7 @@ impl<'f> Table<'f> {
         }
     }
 
-    /// Ends a row. Every column must have got its cell before.
+    /// Ends a row of the exported table. Every column must have got its value before.
     pub(super) fn end_row(&mut self) -> Result<(), ParquetError> {
         self.rows += 1;
         if self.rows * self.columns.len() >= HELD { self.flush() } else { Ok(()) }

@@ -89,7 +89,7 @@ impl Recording {
         Ok(())
     }
 
-    /// Writes one row with a single write call, so that a power cut loses at most this row.
+    /// Writes one row of the recording with a single write call, so that a power cut loses at most this row.
     pub(super) fn row(
         &mut self,
         now: Moment,
@@ -133,7 +133,7 @@ impl Recording {
         self.rows
     }
 
-    /// Returns the signals without a value in the last row.
+    /// Returns the signals without a value in the last row of the recording.
     pub(super) fn missing_now(&self) -> Vec<&str> {
         self.columns.iter().filter(|column| column.missing).map(|column| column.name.as_str()).collect()
     }

@@ -32,8 +32,8 @@ pub struct StandIn {
 pub enum SensorFault {
     /// The reading does not change.
     Frozen,
-    /// The sensor has no good reading, or has good readings again but not agreed with the other sensors for long
-    /// enough.
+    /// The sensor has no good reading; or its readings are good again, but have not yet agreed with the other sensors
+    /// for long enough.
     Lost,
 }
 
@@ -57,10 +57,10 @@ pub struct Hold {
     pub why: String,
 }
 
-/// Whether an axis is on hold after a row.
+/// Whether an axis is on hold after a log row.
 #[derive(Debug)]
 pub(super) enum HoldChange {
-    /// The axis made no decision at this row, so the earlier result remains valid.
+    /// The axis made no decision at this log row, so the earlier result remains valid.
     AsBefore,
     /// The axis follows a model, is off, or stops because the gateway stops.
     No,
@@ -68,7 +68,7 @@ pub(super) enum HoldChange {
     Yes(Hold),
 }
 
-/// Findings about one axis at one row.
+/// Findings about one axis at one log row.
 #[derive(Debug)]
 pub(super) struct Findings {
     pub(super) stand_ins: Vec<StandIn>,
@@ -77,7 +77,7 @@ pub(super) struct Findings {
 }
 
 impl Findings {
-    /// Returns the findings about an axis after the decisions at this row.
+    /// Returns the findings about an axis after the decisions at this log row.
     pub(super) fn of(profile: &Profile, compensation: &Compensation, axis: usize, row: &LogRow) -> Findings {
         let (mut stand_ins, mut suspicions) = (Vec::new(), Vec::new());
         let rejected: Vec<RejectedSensor> = compensation.rejected(axis).collect();
@@ -152,7 +152,7 @@ fn why_not_replaced(
         .to_owned()
 }
 
-/// Returns whether an axis is on hold after this row, and why.
+/// Returns whether an axis is on hold after this log row, and why.
 fn held(profile: &Profile, compensation: &Compensation, axis: usize, row: &LogRow) -> HoldChange {
     let decided = compensation.decision(axis).filter(|decision| decision.at == row.now);
     let Some((decision, control)) = decided.zip(row.controls.get(axis)) else { return HoldChange::AsBefore };
@@ -177,7 +177,7 @@ fn held(profile: &Profile, compensation: &Compensation, axis: usize, row: &LogRo
     let why = match (why.is_empty(), decision.model) {
         (false, _) => why,
         (true, Some(_)) => {
-            "the inputs of the axis are not clearly inside the envelope of the model again".to_owned()
+            "the inputs of the axis are not yet clearly back inside the envelope of the model".to_owned()
         }
         (true, None) => "no model of the axis has a value".to_owned(),
     };

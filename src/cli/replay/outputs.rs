@@ -21,7 +21,7 @@ use isotherm_profile::{counted, duration_text};
 pub struct OutputsSummary {
     /// Name of the log.
     pub log: String,
-    /// Number of rows read.
+    /// Number of log rows read.
     pub rows: u64,
     /// Time between the earliest and the latest row of the log, s.
     pub span_s: f64,

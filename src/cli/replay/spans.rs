@@ -22,7 +22,7 @@ pub struct Span<T> {
     pub from: String,
     /// `time` of the first row after the time span; or of the last row of the log.
     pub to: String,
-    /// Time between the rows `from` and `to`, s.
+    /// Time between the log rows `from` and `to`, s.
     pub span_s: f64,
     /// Whether the finding was still true in the last row of the log.
     pub lasts: bool,
@@ -55,7 +55,7 @@ pub struct OmittedSpans {
     pub holds: u64,
 }
 
-/// Collector of the time spans of one axis, row by row.
+/// Collector of the time spans of one axis. It receives the log row by row.
 #[derive(Debug)]
 pub(super) struct SpanTally {
     stand_ins: SpanList<StandIn>,
@@ -68,7 +68,7 @@ impl SpanTally {
         SpanTally { stand_ins: SpanList::new(), suspicions: SpanList::new(), holds: SpanList::new() }
     }
 
-    /// Adds the findings at a row.
+    /// Adds the findings at a log row.
     pub(super) fn row(&mut self, row: &LogRow, found: Findings) {
         // `for_s` grows with each row. `why` of a suspicion is that of its first row.
         self.stand_ins.row(row, found.stand_ins, |one, other| {
@@ -83,7 +83,7 @@ impl SpanTally {
         self.holds.row(row, holds, |one, other| one == other);
     }
 
-    /// Returns the time spans up to the last row. `last` is the time of that row, as text and as a moment.
+    /// Returns the time spans up to the last log row. `last` is the time of that row, as text and as a moment.
     pub(super) fn spans(self, last: (&str, Moment)) -> AxisSpans {
         let (stand_ins, stand_ins_left_out) = self.stand_ins.spans(last);
         let (suspicions, suspicions_left_out) = self.suspicions.spans(last);
@@ -112,7 +112,7 @@ struct Open<T> {
     begun: Moment,
     /// Index in the list of stored time spans; `None` if it is only counted.
     place: Option<usize>,
-    /// Whether the finding is also true in the present row.
+    /// Whether the finding is also true in the present log row.
     lasts: bool,
 }
 
@@ -121,7 +121,7 @@ impl<T: Clone> SpanList<T> {
         SpanList { kept: Vec::new(), left_out: 0, open: Vec::new() }
     }
 
-    /// Adds the findings at a row. `is_same` returns whether two findings belong to one time span.
+    /// Adds the findings at a log row. `is_same` returns whether two findings belong to one time span.
     fn row(&mut self, row: &LogRow, found: Vec<T>, is_same: impl Fn(&T, &T) -> bool) {
         self.open.iter_mut().for_each(|open| open.lasts = false);
         for what in found {
@@ -164,8 +164,8 @@ impl<T: Clone> SpanList<T> {
 }
 
 impl<T> Open<T> {
-    /// Ends the time span at this row. `lasts`: the row is the last one of the log, and the finding is still true in
-    /// it.
+    /// Ends the time span at this log row. `lasts`: the row is the last one of the log, and the finding is still true
+    /// in it.
     fn end(&self, kept: &mut [Span<T>], (time, now): (&str, Moment), lasts: bool) {
         if let Some(span) = self.place.and_then(|place| kept.get_mut(place)) {
             time.clone_into(&mut span.to);

@@ -19,7 +19,7 @@ use isotherm_profile::{counted, duration_text};
 pub struct Summary {
     /// Name of the log.
     pub log: String,
-    /// Number of replayed rows.
+    /// Number of replayed log rows.
     pub rows: u64,
     /// Time from the earliest to the latest row of the log, s.
     pub span_s: f64,
@@ -35,14 +35,14 @@ pub struct Summary {
 /// Results for one axis.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct AxisSummary {
-    /// Range of Cz that the models requested, µm; `None` if no model could be used in any row.
+    /// Range of Cz that the models requested, µm; `None` if no model could be used in any log row.
     pub raw_um: Option<Range>,
-    /// Range of Cz after the guard (limit, step and rate), µm.
+    /// Range of Cz after the limits of the axis (limit, deadband, step, rate, rounding), µm.
     pub cz_um: Option<Range>,
-    /// Share of the rows in each state of the axis that occurred.
+    /// Share of the log rows in each state of the axis that occurred.
     pub states: BTreeMap<&'static str, f64>,
-    /// Share of the rows whose model was worse than no compensation, as measurements with the probe had shown; `None`
-    /// if there were none.
+    /// Share of the log rows whose model was worse than no compensation, as measurements with the probe had shown;
+    /// `None` if there were none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub worse: Option<f64>,
     /// Time spans in which sensors were replaced or suspected, or in which the axis was on hold.
@@ -54,7 +54,7 @@ pub struct AxisSummary {
     pub reproduced: Option<Reproduced>,
 }
 
-/// Smallest and largest value.
+/// Smallest and largest value of a quantity over all log rows.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Range {
     /// Smallest value.
@@ -63,10 +63,10 @@ pub struct Range {
     pub max: f64,
 }
 
-/// Measured error without and with Cz, over the rows that have a measured error.
+/// Measured error without and with Cz, over the log rows that have a measured error.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ErrorSummary {
-    /// Number of rows with a measured error.
+    /// Number of log rows with a measured error.
     pub rows: u64,
     /// Largest minus smallest error without Cz, µm.
     pub range_before_um: f64,
@@ -85,7 +85,7 @@ pub struct Reproduced {
     pub rows: u64,
     /// Number of rows at which the replay gave another result than the log.
     pub differing: u64,
-    /// First row at which the results differ; `None` if there is none.
+    /// First log row at which the replayed result differs from the recorded one; `None` if there is none.
     pub first: Option<Difference>,
 }
 
@@ -94,7 +94,7 @@ pub struct Reproduced {
 pub struct Difference {
     /// Line number in the log.
     pub line: u64,
-    /// Name of the column that differs.
+    /// Name of the log column that differs.
     pub column: String,
     /// Value in the log.
     pub recorded: String,
@@ -102,13 +102,13 @@ pub struct Difference {
     pub replayed: String,
 }
 
-/// Collector of a [`Summary`], row by row.
+/// Collector of a [`Summary`]. It receives the log row by row.
 #[derive(Debug)]
 pub(super) struct Tally {
     rows: u64,
     span: Option<(Moment, Moment)>,
     last: Option<Moment>,
-    /// `time` of the last row.
+    /// Value of the column `time` in the last log row.
     last_time: String,
     /// First axis and model whose file of stand-ins differs from the file at the time of the log; `None` if none
     /// differs.
@@ -120,12 +120,12 @@ pub(super) struct Tally {
 struct AxisTally {
     name: String,
     every: Duration,
-    /// Number of rows that come later after the row before than the update interval of the axis.
+    /// Number of log rows whose time since the row before is longer than the update interval of the axis.
     late: u64,
     raw: Spread,
     cz: Spread,
     states: BTreeMap<&'static str, u64>,
-    /// Number of rows in which the model was worse than no compensation.
+    /// Number of log rows in which the model was worse than no compensation.
     worse: u64,
     spans: SpanTally,
     before: Spread,
@@ -220,7 +220,7 @@ impl Tally {
         }
     }
 
-    /// Adds the findings about an axis at a row.
+    /// Adds the findings about an axis at a log row.
     pub(super) fn findings(&mut self, place: usize, row: &LogRow, found: Findings) {
         if let Some(axis) = self.axes.get_mut(place) {
             axis.spans.row(row, found);

@@ -37,9 +37,9 @@ pub struct BusKind {
     pub has_namespaces: bool,
     /// Whether the other end keeps a state for a connection until it is closed in order.
     pub is_closed_in_order: bool,
-    /// Content of a line, as a scan finds it.
+    /// Way in which a scan searches a line of this type, and the results that it can have.
     pub scan: ScanKind,
-    /// Counterpart of a line in the virtual machine.
+    /// Part of the virtual machine that takes the place of the line's devices.
     pub virtual_line: VirtualLine,
 }
 
@@ -55,7 +55,7 @@ pub enum LinePlace {
     Name(String),
 }
 
-/// Content of a line, and how it is scanned.
+/// Way in which a line is scanned, which depends on whether its devices have registers.
 #[derive(Clone, Copy)]
 pub enum ScanKind {
     /// Units with registers.
@@ -65,7 +65,7 @@ pub enum ScanKind {
         /// Advice after an answer that violates the protocol, with a space before it.
         malformed: &'static str,
     },
-    /// Content without registers.
+    /// Line whose devices have no registers, such as a CAN line.
     Other {
         /// Kind of line: "a CAN line".
         is: &'static str,
@@ -82,18 +82,18 @@ pub type ScanFunction = for<'a> fn(&'a Bus, Option<Duration>) -> Boxed<'a, Resul
 /// Result of a scan.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScanReport {
-    /// Whether nothing was found.
+    /// Whether the scan found nothing on the line.
     pub is_empty: bool,
     /// Result for programs.
     pub json: serde_json::Value,
-    /// Result for users; empty if nothing was found.
+    /// Result for users; empty if the scan found nothing.
     pub text: String,
     /// Name of a bus for a profile, and the lines after those of its address. Or the reason why the gateway cannot use
     /// the line.
     pub profile: Result<(&'static str, String), String>,
 }
 
-/// Counterpart of a line in the virtual machine.
+/// Part of the virtual machine that takes the place of a line's devices.
 #[derive(Clone, Copy)]
 pub enum VirtualLine {
     /// The virtual machine serves the line; the words come before its address: "listens on".

@@ -79,12 +79,12 @@ impl Units {
         Units { all: devices.iter().map(unit).collect(), pending }
     }
 
-    /// Returns the position of a device in the list, its `place`.
+    /// Returns the index of a device in the list of the line's units, its `place`.
     pub(super) fn place(&self, device: DeviceId) -> Option<usize> {
         self.all.iter().position(|unit| unit.device == device)
     }
 
-    /// Returns the position in the list of the first device with this unit number.
+    /// Returns the index in the list of units of the first device with this unit number.
     pub(super) fn place_of(&self, number: u8) -> Option<usize> {
         self.all.iter().position(|unit| unit.number == number)
     }

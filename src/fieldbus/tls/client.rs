@@ -120,7 +120,8 @@ impl ResolvesClientCert for ShownCertificate {
     }
 }
 
-/// TLS stream as a port. A tap receives the bytes of Modbus, before encryption and after decryption.
+/// TLS stream as a port. A tap (recorder of the line) receives the bytes of Modbus, before encryption and after
+/// decryption.
 impl Port for TlsStream<LocalTcp> {}
 
 /// Verifier of a device's certificate. It trusts certificates signed by the authorities in a file, and the certificates

@@ -10,7 +10,7 @@ use super::pem::{certificates, private_key};
 /// Which of the two files has a mistake, and a sentence about the mistake.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Wrong {
-    /// Mistake in the certificate.
+    /// The certificate file has a mistake; contains the message.
     Cert(String),
     /// Mistake in the private key.
     Key(String),

@@ -282,8 +282,8 @@ impl CommandHandle {
         Answer::Done(said)
     }
 
-    /// Acknowledges one alarm, or all alarms if `alarm` is `None`. Only the journal changes, so the shared state is not
-    /// locked.
+    /// Acknowledges one alarm, or all alarms if `alarm` is `None`. Only the event journal changes, so the shared state
+    /// is not locked.
     pub(in crate::gateway) fn acknowledge(
         &self,
         alarm: Option<&str>,

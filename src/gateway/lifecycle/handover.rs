@@ -23,7 +23,7 @@ pub use profile::{KeptProfile, answer_of_check, memory_for_profile};
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Handover {
-    /// Requester of the restart, in the form in which a sentence names it.
+    /// Requester of the replacement, in the form in which a sentence names it.
     pub by: String,
     /// Names of the armed axes, with their Cz.
     pub armed: BTreeMap<String, Micron>,

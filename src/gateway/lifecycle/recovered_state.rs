@@ -99,9 +99,9 @@ impl RecoveredState {
         left
     }
 
-    /// Adds the registers that an operator has released to the profile, with their entries in the ledger. A register is
-    /// not added in a dry run, while the saved state is in question, or while another gateway writes to the register. A
-    /// release that an earlier run began is not repeated: the former register is reported again.
+    /// Adds the registers that an operator has released to the profile, with their entries in the register ledger. A
+    /// register is not added in a dry run, while the saved state is in question, or while another gateway writes to the
+    /// register. A release that an earlier run began is not repeated: the former register is reported again.
     pub(in crate::gateway) fn extend(&mut self, profile: &mut Profile, options: &Options) -> Releases {
         let RecoveredState { places, opened, is_lost, .. } = self;
         let releases = std::mem::take(&mut places.releases);
@@ -208,7 +208,8 @@ pub(in crate::gateway) fn begin(
     core.events.extend(core.places.events(&core.releases, &profile));
 }
 
-/// Replaces the node names in the ledger entries by the names that this profile uses for the same nodes.
+/// Replaces the node names in the entries of the register ledger by the names that this profile uses for the same
+/// nodes.
 fn name_as(profile: &Profile, places: &Places, entries: &mut Entries) {
     let now = Places::of(profile);
     for (name, entry) in entries {
@@ -236,8 +237,8 @@ fn outputs(restored: &RestoredMemory, entries: &Entries) -> BTreeMap<String, Kno
     known.collect()
 }
 
-/// Returns the gateway share in a shared register, from its ledger entry, in µm. `None` if the share is not known, or
-/// the entry is of another register.
+/// Returns the gateway share in a shared register (the part that the gateway has added), in µm, from the entry of the
+/// register ledger. `None` if the share is not known, or the entry is of another register.
 fn share_um(entry: &Entry, place: &OutputPlace) -> Option<f64> {
     let is_of_it = entry.place.as_ref().is_some_and(|known| known.is_same_register(place));
     let Account { share, .. } = entry.kept.account.filter(|account| is_of_it && account.doubt.is_none())?;

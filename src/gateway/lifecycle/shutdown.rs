@@ -59,8 +59,8 @@ pub(in crate::gateway) fn end_registers(shared: &Shared) {
     }
 }
 
-/// Requests the lines to reset each strobe that is set, and each control word that may report an armed axis. Returns
-/// whether there is such an output.
+/// Requests the lines to reset each strobe signal that is set, and each control word that may report an armed axis.
+/// Returns whether there is such an output.
 pub(in crate::gateway) fn leave(shared: &Shared) -> bool {
     let mut core = shared.core();
     // If the registers keep their values, the control continues with them.
@@ -106,7 +106,7 @@ pub(in crate::gateway) fn what_is_left(shared: &Shared) -> String {
             let ago = state.verified_at.map_or(0, |at| now.since(at).as_secs());
             let held = match (state.standing, state.cz) {
                 (RegisterHealth::Verified, Some(cz)) if output.share == Share::Ledger => {
-                    format!("{} holds {cz} from the gateway beside the operator offset", output.name)
+                    format!("{} holds {cz} from the gateway, in addition to the operator offset", output.name)
                 }
                 (RegisterHealth::Verified, Some(cz)) => format!("{} holds {cz}", output.name),
                 (_, Some(cz)) => {

@@ -1,5 +1,5 @@
-//! Replacement of the running program by another program. The other program has the same path and arguments, but
-//! perhaps another version or another profile. It runs in the same process, so that the service manager notices
+//! Replacement of the running gateway program by another program. The other program has the same path and arguments,
+//! but perhaps another version or another profile. It runs in the same process, so that the service manager notices
 //! nothing. First it checks the profile. If the check fails, the running program continues. If it passes, the other
 //! program runs exactly the profile that it has checked.
 
@@ -35,11 +35,11 @@ pub(in crate::gateway) const CHECKED_WITHIN: Duration = Duration::from_secs(60);
 /// File of the running program, even if another program is at its path now.
 const OWN_IMAGE: &str = "/proc/self/exe";
 const LOOK_EVERY: Duration = Duration::from_millis(20);
-/// Maximum size of a check's output that is stored, in bytes. `LINES` is the maximum number of its lines in the answer
-/// to the client.
+/// Maximum size, in bytes, of the output of the checking program that is stored. `LINES` is the maximum number of its
+/// lines in the answer to the client.
 const MOST_SAID: usize = 64_000;
 const LINES: usize = 5;
-/// Maximum number of characters of these lines in the answer to the client.
+/// Maximum number of characters of the check's output in the answer to the client.
 const LONGEST_SAID: usize = 800;
 /// Maximum wait for the rest of the output after a check has ended. A process that the check started may still hold the
 /// pipe open.
@@ -108,7 +108,7 @@ impl Program {
         Ok(Program::new(path, arguments.collect()))
     }
 
-    /// Returns whether the program was started with this file as an argument. The file need not exist any more.
+    /// Returns whether the program was started with this file as an argument. The file may have been removed since.
     fn was_given(&self, file: &Path) -> bool {
         let place = |path: &Path| path.canonicalize().or_else(|_| std::path::absolute(path)).ok();
         place(file).is_some_and(|file| {
@@ -160,15 +160,15 @@ impl Program {
         Ok(Checked { image, prepared: Prepared::with(profile.as_ref()).map_err(no_memory)? })
     }
 
-    /// Replaces the running program by the one at the path, with a sealed handover as its standard input. Returns only
-    /// if that program cannot be started; the text is a sentence.
+    /// Replaces the running program by the one at the path, with the handover (profile and state in memory that cannot
+    /// be changed) as its standard input. Returns only if that program cannot be started; the text is a sentence.
     pub fn start(&self, handover: Option<&File>) -> String {
         let error = self.exec(&self.path, handover);
         format!("{} cannot be started: {}", self.path.display(), system(&error))
     }
 
-    /// Starts the running program again, even if another one is at its path, with a sealed handover as its standard
-    /// input. Returns only if that fails.
+    /// Starts the running program again, even if another one is at its path, with the handover (profile and state in
+    /// memory that cannot be changed) as its standard input. Returns only if that fails.
     pub fn start_own_image(&self, handover: Option<&File>) -> std::io::Error {
         self.exec(Path::new(OWN_IMAGE), handover)
     }
@@ -254,8 +254,8 @@ impl Successor {
         self.program.was_given(path)
     }
 
-    /// Returns the result of the check by the program that takes over, once. It is `None` until the gateway has
-    /// accepted the replacement.
+    /// Takes the result of the check that the new program has made of the profile. Returns `None` at a second call, and
+    /// before this gateway has agreed to be replaced by that program.
     pub fn take_checked(&self) -> Option<Checked> {
         self.checked.lock().unwrap_or_else(PoisonError::into_inner).take()
     }

@@ -1,6 +1,6 @@
-//! Watchdog of the lines, in a separate thread. If the task of a line does nothing any more, the watchdog stops the
-//! gateway. If the stop has no effect either, it ends the process. The watchdog of the service manager (systemd) is
-//! served only while all lines work.
+//! Watchdog of the lines, in a separate thread. If the task of a line stops working, the watchdog stops the gateway. If
+//! the stop has no effect either, it ends the process. The watchdog of the service manager (systemd) is served only
+//! while all lines work.
 
 use std::sync::Arc;
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
@@ -65,7 +65,7 @@ impl Watchdog {
                     let task = format!("bus {late}");
                     shared.report(&Event::TaskFailed {
                         task,
-                        why: "the task of this bus does not run any more".to_owned(),
+                        why: "the task of this bus has stopped running".to_owned(),
                     });
                     stop();
                 } else if stuck > Duration::from_secs(10) {

@@ -64,7 +64,7 @@ struct Inspection {
     set_up: Option<u64>,
     /// Number of breaks of the continuity of the device when all checks were last read.
     read_after: u64,
-    /// Repetitions of the checks, in the order of the profile.
+    /// Repeated reading of each check of the device, in the order of the profile.
     again: Vec<Repetition>,
 }
 
@@ -383,7 +383,7 @@ impl Inspection {
         is_known && attempts >= ASSUMED_SILENT
     }
 
-    /// Returns whether the continuity of the device has not been broken again since it had been broken `breaks` times.
+    /// Returns whether the number of breaks in the device's continuity is still `breaks`.
     fn is_after(&self, breaks: u64, shared: &LineHandle) -> bool {
         shared.core().devices.of(self.device).breaks_so_far() == breaks
     }

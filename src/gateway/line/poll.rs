@@ -50,7 +50,7 @@ use heartbeat_task::HeartbeatTask;
 const IDLE: Duration = Duration::from_secs(1);
 /// Time after which a due read or a due step becomes urgent. On a fast line, no read and no step waits for so long.
 const SLOW: Duration = Duration::from_millis(20);
-/// Maximum number of consecutive urgent reads before another turn that was due earlier.
+/// Maximum number of consecutive urgent reads before another action of the line task that was due earlier.
 const PRESSED: u32 = 8;
 
 /// Task of one line. It owns the connection, and everything that is read and written on the line.
@@ -66,8 +66,8 @@ pub(in crate::gateway) struct LineTask {
     heartbeat_task: Option<HeartbeatTask>,
     /// Whether the inputs of an axis are read on this line. This task then steps the axis directly after the reads.
     steps_axes: bool,
-    /// Whether values that are read on this line are used on another line: for a corrected position, or as a result of
-    /// probing.
+    /// Whether values that are read on this line are used on another line: for an output that writes a position plus
+    /// Cz, or as a result of probing.
     feeds_others: bool,
     step_due: Option<Moment>,
     pending: Pending,
@@ -80,12 +80,12 @@ pub(in crate::gateway) struct LineTask {
     overruns: Overruns,
 }
 
-/// Work that earlier turns left for the next ones.
+/// Work that earlier turns (actions of the line task) left for the next ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Pending {
     /// Whether a device was read, or another task has woken the line, since the last step of the axes.
     has_news: bool,
-    /// Whether a value was read that is used on another line.
+    /// Whether a value was read that another line uses, so that the task of that line must be woken.
     wakes_others: bool,
     /// Whether checks of devices may be due.
     inspects: bool,
@@ -239,7 +239,7 @@ impl LineTask {
         }
     }
 
-    /// Processes events of other tasks since the last turn.
+    /// Processes what other tasks have reported since the last action of this line task.
     fn take_note(&mut self, now: Moment) {
         if let Some(since) = self.line.send_guard.stalled_at() {
             self.shared.stalled_at(since);
@@ -308,7 +308,7 @@ impl LineTask {
         }
     }
 
-    /// Chooses the next turn from what is due.
+    /// Chooses the next turn (action of the line task) among the actions that are due.
     fn next(&self, now: Moment) -> Turn {
         if self.heartbeat_task.as_ref().is_some_and(|heartbeat_task| heartbeat_task.due <= now) {
             return Turn::Beat;
@@ -353,7 +353,7 @@ impl LineTask {
     }
 
     /// Returns the next read if it is due at `by`. The line can then send it directly after the write of a corrected
-    /// position.
+    /// position (position plus Cz).
     fn reads_next(&self, by: Moment) -> Option<(DeviceId, Request<'static>)> {
         self.polls.iter().min_by_key(|poll| poll.due())?.asks_next(by)
     }
@@ -395,7 +395,7 @@ impl LineTask {
         })
     }
 
-    /// Returns the time at which the next turn is due.
+    /// Returns the time at which the next action of the line task is due.
     fn idle_until(&self, now: Moment) -> Moment {
         let polls = self.reads_due(now).map(|(due, ..)| due);
         let jobs = self.working_jobs().map(|(_, job)| job.due);

@@ -11,7 +11,8 @@ use isotherm_profile::{OutputId, Writes};
 
 /// Demand on an output in µm.
 pub(super) struct OutputDemand {
-    /// Cz, or for an output that writes a slope the effect of the slope at the reach of the axis.
+    /// Cz. For an output that writes a slope: the effect of the slope at the axis's largest distance from the reference
+    /// position.
     pub(super) cz: Micron,
     /// Target that `cz` approaches.
     pub(super) target: Micron,

@@ -41,7 +41,8 @@ pub(in crate::gateway) struct Position {
 }
 
 impl Position {
-    /// Creates a corrected position. It resumes from the Cz that was written last, in this run or in the previous one.
+    /// Creates the executor of an output that writes a position plus Cz. It resumes from the Cz that was written last,
+    /// in this run or in the previous one.
     pub(in crate::gateway) fn new(shared: &LineHandle, id: OutputId, position: SignalId) -> Position {
         let profile = &shared.profile;
         Position {
@@ -238,8 +239,8 @@ impl Position {
         state.doubt();
     }
 
-    /// Writes dashes to a display whose position is not corrected. Returns `None` if the write failed; the next turn
-    /// tries again.
+    /// Writes dashes to a display whose position is not corrected. Returns `None` if the write failed; the next call by
+    /// the line task tries again.
     async fn show_dashes(&self, turn: &mut LineTurn<'_>, output: &Output) -> Option<PositionResult> {
         let stale = output.display.stale.as_ref()?;
         let text = (stale.register..).zip(stale.words.iter().copied());
@@ -251,8 +252,8 @@ impl Position {
     }
 }
 
-/// Corrected position that was sent, and the answer. The answer contains the value read back, if the output is read
-/// back.
+/// Position plus Cz that was sent, and the answer of the device. The answer contains the value read back, if the output
+/// is read back.
 #[derive(Debug)]
 struct PositionWrite {
     target: Encoded,

@@ -1,5 +1,5 @@
-//! Register of one output: its encoding, its failures, and its state on disk. Single registers and registers of a set
-//! use the same code.
+//! Register of one output: its encoding, its failures, and its state on disk. Single registers and registers of an
+//! output set use the same code.
 
 use std::time::Duration;
 
@@ -39,13 +39,13 @@ pub(super) struct OutputRegister {
     failures_applied: Failures,
     /// Writes that may still arrive, as they were last saved on disk. `None` if there were none.
     on_disk: Option<InFlightWrites>,
-    /// Version of the ledger that is being saved, and the time at which saving began.
+    /// Version of the register ledger that is being saved, and the time at which saving began.
     keeping: Option<(u64, Moment)>,
 }
 
 impl OutputRegister {
-    /// Creates the register of an output, and its controller at a start. `is_in_a_set`: the output belongs to a set,
-    /// which is refreshed as a whole.
+    /// Creates the register of an output, and its controller at a start. `is_in_a_set`: the output belongs to an output
+    /// set, which is refreshed as a whole.
     pub(super) fn new(
         shared: &LineHandle,
         id: OutputId,
@@ -134,8 +134,10 @@ impl OutputRegister {
                 output::Event::Question if !shared.dry_run => {
                     shared.report(&report::question(of, &output.name));
                     let hint = "follow the alarm of the output, then arm the axis";
-                    let why =
-                        Explained::new("the gateway share in the register of the output is in doubt", hint);
+                    let why = Explained::new(
+                        "it is not certain which part of the output's register value comes from the gateway",
+                        hint,
+                    );
                     shared.core().disarm(output.axis, why);
                 }
                 output::Event::TakeOver { cause } => resumes = Some(cause),
@@ -145,8 +147,8 @@ impl OutputRegister {
         resumes
     }
 
-    /// Returns the registers that hold this value. Returns `None` if the control would read another value, or one
-    /// beyond the limit. The axis is then off until an operator arms it.
+    /// Encodes this register value for the write. Returns `None` if the control would read another value from the
+    /// result, or a value beyond the limit. The axis is then disarmed, with the reason.
     pub(super) fn admitted(
         &self,
         shared: &LineHandle,
@@ -274,8 +276,8 @@ impl OutputRegister {
         shared.wake_others(shared.profile.device(output.device).bus);
     }
 
-    /// Saves the state of the output in the ledger. Returns `None` if the disk has not answered: the next turn asks
-    /// again.
+    /// Saves the state of the output in the register ledger. Returns `None` if the disk has not answered: the next call
+    /// by the line task asks again.
     pub(super) async fn keep(
         &mut self,
         turn: &mut LineTurn<'_>,

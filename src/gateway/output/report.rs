@@ -13,7 +13,8 @@ use isotherm_core::output::{self, Account, Controller, OutputHealth, State};
 use isotherm_core::quantity::{Counts, Micron};
 use isotherm_profile::{Output, OutputId};
 
-/// Converts an event of a controller to an event of the journal. Returns `None` if it is reported elsewhere.
+/// Converts an event of an output controller to an event of the gateway's event journal. Returns `None` if other code
+/// reports it.
 pub(super) fn event(
     (register, controller): (&OutputRegister, &Controller),
     output: &Output,
@@ -138,7 +139,8 @@ pub(super) fn not_applied(
     });
 }
 
-/// Returns the question to the operator: how the register value divides into operator offset and gateway share.
+/// Returns the question to the operator which part of the register value is the operator offset, and which part the
+/// gateway has added.
 pub(super) fn question((register, controller): (&OutputRegister, &Controller), output: &str) -> Event {
     let holds = controller.held(&register.settings);
     let (output, holds) = (output.to_owned(), register.units.in_text(holds));

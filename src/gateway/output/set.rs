@@ -1,4 +1,4 @@
-//! Executes the actions of the controller of a set, and gives it the results.
+//! Executes the actions of the controller of an output set, and gives it the results.
 
 use super::demand::{Decision, OutputDemand};
 use super::failures::RequestKind;
@@ -24,7 +24,7 @@ use isotherm_core::output::{
 use isotherm_core::quantity::{Counts, Moment};
 use isotherm_profile::{Handshake, OutputSet, Profile, SetId};
 
-/// Outputs of one set, and its strobe.
+/// Executor of one output set (outputs that are written together), with its strobe signal.
 #[derive(Debug)]
 pub(in crate::gateway) struct Set {
     id: SetId,
@@ -37,7 +37,7 @@ pub(in crate::gateway) struct Set {
     resumes: Vec<Option<Cause>>,
     /// Cause of the last failure of the handshake, as text.
     cause: String,
-    /// Time of the next turn of the set (work of the line task on it), if nothing else happens.
+    /// Time of the next turn of the output set (work of the line task on it), if nothing else happens.
     pub(in crate::gateway) due: Moment,
 }
 
@@ -60,18 +60,19 @@ impl Set {
         Set { id, registers, settings, controller, found, resumes, cause, due: now }
     }
 
-    /// Returns the time of the next read of the acknowledge. `None` if the set does not wait for the acknowledge.
+    /// Returns the time of the next read of the acknowledge signal. `None` if the output set does not wait for the
+    /// acknowledge signal.
     pub(in crate::gateway) fn next_read(&self) -> Option<Moment> {
         self.controller.strobe().next_read()
     }
 
-    /// Returns whether the turn of an output of the set came too late for the last decision.
+    /// Returns whether the line task began its work on an output of this set too late for the last decision.
     pub(in crate::gateway) fn is_late(&self) -> bool {
         self.controller.is_late()
     }
 
-    /// Executes one turn of the set: carries out the actions of its controller. A turn never waits for the control. A
-    /// later turn reads the acknowledge again.
+    /// Executes one turn of the output set (work of the line task on it): carries out the actions of its controller. A
+    /// turn never waits for the control. A later turn reads the acknowledge signal again.
     pub(in crate::gateway) async fn turn(&mut self, turn: &mut LineTurn<'_>) {
         let shared = turn.shared;
         let (demands, demand) = self.demand(shared, turn.now);
@@ -182,7 +183,7 @@ impl Set {
         shared.report(&Event::Handshake { set: set.label(), fault, register, cause: self.cause.clone() });
     }
 
-    /// Publishes the status of the handshake in the states of the outputs of the set.
+    /// Publishes the status of the handshake in the states of the outputs of the output set.
     fn publish(&self, shared: &LineHandle, core: &mut GatewayState) {
         let strobe = self.controller.strobe();
         let status = HandshakeStatus {
@@ -343,7 +344,7 @@ fn settings(profile: &Profile, set: &OutputSet, registers: &[OutputRegister]) ->
     }
 }
 
-/// Returns the event at which the control takes the values of the set.
+/// Returns the event at which the control takes the values of the output set.
 fn taken_by(profile: &Profile, set: &OutputSet) -> CommitTrigger {
     let is_in_one = set.sequence.is_none() || set_modbus::stretches(profile, set).len() == 1;
     match () {

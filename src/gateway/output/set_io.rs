@@ -1,4 +1,4 @@
-//! Requests for all values of a set, which are in registers or in nodes.
+//! Requests for all values of an output set, which are in registers or in nodes.
 
 use super::turn::LineTurn;
 use super::{set_modbus, set_opcua};
@@ -9,7 +9,7 @@ use isotherm_core::output::OwnWords;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::OutputSet;
 
-/// Values of a set, as they were read.
+/// Values of an output set, as they were read.
 #[derive(Clone, Debug)]
 pub(super) struct SetReadings {
     /// Value of each output.
@@ -23,7 +23,7 @@ pub(super) struct SetReadings {
 /// Result of a write. An error contains the outcome for all values.
 pub(super) type Written = Result<(), (Fault, Outcome)>;
 
-/// Reads all values of the set.
+/// Reads all values of the output set.
 pub(super) async fn read(turn: &mut LineTurn<'_>, set: &OutputSet) -> Result<SetReadings, Fault> {
     match set.is_in_nodes(&turn.shared.profile) {
         true => set_opcua::read(turn, set).await,
@@ -31,7 +31,7 @@ pub(super) async fn read(turn: &mut LineTurn<'_>, set: &OutputSet) -> Result<Set
     }
 }
 
-/// Writes all values of the set. After an error, [`Outcome`] applies to the set as a whole.
+/// Writes all values of the output set. After an error, [`Outcome`] applies to the set as a whole.
 pub(super) async fn write(
     turn: &mut LineTurn<'_>,
     set: &OutputSet,

@@ -1,4 +1,4 @@
-//! Registers of a set on a Modbus line, read and written with as few requests as possible.
+//! Registers of an output set on a Modbus line, read and written with as few requests as possible.
 
 use std::collections::BTreeMap;
 
@@ -15,8 +15,8 @@ use isotherm_profile::{DeviceId, Output, OutputSet, Profile, Stretch};
 /// Register values, by the address offset of each register.
 pub(super) type Cells = BTreeMap<u16, u16>;
 
-/// Returns the values of all registers of the set. `values` contains the value of each output, and `own` the number,
-/// the heartbeat and the control word of the set.
+/// Returns the values of all registers of the output set. `values` contains the value of each output, and `own` the
+/// number, the heartbeat and the control word of the set.
 fn cells(profile: &Profile, set: &OutputSet, values: &[Encoded], own: OwnWords) -> Cells {
     let mut cells = Cells::new();
     if set.zeros {
@@ -46,12 +46,12 @@ fn register(at: Option<&Address>) -> Option<Register> {
     at.and_then(Address::register)
 }
 
-/// Returns the ranges of consecutive registers of the set: one for each request, in the order of the requests.
+/// Returns the ranges of consecutive registers of the output set: one for each request, in the order of the requests.
 pub(super) fn stretches(profile: &Profile, set: &OutputSet) -> Vec<Stretch> {
     set.stretches(set.members(profile), profile.device(set.device).longest_request())
 }
 
-/// Returns the registers of one output, out of the registers of the set that were read.
+/// Returns the registers of one output, out of the registers of the output set that were read.
 fn held(output: &Output, cells: &Cells) -> Encoded {
     let count = output.encoding.data_type.registers();
     let first = output.address.register();
@@ -66,7 +66,7 @@ fn registers(cells: &Cells, stretch: &Stretch) -> Vec<u16> {
     registers.map(|register| cells.get(&register).copied().unwrap_or_default()).collect()
 }
 
-/// Reads every register of the set.
+/// Reads every register of the output set.
 pub(super) async fn read(turn: &mut LineTurn<'_>, set: &OutputSet) -> Result<SetReadings, Fault> {
     let profile = &turn.shared.profile;
     let (mut cells, mut asked) = (Cells::new(), Moment::END);
@@ -86,7 +86,7 @@ pub(super) async fn read(turn: &mut LineTurn<'_>, set: &OutputSet) -> Result<Set
     })
 }
 
-/// Writes every register of the set.
+/// Writes every register of the output set.
 pub(super) async fn write_all(
     turn: &mut LineTurn<'_>,
     set: &OutputSet,

@@ -1,4 +1,5 @@
-//! Nodes of a set on an OPC UA server. They are written by one request and read back together.
+//! Nodes of an output set (outputs that are written together) on an OPC UA server. They are written by one request and
+//! read back together.
 //!
 //! A server may write the nodes of a request in any order, and only some of them. The values are therefore verified
 //! only when they were read back.
@@ -12,7 +13,7 @@ use isotherm_core::codec::Encoded;
 use isotherm_core::output::OwnWords;
 use isotherm_profile::{OutputSet, OwnWord};
 
-/// Reads every node of the set.
+/// Reads every node of the output set.
 pub(super) async fn read(turn: &mut LineTurn<'_>, set: &OutputSet) -> Result<SetReadings, Fault> {
     let nodes = set.nodes(&turn.shared.profile);
     let request = Request::read_nodes(&nodes);
@@ -29,7 +30,7 @@ pub(super) async fn read(turn: &mut LineTurn<'_>, set: &OutputSet) -> Result<Set
     Ok(SetReadings { values, sequence: None, heartbeat, asked: answered.asked })
 }
 
-/// Writes every node of the set.
+/// Writes every node of the output set.
 pub(super) async fn write(
     turn: &mut LineTurn<'_>,
     set: &OutputSet,

@@ -27,12 +27,13 @@ impl Single {
         Single { register, controller, due: now }
     }
 
-    /// Returns whether the turn of the output came too late for the last decision.
+    /// Returns whether the line task began its work on the output too late for the last decision.
     pub(in crate::gateway) fn is_late(&self) -> bool {
         self.controller.follow() == Follow::Late
     }
 
-    /// Executes one turn of the output: carries out the actions of its controller until there is nothing to do.
+    /// Executes one turn of the output (work of the line task on it): carries out the actions of its controller until
+    /// there is nothing to do.
     pub(in crate::gateway) async fn turn(&mut self, turn: &mut LineTurn<'_>) {
         let (shared, now) = (turn.shared, turn.now);
         let demand = OutputDemand::of(shared, &shared.core(), self.register.id, now);

@@ -1,4 +1,4 @@
-//! Requests for the strobe of a set and its acknowledge.
+//! Requests for the strobe signal of an output set and its acknowledge signal.
 
 use std::slice::from_ref;
 
@@ -9,7 +9,7 @@ use crate::fieldbus::wire::{Answer, Request};
 use isotherm_core::codec::Encoded;
 use isotherm_profile::{Bit, DeviceId};
 
-/// Raises or drops the strobe.
+/// Raises or drops the strobe signal.
 pub(super) async fn write(
     turn: &mut LineTurn<'_>,
     device: DeviceId,
@@ -29,7 +29,7 @@ pub(super) async fn write(
     turn.line.request(device, request, SendDeadline::None).await.map(|_| ())
 }
 
-/// Reads the acknowledge of the control. Returns true if it is up.
+/// Reads the acknowledge signal of the control. Returns true if it is up.
 pub(super) async fn read(
     turn: &mut LineTurn<'_>,
     device: DeviceId,

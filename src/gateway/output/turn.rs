@@ -10,7 +10,7 @@ use isotherm_core::quantity::Moment;
 pub(super) const MOST_EXCHANGES: usize = 12;
 /// Time for which an unanswered write is still recognised in the register, as a multiple of `late`.
 pub(super) const REMEMBERED: u32 = 10;
-/// Longest time for saving a state to disk. A longer time is reported as a fault of the disk.
+/// Longest time for saving the state of an output to disk. A longer time is reported as a fault of the disk.
 pub(super) const DISK_PATIENCE: Duration = Duration::from_secs(5);
 
 /// Context of a turn of an output: its line, and the state that all lines share.

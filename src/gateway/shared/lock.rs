@@ -1,5 +1,5 @@
-//! Guard of the lock of the shared state. It measures how long the lock is held, and reports the events that were added
-//! under the lock.
+//! Lock guard of the shared state (value that releases the lock when it is dropped). It measures how long the lock is
+//! held, and reports the events that were added under the lock.
 
 use std::ops::{Deref, DerefMut};
 use std::sync::MutexGuard;
@@ -45,7 +45,8 @@ impl LockTimes {
     }
 }
 
-/// Guard of the lock. Events in [`GatewayState::events`] are reported as soon as the lock is free again.
+/// Lock guard of the shared state: the lock is released when it is dropped. Events in [`GatewayState::events`] are
+/// reported as soon as the lock is free again.
 pub(in crate::gateway) struct StateGuard<'a> {
     core: MutexGuard<'a, GatewayState>,
     /// Start of the measurement; `None` if this lock is not measured.

@@ -81,9 +81,7 @@ impl NamespaceWatch {
                     "nodes of ns={index} were added to the profile; this index was {was}, which has another \
                      index now, and is {is}"
                 ),
-                _ => format!(
-                    "the server does not have namespace {was} (ns={index}) any more; ns={index} is {is}"
-                ),
+                _ => format!("the server no longer has namespace {was} (ns={index}); ns={index} is {is}"),
             };
             let meant = format!("write the intended namespace as nsu=... in place of ns={index}");
             let confirmed = now.map_or(String::new(), |now| {
@@ -106,7 +104,7 @@ impl NamespaceWatch {
 ///
 /// # Errors
 /// The server has no namespace at such an index. Or an operator also writes to a register in the namespace, and its
-/// ledger entry belongs to the former namespace.
+/// entry in the register ledger belongs to the former namespace.
 pub(in crate::gateway) fn confirm_namespaces(
     profile: &Profile,
     bus: BusId,
@@ -137,7 +135,7 @@ pub(in crate::gateway) fn confirm_namespaces(
     if let Some(output) = profile.outputs.iter().find(is_concerned) {
         return Err(Explained::new(
             format!(
-                "output {} shares its register with an operator, and the ledger entry of the register is for \
+                "output {} shares its register with an operator, and the saved entry of the register is for \
                  the former namespace",
                 output.name
             ),

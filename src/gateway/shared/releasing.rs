@@ -142,8 +142,8 @@ fn given_up(core: &mut GatewayState, one: &ReturningRegister, found: Option<Micr
     }
 }
 
-/// Records the last verified value of a release that was given up, as soon as no write of the gateway can arrive any
-/// more.
+/// Records the last verified value of a release that was given up, as soon as writes of the gateway can no longer
+/// arrive.
 fn settle(core: &mut GatewayState, one: &ReturningRegister) {
     let ReturningRegister { release, grain_um, .. } = one;
     let register = core.registers[one.output.0].as_ref();
@@ -249,7 +249,7 @@ pub(in crate::gateway) fn take_back(core: &mut GatewayState, output: &str) -> St
     let saved = &mut Arc::make_mut(&mut core.places.places).releases;
     saved.retain(|release| release.output != output || release.stage == Stage::Begun);
     core.storage.remember_soon();
-    format!("output {output}: no release of its registers is requested any more")
+    format!("output {output}: the request to release its registers is withdrawn")
 }
 
 fn release(core: &GatewayState, former: &FormerPlace, by: String) -> Option<Release> {
@@ -259,8 +259,8 @@ fn release(core: &GatewayState, former: &FormerPlace, by: String) -> Option<Rele
     Some(Release { output, place, bounds, from_um, operator, held_um, stage, by })
 }
 
-/// Returns the last known operator offset of a former register, in the unit of the register. `None` if the register is
-/// not shared, or if the offset is not known.
+/// Returns the last known operator offset (part of the value that the operator entered) of a former register, in the
+/// unit of the register. `None` if the register is not shared, or if the offset is not known.
 fn operators(core: &GatewayState, FormerPlace { place, bounds, .. }: &FormerPlace) -> Option<f64> {
     let mut parts = core.releases.parts.iter().rev();
     let found = parts.find(|(known, _)| known == place).map(|(_, part)| *part);
@@ -268,7 +268,7 @@ fn operators(core: &GatewayState, FormerPlace { place, bounds, .. }: &FormerPlac
     found.or_else(saved)
 }
 
-/// Returns the registers that belong to no output any more, but still contain a value of the gateway.
+/// Returns the registers that no longer belong to an output, but still contain a value of the gateway.
 pub(in crate::gateway) fn left(core: &GatewayState) -> Vec<FormerRegisterStatus> {
     let places = &core.places.places;
     let former = places.former.iter().filter(|former| former.is_left_behind(&places.outputs));

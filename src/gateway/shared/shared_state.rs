@@ -28,7 +28,7 @@ pub(in crate::gateway) enum LineWork {
     /// All work: reads, steps and outputs.
     #[default]
     All,
-    /// Reads, heartbeats and corrected positions. No output changes its state or its ledger entry.
+    /// Reads, heartbeats and corrected positions. No output changes its state or its entry in the register ledger.
     WithoutOutputs,
     /// Reads, heartbeats and corrected positions. In addition, each line closes its connection to an OPC UA server,
     /// because the server would keep its state of the connection.
@@ -52,7 +52,7 @@ pub(crate) struct Shared {
     /// Notification that another program shall replace this one.
     pub(in crate::gateway) replaced: Notify,
     line_work: Mutex<LineWork>,
-    /// Number of lines on which no exchange of an output is running, and none begins any more.
+    /// Number of lines that have finished all exchanges of their outputs, and begin no others.
     resting: AtomicUsize,
     /// Time of the last command for each subject and verb.
     rates: Mutex<Rates>,
@@ -98,8 +98,8 @@ impl Shared {
         Shared { broker, ..self }
     }
 
-    /// Locks the state until the guard is dropped. If a task has panicked with the lock, the gateway is stopping
-    /// already, but the fault actions still need the state.
+    /// Locks the state until the returned lock guard is dropped. If a task has panicked with the lock, the gateway is
+    /// stopping already, but the fault actions still need the state.
     pub(in crate::gateway) fn core(&self) -> StateGuard<'_> {
         StateGuard::new(self.core.lock().unwrap_or_else(PoisonError::into_inner), self)
     }

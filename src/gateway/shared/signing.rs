@@ -1,5 +1,5 @@
 //! Sign check of an axis with a dial gauge. Cz moves a little in the plus direction and back, and the operator reports
-//! in which direction the gauge moved. The guard of the axis limits this movement as usual.
+//! in which direction the gauge moved. Limit, step and rate of the axis apply to this movement as usual.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -76,7 +76,7 @@ pub(in crate::gateway) fn progress(core: &GatewayState, axis: usize) -> Result<A
     let (profile, _) = given(core);
     let name = &profile.axes[axis].settings.name;
     let Some(check) = &core.arming[axis].sign else {
-        let cause = format!("the sign of axis {name} is not being checked any more");
+        let cause = format!("the check of the sign of axis {name} has ended");
         return Err(Explained::new(cause, "`isotherm events` says why"));
     };
     let way = check.to - check.from;

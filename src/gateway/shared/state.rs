@@ -46,7 +46,8 @@ pub(in crate::gateway) struct GatewayState {
     pub(in crate::gateway) arming: DirtyVec<Arming>,
     pub(in crate::gateway) probing: DirtyVec<Probing>,
     pub(in crate::gateway) outputs: Outputs,
-    /// For each output: controller of its register, as its line task saved it. `None` for a corrected position.
+    /// For each output: controller of its register, as its line task saved it. `None` for an output that writes a
+    /// position plus Cz.
     pub(in crate::gateway) registers: Vec<Option<isotherm_core::output::Controller>>,
     pub(in crate::gateway) device_health: DeviceHealth,
     pub(in crate::gateway) devices: Devices,
@@ -71,7 +72,7 @@ pub(in crate::gateway) struct GatewayState {
     pub(super) day_due: Moment,
     /// Time at which the next axis is due; `None` if no axis has a period.
     pub(in crate::gateway) next_due: Option<Moment>,
-    /// Requester of the replacement by another program, in the form in which a sentence names it.
+    /// Requester who has let another program replace this gateway, in the form in which a sentence names it.
     pub(in crate::gateway) replaced_by: String,
     /// Whether an internal fault has occurred. The process then ends with an error after the fault actions.
     pub(in crate::gateway) failed: bool,
@@ -229,7 +230,8 @@ impl GatewayState {
         !given.dry_run && places.drive(&given.profile, is_driven)
     }
 
-    /// Returns whether a corrected position will differ from its saved value by more than one step.
+    /// Returns whether the Cz in a written position (corrected position) will differ from its saved value by more than
+    /// one step.
     fn moves_a_position(&self) -> bool {
         let profile = &self.given.profile;
         let is_about_to = |axis: usize| {
@@ -446,8 +448,8 @@ impl GatewayState {
         farthest_behind(decision.cz, self.outputs.ids(axis).iter().filter_map(waits))
     }
 
-    /// Returns whether the verified Cz equals the decided one, to half a count of the register. Always `true` for a
-    /// reference position.
+    /// Returns whether the verified Cz equals the decided one, to half a count of the register. Always `true` if the
+    /// output writes the reference position P0, a constant.
     fn is_there(&self, decision: &Decision, output: &Output, state: &OutputState, cz: Micron) -> bool {
         output.writes == Writes::Reference
             || state.is_near(&self.given.profile, output, cz, part(decision, output.writes))

@@ -21,7 +21,7 @@ pub(in crate::gateway) const BY_A_PERSON: &str = "switched off by a person";
 #[derive(Clone, Debug)]
 pub(in crate::gateway) struct ArmRequest {
     pub(in crate::gateway) by: Arc<Requester>,
-    /// Time at which the request expires.
+    /// Time at which the request to arm expires.
     pub(in crate::gateway) until: Moment,
     /// Last reported condition for which the request waits, and the time of that report.
     pub(in crate::gateway) reported: (String, Moment),
@@ -53,11 +53,12 @@ pub(in crate::gateway) struct Arming {
     pub(in crate::gateway) asked: Option<ArmRequest>,
     /// Sign check with a dial gauge that is under way.
     pub(in crate::gateway) sign: Option<SignCheck>,
-    /// Reason for the last refused attempt to arm, which is reported once.
+    /// Reason for the last refused attempt to arm. The same reason is not reported a second time.
     pub(in crate::gateway) refusal: Option<Explained>,
     /// Cz from which the next step of the axis resumes.
     pub(in crate::gateway) take_over: Option<Micron>,
-    /// Effect of a slope in the control at the reach of the axis, from which the next step of the axis resumes.
+    /// Effect of the slope in the control, at the axis's largest distance from the reference position. The next step of
+    /// the axis resumes from this value.
     pub(in crate::gateway) take_over_slope: Option<Micron>,
     /// Cz before the settings of a sensor of the axis were changed. The axis returns to this Cz.
     pub(in crate::gateway) return_to: Option<ReturnTo>,
@@ -227,8 +228,8 @@ impl Arming {
         Attempt::From(from.or(handed_over).unwrap_or(Micron::ZERO), from_slope)
     }
 
-    /// Returns the permit of the axis for its next step. In a dry run no reference position is written, and none is
-    /// waited for.
+    /// Returns the permit of the axis for its next step. In a dry run, the reference position P0 is not written, and
+    /// the axis does not wait for that write.
     pub(in crate::gateway) fn permit(
         &self,
         profile: &Profile,
@@ -258,8 +259,8 @@ impl Arming {
     }
 }
 
-/// Returns whether an output that writes the reference position holds it, to half a count. Returns `true` for any other
-/// output.
+/// Returns whether the register of an output that writes the reference position P0 contains that position, to half a
+/// count. Returns `true` for any other output.
 pub(super) fn has_its_reference(profile: &Profile, output: &Output, state: &OutputState) -> bool {
     let apart = profile.axis(output.axis).settings.intercept_slope;
     let (Writes::Reference, Some(apart)) = (output.writes, apart) else { return true };

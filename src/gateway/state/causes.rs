@@ -198,7 +198,7 @@ fn lacking(
         ),
         Unusable::Reference(id) => format!("the reference of {} is not captured yet", name(id)).into(),
         Unusable::Frozen(id) => Explained::new(
-            format!("{} is frozen, and this model has no substitute for it", name(id)),
+            format!("{} is frozen, and this model has no stand-in for it", name(id)),
             SEE_TO_THE_SENSOR,
         ),
         Unusable::Unproven(id) => format!(

@@ -18,8 +18,8 @@ pub(super) fn cause(axis: &AxisSettings, decision: &Decision) -> Option<Explaine
     is_left.then(|| Explained::new("the model is worse than no compensation", IDENTIFY))
 }
 
-/// Returns the event when a model is found worse, and when it is not worse any more. `reported` is the state after the
-/// last call.
+/// Returns the event when a model is found worse than no compensation, and when it is no longer worse. `reported` is
+/// the state after the last call.
 pub(super) fn event(axis: &AxisSettings, decision: &Decision, reported: &mut bool) -> Option<Event> {
     let was_worse = std::mem::replace(reported, decision.worse.is_some());
     let name = axis.name.clone();
@@ -85,7 +85,7 @@ mod tests {
             assert_eq!(told(found, AxisState::Active), (Some(text), None));
             let why = (worse == OnWorse::Ramp).then(|| "the model is worse than no compensation".to_owned());
             assert_eq!(told(found, AxisState::Ramping), (None, why));
-            let over = "axis z: the model is not worse than no compensation any more".to_owned();
+            let over = "axis z: the model is no longer worse than no compensation".to_owned();
             assert_eq!(told(None, AxisState::Active), (Some(over), None));
         }
     }

@@ -50,7 +50,7 @@ pub(in crate::gateway) struct DeviceCount {
     pub(in crate::gateway) answered: bool,
     pub(in crate::gateway) lost: Option<LostDevice>,
     failed: FailedReads,
-    /// Last reported state of the subscription.
+    /// State of the device's OPC UA subscription that was reported last.
     pub(in crate::gateway) subscription: String,
 }
 
@@ -253,8 +253,8 @@ impl DeviceHealth {
         }
     }
 
-    /// Records that a device sends nothing any more, and reports the loss once. If the bus of the device is down, only
-    /// the fault of the bus is reported.
+    /// Records that a device has stopped sending, and reports this loss a single time. If the bus of the device is
+    /// down, only the fault of the bus is reported.
     pub(in crate::gateway) fn is_silent(&mut self, id: DeviceId, fault: Explained, events: &mut Vec<Event>) {
         let is_down = self.buses[self.profile.device(id).bus.0].down.is_some();
         let lost = self.devices[id.0].misses(fault);

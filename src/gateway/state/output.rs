@@ -33,19 +33,19 @@ pub(in crate::gateway) enum RegisterHealth {
 #[derive(Clone, Copy, Debug, Default)]
 pub(in crate::gateway) struct OutputState {
     pub(in crate::gateway) standing: RegisterHealth,
-    /// Last verified Cz in the register. For a slope it is the effect at the reach of the axis. For a corrected
-    /// position it is the Cz that the position contains. For a reference position it shows only that the register is
-    /// known.
+    /// Last verified Cz in the register. For a slope: its effect at the largest distance of the axis from the reference
+    /// position. For a position that includes Cz: that Cz. For the reference position, only `Some` (the register value
+    /// is known) or `None` has a meaning.
     pub(in crate::gateway) cz: Option<Micron>,
     /// Register value, in the unit of the output.
     pub(in crate::gateway) value: Option<f64>,
-    /// Operator offset and gateway share in the register value, in the unit of the output. `None` if the register is
-    /// not shared.
+    /// Parts of the register value: operator offset (entered by the operator) and gateway share (added by the gateway),
+    /// in the unit of the output. `None` if the register is not shared.
     pub(in crate::gateway) shares: Option<(f64, f64)>,
     pub(in crate::gateway) verified_at: Option<Moment>,
     /// Value that the control reports as applied, in the unit of the output, and the time of the request that read it.
     pub(in crate::gateway) applied: Option<(f64, Moment)>,
-    /// Time after which no unanswered write can arrive any more.
+    /// Time after which an unanswered write can no longer arrive.
     pub(in crate::gateway) waits_until: Option<Moment>,
     /// Whether a change of the register waits until `waits_until`.
     pub(in crate::gateway) is_waiting: bool,
@@ -72,9 +72,9 @@ pub(in crate::gateway) struct HandshakeStatus {
     pub(in crate::gateway) waits: Option<Awaited>,
     /// Failure of the last handshake. `None` after a successful handshake.
     pub(in crate::gateway) failed: Option<HandshakeFault>,
-    /// Whether the strobe is up, or may be.
+    /// Whether the strobe signal is up, or may be.
     pub(in crate::gateway) strobe_up: bool,
-    /// Whether the control word next to the strobe may report that every axis is armed.
+    /// Whether the control word next to the strobe signal may report that every axis is armed.
     pub(in crate::gateway) says_enabled: bool,
     /// Whether the control has not taken the register value yet.
     pub(in crate::gateway) is_untaken: bool,
@@ -159,11 +159,11 @@ impl HandshakeStatus {
         let Some(Handshake { strobe, acknowledge, .. }) = handshake else { return String::new() };
         match (self.failed, self.waits) {
             (Some(failed), _) => failed.message().to_owned(),
-            (None, Some(Awaited::Acknowledge)) => format!("waits for the acknowledge ({acknowledge})"),
+            (None, Some(Awaited::Acknowledge)) => format!("waits for the acknowledge signal ({acknowledge})"),
             (None, Some(Awaited::Clear | Awaited::Release)) => {
-                format!("waits for the acknowledge to drop ({acknowledge})")
+                format!("waits for the acknowledge signal to drop ({acknowledge})")
             }
-            (None, None) if self.strobe_up => format!("the strobe may be up ({strobe})"),
+            (None, None) if self.strobe_up => format!("the strobe signal may be up ({strobe})"),
             (None, None) => String::new(),
         }
     }

@@ -1,4 +1,4 @@
-//! Texts about faults of outputs, with the names of the profile. For a set, they name the node that failed.
+//! Texts about faults of outputs, with the names of the profile. For an output set, they name the node that failed.
 
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::seen::Asked;

@@ -10,7 +10,7 @@ pub(in crate::gateway) enum RunPhase {
     Running,
     /// A stop was requested, with this action.
     Stopping(OnStop),
-    /// The tasks of the lines end now. No strobe may stay up.
+    /// The tasks of the lines end now. No strobe signal may stay set.
     Leaving(OnStop),
 }
 

@@ -94,7 +94,8 @@ pub(in crate::gateway) fn refused(guard: &GuardSettings, from: Micron, axis: &st
     })
 }
 
-/// Returns whether `cz` equals `place`, within the resolution of the guard.
+/// Returns whether `cz` equals `place`, within the resolution of Cz (deadband, or one count of the register if that is
+/// larger).
 pub(in crate::gateway) fn is_at(guard: &GuardSettings, cz: Micron, place: Micron) -> bool {
     let grain = guard.deadband.get().max(guard.count.map_or(0.0, Micron::get));
     (cz - place).abs().get() <= grain * 1.001 + 1e-6

@@ -115,7 +115,7 @@ mod tests {
         assert_eq!(
             told(&[bed, lost]),
             [
-                "axis z: wheelhead is not replaced by a stand-in any more".to_owned(),
+                "axis z: wheelhead is no longer replaced by a stand-in".to_owned(),
                 "axis z: bed frozen for 0s, replaced by a stand-in from 5 other sensors".to_owned()
             ]
         );

@@ -22,7 +22,8 @@ pub(in crate::gateway) struct Units {
     /// Register value for one count, if the type of the register has no counts itself.
     grain: Option<f64>,
     bias: Counts,
-    /// Conversion of the register by the control. `None` for a reference position, which is no correction.
+    /// Conversion of the register by the control. `None` if the output writes the reference position P0, which is no
+    /// correction.
     control: Option<ControlView>,
 }
 
@@ -40,8 +41,8 @@ impl Units {
         }
     }
 
-    /// Returns step, limit and bias of an output in counts. A reference position is no correction, and is written at
-    /// once.
+    /// Returns step, limit and bias of an output in counts. The reference position P0 is no correction: it has no step
+    /// limit, and is written at once.
     pub(in crate::gateway) fn bounds(&self, profile: &Profile, output: &Output) -> (Counts, Counts, Counts) {
         if output.writes == Writes::Reference {
             return (NO_NUMBER, NO_NUMBER, self.bias);
@@ -70,7 +71,7 @@ impl Units {
     }
 
     /// Returns the registers for these counts, if the control would read the intended value in them. `base`: operator
-    /// offset of a shared register. `held`: present register value.
+    /// offset (the operator's part of the value) of a shared register. `held`: present register value.
     pub(in crate::gateway) fn admitted(
         &self,
         counts: Counts,
@@ -165,7 +166,8 @@ fn one_step(profile: &Profile, output: &Output) -> f64 {
     }
 }
 
-/// Returns the value of a decision that an output writes: Cz, or the effect of the slope at the reach of the axis.
+/// Returns the value of a decision that an output writes: Cz, or the effect of the slope at the axis's largest distance
+/// from the reference position.
 pub(in crate::gateway) fn part(decision: &Decision, writes: Writes) -> Micron {
     if writes == Writes::Slope { decision.slope } else { decision.cz }
 }
@@ -176,14 +178,14 @@ pub(in crate::gateway) fn target(decision: &Decision, writes: Writes) -> Micron 
 }
 
 /// Returns whether `cz` equals `wanted`, to half a count of the size `grain`. The gateway never makes the sum with the
-/// operator offset `base` zero. If the sum would be zero, the adjacent count is near enough.
+/// operator offset `base` zero. If the sum would be zero, it writes the adjacent count, which also counts as equal.
 pub(super) fn is_near(cz: Micron, wanted: Micron, grain: f64, base: f64) -> bool {
     let would_be_zero = base != 0.0 && (base + wanted.get()).abs() < 0.6 * grain;
     (cz - wanted).abs().get() <= if would_be_zero { 1.1 } else { 0.6 } * grain
 }
 
 /// Returns the register value for 1 µm. A diameter changes by twice the change of the radius. The value of a slope is
-/// its effect at the reach of the axis, divided by the reach.
+/// its effect at the axis's largest distance from the reference position, divided by that distance.
 pub(in crate::gateway) fn cz_factor(profile: &Profile, output: &Output) -> f64 {
     let axis = profile.axis(output.axis);
     match (output.writes, axis.settings.intercept_slope) {
@@ -194,7 +196,8 @@ pub(in crate::gateway) fn cz_factor(profile: &Profile, output: &Output) -> f64 {
 }
 
 /// Returns whether the Cz in a register is beyond the limit of its axis. Rounding between counts and µm must not decide
-/// this: the limit plus half a count still counts as the limit. A reference position is no correction and has no limit.
+/// this: the limit plus half a count still counts as the limit. The reference position P0 is no correction and has no
+/// limit.
 pub(super) fn is_beyond_limit(profile: &Profile, output: &Output, cz: Micron) -> bool {
     let limit = profile.axis(output.axis).settings.guard.limit.get();
     let slack = match output.encoding.data_type.integer_range() {

@@ -2,7 +2,8 @@
 //! state directory.
 //!
 //! The values that the gateway wrote after the backup are not known. The restored state is therefore in question: every
-//! axis is off until an operator arms it. Until then, no value of a shared register counts as the gateway share.
+//! axis is off until an operator arms it. Until then, no part of a shared register's value counts as added by the
+//! gateway.
 
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
@@ -55,8 +56,8 @@ fn one_put_back(
     }
     let (seal, content) = read(bytes, machine).map_err(|unfit| wrong(unfit.to_string()))?;
     let path = path(directory, machine);
-    let remedy =
-        "restore into another directory (--state DIR), or first move the state file and the number file away";
+    let remedy = "restore into another directory (--state DIR), or first move NAME.state.json and \
+                  NAME.number of the machine away";
     let there = match Files.read(&path) {
         Err(error) if error.kind() == ErrorKind::NotFound => None,
         Err(error) => return Err(format!("{} cannot be read: {error}", path.display())),
@@ -89,9 +90,9 @@ fn one_put_back(
     Ok((name.to_owned(), document))
 }
 
-/// Makes a document in which no value counts as the gateway share until the operator confirms it. Registers that are
-/// not shared are treated as after a kill. The records of former registers are removed, because another program may use
-/// these registers now.
+/// Makes a document in which no part of a shared register's value counts as added by the gateway, until the operator
+/// confirms it. Registers that are not shared are treated as after a kill. The records of former registers are removed,
+/// because another program may use these registers now.
 fn doubted(seal: &Seal, content: Content) -> std::io::Result<Vec<u8>> {
     let Content { mut state, mut outputs } = content.not_in_order();
     let places = state.as_mut().and_then(|state| state.get_mut("places")).and_then(Value::as_object_mut);

@@ -7,8 +7,9 @@
 //!
 //! `state` contains the time since machine start, references and lags, by name of signal and axis. It also contains the
 //! addresses of signals and the registers of outputs (both are called places), the bounds of the outputs, and the
-//! releases of former registers. `outputs` contains the values that may still arrive at a register, and the shares in a
-//! shared register. Layout 5 has no places. The seal of the document has these fields:
+//! releases of former registers. `outputs` contains the values that may still arrive at a register, and the two parts
+//! of each shared register's value: operator offset and gateway share. Layout 5 has no places. The seal of the document
+//! shows whether the file is complete and how old it is. It has these fields:
 //!
 //! - `checksum`: CRC-32 of every byte of the file, with zeros in place of its own digits.
 //! - `since`: time at which the first document of this machine was made here. A copy from elsewhere has another time.
@@ -79,7 +80,7 @@ pub(in crate::gateway) const WHAT: &str = "the state";
 pub(in crate::gateway) struct Content {
     /// State in its saved form. `None` before the first save.
     pub(in crate::gateway) state: Option<Value>,
-    /// Ledger entries of the outputs, by name.
+    /// Entries of the register ledger, by the names of the outputs.
     pub(in crate::gateway) outputs: Entries,
 }
 
@@ -96,7 +97,7 @@ pub(in crate::gateway) struct Opened {
     pub(in crate::gateway) file: StoreFile,
 }
 
-/// Documents in a directory, before they are compared with the number file.
+/// Documents in a directory, before they are compared with the number in the file `NAME.number`.
 struct FoundDocuments {
     /// Path of each file, and the file extension that it gets when a document of this version replaces it.
     files: Vec<(PathBuf, &'static str)>,

@@ -1,8 +1,9 @@
-//! State of the outputs that must survive the process: the shares in a shared register, and the values that may still
-//! arrive at a register. It also shows whether the last run ended without an exchange in progress.
-//! [`isotherm_core::output`] uses it.
+//! Register ledger: the state of the outputs that must survive the process. It contains the operator offset and the
+//! gateway share of each shared register, and the values that may still arrive at a register. It also shows whether the
+//! last run ended without an exchange in progress. [`isotherm_core::output`] uses it.
 //!
-//! The [store](super::documents) saves the ledger. A caller that depends on a saved entry waits for the result.
+//! The [store](super::documents) saves the register ledger. A caller that depends on a saved entry waits for the
+//! result.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -17,7 +18,8 @@ use isotherm_core::output::{self, Doubt};
 use isotherm_core::quantity::{Counts, Shifted};
 use isotherm_profile::{Output, Profile, Share};
 
-/// Ledger of a machine: the entries that the last run left, and the access to save new entries.
+/// Register ledger of a machine: saved account of the values that the gateway has written to each register. Contains
+/// the entries that the last run left, and saves new entries.
 pub(in crate::gateway) struct Ledger {
     profile: Arc<Profile>,
     /// Clock that converts the time stamps on disk to the time of this run.
@@ -32,7 +34,7 @@ pub(in crate::gateway) struct Ledger {
     is_unmarked: bool,
 }
 
-/// Kind of a run, which determines what its ledger saves.
+/// Properties of a run that determine which entries its register ledger saves, and how.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::gateway) struct LedgerRun {
     /// Whether the run writes nothing to a register.
@@ -48,12 +50,12 @@ pub(in crate::gateway) enum SaveCondition {
     Needless,
     /// The write waits until this version of the document is on disk.
     Version(u64),
-    /// The write is not allowed: it requires a saved ledger entry, but nothing is saved.
+    /// The write is not allowed: it requires a saved entry in the register ledger, but this run saves nothing.
     Impossible,
 }
 
 impl Ledger {
-    /// Creates the ledger of a gateway that saves nothing.
+    /// Creates the register ledger of a gateway that saves nothing.
     pub(in crate::gateway) fn of_nothing(
         profile: &Arc<Profile>,
         (journal, clock): (&Journal, &Clock),
@@ -66,8 +68,8 @@ impl Ledger {
         Ledger { profile, clock, writer: None, found: Entries::new(), is_first: true, is_unmarked: true }
     }
 
-    /// Opens the ledger of a machine, and the writer of its document. A dry run does not change the entries on disk.
-    /// `remembers` returns whether an earlier run verified an offset in an output.
+    /// Opens the register ledger of a machine, and the writer of its document. A dry run does not change the entries on
+    /// disk. `remembers` returns whether an earlier run verified an offset in an output.
     pub(in crate::gateway) fn open(
         profile: &Arc<Profile>,
         run: LedgerRun,
@@ -146,8 +148,8 @@ impl Ledger {
     }
 }
 
-/// Returns the saved entries for the outputs of this profile. For a shared register whose gateway share is not known,
-/// the entry is in question, so that the operator must decide.
+/// Returns the saved entries for the outputs of this profile. For a shared register whose gateway share (part that the
+/// gateway added) is not known, the entry is in question, so that the operator must decide.
 fn found(
     profile: &Profile,
     mut before: Entries,
@@ -175,8 +177,8 @@ fn found(
     found
 }
 
-/// Returns whether the register was not shared before, and held an offset. Only the operator can then say which part of
-/// its value is the operator offset.
+/// Returns whether the register was not shared with an operator before, and held an offset of the gateway. Only the
+/// operator can then say which part of its value is the operator offset.
 fn is_ours(output: &Output, entry: &Entry) -> bool {
     let is_zero = |counts: Counts| counts == Counts(0) || counts == Counts(output.encoding.bias);
     entry.kept.account.is_none() && entry.kept.stood.is_some_and(|stood| !is_zero(stood))

@@ -12,7 +12,7 @@
 //!   this row, else empty.
 //! - `z_raw_um` … `z_acted`: decision of the axis, from this row or an earlier one.
 //! - `z_slope_from_um`, `z_slope_um`: the corresponding values of a slope that the control applies itself, as its
-//!   effect on the axis position at its reach. Only for such an axis.
+//!   effect at the axis's largest distance from the reference position. Only for such an axis.
 //! - `z_measured_um`, `z_acting_um`: error measured at this row, and the Cz that acted. `z_forget`: 1 if the correction
 //!   from measured errors was discarded. `z_worse`: 1 while probings show that the axis is worse with its model than
 //!   without compensation. `z_correction_um`: correction of the model's Cz. Only for an axis with a probe. A log from

@@ -52,7 +52,8 @@ pub(super) struct SavedState {
     at: Moment,
     /// State of the compensation, in which signals are identified by their names.
     machine: Value,
-    /// Last verified Cz of each offset output, and last written Cz of each corrected position, µm.
+    /// Last verified Cz of each offset output, and Cz in the last written position of each output that writes a
+    /// position plus Cz, µm.
     verified_um: BTreeMap<String, f64>,
     /// Results of the sign checks, by axis.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -75,7 +76,8 @@ pub(in crate::gateway) struct RestoredMemory {
     pub(in crate::gateway) remembered: Remembered,
     /// Time at which the state was saved.
     pub(in crate::gateway) at: Option<Moment>,
-    /// Last verified Cz of each offset output, and last written Cz of each corrected position, µm.
+    /// Last verified Cz of each offset output, and Cz in the last written position of each output that writes a
+    /// position plus Cz, µm.
     pub(in crate::gateway) verified_um: BTreeMap<String, f64>,
     /// Results of the sign checks, by axis.
     pub(in crate::gateway) signs: BTreeMap<String, SignMemory>,

@@ -20,7 +20,7 @@ use isotherm_core::place::{
 use isotherm_core::quantity::Micron;
 use isotherm_profile::{AxisId, DeviceId, Output, OutputId, Profile, Share, Signal, Writes};
 
-/// Hint about an output whose register was shared with an operator, but is not any more.
+/// Hint about an output whose register was shared with an operator, but is no longer shared.
 const WHOLE: &str = "arming makes the whole register value the gateway share, also the operator offset; to \
                      keep the operator offset, write share = \"ledger\" again";
 
@@ -44,7 +44,7 @@ pub(in crate::gateway) struct Places {
     /// Limit, step and rate of each output, by name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     bounds: BTreeMap<String, Bounds>,
-    /// Ledger entries of former registers.
+    /// Entries of the register ledger for former registers, which no output uses now.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(in crate::gateway) kept: Vec<Entry>,
     /// Releases of former registers that the operator has requested.
@@ -56,7 +56,7 @@ pub(in crate::gateway) struct Places {
 #[derive(Debug, Default)]
 pub(in crate::gateway) struct Moves {
     pub(in crate::gateway) places: Arc<Places>,
-    /// Outputs whose register has changed in the profile and was not read since the start.
+    /// Outputs whose register has changed in the profile, and whose new register was not read since the start.
     unread: Vec<OutputId>,
 }
 
@@ -280,7 +280,7 @@ impl Places {
         Places { former, only_read, kept: self.kept, releases, namespaces, ..now }
     }
 
-    /// Stores the ledger entries of former registers. They replace older entries of the same registers.
+    /// Stores the register ledger's entries of former registers. They replace older entries of the same registers.
     pub(in crate::gateway) fn keep(&mut self, entries: &Entries) {
         let Places { kept, former, releases, .. } = self;
         let places = || former.iter().map(|one| &one.place).chain(releases.iter().map(|one| &one.place));
@@ -291,7 +291,7 @@ impl Places {
         kept.extend(entries.values().filter(|entry| is_former(entry)).cloned());
     }
 
-    /// Returns the ledger entry of a former register.
+    /// Returns the register ledger's entry of a former register.
     pub(in crate::gateway) fn kept_of(&self, place: &OutputPlace) -> Option<SavedOutput> {
         self.kept.iter().find(|entry| entry.lies_at(place)).map(|entry| entry.kept)
     }
@@ -306,8 +306,8 @@ impl Places {
         }
     }
 
-    /// Returns whether a ledger entry belongs to a register that a release has changed, and that no output of the last
-    /// run uses.
+    /// Returns whether an entry of the register ledger belongs to a register that a release has changed, and that no
+    /// output of the last run uses.
     pub(in crate::gateway) fn is_of_a_release(&self, name: &str, entry: &Entry) -> bool {
         let is_of_release = |place: &OutputPlace| {
             place.axis.starts_with(AXIS) && self.outputs.values().all(|output| output.axis != place.axis)
@@ -315,7 +315,8 @@ impl Places {
         !self.outputs.contains_key(name) && entry.place.as_ref().is_some_and(is_of_release)
     }
 
-    /// Returns the last Cz of a corrected position, in µm of its present axis. `None` if its register has changed.
+    /// Returns the Cz in the position that an output wrote last (position plus Cz), in µm of its present axis. `None`
+    /// if its register has changed.
     pub(in crate::gateway) fn left_in_position(
         &self,
         now: &OutputPlace,
@@ -353,7 +354,7 @@ impl Places {
             let held = held.unwrap_or_default();
             return Explained::new(
                 format!(
-                    "output {output} is not in the profile any more; {held} from the gateway were verified \
+                    "output {output} is no longer in the profile; {held} from the gateway were verified \
                      in {place}"
                 ),
                 "remove the value with `isotherm release` if that is offered. Otherwise set that register to \
@@ -518,7 +519,7 @@ impl Moves {
     }
 }
 
-/// Makes the event about a register that no output uses any more, although it contains a value of the gateway.
+/// Makes the event about a register that outputs no longer use, although it contains a value of the gateway.
 pub(in crate::gateway) fn register_left(
     former: &FormerPlace,
     releases: &Releases,

@@ -1,5 +1,5 @@
-//! Releases: registers that no output uses any more return to their base value, which is the value without the
-//! gateway's offset. Each register is the output of an additional axis.
+//! Releases: registers that outputs no longer use return to their base value, which is the value without the gateway's
+//! offset. Each register is the output of an additional axis.
 //!
 //! The profile in memory gets an axis and an output. The Cz of the axis is always 0, with the limit, step and rate of
 //! the former axis. The output has its former register. Therefore the register is read, written and verified like every
@@ -11,7 +11,7 @@
 //! Each of these conditions prevents a release:
 //!
 //! - The saved state does not contain limit, step and rate of the former axis.
-//! - The profile writes to the register, or does not have its device any more.
+//! - The profile writes to the register, or no longer has its device.
 //! - The output was part of a set, was no offset, was not read back, or was not on Modbus.
 
 use std::time::Duration;
@@ -49,9 +49,10 @@ pub(in crate::gateway) struct Releases {
     obstacles: Vec<(OutputPlace, Option<Explained>)>,
     /// Registers that are returning to their base values.
     pub(in crate::gateway) returning: Vec<ReturningRegister>,
-    /// Registers whose release was given up while a write of the gateway could still arrive.
+    /// Registers whose release was ended without success while a write of the gateway could still arrive.
     pub(in crate::gateway) given_up: Vec<ReturningRegister>,
-    /// Operator offsets of shared registers at the end of a release that was given up, in the unit of the register.
+    /// Operator offsets (the operator's parts of the values) of shared registers at the end of a release that was given
+    /// up, in the unit of the register.
     pub(in crate::gateway) parts: Vec<(OutputPlace, f64)>,
 }
 
@@ -139,8 +140,8 @@ impl Releases {
 }
 
 impl ReturningRegister {
-    /// Checks whether the axis may resume from a Cz that was read in its register. `shares` contains the operator
-    /// offset and the gateway share of a shared register.
+    /// Checks whether the axis may resume from a Cz that was read in its register. `shares` contains the two parts of a
+    /// shared register's value: operator offset and gateway share.
     ///
     /// # Errors
     /// The register does not hold the value that an operator has seen.
@@ -167,9 +168,10 @@ impl ReturningRegister {
                 ),
                 compare,
             )),
-            (None, _) | (_, None) => {
-                Err(Explained::new(format!("the operator offset in {place} is in doubt"), compare))
-            }
+            (None, _) | (_, None) => Err(Explained::new(
+                format!("it is not certain which part of the value in {place} the operator has entered"),
+                compare,
+            )),
         }
     }
 }
@@ -208,9 +210,9 @@ pub(super) fn layout(encoding: &Encoding) -> String {
     format!("{name}{order}{}", if encoding.byte_swap { " byte-swapped" } else { "" })
 }
 
-/// Reason why a shared register whose ledger entry is in doubt cannot be released.
+/// Reason why a shared register cannot be released if its entry in the register ledger is in doubt.
 pub(in crate::gateway) fn in_doubt() -> Explained {
-    Explained::new("the operator offset in this register is in doubt", BY_HAND)
+    Explained::new("it is not certain which part of this register's value the operator has entered", BY_HAND)
 }
 
 fn unknown() -> Explained {
@@ -232,7 +234,9 @@ fn why_not(profile: &Profile, former: &FormerPlace, kept: &[Entry]) -> Result<()
         match entry.and_then(|entry| entry.kept.account) {
             None => {
                 return by_hand(
-                    "the saved state does not contain the operator offset in this register".to_owned(),
+                    "the saved state does not show which part of this register's value the operator has \
+                     entered"
+                        .to_owned(),
                 );
             }
             Some(account) if account.doubt.is_some() => return Err(in_doubt()),
@@ -246,8 +250,8 @@ fn why_not(profile: &Profile, former: &FormerPlace, kept: &[Entry]) -> Result<()
     Ok(())
 }
 
-/// Returns the saved operator offset of a shared register, in the unit of the register. `None` if the register is not
-/// shared, or if the offset is not known.
+/// Returns the saved operator offset (part of the value that the operator entered) of a shared register, in the unit of
+/// the register. `None` if the register is not shared, or if the offset is not known.
 pub(in crate::gateway) fn operators_part(
     place: &OutputPlace,
     bounds: &Bounds,
@@ -282,7 +286,7 @@ fn way(profile: &Profile, place: &OutputPlace, bounds: &Bounds) -> Result<Former
     let device = device_at(profile, place).ok_or_else(|| {
         Explained::new(
             format!(
-                "the profile does not have the device of this register any more, unit {} at {}",
+                "the profile no longer has the device of this register, unit {} at {}",
                 place.unit, place.bus
             ),
             "put that bus and device into the profile again and restart with `isotherm restart --keep`. Or \
@@ -314,7 +318,7 @@ fn way(profile: &Profile, place: &OutputPlace, bounds: &Bounds) -> Result<Former
     let when = bounds.when.as_ref().map(|text| {
         Condition::parse(text, &signal).map_err(|_| {
             by_hand(format!(
-                "the interlock of this register, {text}, has a signal that the profile does not have any more"
+                "the interlock of this register, {text}, has a signal that the profile no longer has"
             ))
         })
     });

@@ -108,11 +108,11 @@ enum Job {
         at: Moment,
         stamped: Stamped,
         row: Vec<u8>,
-        /// Number of losses of output rows before this row was made. If the present number is higher, rows between are
-        /// missing.
+        /// Number of losses of rows of the output log before this row was made. After a loss on disk, rows that were
+        /// made before it are not written, because they cannot be replayed.
         tear: u64,
     },
-    /// Synchronise the written rows to disk.
+    /// Synchronise the written log rows to disk.
     Sync {
         at: Moment,
     },

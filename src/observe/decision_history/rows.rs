@@ -25,7 +25,7 @@ impl Row {
         moment(self.0.get(0)?)
     }
 
-    /// Parses the numbers in the columns with these indices. A cell without a number gives `None`.
+    /// Parses the numbers in the log columns with these indices. A cell without a number gives `None`.
     pub(super) fn numbers(&self, places: &[Option<usize>], values: &mut [Option<f64>]) {
         for (place, value) in places.iter().zip(values) {
             let cell = place.and_then(|place| self.0.get(place));
@@ -34,7 +34,7 @@ impl Row {
         }
     }
 
-    /// Appends the time and the cells in the columns with these indices, with a line break.
+    /// Appends the time and the values in the log columns with these indices, with a line break.
     pub(super) fn write(&self, places: &[Option<usize>], out: &mut Vec<u8>) {
         out.extend_from_slice(self.0.get(0).unwrap_or_default());
         for place in places {

@@ -10,7 +10,8 @@ use isotherm_profile::counted;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum Broker {
-    /// The connection is lost, or cannot be made. The event is not repeated until there is a connection again.
+    /// The connection is lost, or cannot be made. The event is reported again only after the broker was connected in
+    /// between.
     Down {
         /// Address of the broker.
         broker: String,

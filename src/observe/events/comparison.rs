@@ -24,10 +24,10 @@ pub enum Comparison {
         /// Root mean square of the error with the Cz of the model.
         #[serde(rename = "with_um")]
         with: Micron,
-        /// Whether Cz goes to zero until the model is not worse any more.
+        /// Whether Cz goes to zero until the model is no longer worse than no compensation.
         ramps: bool,
     },
-    /// The model is not worse any more.
+    /// The model is no longer worse than no compensation.
     Over {
         /// Axis of the model.
         axis: String,
@@ -59,7 +59,7 @@ impl Comparison {
                 caused(format!("axis {axis}"), why).of(EventKind::Worse)
             }
             Comparison::Over { axis } => {
-                plain(format!("axis {axis}: the model is not worse than no compensation any more"))
+                plain(format!("axis {axis}: the model is no longer worse than no compensation"))
                     .of(EventKind::WorseOver)
             }
         }

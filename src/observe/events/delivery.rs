@@ -14,7 +14,7 @@ pub enum Delivery {
     Failed {
         /// Name of the profile entry, for example `notify[0]`.
         notify: String,
-        /// Scheme, host and port of the server.
+        /// Scheme, host and port of the server to which a message could not be delivered.
         to: String,
         /// Reason as a sentence.
         why: String,
@@ -23,7 +23,7 @@ pub enum Delivery {
     Back {
         /// Name of the profile entry.
         notify: String,
-        /// Scheme, host and port of the server.
+        /// Scheme, host and port of the server to which messages are delivered again.
         to: String,
         /// Number of failed attempts.
         attempts: u64,
@@ -32,7 +32,7 @@ pub enum Delivery {
     Dropped {
         /// Name of the profile entry.
         notify: String,
-        /// Scheme, host and port of the server.
+        /// Scheme, host and port of the server for which the messages were.
         to: String,
         /// Number of dropped messages.
         count: u64,
@@ -58,7 +58,8 @@ impl Delivery {
         }
     }
 
-    /// Returns the profile entry of the server. This event is not sent to that server, because the delivery would fail.
+    /// Returns the name of the `[[notify]]` entry whose server this event is about. The event is not sent to that
+    /// server, because its delivery could fail too.
     #[must_use]
     pub fn notify(&self) -> &str {
         match self {

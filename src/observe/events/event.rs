@@ -340,7 +340,8 @@ events! {
         NotReadBack { output: String } =>
             plain(format!("output {output}: acknowledged, not read back: the register cannot be read"));
         OperatorChange { output: String, from: String, to: String, share: String } => plain(format!(
-            "output {output}: the operator offset changed from {from} to {to} and is kept; the gateway share stays \
+            "output {output}: the operator offset changed from {from} to {to} and is not overwritten; the \
+             gateway share stays \
              {share}"
         ));
         LedgerOpened { output: String, base: String, share: String } =>
@@ -359,7 +360,8 @@ events! {
             #[serde(skip)]
             hint: String,
         } => {
-            let cause = format!("{held} from the gateway were verified in {register}, which no output uses any more");
+            let cause = format!("{held} from the gateway were verified in {register}, which outputs no \
+                                 longer use");
             caused(format!("output {output}"), Explained::new(cause, hint.clone()))
         };
         RegisterReleased { output: String, register: String } =>
@@ -378,7 +380,7 @@ events! {
         };
         PositionFromZero { output: String } => caused(
             format!("output {output}"),
-            "the Cz of the corrected position was not saved: the output begins at Cz 0"
+            "the Cz in the last corrected position was not saved: the output begins at Cz 0"
         );
         CncRestarted { output: String, expected: String } => caused(
             format!("output {output}"),
@@ -429,7 +431,7 @@ events! {
         Interlocked { output: String, when: String } =>
             plain(format!("output {output}: not written, because its condition is not met: {when}"));
         Released { output: String } => plain(format!("output {output}: interlock released"));
-        MachineStarted => plain("the machine was started: the time since machine start begins");
+        MachineStarted => plain("the machine was started: the time since machine start is counted from now");
         Zeroed => plain("zero: references are captured from now on");
         Overrun {
             bus: String,

@@ -1,10 +1,10 @@
 //! Event files: one file `NAME-2026-01-31.events.jsonl` for each day, with one JSON document on each line. They are in
 //! the directory of the logs.
 //!
-//! Every line is sealed. `n` is the number of the line in the file. `after` is the seal of the previous line; in the
-//! first line it is the checksum of the file's name. `seal` is the checksum of the rest of the line. A reader thus
-//! detects lines that were changed, cut or removed, and replaced files. It reports the damage, and reads the other
-//! lines.
+//! Every line has a seal, which is its checksum. `n` is the number of the line in the file. `after` is the seal of the
+//! previous line; in the first line it is the checksum of the file's name. `seal` is the checksum of the rest of the
+//! line. A reader thus detects lines that were changed, cut or removed, and replaced files. It reports the damage, and
+//! reads the other lines.
 
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -147,8 +147,8 @@ pub fn read(path: &Path, mut found: impl FnMut(FileItem)) -> std::io::Result<End
     Ok(end)
 }
 
-/// Parses a line. Returns its content, and its seal: `Err` if the seal is not the checksum of the line. `None` if the
-/// line is no event.
+/// Parses a line of the event file. Returns its content and its seal (checksum): `Err` if the seal is not the checksum
+/// of the line. `None` if the line is no event.
 fn sealed(text: &str) -> Option<(Line, Result<String, String>)> {
     let line = serde_json::from_str(text).ok()?;
     let (sealed, seal) = text.rsplit_once(SEAL)?;

@@ -1,4 +1,4 @@
-//! Events of a run. The journal logs, counts and shows each event, and stores it until it is on disk.
+//! Event journal: the events of a run. It logs, counts and shows each event, and stores it until it is on disk.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, VecDeque};
@@ -41,12 +41,12 @@ pub struct ReportedEvent<'a> {
     pub event: &'a Event,
     /// Event in the form in which it is shown and stored.
     pub entry: &'a Entry,
-    /// Alarms that this event has raised or ended.
+    /// Alarms that the event has raised or ended.
     pub change: &'a Change,
 }
 
-/// Function that receives every event at once, in order. It must not block: it holds the lock of the journal, and
-/// delays the code that reports the event, possibly a line task.
+/// Function that receives every event at once, in order. It must not block: it runs under the lock of the event
+/// journal, and delays the code that reports the event, possibly a line task.
 pub type EventListener = Arc<dyn Fn(ReportedEvent<'_>) + Send + Sync>;
 
 /// Events of this run, and the last events of earlier runs.
@@ -104,7 +104,7 @@ impl UnsavedEvents {
 }
 
 impl Journal {
-    /// Creates a journal without events.
+    /// Creates an event journal without events.
     pub fn by(clock: &Clock) -> Journal {
         Journal { clock: clock.clone(), pages: Mutex::default(), listener: None }
     }

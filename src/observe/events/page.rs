@@ -46,7 +46,7 @@ pub enum PageToken {
         /// Role of the token: scraper, viewer or operator.
         role: &'static str,
     },
-    /// The file contains no valid token.
+    /// The token file contains no valid token.
     Gone {
         /// Role of the token: scraper, viewer or operator.
         role: &'static str,
@@ -63,7 +63,7 @@ impl PageToken {
                     .of(EventKind::TokenChanged)
             }
             PageToken::Gone { role, why } => {
-                caused(format!("the {role}'s token is not valid any more"), why).of(EventKind::TokenGone)
+                caused(format!("the {role}'s token is no longer valid"), why).of(EventKind::TokenGone)
             }
         }
     }

@@ -29,7 +29,7 @@ pub enum StandIn {
         /// Number of sensors from which the stand-in is calculated; `None` without a stand-in.
         others: Option<usize>,
     },
-    /// The sensor has no stand-in any more.
+    /// The sensor no longer has a stand-in (value estimated from other sensors).
     Over {
         /// Axis of the model.
         axis: String,
@@ -64,7 +64,7 @@ impl StandIn {
                 caused(format!("axis {axis}"), why).of(kind)
             }
             StandIn::Over { axis, signal, accepted } => {
-                let is = if *accepted { "accepted again" } else { "not replaced by a stand-in any more" };
+                let is = if *accepted { "accepted again" } else { "no longer replaced by a stand-in" };
                 plain(format!("axis {axis}: {signal} is {is}")).of(EventKind::StandInOver)
             }
         }

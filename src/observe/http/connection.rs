@@ -144,7 +144,8 @@ impl AsFd for Line {
     }
 }
 
-/// Guard for the time from a request to the end of its answer. When it is dropped, the connection is idle.
+/// Marks the connection as busy from a request to the end of its answer. When the value is dropped, the connection is
+/// idle.
 struct AnswerGuard(Arc<Line>);
 
 impl AnswerGuard {
@@ -160,7 +161,7 @@ impl Drop for AnswerGuard {
     }
 }
 
-/// Body of an answer, with the guard for the time of sending.
+/// Body of an answer, with the value that marks the connection as busy until the body is sent.
 struct Answer {
     body: Body,
     _answering: AnswerGuard,

@@ -32,7 +32,7 @@ struct Events {
     events: VecDeque<Entry>,
     /// Number of older events in the time range that were left out.
     left_out: usize,
-    /// Damages of the event files, as sentences.
+    /// Damaged places that were found in the event files, as sentences.
     damage: Vec<String>,
 }
 
@@ -58,8 +58,7 @@ pub(super) async fn since(State(room): State<HttpState>, RawQuery(query): RawQue
     }
 }
 
-/// Reads the events since `since`. `is_wanted` returns `false` when the client does not wait any more; reading then
-/// stops.
+/// Reads the events since `since`. `is_wanted` returns `false` when the client no longer waits; reading then stops.
 fn read(room: &HttpState, since: &str, is_wanted: &dyn Fn() -> bool) -> Result<Events, (StatusCode, String)> {
     let now = time::parse(&room.source.status().now).unwrap_or_default();
     let since = begin(since, now).map_err(|why| (StatusCode::BAD_REQUEST, why))?;

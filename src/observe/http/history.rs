@@ -193,7 +193,7 @@ fn points(query: &str) -> Result<usize, Refused> {
     points.ok_or_else(|| (StatusCode::BAD_REQUEST, format!("points: write a number from 2 to {MOST_POINTS}")))
 }
 
-/// Returns the columns that the query names, or all columns. The error names an unknown column.
+/// Returns the log columns that the query names, or all log columns. The error names an unknown column.
 fn columns(status: &Status, named: Option<&str>) -> Result<Vec<Column>, String> {
     let signals = status.signals.iter().map(|signal| Column { name: signal.name.clone(), unit: signal.unit });
     let of_axis = |axis: &AxisStatus| -> Vec<Column> {

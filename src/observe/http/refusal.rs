@@ -19,7 +19,7 @@ pub(super) enum Refusal {
     TooManyWrong(Duration),
     /// The client may read, but not command.
     OnlyLooks,
-    /// The client may only read the metrics.
+    /// The client's token allows it only to read the metrics.
     OnlyScrapes,
     /// The profile has no operator's token, so commands over HTTP are not possible.
     NoOperator,

@@ -1,6 +1,6 @@
 //! Tokens of scrapers, viewers and operators. Each token is in a separate file, which is read again when it changes.
 //!
-//! A token is invalid if it is not in its file any more, if the file cannot be read, or if all users can access the
+//! A token is invalid if its file no longer contains it, if the file cannot be read, or if all users can access the
 //! file.
 
 use std::fmt;
@@ -182,9 +182,9 @@ fn read(path: &Path) -> Result<(String, FileIdentity), String> {
 /// Change of a token file.
 #[derive(Debug, PartialEq)]
 pub(super) enum Change {
-    /// The file contains another token.
+    /// The token file contains another token than before.
     Another,
-    /// The file contains no valid token any more; contains the reason.
+    /// The file no longer contains a valid token; contains the reason.
     Gone(String),
 }
 

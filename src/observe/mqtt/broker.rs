@@ -60,7 +60,7 @@ pub(super) struct ReceivedMessage {
     pub(super) redelivered: bool,
 }
 
-/// Reason why there is no connection.
+/// Reason why there is no connection to the MQTT broker.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Fault {
     /// The host name of the broker has no address.

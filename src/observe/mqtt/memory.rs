@@ -1,7 +1,7 @@
 //! Files that show what earlier runs have published.
 //!
 //! The death number (bdSeq) of a Sparkplug node must differ from that of the last run. For JSON messages, the broker
-//! retains the last message of each topic. If a topic is not published any more, its last message would look current
+//! retains the last message of each topic. If a topic is no longer published, its last message would look current
 //! forever. The topics are therefore saved, and the next run clears those that it does not publish.
 
 use std::collections::BTreeSet;

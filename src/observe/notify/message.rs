@@ -11,7 +11,7 @@ const ABOUT: [&str; 5] = ["axis", "device", "bus", "signal", "output"];
 #[derive(Clone, Debug)]
 pub(super) struct Message {
     machine: String,
-    /// Number of messages for the server since the start, including this one.
+    /// Number of messages for this server (entry of `[[notify]]`) since the start, including this one.
     count: u64,
     dry_run: bool,
     entry: Entry,

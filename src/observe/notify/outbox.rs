@@ -68,13 +68,13 @@ impl Outbox {
         Outbox { notify, machine, dry_run, queue: Mutex::default(), wakeup: Wakeup::new() }
     }
 
-    /// Returns the profile entry of the server.
+    /// Returns the `[[notify]]` entry of the profile that describes the server of this queue.
     pub fn notify(&self) -> &Notify {
         &self.notify
     }
 
-    /// Adds a message if the profile selects this event. The call waits only for the lock of this queue, which is held
-    /// for a short time.
+    /// Adds a message about this event, if the profile selects its kind for the server. The call waits only for the
+    /// lock of this queue, which is held for a short time.
     pub fn receive(&self, happened: ReportedEvent<'_>) {
         if !self.includes(happened) {
             return;

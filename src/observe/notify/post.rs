@@ -12,7 +12,7 @@ use crate::net::{ConnectError, Host, Stream};
 use crate::tls::TlsFault;
 use isotherm_profile::{Notify, Url};
 
-/// Receiver of messages: a server, or its replacement in tests.
+/// Receiver of messages: a server, or an object that takes its place in tests.
 pub trait Post {
     /// Sends one message, and waits until the server has accepted it.
     fn post(&self, body: &str) -> impl Future<Output = Result<(), Failure>> + Send;

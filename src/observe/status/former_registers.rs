@@ -1,10 +1,10 @@
-//! Registers that no output uses any more, but that still contain an offset of the gateway.
+//! Registers that outputs no longer use, but that still contain an offset of the gateway.
 
 use serde::Serialize;
 
 use isotherm_core::explained::Explained;
 
-/// Register that no output uses any more, but that still contains an offset of the gateway.
+/// Register that outputs no longer use, but that still contains an offset of the gateway.
 #[derive(Clone, Debug, Serialize)]
 pub struct FormerRegisterStatus {
     /// Name of the output that used the register.
@@ -17,7 +17,8 @@ pub struct FormerRegisterStatus {
     pub held_um: f64,
     /// Cz that a release has found in the register, µm. `None` if it equals the last verified Cz.
     pub found_um: Option<f64>,
-    /// Saved operator offset of a shared register, in the unit of the register. `None` if the register is not shared.
+    /// Saved operator offset (part of the value that the operator entered) of a shared register, in the unit of the
+    /// register. `None` if the register is not shared.
     pub operator: Option<f64>,
     /// Maximum absolute Cz of the former axis, µm. `None` if an earlier version of isotherm has saved the state.
     pub limit_um: Option<f64>,
@@ -37,7 +38,7 @@ pub enum ReleaseRequest<'a> {
     /// Return the registers to their base values. The list contains the offsets in the registers as they were shown to
     /// the operator, as Cz in µm.
     Back(&'a [f64]),
-    /// Withdraw the request, so that the registers keep their values.
+    /// Withdraw the request to release the registers, so that they keep their values.
     Stay,
 }
 

@@ -32,7 +32,7 @@ pub struct WorseStatus {
     pub without_um: f64,
     /// Root mean square of the error with the Cz of the model, µm.
     pub with_um: f64,
-    /// Whether Cz goes to zero until the model is not worse any more.
+    /// Whether Cz goes to zero until the model is no longer worse than no compensation.
     pub ramps: bool,
 }
 

@@ -27,7 +27,7 @@ pub(crate) struct ReceivedValue {
 /// Content of a received frame, as far as one device uses it.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Delivery {
-    /// The device uses no value of this frame.
+    /// The device does not use any value of this frame.
     Foreign,
     /// The new values, each with the addresses at which the device stores it.
     Taken(Vec<(Vec<Address>, Encoded)>),

@@ -169,7 +169,7 @@ impl Port {
                 );
             }
             _ => {
-                tracing::debug!(interface = self.interface, %fault, "the interface does not exist any more");
+                tracing::debug!(interface = self.interface, %fault, "the interface no longer exists");
                 self.socket = None;
             }
         }

@@ -49,7 +49,7 @@ pub(crate) struct Node {
     server: Server,
     heartbeat: Option<Moment>,
     pdos: Vec<Pdo>,
-    /// Actions that the line of the node has to execute at its next tick.
+    /// Actions that the virtual CAN line has to execute for this node at its next call.
     pub(crate) acts: Vec<NodeAction>,
 }
 

@@ -197,9 +197,8 @@ impl FaultFile {
                 );
             }
             Kind::Acknowledge(_) if self.replies.is_some() => {
-                return Err(
-                    "an acknowledge is no reply, so `for` cannot count it: write `for_time`".to_owned()
-                );
+                return Err("an acknowledge signal is no reply, so `for` cannot count it: write `for_time`"
+                    .to_owned());
             }
             Kind::Acknowledge(_) if !answers_strobes(profile, DeviceId(device)) => {
                 return Err(format!("no output or set of `{}` has a handshake", self.device));

@@ -230,7 +230,7 @@ impl Hardware {
         }
     }
 
-    /// Stores a written value at these addresses, and records the write in the journal.
+    /// Stores a written value at these addresses, and records the write in the request journal.
     fn put(&mut self, place: usize, cells: &[Address], words: &[u16], at: Moment) {
         let device = self.units[place].device;
         let count = u16::try_from(words.len()).unwrap_or(u16::MAX);

@@ -156,7 +156,7 @@ fn a_namespace_that_is_gone_or_there_twice_is_used_only_after_a_person_has_confi
         (&["--twice"][..], "the server has namespace urn:test (ns=2) more than once: write", "urn:test"),
         (
             &["--uri", "urn:mill"],
-            "the server does not have namespace urn:test (ns=2) any more; ns=2 is urn:mill: write",
+            "the server no longer has namespace urn:test (ns=2); ns=2 is urn:mill: write",
             "urn:mill",
         ),
     ] {

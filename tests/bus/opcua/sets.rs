@@ -147,8 +147,8 @@ fn a_server_that_takes_fewer_nodes_in_a_call_than_a_set_has_is_written_nothing_a
     let text = in_a_set(port(&server), "");
     let control = server.clone();
     beside(&text, Options::default(), move |source| {
-        let said = "the server accepts 2 nodes in one call (MaxNodesPerWrite), and a set must be written in \
-                    one call";
+        let said = "the server accepts 2 nodes in one call (MaxNodesPerWrite), and an output set must be \
+                    written in one call";
         wait_until(source, "it is reported", |status| events(status).iter().any(|text| text.contains(said)));
         assert!(!control.lock().unwrap().does("log").contains("write"));
     });

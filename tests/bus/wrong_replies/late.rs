@@ -27,6 +27,10 @@ fn late(factor: f64, writes: bool) -> Life {
                 tokio::time::sleep(peer.kind().timeout().mul_f64(factor)).await;
                 if begun.elapsed() < WAITED_FOR {
                     peer.say(&asked.framed(&asked.pdu_of(own(attempt)))).await?;
+                    // The computer has stopped this task between the check and the answer.
+                    if begun.elapsed() >= WAITED_FOR {
+                        peer.lane.spoils();
+                    }
                 }
             } else {
                 peer.answer(&asked).await?;

@@ -53,7 +53,7 @@ fn whoever_commands_by_whatever_way_is_reported() {
 fn a_zero_says_what_is_captured_and_without_such_a_reference_what_to_write() {
     let bench = Bench::manual();
     let (code, said) = bench.ask(&["zero"]);
-    let words = ["no reference \"zero\"", "write reference = \"zero\"", "datum = \"zero\""];
+    let words = ["uses the reference \"zero\"", "Write reference = \"zero\"", "datum = \"zero\""];
     assert!(code == 0 && words.iter().all(|word| said.contains(word)), "{code} {said}");
     assert!(bench.events(&[]).iter().all(|event| event["kind"] != "zeroed"));
     let changes: [fn(String) -> String; 2] = [

@@ -104,8 +104,8 @@ fn an_acknowledge_that_does_not_come_is_reported_and_the_axis_holds_until_it_doe
     let reported = texts(&trace, "acknowledge-missing");
     assert_eq!(
         reported,
-        ["acknowledge of output cnc_z did not come within 500 ms (discrete:20): does the control's \
-             program run, does it read this strobe? If so, raise `timeout` of the handshake"],
+        ["acknowledge signal of output cnc_z did not come within 500 ms (discrete:20): does the control's \
+             program run, does it read this strobe signal? If so, raise `timeout` of the handshake"],
         "{}",
         trace.lines()
     );
@@ -122,7 +122,7 @@ fn an_acknowledge_that_does_not_come_is_reported_and_the_axis_holds_until_it_doe
     assert_eq!(tried.len(), 1, "the same value again: {tried:?}");
     let stuck = trace
         .between(72, 78)
-        .all(|sample| sample.status.outputs[1].handshake == "the acknowledge did not come");
+        .all(|sample| sample.status.outputs[1].handshake == "the acknowledge signal did not come");
     assert!(stuck, "the page says where it is stuck");
     assert!(trace.samples.last().unwrap().status.outputs[1].handshake.is_empty());
 }
@@ -146,20 +146,18 @@ fn an_acknowledge_that_does_not_drop_is_reported_and_nothing_is_written_while_it
     let reported = texts(&trace, "acknowledge-stuck");
     assert_eq!(
         reported,
-        [
-            "acknowledge of output cnc_z did not drop within 500 ms after the strobe (discrete:20): does the control's program drop \
-             the acknowledge when the strobe drops?"
-        ],
+        ["acknowledge signal of output cnc_z did not drop within 500 ms after the strobe signal \
+             (discrete:20): does the \
+             control's program drop the acknowledge signal when the strobe signal drops?"],
         "{}",
         trace.lines()
     );
     let early = texts(&trace, "acknowledge-early");
     assert_eq!(
         early,
-        [
-            "acknowledge of output cnc_z was up before the strobe and did not drop within 500 ms (discrete:20): does the control's \
-             program drop the acknowledge when the strobe drops?"
-        ],
+        ["acknowledge signal of output cnc_z was up before the strobe signal and did not drop within 500 \
+             ms (discrete:20): \
+             does the control's program drop the acknowledge signal when the strobe signal drops?"],
         "{}",
         trace.lines()
     );
@@ -279,7 +277,7 @@ fn a_strobe_that_cannot_be_raised_is_reported() {
     let reported = texts(&trace, "strobe-not-written");
     assert_eq!(reported.len(), 1, "{}", trace.lines());
     assert!(
-        reported[0].starts_with("strobe of output cnc_z could not be written (coil:20): "),
+        reported[0].starts_with("strobe signal of output cnc_z could not be written (coil:20): "),
         "{reported:?}"
     );
 }
@@ -302,7 +300,7 @@ fn a_strobe_that_cannot_be_dropped_is_reported_and_dropped_as_soon_as_that_is_po
     let reported = texts(&trace, "strobe-not-dropped");
     assert_eq!(reported.len(), 1, "{}", trace.lines());
     assert!(
-        reported[0].starts_with("strobe of output cnc_z could not be dropped (coil:20): "),
+        reported[0].starts_with("strobe signal of output cnc_z could not be reset (coil:20): "),
         "{reported:?}"
     );
     assert_eq!(trace.states_between(150, 180), ["active"], "{}", trace.lines());
@@ -319,7 +317,7 @@ fn an_acknowledge_that_cannot_be_read_is_reported() {
     let reported = texts(&trace, "acknowledge-not-read");
     assert_eq!(reported.len(), 1, "{}", trace.lines());
     assert!(
-        reported[0].starts_with("acknowledge of output cnc_z could not be read (discrete:20): "),
+        reported[0].starts_with("acknowledge signal of output cnc_z could not be read (discrete:20): "),
         "{reported:?}"
     );
 }

@@ -244,7 +244,7 @@ fn check_names_what_has_moved_beside_the_state_of_a_stopped_gateway() {
     assert!(moved[0].contains("output cnc_z was share whole"), "{moved:#?}");
     changed.outputs.remove(place);
     let moved = moved_since(directory.path(), &changed);
-    assert!(moved[0].contains("output cnc_z is not in the profile any more"), "{moved:#?}");
+    assert!(moved[0].contains("output cnc_z is no longer in the profile"), "{moved:#?}");
     assert!(
         moved[0].contains("from the gateway were verified in holding:104 (40105) of unit 1 at"),
         "{moved:#?}"

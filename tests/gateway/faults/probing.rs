@@ -139,7 +139,7 @@ fn what_a_person_sends_is_held_against_what_stands_in_the_machine() {
         });
         let trial = trial.at(5 * MINUTE + 2 * SECOND, move |stage| {
             let said = send(stage, "z", 3.0).unwrap();
-            assert!(said.text().starts_with("z: 3.0 µm with a Cz of"), "{said:?}");
+            assert!(said.text().starts_with("z: error 3.0 µm, measured while a Cz of"), "{said:?}");
         });
         trial.run(6 * MINUTE).await
     });

@@ -404,7 +404,7 @@ fn what_cannot_be_released_is_refused_with_the_reason_and_moves_nothing() {
     refused(&said[0], &["output cnc_z: there is nothing to release", "isotherm status"]);
     refused(&said[1], &["there is nothing to release", "isotherm status"]);
     refused(&said[2], &["output readout_z: there is nothing to release"]);
-    refused(&said[3], &["the value that is left of output cnc_z has changed", "check the value"]);
+    refused(&said[3], &["a former register of output cnc_z has changed", "check the value"]);
     refused(&said[4], &["dry run"]);
     assert!(traces[1..].iter().all(|trace| accesses(trace).is_empty()));
     assert_eq!(traces[1].reported("command-refused"), 3, "{}", traces[1].lines());

@@ -213,7 +213,7 @@ fn a_missing_acknowledge_of_a_set_is_reported_by_the_name_of_the_set() {
     holds(&trace);
     let reported: Vec<_> = trace.events.iter().filter(|event| event.kind == "acknowledge-missing").collect();
     assert_eq!(reported.len(), 1, "{}", trace.lines());
-    let said = "acknowledge of set block did not come within 400 ms (input:16.0)";
+    let said = "acknowledge signal of set block did not come within 400 ms (input:16.0)";
     assert_eq!(reported[0].data["cause"], said);
     for axis in 0..3 {
         let held = trace.between(73, 79).all(|sample| sample.status.axes[axis].state == "holding");

@@ -385,6 +385,6 @@ fn a_line_that_no_longer_cycles_leads_to_the_fault_action() {
         trial.run(MINUTE).await
     });
     assert!(trace.outcome.failed && trace.outcome.rested, "{:?}\n{}", trace.outcome, trace.lines());
-    assert!(trace.lines().contains("does not run any more"), "{}", trace.lines());
+    assert!(trace.lines().contains("has stopped running"), "{}", trace.lines());
     assert!(last_write(&trace).abs() < 1e-9, "the fault action ran: {}", last_write(&trace));
 }

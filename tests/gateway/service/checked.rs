@@ -169,7 +169,7 @@ fn a_page_whose_token_is_gone_keeps_no_new_program_from_running_and_comes_when_i
     let (code, said) = service.restart(&[]);
     assert_eq!(code, Some(0), "{said}");
     service.walks_to(60);
-    let closed = service.gateway.receives("the page");
+    let closed = service.gateway.receives("the web page");
     assert!(closed.contains("page.token"), "{closed}");
     std::fs::rename(service.home.path().join("away"), &token).unwrap();
     service.gateway.receives("page http://127.0.0.1:");

@@ -137,7 +137,7 @@ fn a_digest_without_a_handover_is_an_event_and_the_start_an_ordinary_one() {
     ];
     let service =
         Service::start_by(|text| manual(&corrected(&text)), &wait, &[("PATH", "/usr/bin:/bin")], announce);
-    is_refused(&service, "none has arrived");
+    is_refused(&service, "has received none");
 }
 
 #[test]

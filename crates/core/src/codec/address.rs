@@ -56,7 +56,7 @@ impl Table {
         }
     }
 
-    /// Returns whether the cells of the table are single bits.
+    /// Returns whether the Modbus table consists of single bits, not of registers.
     pub const fn is_bits(self) -> bool {
         matches!(self, Table::Coil | Table::Discrete)
     }

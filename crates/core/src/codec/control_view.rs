@@ -44,7 +44,7 @@ pub enum Inadmissible {
         /// Limit of the correction.
         limit: Micron,
     },
-    /// The control would apply another correction than intended.
+    /// The control would convert the registers to another correction than intended.
     Unlike {
         /// Correction that the control would apply.
         correction: Micron,

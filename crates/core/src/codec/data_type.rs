@@ -38,7 +38,8 @@ pub enum DataType {
 }
 
 impl DataType {
-    /// Types that a profile names without a number of bits.
+    /// Data types with a fixed name in profiles, such as `u16`. Types whose number of bits the profile states
+    /// ([`DataType::Unsigned`], …) are not in this list.
     pub const ALL: [DataType; 9] = [
         DataType::Bool,
         DataType::U16,

@@ -9,7 +9,7 @@ use super::{DataType, Encoded};
 pub struct Entry {
     /// Index of the object.
     pub index: u16,
-    /// Sub-index of the entry.
+    /// Sub-index of the object's entry.
     pub sub: u8,
 }
 
@@ -63,7 +63,7 @@ impl Object {
     }
 }
 
-/// Formats the entry, for example as `7130:01`.
+/// Formats index and sub-index of the object, for example as `7130:01`.
 impl fmt::Display for Object {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.entry.fmt(f)

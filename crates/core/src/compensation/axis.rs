@@ -1,4 +1,4 @@
-//! One axis: its models, its guards and its state.
+//! One axis: its models, the limiters of Cz and slope (guards), and its state.
 
 use std::time::Duration;
 
@@ -46,7 +46,7 @@ pub(super) struct Axis {
     pub(super) decision: Decision,
 }
 
-/// Result of the guards, which limit the changes of Cz and slope.
+/// Cz and slope after the limits of the axis (limit, deadband, step, rate, rounding).
 struct GuardResult {
     cz: Micron,
     slope: Micron,
@@ -145,7 +145,8 @@ impl Axis {
         }
     }
 
-    /// Starts to capture the datum (zero point of Cz) of the axis and the "zero" references of its models.
+    /// Starts to capture the datum (zero point of Cz) of the axis, and the references of its models that a zero command
+    /// sets.
     pub(super) fn zero(&mut self, machine: &MachineSettings, now: Moment) {
         if self.settings.datum == Datum::Zero {
             self.zeroing.begin(now.after(machine.settle));
@@ -231,7 +232,7 @@ impl Axis {
         self.stepped = Some(now);
     }
 
-    /// Updates `tripped`. A model that requests more than the error level is not followed until the axis is armed
+    /// Updates `tripped`. A model that requests more than the error level is not used before an operator arms the axis
     /// again.
     fn note_error_level(&mut self, chosen: Option<ModelChoice>, permit: Permit) {
         let beyond = chosen.is_some_and(|chosen| self.is_beyond_error(&chosen));
@@ -266,8 +267,9 @@ impl Axis {
         if self.is_at_zero() { AxisState::Zeroed } else { AxisState::Ramping }
     }
 
-    /// Moves the guards of Cz and slope towards the requested values. Returns their values, the targets, and the stages
-    /// that changed either value. `dt`: time since the last step. `ramp`: pace at which Cz goes to zero.
+    /// Moves Cz and slope towards the requested values, within the limits of the axis. Returns the new values, the
+    /// targets, and the limits that changed either value. `dt`: time since the last step. `ramp`: pace at which Cz goes
+    /// to zero.
     fn guarded(
         &mut self,
         followed: Option<ModelChoice>,
@@ -310,7 +312,7 @@ impl Axis {
         }
     }
 
-    /// Returns the settings of the guard of the slope: the same bounds as for Cz, in counts of the slope's register.
+    /// Returns the limits for changes of the slope: the same as for Cz, in counts of the slope's register.
     fn slope_settings(&self) -> GuardSettings {
         GuardSettings {
             count: self.settings.intercept_slope.and_then(|line| line.count),

@@ -19,7 +19,8 @@ pub struct Control {
     pub forget: bool,
     /// Measured error with which the axis corrects its models; `None` if there is no new one.
     pub measured: Option<Measured>,
-    /// Target of Cz instead of the model's value, within the guard. It is used to check the sign with a dial gauge.
+    /// Target of Cz instead of the model's value, while an operator checks the sign of Cz with a dial gauge. Limit,
+    /// step and rate of the axis still apply.
     pub sign: Option<Micron>,
     /// Whether the operator has disarmed the axis and checked its sensors. If so, all present readings are accepted.
     pub trust: bool,

@@ -10,7 +10,7 @@ use crate::quantity::{Micron, Moment, shifted};
 pub struct Decision {
     /// Time of the decision.
     pub at: Moment,
-    /// Cz that the model requests with its correction, before the guard.
+    /// Cz that the model requests, with the correction from probings, before the limits of the axis are applied.
     pub raw: Option<Micron>,
     /// Expected residual error if the decision is applied: one standard deviation. `None` if the error is unknown, or
     /// the machine is outside the range on which the model was identified.
@@ -21,10 +21,10 @@ pub struct Decision {
     pub correction: Micron,
     /// Index of the model in the profile's list; `None` if no model can be used.
     pub model: Option<usize>,
-    /// Cz after the guard. The gateway writes this value.
+    /// Cz after the limits of the axis (limit, deadband, step, rate, rounding). The gateway writes this value.
     pub cz: Micron,
-    /// Effect of the slope at the axis's largest distance from the reference position, after the guard. Zero unless the
-    /// control applies the slope itself. If it does, Cz is K0, the value at the reference position.
+    /// Effect of the slope at the axis's largest distance from the reference position, after the limits of the axis.
+    /// Zero unless the control applies the slope itself. If it does, Cz is K0, the value at the reference position.
     pub slope: Micron,
     /// Target of Cz within the limit: the value that the model, the fault action, the stop or the sign check requests.
     /// Equal to Cz if nothing is requested.
@@ -35,7 +35,7 @@ pub struct Decision {
     pub slope_target: Micron,
     /// State of the axis.
     pub state: AxisState,
-    /// Guard stages that changed the requested value.
+    /// Limits of the axis (limit, deadband, step, rate, rounding) that changed the requested value.
     pub acted: Stages,
     /// Reason why the preferred model cannot be used; `None` if it is used.
     pub lacks: Option<Unusable>,

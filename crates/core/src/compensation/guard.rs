@@ -1,7 +1,7 @@
-//! Guard between a model and a register: the stages limit → deadband → step → rate → whole counts, which bound each
-//! change of the offset.
+//! Limiter between a model and a register (the guard): the stages limit → deadband → step → rate → whole counts, which
+//! bound each change of the offset.
 //!
-//! Each stage reports if it changed the value. The guard stores two numbers: the offset in µm, and the decided offset
+//! Each stage reports if it changed the value. The limiter stores two numbers: the offset in µm, and the decided offset
 //! in whole counts. With the counts alone, a rate of less than one count per update would never change the offset.
 
 use std::fmt;
@@ -14,7 +14,7 @@ use crate::quantity::Micron;
 
 mod deadband;
 
-/// Set of the guard stages that changed a value.
+/// Set of the limits (limit, deadband, step, rate, rounding) that changed a value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Stages(u8);
 
@@ -25,7 +25,7 @@ impl Stages {
     pub const DEADBAND: Stages = Stages(2);
     /// The change was reduced to the largest step.
     pub const STEP: Stages = Stages(4);
-    /// The change was reduced to the largest speed.
+    /// The change was reduced to the largest speed (`rate`).
     pub const RATE: Stages = Stages(8);
     /// The value was rounded to whole counts.
     pub const ROUND: Stages = Stages(16);
@@ -68,19 +68,19 @@ impl fmt::Display for Stages {
     }
 }
 
-/// Kind of change of Cz, which determines the guard stages that apply.
+/// Kind of change of Cz, which determines the limits that apply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Pace {
-    /// Cz follows the value of a model. Every guard stage applies.
+    /// Cz follows the value of a model. Every limit applies.
     Follow,
     /// Cz goes to zero at the axis's rate, without deadband.
     Ramp,
-    /// Cz goes to zero by one largest step at every update, without regard to the rate.
+    /// Cz goes to zero by the largest step at every update. The limit of the speed does not apply.
     Steps,
 }
 
-/// Guard of one offset, Cz or the effect of the slope. `place`: the offset in µm before rounding. `counted`: the same
-/// offset, rounded to whole counts of the register.
+/// Limiter of one offset, which is Cz or the effect of the slope. `place`: the offset in µm before rounding. `counted`:
+/// the same offset, rounded to whole counts of the register.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Guard {
     place: Micron,
@@ -194,7 +194,7 @@ impl Grid<'_> {
     }
 }
 
-/// Returns the largest change of one update, and the guard stage that determines it: the rate times `dt`, or the step.
+/// Returns the largest change of one update, and the limit that determines it: the rate times `dt`, or the step.
 fn allowance(dt: Duration, pace: Pace, settings: &GuardSettings) -> (Micron, Stages) {
     let by_rate = Micron::new(settings.rate.get() * dt.as_secs_f64()).unwrap_or(settings.step);
     if pace != Pace::Steps && by_rate < settings.step {

@@ -14,7 +14,7 @@
 //! off.
 //!
 //! # Rules
-//! - The correction is added to the raw Cz, before the guard. Therefore it reaches the register in steps.
+//! - The correction is added to the raw Cz, before the limits of the axis. Therefore it reaches the register in steps.
 //! - Each model has its own correction. A probing corrects every model that has a value at that moment, so that a
 //!   fallback model is also corrected. A model whose envelope holds or reduces its value is not corrected while its
 //!   inputs are outside.

@@ -6,7 +6,7 @@ use super::guard::Guard;
 use super::{AxisState, Decision, Permit};
 use crate::quantity::{Moment, shifted};
 
-/// Running state of one axis: its guards, its state and its last decision.
+/// Running state of one axis: its limiters of Cz and slope, its state and its last decision.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AxisRunning {
     pub(super) axis: String,

@@ -9,7 +9,7 @@ mod machine;
 
 pub use machine::MachineSettings;
 
-/// Settings of one axis: its models in order of preference, and its guard.
+/// Settings of one axis: its models in order of preference, and the limits on its Cz.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AxisSettings {
     /// Name of the axis in the profile.
@@ -102,8 +102,8 @@ pub struct GainSettings {
     pub limit: f64,
 }
 
-/// Two levels of |Cz|, as controls have them (Beckhoff TF5200: warn, error). With the limit of the guard: `warn` ≤
-/// `limit` ≤ `error`.
+/// Two levels of |Cz|, as controls have them (Beckhoff TF5200: warn, error). With the limit of Cz: `warn` ≤ `limit` ≤
+/// `error`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Levels {
     /// Absolute value of Cz beyond which one warning is given; `None` for no warning.
@@ -129,7 +129,7 @@ pub enum Datum {
 pub struct InterceptSlope {
     /// Position P0 at which the slope adds nothing.
     pub reference: Millimetre,
-    /// Largest distance of the axis from the reference position. The guard of the axis applies to tanβ times this
+    /// Largest distance of the axis from the reference position. The limits of the axis apply to tanβ times this
     /// distance.
     pub reach: Millimetre,
     /// One count of the slope's register, as its effect at the distance `reach`, µm. `None` if the register accepts
@@ -172,7 +172,7 @@ const SHORTEST_PERIOD: Duration = Duration::from_millis(100);
 /// Bounds of Cz and its changes. All values are positive and finite, except a deadband of zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GuardSettings {
-    /// Largest absolute value of Cz. The guard never exceeds it.
+    /// Largest absolute value of Cz that is written.
     pub limit: Micron,
     /// Largest change of Cz at one update.
     pub step: Micron,

@@ -113,7 +113,7 @@ pub(super) struct Watch {
     terms: Vec<TermOfModel>,
     /// State of each sensor of the stand-ins file.
     sensors: Vec<Sensor>,
-    /// State of each input of the predictions (the bank).
+    /// State of each input (other sensor with its lag) of the predictions.
     bank: Vec<BankInput>,
     /// Shadow of the lag of each term of the model.
     shadows: Vec<Lag>,
@@ -141,7 +141,8 @@ pub(super) struct Watch {
 pub(super) struct Bounds<'a> {
     /// Largest step of the axis.
     pub(super) step: Micron,
-    /// Whether the control itself multiplies the slope by the distance from the reference position.
+    /// Whether the control itself multiplies the slope (tanβ) by the distance of the axis from the reference position
+    /// P0.
     pub(super) splits_slope: bool,
     /// Function that returns Cz, and the effect of the slope, that the axis would follow with these inputs. The
     /// envelope and the correction from probings are applied. `None` if the model has no value.

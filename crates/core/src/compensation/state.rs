@@ -14,12 +14,12 @@
 //!
 //! # Theory of operation
 //! An axis that is off decides nothing, and the register value does not change. When the axis is armed, it takes over
-//! the register value. The first decision is therefore one step from that value. The axis follows a model through the
-//! guard while the model can be used and the last write was verified. If it follows a fallback model, its state shows
-//! this. If no model can be used or a write was not verified, the axis keeps its value. Then it runs the fault action
-//! of the profile. When the axis recovers, the guard also limits its changes. A model that requests more than the error
-//! level cannot be used until the axis is armed again. When the gateway stops, the fault action runs without its
-//! waiting time. An axis that is off stays off.
+//! the register value. The first decision is therefore one step from that value. The axis follows a model, within the
+//! limits of its Cz, while the model can be used and the last write was verified. If it follows a fallback model, its
+//! state shows this. If no model can be used or a write was not verified, the axis keeps its value. Then it runs the
+//! fault action of the profile. When the axis recovers, the same limits apply to its changes. A model that requests
+//! more than the error level cannot be used until the axis is armed again. When the gateway stops, the fault action
+//! runs without its waiting time. An axis that is off stays off.
 
 use std::fmt;
 

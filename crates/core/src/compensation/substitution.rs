@@ -25,7 +25,7 @@ pub(super) enum SubstituteSource {
         /// Predicted rise since machine start.
         rise: f64,
     },
-    /// The substitute has no value. Everything that requires the sensor waits.
+    /// The stand-in has no value. Everything that requires the sensor waits.
     None,
 }
 

@@ -157,7 +157,7 @@ impl Controller {
         self.policy.inputs.is_armed
     }
 
-    /// Returns whether the control may not have taken the register values of its set.
+    /// Returns whether the control may not have taken the register values of its output set.
     pub fn is_bound(&self) -> bool {
         self.policy.set != SetCommit::Taken
     }
@@ -167,8 +167,8 @@ impl Controller {
         self.state.shown(settings).verified.map_or(settings.bias, |seen| seen.value)
     }
 
-    /// Returns whether the caller must wait until the state is saved on disk: before a promised value is sent, or
-    /// before a new division into operator offset and gateway share is reported.
+    /// Returns whether the caller must wait until the state is saved on disk: before a value is sent that must be on
+    /// disk first, or before new parts of a shared register (operator offset, gateway share) are reported.
     pub fn must_keep(&self, settings: &Settings) -> bool {
         let mut said = self.policy.said;
         let has_to_report = is_open(&self.state, settings) && said.first(Topic::Division);
@@ -368,8 +368,8 @@ impl Controller {
         }
     }
 
-    /// Records a failed write. While the axis is off, the register value is only sent along with other outputs of a
-    /// set, and a failure is not recorded.
+    /// Records a failed write. While the axis is off, the register value is only sent along with other outputs of its
+    /// output set, and a failure is not recorded.
     fn write_fails(&mut self, trouble: Trouble) {
         if self.policy.inputs.is_armed {
             self.fails(trouble);
@@ -491,7 +491,8 @@ impl Controller {
         }
     }
 
-    /// Ends the turn. A requested read or write that was not executed is dropped.
+    /// Ends the turn of the output (work of the line task on it). A requested read or write that was not executed is
+    /// dropped.
     fn turn_ends(&mut self, settings: &Settings, now: Moment) {
         let given_up = match self.policy.action {
             Action::Nothing { .. } | Action::Keep => None,
@@ -582,7 +583,7 @@ impl Controller {
     }
 }
 
-/// Returns whether operator offset and gateway share of a shared register are known without a doubt.
+/// Returns whether both parts of a shared register's value are known for certain: operator offset and gateway share.
 fn is_open(state: &State, settings: &Settings) -> bool {
     state.shown(settings).account.is_some_and(|account| account.doubt.is_none())
 }

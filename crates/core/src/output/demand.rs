@@ -25,7 +25,8 @@ pub struct Demand {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OutputDecision {
-    /// Offset in counts, without the bias. For a shared register: the gateway share.
+    /// Offset in counts, without the bias. For a shared register: the gateway share (part of the value that the gateway
+    /// adds).
     pub offset: Counts,
     /// Target that the offset approaches. `None` for a constant, and if the target is unknown.
     pub target: Option<Counts>,
@@ -77,17 +78,17 @@ pub enum Input {
     Applied {
         /// Applied value in thousandths of a count of the register. `None` if the value is not a number.
         found: Option<i64>,
-        /// Time of the request.
+        /// Time at which the read request was sent.
         asked: Moment,
     },
     /// The read of the applied value was not answered.
     AppliedNoAnswer {
-        /// Time of the request.
+        /// Time at which the read request was sent.
         asked: Moment,
     },
     /// Whether the control has taken the last values of the set to which the output belongs.
     Set(SetCommit),
-    /// The turn of the output ends. Pending exchanges of the turn are dropped.
+    /// The turn of the output (work of the line task on it) ends. Exchanges that are still pending are dropped.
     TurnEnds,
 }
 
@@ -139,7 +140,7 @@ pub enum NotSent {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SetCommit {
-    /// The control has taken the register values. Also the state of an output without a set.
+    /// The control has taken the register values. Also the state of an output that is written alone.
     #[default]
     Taken,
     /// The control may not have taken the register values. No other values are sent until it has.

@@ -24,14 +24,14 @@ pub enum Event {
     },
     /// The operator changed the operator offset in a shared register.
     OperatorChanged {
-        /// Operator offset before.
+        /// Operator offset (part of the value that the operator entered) before the change.
         from: Counts,
-        /// Operator offset now.
+        /// Operator offset after the change.
         to: Counts,
     },
     /// The register fell to zero: the CNC was restarted, or another client cleared the register.
     CncRestarted {
-        /// Register value before.
+        /// Register value before the change.
         stood: Counts,
     },
     /// Another client wrote to a register that belongs to the gateway. The axis is off.
@@ -41,14 +41,14 @@ pub enum Event {
         /// Register value.
         found: Counts,
     },
-    /// Operator offset and gateway share of a register cannot be determined. The axis is off until the operator
-    /// confirms.
+    /// The two parts of a shared register's value (operator offset and gateway share) cannot be determined. The axis is
+    /// off until the operator confirms.
     Doubted {
         /// Reason why operator offset and gateway share are not certain.
         doubt: Doubt,
         /// Register value.
         found: Counts,
-        /// Gateway share that is assumed until the operator confirms it.
+        /// Gateway share (part of the value that the gateway added) that is assumed until the operator confirms it.
         share: Counts,
     },
     /// A shared register is not zero when the gateway first uses it. The operator must confirm that all of it is the
@@ -109,14 +109,15 @@ pub enum Event {
     },
     /// The control has not applied the register value in time.
     NotApplied,
-    /// The division of a shared register into operator offset and gateway share is known and saved on disk.
+    /// The two parts of a shared register's value (operator offset and gateway share) are known and saved on disk.
     Opened {
-        /// Operator offset, as it was recorded.
+        /// Operator offset (part of the value that the operator entered), as it was recorded.
         base: Counts,
-        /// Gateway share, as it was recorded.
+        /// Gateway share (part of the value that the gateway added), as it was recorded.
         share: Counts,
     },
-    /// Only the operator can say which part of the register value is the operator offset. The axis is off until then.
+    /// Only the operator can say which part of the register value is the operator offset. The axis is off until the
+    /// operator has confirmed it.
     Question,
 }
 
@@ -147,13 +148,15 @@ pub enum Doubt {
     SecondGateway,
     /// The register changed while the operator armed the axis.
     ChangedWhileArming,
-    /// The ledger, which contains the saved states of shared registers, cannot be read.
+    /// The register ledger on disk, which contains the parts of each shared register's value, cannot be read.
     Unreadable,
-    /// An offset was written before, but the ledger, which contains the saved states of shared registers, is missing.
+    /// An offset was written before, but the register ledger on disk, which contains the parts of each shared
+    /// register's value, is missing.
     Lost,
-    /// The saved state in the ledger is for another register, or for counts of another size.
+    /// The saved entry in the register ledger is for another register, or for counts of another size.
     Elsewhere,
-    /// The ledger, which contains the saved states of shared registers, was restored from a backup.
+    /// The register ledger on disk, which contains the parts of each shared register's value, was restored from a
+    /// backup.
     Restored,
 }
 
@@ -178,10 +181,14 @@ impl fmt::Display for Doubt {
                  gateway writes to it"
             }
             Doubt::ChangedWhileArming => "the register changed while the axis was being armed",
-            Doubt::Unreadable => "the ledger cannot be read",
-            Doubt::Lost => "an offset was written before, but its ledger is missing",
-            Doubt::Restored => "the ledger is from a backup, and later writes may be missing from it",
-            Doubt::Elsewhere => "the ledger is for another register, or for counts of another size",
+            Doubt::Unreadable => "the register ledger on disk cannot be read",
+            Doubt::Lost => "an offset was written before, but the register ledger on disk is missing",
+            Doubt::Restored => {
+                "the register ledger is from a backup, and later writes may be missing from it"
+            }
+            Doubt::Elsewhere => {
+                "the entry in the register ledger is for another register, or for counts of another size"
+            }
         })
     }
 }

@@ -11,7 +11,8 @@ pub enum Fact {
     Look,
     /// The axis has decided about the offset.
     Decided {
-        /// Offset in counts, without the bias. For a shared register: the gateway share.
+        /// Offset in counts, without the bias. For a shared register: the gateway share (part of the value that the
+        /// gateway adds).
         offset: Counts,
         /// Target of the offset: the value that the model, the fault action, the stop or the sign check requests. If it
         /// is `None`, the register may reach the offset from either side.
@@ -26,9 +27,9 @@ pub enum Fact {
     Piggybacked {
         /// Value that was sent.
         value: Counts,
-        /// Time after the last byte of the request was sent.
+        /// Time after the last byte of the write was sent.
         left: Moment,
-        /// Whether the device answered that it has carried out the request. If not, the result is unknown.
+        /// Whether the device answered that it has carried out the write. If not, the result is unknown.
         is_done: bool,
     },
     /// The register was read, on request or together with others.
@@ -71,7 +72,7 @@ pub enum Fact {
     },
     /// The output was disarmed. The register keeps its value.
     Off,
-    /// The last decision must not be sent any more, for example because its last moment has passed.
+    /// The last decision must no longer be sent, for example because its last moment has passed.
     Lapsed,
     /// The computer was paused, so earlier decisions must not be sent. The caller gives this fact before the result of
     /// an exchange that was pending.

@@ -40,8 +40,8 @@ impl Follow {
         }
     }
 
-    /// Records that the decision could not be sent in time. A pending request to resume from the register value takes
-    /// precedence.
+    /// Records that the line task came too late to send the decision. A pending request to resume from the register
+    /// value takes precedence.
     pub(super) fn late(&mut self) {
         if !matches!(self, Follow::TakeOver(_)) {
             *self = Follow::Late;
@@ -59,7 +59,7 @@ pub enum Trouble {
     Unanswered,
     /// The device refused a write, or the register does not hold the written value.
     Untaken,
-    /// The same trouble as [`Trouble::Untaken`], but for more than one turn (visit of the line task to the output).
+    /// Trouble of [`Trouble::Untaken`] that has lasted for more than one turn (visit of the line task to the output).
     StillUntaken,
     /// The state of the output cannot be saved to disk.
     Disk,

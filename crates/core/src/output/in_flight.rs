@@ -7,10 +7,10 @@
 //! |---|---|
 //! | a | the write was answered as done, and a read requested after that answer shows the value |
 //! | b | the write was refused or not sent: it is not added at all |
-//! | c | one read showed another value, and a later one shows this value. In between, this was the only copy of its value that could arrive. Not for zero, which a restarted CNC shows too, for an expired value, or for a copy with `is_pinned` |
-//! | d | a read was requested when the copy could no longer arrive. If the output cannot be read: a write begun after that time was acknowledged |
+//! | c | one read showed another value, and a later one shows this value. In between, this was the only write of its value that could arrive. Not for zero, which a restarted CNC shows too, for an expired value, or for a write with `is_pinned` |
+//! | d | a read was requested when the write could no longer arrive. If the output cannot be read: a write begun after that time was acknowledged |
 //!
-//! A copy that ends by (d) without an answer is **expired**. It is still recognised for a while, in case a device on
+//! A write that ends by (d) without an answer is **expired**. It is still recognised for a while, in case a device on
 //! the way was slower than the configured time.
 
 use std::time::Duration;
@@ -26,7 +26,7 @@ pub const MOST_UNDER_WAY: usize = 8;
 /// write waits.
 pub const MOST_REMEMBERED: usize = 24;
 
-/// Copy of a value on its way to the register.
+/// Write of a value that may still arrive at the register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct InFlightWrite {
     /// Register value of the write, including the operator offset of a shared register.
@@ -59,8 +59,8 @@ pub struct ExpiredWrite {
 /// All values of the gateway that may still appear in one register.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct InFlightWrites {
-    /// Writes that may still arrive. There is room for two more than are ever sent: a promise and the register value,
-    /// both found on disk at a start.
+    /// Writes that may still arrive. There is room for two more than are ever sent: the value that was saved before its
+    /// write, and the register value. Both are found on disk at a start.
     under_way: Slots<InFlightWrite, { MOST_UNDER_WAY + 2 }>,
     #[serde(rename = "lately")]
     expired: Slots<ExpiredWrite, { MOST_REMEMBERED + 2 }>,
@@ -199,7 +199,7 @@ impl InFlightWrites {
         self.expired.len() != before
     }
 
-    /// Pins all writes: a read of their value does not prove any more that an unanswered write has arrived.
+    /// Pins all writes: from now on, a read of their value does not prove that an unanswered write has arrived.
     pub(super) fn pin(&mut self) {
         self.under_way.iter_mut().for_each(|sent| sent.is_pinned = true);
     }

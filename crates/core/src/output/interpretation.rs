@@ -94,9 +94,10 @@ fn shared(state: &State, settings: &Settings, expected: Counts, found: Counts, a
     }
 }
 
-/// Returns whether the gateway share in `found` would be larger than the limit and than the present share, if the
-/// operator offset were unchanged. Two causes are possible. The operator has entered a value that the gateway sent with
-/// another operator offset. Or that write has arrived, and undone the operator's change.
+/// Returns whether the gateway share in the value `found` would be larger than the limit and than the present gateway
+/// share, if the operator offset were unchanged. Two causes are possible. The operator has entered a value that the
+/// gateway sent with another operator offset. Or this write of the gateway has arrived, and undone the operator's
+/// change.
 fn is_no_share(state: &State, settings: &Settings, found: Counts) -> bool {
     state.account.is_some_and(|account| {
         let share = found.abs_diff(account.base);

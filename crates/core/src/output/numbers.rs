@@ -1,4 +1,4 @@
-//! Numbers of a set of outputs whose control acknowledges each set that it takes.
+//! Numbers of an output set (outputs that are written together) whose control acknowledges each set that it takes.
 //!
 //! Some controls take a set only if its number follows the last one that they took. If an answer is lost, the gateway
 //! does not know whether the control took the set. The number therefore advances only when the control has acknowledged
@@ -8,17 +8,16 @@
 //! | result of an attempt | meaning | next attempt |
 //! |---|---|---|
 //! | acknowledged | the control has this number | the number after it |
-//! | unknown: the set, the strobe or an answer was lost | none | the same number |
-//! | not acknowledged, although the control answers | the control has another number, or its acknowledge is broken | the next number in turn |
+//! | unknown: the set, the strobe signal or an answer was lost | none | the same number |
+//! | not acknowledged, although the control answers | the control has another number, or its acknowledge signal is broken | the next number in turn |
 //!
-//! If every number was refused, one more becomes possible: the control may have taken the highest without an
-//! acknowledge. After a killed run, a lower one becomes possible too: the control may have refused the numbers of that
-//! run.
+//! If every number was refused, one more becomes possible: the control may have taken the highest without acknowledging
+//! it. After a killed run, a lower one becomes possible too: the control may have refused the numbers of that run.
 
 use serde::{Deserialize, Serialize};
 
-/// Largest distance from the last acknowledged number at which a number may be from an earlier run. A number farther
-/// away was set by the control.
+/// Largest distance from the number that the control acknowledged last at which a number may come from an earlier run.
+/// The control itself must have set a number farther away.
 const REACH: u16 = 200;
 /// Number of possible set numbers: 1 to 65535. Zero is reserved for a control that has just been started.
 const ALL: u16 = u16::MAX;
@@ -48,23 +47,23 @@ enum Floor {
     Open,
 }
 
-/// Whether all attempts since the last acknowledge had the same values.
+/// Whether all attempts since the control last acknowledged a set had the same values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Values {
-    /// All attempts since the last acknowledge sent the same values.
+    /// All attempts since the control last acknowledged a set sent the same values.
     Same,
-    /// The attempts since the last acknowledge may have sent different values. An acknowledge then does not show which
-    /// values the control has taken.
+    /// The attempts since the control last acknowledged a set may have sent different values. An acknowledge signal
+    /// then does not show which values the control has taken.
     Changed,
 }
 
-/// Result of an attempt to send a set.
+/// Result of an attempt to send an output set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Attempt {
-    /// The control has acknowledged the set.
+    /// The control has acknowledged the output set.
     Acknowledged,
-    /// The control answered each request, but has not acknowledged the set in time.
+    /// The control answered each request, but has not acknowledged the output set in time.
     Refused,
     /// The result is unknown, because a request or an answer was lost.
     Unknown,
@@ -166,14 +165,14 @@ fn distance(from: u16, number: u16) -> Option<u16> {
 mod tests {
     use super::*;
 
-    /// Rule by which a control takes a set.
+    /// Rule by which a control takes an output set.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     enum Kind {
-        /// The control takes each set with a number other than the last, and acknowledges every set.
+        /// The control takes each output set with a number other than the last, and acknowledges every set.
         Another,
-        /// The control takes only the next number, and acknowledges the last one again.
+        /// The control takes only the set with the next number. It acknowledges also a repetition of the last one.
         NextAndLast,
-        /// The control takes and acknowledges only the next number.
+        /// The control takes and acknowledges only the set with the next number.
         NextOnly,
     }
 
@@ -185,7 +184,7 @@ mod tests {
     }
 
     impl Control {
-        /// Raises the strobe. Returns whether the control acknowledges the set.
+        /// Raises the strobe signal. Returns whether the control acknowledges the output set.
         fn sees(&mut self, number: u16, values: u32) -> bool {
             let takes = match self.kind {
                 Kind::Another => number != self.number,
@@ -202,11 +201,11 @@ mod tests {
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     enum Fate {
         Good,
-        /// The set or the strobe does not arrive.
+        /// The output set or the strobe signal does not arrive.
         Lost,
         /// The answer of the control does not arrive.
         AnswerLost,
-        /// The wire of the acknowledge is broken.
+        /// The wire of the acknowledge signal is broken.
         NoAcknowledge,
     }
 
@@ -320,7 +319,7 @@ mod tests {
         assert_eq!(numbers.count, 69);
     }
 
-    /// Simulates days of refusals by the control, and days without its acknowledge.
+    /// Simulates days on which the control refuses every set, and days without its acknowledge signal.
     #[test]
     fn after_days_of_refusals_the_number_of_the_control_is_still_in_turn() {
         for (mut world, kind) in worlds().map(|world| (world, world.control.kind)) {

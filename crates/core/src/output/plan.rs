@@ -117,12 +117,13 @@ fn change(state: &State, settings: &Settings, now: Moment) -> Option<Aim> {
 }
 
 /// Returns whether this value must be avoided: in a shared register, zero looks like a restarted CNC, and would hide
-/// the operator offset. The adjacent count is near enough.
+/// the operator offset. The gateway then writes the adjacent count.
 fn avoids(settings: &Settings, centre: Counts, value: Counts) -> bool {
     settings.is_shared && settings.rules.has(Rule::Doubt) && settings.is_zero(value) && value != centre
 }
 
-/// Returns whether a register with the value `current` holds this offset, counted from the operator offset or the bias.
+/// Returns whether a register with the value `current` contains this offset: the value minus the operator offset of a
+/// shared register, or minus the bias.
 pub(super) fn is_there(state: &State, settings: &Settings, current: Counts, offset: Counts) -> bool {
     let centre = state.centre(settings);
     let target = settings.target(centre, offset);
@@ -207,8 +208,8 @@ fn note_waiting(state: &mut State, settings: &Settings, aim: Option<Aim>, now: M
     }
 }
 
-/// Saves the value to disk as a promise, if that is necessary, or else writes it to the register. Called directly after
-/// a read that showed nothing new.
+/// Saves the value to disk before its write (as a promise), if that is necessary, or else writes it to the register.
+/// Called directly after a read that showed nothing new.
 fn send(state: &mut State, settings: &Settings, value: Counts, asked: Moment, now: Moment) -> Action {
     if settings.promises() && (state.promised != Some(value) || state.disk.is_unsaved) {
         if state.promised != Some(value) {

@@ -22,15 +22,15 @@ use super::follow::Trouble;
 use super::position_cz::PositionCz;
 use crate::quantity::{Micron, Moment, shifted};
 
-/// Period at which the dashes on a display are written again. A display that was switched off and on does not show them
-/// any more.
+/// Period at which the dashes on a display are written again. A display that was switched off and on no longer shows
+/// them.
 const DASHES_AGAIN: Duration = Duration::from_secs(10);
 
 /// Controller of a corrected position: a position that was read, plus Cz, is written to the control or a display.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionController {
-    /// Time at which the last corrected position was read.
+    /// Time at which the last position was read that was written with Cz.
     corrected: Moment,
     inside: PositionCz,
     /// Time at which dashes were last written to the display. `None` while the display shows a position.
@@ -48,7 +48,8 @@ enum Interlock {
     Open,
 }
 
-/// Demand on a corrected position: the position that was read, the decision of the axis, and the interlock.
+/// Demand on an output that writes a position plus Cz (a corrected position): the position that was read, the decision
+/// of the axis, and the interlock.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionDemand {
@@ -66,7 +67,7 @@ pub struct PositionDemand {
     pub may_show_dashes: bool,
 }
 
-/// Decision of an axis about a corrected position.
+/// Decision of an axis about the Cz in a corrected position (a position that was read, plus Cz).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionDecision {
@@ -82,7 +83,7 @@ pub struct PositionDecision {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PositionAction {
-    /// Write nothing in this turn.
+    /// Write nothing in this call.
     Nothing,
     /// Write nothing: the interlock does not allow writing, or its signal is unknown.
     Interlocked(Condition),
@@ -104,7 +105,8 @@ impl PositionAction {
     }
 }
 
-/// Result of writing a corrected position, or the dashes that a display shows instead.
+/// Result of a write of a corrected position (a position that was read, plus Cz), or of the dashes that a display shows
+/// instead.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PositionResult {
@@ -128,28 +130,29 @@ pub enum PositionResult {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionTurn {
-    /// Demand of the turn.
+    /// Demand of this call of the controller.
     pub demand: PositionDemand,
-    /// Action of the turn.
+    /// Action that the controller chose.
     pub action: PositionAction,
     /// Result of the write, if there was one.
     pub result: Option<PositionResult>,
 }
 
-/// Event of a corrected position.
+/// Event of an output that writes a corrected position (a position that was read, plus Cz).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PositionEvent {
     /// The interlock is open.
     Interlocked,
     /// The interlock is closed again.
     Released,
-    /// The value read back differs from the written value. This event is reported again only after a success.
+    /// The value read back differs from the written value. The difference is reported again only after a write that was
+    /// read back correctly.
     NotShown,
 }
 
 impl PositionTurn {
-    /// Returns whether this turn repeats the turn `last` with a newer position. `before`: state of the controller after
-    /// `last`. `after`: its state after this turn.
+    /// Returns whether this turn (call of the controller) repeats the turn `last` with a newer position. `before`:
+    /// state of the controller after `last`. `after`: its state after this turn.
     pub fn repeats(
         &self,
         last: &PositionTurn,
@@ -164,7 +167,7 @@ impl PositionTurn {
         *self == PositionTurn { demand, ..*last } && before.is_alike_inside(after)
     }
 
-    /// Returns the turn that repeats this one with the next position.
+    /// Returns the turn (call of the controller) that repeats this one with the next position.
     #[must_use]
     pub fn again(mut self) -> PositionTurn {
         self.demand.read_at = self.demand.read_at.after(Duration::from_nanos(1));
@@ -263,7 +266,8 @@ impl PositionController {
         }
     }
 
-    /// Records the result of the write of a turn. Returns an event, if one must be reported.
+    /// Records the result of the write that a turn (call of the controller) has requested. Returns an event, if one
+    /// must be reported.
     pub fn result(&mut self, turn: &PositionTurn, now: Moment) -> Option<PositionEvent> {
         let (cz, at) = match (turn.action, turn.demand.decision) {
             (PositionAction::Correct(cz), Some(decision)) => (cz, decision.at),

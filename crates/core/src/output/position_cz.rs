@@ -1,4 +1,5 @@
-//! Cz in a corrected position. A corrected position is written repeatedly, each time with a new position.
+//! Cz in a corrected position. A corrected position (a position that was read, plus Cz) is written repeatedly, for each
+//! new position.
 
 use std::ops::Sub;
 
@@ -6,9 +7,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::quantity::{Micron, Moment, Shift, Shifted};
 
-/// Cz in a corrected position. The latest position is sent at once, even if earlier writes may still arrive. Only Cz
-/// moves in steps, one for each decision. After a write with an unknown result, Cz stays as it was sent. Only that
-/// value is near enough to both possible register values.
+/// Cz in a corrected position (a position that was read, plus Cz). The latest position is sent at once, even if earlier
+/// writes may still arrive. Only Cz moves in steps, one for each decision. After a write with an unknown result, Cz
+/// stays as it was sent. Only that value is near enough to both possible register values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PositionCz {

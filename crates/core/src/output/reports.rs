@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::event::Event;
 use super::slots::Slots;
 
-/// Condition that is reported only once while it lasts.
+/// Condition that is reported when it begins, and not repeated while it lasts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Topic {
     /// The device acknowledges writes, and the register is not read.
@@ -20,7 +20,7 @@ pub(super) enum Topic {
     Applied,
     /// Only the operator can say which part of the register value is the operator offset.
     Question,
-    /// The operator offset and the gateway share of the register are known, and saved on disk.
+    /// Both parts of the register value (operator offset and gateway share) are known, and saved on disk.
     Division,
 }
 

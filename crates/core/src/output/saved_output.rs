@@ -14,7 +14,7 @@ use crate::quantity::{Counts, Moment, shifted};
 pub struct SavedOutput {
     /// Whether the last run was stopped cleanly: no write may still arrive, and nothing has been written since.
     pub in_order: bool,
-    /// Operator offset and gateway share of a shared register, if they are known.
+    /// Both parts of a shared register's value (operator offset and gateway share), if they are known.
     pub account: Option<Account>,
     /// Last register value that was read. For an output that cannot be read, the last acknowledged value.
     pub stood: Option<Counts>,
@@ -52,8 +52,8 @@ shifted!(SavedOutput: promises);
 shifted!(Promise: at);
 
 impl SavedOutput {
-    /// Creates the state of a shared register whose saved state is missing or unreadable. The gateway share is assumed
-    /// to be zero until the operator confirms it.
+    /// Creates the state of a shared register whose saved state is missing or unreadable. The gateway share (part that
+    /// the gateway added) is assumed to be zero until the operator confirms it.
     pub fn in_question(doubt: Doubt) -> SavedOutput {
         SavedOutput {
             account: Some(Account { doubt: Some(doubt), ..Account::default() }),

@@ -11,14 +11,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::quantity::{Counts, Moment, shifted};
 
-/// Largest number of sets that are sent before a late set arrives: ten per second, for more than a minute. A number
-/// that is lower by more than this is not from a late set.
+/// Largest number of sets that are sent before a late write of an older set arrives: ten per second, for more than a
+/// minute. A number that is lower by more than this is not from such a write.
 const LATELY: u16 = 1024;
 
-/// Number of a set of outputs, as the register of the number shows it.
+/// Number of an output set, as the register of the number shows it. The number counts the sets that were sent.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Sequence {
-    /// Latest number that the register has held, and the values of the set at that time.
+    /// Latest number that the register has held, and the values of the output set at that time.
     newest: Option<(u16, Vec<Counts>)>,
     /// Time since when the register has held an older number.
     older_since: Option<Moment>,
@@ -36,7 +36,7 @@ impl Sequence {
     }
 
     /// Records the number and the values that the registers hold. Returns whether the control may have taken other
-    /// values, because a set arrived late.
+    /// values, because an older set arrived late.
     pub(super) fn record(&mut self, number: u16, values: &[Counts], now: Moment, late: Duration) -> bool {
         let Some((newest, beside)) = self.newest.as_ref().filter(|(newest, _)| !is_older(*newest, number))
         else {

@@ -1,4 +1,4 @@
-//! Input and actions of the controller of a set ([`SetController`](super::SetController)).
+//! Input and actions of the controller of an output set ([`SetController`](super::SetController)).
 
 use std::time::Duration;
 
@@ -16,27 +16,27 @@ use crate::quantity::{Counts, Moment, Shift, Shifted, shifted};
 pub struct SetSettings {
     /// Settings of each output.
     pub members: Vec<Settings>,
-    /// Event at which the control takes over the values of the set.
+    /// Event at which the control takes over the values of the output set.
     pub taking: CommitTrigger,
-    /// Whether the set has a register for its number.
+    /// Whether the output set has a register for its number.
     pub has_number: bool,
-    /// Timeout for each answer to the strobe. `None` without a handshake.
+    /// Timeout for each answer to the strobe signal. `None` without a handshake.
     pub timeout: Option<Duration>,
-    /// Period after which the set is sent again without a change.
+    /// Period after which the output set is sent again without a change.
     pub refresh: Option<Duration>,
-    /// Whether the set has a heartbeat and a control word, and whether these can be written alone.
+    /// Whether the output set has a heartbeat and a control word, and whether these can be written alone.
     pub words: SetWords,
 }
 
-/// Presence of a heartbeat and a control word in a set.
+/// Presence of a heartbeat and a control word in an output set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SetWords {
-    /// The set has neither heartbeat nor control word.
+    /// The output set has neither heartbeat nor control word.
     None,
-    /// The set has a heartbeat.
+    /// The output set has a heartbeat.
     Heartbeat(StandaloneWrite),
-    /// The set has a control word, and perhaps a heartbeat.
+    /// The output set has a control word, and perhaps a heartbeat.
     Control(StandaloneWrite),
 }
 
@@ -44,7 +44,7 @@ pub enum SetWords {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StandaloneWrite {
-    /// Heartbeat and control word cannot be written alone: the control takes the set as a whole or not at all.
+    /// Heartbeat and control word cannot be written alone: the control takes the output set as a whole or not at all.
     No,
     /// Heartbeat and control word can be written alone, in a request without the values.
     Yes,
@@ -65,7 +65,7 @@ impl SetWords {
 pub struct ControlWord;
 
 impl ControlWord {
-    /// Every axis of the set is armed.
+    /// Every axis of the output set is armed.
     pub const ENABLE: u16 = 1;
     /// An axis is frozen.
     pub const HOLD: u16 = 2;
@@ -75,7 +75,7 @@ impl ControlWord {
     pub const DEGRADED: u16 = 8;
 }
 
-/// Demand on a set: present requirements for its outputs, control word and heartbeat.
+/// Demand on an output set: present requirements for its outputs, control word and heartbeat.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SetDemand {
@@ -85,25 +85,26 @@ pub struct SetDemand {
     pub control: u16,
     /// Change of the heartbeat count in the next request.
     pub beat: Beat,
-    /// Whether the gateway is about to end. The set then drops the strobe and does not wait for the control.
+    /// Whether the gateway is about to end. The output set then drops the strobe signal and does not wait for the
+    /// control.
     pub is_leaving: bool,
 }
 
-/// Demand on one output of a set.
+/// Demand on one output of an output set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MemberDemand {
     /// Demand on the output.
     pub demand: Demand,
-    /// Last moment at which an earlier value may be sent again, to complete a set of which only a part was written.
-    /// `None` if the axis is off.
+    /// Last moment at which an earlier value may be sent again, to complete an output set of which only a part was
+    /// written. `None` if the axis is off.
     pub again_until: Option<Moment>,
 }
 
-/// Number, heartbeat and control word of a set, which are sent with the values of the outputs.
+/// Number, heartbeat and control word of an output set, which are sent with the values of the outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct OwnWords {
-    /// Number of the set.
+    /// Number of the output set.
     pub number: Option<u16>,
     /// Count of the heartbeat.
     pub beat: u16,
@@ -130,17 +131,17 @@ impl SetValue {
     }
 }
 
-/// Input of the controller of a set.
+/// Input of the controller of an output set.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum SetInput {
-    /// The turn of the set begins: the line task works on this set until [`SetInput::TurnEnds`].
+    /// The turn of the output set begins: the line task works on it until [`SetInput::TurnEnds`].
     Demand(SetDemand),
-    /// The computer was paused.
+    /// The computer was paused for a while (for example suspended), so that values may be too old.
     Paused,
     /// The disk or the control has answered for one of the outputs.
     Member {
-        /// Index of the output in the set.
+        /// Index of the output in the output set.
         place: usize,
         /// Answer of the disk or the control.
         answer: OutputAnswer,
@@ -151,11 +152,11 @@ pub enum SetInput {
     Read {
         /// Value of each output.
         values: Vec<Counts>,
-        /// Number of the set.
+        /// Number of the output set.
         number: Option<u16>,
         /// Count of the heartbeat.
         beat: Option<u16>,
-        /// Time of the request.
+        /// Time at which the read request was sent.
         asked: Moment,
     },
     /// The device did not answer the read.
@@ -170,11 +171,11 @@ pub enum SetInput {
     /// The last check before the write rejected a value, because the control would apply another value or exceed the
     /// limit. Nothing was sent.
     NotAdmitted,
-    /// Result of a write of the strobe.
+    /// Result of a write of the strobe signal.
     Strobe(StrobeResult),
-    /// The acknowledge was read. `None` if the read was not answered.
+    /// The acknowledge signal was read. `None` if the read was not answered.
     Acknowledge(Option<bool>),
-    /// The turn of the set ends.
+    /// The turn of the output set (work of the line task on it) ends.
     TurnEnds,
 }
 
@@ -248,7 +249,7 @@ impl WriteResult {
     }
 }
 
-/// Result of a write of the strobe.
+/// Result of a write of the strobe signal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StrobeResult {
@@ -256,11 +257,11 @@ pub enum StrobeResult {
     Done,
     /// The write was refused or not sent.
     NotDone,
-    /// The write was sent and not answered. The strobe may have changed.
+    /// The write was sent and not answered. The strobe signal may have changed.
     Unknown,
 }
 
-/// Next exchange of a set.
+/// Next exchange of an output set.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SetAction {
@@ -271,24 +272,24 @@ pub enum SetAction {
     },
     /// Save the state of the output with this index to disk.
     Keep(usize),
-    /// Read all registers of the set.
+    /// Read all registers of the output set.
     Read,
-    /// Write all registers of the set.
+    /// Write all registers of the output set.
     Write {
         /// Value of each output.
         values: Vec<SetValue>,
-        /// Number, heartbeat and control word.
+        /// Number, heartbeat and control word of the set, which are written with the values.
         own: OwnWords,
         /// Last moment for the first byte.
         not_after: Moment,
     },
     /// Write only the heartbeat and the control word.
     WriteOwn(OwnWords),
-    /// Read the acknowledge of the control.
+    /// Read the acknowledge signal of the control.
     Acknowledge,
-    /// Raise the strobe, so that the control takes the set.
+    /// Set the strobe signal, so that the control takes the output set.
     Raise,
-    /// Drop the strobe after the acknowledge, after a failure, or at the end.
+    /// Reset the strobe signal: after the control has acknowledged, after a failure, or at the end.
     Drop,
 }
 

@@ -1,4 +1,4 @@
-//! Controller of a set: outputs that are read, written and taken together ([`Transaction`]).
+//! Controller of an output set: outputs that are read, written and taken together ([`Transaction`]).
 //!
 //! When one output is written, all of them are: the others with the values that were just read. Heartbeat and control
 //! word therefore continue in every state. A value that another client writes between this read and the write is lost.
@@ -31,7 +31,7 @@ use super::transaction::Transaction;
 use super::{Action, Fact};
 use crate::quantity::{Counts, Moment, Shift, Shifted};
 
-/// Largest count of the heartbeat of a set. It is positive even in a register that the control reads as signed.
+/// Largest count of the heartbeat of an output set. It is positive even in a register that the control reads as signed.
 const HIGHEST_BEAT: u16 = 32767;
 /// Least time between a failure and the next attempt.
 const RETRY: Duration = Duration::from_secs(1);
@@ -62,8 +62,8 @@ pub struct SetController {
 }
 
 impl SetController {
-    /// Creates the controller of a set at a start. `was_in_order`: the last run was stopped cleanly, and no task of
-    /// this run was interrupted.
+    /// Creates the controller of an output set at a start. `was_in_order`: the last run was stopped cleanly, and no
+    /// task of this run was interrupted.
     pub fn new(
         settings: &SetSettings,
         members: Vec<Controller>,
@@ -100,7 +100,7 @@ impl SetController {
         self.members.controllers_mut()
     }
 
-    /// State of the handshake: level of the strobe, and the awaited level of the acknowledge.
+    /// State of the handshake: level of the strobe signal, and the awaited level of the acknowledge signal.
     pub fn strobe(&self) -> &Strobe {
         &self.strobe
     }
@@ -120,12 +120,12 @@ impl SetController {
         self.may_say_enabled
     }
 
-    /// Returns whether the turn of an output came too late for the last decision.
+    /// Returns whether the line task began its work on an output too late for the last decision.
     pub fn is_late(&self) -> bool {
         self.members.is_late()
     }
 
-    /// Returns whether both controllers decide equally from the next turn on, in which each gets a new demand.
+    /// Returns whether both controllers decide equally when the line task calls them next, each with a new demand.
     pub fn is_like(&self, other: &SetController) -> bool {
         let with_demand = |one: &SetController| SetController { demand: self.demand.clone(), ..one.clone() };
         self.phase == Phase::Rest && *self == with_demand(other)
@@ -161,7 +161,7 @@ impl SetController {
         self.phase = Phase::Handshake;
     }
 
-    /// Ends the turn. While the set waits for its control, the turns of its outputs do not end.
+    /// Ends the turn. While the output set waits for its control, the turns of its outputs do not end.
     fn end_turn(&mut self, settings: &SetSettings, now: Moment) {
         self.phase = Phase::Rest;
         if self.strobe.awaits().is_none() {
@@ -169,7 +169,7 @@ impl SetController {
         }
     }
 
-    /// Advances through the phases until an exchange is required or the turn is complete. Returns the exchange.
+    /// Advances through the phases until an exchange is required or the set's turn is complete. Returns the exchange.
     fn next(&mut self, settings: &SetSettings, now: Moment) -> SetAction {
         loop {
             match &self.phase {
@@ -222,7 +222,7 @@ impl SetController {
         }
     }
 
-    /// Continues the handshake of an earlier turn. A strobe that is still up is dropped.
+    /// Continues the handshake that an earlier turn of the output set has begun. A strobe that is still up is dropped.
     fn resume_handshake(&mut self, now: Moment) {
         self.phase = match self.strobe.next_read() {
             Some(ask) if now < ask => Phase::Rest,
@@ -233,7 +233,7 @@ impl SetController {
         };
     }
 
-    /// Waits until the acknowledge is down, so that the next acknowledge belongs to the next strobe.
+    /// Waits until the acknowledge signal is down. A signal that rises after that belongs to the next strobe signal.
     fn clear(&mut self, settings: &SetSettings, reason: Reason, now: Moment) {
         let Some(timeout) = settings.timeout.filter(|_| !self.demand.is_leaving) else {
             self.phase = Phase::Read(NextPhase::Judge(reason));
@@ -319,7 +319,7 @@ impl SetController {
         self.fail(settings, HandshakeFault::AcknowledgeNotRead, now);
     }
 
-    /// Handles a failed handshake: drops the strobe, then reports the failure.
+    /// Handles a failed handshake: drops the strobe signal, then reports the failure.
     fn fail(&mut self, settings: &SetSettings, fault: HandshakeFault, now: Moment) {
         self.strobe.stop_waiting();
         if self.strobe.level() == StrobeLevel::Up {
@@ -381,8 +381,8 @@ impl SetController {
         };
     }
 
-    /// Returns whether the set must be sent although no output changes: for a refresh, for a new control word, or
-    /// because the control has not taken the register values.
+    /// Returns whether the output set must be sent although no output changes: for a refresh, for a new control word,
+    /// or because the control has not taken the register values.
     fn sends_anyway(&self, settings: &SetSettings, now: Moment) -> bool {
         if now < self.tries_from {
             return false;
@@ -398,7 +398,7 @@ impl SetController {
         settings.words.has_control() && self.control != Some(self.demand.control)
     }
 
-    /// Returns the time when the set must be sent again without a change. `None` if there is no such time.
+    /// Returns the time when the output set must be sent again without a change. `None` if there is no such time.
     fn refreshes(&self, settings: &SetSettings) -> Option<Moment> {
         settings.refresh.map(|refresh| self.written_at.after(refresh))
     }
@@ -492,7 +492,7 @@ impl SetController {
         }
     }
 
-    /// Delays the next attempt, but not beyond the time of the next refresh.
+    /// Delays the next attempt to write the set, but not beyond the time of its next refresh.
     fn put_off(&mut self, settings: &SetSettings, now: Moment) {
         let refresh = self.refreshes(settings).filter(|refresh| *refresh > now);
         self.tries_from = now.after(RETRY).min(refresh.unwrap_or(Moment::END));
@@ -594,7 +594,7 @@ impl Shifted for SetController {
     }
 }
 
-/// Longest delay of a write of the set.
+/// Longest delay of a write of the output set.
 fn late(settings: &SetSettings) -> Duration {
     settings.members.iter().map(|member| member.late).max().unwrap_or_default()
 }

@@ -152,12 +152,12 @@ impl SetMembers {
         self.controllers.iter().any(|one| one.follow() == Follow::Late)
     }
 
-    /// Returns whether an output will request a write if the next read shows nothing new.
+    /// Returns whether an output of the set will request a write if the next read shows nothing new.
     pub(super) fn may_write(&self, settings: &SetSettings, now: Moment) -> bool {
         self.with(settings).any(|(controller, settings)| controller.state().may_write(settings, now))
     }
 
-    /// Returns the earliest time at which an output must be called. `None` if the set has no outputs.
+    /// Returns the earliest time at which an output must be called. `None` if the output set has no outputs.
     pub(super) fn wakes(&self, now: Moment) -> Option<Moment> {
         let wakes = self.controllers.iter().map(|one| match one.action() {
             Action::Nothing { until } => until,
@@ -176,7 +176,7 @@ impl SetMembers {
         self.with(settings).map(view).collect()
     }
 
-    /// Passes `commit`, which states whether the control has taken the set, to the outputs for which it is new.
+    /// Passes `commit`, which states whether the control has taken the output set, to the outputs for which it is new.
     pub(super) fn commit(&mut self, settings: &SetSettings, commit: SetCommit, now: Moment) {
         let is_open = commit != SetCommit::Taken;
         self.each(settings, |one| (one.is_bound() != is_open).then_some(Input::Set(commit)), now);

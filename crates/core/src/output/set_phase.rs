@@ -1,4 +1,5 @@
-//! Phases in the turn of a set. A turn is the work of the line task on the set, from the demand to the end of the turn.
+//! Phases in the turn of an output set. A turn is the work of the line task on the set, from the demand to the end of
+//! the turn.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,32 +7,32 @@ use super::handshake::HandshakeFault;
 use super::set::{OwnWords, SetValue};
 use crate::quantity::{Moment, Shift, Shifted};
 
-/// Phase of a turn: the pending exchange, or the next decision.
+/// Phase of a turn (work of the line task on an output set): the pending exchange, or the next decision.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Phase {
-    /// The turn is complete.
+    /// The turn of the output set is complete.
     #[default]
     Rest,
-    /// The handshake of an earlier turn comes first.
+    /// The handshake that an earlier turn of the output set has begun comes first.
     Handshake,
-    /// The acknowledge is read.
+    /// The acknowledge signal is read.
     Ask(After),
-    /// The strobe is dropped.
+    /// The strobe signal is reset.
     Drop(DropReason),
-    /// The strobe is raised.
+    /// The strobe signal is set.
     Raise,
     /// The outputs process their demands.
     Demand,
     /// The states of the outputs from this index on are saved to disk, if that is necessary.
     Keep(usize, NextPhase),
-    /// The set decides whether an exchange is necessary.
+    /// The controller decides whether an exchange is necessary.
     Decide,
-    /// The acknowledge must be down before anything is written.
+    /// The acknowledge signal must be down before anything is written.
     Clear(Reason),
     /// The registers are read.
     Read(NextPhase),
-    /// The set decides what is written.
+    /// The controller decides what is written.
     Judge(Reason),
     /// The values of the outputs are collected one after the other.
     GoAlong {
@@ -46,7 +47,7 @@ pub(super) enum Phase {
     Write { values: Vec<SetValue>, own: OwnWords, not_after: Moment },
     /// Heartbeat and control word are written alone.
     WriteOwn(OwnWords),
-    /// The set checks whether the registers hold the written values.
+    /// The controller checks whether the registers contain the written values.
     Confirm,
 }
 
@@ -58,29 +59,29 @@ pub(super) enum PromiseState {
     Asked,
 }
 
-/// Phase that follows when the acknowledge has the awaited level.
+/// Phase that follows when the acknowledge signal has the awaited level.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum After {
-    /// The handshake of an earlier turn is completed first. Then the present turn begins.
+    /// The handshake that an earlier turn of the output set has begun is completed first. Then the present turn begins.
     Begin,
     /// The registers are read and then written.
     Clear(Reason),
-    /// The strobe is raised.
+    /// The strobe signal is set.
     Raise,
-    /// The handshake of this turn continues. The turn ends with it.
+    /// The handshake of this turn of the output set continues. The turn ends with it.
     End,
 }
 
-/// Reason why the strobe is dropped, with the next phase.
+/// Reason why the strobe signal is dropped, with the next phase.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum DropReason {
-    /// An earlier turn or run left the strobe up.
+    /// An earlier turn or run left the strobe signal up.
     Left,
-    /// The level of the strobe was unknown.
+    /// The level of the strobe signal was unknown.
     Clear(Reason),
-    /// The control has acknowledged the set.
+    /// The control has acknowledged the output set.
     Acknowledged(After),
     /// The handshake has failed.
     Failed(HandshakeFault),
@@ -109,11 +110,11 @@ impl NextPhase {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Reason {
-    /// An output must be read.
+    /// The registers of an output must be read.
     Look,
     /// An output is written if the read shows nothing new.
     Change,
-    /// The set must be sent: it is refreshed, its control word changes, or the control has not taken it.
+    /// The output set must be sent: it is refreshed, its control word changes, or the control has not taken it.
     Send,
 }
 

@@ -43,7 +43,8 @@ impl Settings {
         value == Counts::ZERO || value == self.bias
     }
 
-    /// Returns the register value for an offset from the bias or from the operator offset.
+    /// Returns the register value for an offset. `centre` is the value for an offset of zero: the bias, or the operator
+    /// offset of a shared register.
     pub(super) fn target(&self, centre: Counts, offset: Counts) -> Counts {
         let (lowest, highest) = self.range;
         (centre + offset).clamp(lowest, highest)
@@ -93,7 +94,7 @@ pub enum Rule {
     LastMoment,
     /// Nothing is sent beyond the limit.
     Limit,
-    /// If the operator offset cannot be determined, the operator decides.
+    /// If the operator offset cannot be determined, the axis is off until the operator confirms it.
     Doubt,
     /// No write moves the register away from the target.
     NoWindup,

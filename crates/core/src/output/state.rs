@@ -32,7 +32,7 @@ pub struct State {
     pub(super) verified: Option<TimedValue>,
     /// Value of the last write that was answered as done. `None` once the register has been read after that write.
     pub(super) answered: Option<Counts>,
-    /// Operator offset and gateway share of a shared register, if known.
+    /// Both parts of a shared register's value (operator offset and gateway share), if they are known.
     pub(super) account: Option<Account>,
     pub(super) standing: ArmState,
     pub(super) is_interlocked: bool,
@@ -196,7 +196,7 @@ impl State {
         kept
     }
 
-    /// Drops the decision: its value is not sent any more.
+    /// Drops the decision: from now on, its value is not sent.
     pub(super) fn drop_order(&mut self, settings: &Settings) {
         if settings.rules.has(Rule::LastMoment) {
             self.order = None;
@@ -215,7 +215,7 @@ impl State {
         self.acknowledged().or_else(from_disk)
     }
 
-    /// Returns whether the register contains a gateway share, or a write of the gateway may still arrive.
+    /// Returns whether a part of the register value comes from the gateway, or a write of the gateway may still arrive.
     pub(super) fn has_anything_of_ours(&self) -> bool {
         self.account.is_some_and(|account| account.share != Counts::ZERO)
             || self.copies.under_way().next().is_some()
@@ -226,7 +226,7 @@ impl State {
         self.evidence.was_like_our_own && self.unanswered_change == Some(change)
     }
 
-    /// Returns the value from which the offset is counted: the operator offset, or the bias.
+    /// Returns the register value that means an offset of zero: the operator offset of a shared register, or the bias.
     pub(super) fn centre(&self, settings: &Settings) -> Counts {
         self.account.map_or(settings.bias, |account| account.base)
     }

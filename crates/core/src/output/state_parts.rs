@@ -95,7 +95,8 @@ impl From<RequiredRead> for ReadFlags {
     }
 }
 
-/// Evidence for a doubt about the operator offset. A doubt arises only when the same evidence occurs twice in a row.
+/// Evidence for a doubt about the operator offset (part of a shared register's value that the operator entered). A
+/// doubt arises only when the same evidence occurs twice in a row.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Evidence {
     /// Whether the last change by another client equalled an unanswered change by the gateway.
@@ -159,7 +160,7 @@ pub struct OutputView {
     pub verified: Option<TimedValue>,
     /// Whether the last write was acknowledged, but the register was not read.
     pub is_only_acknowledged: bool,
-    /// Operator offset and gateway share of a shared register, if they are known.
+    /// Both parts of a shared register's value (operator offset and gateway share), if they are known.
     pub account: Option<Account>,
     /// Whether the register may be written.
     pub standing: ArmState,

@@ -1,4 +1,5 @@
-//! Strobe of a set (signal to the control to take the values), and the acknowledge of the control.
+//! Strobe signal of an output set (it requests the control to take the values), and the acknowledge signal with which
+//! the control answers.
 //!
 //! ```text
 //!   values written and read back ─► strobe up ─► Acknowledge ─► strobe down ─► Release ─► taken
@@ -7,10 +8,11 @@
 //!                                     strobe down at once, reported, tried again: the same values, from the beginning
 //! ```
 //!
-//! Before anything is written, the acknowledge must be down (`Clear`). Otherwise an earlier acknowledge would be
-//! mistaken for the answer to the next strobe. If the write that raises the strobe was not answered, the strobe may
-//! rise late. The acknowledge must then be checked once more directly before the strobe rises. No wait blocks the line:
-//! the acknowledge is read once in each cycle, and other exchanges use the rest of the cycle.
+//! Before anything is written, the acknowledge signal must be down (`Clear`). Otherwise an earlier signal would be
+//! mistaken for the answer to the next strobe signal. If the write that raises the strobe signal was not answered, the
+//! strobe may rise late. The acknowledge signal must then be checked once more directly before the strobe rises. No
+//! wait blocks the line: the acknowledge signal is read once in each cycle, and other exchanges use the rest of the
+//! cycle.
 
 use std::time::Duration;
 
@@ -19,42 +21,44 @@ use serde::{Deserialize, Serialize};
 use super::handshake::HandshakeFault;
 use crate::quantity::{Moment, shifted};
 
-/// Least time between two reads of the acknowledge.
+/// Least time between two reads of the acknowledge signal.
 const ASK_EVERY: Duration = Duration::from_millis(20);
 
-/// Strobe of a set: its level, and the level of the acknowledge that the set waits for.
+/// Strobe of an output set: its level, and the level of the acknowledge signal that the set waits for.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Strobe {
     level: StrobeLevel,
     wait: Option<Wait>,
-    /// Time until which an unanswered write may raise the strobe.
+    /// Time until which an unanswered write may raise the strobe signal.
     may_rise_until: Option<Moment>,
     /// Failure that was reported last. `None` after a successful handshake.
     reported: Option<HandshakeFault>,
 }
 
-/// Level of a strobe.
+/// Level of a strobe signal.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StrobeLevel {
-    /// The level is unknown, because an earlier run may have left the strobe up. It is dropped before the first write.
+    /// The level is unknown, because an earlier run may have left the strobe signal up. It is dropped before the first
+    /// write.
     #[default]
     Unknown,
-    /// The strobe is down.
+    /// The strobe signal is down.
     Down,
-    /// The strobe is up, or may be. It is dropped as soon as the device can be reached.
+    /// The strobe signal is up, or may be. It is reset as soon as the device can be reached.
     Up,
 }
 
-/// Level of the acknowledge that a set waits for.
+/// Level of the control's acknowledge signal for which the handshake waits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Awaited {
-    /// The acknowledge must be down before anything is written, so that it cannot belong to an earlier strobe.
+    /// The acknowledge signal must be down before anything is written, so that it cannot belong to an earlier strobe
+    /// signal.
     Clear,
-    /// The acknowledge must be up: the control has taken the set.
+    /// The acknowledge signal must be up: the control has taken the output set.
     Acknowledge,
-    /// The acknowledge must be down again after the strobe was dropped.
+    /// The acknowledge signal must be down again after the strobe signal was dropped.
     Release,
 }
 
@@ -63,14 +67,14 @@ struct Wait {
     what: Awaited,
     /// Time at which the wait fails with a timeout.
     until: Moment,
-    /// Time of the next read of the acknowledge.
+    /// Time of the next read of the acknowledge signal.
     ask: Moment,
 }
 
 shifted!(Wait: until, ask);
 shifted!(Strobe: wait, may_rise_until);
 
-/// Meaning of an acknowledge that was read.
+/// Meaning of an acknowledge signal that was read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum AcknowledgeResult {
     /// The awaited level was read.
@@ -82,28 +86,29 @@ pub(super) enum AcknowledgeResult {
 }
 
 impl Strobe {
-    /// Creates the strobe at a start. `was_up` means that an interrupted task had raised it.
+    /// Creates the strobe signal at a start. `was_up` means that an interrupted task had raised it.
     pub fn new(was_up: bool) -> Strobe {
         let level = if was_up { StrobeLevel::Up } else { StrobeLevel::Unknown };
         Strobe { level, ..Strobe::default() }
     }
 
-    /// Level of the strobe.
+    /// Level of the strobe signal.
     pub fn level(&self) -> StrobeLevel {
         self.level
     }
 
-    /// Level of the acknowledge that the set waits for.
+    /// Level of the acknowledge signal that the output set waits for.
     pub fn awaits(&self) -> Option<Awaited> {
         self.wait.map(|wait| wait.what)
     }
 
-    /// Returns the time of the next read of the acknowledge. `None` if the set does not wait for the acknowledge.
+    /// Returns the time of the next read of the acknowledge signal. `None` if the output set does not wait for the
+    /// acknowledge signal.
     pub fn next_read(&self) -> Option<Moment> {
         self.wait.map(|wait| wait.ask)
     }
 
-    /// Returns whether the strobe is up, or may still rise.
+    /// Returns whether the strobe signal is up, or may still rise.
     pub fn may_be_up(&self) -> bool {
         self.level == StrobeLevel::Up || self.may_rise_until.is_some()
     }
@@ -113,8 +118,8 @@ impl Strobe {
         self.reported
     }
 
-    /// Prepares the end of the gateway: the set stops waiting for the control, and a strobe that may have risen is
-    /// dropped.
+    /// Prepares the end of the gateway: the output set stops waiting for the control, and a strobe signal that may have
+    /// risen is dropped.
     pub(super) fn prepare_end(&mut self) {
         self.wait = None;
         if self.may_rise_until.take().is_some() {
@@ -122,7 +127,7 @@ impl Strobe {
         }
     }
 
-    /// Returns whether an unanswered write may still raise the strobe.
+    /// Returns whether an unanswered write may still raise the strobe signal.
     pub(super) fn may_rise(&mut self, now: Moment) -> bool {
         self.may_rise_until = self.may_rise_until.filter(|until| now <= *until);
         self.may_rise_until.is_some()
@@ -136,7 +141,7 @@ impl Strobe {
         self.level = StrobeLevel::Down;
     }
 
-    /// Records that a write to raise the strobe got no answer. It may raise the strobe until `until`.
+    /// Records that a write to raise the strobe signal got no answer. It may raise the strobe until `until`.
     pub(super) fn may_rise_until(&mut self, until: Moment) {
         self.may_rise_until = Some(until);
     }
@@ -149,8 +154,8 @@ impl Strobe {
         self.wait = None;
     }
 
-    /// Processes the level of the acknowledge that was read. Returns `None` if the set does not wait for the
-    /// acknowledge.
+    /// Processes the level of the acknowledge signal that was read. Returns `None` if the output set does not wait for
+    /// the acknowledge signal.
     pub(super) fn receive_acknowledge(&mut self, is_up: bool, now: Moment) -> Option<AcknowledgeResult> {
         let Wait { what, until, ask: _ } = self.wait?;
         if is_up == (what == Awaited::Acknowledge) {
@@ -188,7 +193,7 @@ impl Strobe {
 }
 
 impl Awaited {
-    /// Returns the failure to report if the acknowledge does not reach this level in time.
+    /// Returns the failure to report if the acknowledge signal does not reach this level in time.
     pub(super) fn fault(self) -> HandshakeFault {
         match self {
             Awaited::Clear => HandshakeFault::AcknowledgeEarly,

@@ -1,10 +1,10 @@
-//! Transfer of a set of outputs to its control: values that were sent, values that the control has taken, and the
-//! number of the set.
+//! Transfer of an output set (outputs that are written together) to the control: values that were sent, values that the
+//! control has taken, and the number of the set.
 //!
-//! A control takes a set when the number of the set changes or its strobe rises. If that happens after the request with
-//! the values, the registers can hold values that the control has not taken yet. Such values differ by one step at most
-//! from the values that the control has taken. No other values are sent until the control has taken them. If this run
-//! is not stopped cleanly, the next run first sends the register values again.
+//! A control takes a set when the number of the set changes or its strobe signal rises. If that happens after the
+//! request with the values, the registers can hold values that the control has not taken yet. Such values differ by one
+//! step at most from the values that the control has taken. No other values are sent until the control has taken them.
+//! If this run is not stopped cleanly, the next run first sends the register values again.
 
 use std::time::Duration;
 
@@ -15,16 +15,16 @@ use super::numbers::{Attempt, Numbers};
 use super::sequence::Sequence;
 use crate::quantity::{Counts, Moment, shifted};
 
-/// Event at which a control takes over the values of a set.
+/// Event at which a control takes over the values of an output set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CommitTrigger {
-    /// The control takes the values with the request that writes them. If the set has a number, that request contains
-    /// the number too.
+    /// The control takes the values with the request that writes them. If the output set has a number, that request
+    /// contains the number too.
     AtOnce,
-    /// The control takes the values when the number of the set changes. The number is written after the values.
+    /// The control takes the values when the number of the output set changes. The number is written after the values.
     Number,
-    /// The control takes the values at the rising edge of the strobe, and acknowledges them.
+    /// The control takes the values at the rising edge of the strobe signal, and acknowledges them.
     Strobe,
     /// The control takes each value separately, when its node is written. An OPC UA server may carry out only some of
     /// the writes of a request.
@@ -61,17 +61,17 @@ pub(super) struct Transaction {
     /// Values that the control took last, if they are known.
     taken: Option<Vec<Counts>>,
     sequence: Sequence,
-    /// Numbers of which the control may accept one next, if it acknowledges sets. `None` until the register of the
-    /// number was read.
+    /// Numbers of which the control may accept one next, if it acknowledges output sets. `None` until the register of
+    /// the number was read.
     numbers: Option<Numbers>,
-    /// Values of the last attempt. `None` after the control has acknowledged a set.
+    /// Values of the last attempt. `None` after the control has acknowledged an output set.
     tried: Option<Vec<Counts>>,
-    /// Number and values of the last attempt, if it was not answered. Unused if the control acknowledges sets.
+    /// Number and values of the last attempt, if it was not answered. Unused if the control acknowledges output sets.
     unanswered: Option<(u16, Vec<Counts>)>,
     next_number: NextNumber,
 }
 
-/// Output of a set, as the transfer needs it.
+/// Output of an output set, as the transfer needs it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Member {
     /// Last verified register value.
@@ -84,7 +84,7 @@ pub(super) struct Member {
 
 impl Transaction {
     /// Creates the state at a start. `was_in_order`: the previous run was stopped cleanly. If it was not, the control
-    /// may not have taken the register values. The second result must be passed to the outputs of the set.
+    /// may not have taken the register values. The second result must be passed to the outputs of the output set.
     pub(super) fn new(
         taking: CommitTrigger,
         has_number: bool,
@@ -106,7 +106,7 @@ impl Transaction {
     }
 
     /// Records the number and the values that the registers hold. Returns whether the control has taken these values,
-    /// for the outputs of the set. `None` if that has not changed.
+    /// for the outputs of the output set. `None` if that has not changed.
     pub(super) fn read(
         &mut self,
         number: Option<u16>,
@@ -166,7 +166,8 @@ impl Transaction {
     }
 
     /// Records that these values were, or may have been, sent with this number. `is_done`: the device answered that it
-    /// has carried out the write. Returns the new result for the outputs of the set, or `None` if it does not change.
+    /// has carried out the write. Returns the new result for the outputs of the output set, or `None` if it does not
+    /// change.
     pub(super) fn sends(
         &mut self,
         number: Option<u16>,
@@ -196,7 +197,7 @@ impl Transaction {
         self.sent.as_deref() == Some(values)
     }
 
-    /// Records the result of an attempt to make the control take the set.
+    /// Records the result of an attempt to make the control take the output set.
     pub(super) fn attempt(&mut self, attempt: Attempt) {
         if attempt == Attempt::Acknowledged {
             self.tried = None;
@@ -279,7 +280,7 @@ mod tests {
         values.map(Counts).to_vec()
     }
 
-    /// Creates a set with a handshake whose registers hold these values with this number.
+    /// Creates an output set with a handshake whose registers hold these values with this number.
     fn acknowledged(was_in_order: bool, number: u16, values: &[Counts]) -> Transaction {
         let (mut set, commit) = Transaction::new(CommitTrigger::Strobe, true, was_in_order);
         assert_eq!(commit, if was_in_order { SetCommit::Taken } else { SetCommit::Open });

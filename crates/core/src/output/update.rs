@@ -217,7 +217,7 @@ fn report_untaken(state: &mut State, how: WriteFailure, event: Event) {
     }
 }
 
-/// Sets the gateway share to the register value `sum` minus the operator offset, which has not changed.
+/// Sets the gateway share of a shared register to its value `sum` minus the operator offset, which has not changed.
 fn share_is(state: &mut State, sum: Counts) {
     if let Some(account) = state.account {
         account_is(state, Account { share: sum - account.base, ..account });

@@ -1,4 +1,4 @@
-//! Release of a register that belongs to no output any more: its return to the base value. Contains its saved state,
+//! Release of a register that no longer belongs to an output: its return to the base value. Contains its saved state,
 //! the values from which it may continue, and its duration.
 //!
 //! The gateway changes the register in steps, with the same controller as for an output. This module only decides
@@ -42,7 +42,7 @@ pub struct Bounds {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Obstacle {
-    /// The control accepts the value only together with the other values of its set, or after a strobe.
+    /// The control accepts the value only together with the other values of its output set, or after a strobe.
     Set,
     /// The value of the output is no offset.
     Writes,
@@ -56,7 +56,9 @@ impl Obstacle {
     /// Returns the obstacle as a text about the register.
     pub fn cause(self) -> &'static str {
         match self {
-            Obstacle::Set => "the control accepts the register only together with the other values of the set",
+            Obstacle::Set => {
+                "the control accepts the register only together with the other registers of its output set"
+            }
             Obstacle::Writes => "the register holds no offset",
             Obstacle::Address => "the value is not in a Modbus register",
             Obstacle::Unread => "the register cannot be read",
@@ -88,7 +90,8 @@ pub enum Stage {
     Begun,
 }
 
-/// Request of the operator to return a register that belongs to no output any more to its base value, and its progress.
+/// Request of the operator to return a register that no longer belongs to an output to its base value (value without
+/// the gateway's offset), and the progress of that return.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Release {

@@ -44,8 +44,8 @@ pub fn log(terms: &Terms, recorded: Option<&Dataset>) -> Result<String, BadLog> 
 /// Row of the log: time, recorded cells, and the index of its round, if any.
 type Row = (Moment, Vec<f64>, Option<usize>);
 
-/// Returns the names and rows of the recorded columns, without the columns in `names`. The row nearest to a round
-/// contains the index of that round.
+/// Returns the names and rows of the columns of a recorded log, without the columns in `names`. The row nearest to a
+/// round contains the index of that round.
 fn beside<'a>(
     terms: &Terms,
     recorded: &'a Dataset,

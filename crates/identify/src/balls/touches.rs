@@ -10,7 +10,7 @@ pub(super) struct Touch {
     pub(super) time: Moment,
     pub(super) ball: f64,
     pub(super) at_mm: [f64; 3],
-    /// Stylus length; NaN without a column for it.
+    /// Stylus length; NaN if the file of touches has no column for it.
     pub(super) stylus_mm: f64,
 }
 
@@ -22,7 +22,7 @@ impl Touch {
     }
 }
 
-/// Touches of one round. Without a column `round`, each ball occurs only once with the same stylus.
+/// Touches of one round. If the file of touches has no column `round`, each ball occurs only once with the same stylus.
 pub(super) type Round = Vec<Touch>;
 
 /// Returns the mean time of the touches of a round.

@@ -10,12 +10,13 @@ const DECIDED: [&str; 9] =
 const MACHINE: [&str; 3] = ["machine_memory", "machine_zero", DRY_RUN];
 const DRY_RUN: &str = "machine_dry_run";
 
-/// Returns whether the texts of this column are necessary to determine the active Cz.
+/// Returns whether the texts in this log column are needed to determine the active Cz (Cz that acted during the
+/// measurement).
 pub(super) fn names_model_by_words(column: &str) -> bool {
     column.ends_with("_permit")
 }
 
-/// Returns whether this column is necessary to determine the active Cz.
+/// Returns whether this log column is needed to determine the active Cz (Cz that acted during the measurement).
 pub(super) fn needs(column: &str) -> bool {
     ["_permit", "_cz_um", "_slope_um", "_from_um"].iter().any(|end| column.ends_with(end))
 }
@@ -53,9 +54,9 @@ pub(super) fn keep_what_acted(table: &mut Table) -> Vec<String> {
     unknown
 }
 
-/// Returns the active Cz of each row. The readings of a row are older than its decision, so the decision of the
-/// previous row was active. Until the gateway first took over the register, the value found in the register was active.
-/// The result is NaN while the register was not verified.
+/// Returns the active Cz (Cz that acted during the measurement) of each log row. The readings of a row are older than
+/// its decision, so the decision of the previous row was active. Until the gateway first took over the register, the
+/// value found in the register was active. The result is NaN while the register was not verified.
 fn acted(table: &Table, axis: &str) -> Vec<f64> {
     let mut acted = before(table, &format!("{axis}_cz_um"));
     let found = table.numbers(&format!("{axis}_from_um")).unwrap_or_default();

@@ -1,4 +1,4 @@
-//! Readings of a dial gauge, added to the rows that the machine recorded at the same time.
+//! Readings of a dial gauge, added to the log rows that the machine recorded at the same time.
 
 use std::path::Path;
 use std::time::Duration;

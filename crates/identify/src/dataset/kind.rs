@@ -1,8 +1,8 @@
-//! Kinds of columns.
+//! Kinds of log columns: temperature, speed, position and others.
 
 use std::fmt;
 
-/// Guessed kind of a column of numbers.
+/// Guessed kind of a log column of numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
@@ -16,9 +16,9 @@ pub enum Kind {
     Displacement,
     /// Active Cz in a log of the gateway, µm.
     Compensation,
-    /// Column that contains only 0 and 1.
+    /// Log column that contains only 0 and 1.
     Switch,
-    /// Column of numbers of no other kind.
+    /// Log column of numbers of no other kind.
     Other,
 }
 

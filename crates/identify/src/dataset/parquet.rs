@@ -205,7 +205,7 @@ fn take(table: &mut Reader, (place, row): (usize, u64), value: Value<'_>) -> Res
     Ok(())
 }
 
-/// Value of a cell.
+/// Value in one row of a Parquet column.
 enum Value<'v> {
     /// Number; NaN if missing.
     Number(f64),

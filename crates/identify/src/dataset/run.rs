@@ -1,4 +1,4 @@
-//! One warm-up as columns of numbers.
+//! One run (a warm-up of the machine) as log columns of numbers.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -6,7 +6,7 @@ use std::time::Duration;
 use crate::statistics::range;
 use isotherm_core::quantity::Moment;
 
-/// One warm-up, with the rows from the cold machine to the end.
+/// One warm-up of the machine, with the log rows from the cold machine to the end.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Run {
     /// Name of the file without extension. If the file was split, a number or the value of the splitting column
@@ -14,9 +14,9 @@ pub struct Run {
     pub name: String,
     /// File of the run.
     pub file: PathBuf,
-    /// Times of the rows, ascending.
+    /// Times of the log rows, ascending.
     pub times: Vec<Moment>,
-    /// Values by column and row; NaN if missing.
+    /// Values by log column and row; NaN if missing.
     pub values: Vec<Vec<f64>>,
 }
 
@@ -32,12 +32,12 @@ impl Run {
         self.times.iter().map(move |time| time.since(first).as_secs_f64())
     }
 
-    /// Returns the range (maximum minus minimum) of a column; 0 if the column has no values.
+    /// Returns the range (maximum minus minimum) of a log column in this run; 0 if the column has no values.
     pub(crate) fn range(&self, column: usize) -> f64 {
         range(&self.values[column])
     }
 
-    /// Returns the time from the first row to the last.
+    /// Returns the duration of the run: from its first log row to its last.
     pub fn lasts(&self) -> Duration {
         match (self.times.first(), self.times.last()) {
             (Some(first), Some(last)) => last.since(*first),

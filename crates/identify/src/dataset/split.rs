@@ -12,7 +12,7 @@ use super::{BadLog, Run};
 /// Maximum number of runs. A column with more changes does not identify runs.
 const MOST_RUNS: usize = 10_000;
 
-/// Division of files into runs.
+/// Settings for the division of log files into runs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Split {
     /// Column whose changes begin a new run.
@@ -123,7 +123,7 @@ fn run(table: &mut Table, names: &[String], name: String, rows: Range<usize>) ->
     Run { name, file: table.file.clone(), times: table.times[rows.clone()].to_vec(), values }
 }
 
-/// Value of the splitting column in each row.
+/// Value in each log row of the column by which a log is divided into runs.
 enum Labels<'t> {
     Words(Vec<&'t str>),
     Numbers(&'t [f64]),

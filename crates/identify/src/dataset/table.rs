@@ -15,7 +15,7 @@ const MOST_ROWS: usize = 20_000_000;
 const MOST_NUMBERS: usize = 150_000_000;
 /// Maximum number of different texts in a column that divides runs.
 const MOST_WORDS: usize = 100_000;
-/// Number of rows of an unused column from which its kind is guessed.
+/// Number of rows of an unused log column from which its kind is guessed.
 const SAMPLED: usize = 1000;
 /// Maximum number of listed errors; further errors are only counted.
 const MOST_LISTED: usize = 20;
@@ -38,7 +38,7 @@ pub(super) struct Table {
     /// Line or row number of each row in the file.
     pub(super) lines: Numbering,
     pub(super) columns: Vec<(String, Cells)>,
-    /// Names of the columns that contain the active Cz.
+    /// Names of the columns that contain the active Cz (Cz that acted during the measurement).
     pub(super) acted: Vec<String>,
 }
 
@@ -145,7 +145,7 @@ struct Column {
     numbers: Vec<f64>,
     /// Texts, if they may be needed.
     words: Option<Words>,
-    /// Whether a cell was a number.
+    /// Whether at least one cell of the column was a number.
     has_numbers: bool,
     /// Line and text of the first cell that is not a number.
     text: Option<(u64, String)>,
@@ -226,12 +226,12 @@ impl Reader {
         self.time.0
     }
 
-    /// Returns whether the next cell of this column is needed.
+    /// Returns whether the next cell of this column must be read.
     pub(super) fn reads(&self, place: usize) -> bool {
         self.wants(place) > 0
     }
 
-    /// Returns how many more cells of this column are needed.
+    /// Returns how many more cells of this column must be read.
     pub(super) fn wants(&self, place: usize) -> usize {
         match self.columns.get(place) {
             Some(column) if column.is_over => 0,
@@ -247,13 +247,14 @@ impl Reader {
         self.kept
     }
 
-    /// Returns whether the texts of this column are necessary.
+    /// Returns whether the cells of this column must be kept as texts: the column may name the run of each row, and its
+    /// cells so far are not all numbers.
     #[cfg(feature = "parquet")]
     pub(super) fn needs_words(&self, place: usize) -> bool {
         self.columns.get(place).is_some_and(|column| column.words.is_some())
     }
 
-    /// Marks the column as a column of texts that are not stored.
+    /// Marks a column whose cells are texts that nothing needs, so that they are not stored.
     #[cfg(feature = "parquet")]
     pub(super) fn is_text(&mut self, place: usize) {
         self.columns[place].is_over = true;

@@ -17,19 +17,19 @@ const SHORTEST_STAGE: f64 = 150.0;
 /// Period of a run with one constant speed, with movement of a position, or without movement.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Stage {
-    /// Name of the column with the movement.
+    /// Name of the log column that shows the movement.
     pub column: String,
     /// First minute of the stage, h since the first row of the run.
     pub from_h: f64,
     /// Last minute of the stage, h since the first row of the run.
     pub to_h: f64,
-    /// Mean speed in the unit of the column; `None` for a position.
+    /// Mean speed in the unit of its log column; `None` if the column is a position.
     pub speed: Option<f64>,
     /// Whether something turned or moved.
     pub moves: bool,
 }
 
-/// Column of a movement that warms the machine.
+/// Log column of a movement that warms the machine.
 #[derive(Clone, Debug)]
 pub(super) struct Mover {
     pub(super) column: usize,
@@ -57,7 +57,7 @@ pub(super) fn movers(dataset: &Dataset, units: Units<'_>) -> Vec<Mover> {
     dataset.columns.iter().enumerate().filter_map(of).collect()
 }
 
-/// Returns whether a column is the speed of a linear axis.
+/// Returns whether a log column is the speed of a linear axis.
 pub(crate) fn is_feed(name: &str, unit: Option<&str>) -> bool {
     let name = name.to_ascii_lowercase();
     unit.is_some_and(|unit| ["mm/min", "m/min", "m/s"].contains(&unit))
@@ -140,7 +140,7 @@ impl Mover {
         long.map(stage).collect()
     }
 
-    /// Returns the distance that the position travels within each minute, with the time of the first row of each
+    /// Returns the distance that the position travels within each minute, with the time of the first log row of each
     /// minute.
     fn paths(&self, run: &Run) -> Minutes {
         let mut paths = Minutes::default();

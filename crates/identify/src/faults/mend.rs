@@ -24,8 +24,8 @@ use super::{Damage, Fault, Finding, Frozen, Repaired, faults};
 use crate::dataset::{Dataset, Run};
 use crate::statistics::count;
 
-/// Largest accepted error of a replacement, as a share of the root mean square by which the readings of the sensor
-/// change. The error is measured on hidden hours of good runs.
+/// Largest accepted error of readings that are rebuilt from other sensors, as a share of the root mean square by which
+/// the readings of the sensor change. The error is measured on hidden hours of good runs.
 const BELIEVED: f64 = 0.8;
 /// Maximum number of jumps in one run. A sensor with more jumps has a loose contact.
 const MOST_JUMPS: usize = 3;
@@ -41,7 +41,7 @@ const LEAST_OF_RUN: f64 = 0.05;
 #[derive(Clone, Debug)]
 pub(crate) struct Mending<'a> {
     logs: &'a Dataset,
-    /// Columns of the sensors that are not left out.
+    /// Log columns of the sensors that are not left out.
     columns: Vec<usize>,
     faults: Vec<Fault>,
 }
@@ -55,10 +55,10 @@ pub(crate) struct Mended<'a> {
     pub(crate) repaired: Vec<Repaired>,
 }
 
-/// Description of the repair of a fault; `None` if no replacement is accepted.
+/// Description of the repair of a fault; `None` if no rebuilt readings are accepted.
 type Done = Option<String>;
 
-/// Finds the faults of these temperature columns, and repairs those faults and freezes that can be repaired.
+/// Finds the faults of the sensors in these log columns, and repairs those faults and freezes that can be repaired.
 pub(crate) fn mend<'a>(logs: &'a Dataset, columns: &[usize], frozen: &[Frozen]) -> Mended<'a> {
     let frozen: Vec<Frozen> =
         frozen.iter().copied().filter(|frozen| columns.contains(&frozen.column)).collect();
@@ -219,7 +219,7 @@ impl Mending<'_> {
         (dataset, done)
     }
 
-    /// Returns the repaired column of a run; `None` if no replacement is accepted.
+    /// Returns the repaired column of a run; `None` if no rebuilt readings are accepted.
     fn replaced(
         &self,
         dataset: &Dataset,

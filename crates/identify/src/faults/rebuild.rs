@@ -20,7 +20,7 @@ const LAGS: [f64; 4] = [180.0, 720.0, 3000.0, 12_000.0];
 const RIDGES: [f64; 4] = [1e-2, 1e-3, 1e-4, 1e-5];
 /// Ridge for the correction of a step. Its value has little effect, because the window is short.
 const STEP_RIDGE: f64 = 1e-3;
-/// Time next to each end of the rebuilt rows over which the residuals of the prediction are averaged, s.
+/// Time next to each end of the rebuilt readings over which the residuals of the prediction are averaged, s.
 const TIE: f64 = 300.0;
 /// Lengths of the windows before and after a step whose mean readings are compared, min.
 const WINDOWS: [usize; 4] = [1, 3, 10, 30];
@@ -37,7 +37,7 @@ pub(super) struct Likeness<'a> {
     dataset: &'a Dataset,
     column: usize,
     neighbours: Vec<usize>,
-    /// Rows of each donor.
+    /// Log rows of each donor (run in which all these sensors were good).
     tables: Vec<Table>,
     /// Gram products of each table.
     grams: Vec<Gram>,
@@ -105,8 +105,8 @@ impl Likeness<'_> {
         Some(Replaced { values, message, error })
     }
 
-    /// Returns the columns and the ridge with the smallest error on the hidden hours of the donors, and that error, °C.
-    /// `None` if no donor has these hours.
+    /// Returns the sensors (log columns) and the ridge penalty with the smallest error on the hidden hours of the
+    /// donors, and that error, °C. `None` if no donor has these hours.
     fn choose(&self, hidden: Span) -> Option<(Vec<usize>, f64, f64)> {
         let plain = self.neighbours.len();
         let widths: [Vec<usize>; 2] = [(0..plain).collect(), (0..plain * (1 + LAGS.len())).collect()];
@@ -201,7 +201,7 @@ impl Likeness<'_> {
 }
 
 impl Table {
-    /// Returns the Gram products of the rows outside `hidden`, with the mean subtracted.
+    /// Returns the Gram products of the log rows outside `hidden`, with the mean subtracted.
     fn gram(&self, hidden: Option<Span>) -> Gram {
         let hidden = hidden.map_or(0..0, |hidden| self.inside(hidden));
         let may = |row: &usize| self.values[*row].is_finite() && !hidden.contains(row);
@@ -232,7 +232,8 @@ impl Table {
         left.data.into()
     }
 
-    /// Predicts the hidden rows from the neighbours, and shifts them so that they join the readings at both ends.
+    /// Predicts the readings in the hidden rows from the neighbouring sensors, and shifts them so that they join the
+    /// readings at both ends.
     fn filled(&self, columns: &[usize], gains: &DVector<f64>, hidden: Span) -> Vec<f64> {
         let rows = self.inside(hidden);
         let left = self.left(columns, gains);
@@ -261,8 +262,9 @@ impl Table {
     }
 }
 
-/// Returns the step at this row; `None` if it cannot be computed. With a window, the step is the difference of the mean
-/// residuals after and before the row. Without one, it is the change of the reading minus the usual slope around it.
+/// Returns the step of a reading at this log row; `None` if it cannot be computed. With a window, the step is the
+/// difference of the mean residuals after and before the row. Without one, it is the change of the reading minus the
+/// usual slope around it.
 fn step_at(left: &[f64], values: &[f64], at: usize, window: Option<usize>) -> Option<f64> {
     let mean = |rows: &[f64]| {
         let finite = rows.iter().filter(|value| value.is_finite());

@@ -11,16 +11,16 @@ use crate::statistics::median;
 const LEAST: f64 = 180.0;
 /// Maximum time between two consecutive readings, as a multiple of the median time.
 const FOLLOWS: f64 = 2.0;
-/// Longest time over which a row may be averaged, s. Such a row may contain readings from before and after a step, so
-/// that the next row has a part of the step, too.
+/// Longest time over which one log row may be averaged, s. Such a row may contain readings from before and after a
+/// step, so that the next row has a part of the step, too.
 const MEAN: f64 = 60.0;
 
 /// Constant readings for at least three minutes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Standstill {
-    /// First row with the value.
+    /// First log row with the constant value.
     pub(crate) first: usize,
-    /// Last row with the value.
+    /// Last log row with the constant value.
     pub(crate) last: usize,
     /// Time of the first row, s since the run's first row.
     pub(crate) from: f64,
@@ -35,7 +35,7 @@ pub(crate) struct Standstill {
 pub(crate) enum End {
     /// The next reading has another value.
     Step {
-        /// Row of the next reading.
+        /// Log row of the next reading, which has another value.
         row: usize,
         /// Absolute difference to the constant value.
         size: f64,
@@ -46,11 +46,11 @@ pub(crate) enum End {
     OfRun,
 }
 
-/// Readings of a column.
+/// Readings of one sensor in a run.
 struct Readings {
     /// Time of each row, s since the run's first row.
     seconds: Vec<f64>,
-    /// Rows with a reading.
+    /// Log rows with a reading.
     good: Vec<usize>,
     /// Maximum time between consecutive readings, s.
     apart: f64,
@@ -67,7 +67,7 @@ impl Readings {
     }
 }
 
-/// Returns every period of constant readings of a column, in order of time. Missing readings do not end a period.
+/// Returns every period of constant readings in a log column, in order of time. Missing readings do not end a period.
 pub(crate) fn standstills(run: &Run, column: usize) -> Vec<Standstill> {
     let Readings { seconds, good, apart } = Readings::of(run, column);
     let values = &run.values[column];
@@ -92,8 +92,8 @@ pub(crate) fn standstills(run: &Run, column: usize) -> Vec<Standstill> {
     found
 }
 
-/// Returns the largest step of a column between two consecutive readings, except near the ends of constant readings.
-/// The result is the largest step of the temperature itself; 0 if there is none.
+/// Returns the largest step in a log column between two consecutive readings, except near the ends of constant
+/// readings. The result is the largest step of the temperature itself; 0 if there is none.
 pub(crate) fn largest_step(run: &Run, column: usize) -> f64 {
     let Readings { seconds, good, apart } = Readings::of(run, column);
     let values = &run.values[column];

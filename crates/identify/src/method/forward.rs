@@ -26,7 +26,7 @@ struct Search<'a> {
     left: f64,
 }
 
-/// Effect of choosing one column on the rests of the other columns.
+/// Effect of choosing one candidate term on the rests (unexplained parts) of the other candidates.
 struct ColumnEffect {
     /// Squared norm of the rest of the chosen column when it was chosen, in the training runs and in the held-out runs.
     own: f64,
@@ -53,12 +53,12 @@ impl Search<'_> {
         }
     }
 
-    /// Returns the gain of a column if this column is chosen next.
+    /// Returns the gain of a candidate term (column) if it is chosen next.
     fn gain(&self, column: usize) -> f64 {
         self.pull[column] / self.own[column].max(1e-9)
     }
 
-    /// Returns the squared residual of the held-out runs if this column is chosen next.
+    /// Returns the squared residual of the held-out runs if this candidate term (column) is chosen next.
     fn left(&self, column: usize) -> f64 {
         let gain = self.gain(column);
         self.left + gain * (gain * self.held_own[column] - 2.0 * self.held_pull[column])
@@ -97,7 +97,7 @@ pub(super) fn forward(folds: &[&Scaled], penalty: f64, most: usize) -> (Vec<usiz
     forward_once_each(folds, penalty, most, &each_its_own)
 }
 
-/// Forward search with at most one column of each group. A column without a group is not chosen.
+/// Forward search with at most one candidate term (column) of each group. A candidate without a group is not chosen.
 pub(super) fn forward_once_each(
     folds: &[&Scaled],
     penalty: f64,

@@ -5,7 +5,7 @@ use std::fmt;
 /// Identification method. [`Method::ALL`] contains the description of each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
-    /// Mean of a ridge regression and an elastic net on whitened rows.
+    /// Mean of a ridge regression and an elastic net on whitened log rows (rows without their slow random drift).
     #[default]
     Whitened,
     /// Mean of a forward search and an elastic net.

@@ -1,8 +1,8 @@
 //! `lag`: `E = Σ K·L·ΔT·(1 − e^(−t/C))`, Janeczko 1989. Each of a few sensors has one gain and one time constant.
 //!
-//! A forward search over the bank, with one term per sensor, gives the sensors and the initial time constants. Then
-//! golden-section search minimizes the residual over each time constant in turn. At every step, the gains follow by
-//! least squares.
+//! A forward search over the candidate terms, with one term per sensor, gives the sensors and the initial time
+//! constants. Then golden-section search minimizes the residual over each time constant in turn. At every step, the
+//! gains follow by least squares.
 
 use std::time::Duration;
 
@@ -29,10 +29,11 @@ const MOST_TERMS: usize = 4;
 const PENALTY: f64 = 1e-3;
 /// Number of passes over the time constants.
 const ROUNDS: usize = 4;
-/// Initial factor of the search range around a time constant: about the ratio of neighbouring time constants in the
-/// bank.
+/// Initial factor of the search range around a time constant: about the ratio of neighbouring time constants of the
+/// candidate terms.
 const AROUND: f64 = 2.2;
-/// Time constant below which a lag has no effect on rows of a minute, s. The term is then written without a lag.
+/// Time constant below which a lag has no effect on log rows that are means of a minute, s. The term is then written
+/// without a lag.
 const FASTEST: f64 = 20.0;
 const SLOWEST: f64 = 5.0 * 86_400.0;
 

@@ -1,4 +1,4 @@
-//! `ols`: ordinary least squares on all columns.
+//! `ols`: ordinary least squares on all candidate terms.
 
 use crate::gram::{Gains, Gram};
 use crate::solve::ridge;

@@ -12,7 +12,7 @@ use crate::folds::Inner;
 use crate::gram::{Gains, Gram};
 use crate::statistics::range;
 
-/// Ridge penalty of the forward search, for columns of root mean square 1.
+/// Ridge penalty of the forward search, for candidate terms that are scaled to a root mean square of 1.
 const HELD: [f64; 1] = [1e-3];
 
 /// Fits a model with at most `terms` terms.
@@ -22,8 +22,8 @@ pub(super) fn fit(grams: &[Gram], runs: &[usize], columns: &[usize], terms: Opti
     in_columns(&by_forward(&inner.all, &inner.scaled(), most, &HELD, false), columns)
 }
 
-/// Creates the bank with every input through every lag, and each of these also multiplied by the distance from the
-/// reference position.
+/// Creates the matrix of candidate terms: every input through every lag, and each of these also multiplied by the
+/// distance from the reference position.
 pub(super) fn bank(campaign: &Campaign<'_>, lags: &[Option<Duration>]) -> Result<Bank, String> {
     let Some(position) = &campaign.position else {
         return Err("position needs the signal with the position of the axis: --position scale_z".to_owned());

@@ -50,7 +50,7 @@ pub(super) fn most_terms(runs: &[usize], asked: Option<usize>) -> usize {
     if runs.len() < 2 { most.min(UNVALIDATED) } else { most }
 }
 
-/// Returns the gains that are not zero, with their columns.
+/// Returns the gains that are not zero, each with the index of its candidate term.
 pub(super) fn in_columns(gains: &DVector<f64>, columns: &[usize]) -> Gains {
     let gains = columns.iter().copied().zip(gains.iter().copied());
     gains.filter(|(_, gain)| gain.abs() > 0.0).collect()

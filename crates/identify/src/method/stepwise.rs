@@ -14,14 +14,14 @@ const ENTERS: f64 = 0.01;
 /// Significance level (p-value) above which a term is removed.
 const LEAVES: f64 = 0.05;
 
-/// Step of the search: a column that is added or removed.
+/// Step of the search: a candidate term that is added or removed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Move {
     pub(crate) column: usize,
     pub(crate) comes_in: bool,
-    /// Partial F: reduction of the squared residual by the column, divided by the residual variance.
+    /// Partial F: reduction of the squared residual by the term, divided by the residual variance.
     pub(crate) f: f64,
-    /// Probability of such an F if the column has no effect (p-value).
+    /// Probability of such an F if the term has no effect (p-value).
     pub(crate) chance: f64,
 }
 
@@ -39,8 +39,8 @@ pub(super) fn fit(gram: &Gram, rows_per_sample: f64, columns: &[usize], most: us
     chosen.into_iter().zip(gains.iter().copied()).collect()
 }
 
-/// Returns the steps in order, and the next best column, which is not added because it is not significant. This column
-/// is `None` if the search ends for another reason.
+/// Returns the steps in order, and the next best candidate term, which is not added because it is not significant. This
+/// candidate is `None` if the search ends for another reason.
 pub(crate) fn search(gram: &Gram, samples: f64, columns: &[usize], most: usize) -> (Vec<Move>, Option<Move>) {
     let left = |chosen: &[usize]| match chosen {
         [] => gram.power,

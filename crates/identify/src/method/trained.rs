@@ -30,7 +30,8 @@ mod tests;
 
 /// Default time constants in minutes, in addition to each input without lag.
 const LAGS_MIN: [u64; 2] = [12, 50];
-/// Time between training rows in seconds, because neighbouring rows are similar. The validation uses all rows.
+/// Time in seconds between the log rows that are used for training, because neighbouring rows are similar. The
+/// validation uses all rows.
 const APART: f64 = 600.0;
 
 /// Type and size of the network.
@@ -45,7 +46,7 @@ pub(super) enum Shape {
 /// A network method with its data.
 pub(super) struct Trained {
     bank: Bank,
-    /// Columns of the bank that the network may use.
+    /// Indices of the candidate terms that the network may use.
     columns: Vec<usize>,
     /// Names of the inputs.
     names: Vec<String>,
@@ -54,7 +55,7 @@ pub(super) struct Trained {
     seed: u64,
 }
 
-/// Rows of one or more runs: scaled rises, and the scaled Cz that would compensate the whole error.
+/// Rows of one or more runs: scaled temperature rises, and the scaled Cz that would compensate the whole error.
 #[derive(Clone, Debug)]
 struct Samples {
     rises: DMatrix<f64>,
@@ -76,7 +77,7 @@ impl Samples {
 /// Fold of the inner validation: the training rows, and each held-out run.
 #[derive(Debug)]
 struct Fold<'a> {
-    /// Number of the fold, from zero.
+    /// Index of the fold, from zero.
     number: u64,
     training: Samples,
     held: Vec<&'a Samples>,

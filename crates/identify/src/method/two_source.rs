@@ -14,8 +14,8 @@ pub(super) struct TwoSource {
 }
 
 impl TwoSource {
-    /// Finds the runs and the inputs that the settings name. The index of an input is also its column, because the
-    /// method uses a bank without lags.
+    /// Finds the runs and the inputs that the settings name. The index of an input is also the index of its column in
+    /// the matrix of candidate terms, because this method uses no lags.
     pub(super) fn new(campaign: &Campaign<'_>, settings: &Settings) -> Result<TwoSource, String> {
         let runs: Vec<&str> = campaign.dataset.runs.iter().map(|run| run.name.as_str()).collect();
         let inputs: Vec<&str> = campaign.inputs.iter().map(|input| input.name.as_str()).collect();

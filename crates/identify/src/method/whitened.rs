@@ -25,9 +25,9 @@ use crate::sensors::Forward;
 use crate::solve::{Net, Ridge, decades};
 use crate::statistics::{count, least_sum, median};
 
-/// Penalty if there are too few runs for a choice.
+/// Ridge penalty if there are too few runs to choose one by validation.
 const UNCHOSEN: f64 = 0.3;
-/// Factor of the gains of a ridge regression from one run.
+/// Factor by which the gains of a ridge regression are reduced if there is only one run.
 const OF_ONE_RUN: f64 = 0.7;
 /// L2 penalties of the elastic net. The weaker one is used only if its residual is less than [`CLEARLY`] times as
 /// large.
@@ -35,7 +35,7 @@ const SHARED: [f64; 2] = [0.1, 0.003];
 const CLEARLY: f64 = 0.4;
 /// Number of quarter-decade steps on the path of the elastic net.
 const STEPS: usize = 13;
-/// Minimum of the scale by which all columns are divided.
+/// Minimum of the scale by which all candidate terms are divided.
 const STANDS_STILL: f64 = 1e-9;
 
 /// Returns the default time constants: none, 6, 25 and 100 minutes. Four time constants give the same results as eight.
@@ -52,8 +52,8 @@ pub(super) struct Whitening {
     prior: Option<Vec<(Candidate, f64)>>,
 }
 
-/// Gains of each column: those of the model, and, if the model is a mean, also those of the ridge regression and the
-/// elastic net.
+/// Gains of each candidate term: those of the model, and, if the model is a mean, also those of the ridge regression
+/// and the elastic net.
 pub(crate) struct Fitted {
     pub(crate) gains: Vec<f64>,
     pub(crate) halves: Option<Vec<[f64; 2]>>,
@@ -128,7 +128,7 @@ impl Learner for Whitening {
     }
 }
 
-/// Identifies a model from these runs, in these columns of the bank.
+/// Identifies a model from these runs, with these columns of the matrix of candidate terms.
 pub(crate) fn fit(products: &Products, runs: &[usize], columns: &[usize], bank: &Bank) -> Fitted {
     if runs.is_empty() || columns.is_empty() {
         return Fitted { gains: vec![0.0; columns.len()], halves: None };
@@ -174,8 +174,8 @@ fn towards(
     Fitted { gains: (gains + prior).component_div(&units).data.into(), halves: None }
 }
 
-/// Returns the divisor of each column. Speeds and their squares have other magnitudes than temperatures. Therefore each
-/// kind is scaled to the size of a typical temperature.
+/// Returns the divisor of each candidate term (column). Speeds and their squares have other magnitudes than
+/// temperatures. Therefore each kind is scaled to the size of a typical temperature.
 fn units(products: &Products, runs: &[usize], columns: &[usize], bank: &Bank) -> DVector<f64> {
     let kind = |column: usize| {
         let candidate = bank.candidates[column];
@@ -222,8 +222,8 @@ fn net(all: &Gram, folds: &[Fold]) -> DVector<f64> {
     path(all, shared, step + 1).pop().unwrap_or_else(|| DVector::zeros(all.cross.len()))
 }
 
-/// Returns the gains at each of the first penalties on the path of the elastic net. All columns have one scale, so that
-/// no column has an advantage.
+/// Returns the gains at each of the first penalties on the path of the elastic net. All candidate terms have one scale,
+/// so that none of them has an advantage.
 fn path(gram: &Gram, shared: f64, steps: usize) -> Vec<DVector<f64>> {
     let rows = gram.rows.max(1.0);
     let moves = gram.square.diagonal().iter().map(|square| (square / rows).max(0.0).sqrt()).collect();

@@ -38,7 +38,7 @@ pub(crate) struct Counts {
     /// For each held-out run: the order in which the search over the other runs adds points, and the scores by number
     /// of points. The last score is with all points.
     held_out: Vec<(Vec<usize>, Vec<RunScore>)>,
-    /// One row for each number of points, from zero on.
+    /// Result for each number of points, from zero on.
     pub(crate) table: Vec<Counted>,
     /// Result with all points.
     pub(crate) all_points: Counted,

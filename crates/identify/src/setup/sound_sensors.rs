@@ -87,7 +87,7 @@ pub(super) fn examine<'a>(
 }
 
 /// Returns every freeze of these inputs, and a remark if some constant readings could not be tested. `assessed` are the
-/// columns in which other faults are searched.
+/// log columns in which other faults are searched.
 fn find_freezes(
     profile: &Profile,
     dataset: &Dataset,

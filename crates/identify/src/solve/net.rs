@@ -17,12 +17,13 @@ pub(crate) struct Net<'a> {
     gains: DVector<f64>,
     columns: Vec<usize>,
     signs: Vec<f64>,
-    /// Rows of the lower triangular Cholesky factor of X'X + l2, for the active columns.
+    /// Rows of the lower triangular Cholesky factor of X'X + l2, for the active columns (terms whose gains are not
+    /// zero).
     factor: Vec<Vec<f64>>,
 }
 
 impl Net<'_> {
-    /// Creates the net with no active column.
+    /// Creates the elastic net without an active column (a term whose gain is not zero).
     pub(crate) fn new(scaled: &Gram, l2: f64) -> Net<'_> {
         let gains = DVector::zeros(scaled.cross.len());
         Net { scaled, l2, gains, columns: Vec::new(), signs: Vec::new(), factor: Vec::new() }
@@ -83,7 +84,8 @@ impl Net<'_> {
         }
     }
 
-    /// Returns the gains of the active columns that solve the system for the present signs.
+    /// Returns the gains of the active columns (terms whose gains are not zero) that solve the system for the present
+    /// signs.
     fn answer(&self, l1: f64) -> Vec<f64> {
         let mut answer: Vec<f64> = Vec::with_capacity(self.columns.len());
         for (row, (column, sign)) in self.factor.iter().zip(self.columns.iter().zip(&self.signs)) {

@@ -127,7 +127,7 @@ struct Suspect {
 struct Judge<'a> {
     others: &'a Others<'a>,
     logs: &'a Dataset,
-    /// Smallest and largest rise of each column of the bank, by run.
+    /// For each run: smallest and largest rise of each candidate term.
     spans: Vec<Vec<(f64, f64)>>,
 }
 

@@ -10,7 +10,8 @@ use crate::setup::Ready;
 use crate::statistics::{least_and_most, range};
 use crate::validate::HeldOut;
 
-/// Number of consecutive rows in which D exceeds the threshold, after which a sensor is suspected.
+/// Number of consecutive rows of one minute after which a sensor is suspected, if D (motion of its prediction) exceeds
+/// the threshold in all of them.
 const MISSED: usize = 3;
 /// Share of its range by which a predictor, or the value of a stand-in, may be beyond this range.
 const EDGE: f64 = 0.01;
@@ -50,7 +51,7 @@ struct WatchedSensor {
     threshold: f64,
     /// Range of the rise of the sensor in the other runs, °C.
     span: (f64, f64),
-    /// Predicted rise in each row.
+    /// Predicted rise of the sensor in each row of one minute.
     predicted: Vec<f64>,
     /// For each row: whether a predictor is beyond its range in the other runs, or a lagged predictor far beyond.
     outside: Vec<bool>,
@@ -168,7 +169,7 @@ impl WatchedSensor {
         self.first_missed(&vec![reads; seconds.len()], at, apart)
     }
 
-    /// Returns the row with which later predictions are compared: the first one with a prediction.
+    /// Returns the log row with which later predictions are compared: the first one with a prediction.
     fn base(&self, at: usize) -> Option<usize> {
         (at..self.outside.len()).find(|row| !self.outside[*row])
     }

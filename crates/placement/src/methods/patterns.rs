@@ -12,7 +12,7 @@ use crate::problem::Block;
 pub struct Pattern {
     /// Name of the pattern in the report.
     pub name: String,
-    /// Whether each block is warmer.
+    /// For each block: whether it is warmer in this pattern.
     pub warmed: Vec<bool>,
 }
 

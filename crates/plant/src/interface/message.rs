@@ -9,7 +9,7 @@ pub struct Message {
     pub topic: String,
     /// Content of the message, in the chosen format.
     pub payload: Vec<u8>,
-    /// Quality of service: how the broker confirms the message.
+    /// Quality of service: how the MQTT broker confirms the message.
     pub qos: Qos,
     /// Whether the broker retains the message for later subscribers.
     pub retained: bool,
@@ -47,7 +47,7 @@ pub struct Reaction {
     pub outcome: Option<Outcome>,
 }
 
-/// Result of a command from the broker.
+/// Result of a command that arrived from the MQTT broker.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Outcome {
     /// Allowed command. The gateway decides whether it is executed.

@@ -22,9 +22,9 @@ const EXTENSION: &str = "records";
 /// File of a store, as far as it was read or written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Segment {
-    /// Number of the first record in the file.
+    /// Number of the first record in this file of the store.
     pub(super) first: u64,
-    /// Number of valid records in the file.
+    /// Number of valid records in this file of the store.
     pub(super) count: u64,
     /// Length in bytes, including invalid data after the last record.
     pub(super) bytes: u64,

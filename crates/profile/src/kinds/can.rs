@@ -134,7 +134,7 @@ fn requests(_: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
     signals.iter().filter_map(request).collect()
 }
 
-/// Checks the network interface of a line.
+/// Returns the network interface of a CAN line, after a check of its name.
 fn interface(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
     let at = at.key("interface");
     let help = "write the network interface, as \"can0\"; `ip link` shows which there are";

@@ -69,7 +69,7 @@ pub(crate) fn numbered<T>(parts: Vec<(Field, T)>) -> (Vec<Field>, Vec<T>) {
 }
 
 impl ReadTarget {
-    /// Number of the cells that the request touches, and their name. Objects have none.
+    /// Number of registers or bits that the request reads or writes, and their name. Objects have none.
     fn cells(&self) -> (usize, &'static str) {
         match self {
             ReadTarget::Registers { from, count } if from.table.is_bits() => (usize::from(*count), "bit"),

@@ -10,8 +10,8 @@ use crate::{Bit, BusId, Capture, DeviceId, Output, OutputSet, Profile, Share, St
 use isotherm_core::codec::Address;
 use isotherm_core::reading::SignalId;
 
-/// Number of reads of the acknowledge bit in one handshake: one before the strobe, two when the bit rises, two when it
-/// falls. The second read of each pair follows after one cycle of the control.
+/// Number of reads of the acknowledge bit in one handshake: one before the strobe signal, two when the bit rises, two
+/// when it falls. The second read of each pair follows after one cycle of the control.
 const ASKS: u8 = 5;
 
 /// Exchange that is repeated at a constant rate.
@@ -169,7 +169,8 @@ impl Traffic<'_> {
         }
     }
 
-    /// Adds the exchanges of a set: all registers are read, written and read again, with the handshake in between.
+    /// Adds the exchanges of an output set: all registers are read, written and read again, with the handshake in
+    /// between.
     fn set(&mut self, set: &OutputSet) {
         let device = self.profile.device(set.device);
         let moving = set.members(self.profile).filter(|output| output.writes != Writes::Reference);

@@ -44,8 +44,8 @@ pub(crate) struct RawAxis {
     /// Action if no model or no output can be used.
     #[schemars(required, extend("x-layers" = "same"))]
     on_fault: Option<FaultAction>,
-    /// Absolute value of Cz above which the gateway warns, µm; at most `limit`. Each crossing of this level is reported
-    /// once.
+    /// Absolute value of Cz above which the gateway warns, µm; at most `limit`. The warning is reported when Cz crosses
+    /// this level, and not repeated while Cz stays above.
     warn: Option<f64>,
     /// Absolute value of the model's result above which the axis executes its fault action, µm; at least `limit`. The
     /// axis then stays off until it is armed.
@@ -96,8 +96,8 @@ pub enum Purpose {
     /// The axis compensates the error of its machine axis.
     #[default]
     Compensation,
-    /// The axis only returns a register that no output uses any more to its base value, which is its value without Cz.
-    /// A profile file cannot contain such an axis.
+    /// The axis only returns a register that outputs no longer use to its base value (value without Cz). A profile file
+    /// cannot contain such an axis.
     Release,
 }
 

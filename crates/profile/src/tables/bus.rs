@@ -44,7 +44,7 @@ pub(crate) struct RawBus {
     /// Certificate files of a modbus-tcp line with Modbus/TCP Security.
     pub(crate) tls: Option<RawTls>,
     /// Largest number of requests that wait for an answer at the same time on a modbus-tcp line, 1 or 2. Default 1.
-    /// With 2, a corrected position is written together with the request for the next position.
+    /// With 2, a corrected position (position plus Cz) is written together with the request for the next position.
     #[schemars(range(min = 1, max = 2))]
     pub(crate) pipeline: Option<u8>,
     /// Quirks: special requirements of all devices on the line.

@@ -160,7 +160,7 @@ fn collision(earlier: &Claim<'_>, later: &Claim<'_>) {
     later.at.invalid(message, help);
 }
 
-/// Reports an output that would write a corrected position into the registers from which the position is read. The
+/// Reports an output that would write a position plus Cz into the registers from which the position is read. The
 /// position would grow by Cz with every write.
 fn runaway(check: &Check<'_>, claims: &[Claim<'_>]) {
     let by_path: HashMap<&str, &Claim<'_>> =
@@ -222,7 +222,12 @@ fn written<'c>(check: &'c Check<'c>, heartbeat: Option<&Heartbeat>) -> Vec<Writt
         }
         if let Some(handshake) = &set.handshake {
             let at = at.key("handshake").key("strobe").key("node");
-            writes(set.device, &handshake.strobe.address(), at, format!("the strobe of {}", set.label()));
+            writes(
+                set.device,
+                &handshake.strobe.address(),
+                at,
+                format!("the strobe signal of {}", set.label()),
+            );
         }
     }
     if let Some(heartbeat) = heartbeat {

@@ -126,7 +126,7 @@ pub struct Device {
     pub name: String,
     /// Display name. Empty if the profile has none.
     pub label: String,
-    /// Line of the device.
+    /// Bus to which the device is connected.
     pub bus: BusId,
     /// Modbus unit identifier, or CANopen node number. 0 for a device that only sends frames, a server, or sensors of
     /// this computer.

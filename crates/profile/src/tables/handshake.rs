@@ -1,4 +1,4 @@
-//! `handshake` of an output or a set: a strobe and its acknowledgement.
+//! `handshake` of an output or an output set: a strobe signal and its acknowledgement.
 
 use std::fmt;
 use std::time::Duration;
@@ -14,20 +14,20 @@ use crate::duration::{Timespan, shown};
 use crate::kinds::opcua::nodes::{Place, read};
 use isotherm_core::codec::{Address, Node, Table};
 
-/// Handshake with a strobe and its acknowledgement.
+/// Handshake with a strobe signal and its acknowledgement.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Handshake")]
 pub(super) struct RawHandshake {
-    /// Strobe, written by the gateway. A coil ("coil:20"), a holding register (1 and 0), or one bit of a register
-    /// ("holding:101.3"). On an OPC UA server a node (1 and 0): { node = "ns=2;s=…", type = "bool" }.
+    /// Strobe signal, written by the gateway. A coil ("coil:20"), a holding register (1 and 0), or one bit of a
+    /// register ("holding:101.3"). On an OPC UA server a node (1 and 0): { node = "ns=2;s=…", type = "bool" }.
     #[schemars(required)]
     strobe: Option<Place>,
     /// Acknowledgement, read from the control. A coil, a discrete input ("discrete:20"), a register (0 or not), or one
     /// bit of a register ("input:16.0"). On an OPC UA server a node (0 or not): { node = "ns=2;s=…" }.
     #[schemars(required)]
     acknowledge: Option<Place>,
-    /// Timeout for the acknowledge bit to rise after the strobe, and again for the bit to drop.
+    /// Timeout for the acknowledge bit to rise after the strobe signal, and again for the bit to drop.
     #[schemars(required)]
     timeout: Option<Timespan>,
 }
@@ -41,20 +41,20 @@ pub enum Bit {
     Node(Node),
 }
 
-/// Handshake of an output or a set, after its keys were checked.
+/// Handshake of an output or an output set, after its keys were checked.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Handshake {
-    /// Strobe, written by the gateway.
+    /// Strobe signal, written by the gateway.
     pub strobe: Bit,
     /// Acknowledgement, read from the control.
     pub acknowledge: Bit,
-    /// Timeout for the acknowledge bit to rise after the strobe, and again for the bit to drop.
+    /// Timeout for the acknowledge bit to rise after the strobe signal, and again for the bit to drop.
     pub timeout: Duration,
 }
 
 impl Handshake {
-    /// Preview of the handshake: strobe and acknowledge on, then off. `function` is the Modbus function that writes one
-    /// register.
+    /// Preview of the handshake: strobe signal and acknowledge signal on, then off. `function` is the Modbus function
+    /// that writes one register.
     pub(super) fn preview(&self, function: u8) -> Section {
         let function = match &self.strobe {
             Bit::Flag(flag) if flag.address.table.is_bits() => 5,
@@ -161,7 +161,7 @@ impl fmt::Display for Bit {
 }
 
 fn itself<T>(at: &KeyContext<'_>, strobe: &impl fmt::Display) -> Option<T> {
-    let message = format!("{strobe} is the strobe itself, and would acknowledge at once");
+    let message = format!("{strobe} is the strobe signal itself, and would acknowledge at once");
     at.reject(message, "name the bit that the control sets when it has accepted the value")
 }
 

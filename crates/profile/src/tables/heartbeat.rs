@@ -49,7 +49,7 @@ pub struct Heartbeat {
 }
 
 impl Heartbeat {
-    /// Type of the counter.
+    /// Returns the data type of the heartbeat's counter.
     pub fn data_type(&self) -> DataType {
         self.address.node().map_or(DataType::U16, Node::taken_as)
     }

@@ -20,7 +20,8 @@ const MAX_SIZE: u64 = 2_000_000_000;
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "History")]
 pub(crate) struct RawHistory {
-    /// Directory of state, ledger and logs. Default: the state directory of the platform.
+    /// Directory of the saved state (with the register ledger) and of the logs. Default: the state directory of the
+    /// platform.
     directory: Option<String>,
     /// Time for keeping logs, counted back from the date of the newest one. Default "90d".
     keep: Option<Timespan>,

@@ -50,8 +50,8 @@ pub(super) fn warn(check: &Check<'_>) {
     }
 }
 
-/// Warns about `pipeline` on a line without a corrected position, or without a signal whose read request could be sent
-/// at the same time.
+/// Warns about `pipeline` on a line without an output that writes a position plus Cz, or without a signal whose read
+/// request could be sent at the same time.
 fn two_at_a_time(check: &Check<'_>) {
     let line = |device: usize| check.devices.get(device).map(|device| device.bus.0);
     let corrected = check.outputs.valid().filter(|output| output.writes.position().is_some());

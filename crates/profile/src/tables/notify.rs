@@ -24,7 +24,7 @@ const MOST: usize = 16;
 pub const ALARM: &str = "alarm";
 /// Trigger: any alarm ends.
 pub const ALARM_OVER: &str = "alarm-over";
-/// Trigger: an axis that followed a model does not follow it any more, and the gateway is not being stopped.
+/// Trigger: an axis that followed a model no longer follows it, and the gateway is not being stopped.
 pub const AXIS_OFF: &str = "axis-off";
 
 /// Triggers that are not the name of a single kind of event.
@@ -54,8 +54,8 @@ pub(crate) struct RawNotify {
     #[schemars(required)]
     url: Option<String>,
     /// Kinds of events that are posted, and five further words. "alarm" and "alarm-over": begin and end of an alarm.
-    /// "axis-off": an axis does not follow its model any more. "unverified": a register value is not known, or differs
-    /// from the written value. "clock": the time of this computer was not as expected.
+    /// "axis-off": an axis no longer follows its model. "unverified": a register value is not known, or differs from
+    /// the written value. "clock": the time of this computer was not as expected.
     #[schemars(required, schema_with = "words")]
     on: Option<Vec<String>>,
     /// File next to the profile with the token, not readable by others. The token is sent as `Authorization: Bearer …`,

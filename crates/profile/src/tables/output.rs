@@ -81,19 +81,20 @@ pub(crate) struct RawOutput {
     /// Number added to the raw count. Default 0.
     bias: Option<i64>,
     /// Verification of a write. "read-back" reads the value again. "echo" accepts the answer of the device; an offset
-    /// outside of a set is read back all the same if possible. Default "read-back".
+    /// outside of an output set is read back all the same if possible. Default "read-back".
     pub(crate) verify: Option<VerifyWord>,
     /// Period for writing an unchanged value again.
     #[schemars(extend("x-layers" = "free"))]
     pub(super) refresh: Option<Timespan>,
     /// Interlock: condition on signals for writing. While it is not met, the register value stays.
     when: Option<String>,
-    /// Ownership of the register. "whole": the gateway owns it. "ledger": an operator also writes to it, and a ledger
-    /// on disk stores the gateway share. Default "whole".
+    /// Ownership of the register. "whole": the gateway owns it. "ledger": an operator also writes to it, and the
+    /// register ledger on disk stores the gateway share (part of the value that the gateway has added). Default
+    /// "whole".
     pub(crate) share: Option<Share>,
     /// Set of the output: outputs of one device that the control receives together.
     pub(super) set: Option<String>,
-    /// Handshake for each write: the gateway sets a strobe, and the control acknowledges it.
+    /// Handshake for each write: the gateway sets a strobe signal, and the control acknowledges it.
     pub(super) handshake: Option<RawHandshake>,
     /// Detection of a CNC restart, in addition to the register becoming zero.
     pub(super) restart: Option<RawRestart>,
@@ -127,7 +128,7 @@ pub struct Output {
     pub axis: AxisId,
     /// Device that is written to.
     pub device: DeviceId,
-    /// First register, object, node, or place in a frame.
+    /// Address of the output: its first register, its object or node, or its place in a frame.
     pub address: Address,
     /// Encoding of the value in registers.
     pub encoding: Encoding,
@@ -139,7 +140,7 @@ pub struct Output {
     pub refresh: Option<Duration>,
     /// Interlock: condition for writing.
     pub when: Option<Condition>,
-    /// Set of the output. An output with its own handshake has a set of its own.
+    /// Output set to which the output belongs. An output with its own handshake has an output set of its own.
     pub set: Option<SetId>,
     /// Signal that changes at every start of the CNC.
     pub boot_counter: Option<SignalId>,
@@ -165,7 +166,8 @@ pub struct Stated {
 }
 
 impl Output {
-    /// Returns whether the output belongs to no set, and writes another quantity than a corrected position.
+    /// Returns whether the output is written alone (belongs to no output set), and writes another quantity than a
+    /// position plus Cz.
     pub fn is_single_offset(&self) -> bool {
         let is_offset = self.writes.is_scheduled();
         is_offset && self.set.is_none()
@@ -198,7 +200,7 @@ pub(crate) struct Target {
 }
 
 impl RawOutput {
-    /// Returns whether the output writes another quantity than a corrected position.
+    /// Returns whether the output writes another quantity than a position plus Cz (`writes = "corrected"`).
     pub(crate) fn is_written_as_cz(&self) -> bool {
         self.writes.is_some_and(|writes| writes != WritesWord::Corrected)
     }

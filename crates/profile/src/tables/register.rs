@@ -61,7 +61,7 @@ pub struct Flag {
 }
 
 impl Flag {
-    /// Register value of a raised strobe.
+    /// Register value of a strobe signal that is set.
     pub const fn raised(self) -> u16 {
         match self.bit {
             Some(bit) => 1 << bit,

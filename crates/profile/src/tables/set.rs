@@ -1,8 +1,9 @@
 //! `[set.*]`: outputs that are written together, and how the control recognises a complete set.
 //!
-//! A control that receives several values must never use an incomplete set. The values of a set are written with one
-//! request if their registers are adjacent. A sequence word that changes last shows that a set is complete. A handshake
-//! (strobe up, acknowledge up, strobe down, acknowledge down) requests the control to accept the set.
+//! A control that receives several values must never use an incomplete set. The values of an output set are written
+//! with one request if their registers are adjacent. A sequence word that changes last shows that a set is complete. A
+//! handshake (strobe signal up, acknowledge signal up, strobe down, acknowledge down) requests the control to accept
+//! the set.
 
 use std::time::Duration;
 
@@ -28,11 +29,11 @@ mod words;
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Set", extend("x-layers" = "arrives"))]
 pub(crate) struct RawSet {
-    /// Holding register that counts up with every complete set and is written last. The control accepts the set when
-    /// this register changes. Not for an OPC UA server.
+    /// Holding register that counts the complete writes of the output set and is written last. The control accepts the
+    /// set when this register changes. Not for an OPC UA server.
     sequence: Option<String>,
-    /// Holding register that counts up with every write of the set, 0 to 32767. The register shows the control that the
-    /// gateway runs. On an OPC UA server a node: { node = "ns=2;s=…", type = "i16" }.
+    /// Holding register that counts up with every write of the output set, 0 to 32767. The register shows the control
+    /// that the gateway runs. On an OPC UA server a node: { node = "ns=2;s=…", type = "i16" }.
     heartbeat: Option<Place>,
     /// Holding register with the state of the axes. Bit 0: all axes are armed. Bit 1: an axis is frozen. Bit 2: an axis
     /// executes its fault action. Bit 3: an axis follows a fallback model. On an OPC UA server a node: { node =
@@ -40,30 +41,30 @@ pub(crate) struct RawSet {
     control: Option<Place>,
     /// Version number, for a check by the control. A holding register, or a node of an OPC UA server.
     version: Option<RawVersion>,
-    /// Whether unused registers between the words of the set are written as 0, so that one request is enough. Default
-    /// false.
+    /// Whether unused registers between the words of the output set are written as 0, so that one request is enough.
+    /// Default false.
     zeros: Option<bool>,
-    /// Holding register for the check word: sum of all other words of the set in 16 bits, inverted. Not for an OPC UA
-    /// server.
+    /// Holding register for the check word: sum of all other words of the output set in 16 bits, inverted. Not for an
+    /// OPC UA server.
     complement: Option<String>,
-    /// Handshake for each write of the set: the gateway sets a strobe, and the control acknowledges it.
+    /// Handshake for each write of the output set: the gateway sets a strobe signal, and the control acknowledges it.
     handshake: Option<RawHandshake>,
 }
 
-/// Outputs of one device that are written together. An output with its own handshake is a set of one.
+/// Outputs of one device that are written together. An output with its own handshake is an output set of one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutputSet {
-    /// Name in the profile. For a set without a table of its own, the name of its only output.
+    /// Name in the profile. For an output set without a table of its own, the name of its only output.
     pub name: String,
-    /// Whether the profile has a table `[set.*]` for the set. `false` for an output with its own handshake.
+    /// Whether the profile has a table `[set.*]` for the output set. `false` for an output with its own handshake.
     pub is_named: bool,
-    /// Device to which the set is written.
+    /// Device to which the output set is written.
     pub device: DeviceId,
     /// Outputs in the order of the file. Never empty.
     pub outputs: Vec<OutputId>,
     /// Register that counts up with every complete set and is written last: 1 to 65535, then 1 again.
     pub sequence: Option<Register>,
-    /// Register with the sum of all other words of the set in 16 bits, inverted. The sum includes the sequence.
+    /// Register with the sum of all other words of the output set in 16 bits, inverted. The sum includes the sequence.
     pub complement: Option<Register>,
     /// Register or node that counts up with every write, 0 to 32767.
     pub heartbeat: Option<Address>,
@@ -78,14 +79,14 @@ pub struct OutputSet {
     pub handshake: Option<Handshake>,
 }
 
-/// Word that a set writes into a node, apart from the values of its outputs.
+/// Word that an output set writes into a node, apart from the values of its outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OwnWord {
-    /// Count of the writes.
+    /// Heartbeat: number of the writes so far.
     Heartbeat,
-    /// State of the axes.
+    /// Control word: state of the axes in bits.
     Control,
-    /// Version number.
+    /// Version number of the set's layout, a constant of the profile.
     Version(u16),
 }
 
@@ -115,7 +116,7 @@ impl OutputSet {
         format!("{} {}", if self.is_named { "set" } else { "output" }, self.name)
     }
 
-    /// Iterates over the addresses of the set's own words, which are not values of outputs, each with its key.
+    /// Iterates over the addresses of the output set's own words, which are not values of outputs, each with its key.
     pub(super) fn own(&self) -> impl Iterator<Item = (&'static str, Address)> {
         let own = [
             ("sequence", self.sequence.map(Address::from)),
@@ -127,13 +128,13 @@ impl OutputSet {
         own.into_iter().filter_map(|(key, at)| Some((key, at?)))
     }
 
-    /// Iterates over the registers of the set's own words, which are not values of outputs.
+    /// Iterates over the registers of the output set's own words, which are not values of outputs.
     pub fn own_registers(&self) -> impl Iterator<Item = Register> {
         self.own().filter_map(|(_, at)| at.register())
     }
 
-    /// Iterates over the nodes of the set's own words, which are not values of outputs, in the order in which they are
-    /// written.
+    /// Iterates over the nodes of the output set's own words, which are not values of outputs, in the order in which
+    /// they are written.
     pub fn own_nodes(&self) -> impl Iterator<Item = (OwnWord, &Node)> {
         let version = self.version.as_ref().map(|(at, number)| (OwnWord::Version(*number), at));
         let own = [
@@ -144,8 +145,8 @@ impl OutputSet {
         own.into_iter().flatten().filter_map(|(word, at)| Some((word, at.node()?)))
     }
 
-    /// Returns whether heartbeat and control word may be written without the outputs, because the set has no sequence,
-    /// complement or handshake.
+    /// Returns whether heartbeat and control word may be written without the outputs, because the output set has no
+    /// sequence, complement or handshake.
     pub fn has_own_words_apart(&self) -> bool {
         let is_whole = self.sequence.is_some() || self.complement.is_some() || self.handshake.is_some();
         !is_whole && (self.heartbeat.is_some() || self.control.is_some())
@@ -163,7 +164,7 @@ impl OutputSet {
         })
     }
 
-    /// Preview of the set: its requests, its own words, its handshake.
+    /// Preview of the output set: its requests, its own words, its handshake.
     pub(crate) fn preview(&self, profile: &Profile) -> Section {
         let device = profile.device(self.device);
         let function = |registers| device.functions.write_code(registers);
@@ -258,12 +259,12 @@ impl OutputSet {
         cells.into_iter().chain(last).map(|(from, count)| Stretch { from, count }).collect()
     }
 
-    /// Returns whether the set is written into nodes of an OPC UA server, all with one call.
+    /// Returns whether the output set is written into nodes of an OPC UA server, all with one call.
     pub fn is_in_nodes(&self, profile: &Profile) -> bool {
         self.members(profile).any(|output| output.address.node().is_some())
     }
 
-    /// Nodes of the set: those of its outputs, then those of its own words.
+    /// Nodes of the output set: those of its outputs, then those of its own words.
     pub fn nodes(&self, profile: &Profile) -> Vec<Node> {
         let values = self.members(profile).filter_map(|output| output.address.node());
         values.chain(self.own_nodes().map(|(_, node)| node)).cloned().collect()
@@ -278,7 +279,7 @@ impl OutputSet {
         all.nth(place).map(|(what, node)| format!("{what} (node {node})"))
     }
 
-    /// Describes the OPC UA call that writes the nodes. `None` for a set in registers.
+    /// Describes the OPC UA call that writes the nodes. `None` for an output set in registers.
     fn call(&self, profile: &Profile) -> Option<String> {
         let nodes = self.nodes(profile);
         let listed: Vec<String> =
@@ -290,7 +291,7 @@ impl OutputSet {
         })
     }
 
-    /// Outputs of the set.
+    /// Outputs of the output set.
     pub fn members<'a>(&'a self, profile: &'a Profile) -> impl Iterator<Item = &'a Output> {
         self.outputs.iter().map(|id| profile.output(*id))
     }

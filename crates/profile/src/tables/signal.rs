@@ -129,7 +129,7 @@ pub struct Signal {
     pub label: String,
     /// Device from which the signal is read.
     pub device: DeviceId,
-    /// First register, bit, object, node, sensor, or place in frames.
+    /// Address of the signal: its first register or bit, its object, node or sensor, or its place in frames.
     pub address: Address,
     /// Encoding of the value.
     pub encoding: Encoding,

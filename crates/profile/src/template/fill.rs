@@ -21,7 +21,7 @@ pub(super) struct Filling<'a> {
     pub(super) errors: &'a mut Findings,
     pub(super) known: BTreeMap<String, Definition>,
     pub(super) templates: Templates,
-    /// Devices whose template cannot be used. That has been reported.
+    /// Devices whose template has an error, which was reported already.
     broken: Vec<String>,
 }
 
@@ -254,7 +254,7 @@ impl<'a> Filling<'a> {
         format!("this value comes from channel `{channel}` of template `{template}`")
     }
 
-    /// Adds an output to the set of its device, if the template has one and the profile names no other.
+    /// Adds an output to the output set of its device, if the template has one and the profile names no other.
     fn set(&mut self, output: &str, device: &str, at: &str) {
         let Some(set) = self.known[device].set.clone() else { return };
         let note = format!("this value comes from template `{}`", self.templates[device].name);

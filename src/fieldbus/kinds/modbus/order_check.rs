@@ -159,7 +159,7 @@ impl OrderCheck {
 
     /// Records the fault of a control question. The next read of another form is then sent without a control question,
     /// except if the fault shows that the order is lost. If a control question fails twice in a row while other reads
-    /// are answered, it is not used any more. It is used again after the unit has answered the same read as an ordinary
+    /// are answered, it is no longer used. It is used again after the unit has answered the same read as an ordinary
     /// read.
     pub(in crate::fieldbus) fn record_failed_control(&mut self, control: Request<'static>, fault: Fault) {
         if !matches!(fault, Fault::Caller(_) | Fault::Peer(PeerFault::OutOfOrder)) {

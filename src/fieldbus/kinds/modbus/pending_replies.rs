@@ -63,8 +63,8 @@ struct MissingReply {
     asked: Moment,
     missed: Moment,
     since: Silence,
-    /// Whether the same request was answered since. Then the age of no reading counts from the request of this missing
-    /// answer any more.
+    /// Whether the same request was answered since. If it was, the age of a reading no longer counts from the request
+    /// of this missing answer.
     is_answered: bool,
 }
 
@@ -139,8 +139,8 @@ impl PendingReplies {
         self.anything.is_some() || !self.late.is_empty()
     }
 
-    /// Records that the line has waited until no late answer can arrive any more. The order check is informed, because
-    /// a Modbus gateway may still keep a late answer.
+    /// Records that the line has waited until late answers can no longer arrive. The order check is informed, because a
+    /// Modbus gateway may still keep a late answer.
     pub(in crate::fieldbus) fn is_quiet(&mut self) {
         self.anything = None;
         self.late.drain(..).filter(|late| late.is_read).for_each(|late| self.order.suspect(late.mark));

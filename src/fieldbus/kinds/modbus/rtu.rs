@@ -63,7 +63,7 @@ pub struct Rtu {
     /// Unit and form of each late answer that may still arrive. `late`: units whose late answers have arrived.
     pending: Vec<(u8, ReplySignature)>,
     late: Vec<u8>,
-    /// Frames of other masters; frames of the same unit and form are recorded once.
+    /// Frames of other masters. Of frames with the same unit and form, only one is recorded.
     overheard: Vec<ForeignFrame>,
     ending: Ending,
 }

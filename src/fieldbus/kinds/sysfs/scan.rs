@@ -30,7 +30,7 @@ pub struct Temperature {
     pub reason: String,
 }
 
-/// Reads every temperature below this directory once.
+/// Reads every temperature below this directory, one time each.
 pub async fn temperatures(root: &Path, timeout: Duration) -> Vec<Temperature> {
     let present = all(root);
     let sensors: Vec<PcSensor> = present.iter().map(|present| present.sensor.clone()).collect();

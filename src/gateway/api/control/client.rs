@@ -71,7 +71,7 @@ pub fn send(path: &Path, command: Command, axis: Option<&str>) -> Result<Answer,
 /// which the request waits.
 ///
 /// # Errors
-/// No gateway runs at this socket, it refuses to arm, or it does not answer any more.
+/// No gateway runs at this socket, it refuses to arm, or it stops answering.
 pub fn arm(path: &Path, axis: Option<&str>, show: impl FnMut(&str)) -> Result<String, Failure> {
     Ok(stay(ask(path, &(with_axis("arm", axis) + " stay"), ANSWER_TIMEOUT)?, show)?.0)
 }
@@ -103,7 +103,7 @@ fn stay(
 /// holds the connection: when it is dropped, Cz returns.
 ///
 /// # Errors
-/// No gateway runs at this socket, it refuses the check, or it does not answer any more.
+/// No gateway runs at this socket, it refuses the check, or it stops answering.
 pub fn sign(
     path: &Path,
     axis: Option<&str>,
@@ -184,8 +184,8 @@ fn replaced(
     }
 }
 
-/// Reports to the running gateway that the profile for its replacement is wrong. If `profile` is given, only a gateway
-/// of that profile accepts the report.
+/// Reports to the running gateway that it cannot be restarted, because the new profile is wrong. If `profile` is given,
+/// only a gateway of that profile accepts the report.
 ///
 /// # Errors
 /// No gateway runs at this socket, it runs another profile, or it does not answer.
@@ -338,7 +338,7 @@ fn understand(line: &str) -> Result<Answer, Failure> {
 /// whether to continue. Returns a sentence with the number of lines.
 ///
 /// # Errors
-/// No gateway runs at this socket, it refuses the trace, or it does not answer any more.
+/// No gateway runs at this socket, it refuses the trace, or it stops answering.
 pub fn trace(
     path: &Path,
     device: &str,

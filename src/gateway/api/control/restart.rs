@@ -8,7 +8,7 @@
 //! PATH` does so only if PATH is the profile of this gateway, for a profile whose machine name cannot be read.
 //!
 //! `release cnc_z seen=20.0`, or `release cnc_z seen=20.0,4.5 within=10`, restarts in the same way. After the restart,
-//! the gateway returns the former registers of the output to their base values. The gateway refuses this if its shares
+//! the gateway returns the former registers of the output to their base values. The gateway refuses this if its offsets
 //! in these registers differ from the values after `seen=`, in µm.
 
 use std::path::Path;
@@ -34,7 +34,7 @@ const LONGEST_CHECK: Duration = Duration::from_secs(600);
 /// Additional time for the end of a check, in which one small file is written to disk.
 const CHECK_ENDS_WITHIN: Duration = Duration::from_secs(3);
 
-/// Request to replace the running program, or the report that the profile of its replacement is wrong.
+/// Request to replace the running program by another one, or the report that the profile of the other program is wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Request<'a> {
     Restart {

@@ -1,5 +1,6 @@
 //! Transport of a handover from one program to the next in the same process. The new program receives a sealed memfd
-//! (kernel memory) as standard input. The state directory contains the digest of the handover.
+//! (kernel memory that can no longer be changed) as standard input. The state directory contains the digest of the
+//! handover.
 //!
 //! ```text
 //! content of the memfd                                                       receiving program
@@ -10,7 +11,7 @@
 //! The process that starts the program chooses its standard input. The program therefore accepts a memfd only if all of
 //! this is true:
 //!
-//! - Nothing can change it (all seals, this user).
+//! - Nothing can change it: all seals of the kernel are set, and it belongs to this user.
 //! - This process has written it (process id, start time, boot).
 //! - The state directory contains the digest of its document, which contains the digest of the sources.
 //!
@@ -83,8 +84,8 @@ pub fn digest_path(directory: &Path, machine: &str) -> PathBuf {
     directory.join(format!("{machine}.handover"))
 }
 
-/// Memory in which a handover will be sealed. It already contains the sources of the profile, because copying many
-/// megabytes takes time.
+/// Memory for a handover. It is sealed (protected against changes) when the handover is complete. It already contains
+/// the sources of the profile, because copying many megabytes takes time.
 #[derive(Debug)]
 pub struct Prepared {
     memory: File,
@@ -120,8 +121,8 @@ fn no_memory(error: io::Error) -> io::Error {
 }
 
 impl Handover {
-    /// Writes the handover to prepared memory, seals it, and writes the digest to `path`. The function does not wait
-    /// for the disk, because the digest need not outlive the process.
+    /// Writes the handover to prepared memory, seals the memory against changes, and writes the digest to `path`. The
+    /// function does not wait for the disk, because the digest need not outlive the process.
     ///
     /// # Errors
     /// The system cannot seal the memory, or the digest cannot be written. The error is a sentence.
@@ -233,7 +234,7 @@ impl Arrival {
 }
 
 impl ReceivedHandover {
-    /// Reads and checks a handover in a sealed memfd. The error is a clause.
+    /// Reads and checks a handover in a sealed memfd (memory that can no longer be changed). The error is a clause.
     fn read(memory: &File, process: &Process) -> Result<ReceivedHandover, String> {
         let size = memory::size_of_sealed(memory).map_err(refused)?;
         let (bytes, place) = document(memory, size)?;

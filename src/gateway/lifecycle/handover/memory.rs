@@ -27,7 +27,7 @@ pub(super) fn create(name: &str) -> io::Result<File> {
     Ok(file)
 }
 
-/// Seals a memfd, if it is not sealed yet. Afterwards, neither its content nor its size can change.
+/// Seals a memfd, if it is not sealed yet: the kernel then rejects every change of its content and size.
 pub(super) fn seal(memory: &File) -> io::Result<()> {
     if is_sealed(memory) { Ok(()) } else { Ok(fcntl_add_seals(memory, seals())?) }
 }
@@ -46,14 +46,14 @@ pub(super) fn is_stream(stream: u32, name: &str) -> bool {
     link.is_ok_and(|link| link == Path::new(&format!("/memfd:{name} (deleted)")))
 }
 
-/// Returns the size of a sealed memfd that belongs to this user.
+/// Returns the size of a memfd that is sealed against changes and belongs to this user.
 ///
 /// # Errors
 /// The memfd is not accepted, for this reason.
 pub(super) fn size_of_sealed(memory: &File) -> Result<u64, &'static str> {
     let Ok(found) = memory.metadata() else { return Err("the handover cannot be examined") };
     match () {
-        () if !is_sealed(memory) => Err("the handover is not sealed"),
+        () if !is_sealed(memory) => Err("the memory of the handover is not sealed against changes"),
         () if found.uid() != rustix::process::geteuid().as_raw() => Err("another user owns the handover"),
         () if found.mode() & 0o7777 != MODE => Err("other users may open the handover"),
         () => Ok(found.size()),

@@ -1,4 +1,5 @@
-//! Profile of a handover: its [sources](Sources) in sealed memory, as the check of the new program has read them.
+//! Profile of a handover: its [sources](Sources) in memory that is sealed against changes, as the check of the new
+//! program has read them.
 //!
 //! The gateway passes an empty memfd to the check as standard output. The check writes the sources to it, if the new
 //! program can load its profile from a handover. The new program receives the same bytes when it takes over. The
@@ -31,8 +32,8 @@ pub(super) struct SourcesSeal {
     pub(super) sha256: String,
 }
 
-/// Sources of one profile (every file that its loader read) in sealed memory. Another program can load the same profile
-/// from them.
+/// Sources of one profile (every file that its loader read) in memory that is sealed against changes. Another program
+/// can load the same profile from them.
 #[derive(Clone, Debug)]
 pub struct KeptProfile {
     memory: Arc<File>,
@@ -78,8 +79,8 @@ impl KeptProfile {
         memory::create(ANSWER)
     }
 
-    /// Seals the sources that a check has written to `memory`. Returns `None` if it has written none, because its
-    /// program has an older version.
+    /// Seals `memory`, to which a check has written the sources, against changes. Returns `None` if the check has
+    /// written none, because its program has an older version.
     ///
     /// # Errors
     /// The sources are too large, or the system cannot seal them. The error is a clause.
@@ -99,7 +100,8 @@ impl KeptProfile {
         KeptProfile::seal(memory).map(Some).map_err(|error| error.to_string())
     }
 
-    /// Copies the sources from the beginning of an accepted handover to separate sealed memory.
+    /// Copies the sources from the beginning of an accepted handover to separate memory, and seals that memory against
+    /// changes.
     pub(super) fn of_handover(handover: &File, seal: SourcesSeal) -> io::Result<KeptProfile> {
         let own = memory::create(OWN)?;
         copy(handover, &seal, &own)?;

@@ -25,7 +25,7 @@ struct Episode {
     count: u64,
 }
 
-/// Total of a counter of errors at its last read, and the present episode of errors.
+/// Error counter of a CAN interface: its total at the last read, and the present period with errors.
 #[derive(Debug, Default)]
 struct Meter {
     read: u64,

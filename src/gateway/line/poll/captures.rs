@@ -9,8 +9,8 @@ use isotherm_core::codec::Table;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Capture, DeviceId};
 
-/// Capture commands of one device, each once. Each has the time at which it was last sent, or the reason why it could
-/// not be sent. `None` before the first attempt.
+/// Capture commands of one device, without repetitions. For each: the time at which it was last sent, or the reason why
+/// it could not be sent. `None` before the first attempt.
 ///
 /// The commands are part of reading. Therefore they are also sent in a dry run, and before anything is armed.
 #[derive(Debug)]

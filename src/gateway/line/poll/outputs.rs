@@ -11,12 +11,13 @@ use isotherm_profile::{BusId, DeviceId, OutputId, SetId};
 /// device backs off must not keep the line busy.
 const SOON: Duration = Duration::from_millis(100);
 
-/// Task of one output, or of a set of outputs.
+/// Work of a line task on one output, or on an output set (outputs that are written together).
 pub(super) struct OutputTask {
-    /// Time of the next turn of the output. If the output waits for its turn, the time since which it waits.
+    /// Time at which the line task next works on the output. If the output already waits for that, the time since which
+    /// it waits.
     pub(super) due: Moment,
-    /// Time since which the output waits, if its turn came too late for the decision. The output has priority once
-    /// there is another decision.
+    /// Time since which the output waits, if the line task came too late for the last decision. The output has priority
+    /// once there is another decision.
     waits_since: Option<Moment>,
     work: Work,
     /// Device whose position the output corrects. Such an output has priority over everything that can wait.
@@ -58,7 +59,7 @@ impl OutputTask {
         self.due = self.due.min(self.waits_since.unwrap_or(now));
     }
 
-    /// Executes one turn of the output: at most one verified write.
+    /// Executes one turn of the output (work of the line task on it): at most one verified write.
     pub(super) async fn turn(&mut self, turn: &mut LineTurn<'_>) {
         let (wants, asks, is_late) = match &mut self.work {
             Work::Single(single) => {

@@ -29,7 +29,7 @@ pub(super) struct Poll {
     repeats: u32,
     /// Whether an output corrects a position that is read from this device.
     pub(super) reads_position: bool,
-    /// Whether a round was completed, successfully or not.
+    /// Whether a round of reads of this device was completed, successfully or not.
     pub(super) has_been_read: bool,
     /// Whether an answer was discarded because the device had not passed its checks.
     is_discarded: bool,

@@ -1,4 +1,5 @@
-//! Format of the state document: version, seal, state and outputs, with each output on a separate line.
+//! Format of the state document: version, seal (checksum, origin and save number), state and outputs, with each output
+//! on a separate line.
 
 use std::fmt;
 use std::io::{ErrorKind, Write};
@@ -37,7 +38,7 @@ struct Versioned {
     version: u32,
 }
 
-/// Seal of a document, by which older copies and damage are detected: see [`super`].
+/// Seal of a document: checksum, origin and save number, by which damage and older copies are detected; see [`super`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(in crate::gateway) struct Seal {
@@ -69,8 +70,8 @@ impl fmt::Display for DocumentRejection {
             }
             DocumentRejection::Earlier(found) => write!(
                 f,
-                "the file has the old layout {found}, which this program cannot read: start an \
-                 intermediate version once, or let the operator arm the axes"
+                "the file has the old layout {found}: run a version of isotherm between the two for a \
+                 short time, or let the operator arm the axes"
             ),
             DocumentRejection::Because(why) => f.write_str(why),
         }
@@ -102,7 +103,7 @@ pub(in crate::gateway) fn render<'a>(
     Ok(text)
 }
 
-/// Reads a document of the present layout or of [`WITHOUT_PLACES`], and checks its seal.
+/// Reads a document of the present layout or of [`WITHOUT_PLACES`], and checks its seal (checksum and machine).
 pub(in crate::gateway) fn read(bytes: &[u8], machine: &str) -> Result<(Seal, Content), DocumentRejection> {
     let Document { version, seal, state, outputs } = parse(bytes, VERSION)?;
     check(bytes, &seal.checksum, (&seal.machine, machine))?;

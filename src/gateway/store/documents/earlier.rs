@@ -1,6 +1,6 @@
-//! Documents of an earlier version of isotherm, which saved state and ledger separately: `NAME.state.json` of layout 4,
-//! and `NAME.ledger.json` of layout 3. Each contains the last known number of the other document. A document with a
-//! smaller number is rejected.
+//! Documents of an earlier version of isotherm, which saved state and register ledger separately: `NAME.state.json` of
+//! layout 4, and `NAME.ledger.json` of layout 3. Each contains the last known number of the other document. A document
+//! with a smaller number is rejected.
 
 use std::path::{Path, PathBuf};
 
@@ -13,7 +13,7 @@ use super::{Content, FoundDocuments, by_name, path, read};
 use crate::gateway::store::disk::Disk;
 use isotherm_core::quantity::Moment;
 
-/// Layouts of the state and of the ledger.
+/// Layouts of the state file and of the register ledger's file.
 const LAYOUTS: [u32; 2] = [4, 3];
 const KINDS: [&str; 2] = ["state", "ledger"];
 
@@ -38,12 +38,13 @@ struct FormerSeal {
     in_question: bool,
 }
 
-/// Returns the paths of the ledger: the usual path, and the path after the start of a run that could write nothing.
+/// Returns the paths of the register ledger's file: the usual path, and the path after the start of a run that could
+/// write nothing.
 pub(super) fn ledgers(directory: &Path, machine: &str) -> [PathBuf; 2] {
     ["ledger.json", "ledger.begun.json"].map(|ending| directory.join(format!("{machine}.{ending}")))
 }
 
-/// Reads state and ledger, and compares their numbers.
+/// Reads the state file and the register ledger's file, and compares the save numbers in them.
 pub(super) fn find_documents(disk: &dyn Disk, directory: &Path, machine: &str) -> FoundDocuments {
     let [ledger, begun] = ledgers(directory, machine);
     let is_begun = !disk.has(&ledger) && disk.has(&begun);
@@ -85,14 +86,17 @@ fn assess(both: &[Option<Document>; 2]) -> Option<&'static str> {
     let number = |place: usize| seal(place).map_or(0, |seal| seal.number);
     let known = |place: usize| seal(1 - place).map_or(0, |seal| seal.other);
     match [seal(0), seal(1)] {
-        [Some(state), Some(ledger)] if state.since != ledger.since => {
-            Some("state and ledger in this directory do not match: one of them is a copy from elsewhere")
-        }
+        [Some(state), Some(ledger)] if state.since != ledger.since => Some(
+            "state file and register ledger in this directory do not match: one of them is a copy from \
+             elsewhere",
+        ),
         _ if number(0) < known(0) => Some(
-            "the state is older than the ledger records, or is missing: a file was replaced by an older copy",
+            "the state file is older than the register ledger records, or is missing: a file was replaced by \
+             an older copy",
         ),
         _ if number(1) < known(1) => Some(
-            "the ledger is older than the state records, or is missing: a file was replaced by an older copy",
+            "the register ledger is older than the state file records, or is missing: a file was replaced by \
+             an older copy",
         ),
         _ => None,
     }

@@ -1,4 +1,4 @@
-//! Ledger entry of one output in the state document.
+//! Entry of one output in the register ledger, a part of the state document.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use isotherm_core::quantity::Counts;
 /// Maximum count of a valid entry. No register can hold more.
 const MOST: u64 = 1 << 40;
 
-/// Ledger entries, by the names of the outputs.
+/// Entries of the register ledger, by the names of the outputs.
 pub(in crate::gateway) type Entries = BTreeMap<String, Entry>;
 
 /// Saved data of one output.
@@ -21,7 +21,7 @@ pub(in crate::gateway) struct Entry {
     /// Register of the output. `None` in a document of layout 5 or earlier.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(in crate::gateway) place: Option<OutputPlace>,
-    /// Text by which layout 5 identifies the register.
+    /// Register of the output as a text, in a document of layout 5 or earlier.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(in crate::gateway) register: Option<String>,
     pub(in crate::gateway) kept: output::SavedOutput,

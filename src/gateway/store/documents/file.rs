@@ -18,13 +18,13 @@ pub(in crate::gateway) struct StoreFile {
     pub(super) disk: Arc<dyn Disk>,
     pub(super) document: PathBuf,
     pub(super) number: PathBuf,
-    /// Seal of the document that is on disk.
+    /// Seal (checksum, origin and save number) of the document that is on disk.
     pub(super) seal: Seal,
     pub(super) question: OpenQuestion,
     /// State and outputs as JSON. The state is empty until it is saved for the first time.
     pub(super) state: Vec<u8>,
     pub(super) outputs: BTreeMap<String, Vec<u8>>,
-    /// Files to be kept before the document is replaced: old path, and the path under which each is kept.
+    /// Files that are renamed before the document is replaced, so that they are not lost: old path and new path.
     pub(super) aside: Vec<(PathBuf, PathBuf)>,
     /// Files of an earlier version of isotherm, which are removed after the first save.
     pub(super) former: Vec<PathBuf>,
@@ -43,7 +43,7 @@ impl StoreFile {
         }
     }
 
-    /// Renders the ledger entry of an output for the next save.
+    /// Renders the register ledger's entry of an output (saved account of its register) for the next save.
     pub(in crate::gateway) fn set_output(&mut self, name: &str, entry: &Entry) {
         if let Ok(entry) = serde_json::to_vec(entry) {
             self.outputs.insert(name.to_owned(), entry);
@@ -70,7 +70,7 @@ impl StoreFile {
         Ok(())
     }
 
-    /// Saves the number of the document, if a state was saved or the number file was removed.
+    /// Saves the number of the document to `NAME.number`, if a state was saved or that file was removed.
     pub(in crate::gateway) fn save_number(&mut self) -> Result<()> {
         if self.is_number_due || !self.disk.has(&self.number) {
             self.is_number_due = true;
@@ -82,8 +82,8 @@ impl StoreFile {
         Ok(())
     }
 
-    /// Renames the number file, as a mark that a run has begun although it can write nothing. Returns whether the files
-    /// on disk no longer claim that all writes of the previous run have arrived.
+    /// Renames the file `NAME.number`, as a mark that a run has begun although it can write nothing. Returns whether
+    /// the files on disk no longer claim that all writes of the previous run have arrived.
     pub(in crate::gateway) fn mark_begun(&self) -> bool {
         let begun = number::begun(&self.number);
         self.disk.rename(&self.number, &begun).is_ok()

@@ -1,4 +1,5 @@
-//! Number file: one line with the number of the document, the time of the first document, and a checksum.
+//! File `NAME.number` next to the state document: one line with the save number of the document, the time of the first
+//! document, and a checksum.
 //!
 //! If a run can write nothing at its start, it renames this file. The new name shows that the document is out of date:
 //! writes of this run may still arrive at a register.
@@ -10,7 +11,7 @@ use super::read;
 use crate::gateway::store::disk::Disk;
 use isotherm_core::quantity::Moment;
 
-/// Content of the number file: the number of the document that was saved last.
+/// Content of `NAME.number`: the save number of the document that was saved last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::gateway) struct Number {
     pub(in crate::gateway) number: u64,
@@ -32,18 +33,18 @@ impl Number {
     }
 }
 
-/// Returns the path of the number file.
+/// Returns the path of `NAME.number`, the file with the save number of the state document.
 pub(in crate::gateway) fn path(directory: &Path, machine: &str) -> PathBuf {
     directory.join(format!("{machine}.number"))
 }
 
-/// Returns the path that the number file gets when a run can write nothing at its start.
+/// Returns the new path that `NAME.number` gets when a run can write nothing at its start.
 pub(super) fn begun(path: &Path) -> PathBuf {
     path.with_added_extension("begun")
 }
 
-/// Reads the number file. Returns its path, and the number; `None` if there is no file. The error is a clause about a
-/// number that is rejected.
+/// Reads `NAME.number`, the file with the save number of the state document. Returns its path, and the number; `None`
+/// if there is no file. The error is a clause about a number that is rejected.
 pub(in crate::gateway) fn read_number(
     disk: &dyn Disk,
     directory: &Path,
@@ -57,30 +58,34 @@ pub(in crate::gateway) fn read_number(
         let number = std::str::from_utf8(bytes).ok().and_then(Number::parse);
         number.ok_or_else(|| DocumentRejection::Because("the file was changed or damaged".to_owned()))
     };
-    let found = read(disk, &path, parse).map_err(|why| format!("number file {}: {why}", path.display()));
+    let found = read(disk, &path, parse).map_err(|why| format!("save number in {}: {why}", path.display()));
     (path, found)
 }
 
-/// Compares a document with the number file. Returns a clause if they do not match. `has_logs` states that an earlier
-/// run has left logs in the directory.
+/// Compares a document with the save number in `NAME.number`. Returns a clause if they do not match. `has_logs` states
+/// that an earlier run has left logs in the directory.
 pub(super) fn assess(document: Option<&Seal>, number: Option<Number>, has_logs: bool) -> Option<String> {
     match (document, number) {
         (None, None) => {
             has_logs.then(|| "the file is missing, but the directory contains logs of a run".to_owned())
         }
         (None, Some(Number { number, .. })) => {
-            Some(format!("the file is missing, but the number file exists ({number})"))
+            Some(format!("the file is missing, but the file with its save number exists ({number})"))
         }
-        (Some(seal), None) => (seal.named > 0).then(|| "the number file is missing".to_owned()),
-        (Some(seal), Some(known)) if seal.since != known.since => {
-            Some("state and number file do not match: one of them is a copy from elsewhere".to_owned())
-        }
+        (Some(seal), None) => (seal.named > 0).then(|| "the file with its save number is missing".to_owned()),
+        (Some(seal), Some(known)) if seal.since != known.since => Some(
+            "the state file and the file with its save number do not match: one of them is a copy from \
+                  elsewhere"
+                .to_owned(),
+        ),
         (Some(seal), Some(Number { number, .. })) if seal.number < number => Some(format!(
-            "the file is an older copy: it has the number {}, but the number file contains {number}",
+            "the file is an older copy: it has the save number {}, but the file with the save number \
+             contains {number}",
             seal.number
         )),
         (Some(seal), Some(Number { number, .. })) if number < seal.named => Some(format!(
-            "the number file is an older copy: it contains {number}, but contained {} when the state was \
+            "the file with the save number is an older copy: it contains {number}, but contained {} when the \
+             state was \
              saved",
             seal.named
         )),

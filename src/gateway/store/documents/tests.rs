@@ -121,7 +121,7 @@ fn cut_at_every_length_neither_is_accepted() {
 #[test]
 fn an_older_document_and_an_older_number_do_not_fit() {
     for (ending, words) in
-        [(STATE, "the file is an older copy"), (NUMBER, "the number file is an older copy")]
+        [(STATE, "the file is an older copy"), (NUMBER, "the file with the save number is an older copy")]
     {
         let bench = Bench::new(2);
         let older = bench.bytes(ending);
@@ -164,16 +164,16 @@ fn killed_between_the_very_first_document_and_its_number_it_fits_and_later_a_mis
     assert_eq!(bench.unfit(), None);
     (0..2).for_each(|_| bench.write());
     std::fs::remove_file(bench.path(NUMBER)).unwrap();
-    bench.is_unfit("the number file is missing");
+    bench.is_unfit("the file with its save number is missing");
 }
 
 #[test]
 fn a_document_that_is_gone_is_missed_by_its_number() {
     let bench = Bench::new(2);
     std::fs::remove_file(bench.path(STATE)).unwrap();
-    bench.is_unfit("the file is missing, but the number file exists (2)");
+    bench.is_unfit("the file is missing, but the file with its save number exists (2)");
     std::fs::remove_file(bench.path(NUMBER)).unwrap();
-    assert!(bench.open().is_first, "to begin anew, a person removes both");
+    assert!(bench.open().is_first, "to begin again, a person removes both");
 }
 
 #[test]

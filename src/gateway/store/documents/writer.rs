@@ -44,7 +44,7 @@ pub(in crate::gateway) struct Writer {
 }
 
 /// Progress of saving. `kept`: newest version on disk. `failed`: newest version that could not be saved. `settled`:
-/// newest version for which saving the number file was tried, too.
+/// newest version for which saving `NAME.number`, too, was tried.
 #[derive(Clone, Copy, Debug, Default)]
 struct SavedVersions {
     kept: u64,
@@ -100,7 +100,8 @@ impl Writer {
         Writer { shared, here, done, question, is_slow: AtomicBool::new(false) }
     }
 
-    /// Saves the ledger entry of an output. Returns the version that contains it, for [`kept`](Writer::kept).
+    /// Saves the register ledger's entry of an output. Returns the version of the document that contains it, for
+    /// [`kept`](Writer::kept).
     pub(in crate::gateway) fn keep(&self, output: String, entry: Entry) -> u64 {
         self.put(|newest| drop(newest.outputs.insert(output, entry)))
     }
@@ -124,8 +125,8 @@ impl Writer {
         newest.version
     }
 
-    /// Waits until a version is on disk, for at most `span` of wall-clock time. If the disk did not answer in time
-    /// before, the call does not wait again. With a virtual clock it still waits for a part of `span`, because
+    /// Waits until a version is on disk, for at most `span` of wall-clock time. If the disk did not answer in time at
+    /// an earlier call, this call does not wait. With a virtual clock it still waits for a part of `span`, because
     /// simulated seconds pass while the disk is only busy.
     pub(in crate::gateway) async fn kept(&self, version: u64, span: Duration, clock: &Clock) -> SaveResult {
         let mut done = self.done.clone();

@@ -10,28 +10,28 @@ pub(super) const DRY_RUN: &str = "machine_dry_run";
 
 pub(super) const PERMIT: &str = "permit";
 pub(super) const FROM: &str = "from_um";
-/// Columns of every axis, next to the columns of its decision.
+/// Log columns of every axis, next to the columns of its decision.
 pub(super) const SIGN: &str = "sign_um";
 pub(super) const BEHIND: &str = "behind_um";
 pub(super) const RETURN: &str = "return_um";
 pub(super) const RETURN_SLOPE: &str = "return_slope_um";
 pub(super) const ERROR: &str = "error_um";
-/// Columns for a slope that the control applies: the register value from which the axis resumed, and the decision. Both
-/// are effects at the axis's reach, µm.
+/// Log columns for a slope that the control applies: the register value from which the axis resumed, and the decision.
+/// Both are effects at the axis's largest distance from the reference position, µm.
 pub(super) const SLOPE_FROM: &str = "slope_from_um";
 pub(super) const SLOPE: &str = "slope_um";
-/// Columns of an axis with a probe.
+/// Log columns of an axis with a probe.
 pub(super) const MEASURED: &str = "measured_um";
 pub(super) const ACTING: &str = "acting_um";
 pub(super) const FORGET: &str = "forget";
 pub(super) const WORSE: &str = "worse";
 pub(super) const CORRECTION: &str = "correction_um";
-/// Column of an axis with a model that gives its expected error.
+/// Log column of an axis with a model that gives its expected error.
 pub(super) const EXPECTED: &str = "expected_um";
-/// Column of an axis that may use stand-ins for frozen sensors.
+/// Log column of an axis that may use stand-ins for frozen sensors.
 pub(super) const STOOD_IN: &str = "stood_in";
-/// Column of an axis whose models have stand-ins: whether the operator has disarmed it, so that its sensors are
+/// Log column of an axis whose models have stand-ins: whether the operator has disarmed it, so that its sensors are
 /// accepted.
 pub(super) const TRUST: &str = "trust";
-/// Columns of the decision of an axis, in their order.
+/// Log columns of the decision of an axis, in their order.
 pub(super) const DECIDED: [&str; 5] = ["raw_um", "cz_um", "model", "state", "acted"];

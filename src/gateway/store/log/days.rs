@@ -40,7 +40,7 @@ pub fn is_text(column: &str, columns: &[&str]) -> bool {
         || [PERMIT, model, state, acted, STOOD_IN].into_iter().any(is_of_an_axis)
 }
 
-/// Returns whether the column is used only by a replay.
+/// Returns whether only a replay uses this log column.
 pub fn is_for_replay(column: &str) -> bool {
     column == MEMORY
 }

@@ -29,9 +29,10 @@
 //! of each output in a file and in a run. It is also the first row after rows that a disk did not store. Therefore each
 //! file can be replayed by itself. An input that changed nothing and caused no action is left out.
 //!
-//! Outputs of a set have rows under the name of their set. `set-begin` has settings and state of the set in `detail`.
-//! `set` has the input of its controller ([`SetInput`](isotherm_core::output::SetInput)) and the action in `detail`
-//! (JSON). `action` is the name of the action: nothing, keep, read, write, write-own, acknowledge, raise, drop.
+//! Outputs of an output set (outputs that are written together) have rows under the name of the set. `set-begin` has
+//! settings and state of the set in `detail`. `set` has the input of its controller
+//! ([`SetInput`](isotherm_core::output::SetInput)) and the action in `detail` (JSON). `action` is the name of the
+//! action: nothing, keep, read, write, write-own, acknowledge, raise, drop.
 //!
 //! A corrected position has the rows `position-begin` and `position`, with demand, action and result of a turn in
 //! `detail`. A turn is one call of a controller by the line task. The Cz in `detail` and the decision to write are
@@ -45,7 +46,7 @@
 //! was set, its first row is `clock`, with the old and the new time.
 //!
 //! Earlier versions wrote two more rows. `cz`, of a corrected position, has a changed Cz in `value`, µm. `sealed`, of
-//! no output, has the numbers of state and ledger. A replay ignores them.
+//! no output, has the save numbers of state and register ledger. A replay ignores them.
 
 mod cells;
 mod controllers;

@@ -25,7 +25,7 @@ pub struct LogError {
     pub file: String,
     /// Number of the line. The header is line 1.
     pub line: u64,
-    /// Name of the column; `None` if the error belongs to no column.
+    /// Name of the log column; `None` if the error belongs to no column.
     pub column: Option<String>,
     /// Cause of the error, in words.
     pub message: String,
@@ -34,7 +34,7 @@ pub struct LogError {
 /// Row of a log: the state of the machine at one moment.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LogRow {
-    /// Number of the row's line in the file.
+    /// Number of the row's line in the log file.
     pub line: u64,
     /// Time, as text in the log.
     pub time: String,
@@ -48,9 +48,10 @@ pub struct LogRow {
     pub errors: Vec<Option<f64>>,
     /// Decision of each axis, as logged; `None` if the log has none.
     pub decided: Vec<Option<LoggedDecision>>,
-    /// Saved state with which a run of the gateway, or one of its files, begins at this row. `None` in all other rows.
+    /// Saved state with which a run of the gateway, or one of its files, begins at this log row. `None` in all other
+    /// rows.
     pub begins: Option<Remembered>,
-    /// Zero commands between the previous row and this one: the time, and the axis. The axis is `None` if all
+    /// Zero commands between the previous log row and this one: the time, and the axis. The axis is `None` if all
     /// references were captured.
     pub zeroed: Vec<(Moment, Option<usize>)>,
 }
@@ -60,13 +61,13 @@ pub struct LogRow {
 pub struct LoggedDecision {
     /// Cz that the model requested, µm.
     pub raw: Option<f64>,
-    /// Cz after the guard has limited it, µm.
+    /// Cz after the limits of the axis (limit, deadband, step, rate, rounding), µm.
     pub cz: f64,
     /// Name of the model.
     pub model: String,
     /// State of the axis.
     pub state: String,
-    /// Names of the guard stages that changed the value.
+    /// Names of the limits that changed the value: limit, deadband, step, rate, round.
     pub acted: String,
     /// Expected residual error, µm. The outer `None` means that the log has no such column, the inner `None` that the
     /// cell is empty.
@@ -92,7 +93,7 @@ pub struct LogReader<R> {
     warnings: Vec<String>,
 }
 
-/// Indices of the columns.
+/// Indices of the columns in a decision log.
 #[derive(Clone, Debug)]
 struct Columns {
     time: usize,
@@ -175,7 +176,7 @@ impl<R: Read> LogReader<R> {
         Ok(LogReader { csv, file, dialect, names, axes, columns, ranges, record, last: None, warnings })
     }
 
-    /// Returns the warnings about the rows that were read.
+    /// Returns the warnings about the log rows that were read.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
     }
@@ -185,7 +186,7 @@ impl<R: Read> LogReader<R> {
         self.columns.axes.get(axis).is_some_and(|columns| columns.error.is_some())
     }
 
-    /// Reads the next row. Returns `None` at the end.
+    /// Reads the next row of the log. Returns `None` at the end.
     ///
     /// # Errors
     /// The row cannot be read. The error contains its line and column.
@@ -226,7 +227,7 @@ impl<R: Read> LogReader<R> {
         }
     }
 
-    /// Replaces the decimal commas of the row by points, unless commas separate the columns.
+    /// Replaces the decimal commas of the log row by points, unless commas separate the columns.
     fn point(&mut self) -> Result<(), LogError> {
         if self.dialect.separator() == b',' {
             return Ok(());
@@ -242,8 +243,8 @@ impl<R: Read> LogReader<R> {
         Ok(())
     }
 
-    /// Returns the number of the line in which the row starts. The CSV reader gives the line after its end, and quoted
-    /// cells may contain line breaks.
+    /// Returns the number of the line in which the log row starts. The CSV reader gives the line after its end, and
+    /// quoted cells may contain line breaks.
     fn line(&self) -> u64 {
         let inside = self.record.iter().flat_map(str::bytes).filter(|byte| *byte == b'\n').count();
         self.csv.position().line().saturating_sub(1 + inside as u64)

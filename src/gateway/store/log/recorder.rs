@@ -106,12 +106,14 @@ impl Recorder {
             serde_json::to_string(&remembered.clone().shifted(self.shift)).ok().map(|json| cell(&json));
     }
 
-    /// Records a zero command for the next row. `axis` is `None` if all references were captured.
+    /// Records a zero command, which is written with the next log row. `axis` is `None` if all references were
+    /// captured.
     pub fn zeroed(&mut self, at: Moment, axis: Option<usize>) {
         self.zeroed.push((at, axis));
     }
 
-    /// Returns the row of a step, with its line break. Controls and decisions are in the order of the profile's axes.
+    /// Returns the log row of a step of the axes, with its line break. Controls and decisions are in the order of the
+    /// profile's axes.
     pub fn row<'a>(
         &mut self,
         snapshot: &Snapshot<'_>,

@@ -74,10 +74,7 @@ fn a_register_whose_device_the_profile_does_not_have_is_not_released() {
     for mut changed in [elsewhere, other_unit] {
         let before = changed.clone();
         let why = why_not(&changed, &former(&bench), &[]).unwrap_err();
-        let words = [
-            "does not have the device of this register any more, unit 1 at 127.0.0.1:1505",
-            "restart --keep",
-        ];
+        let words = ["no longer has the device of this register, unit 1 at 127.0.0.1:1505", "restart --keep"];
         assert!(words.iter().all(|word| why.to_string().contains(word)), "{why}");
         assert_eq!(extend(&mut changed, &[release(&bench)]), []);
         assert_eq!((changed.axes.len(), changed.outputs.len()), (before.axes.len(), before.outputs.len()));
@@ -212,7 +209,11 @@ fn each_obstacle_is_said_with_what_to_do() {
             "an earlier version of the program may have written it",
         ),
         ("spoiled", bounded(&|bounds| bounds.step_um = 0.0), "does not contain a valid limit"),
-        ("set", bounded(&|bounds| bounds.obstacle = Some(Obstacle::Set)), "the other values of the set"),
+        (
+            "set",
+            bounded(&|bounds| bounds.obstacle = Some(Obstacle::Set)),
+            "the other registers of its output set",
+        ),
         (
             "limit",
             FormerPlace { held_um: Some(40.5), ..plain.clone() },
@@ -241,7 +242,7 @@ fn each_obstacle_is_said_with_what_to_do() {
         (
             "line",
             placed(&|place| place.bus = "/dev/ttyUSB7".into()),
-            "the profile does not have the device of this register any more, unit 1 at /dev/ttyUSB7",
+            "the profile no longer has the device of this register, unit 1 at /dev/ttyUSB7",
         ),
     ];
     for (what, former, words) in rows {
@@ -270,16 +271,16 @@ fn a_shared_register_is_released_only_if_the_ledger_says_which_part_is_the_opera
         Entry::new(former.place.clone(), output::SavedOutput { account, ..output::SavedOutput::default() })
     };
     assert_eq!(why(&now, &former, &[entry(Some(account(None)))]), "");
-    assert!(why(&now, &former, &[]).contains("does not contain the operator offset"));
-    assert!(why(&now, &former, &[entry(None)]).contains("does not contain the operator offset"));
+    assert!(why(&now, &former, &[]).contains("does not show which part"));
+    assert!(why(&now, &former, &[entry(None)]).contains("does not show which part"));
     let doubted = entry(Some(account(Some(Doubt::Lost))));
-    assert!(why(&now, &former, &[doubted]).contains("is in doubt"));
+    assert!(why(&now, &former, &[doubted]).contains("it is not certain which part"));
     let elsewhere = Entry::new(
         OutputPlace { unit: 7, ..former.place.clone() },
         output::SavedOutput { account: Some(account(None)), ..output::SavedOutput::default() },
     );
     assert!(
-        why(&now, &former, &[elsewhere]).contains("does not contain the operator offset"),
+        why(&now, &former, &[elsewhere]).contains("does not show which part"),
         "it is of another register"
     );
 }

@@ -1,4 +1,4 @@
-//! Writer of events to disk. Events wait in the journal until their line is written.
+//! Writer of events to disk. Events wait in the event journal in memory until their line is written.
 
 use std::fs::File;
 use std::io::Write;
@@ -13,7 +13,7 @@ use crate::observe::events::file::{self, End, LARGEST};
 use crate::observe::events::{Entry, Event, Journal};
 use isotherm_core::quantity::Moment;
 
-/// Maximum number of events that are read from the journal at once.
+/// Maximum number of events that are read from the event journal at once.
 const BATCH: usize = 64;
 
 /// Connection that lets new events wake the thread, until it is dropped.
@@ -21,8 +21,8 @@ const BATCH: usize = 64;
 pub(super) struct EventsWake(Arc<Journal>);
 
 impl EventsWake {
-    /// Connects the journal with the queue of the thread. `is_woken` states that a wakeup is in the queue, so that no
-    /// other is needed.
+    /// Connects the event journal with the queue of the thread that writes to disk. `is_woken` states that a wakeup is
+    /// in the queue, so that no other is needed.
     pub(super) fn begin(
         journal: Arc<Journal>,
         queue: SyncSender<Job>,

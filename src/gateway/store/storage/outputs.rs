@@ -1,4 +1,5 @@
-//! Producer of the output log. It records the inputs and actions of each output, and counts repeated writes and turns.
+//! Producer of the output log. It records the inputs and actions of each output, and counts repeated writes and
+//! repeated turns (calls of a controller by the line task).
 
 use std::fmt::{Display, Write};
 use std::sync::Arc;
@@ -17,7 +18,7 @@ use isotherm_core::output::{Action, Controller, Input, Settings};
 use isotherm_core::quantity::{Moment, Shifted};
 use isotherm_profile::{OutputId, Profile, SetId};
 
-/// Time for which repeated writes are counted before a row contains their number.
+/// Time for which repeated writes are counted before a row of the output log contains their number.
 const COUNTED_FOR: Duration = Duration::from_secs(60);
 
 /// Input that the controller of an output has received, with the states before and after it.
@@ -26,7 +27,7 @@ pub(in crate::gateway) struct OutputTransition<'a> {
     pub(in crate::gateway) id: OutputId,
     pub(in crate::gateway) settings: &'a Settings,
     pub(in crate::gateway) before: &'a Controller,
-    /// Whether no unrecorded input lies between the last row and this input. If `false`, a row with the state comes
+    /// Whether all inputs between the last log row and this input were recorded. If `false`, a row with the state comes
     /// first.
     pub(in crate::gateway) is_continuous: bool,
     pub(in crate::gateway) input: Input,
@@ -45,7 +46,7 @@ pub(in crate::gateway) struct TurnRecord {
 /// Output that is written repeatedly, independently of the last result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::gateway) enum CountedWrite {
-    /// Corrected position, or value of a display.
+    /// Output that writes a position plus Cz, or the value of a display.
     Position(OutputId),
     /// Set of outputs, with its heartbeat and control word.
     Set(SetId),
@@ -61,7 +62,7 @@ pub(super) struct RowLosses {
 }
 
 impl RowLosses {
-    /// Counts a loss of one or more rows. Returns the number of losses, including this one.
+    /// Counts a loss of one or more log rows. Returns the number of losses, including this one.
     pub(super) fn tear(&self) -> u64 {
         self.count.fetch_add(1, Ordering::Relaxed) + 1
     }
@@ -87,16 +88,16 @@ pub(in crate::gateway) struct OutputsLog {
     stamps: Stamps,
     tears: Arc<RowLosses>,
     counts: (usize, usize),
-    /// Latest moment of a row, which determines the file. A turn that began before midnight and ended after it is in
-    /// the file of the new day.
+    /// Latest moment of a row of the output log, which determines its file. A turn that began before midnight and ended
+    /// after it is in the file of the new day.
     latest: Moment,
-    /// Series of the last row; `None` before the first row.
+    /// Series of the last log row; `None` before the first row.
     stretch: Option<RowSequence>,
     /// Outputs, then sets, then the heartbeat, each with its counters.
     lines: Vec<Line>,
     /// Buffer for the message of a failed write, which is compared with the previous message.
     message: String,
-    /// Number of rows that were dropped because the queue was full.
+    /// Number of log rows that were dropped because the queue was full.
     pub(super) dropped: u64,
 }
 
@@ -106,7 +107,7 @@ struct Line {
     /// Series in which the state of this controller was last recorded. `None` before that.
     begun: Option<RowSequence>,
     last: Option<LastTurn>,
-    /// Number of turns since the last row that repeated the turn in that row.
+    /// Number of turns (calls of the controller) since the last row that repeated the turn in that row.
     repetitions: u64,
     /// Time since which writes and failures are counted.
     since: Option<Moment>,
@@ -116,14 +117,14 @@ struct Line {
     fault: String,
 }
 
-/// Last turn of a controller.
+/// Last turn of a controller (call by the line task).
 #[derive(Debug)]
 struct LastTurn {
     turn: Turn,
-    /// State of the controller after the turn.
+    /// State of the controller after that call.
     state: ControllerState,
     at: Moment,
-    /// Time at which a turn was last recorded in a row, and not only counted.
+    /// Time at which a call of the controller was last recorded in a row of the log, and not only counted.
     recorded: Moment,
 }
 
@@ -176,8 +177,8 @@ impl OutputsLog {
         self.hand_over(row, stretch);
     }
 
-    /// Records a turn of a controller, or counts it if it repeats the last one. If the last row of this controller is
-    /// in another file, or was lost, a row with the state comes first.
+    /// Records a turn of a controller (call by the line task), or counts it if it repeats the last one. If the last row
+    /// of this controller is in another file, or was lost, a row with the state comes first.
     pub(in crate::gateway) fn turned(
         &mut self,
         steady: CountedWrite,
@@ -216,8 +217,8 @@ impl OutputsLog {
         self.hand_over(row, stretch);
     }
 
-    /// Records the last turn of a controller if it was only counted. The row contains the number of repetitions before
-    /// it.
+    /// Records the last turn of a controller (call by the line task) if it was only counted. The log row contains the
+    /// number of repetitions before it.
     fn record_repetitions(&mut self, place: usize, stretch: RowSequence) {
         let line = &mut self.lines[place];
         let repetitions = std::mem::take(&mut line.repetitions);
@@ -264,8 +265,9 @@ impl OutputsLog {
         }
     }
 
-    /// Returns the series for a row that is written now. If it has changed, counted turns are first recorded in the old
-    /// series. If the clock was set, the new file begins with a row about the correction.
+    /// Returns the series of log rows to which a row belongs that is written now. If the series has changed, turns that
+    /// were only counted are first recorded in the old series. If the clock was set, the new file begins with a row
+    /// about the correction.
     fn stretch(&mut self, now: Moment) -> RowSequence {
         let (stamped, latest) = (self.stamps.check(now), self.latest.max(now));
         let day = retention::day(latest.shifted(stamped.shift));
@@ -316,7 +318,7 @@ impl OutputsLog {
         }
     }
 
-    /// Queues a row. Returns `false` if the queue is full; the row is then lost.
+    /// Queues a log row. Returns `false` if the queue is full; the row is then lost.
     fn hand_over(&mut self, row: Vec<u8>, RowSequence { stamped, tear, .. }: RowSequence) -> bool {
         let at = self.latest;
         let Some(queue) = &self.queue else { return false };

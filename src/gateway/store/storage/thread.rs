@@ -52,7 +52,7 @@ struct WholeRows {
 }
 
 impl WholeRows {
-    /// Appends a complete row, or nothing if the disk is full: an incomplete row would corrupt the next one.
+    /// Appends a complete log row, or nothing if the disk is full: an incomplete row would corrupt the next one.
     fn append(&mut self, row: &[u8]) -> std::io::Result<()> {
         self.file.write_all(row).inspect_err(|_| drop(self.file.set_len(self.length)))?;
         self.length += row.len() as u64;
@@ -67,7 +67,7 @@ impl WholeRows {
     }
 }
 
-/// Maximum length of a last row that is read, in bytes.
+/// Maximum length, in bytes, of the last row of a log file that is read.
 const LAST_ROW: u64 = 65_536;
 
 /// Returns the time of the last row of a log. `None` if it cannot be read.
@@ -94,8 +94,8 @@ pub(super) struct StorageThread {
     events: EventsFile,
     /// Whether a wakeup for new events is in the queue.
     is_woken: Arc<AtomicBool>,
-    /// Number of losses up to which output rows are left out. A row that was made before the last loss cannot be
-    /// replayed, because the rows before it are missing.
+    /// Number of losses up to which rows of the output log are left out. A row that was made before the last loss
+    /// cannot be replayed, because the rows before it are missing.
     whole_since: u64,
     failing: BTreeMap<&'static str, DiskCause>,
     torn: Arc<AtomicBool>,
@@ -272,14 +272,14 @@ impl DayFile {
         written
     }
 
-    /// Checks whether the file, or its directory, was removed. The next row then begins a new file.
+    /// Checks whether the log file of the day, or its directory, was removed. The next row then begins a new file.
     fn check(&mut self) -> std::io::Result<()> {
         let Some(file) = self.file.take_if(|file| !file.is_there()) else { return Ok(()) };
         let text = format!("{} was removed", file.path.display());
         Err(std::io::Error::new(ErrorKind::NotFound, text))
     }
 
-    /// Synchronises the written rows to disk, so that a power cut does not lose them.
+    /// Synchronises the written log rows to disk, so that a power cut does not lose them.
     fn sync(&self) -> std::io::Result<()> {
         self.file.as_ref().map_or(Ok(()), |rows| rows.file.sync_data())
     }

@@ -14,8 +14,8 @@ use crate::quantity::Micron;
 pub(in crate::compensation) struct ModelChoice {
     /// Index of the model in the profile's list.
     pub(in crate::compensation) model: usize,
-    /// Requested Cz with the correction. It is K0 (Cz at the reference position) if the control applies the slope
-    /// itself.
+    /// Requested Cz with the correction. It is K0 (Cz at the reference position P0, where the slope has no effect) if
+    /// the control applies the slope itself.
     pub(in crate::compensation) raw: Micron,
     /// Correction from probings, which `raw` contains.
     pub(super) correction: Micron,

@@ -1,4 +1,4 @@
-//! Deadband of the guard: small changes of the target are not followed.
+//! Deadband: Cz does not follow small changes of its target.
 
 use crate::quantity::Micron;
 

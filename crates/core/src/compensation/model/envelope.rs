@@ -1,7 +1,7 @@
 //! Region of inputs on which a model was identified, and the action of an axis whose inputs are outside this region.
 //!
 //! Inputs are inside the region if two conditions are true. Every input is between its smallest and its largest value.
-//! The Mahalanobis distance `d = √((x − m)ᵀ·S⁻¹·(x − m))` of all inputs from their means is at most the reach r.
+//! The Mahalanobis distance `d = √((x − m)ᵀ·S⁻¹·(x − m))` of all inputs from their means is at most r, the reach.
 //!
 //! The excess e is the distance from the region as one number: `e = max(d/r − 1, largest (distance beyond min or max) /
 //! (max − min))`. It is negative inside the region, and then gives the distance to the nearest edge. Extrapolation
@@ -21,8 +21,8 @@ use crate::reading::SignalId;
 /// Maximum number of inputs of an envelope. It is limited because a step stores them in an array of fixed size.
 pub const MOST: usize = 64;
 
-/// Excess below which the inputs count as clearly inside: each by a twentieth of its range, and their distance by a
-/// twentieth of the reach.
+/// Excess below which the inputs count as clearly inside: each by a twentieth of its range, and their Mahalanobis
+/// distance by a twentieth of the largest distance inside.
 pub const CLEARLY_INSIDE: f64 = -0.05;
 
 /// Excess above which a difference between the model's two halves reduces the value. Over the next `WIDTH` of excess,
@@ -110,7 +110,8 @@ pub struct Extrapolation {
     pub outside: Outside,
     /// Factor for the Cz of the model. It differs from 1 only for [`Outside::Shrink`] and [`Outside::Agree`].
     pub gain: f64,
-    /// Difference of Cz between the model's two halves; `None` unless [`Outside::Agree`] uses it.
+    /// Difference of Cz between the model's two halves (the two models whose mean is this model); `None` unless
+    /// [`Outside::Agree`] uses it.
     #[serde(default)]
     pub apart: Option<Micron>,
 }
@@ -266,8 +267,8 @@ impl Envelope {
     }
 }
 
-/// Returns the share of a model's Cz `x` that is used at this excess if its two halves differ by `apart`, both in µm.
-/// The share is 1 if both are zero.
+/// Returns the share of a model's Cz `x` that is used at this excess if its two halves (the models whose mean it is)
+/// differ by `apart`, both in µm. The share is 1 if both are zero.
 pub(in crate::compensation) fn agreed(excess: f64, x: f64, apart: f64) -> f64 {
     let counts = ((excess - BEGINS) / WIDTH).clamp(0.0, 1.0) * apart;
     let share = 1.0 / (1.0 + (counts / x).powi(2));

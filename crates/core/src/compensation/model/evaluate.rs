@@ -40,7 +40,8 @@ pub struct Outputs {
     pub cz: Micron,
     /// Slope tanβ if the control applies the slope itself, else zero.
     pub slope: MicronPerMillimetre,
-    /// Difference of Cz between the model's two halves; zero if the model is not the mean of two models.
+    /// Difference of Cz between the model's two halves (the two models whose mean is this model); zero if the model is
+    /// not the mean of two models.
     pub apart: Micron,
 }
 

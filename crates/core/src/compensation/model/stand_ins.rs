@@ -16,7 +16,8 @@ const FEWEST: usize = 2;
 #[derive(Clone, Debug, PartialEq)]
 pub struct StandIns {
     sensors: Vec<VirtualSensor>,
-    /// Inputs of all predictions (the bank), each once.
+    /// Inputs (other sensors with their lags) that the predictions use. An input of several predictions is listed only
+    /// once.
     bank: Vec<Predictor>,
     /// Fingerprint of the stand-ins file. A state that was saved with another file is not used.
     fingerprint: u64,
@@ -57,11 +58,11 @@ pub(in crate::compensation) struct VirtualSensor {
     pub(in crate::compensation) replaces: Replaces,
     /// Number of other sensors from which this sensor is predicted.
     pub(in crate::compensation) others: usize,
-    /// Terms of the prediction: indices of the inputs in the bank, with their gains.
+    /// Terms of the prediction: indices in the common list of inputs, with their gains.
     pub(in crate::compensation) terms: Vec<(usize, f64)>,
 }
 
-/// Input of predictions, in the bank of all such inputs.
+/// Input of predictions: another sensor with its lag. The predictions of all sensors use one common list of inputs.
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::compensation) struct Predictor {
     pub(in crate::compensation) input: Input,

@@ -39,7 +39,7 @@ pub struct MeasuredReport {
     pub time: Option<Moment>,
     /// Name that the sender has given to this measurement; `None` if the report has none.
     pub id: Option<String>,
-    /// Whether the broker has marked this message as delivered again.
+    /// Whether the MQTT broker has marked this report as delivered a second time.
     pub redelivered: bool,
 }
 

@@ -1,5 +1,4 @@
-//! Inputs of the predictions of sensors (the bank): for each input its lag, and the mean of its rise in the current
-//! minute.
+//! Inputs of the predictions of sensors: for each input its lag, and the mean of its rise in the current minute.
 
 use std::time::Duration;
 

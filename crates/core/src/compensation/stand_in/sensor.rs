@@ -188,7 +188,8 @@ impl Sensor {
         }
     }
 
-    /// Marks a frozen sensor as suspected, because it has no stand-in any more. Its reading is used again.
+    /// Marks a frozen sensor as suspected, because it no longer has a stand-in (value estimated from other sensors).
+    /// Its reading is used again.
     pub(super) fn suspect(&mut self) {
         if let SensorState::Frozen(since) = self.standing {
             (self.standing, self.recovery.moved, self.recovery.agrees) =

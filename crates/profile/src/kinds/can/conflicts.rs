@@ -104,7 +104,8 @@ fn written_identifiers(check: &Check<'_>, bus: usize, nodes: &[Node]) {
     }
 }
 
-/// Reports objects with two writers, and a corrected position in the object from which it is computed.
+/// Reports CANopen objects with two writers, and a position plus Cz that would be written to the object from which the
+/// position is read.
 fn objects_written(check: &Check<'_>) {
     let mut known: Vec<((DeviceId, Entry), &str)> = Vec::new();
     let sdo = |output: &str| check.at("output").key(output).key("sdo");

@@ -3,7 +3,7 @@
 use crate::tables::{Check, KeyContext};
 use isotherm_core::codec::{CanId, Field, Frame};
 
-/// Frame with the value of an output.
+/// CAN frame into which an output writes its value.
 #[derive(Clone, Debug)]
 pub(crate) struct Written {
     pub(super) device: usize,

@@ -96,7 +96,7 @@ impl OpcUa {
         }
     }
 
-    /// Creates an error at the key `type` of the line.
+    /// Creates an error that points to the key `type` of the line in the profile.
     pub fn wrong_type(&self, message: &str, help: &str) -> ProfileError {
         let (message, help) = (message.to_owned(), Some(help.to_owned()));
         ProfileError { message, help, ..self.type_at.clone() }

@@ -8,7 +8,8 @@ use isotherm_core::compensation::model::{Kind, Slope};
 use isotherm_core::compensation::settings::InterceptSlope;
 use isotherm_core::quantity::Millimetre;
 
-/// Stores the reference position and the reach of the slope at each axis whose outputs write K0, tanβ and P0.
+/// Stores the reference position P0, and the largest distance from it within the travel, at each axis whose outputs
+/// write K0, tanβ and P0.
 pub(in crate::tables) fn resolve(check: &mut Check<'_>) {
     let line = |(place, axis): (usize, &Option<Axis>)| {
         let of_axis: Vec<&Output> = check.outputs.valid().filter(|output| output.axis.0 == place).collect();
@@ -23,8 +24,8 @@ pub(in crate::tables) fn resolve(check: &mut Check<'_>) {
     }
 }
 
-/// Checks that the outputs of an axis write K0, tanβ and P0. Returns the reference position and the reach of the slope.
-/// `None` if no model of the axis has a valid slope.
+/// Checks that the outputs of an axis write K0, tanβ and P0. Returns the reference position P0, and the largest
+/// distance from it within the travel. `None` if no model of the axis has a valid slope.
 fn of_control(check: &Check<'_>, axis: &Axis, outputs: &[&Output]) -> Option<InterceptSlope> {
     let name = &axis.settings.name;
     let at = check.at("axis").key(name);
@@ -51,7 +52,8 @@ fn of_control(check: &Check<'_>, axis: &Axis, outputs: &[&Output]) -> Option<Int
     reach(axis, &at.key("model"))
 }
 
-/// Returns the common reference position of all slopes, and the largest distance from this position within the travel.
+/// Returns the common reference position P0 of all slopes (position at which they have no effect), and the largest
+/// distance from this position within the travel.
 fn reach(axis: &Axis, list: &KeyContext<'_>) -> Option<InterceptSlope> {
     let mut line: Option<InterceptSlope> = None;
     for (place, model) in axis.settings.models.iter().enumerate() {

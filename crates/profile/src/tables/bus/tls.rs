@@ -45,7 +45,7 @@ pub struct Tls {
     pub key: NamedFile,
     /// Name that the device's certificate must have.
     pub name: String,
-    /// Place of the name in the profile, for errors.
+    /// Template for errors about the name, with the place of the name in the profile.
     name_at: ProfileError,
 }
 
@@ -90,7 +90,7 @@ impl NamedFile {
         Some(NamedFile { name: name.to_owned(), bytes, named_at })
     }
 
-    /// Creates an error about this file.
+    /// Creates an error about this file, with the place of its key in the profile.
     pub fn invalid(&self, why: &str) -> ProfileError {
         ProfileError { message: format!("{}: {why}", self.name), ..(*self.named_at).clone() }
     }

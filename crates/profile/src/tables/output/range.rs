@@ -126,7 +126,7 @@ fn can_move(check: &Check<'_>, at: &KeyContext<'_>, output: &Output, axis: &Axis
     }
 }
 
-/// Sets the count (smallest change) of the axis's guard to the count of this output, if that is coarser. For a diameter
+/// Sets the count of the axis (smallest change of Cz) to the count of this output, if that is coarser. For a diameter
 /// the output contains twice Cz, so its count is divided by two. A slope output sets the count of the slope instead.
 fn note_count(axis: &mut Axis, output: &Output) {
     if output.encoding.data_type.integer_range().is_none() {

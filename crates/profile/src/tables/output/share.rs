@@ -16,7 +16,8 @@ pub enum Share {
     /// The gateway owns the register.
     #[default]
     Whole,
-    /// An operator also writes to the register. A ledger stores the gateway share.
+    /// An operator also writes to the register. The register ledger on disk stores the gateway share (part of the value
+    /// that the gateway has added).
     Ledger,
 }
 

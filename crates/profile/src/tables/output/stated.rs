@@ -42,8 +42,8 @@ impl Stated {
 }
 
 impl Profile {
-    /// Returns how the control converts the registers of this output into a correction. `None` for a reference
-    /// position, which is not a correction.
+    /// Returns how the control converts the registers of this output into a correction. `None` if the output writes the
+    /// reference position P0, which is not a correction.
     pub fn control_view(&self, output: &Output) -> Option<ControlView> {
         let Stated { scale, bias, diameter, limit } =
             output.stated.unwrap_or_else(|| Stated::of(self, output));

@@ -32,7 +32,7 @@ pub enum Writes {
     Intercept,
     /// tanβ in µm/mm. The control multiplies it by the distance from the reference position.
     Slope,
-    /// P0 in mm: the reference position, a constant of the profile.
+    /// P0 in mm: the reference position, at which the slope has no effect. It is a constant of the profile.
     Reference,
     /// Position + Cz in mm, as soon as the position is read.
     Corrected {
@@ -75,8 +75,8 @@ impl Writes {
         matches!(self, Writes::Offset | Writes::Intercept)
     }
 
-    /// Returns true if the value is written with the period of the axis, into a register of its own. A corrected
-    /// position is not.
+    /// Returns true if the value is written with the period of the axis, into a register of its own. A position plus Cz
+    /// is not: it is written at each reading of the position.
     pub const fn is_scheduled(self) -> bool {
         !matches!(self, Writes::Corrected { .. })
     }

@@ -10,14 +10,14 @@ use crate::{OutputId, SetId};
 use isotherm_core::codec::Table;
 
 impl OutputSet {
-    /// Returns the context of the set's table in the profile. For an output with its own handshake, it is the context
-    /// of the output.
+    /// Returns the context of the output set's table in the profile. For an output with its own handshake, it is the
+    /// context of the output.
     pub(in crate::tables) fn at<'c>(&self, check: &'c Check<'c>) -> KeyContext<'c> {
         check.at(if self.is_named { "set" } else { "output" }).key(&self.name)
     }
 }
 
-/// Resolves the named sets, and one set for each output with its own handshake. Stores the set at each output.
+/// Resolves the named output sets, and one set for each output with its own handshake. Stores the set at each output.
 pub(in crate::tables) fn resolve(check: &mut Check<'_>) {
     let members = members(check);
     let mut sets: Vec<Option<OutputSet>> = Vec::new();

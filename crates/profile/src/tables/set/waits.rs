@@ -13,7 +13,7 @@ pub(super) fn has_time(check: &Check<'_>, set: &OutputSet) {
     if let Some(bus) = bus.filter(|bus| handshake.timeout <= bus.timeout) {
         let (name, timeout) = (&bus.name, shown(bus.timeout));
         let message = format!(
-            "the bus `{name}` waits {timeout} for an answer: there is no time to read the acknowledge"
+            "the bus `{name}` waits {timeout} for an answer: there is no time to read the acknowledge signal"
         );
         at.invalid(message, "write a duration longer than `timeout` of the bus");
     }
@@ -25,7 +25,7 @@ pub(super) fn has_time(check: &Check<'_>, set: &OutputSet) {
             output.refresh.map(|refresh| (format!("`refresh` of output `{}`", output.name), refresh));
         for (what, every) in called.into_iter().chain(refreshed).filter(|(_, every)| *every <= whole) {
             let message = format!(
-                "two waits of {} (for acknowledge on and acknowledge off) are as long as {what}, {}",
+                "two waits of {} (for the acknowledge signal to rise and to drop) are as long as {what}, {}",
                 shown(handshake.timeout),
                 shown(every)
             );
@@ -34,7 +34,7 @@ pub(super) fn has_time(check: &Check<'_>, set: &OutputSet) {
     }
 }
 
-/// Reports an acknowledge bit that two handshakes use, because it would be ambiguous.
+/// Reports an acknowledge bit that two handshakes use, because it would be ambiguous which of them it acknowledges.
 pub(super) fn acknowledges_apart(check: &Check<'_>, sets: &[Option<OutputSet>]) {
     let answers = |set: &OutputSet| {
         set.handshake.as_ref().map(|handshake| (set.device, handshake.acknowledge.to_string()))
@@ -43,8 +43,8 @@ pub(super) fn acknowledges_apart(check: &Check<'_>, sets: &[Option<OutputSet>]) 
         let Some(set) = set else { continue };
         let is_same = |other: &&OutputSet| answers(other).is_some() && answers(other) == answers(set);
         if let Some(other) = sets.iter().take(place).flatten().find(is_same) {
-            let message = format!("{} uses the same acknowledge", other.label());
-            let help = "use another acknowledge for each, or put the outputs into one set";
+            let message = format!("{} uses the same acknowledge signal", other.label());
+            let help = "use another acknowledge signal for each, or put the outputs into one set";
             set.at(check).key("handshake").key("acknowledge").invalid(message, help);
         }
     }

@@ -1,4 +1,4 @@
-//! Words of a set that are not values of outputs.
+//! Words of an output set that are not values of outputs.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -8,7 +8,7 @@ use crate::tables::KeyContext;
 use crate::tables::register::{TypeWord, holding};
 use isotherm_core::codec::Address;
 
-/// Largest count of a set's heartbeat.
+/// Largest count of an output set's heartbeat.
 pub(super) const HIGHEST_BEAT: u16 = 32767;
 /// Largest value of a control word, with all bits set.
 pub(super) const EVERY_BIT: u16 = 15;
@@ -51,14 +51,14 @@ impl RawVersion {
     }
 }
 
-/// Reports keys that a set in nodes cannot have. The specification leaves the order of the writes in a call to the
-/// server, so no word is last.
+/// Reports keys that an output set in nodes cannot have. The specification leaves the order of the writes in a call to
+/// the server, so no word is last.
 pub(super) fn foreign_to_nodes(at: &KeyContext<'_>) {
     for key in ["sequence", "complement"].into_iter().filter(|key| at.has(key)) {
         let message = format!(
             "`{key}` has no meaning over OPC UA: a server may write the nodes of a call in any order"
         );
-        let help = "use a `handshake`: its strobe is set after the whole set was read back";
+        let help = "use a `handshake`: its strobe signal is set after the whole set was read back";
         at.key(key).wrong_key(message, help);
     }
     at.not_applicable(&["zeros"], "registers", "remove `zeros`: there are no unused registers between nodes");

@@ -45,7 +45,7 @@ pub struct Client {
     transfer: Option<Transfer>,
     /// Whether an answer to an older transfer may still arrive.
     is_unsettled: bool,
-    /// Transfer that begins when no answer to an older transfer can arrive any more.
+    /// Transfer that begins when answers to older transfers can no longer arrive.
     postponed: Option<Job>,
     /// Index in [`SETTLERS`] of the entry that is read next.
     settler: usize,

@@ -279,7 +279,8 @@ impl Publishing {
         unsubscribe(link, session, others).await
     }
 
-    /// Returns a sentence about the last change of a subscription, once.
+    /// Returns a sentence about the last change of a subscription. The next call returns `None`, unless there was
+    /// another change.
     pub(super) fn news(&mut self) -> Option<String> {
         self.news.take()
     }

@@ -198,8 +198,8 @@ impl Wire for OpcUa {
         self.publishing.news()
     }
 
-    /// Returns [`Ending::Kept`]: if the server was exchanged or restarted, it does not have the session any more. The
-    /// next connection detects this break.
+    /// Returns [`Ending::Kept`]: if the server was exchanged or restarted, it no longer has the session. The next
+    /// connection detects this break.
     fn ending(&mut self) -> Ending {
         Ending::Kept
     }

@@ -10,7 +10,7 @@ use isotherm_core::quantity::{Counts, Moment, Shift, Shifted};
 
 /// First line of the output log, with its line break.
 pub const HEADER: &str = "time,output,fact,value,moment,action,action_value,action_until,detail\n";
-/// End of the file name of an output log.
+/// Last part of the file name of an output log.
 pub const ENDING: &str = ".outputs.csv";
 
 pub(super) const BEGIN: &str = "begin";
@@ -18,7 +18,8 @@ pub(super) const FAULT: &str = "fault";
 pub(super) const WRITES: &str = "writes";
 pub(super) const FAILURES: &str = "failures";
 pub(super) const CLOCK: &str = "clock";
-/// Names of rows that only earlier versions wrote: the Cz of a corrected position, and the numbers of state and ledger.
+/// Names of rows that only earlier versions wrote: the Cz in a corrected position, and the save numbers of state and
+/// register ledger.
 pub(super) const EARLIER: [&str; 2] = ["cz", "sealed"];
 
 /// Settings and state from which an output continues.
@@ -33,7 +34,7 @@ pub struct ResumeState {
     pub policy: Policy,
 }
 
-/// Content of the column `detail`: the parts of an input other than value and moment.
+/// Content of the log column `detail`: the parts of an input other than value and moment.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub(super) enum Detail {
@@ -45,7 +46,8 @@ pub(super) enum Detail {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Towards {
-    /// Target of the offset, in counts: from the bias of the register, or of the gateway share.
+    /// Target of the offset in counts, without the bias of the register. For a shared register: target of the gateway
+    /// share.
     pub(super) target: Counts,
 }
 
@@ -102,7 +104,7 @@ impl Detail {
 }
 
 impl DemandDetail {
-    /// Makes the demand of a row. Returns `None` if the row has a decision, but no offset.
+    /// Makes the demand that a log row contains. Returns `None` if the row has a decision, but no offset.
     pub(super) fn demand(self, offset: Option<Counts>, not_after: Moment) -> Option<Demand> {
         let DemandDetail { armed, interlock, target, at, mode, restarts, pauses } = self;
         let decision = match at {
@@ -119,7 +121,7 @@ impl DemandDetail {
     }
 }
 
-/// Cells of an input or action: name, value and moment. [`Moment::END`] is written as an empty cell.
+/// Cells of a log row for an input or action: name, value and moment. [`Moment::END`] is written as an empty cell.
 pub(super) type Cells = (&'static str, Option<Counts>, Moment);
 
 /// Names of the inputs that have neither value nor moment.

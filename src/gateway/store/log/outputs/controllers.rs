@@ -21,16 +21,16 @@ const HEARTBEAT_BEGIN: &str = "heartbeat-begin";
 /// State of a controller.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ControllerState {
-    /// Controller of a set.
+    /// Controller of an output set (outputs that are written together).
     Set(Box<SetController>),
-    /// Controller of a corrected position.
+    /// Controller of an output that writes a position plus Cz (corrected position).
     Position(PositionController),
     /// Controller of a heartbeat in a separate register.
     Heartbeat(HeartbeatController),
 }
 
 impl ControllerState {
-    /// Returns whether both states lead to the same decisions from the next turn on.
+    /// Returns whether both states lead to the same decisions from the next call on.
     pub fn is_like(&self, other: &ControllerState) -> bool {
         match (self, other) {
             (ControllerState::Set(one), ControllerState::Set(other)) => one.is_like(other),
@@ -40,30 +40,30 @@ impl ControllerState {
     }
 }
 
-/// Turn of a controller: one call by the line task. It contains the input, the action and, if it is known in the same
-/// turn, the result.
+/// Turn of a controller: one call by the line task. The turn contains the input, the action and, if it is known in the
+/// same turn, the result.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Turn {
-    /// Turn of the controller of a set.
+    /// Call of the controller of an output set.
     Set(Box<SetTurn>),
-    /// Turn of the controller of a corrected position.
+    /// Call of the controller of an output that writes a position plus Cz (corrected position).
     Position(PositionTurn),
-    /// Turn of the controller of a heartbeat in a separate register.
+    /// Call of the controller of a heartbeat in a separate register.
     Heartbeat(HeartbeatTurn),
 }
 
-/// Turn of the controller of a set.
+/// One call of the controller of an output set by the line task: its input and its action.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SetTurn {
-    /// Input of the controller in this turn.
+    /// Input of the controller in this call.
     pub input: SetInput,
     /// Action that the controller returned.
     pub action: SetAction,
 }
 
-/// Turn of the controller of a heartbeat.
+/// One call of the controller of a heartbeat by the line task.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HeartbeatTurn {
@@ -93,8 +93,8 @@ impl Turn {
         }
     }
 
-    /// Returns the maximum number of repetitions in one row, which one minute does not reach; 0 for a set, because its
-    /// turns are never summarised.
+    /// Returns the maximum number of repetitions that one row of the log counts; one minute has fewer. 0 for an output
+    /// set, because each of its turns has its own row.
     pub(super) fn most_repetitions(&self) -> u64 {
         if matches!(self, Turn::Set(_)) { 0 } else { MOST_REPETITIONS }
     }
@@ -108,8 +108,8 @@ impl Turn {
         }
     }
 
-    /// Returns whether this turn repeats `last`, so that the log only counts it. `before` and `after` are the states of
-    /// the controller before and after this turn.
+    /// Returns whether this turn (call of the controller) repeats `last`, so that the log only counts it. `before` and
+    /// `after` are the states of the controller before and after this turn.
     pub(in crate::gateway) fn repeats(
         &self,
         last: &Turn,
@@ -128,7 +128,8 @@ impl Turn {
         }
     }
 
-    /// Returns whether both turns have the same action. The counts of two heartbeats may differ.
+    /// Returns whether both turns (calls of a controller) have the same action. The counts of two heartbeats may
+    /// differ.
     pub(super) fn is_same_action(&self, other: &Turn) -> bool {
         match (self, other) {
             (Turn::Heartbeat(one), Turn::Heartbeat(other)) => one.beat == other.beat,
@@ -147,7 +148,7 @@ impl Turn {
         .unwrap_or_default()
     }
 
-    /// Returns the next turn, if it repeats this one.
+    /// Returns the next turn (call of the controller), if it repeats this one.
     pub(super) fn again(self) -> Turn {
         match self {
             Turn::Position(turn) => Turn::Position(turn.again()),
@@ -155,7 +156,8 @@ impl Turn {
         }
     }
 
-    /// Parses the detail of a row with this name. Returns `None` if the name belongs to no turn.
+    /// Parses the column `detail` of a log row with this name. Returns `None` if rows of this name contain no turn
+    /// (call of a controller).
     pub(super) fn parse(row: &str, detail: &str) -> Option<serde_json::Result<Turn>> {
         Some(match row {
             SET => parse(detail, Turn::Set),
@@ -183,24 +185,24 @@ impl Shifted for Turn {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum ControllerSnapshot {
-    /// Controller of a set.
+    /// Controller of an output set (outputs that are written together).
     Set(Box<SetSnapshot>),
-    /// Controller of a corrected position.
+    /// Controller of an output that writes a position plus Cz (corrected position).
     Position(PositionSnapshot),
     /// Controller of a heartbeat in a separate register.
     Heartbeat(HeartbeatSnapshot),
 }
 
-/// Controller of a set, with its settings.
+/// Controller of an output set (outputs that are written together), with its settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SetSnapshot {
-    /// Settings of the set and its members.
+    /// Settings of the output set and of its outputs.
     pub settings: SetSettings,
     /// State of the controller.
     pub set: SetController,
 }
 
-/// Controller of a corrected position, with its settings.
+/// Controller of an output that writes a position plus Cz (corrected position), with its settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PositionSnapshot {
     /// Maximum change of Cz from one decision to the next.
@@ -228,7 +230,7 @@ impl ControllerSnapshot {
         }
     }
 
-    /// Returns the name of the rows that contain the turns of this controller.
+    /// Returns the name of the log rows that contain the turns (calls) of this controller.
     pub(super) fn row(&self) -> &'static str {
         match self {
             ControllerSnapshot::Set(_) => SET,
@@ -237,7 +239,8 @@ impl ControllerSnapshot {
         }
     }
 
-    /// Parses the detail of a row with this name. Returns `None` if the name belongs to no snapshot.
+    /// Parses the column `detail` of a log row with this name. Returns `None` if rows of this name contain no snapshot
+    /// of a controller.
     pub(super) fn parse(row: &str, detail: &str) -> Option<serde_json::Result<ControllerSnapshot>> {
         Some(match row {
             SET_BEGIN => parse(detail, ControllerSnapshot::Set),
@@ -247,8 +250,8 @@ impl ControllerSnapshot {
         })
     }
 
-    /// Gives the input of a turn to the controller again, and returns the turn with the new action. Returns `None` if
-    /// the turn belongs to another kind of controller.
+    /// Gives the input of a turn (recorded call) to the controller again, and returns the turn with the new action.
+    /// Returns `None` if the turn belongs to another kind of controller.
     pub(super) fn again(&mut self, turn: &Turn, now: Moment) -> Option<Turn> {
         Some(match (self, turn) {
             (ControllerSnapshot::Set(snapshot), Turn::Set(turn)) => {

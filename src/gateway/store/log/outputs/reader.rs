@@ -18,17 +18,17 @@ use isotherm_profile::safe_file::{self, Lines};
 /// Row of the output log.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutputRow {
-    /// Line number in the file.
+    /// Line number in the file of the output log.
     pub line: u64,
     /// Time at which the controller received the input.
     pub now: Moment,
     /// Name of the output.
     pub output: String,
-    /// Content of the row.
+    /// Content of the log row.
     pub entry: Entry,
 }
 
-/// Content of a row.
+/// Content of a row of the output log.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Entry {
     /// Settings and state from which an output continues.
@@ -40,13 +40,14 @@ pub enum Entry {
         /// Action that the controller returned.
         action: Action,
     },
-    /// Settings and state from which the controller of a set, of a corrected position, or of a heartbeat continues.
+    /// Settings and state from which the controller of an output set, of a corrected position (position plus Cz), or of
+    /// a heartbeat continues.
     Resumes(Box<ControllerSnapshot>),
-    /// Turn of such a controller: one call by the line task.
+    /// Turn of such a controller, which is one call by the line task.
     Turn {
-        /// Number of repetitions of the previous turn.
+        /// Number of times that the previous turn (call of the controller) was repeated.
         repetitions: u64,
-        /// Turn, with its input and action.
+        /// Turn (call of the controller), with its input and action.
         turn: Turn,
     },
     /// Information for readers of the log, which a replay ignores.

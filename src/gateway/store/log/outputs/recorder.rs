@@ -21,7 +21,7 @@ pub struct OutputRecorder {
 }
 
 impl OutputRecorder {
-    /// Formats the row with the state from which an output continues.
+    /// Formats the log row with the state from which an output continues.
     pub fn begin(&mut self, now: Moment, output: &str, beginning: &ResumeState) -> &[u8] {
         // Numbers, names and lists of them always have a JSON form.
         let (state, policy) = (beginning.state.shifted(self.shift), beginning.policy.shifted(self.shift));
@@ -30,7 +30,7 @@ impl OutputRecorder {
         self.ends(",,,,,,", &cell(&detail))
     }
 
-    /// Formats the row of an input and the resulting action of a controller.
+    /// Formats the log row of an input of an output controller and the resulting action.
     pub fn step(&mut self, now: Moment, output: &str, input: Input, action: Action) -> &[u8] {
         // Numbers and names always have a JSON form.
         let detail = Detail::of(input, self.shift).map(|one| serde_json::to_string(&one).unwrap_or_default());
@@ -43,7 +43,7 @@ impl OutputRecorder {
         self.ends(",", &detail.map_or(String::new(), |detail| cell(&detail)))
     }
 
-    /// Formats the row with the state from which a controller continues.
+    /// Formats the log row with the state from which a controller continues.
     pub fn resume(&mut self, now: Moment, name: &str, snapshot: &ControllerSnapshot) -> &[u8] {
         // Numbers, names and lists of them always have a JSON form.
         let detail = serde_json::to_string(&snapshot.clone().shifted(self.shift)).unwrap_or_default();
@@ -51,8 +51,8 @@ impl OutputRecorder {
         self.ends(",,,,,,", &cell(&detail))
     }
 
-    /// Formats the row of a turn, which is one call of a controller by the line task. `repetitions` is the number of
-    /// repetitions of the previous turn.
+    /// Formats the log row of a turn, which is one call of a controller by the line task. `repetitions` is the number
+    /// of repetitions of the previous turn.
     pub fn turn(&mut self, now: Moment, name: &str, turn: &Turn, repetitions: u64) -> &[u8] {
         // Numbers, names and lists of them always have a JSON form.
         let detail = serde_json::to_string(&turn.clone().shifted(self.shift)).unwrap_or_default();
@@ -63,23 +63,23 @@ impl OutputRecorder {
         self.ends(",,,", &cell(&detail))
     }
 
-    /// Formats the row with the fault of an output that is written repeatedly.
+    /// Formats the log row with the fault of an output that is written repeatedly.
     pub fn fault(&mut self, now: Moment, output: &str, why: &str) -> &[u8] {
         self.begins(now, output, FAULT);
         self.ends(",,,,,,", &cell(why))
     }
 
-    /// Formats the row with the number of writes that were answered since `since`.
+    /// Formats the log row with the number of writes that were answered since `since`.
     pub fn writes(&mut self, now: Moment, output: &str, count: u64, since: Moment) -> &[u8] {
         self.count(now, output, WRITES, count, since)
     }
 
-    /// Formats the row with the number of writes that failed since `since`.
+    /// Formats the log row with the number of writes that failed since `since`.
     pub fn failures(&mut self, now: Moment, output: &str, count: u64, since: Moment) -> &[u8] {
         self.count(now, output, FAILURES, count, since)
     }
 
-    /// Formats the row with the correction of the computer's clock before this file.
+    /// Formats the log row with the correction of the computer's clock that made this file necessary.
     pub(in crate::gateway) fn clock(&mut self, now: Moment, correction: Correction) -> &[u8] {
         self.begins(now, "", CLOCK);
         self.ends(",,,,,,", &correction.to_string())

@@ -12,17 +12,18 @@ use isotherm_core::quantity::Moment;
 #[derive(Clone, Debug, Default)]
 pub struct OutputReplay {
     running: BTreeMap<String, Box<(Settings, Controller)>>,
-    /// Controllers of sets, corrected positions and heartbeats, by name and kind of row, each with its last turn.
+    /// Controllers of output sets, corrected positions and heartbeats, by name and kind of log row. Each has its last
+    /// turn (call by the line task).
     resumed: BTreeMap<(String, &'static str), Resumed>,
 }
 
-/// Controller of a set, corrected position or heartbeat, and its last turn.
+/// Controller of an output set, corrected position or heartbeat, and its last turn (call by the line task).
 type Resumed = (Box<ControllerSnapshot>, Option<Turn>);
 
-/// Result of the replay of one row.
+/// Result of the replay of one row of the output log.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Replayed {
-    /// The row has no action to compare.
+    /// The log row has no action to compare.
     Nothing,
     /// The replay has the same action as the log.
     Same,
@@ -38,7 +39,7 @@ pub enum Replayed {
 }
 
 impl OutputReplay {
-    /// Replays the next row.
+    /// Replays the next row of the output log.
     pub fn row(&mut self, row: &OutputRow) -> Replayed {
         let (input, recorded) = match &row.entry {
             Entry::Begins(beginning) => {
@@ -67,7 +68,8 @@ impl OutputReplay {
         Replayed::Different { recorded: message(recorded), replayed: message(replayed) }
     }
 
-    /// Replays a turn, and before it the repetitions of the previous turn. Returns the first difference.
+    /// Replays a turn (recorded call of a controller), and before it the repetitions of the previous turn. Returns the
+    /// first difference.
     fn turn(&mut self, name: &str, (repetitions, recorded): (u64, &Turn), now: Moment) -> Replayed {
         let key = (name.to_owned(), recorded.row());
         let Some((snapshot, last)) = self.resumed.get_mut(&key) else { return Replayed::Unknown };

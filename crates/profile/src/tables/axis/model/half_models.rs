@@ -18,7 +18,8 @@ use crate::duration::shown;
 use crate::tables::KeyContext;
 use isotherm_core::compensation::model::{Model, Term};
 
-/// Largest accepted difference between the mean of two halves and the gain, relative to the larger half.
+/// Largest accepted difference between a gain and the mean of its two halves (gains of the two models whose mean is the
+/// model), relative to the larger half.
 const NEAR: f64 = 1e-6;
 
 #[derive(Debug, Deserialize)]
@@ -40,7 +41,7 @@ struct HalfTerm {
     net: f64,
 }
 
-/// Returns the difference between the gains of the two halves, for each term of the model.
+/// Returns for each term the difference between its gains in the two halves (the two models whose mean is the model).
 pub(super) fn resolve(
     seals: Option<&RawSeals>,
     at: &KeyContext<'_>,

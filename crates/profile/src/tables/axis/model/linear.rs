@@ -156,7 +156,8 @@ fn preview(signals: &[Signal], kind: &Kind) -> Option<Computation> {
     Some(Computation { formula: text(signals, linear), effects: effects(signals, linear) })
 }
 
-/// Returns the ends of a slope's travel, and its reference position.
+/// Returns the ends of the travel for which a slope applies, and the position at which it has no effect (reference
+/// position), mm.
 fn places(kind: &Kind) -> Option<Places> {
     let Kind::Linear(Linear { slope: Some(slope), .. }) = kind else { return None };
     let travel = slope.travel.iter().flat_map(|(from, to)| [from.get(), to.get()]);

@@ -123,7 +123,7 @@ pub(super) struct RawTerm {
     pub(super) length: Option<f64>,
 }
 
-/// Terms that are multiplied by the distance from a reference position.
+/// Terms of Cz that are multiplied by the distance of the axis from a reference position.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Slope")]
