@@ -35,8 +35,8 @@ pub struct NodeReading {
     pub value: Result<Encoded, Reason>,
     /// Time stamp of the value, as an age.
     pub stamped: Stamped,
-    /// Time of the earlier request from which the age of the value counts, as in a subscription. `None`: the age counts
-    /// from this request.
+    /// Begin of the age of the value, if that is an earlier request: a value of a subscription is as old as the request
+    /// that the server answered with it. `None`: the age begins at this request.
     pub asked: Option<Moment>,
 }
 

@@ -145,7 +145,7 @@ fn compare_with_others(own: &Claim, is_ignored: impl Fn(&Claim) -> bool) -> Resu
                     continue;
                 }
                 Answer::Failed(error) => {
-                    unseen = Some(format!("process {} cannot be asked: {error}", other.process));
+                    unseen = Some(format!("process {} did not say what it writes: {error}", other.process));
                     continue;
                 }
             };

@@ -358,8 +358,8 @@ impl FormerPlace {
         all
     }
 
-    /// Adds the axes whose new outputs could repeat the effect of a removed output. Does nothing if the profile still
-    /// has the output, or if nothing of it remains in its former register.
+    /// Adds to `axes` each axis with a new output, if the removed output may have left a Cz in its former register. Both
+    /// would act together. Does nothing if the profile still has the output.
     fn bar_new_outputs(
         &mut self,
         found: &BTreeMap<String, PlaceComparison>,

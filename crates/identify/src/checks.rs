@@ -36,7 +36,7 @@ pub(super) fn one_run_only(dataset: &Dataset) -> Option<String> {
 pub(super) fn odd_length(run: &Run) -> Option<String> {
     let odd = match run.lasts() {
         lasts if lasts < SHORTEST_RUN => {
-            "too short for a drift; if the log counts minutes, name the column time_min"
+            "too short to show a thermal drift; if the log counts minutes, name the column time_min"
         }
         lasts if lasts > LONGEST_RUN => {
             "if the log counts seconds, name the column time; otherwise split the log with --gap 1h"

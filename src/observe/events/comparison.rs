@@ -38,7 +38,7 @@ pub enum Comparison {
 /// this.
 pub(crate) fn found_worse(touches: usize, with: Micron, without: Micron) -> String {
     let shown = match touches {
-        0 => "as touches before the last datum (zero point of Cz) show".to_owned(),
+        0 => "as touches show that were made before the last datum (zero point of Cz)".to_owned(),
         count => format!(
             "the residual error is {with} with the model, {without} without (root mean square of the last \
              {count} touches)"

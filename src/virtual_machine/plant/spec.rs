@@ -166,8 +166,8 @@ pub(super) struct Displacement {
     pub(super) axis: String,
     pub(super) gains: Vec<(Point, f64)>,
     pub(super) stretches: Vec<Stretch>,
-    /// Direction in which the structure's guideway moves the axis: 0 is x, 1 is y, 2 is z. `None`: the axis does not
-    /// follow the guideway.
+    /// Direction in which a deformation of the guideway displaces the axis: 0 is x, 1 is y, 2 is z. `None`: the
+    /// guideway does not affect the axis.
     pub(super) guided: Option<usize>,
 }
 

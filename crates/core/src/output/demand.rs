@@ -17,7 +17,7 @@ pub struct Demand {
     pub decision: Option<OutputDecision>,
     /// Number of restarts of the control so far.
     pub restarts: u64,
-    /// Number of pauses of the computer so far.
+    /// Number of times so far that the computer stood still, for example suspended.
     pub pauses: u64,
 }
 

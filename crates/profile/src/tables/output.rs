@@ -88,7 +88,7 @@ pub(crate) struct RawOutput {
     pub(super) refresh: Option<Timespan>,
     /// Interlock: condition on signals for writing. While it is not met, the register value stays.
     when: Option<String>,
-    /// Ownership of the register. "whole": the gateway owns it. "ledger": an operator also writes to it, and the
+    /// Ownership of the register. "whole": the gateway owns it. "ledger": an operator also writes to it. The
     /// register ledger on disk stores the gateway share (part of the value that the gateway has added). Default
     /// "whole".
     pub(crate) share: Option<Share>,

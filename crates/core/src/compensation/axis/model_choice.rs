@@ -21,7 +21,7 @@ pub(in crate::compensation) struct ModelChoice {
     pub(super) correction: Micron,
     /// Effect of the slope at the axis's largest distance from the reference position.
     pub(super) slope: Micron,
-    /// Position of the machine inside or outside the range on which the model was identified.
+    /// Whether the inputs are inside the envelope of the model, on which it was identified, and how far outside.
     pub(super) coverage: Option<Coverage>,
     /// Sensor of the model that a stand-in replaces; `None` if there is none.
     pub(super) stood_in: Option<SubstitutedSensor>,

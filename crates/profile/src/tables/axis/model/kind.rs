@@ -17,7 +17,8 @@ pub(super) struct KindOfModel {
     pub(super) resolve: fn(&RawModel, &KeyContext<'_>) -> Option<Kind>,
     /// Preview of a model. `None` for a model of another kind.
     pub(super) preview: fn(&[Signal], &Kind) -> Option<Computation>,
-    /// Positions at which the preview evaluates the model. `None` for a model without a position, or of another kind.
+    /// Returns the positions at which the output of `isotherm check` evaluates the model. `None` if the model does not
+    /// depend on a position, or is not of this kind.
     pub(super) places: fn(&Kind) -> Option<Places>,
 }
 
