@@ -23,9 +23,10 @@ pub enum RateFault {
 /// value after a break of continuity with the last value before the break.
 ///
 /// While contact lasts, the allowed change grows with the time since the last good value. Over a break, the allowed
-/// change grows only while no value arrives: a replaced device does not become plausible by waiting. The signal is
-/// accepted again when a value is within the allowed change, or after [`RateFilter::forget`], when the operator has
-/// confirmed the device.
+/// change grows only while no value arrives: a replaced device does not become plausible by waiting. If the last value
+/// before the break was rejected, the last good one counts too: a device may send a wrong value before it fails. The
+/// signal is accepted again when a value is within the allowed change, or after [`RateFilter::forget`], when the
+/// operator has confirmed the device.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RateFilter {
     /// Last good value with its time; `None` if there is none. Later values are compared with it.
@@ -95,7 +96,10 @@ impl RateFilter {
                 None => self.jump = Some(Jump { before, allowed }),
             }
         }
-        if self.jump.is_some_and(|jump| (value - jump.before).abs() > jump.allowed) {
+        let good = self.good.map(|(good, _)| good);
+        let is_near = |jump: Jump, before: f64| (value - before).abs() <= jump.allowed;
+        let fits = |jump: Jump| is_near(jump, jump.before) || good.is_some_and(|good| is_near(jump, good));
+        if self.jump.is_some_and(|jump| !fits(jump)) {
             return Err(RateFault::Jumped);
         }
         self.jump = None;

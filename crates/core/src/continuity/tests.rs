@@ -195,6 +195,22 @@ fn a_break_while_a_real_step_is_too_fast_keeps_nothing_out() {
     assert_eq!(filter.assess(30.0, at(20.0), rate, 1), Ok(()));
 }
 
+/// A module sends 0 while its supply fails. Three seconds later it is back.
+#[test]
+fn a_rejected_value_before_a_break_does_not_keep_the_right_one_out() {
+    let mut filter = RateFilter::default();
+    let rate = Some(5.0);
+    assert_eq!(filter.assess(25.0, at(0.0), rate, 0), Ok(()));
+    assert_eq!(filter.assess(0.0, at(1.0), rate, 0), Err(RateFault::TooFast));
+    let mut other = filter;
+    assert_eq!(filter.assess(25.2, at(4.0), rate, 1), Ok(()));
+    // Another device is compared with both values.
+    for second in 4..400 {
+        let assessed = other.assess(60.0, at(f64::from(second)), rate, 1);
+        assert_eq!(assessed, Err(RateFault::Jumped), "{second} s");
+    }
+}
+
 #[test]
 fn a_device_with_checks_needs_no_comparison_and_keeps_its_setup_over_a_pause() {
     let mut device = checked();
