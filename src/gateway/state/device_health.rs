@@ -32,6 +32,14 @@ const REPORTED_AGAIN: Duration = Duration::from_secs(600);
 /// Shortest delay of a cycle that is reported. An operator can do nothing about shorter ones, which are only counted.
 const WORTH_A_WORD: Duration = Duration::from_millis(10);
 
+/// Hint for a reading that the default `range` of a temperature rejects: the profile has no key that could be wrong.
+const BEYOND_DEFAULT_RANGE: &str = "is the sensor broken, or are `scale` or `word_order` wrong? If the value is \
+                                    right, write `range`; for a difference of temperatures, write \
+                                    `difference = true`";
+/// Hint for a reading that the default `max_rate` of a temperature rejects.
+const BEYOND_DEFAULT_RATE: &str =
+    "is a contact loose, does a drive disturb the signal? If not, write a larger `max_rate`, or \"none\"";
+
 #[derive(Clone, Debug)]
 pub(in crate::gateway) struct DeviceHealth {
     profile: Arc<Profile>,
@@ -152,6 +160,14 @@ impl DeviceHealth {
             }
             (Reason::Exception(code), ..) => {
                 self.explained(signal.device, seen.unwrap_or(Seen::from(Fault::Exception(code))))
+            }
+            (Reason::OutOfRange, ..) => {
+                let limit = signal.defaults.range_condition(signal.unit);
+                by_default(reason, limit, BEYOND_DEFAULT_RANGE)
+            }
+            (Reason::TooFast, ..) => {
+                let limit = signal.defaults.rate_condition(signal.unit);
+                by_default(reason, limit, BEYOND_DEFAULT_RATE)
             }
             _ => reason.to_string().into(),
         }
@@ -338,6 +354,15 @@ impl LostDevice {
     }
 }
 
+/// Explains why a reading is rejected. `limit` is the default limit that rejects it; `None` if the profile or its
+/// template states the limit.
+fn by_default(reason: Reason, limit: Option<String>, hint: &'static str) -> Explained {
+    match limit {
+        Some(limit) => Explained::new(format!("{reason} ({limit}, the default limit)"), hint),
+        None => reason.to_string().into(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -437,6 +462,54 @@ mod tests {
         health.fails(module, silent, never, &mut events);
         let again = health.why(bed, Reason::Timeout).to_string();
         assert_eq!(again, said);
+    }
+
+    /// The profile has no `range` and no `max_rate` that an operator could find. The message states the limit.
+    #[test]
+    fn a_reading_beyond_a_default_limit_is_explained_by_that_limit() {
+        const PROFILE: &str = r#"
+            [machine]
+            name = "bench"
+            [bus.cell]
+            type = "modbus-tcp"
+            address = "127.0.0.1:1502"
+            [device.module]
+            bus = "cell"
+            unit = 1
+            [signal.rise]
+            device = "module"
+            register = "input:0"
+            type = "i16"
+            unit = "K"
+            max_age = "5s"
+            LIMITS
+            [axis.z]
+            limit = 40.0
+            step = 1.0
+            rate = 0.5
+            every = "10s"
+            on_fault = { action = "hold" }
+            [[axis.z.model]]
+            name = "one"
+            kind = "linear"
+            terms = [{ signal = "rise", gain = 1.0, reference = 0.0 }]
+        "#;
+        let said = |limits: &str, reason: Reason| {
+            let text = PROFILE.replace("LIMITS", limits);
+            let profile = isotherm_profile::parse(Path::new("bench.toml"), &text, &[], &[]);
+            let profile = profile.unwrap_or_else(|errors| panic!("{errors}")).profile;
+            DeviceHealth::new(&Arc::new(profile)).why(SignalId(0), reason).to_string()
+        };
+        let text = said("", Reason::OutOfRange);
+        assert!(text.starts_with("out of range (outside 233.15 to 473.15 K, the default limit):"), "{text}");
+        assert!(text.contains("`difference = true`"), "{text}");
+        let text = said("", Reason::TooFast);
+        let words = "changing too fast (faster than 5 K per second, the default limit):";
+        assert!(text.starts_with(words), "{text}");
+        assert!(text.contains("write a larger `max_rate`"), "{text}");
+        let stated = "range = [250.0, 350.0]\nmax_rate = 2.0";
+        assert!(said(stated, Reason::OutOfRange).contains("are `range`, `scale` or `word_order` wrong"));
+        assert!(said(stated, Reason::TooFast).contains("`max_rate` is too small"));
     }
 
     #[test]

@@ -122,12 +122,20 @@ impl DefaultLimits {
 
     /// Returns the conditions under which a reading in this unit is rejected.
     pub fn conditions(&self, unit: Unit) -> Vec<String> {
-        let range = self.range.map(|range| match range {
+        self.range_condition(unit).into_iter().chain(self.rate_condition(unit)).collect()
+    }
+
+    /// Returns the condition under which the default range rejects a reading in this unit. `None` without one.
+    pub fn range_condition(&self, unit: Unit) -> Option<String> {
+        self.range.map(|range| match range {
             DefaultRange::Within(low, high) => format!("outside {low} to {high} {unit}"),
             DefaultRange::NotBelow(low) => format!("below {low} {unit}"),
-        });
-        let rate = self.max_rate.map(|rate| format!("faster than {rate} {unit} per second"));
-        range.into_iter().chain(rate).collect()
+        })
+    }
+
+    /// Returns the condition under which the default rate rejects a reading in this unit. `None` without one.
+    pub fn rate_condition(&self, unit: Unit) -> Option<String> {
+        self.max_rate.map(|rate| format!("faster than {rate} {unit} per second"))
     }
 }
 
