@@ -3,6 +3,8 @@
 //! The library parses a certificate only without a chain. The gateway therefore gives it the server's own certificate,
 //! and opens the answer that contains the chain itself ([`ChainOpener`]).
 
+use std::borrow::Cow;
+
 use ::opcua::crypto::{KeySize, PrivateKey, SecurityPolicy, X509};
 use ::opcua::types::{ByteString, EndpointDescription};
 use x509_cert::Certificate;
@@ -36,43 +38,56 @@ pub(super) fn without_chain(endpoint: EndpointDescription) -> EndpointDescriptio
 /// signature, decrypts the answer, and returns its content as an answer without security, which the library accepts.
 /// The keys of the channel are derived from a random number that the gateway has encrypted for the server, so nobody
 /// else can use the channel.
+///
+/// The library accepts such an answer without security, or with any certificate. It also accepts one in place of any
+/// other message, for example with the values of a read. The opener therefore rejects all answers that are not from this
+/// server.
 pub(super) struct ChainOpener {
     own: (X509, PrivateKey),
     server: Vec<u8>,
+    policy: SecurityPolicy,
 }
 
 impl ChainOpener {
-    /// Returns an opener for a channel between this certificate of the gateway and this one of the server.
-    pub(super) fn new(own: &(X509, PrivateKey), server: &[u8]) -> ChainOpener {
-        ChainOpener { own: own.clone(), server: server.to_vec() }
+    /// Returns an opener for a channel with this policy, between this certificate of the gateway and this one of the
+    /// server.
+    pub(super) fn new(own: &(X509, PrivateKey), server: &[u8], policy: SecurityPolicy) -> ChainOpener {
+        ChainOpener { own: own.clone(), server: server.to_vec(), policy }
     }
 
-    /// Returns the content of an answer that contains the server's certificate with its chain, as a message without
-    /// security. Returns `None` for all other messages, and for an answer with a wrong signature.
-    pub(super) fn open(&self, message: &[u8]) -> Option<Vec<u8>> {
+    /// Returns the answer as the library can read it. If the answer contains the server's certificate with its chain,
+    /// the result is its content as a message without security. If it contains the certificate alone, the result is the
+    /// answer itself: the library checks its signature with this certificate.
+    ///
+    /// Returns `None` for all other messages: without security, with another policy or certificate, or with a chain and
+    /// a wrong signature.
+    pub(super) fn open<'m>(&self, message: &'m [u8]) -> Option<Cow<'m, [u8]>> {
         let mut rest = message.get(HEADER..).filter(|_| message.starts_with(OPENED))?;
-        let policy = std::str::from_utf8(field(&mut rest)?).ok()?;
+        let policy = field(&mut rest)?;
         let (shown, thumbprint) = (field(&mut rest)?, field(&mut rest)?);
-        let has_chain = shown.len() > self.server.len() && shown.starts_with(&self.server);
-        let (cert, key) = &self.own;
-        if !has_chain || thumbprint != cert.thumbprint().value() {
+        if matches!(self.policy, SecurityPolicy::None | SecurityPolicy::Unknown)
+            || policy != self.policy.to_uri().as_bytes()
+            || !shown.starts_with(&self.server)
+        {
             return None;
         }
-        let policy = SecurityPolicy::from_uri(policy);
-        if matches!(policy, SecurityPolicy::None | SecurityPolicy::Unknown)
-            || !rest.len().is_multiple_of(key.cipher_text_block_size())
+        if shown.len() == self.server.len() {
+            return Some(Cow::Borrowed(message));
+        }
+        let (cert, key) = &self.own;
+        if thumbprint != cert.thumbprint().value() || !rest.len().is_multiple_of(key.cipher_text_block_size())
         {
             return None;
         }
         let mut plain = vec![0; rest.len()];
-        let length = policy.asymmetric_decrypt(key, rest, &mut plain).ok()?;
+        let length = self.policy.asymmetric_decrypt(key, rest, &mut plain).ok()?;
         plain.truncate(length);
         let server = X509::from_der(&self.server).ok()?.public_key().ok()?;
         let (padded, signature) = plain.split_at_checked(plain.len().checked_sub(server.size())?)?;
         let head = message.get(..message.len() - rest.len())?;
-        policy.asymmetric_verify_signature(&server, &[head, padded].concat(), signature).ok()?;
+        self.policy.asymmetric_verify_signature(&server, &[head, padded].concat(), signature).ok()?;
         let content = padded.get(..padded.len().checked_sub(padding(padded, key.size())?)?)?;
-        Some(unsecured(message.get(8..HEADER)?, content))
+        Some(Cow::Owned(unsecured(message.get(8..HEADER)?, content)))
     }
 }
 
@@ -154,11 +169,12 @@ mod tests {
         let (server, server_key, server_der) = made("server");
         let (_, other_key, authority_der) = made("authority");
         let (own, own_key, _) = made("gateway");
-        let opener = ChainOpener::new(&(own.clone(), own_key), &server_der);
+        let own_pair = (own.clone(), own_key);
         let chain = [server_der.as_slice(), &authority_der].concat();
         assert_eq!((leaf(&chain), leaf(&server_der)), (Some(server_der.as_slice()), Some(&*server_der)));
         let content: Vec<u8> = (0..200).collect();
         for policy in POLICIES {
+            let opener = ChainOpener::new(&own_pair, &server_der, policy);
             let answer = sealed(policy, &chain, &server_key, &own, &content);
             let opened = opener.open(&answer).unwrap();
             assert_eq!((&opened[..4], &opened[8..12]), (OPENED, [7, 0, 0, 0].as_slice()));
@@ -166,7 +182,8 @@ mod tests {
             assert!(opened.ends_with(&content) && opened.len() == HEADER + 4 + 47 + 8 + content.len());
             assert!(opened[12..].starts_with(&[47, 0, 0, 0]));
             // Without a chain, the library opens the answer itself.
-            assert_eq!(opener.open(&sealed(policy, &server_der, &server_key, &own, &content)), None);
+            let alone = sealed(policy, &server_der, &server_key, &own, &content);
+            assert_eq!(opener.open(&alone).as_deref(), Some(alone.as_slice()));
             let wrong = [
                 sealed(policy, &chain, &other_key, &own, &content),
                 sealed(policy, &chain, &server_key, &server, &content),
@@ -181,8 +198,29 @@ mod tests {
             for length in (0..answer.len()).step_by(7) {
                 assert_eq!(opener.open(&answer[..length]), None, "{length}");
             }
+            assert_eq!(opener.open(b"MSGF\x0c\0\0\0\x07\0\0\0"), None);
         }
-        assert_eq!(opener.open(b"MSGF\x0c\0\0\0\x07\0\0\0"), None);
+    }
+
+    /// The library accepts an answer without security on a secured channel, and one with any certificate.
+    #[test]
+    fn an_answer_without_security_or_of_another_certificate_or_policy_is_rejected() {
+        let (server, server_key, server_der) = made("server");
+        let (_, other_key, other_der) = made("other");
+        let (own, own_key, _) = made("gateway");
+        let [policy, other_policy, _] = POLICIES;
+        let opener = ChainOpener::new(&(own.clone(), own_key.clone()), &server_der, policy);
+        let wrong = [
+            unsecured(&[7, 0, 0, 0], &[0; 40]),
+            sealed(policy, &other_der, &other_key, &own, &[0; 40]),
+            sealed(other_policy, &server_der, &server_key, &own, &[0; 40]),
+            sealed(other_policy, &[&*server_der, &other_der].concat(), &server_key, &own, &[0; 40]),
+        ];
+        for answer in wrong {
+            assert_eq!(opener.open(&answer), None);
+        }
+        let plain = ChainOpener::new(&(server, own_key), &[], SecurityPolicy::None);
+        assert_eq!(plain.open(&unsecured(&[7, 0, 0, 0], &[0; 40])), None, "there is no certificate");
     }
 
     #[test]

@@ -12,7 +12,7 @@ use ::opcua::client::transport::{
 };
 use ::opcua::client::{AsyncSecureChannel, SessionRetryPolicy};
 use ::opcua::core::comms::tcp_codec::TcpCodec;
-use ::opcua::crypto::{CertificateStore, PrivateKey, X509};
+use ::opcua::crypto::{CertificateStore, PrivateKey, SecurityPolicy, X509};
 use ::opcua::sync::RwLock;
 use ::opcua::types::{ContextOwned, DecodingOptions, EndpointDescription, Error, NamespaceMap, StatusCode};
 use tokio::io::{ReadHalf, WriteHalf};
@@ -86,7 +86,8 @@ impl Socket {
         own: Option<&(X509, PrivateKey)>,
         endpoint: &EndpointDescription,
     ) -> Socket {
-        let opener = own.map(|own| ChainOpener::new(own, endpoint.server_certificate.as_ref()));
+        let policy = SecurityPolicy::from_uri(endpoint.security_policy_uri.as_ref());
+        let opener = own.map(|own| ChainOpener::new(own, endpoint.server_certificate.as_ref(), policy));
         Socket::with(url, stream, own, Peer::new(opener))
     }
 

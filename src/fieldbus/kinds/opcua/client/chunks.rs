@@ -4,8 +4,10 @@
 //!   states, up to four gigabytes.
 //! - The first reply of the server is recorded. The library reports every reply that is no acknowledgement as a closed
 //!   connection, so that the reason of the server would be lost.
-//! - An answer that opens a channel is replaced if it contains the server's certificate with its chain ([`ChainOpener`]).
+//! - An answer that opens a secured channel must be from the server. It is replaced if it contains the server's
+//!   certificate with its chain ([`ChainOpener`]).
 
+use std::borrow::Cow;
 use std::io::{Error, ErrorKind, Result};
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -32,6 +34,8 @@ pub(super) enum Reply {
     Error(StatusCode),
     /// The data that arrived is not OPC UA.
     Foreign,
+    /// An answer that opens a secured channel has arrived that is not signed with the trusted certificate.
+    NotSigned,
 }
 
 /// Other end of a connection: its reply, and the opener of its answers.
@@ -56,12 +60,21 @@ impl Peer {
         *self.reply.lock().unwrap_or_else(PoisonError::into_inner) = reply;
     }
 
-    /// Records a complete chunk if it is a reply. Returns the chunk that the library reads instead; `None` if the chunk
-    /// is not replaced.
-    fn receives(&self, chunk: &[u8]) -> Option<Vec<u8>> {
+    /// Records a complete chunk if it is a reply. Returns the chunk that the library reads.
+    ///
+    /// # Errors
+    /// The chunk opens a secured channel, but is not from the server.
+    fn receives<'c>(&self, chunk: &'c [u8]) -> Result<Cow<'c, [u8]>> {
         match (chunk.first_chunk::<3>(), self.reply()) {
             (Some(b"MSG" | b"CLO"), _) => {}
-            (Some(b"OPN"), _) => return self.opener.as_ref()?.open(chunk),
+            (Some(b"OPN"), _) => {
+                if let Some(opener) = &self.opener {
+                    return opener.open(chunk).ok_or_else(|| {
+                        self.replies(Reply::NotSigned);
+                        Error::new(ErrorKind::InvalidData, "an answer is not signed by the server")
+                    });
+                }
+            }
             (Some(b"ACK"), Reply::None) => self.replies(Reply::Acknowledged),
             (Some(b"ERR"), _) => {
                 let status = chunk.get(HEADER..).and_then(<[u8]>::first_chunk::<4>);
@@ -71,7 +84,7 @@ impl Peer {
             (_, Reply::None) => self.replies(Reply::Foreign),
             _ => {}
         }
-        None
+        Ok(Cow::Borrowed(chunk))
     }
 }
 
@@ -104,10 +117,7 @@ impl<R> Chunks<R> {
                 return Err(Error::new(ErrorKind::InvalidData, "a chunk has a length that is not allowed"));
             }
             let Some(chunk) = self.incomplete.get(begin..begin + length) else { break };
-            match self.peer.receives(chunk) {
-                Some(instead) => self.complete.extend(instead),
-                None => self.complete.extend_from_slice(chunk),
-            }
+            self.complete.extend_from_slice(&self.peer.receives(chunk)?);
             begin += length;
         }
         self.incomplete.drain(..begin);
@@ -154,6 +164,10 @@ impl<R: AsyncRead + Unpin> AsyncRead for Chunks<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fieldbus::kinds::opcua::client::certificate::{NewCertificate, make};
+    use ::opcua::crypto::{PrivateKey, SecurityPolicy, X509};
+    use isotherm_core::quantity::Moment;
+    use std::time::Duration;
 
     fn message(kind: &[u8], body: &[u8]) -> Vec<u8> {
         let length = u32::try_from(HEADER + body.len()).unwrap();
@@ -198,6 +212,28 @@ mod tests {
                 }
             }
             assert_eq!((found, peer.reply()), (bytes.clone(), Reply::Acknowledged), "{size}");
+        }
+    }
+
+    /// The library would accept the message, whatever its content.
+    #[test]
+    fn a_message_without_security_that_opens_a_channel_ends_a_secured_channel() {
+        let now = Moment::from_nanos(1_900_000_000_000_000_000);
+        let NewCertificate { cert, key } =
+            make("gateway", "urn:test", "press-7", now, Duration::from_hours(24)).unwrap();
+        let own = (X509::from_der(&cert).unwrap(), PrivateKey::from_pem(key.as_bytes()).unwrap());
+        let opener = ChainOpener::new(&own, &cert, SecurityPolicy::Basic256Sha256);
+        let none = SecurityPolicy::None.to_uri().as_bytes();
+        let body = [&[7, 0, 0, 0, 47, 0, 0, 0][..], none, &[0xff; 8], &[0; 40]].concat();
+        let (ack, open) = (message(b"ACKF", &[0; 20]), message(b"OPNF", &body));
+        for (opener, is_taken, reply) in
+            [(None, true, Reply::Acknowledged), (Some(opener), false, Reply::NotSigned)]
+        {
+            let mut chunks = Chunks::new((), 1000, Arc::new(Peer::new(opener)));
+            assert!(chunks.take(&ack).is_ok());
+            assert_eq!((chunks.take(&open).is_ok(), chunks.peer.reply()), (is_taken, reply));
+            let expected = if is_taken { [ack.as_slice(), &open].concat() } else { ack.clone() };
+            assert_eq!(chunks.complete, expected);
         }
     }
 

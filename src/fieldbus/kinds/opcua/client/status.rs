@@ -88,6 +88,7 @@ pub(super) fn opening_fault(purpose: Purpose, reply: Reply, error: &Error) -> Fa
     let is_closed = is_of_the_connection(error.status());
     let why = match reply {
         Reply::Foreign => OpcUaFault::NoServer,
+        Reply::NotSigned => OpcUaFault::NotProven,
         Reply::Error(status) => return of_status(&Error::new(status, "said by the server")),
         Reply::None if is_closed => OpcUaFault::NoAnswer,
         Reply::Acknowledged if is_closed => OpcUaFault::NotOpened,
@@ -208,6 +209,7 @@ mod tests {
             (Session, Reply::Error(Code::BadTcpNotEnoughResources), closed, Why::NoChannel),
             (Session, Reply::Acknowledged, Code::BadServerTooBusy, Why::NoChannel),
             (Session, Reply::Acknowledged, closed, Why::NotOpened),
+            (Session, Reply::NotSigned, closed, Why::NotProven),
         ];
         for (purpose, reply, status, why) in cases {
             let found = opening_fault(purpose, reply, &Error::new(status, "said"));
