@@ -72,10 +72,12 @@ impl Levels {
     ) {
         let (name, limit) = (|| axis.name.clone(), axis.guard.limit);
         let at_limit = decision.acted.contains(Stages::LIMIT);
-        // Without a value of the model, it is not known whether the axis would leave its limit.
+        // The limit applies to the slope too. Without a value of the model, it is not known whether the axis would leave
+        // its limit.
+        let slope = decision.slope_target.abs().get();
         let is_over = !at_limit
             && (matches!(decision.state, AxisState::Off)
-                || decision.raw.is_some_and(|raw| raw.abs().get() < ENDS_AT * limit.get()));
+                || decision.raw.is_some_and(|raw| raw.abs().get().max(slope) < ENDS_AT * limit.get()));
         match (self.limit, decision.raw) {
             (LimitState::Within, Some(wanted)) if at_limit => {
                 self.limit = LimitState::Reached(decision.at);
@@ -244,7 +246,8 @@ mod tests {
             let axis = &self.profile.axes[0].settings;
             self.decision.at = Moment::default().after(Duration::from_secs(second));
             self.decision.raw = times.map(|times| sample::of(times * axis.guard.limit.get()));
-            let is_beyond = times.is_some_and(|times| times.abs() > 1.0);
+            let is_steep = self.decision.slope_target >= axis.guard.limit;
+            let is_beyond = is_steep || times.is_some_and(|times| times.abs() > 1.0);
             self.decision.acted = if is_beyond { Stages::LIMIT } else { Stages::default() };
             let (mut events, parts) = (Vec::new(), self.contributions.clone());
             let why = (|| Explained::from("a cause"), false);
@@ -292,5 +295,22 @@ mod tests {
         assert_eq!(limited.at(322, Some(-0.96)), [""; 0]);
         limited.decision.state = AxisState::Off;
         assert_eq!(limited.at(323, None), ["limit-over"]);
+    }
+    #[test]
+    fn a_slope_that_fluctuates_at_the_limit_is_reported_once() {
+        let mut limited = Limited::new();
+        let limit = limited.profile.axes[0].settings.guard.limit.get();
+        let mut step = |second, slope: f64| {
+            limited.decision.slope_target = sample::of(slope * limit);
+            limited.at(second, Some(0.5))
+        };
+        assert_eq!(step(10, 1.0), ["at-limit"]);
+        for second in 11..=310 {
+            let slope = if second % 2 == 0 { 1.0 } else { 0.99 };
+            assert_eq!(step(second, slope), [""; 0], "second {second}");
+        }
+        assert_eq!(step(320, 1.0), ["limit-lasts"]);
+        assert_eq!(step(321, 0.99), [""; 0]);
+        assert_eq!(step(322, 0.9), ["limit-over"]);
     }
 }
