@@ -181,8 +181,8 @@ impl Compensation {
     /// list if no model is in use.
     pub fn contributions(&self, axis: usize, snapshot: &Snapshot<'_>) -> Vec<Contribution> {
         let axis = self.axes.get(axis);
-        let model = axis.and_then(|axis| axis.settings.models.get(axis.decision.model?));
-        model.map(|model| model.contributions(snapshot, &self.machine)).unwrap_or_default()
+        let found = axis.and_then(|axis| axis.model(axis.decision.model?, snapshot, &self.machine));
+        found.map(|(model, inputs)| model.contributions(&inputs)).unwrap_or_default()
     }
 
     /// Returns the sensors from which the stand-in of this signal is estimated, for this model of an axis. `None` if

@@ -51,7 +51,7 @@ impl Axis {
     }
 
     /// Returns the model with this index and its inputs; `None` if there is no such model.
-    pub(super) fn model<'a>(
+    pub(in crate::compensation) fn model<'a>(
         &'a self,
         place: usize,
         snapshot: &'a Snapshot<'a>,

@@ -5,7 +5,8 @@ use std::time::Duration;
 use super::{Inputs, Lag, Model};
 use crate::compensation::Snapshot;
 use crate::compensation::reference::{Machine, Reference};
-use crate::quantity::{Micron, Moment};
+use crate::compensation::substitution::Substitution;
+use crate::quantity::Micron;
 use crate::reading::{Reading, SignalId};
 
 /// Time after which every lag has settled.
@@ -22,20 +23,23 @@ pub struct Contribution {
 
 impl Model {
     /// Returns the contributions of the signals, the largest first. A contribution is the change of Cz if only this
-    /// signal changes from its reference to its present value. All lags have then settled. A formula has no references:
-    /// its signals count from their values at machine start, or from zero. Returns an empty list if the model has no
-    /// value. Signals without a reference are left out.
-    pub fn contributions(&self, snapshot: &Snapshot<'_>, machine: &Machine) -> Vec<Contribution> {
-        let (now, readings) = (snapshot.now, snapshot.readings);
-        let Some(whole) = self.settled(now, readings, machine) else { return Vec::new() };
+    /// signal changes from its reference to its present value, or to the value of its stand-in. All lags have then
+    /// settled. A formula has no references: its signals count from their values at machine start, or from zero.
+    /// Returns an empty list if the model has no value. Signals without a reference are left out.
+    pub fn contributions(&self, inputs: &Inputs<'_>) -> Vec<Contribution> {
+        let Snapshot { now, readings, substitutions, .. } = inputs.snapshot;
+        let Some(whole) = self.settled(inputs) else { return Vec::new() };
         let contribution = |(signal, neutral): (SignalId, f64)| {
             let mut readings = readings.to_vec();
             *readings.get_mut(signal.0)? = Reading::good(neutral, now);
-            let cz = Micron::new(whole - self.settled(now, &readings, machine)?)?;
+            let others = substitutions.iter().filter(|substitution| substitution.signal != signal);
+            let others: Vec<Substitution> = others.copied().collect();
+            let snapshot = Snapshot { readings: &readings, substitutions: &others, ..inputs.snapshot };
+            let cz = Micron::new(whole - self.settled(&Inputs { snapshot, ..*inputs })?)?;
             Some(Contribution { signal, cz })
         };
         let mut all: Vec<Contribution> =
-            self.neutral_values(machine).into_iter().filter_map(contribution).collect();
+            self.neutral_values(inputs.machine).into_iter().filter_map(contribution).collect();
         all.sort_by(|one, other| other.cz.abs().get().total_cmp(&one.cz.abs().get()));
         all
     }
@@ -58,21 +62,21 @@ impl Model {
     }
 
     /// Returns the Cz of the model for constant readings, after all lags have settled. `None` if it has no value.
-    fn settled(&self, now: Moment, readings: &[Reading], machine: &Machine) -> Option<f64> {
-        let later = now.after(SETTLED);
+    fn settled(&self, inputs: &Inputs<'_>) -> Option<f64> {
+        let begin = Snapshot { is_followed: false, ..inputs.snapshot };
+        let later = Snapshot { now: begin.now.after(SETTLED), ..begin };
         let lags = self.rises().map(|input| {
             let mut lag = Lag::default();
-            for at in [now, later] {
-                lag.follow(input, &Snapshot::new(at, readings), machine);
+            for snapshot in [begin, later] {
+                lag.follow(input, &snapshot, inputs.machine);
             }
             lag
         });
         let lags: Vec<Lag> = lags.collect();
         // A formula has no lag. Its time since machine start is the present one.
         let is_late = self.rises().any(|input| input.lag.is_some());
-        let snapshot = Snapshot::new(if is_late { later } else { now }, readings);
-        let inputs = Inputs { snapshot, machine, lags: &lags, splits_slope: false };
-        self.outputs(&inputs).ok().map(|outputs| outputs.cz.get())
+        let snapshot = if is_late { later } else { begin };
+        self.outputs(&Inputs { snapshot, lags: &lags, ..*inputs }).ok().map(|outputs| outputs.cz.get())
     }
 }
 

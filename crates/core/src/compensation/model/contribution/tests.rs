@@ -1,8 +1,9 @@
 use std::time::Duration;
 
 use super::*;
-use crate::compensation::model::{Expression, Formula, Input, Kind, Linear, Symbol, Term};
-use crate::quantity::of;
+use crate::compensation::model::{Expression, Formula, Input, Kind, Linear, Slope, Symbol, Term};
+use crate::compensation::substitution::SubstituteSource;
+use crate::quantity::{Moment, of};
 use crate::reading::Reason;
 
 const BED: usize = 0;
@@ -19,13 +20,24 @@ fn linear(lag: Option<Duration>) -> Model {
 }
 
 fn contributions(model: &Model, values: &[f64]) -> Vec<(usize, f64)> {
+    contributions_with(model, values, &[], false)
+}
+
+fn contributions_with(
+    model: &Model,
+    values: &[f64],
+    substitutions: &[Substitution],
+    splits_slope: bool,
+) -> Vec<(usize, f64)> {
     let now = Moment::from_nanos(0);
     let reading = |value: &f64| match value.is_nan() {
         true => Reading::bad(now, Reason::Timeout),
         false => Reading::good(*value, now),
     };
     let readings: Vec<Reading> = values.iter().map(reading).collect();
-    let found = model.contributions(&Snapshot::new(now, &readings), &Machine::default());
+    let snapshot = Snapshot { substitutions, ..Snapshot::new(now, &readings) };
+    let machine = Machine::default();
+    let found = model.contributions(&Inputs { snapshot, machine: &machine, lags: &[], splits_slope });
     found.iter().map(|part| (part.signal.0, part.cz.get())).collect()
 }
 
@@ -66,4 +78,27 @@ fn the_signals_of_a_formula_count_from_zero_without_a_machine_start() {
     let expression = Expression::parse("2 * bed - column", &symbol).unwrap();
     let model = Model::new("formula".to_owned(), Kind::Formula(Formula { expression }));
     assert_near(&contributions(&model, &[3.0, 10.0]), &[(COLUMN, -10.0), (BED, 6.0)]);
+}
+
+/// The sensor of the bed is lost. The axis follows the model with the value of its stand-in.
+#[test]
+fn a_sensor_with_a_stand_in_contributes_the_value_of_the_stand_in() {
+    let source = SubstituteSource::Predictors { value: Some(24.0), rise: 4.0 };
+    let (signal, since) = (SignalId(BED), Moment::from_nanos(0));
+    let stand_in = [Substitution { signal, frozen: false, since, source }];
+    for lag in [None, Some(Duration::from_secs(5400))] {
+        let found = contributions_with(&linear(lag), &[f64::NAN, 30.0], &stand_in, false);
+        assert_near(&found, &[(BED, -8.0), (COLUMN, 5.0)]);
+    }
+}
+
+/// The control applies the slope itself. The gateway does not need the position.
+#[test]
+fn a_slope_that_the_control_applies_needs_no_position() {
+    let mut model = linear(None);
+    let Kind::Linear(line) = &mut model.kind else { unreachable!() };
+    line.slope = Some(Slope { position: SignalId(2), reference: of(0.0), travel: None, terms: Vec::new() });
+    let values = [24.0, 30.0, f64::NAN];
+    assert_near(&contributions_with(&model, &values, &[], true), &[(BED, -8.0), (COLUMN, 5.0)]);
+    assert_near(&contributions_with(&model, &values, &[], false), &[]);
 }
