@@ -200,7 +200,7 @@ catalogue! {
     LimitLasts = warning("limit-lasts").raises("limit of axis {axis}")
         .hint("look at the sensors with the largest contributions, and at their references. If all are right, raise \
                `limit` of the axis");
-    /// The model of an axis does not request more Cz than the limit of the axis any more.
+    /// An axis is no longer held at its limit: its model requests less, or the axis is off or at zero.
     LimitOver = info("limit-over").ends(&["limit of axis {axis}"]);
     /// The absolute value of an axis's Cz is above the warning level.
     Warned = warning("warned").raises("level of axis {axis}")

@@ -73,10 +73,10 @@ impl Levels {
         let (name, limit) = (|| axis.name.clone(), axis.guard.limit);
         let at_limit = decision.acted.contains(Stages::LIMIT);
         // The limit applies to the slope too. Without a value of the model, it is not known whether the axis would leave
-        // its limit.
+        // its limit, until a fault action has moved it to zero.
         let slope = decision.slope_target.abs().get();
         let is_over = !at_limit
-            && (matches!(decision.state, AxisState::Off)
+            && (matches!(decision.state, AxisState::Off | AxisState::Zeroed)
                 || decision.raw.is_some_and(|raw| raw.abs().get().max(slope) < ENDS_AT * limit.get()));
         match (self.limit, decision.raw) {
             (LimitState::Within, Some(wanted)) if at_limit => {
@@ -295,6 +295,18 @@ mod tests {
         assert_eq!(limited.at(322, Some(-0.96)), [""; 0]);
         limited.decision.state = AxisState::Off;
         assert_eq!(limited.at(323, None), ["limit-over"]);
+    }
+
+    /// A model without a value for months does not keep the alarm of an axis that is at zero.
+    #[test]
+    fn a_fault_action_that_has_reached_zero_ends_the_alarm() {
+        let mut limited = Limited::new();
+        assert_eq!(limited.at(10, Some(1.5)), ["at-limit"]);
+        assert_eq!(limited.at(311, Some(1.5)), ["limit-lasts"]);
+        limited.decision.state = AxisState::Ramping;
+        assert_eq!(limited.at(312, None), [""; 0]);
+        limited.decision.state = AxisState::Zeroed;
+        assert_eq!(limited.at(400, None), ["limit-over"]);
     }
     #[test]
     fn a_slope_that_fluctuates_at_the_limit_is_reported_once() {

@@ -228,7 +228,7 @@ events! {
             )
         };
         LimitOver { axis: String } =>
-            plain(format!("axis {axis}: the model does not request more than the limit any more"));
+            plain(format!("axis {axis}: Cz is no longer held at its limit"));
         Warned {
             axis: String,
             #[serde(rename = "cz_um")]
