@@ -90,11 +90,20 @@ impl CallSizes {
         *most = Some(most.map_or(half, |most| most.min(half)));
         true
     }
+
+    /// Forgets the size of the calls of this service, because the refusals had another cause.
+    pub(super) fn forget(&self, service: Service) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner).of(service) = None;
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::session::Session;
     use super::*;
+    use crate::fieldbus::error::Fault;
+    use isotherm_core::reading::Status;
+    use std::time::Duration;
 
     /// Returns the sizes of the calls that read `count` nodes from a server that accepts at most `limit` in one call.
     fn calls(sizes: &CallSizes, count: usize, limit: usize) -> Vec<usize> {
@@ -132,6 +141,21 @@ mod tests {
         assert_eq!(sizes.most(Service::Publish), None);
         assert!(sizes.halve(Service::Publish, 10) && sizes.halve(Service::Publish, 100));
         assert_eq!(sizes.most(Service::Publish), Some(5));
+    }
+
+    /// A server that is overloaded for a time may refuse each call as too large.
+    #[test]
+    fn one_node_that_is_too_many_operations_has_another_cause_and_the_size_is_forgotten() {
+        let sizes = CallSizes::default();
+        let session = Session::none("urn:test".to_owned(), Duration::from_secs(1), sizes.clone());
+        let refused = |count, status| session.smaller(count, &Error::new(status, "said"));
+        assert_eq!(refused(2, StatusCode::BadTooManyOperations), Ok(None));
+        assert_eq!(sizes.most(Service::Read), Some(1));
+        assert!(matches!(refused(1, StatusCode::BadResponseTooLarge), Ok(Some(_))));
+        assert_eq!(sizes.most(Service::Read), Some(1), "only this node is too large");
+        let fault = Fault::Status(Status::TOO_MANY_OPERATIONS);
+        assert_eq!(refused(1, StatusCode::BadTooManyOperations), Err(fault));
+        assert_eq!(sizes.most(Service::Read), None);
     }
 
     #[test]

@@ -133,11 +133,15 @@ impl Publishing {
 
     /// Returns whether a message was too large for the server, and the next subscription can have smaller ones.
     fn has_smaller_messages(&self, session: &Session, error: &Error) -> bool {
+        if !matches!(size_refusal(error), Some(SizeRefusal::Answered(_))) {
+            return false;
+        }
         let sent = self.of.iter().filter_map(|(_, state)| state.sent());
-        let count = sent.map(Subscribed::count).max().unwrap_or(0);
-        let count = session.sizes().next(Service::Publish, count);
-        matches!(size_refusal(error), Some(SizeRefusal::Answered(_)))
-            && session.sizes().halve(Service::Publish, count)
+        // Without a subscription, the message was of one that has ended since.
+        sent.map(Subscribed::count).max().is_none_or(|count| {
+            let count = session.sizes().next(Service::Publish, count);
+            session.sizes().halve(Service::Publish, count)
+        })
     }
 
     fn lost(&mut self, why: Option<StatusCode>) {
@@ -316,6 +320,8 @@ mod tests {
         assert!(publishing.of.is_empty(), "the line creates the subscription again");
         assert!(publishing.news().is_some_and(|news| news.contains("BadResponseTooLarge")));
         assert_eq!(session.sizes().most(Service::Publish), Some(1));
+        let of_another = publishing.receive(refused(StatusCode::BadResponseTooLarge), &session, now, now);
+        assert!(matches!(of_another, Ok(false)), "the message of another subscription was too large as well");
         for status in [StatusCode::BadResponseTooLarge, StatusCode::BadUnknownResponse] {
             let mut publishing = with_two_nodes();
             assert!(publishing.receive(refused(status), &session, now, now).is_err(), "{status}");

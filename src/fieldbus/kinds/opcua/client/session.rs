@@ -143,13 +143,18 @@ impl Session {
     /// nodes. A single node that is too large gets the status of the server as its value.
     ///
     /// # Errors
-    /// The call has failed for another reason, or the connection is closed.
+    /// The call has failed for another reason, or the connection is closed. A single node that is too many operations
+    /// has another reason too.
     pub(super) fn smaller(&self, count: usize, error: &Error) -> Result<Option<DataValue>, Fault> {
         let Some(refusal) = size_refusal(error) else { return Err(self.failed(error)) };
         let is_smaller = self.sizes.halve(Service::Read, count);
         match refusal {
             SizeRefusal::Closed => Err(Fault::BROKEN),
             SizeRefusal::Answered(_) if is_smaller => Ok(None),
+            SizeRefusal::Answered(StatusCode::BadTooManyOperations) => {
+                self.sizes.forget(Service::Read);
+                Err(self.failed(error))
+            }
             SizeRefusal::Answered(status) => Ok(Some(without_value(status))),
         }
     }
