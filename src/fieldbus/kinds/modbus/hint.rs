@@ -35,7 +35,8 @@ pub(in crate::fieldbus) enum Sight {
     OnlySeveralUnanswered,
     /// Exception 1 to a write with function 06.
     SingleWriteRefused,
-    /// Exception 1 to a write with function 16.
+    /// Exception 1 to a write with function 16. The gateway writes a single register with it only if `functions` of the
+    /// device lack function 06.
     MultipleWriteRefused,
     /// The reply names another unit.
     OtherUnit,
@@ -127,8 +128,9 @@ impl Sight {
                 "control.md#the-function-that-writes",
             ),
             Sight::MultipleWriteRefused => (
-                "the device does not know function 16, which writes several registers: write `functions` at the \
-                 device without \"write-multiple\". The gateway then writes single registers with function 06",
+                "the device does not know function 16, which writes several registers. It only takes values of one \
+                 register: write a `type` of 16 bits, and `functions` at the device with \"write-single\" and without \
+                 \"write-multiple\". The gateway then writes with function 06",
                 Some("functions"),
                 "control.md#the-function-that-writes",
             ),

@@ -48,6 +48,14 @@ fn each_observation_leads_to_its_key_and_its_chapter() {
     }
 }
 
+/// The default of `functions` already contains function 06, so a write with function 16 has several registers.
+#[test]
+fn a_refused_write_of_several_registers_leads_to_a_value_of_one_register() {
+    let seen = Seen::of(Fault::Exception(1), Asked::Write(16));
+    let hint = advice(seen).unwrap().hint;
+    assert!(hint.contains("write a `type` of 16 bits") && hint.contains("with \"write-single\""), "{hint}");
+}
+
 #[test]
 fn a_read_that_is_silent_while_the_device_answers_others_has_other_advice() {
     let seen = Seen::of(Fault::Timeout, SEVERAL);
