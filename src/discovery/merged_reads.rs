@@ -68,7 +68,7 @@ pub async fn tried(profile: &Profile, devices: &[DeviceId]) -> Vec<MergedReadTes
             failing.push(reads);
         }
         let read = &planned[failed];
-        let seen = Seen { fault, asked: Asked::of(read), others: Others::Answered };
+        let seen = Seen { fault, asked: without_wrong_gap(Asked::of(read), &helps), others: Others::Answered };
         found.push(MergedReadTest {
             device: device.name.clone(),
             read: read.to_string(),
@@ -96,6 +96,15 @@ async fn first_failure(
 
 fn is_single(read: &ReadRequest) -> bool {
     read.fields.len() < 2
+}
+
+/// Removes the gap from the extent of a read if `max_gap` does not help. The advice must not name a key that was tried
+/// without success.
+fn without_wrong_gap(asked: Asked, helps: &str) -> Asked {
+    match asked {
+        Asked::Read { values, .. } if !helps.contains("max_gap") => Asked::Read { values, gap: 0 },
+        asked => asked,
+    }
 }
 
 /// Returns whether other reads of the same values may succeed after this fault.
@@ -148,6 +157,21 @@ mod tests {
             ]
         );
         assert_eq!(texts(short, 4), ["max_gap = 0"], "a value has four registers");
+    }
+
+    #[test]
+    fn the_advice_does_not_name_a_quirk_that_was_tried_without_success() {
+        for (helps, names_gap) in [
+            ("max_gap = 0", true),
+            ("max_gap = 0, max_registers_per_request = 8", true),
+            ("max_registers_per_request = 8", false),
+            ("one_request_per_field = true", false),
+        ] {
+            let asked = without_wrong_gap(Asked::Read { values: 3, gap: 5 }, helps);
+            let seen = Seen { fault: Fault::Exception(2), asked, others: Others::Answered };
+            let said = explain_on(isotherm_profile::Transport::Tcp, seen).to_string();
+            assert_eq!(said.contains("max_gap"), names_gap, "{helps}: {said}");
+        }
     }
 
     #[test]

@@ -79,7 +79,9 @@ pub async fn examine(
             NewConnection::LosesFirst => !quirks.loses_first_request,
         };
         if is_new && is_answered(line, bus, changed, unit, read).await {
-            return Some(found);
+            // A device that answers only now and then needs no setting.
+            let is_needed = !is_answered(line, bus, quirks, unit, read).await;
+            return is_needed.then_some(found);
         }
     }
     None

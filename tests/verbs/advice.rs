@@ -92,7 +92,7 @@ fn profile(bus: &str, registers: &[u16]) -> String {
         )
     });
     format!(
-        "[machine]\nname = \"advised\"\narm = \"auto\"\n[bus.cell]\n{bus}\ntimeout = \"200ms\"\n[device.module]\n\
+        "[machine]\nname = \"advised\"\narm = \"auto\"\n[bus.cell]\n{bus}\ntimeout = \"500ms\"\n[device.module]\n\
          bus = \"cell\"\nunit = 1\n{}",
         signals.collect::<String>()
     )
@@ -114,11 +114,11 @@ fn online(home: &Path, text: &str) -> [(&'static str, String); 2] {
 /// Output of `read --register` for values of type u16 from this register.
 fn register(home: &Path, line: &str, register: &str, count: &str) -> (&'static str, String) {
     let read = ["read", "--bus", line, "--unit", "1", "--register", register, "--count", count];
-    ("read --register", said(isotherm(home).args(read).args(["--timeout", "200ms"])))
+    ("read --register", said(isotherm(home).args(read).args(["--timeout", "500ms"])))
 }
 
 fn scan(home: &Path, line: &str, units: &str) -> (&'static str, String) {
-    ("scan", said(isotherm(home).args(["scan", "--bus", line, "--units", units, "--timeout", "200ms"])))
+    ("scan", said(isotherm(home).args(["scan", "--bus", line, "--units", units, "--timeout", "500ms"])))
 }
 
 #[track_caller]
@@ -194,7 +194,7 @@ fn a_refused_write_with_function_06_leads_to_functions() {
             function => vec![asked[0], function | 0x80, 1],
         })
     });
-    let bus = tcp(address) + "\nlate = \"400ms\"";
+    let bus = tcp(address) + "\nlate = \"1s\"";
     let text = profile(&bus, &[0]) + AXIS;
     let machine = file(home.path(), "machine.toml", &text);
     let mut gateway = isotherm(home.path());
@@ -309,7 +309,7 @@ fn on_an_adapter_that_echoes_only_units_that_exist_are_found() {
         for first in ["holding:0", "input:768"] {
             let line = format!("rtu+tcp://{adapter}");
             let mut scan = isotherm(home.path());
-            scan.args(["scan", "--bus", &line, "--units", "3..6", "--timeout", "200ms", "--register", first]);
+            scan.args(["scan", "--bus", &line, "--units", "3..6", "--timeout", "500ms", "--register", first]);
             let found = said(&mut scan);
             assert!(found.contains(&format!("unit 4 answers: {first} = 42 (0x002A)")), "{name}:\n{found}");
             assert_eq!(found.matches("[device.").count(), 1, "{name}:\n{found}");

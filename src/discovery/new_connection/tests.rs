@@ -7,7 +7,7 @@ use std::path::Path;
 use super::*;
 use isotherm_core::codec::Table;
 
-const TIMEOUT: Duration = Duration::from_millis(250);
+const TIMEOUT: Duration = Duration::from_millis(500);
 const READ: (Register, u16) = (Register { table: Table::Holding, offset: 0 }, 1);
 
 /// Behaviour of the peer.
@@ -17,8 +17,8 @@ enum Peer {
     Deaf(Duration),
     /// It ignores this number of requests on each connection.
     Loses(u32),
-    /// It ignores the first request of all.
-    LosesOnce,
+    /// It ignores the first request of each of the first connections, of this number.
+    LosesAtFirst(usize),
 }
 
 /// Serves one connection after another. Returns the address.
@@ -38,7 +38,7 @@ fn serve(peer: Peer) -> String {
                 let mut lost = match peer {
                     Peer::Deaf(_) => 0,
                     Peer::Loses(count) => count,
-                    Peer::LosesOnce => u32::from(connection == 0),
+                    Peer::LosesAtFirst(count) => u32::from(connection < count),
                 };
                 let mut question = [0; 12];
                 while stream.read_exact(&mut question).is_ok() {
@@ -69,16 +69,18 @@ async fn found(peer: Peer, quirks: Quirks) -> Option<NewConnection> {
 async fn a_device_that_is_deaf_after_connecting_is_told_from_one_that_loses_the_first_request() {
     let usual = Quirks::default();
     let known = Quirks { loses_first_request: true, ..usual };
-    let (deaf, loses, chance, dead, works) = tokio::join!(
-        found(Peer::Deaf(Duration::from_secs(1)), usual),
+    let (deaf, loses, chance, again, dead, works) = tokio::join!(
+        found(Peer::Deaf(Duration::from_millis(1250)), usual),
         found(Peer::Loses(1), usual),
-        found(Peer::LosesOnce, usual),
+        found(Peer::LosesAtFirst(1), usual),
+        found(Peer::LosesAtFirst(2), usual),
         found(Peer::Loses(u32::MAX), usual),
         found(Peer::Loses(1), known),
     );
     assert_eq!(deaf, Some(NewConnection::Deaf(PAUSES[1])));
     assert_eq!(loses, Some(NewConnection::LosesFirst));
     assert_eq!(chance, None, "it answers now");
+    assert_eq!(again, None, "it has answered with a pause, but also answers without one");
     assert_eq!(dead, None);
     assert_eq!(works, None, "it answers with the setting that it has");
 }

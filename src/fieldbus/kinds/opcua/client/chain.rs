@@ -40,8 +40,8 @@ pub(super) fn without_chain(endpoint: EndpointDescription) -> EndpointDescriptio
 /// else can use the channel.
 ///
 /// The library accepts such an answer without security, or with any certificate. It also accepts one in place of any
-/// other message, for example with the values of a read. The opener therefore rejects all answers that are not from this
-/// server.
+/// other message, for example with the values of a read. The opener therefore rejects all answers that are not from
+/// this server.
 pub(super) struct ChainOpener {
     own: (X509, PrivateKey),
     server: Vec<u8>,
