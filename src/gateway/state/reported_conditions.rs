@@ -73,7 +73,7 @@ impl Levels {
         let (name, limit) = (|| axis.name.clone(), axis.guard.limit);
         let at_limit = decision.acted.contains(Stages::LIMIT);
         // The limit applies to the slope too. Without a value of the model, it is not known whether the axis would leave
-        // its limit, until a fault action has moved it to zero.
+        // its limit, unless a fault action has reached zero.
         let slope = decision.slope_target.abs().get();
         let is_over = !at_limit
             && (matches!(decision.state, AxisState::Off | AxisState::Zeroed)

@@ -23,9 +23,9 @@ pub struct Contribution {
 
 impl Model {
     /// Returns the contributions of the signals, the largest first. A contribution is the change of Cz if only this
-    /// signal changes from its reference to its present value, or to the value of its stand-in. All lags have then
-    /// settled. A formula has no references: its signals count from their values at machine start, or from zero.
-    /// Returns an empty list if the model has no value. Signals without a reference are left out.
+    /// signal changes from its reference to its present value, or that of its stand-in. All lags have then settled. A
+    /// formula has no references: its signals count from their values at machine start, or from zero. Returns an empty
+    /// list if the model has no value. Signals without a reference are left out.
     pub fn contributions(&self, inputs: &Inputs<'_>) -> Vec<Contribution> {
         let Snapshot { now, readings, substitutions, .. } = inputs.snapshot;
         let Some(whole) = self.settled(inputs) else { return Vec::new() };
