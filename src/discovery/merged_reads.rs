@@ -68,7 +68,8 @@ pub async fn tried(profile: &Profile, devices: &[DeviceId]) -> Vec<MergedReadTes
             failing.push(reads);
         }
         let read = &planned[failed];
-        let seen = Seen { fault, asked: without_wrong_gap(Asked::of(read), &helps), others: Others::Answered };
+        let asked = without_wrong_gap(Asked::of(read), &helps);
+        let seen = Seen { fault, asked, others: Others::Answered };
         found.push(MergedReadTest {
             device: device.name.clone(),
             read: read.to_string(),

@@ -7,6 +7,10 @@ use crate::fieldbus::wire::Request;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{DeviceId, Profile};
 
+/// Failures of a read in a row, without an answer to another request between them, after which it is no longer known
+/// that the device answers others: it may be lost since then.
+const OTHERS_UNKNOWN_AFTER: u8 = 3;
+
 /// Planned reads of registers of all devices.
 #[derive(Debug)]
 pub(in crate::gateway) struct PlannedReads {
@@ -33,6 +37,8 @@ struct FailedRead {
     place: usize,
     fault: Fault,
     others: Others,
+    /// Number of failures since the device has last answered another request.
+    failures: u8,
 }
 
 impl PlannedReads {
@@ -73,7 +79,7 @@ impl PlannedReads {
         match (outcome, place) {
             (Ok(()), _) => {
                 failed.0.retain(|read| Some(read.place) != place);
-                failed.0.iter_mut().for_each(|read| read.others = Others::Answered);
+                failed.0.iter_mut().for_each(|read| (read.others, read.failures) = (Others::Answered, 0));
                 None
             }
             (Err(fault), None) => {
@@ -83,9 +89,11 @@ impl PlannedReads {
             (Err(fault), Some(place)) => {
                 // Another fault begins again, because the device may be lost since then.
                 let before = failed.0.iter().find(|read| read.place == place && read.fault == fault);
-                let others = before.map_or(Others::Unknown, |read| read.others);
+                let failures = before.map_or(1, |read| read.failures.saturating_add(1));
+                let others = before.filter(|_| failures < OTHERS_UNKNOWN_AFTER);
+                let others = others.map_or(Others::Unknown, |read| read.others);
                 failed.0.retain(|read| read.place != place);
-                failed.0.push(FailedRead { place, fault, others });
+                failed.0.push(FailedRead { place, fault, others, failures });
                 Some(Seen { fault, asked: self.of_device[device.0][place].asked, others })
             }
         }
@@ -186,6 +194,22 @@ mod tests {
         // Another fault: the device is lost.
         let closed = Err(Fault::Link(LinkFault::Broken));
         assert_eq!(others(planned.record(&mut failed, over_gap, closed)), Some(Others::Unknown));
+    }
+
+    /// A device that is dead is usually asked for one read only.
+    #[test]
+    fn a_device_that_answers_nothing_any_more_does_not_answer_others() {
+        let (planned, _) = planned();
+        let mut failed = FailedReads::default();
+        let (over_gap, single) = ((MODULE, read(Table::Input, 5)), (MODULE, read(Table::Holding, 1)));
+        planned.record(&mut failed, over_gap, TIMEOUT);
+        planned.record(&mut failed, single, Ok(()));
+        let mut again = || planned.record(&mut failed, over_gap, TIMEOUT).map(|seen| seen.others);
+        let others = [again(), again(), again(), again()];
+        let (answered, unknown) = (Some(Others::Answered), Some(Others::Unknown));
+        assert_eq!(others, [answered, answered, unknown, unknown]);
+        planned.record(&mut failed, single, Ok(()));
+        assert_eq!(planned.record(&mut failed, over_gap, TIMEOUT).map(|seen| seen.others), answered);
     }
 
     #[test]
