@@ -60,6 +60,7 @@ fn what_an_earlier_version_left_is_taken_once_and_kept_beside() {
             law::holds(trace);
             let lines = trace.lines();
             assert_eq!(trace.reported("taken-from-earlier"), taken, "{how}\n{lines}");
+            assert_eq!(trace.reported("default-limits"), taken, "{how}\n{lines}");
             for kind in ["not-believed", "operator-change", "ledger-doubt", "first-account", "foreign-change"]
             {
                 assert_eq!(trace.reported(kind), 0, "{how}: {kind}\n{lines}");
