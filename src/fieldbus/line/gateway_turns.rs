@@ -36,10 +36,19 @@ impl DeviceLine {
         first.breaker.allows(now).then_some(first.device)
     }
 
+    /// Returns the time until which a request to the device would wait, because a Modbus gateway whose own timeout is
+    /// known waits for a silent unit. `None`: the request would not wait, or the time is not known.
+    pub fn occupied_until(&self, device: DeviceId, now: Moment) -> Option<Moment> {
+        let until = self.gateway.occupied_until().filter(|until| *until > now)?;
+        // Under a virtual clock, requests do not wait.
+        let waits = self.after_timeout == AfterTimeout::Keep && !self.send_guard.is_virtual();
+        (waits && self.units.get(device)?.is_behind_gateway).then_some(until)
+    }
+
     /// Returns whether the line has waited for a Modbus gateway since `due`. A request that was due then is late,
     /// although the line has not too much to do.
     pub fn has_waited_since(&self, due: Moment) -> bool {
-        self.gateway.waited_until() > due
+        self.gateway.occupied_until().max(Some(self.gateway.waited_until())) > Some(due)
     }
 
     /// Waits until the Modbus gateway has given up the unit before, if it may still wait for that unit. If the line
@@ -47,14 +56,25 @@ impl DeviceLine {
     pub(super) async fn wait_for_gateway(&mut self, place: usize) -> Result<(), Fault> {
         let unit = self.units.at(place);
         let (number, is_behind_gateway) = (unit.number, unit.is_behind_gateway);
-        let Some(silent) = self.gateway.occupied() else { return Ok(()) };
+        if self.gateway.occupied().is_none() {
+            return Ok(());
+        }
         let Some(connection) = &mut self.wire else { return Err(Fault::Link(LinkFault::Down)) };
         let has_gateway = is_behind_gateway && connection.has_transaction_id();
         if !has_gateway || self.after_timeout == AfterTimeout::Renew {
             return Ok(());
         }
-        let expects_late = connection.modbus().is_some_and(|modbus| modbus.expects_late(silent.0, silent.1));
+        // The late answer may have arrived while the line was idle, so that the time of its arrival is not known.
+        let arrived = connection.modbus().map_or(Ok(()), |modbus| modbus.discard_arrived());
+        self.take_late_replies();
         let now = self.send_guard.sample();
+        self.gateway.wait_ended(now);
+        if let Err(fault) = arrived {
+            return self.renew_after(fault, now).await;
+        }
+        let Some(silent) = self.gateway.occupied() else { return Ok(()) };
+        let modbus = self.wire.as_mut().and_then(Connection::modbus);
+        let expects_late = modbus.is_some_and(|modbus| modbus.expects_late(silent.0, silent.1));
         let latest = self.latest_wait(silent.1);
         let until = match self.gateway.wait(number, expects_late, latest, now) {
             Wait::None => return Ok(()),
@@ -67,7 +87,9 @@ impl DeviceLine {
         let now = self.send_guard.sample();
         self.gateway.wait_ended(now);
         self.take_late_replies();
-        received?;
+        if let Err(fault) = received {
+            return self.renew_after(fault, now).await;
+        }
         if self.gateway.has_waited() { self.renew(now).await } else { Ok(()) }
     }
 
@@ -98,6 +120,18 @@ impl DeviceLine {
         let latest = usable.min().map(|usable| usable.before(self.timeout));
         let latest = latest.map_or(Moment::END, |latest| latest.max(asked.after(2 * self.timeout)));
         latest.min(asked.after(LONGEST_WAIT.max(2 * self.timeout)))
+    }
+
+    /// Replaces the connection after this fault of input that arrived before a request. The fault does not concern the
+    /// unit of the request.
+    ///
+    /// # Errors
+    /// The other end has closed the connection, or there is no other connection.
+    async fn renew_after(&mut self, fault: Fault, now: Moment) -> Result<(), Fault> {
+        match fault {
+            Fault::Link(_) => Err(fault),
+            _ => self.renew(now).await,
+        }
     }
 
     /// Replaces the connection by another one.
@@ -134,6 +168,10 @@ impl DeviceLine {
         let now = self.send_guard.last_sample();
         match answer {
             Err(Fault::Peer(PeerFault::OutOfOrder)) => self.gateway.confuses_numbers(),
+            // The answer of another unit has the transaction number of the present request.
+            Err(Fault::Peer(PeerFault::Unit(from))) if self.units.place_of(*from).is_some() => {
+                self.gateway.confuses_numbers();
+            }
             Err(Fault::Peer(PeerFault::Length | PeerFault::Function | PeerFault::Echo)) if may_be_late => {
                 self.gateway.confuses_numbers();
             }

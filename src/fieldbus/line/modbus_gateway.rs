@@ -71,6 +71,9 @@ enum GivingUp {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum SilentTimeout {
     Unknown,
+    /// Another unit has answered in time on another connection, but not on the connection of the silent request. The
+    /// Modbus gateway may give up a request whose connection is closed.
+    UntilClosed,
     /// Another unit has answered in time, when this time had passed.
     AtMost(Duration),
     /// Another unit has answered after its timeout, when this time had passed.
@@ -144,8 +147,21 @@ impl ModbusGateway {
     fn longer_timeout(&self) -> Option<Duration> {
         match self.giving_up {
             GivingUp::WithException(own) | GivingUp::Silently(SilentTimeout::About(own)) => Some(own),
-            GivingUp::Unknown | GivingUp::Silently(SilentTimeout::Unknown | SilentTimeout::AtMost(_)) => None,
+            GivingUp::Unknown | GivingUp::Silently(_) => None,
         }
+    }
+
+    /// Returns the time until which the Modbus gateway waits for the silent unit, if there is one and its own timeout is
+    /// known.
+    pub(super) fn occupied_until(&self) -> Option<Moment> {
+        let span = self.waiting_time()?;
+        self.occupied.map(|silent| silent.asked.after(span))
+    }
+
+    /// Returns how long the line waits for the Modbus gateway after a request to a silent unit, if its own timeout is
+    /// known.
+    fn waiting_time(&self) -> Option<Duration> {
+        self.own_timeout().map(|own| own + own / 8 + LATER)
     }
 
     /// Returns the own timeout of the Modbus gateway, or an upper limit of it.
@@ -161,6 +177,9 @@ impl ModbusGateway {
         // The line has waited for the Modbus gateway, so what it knows of its timeout is not right any more.
         if self.occupied.is_some_and(|silent| silent.unit != unit) {
             self.giving_up = match self.giving_up {
+                GivingUp::Silently(SilentTimeout::AtMost(_) | SilentTimeout::UntilClosed) => {
+                    GivingUp::Silently(SilentTimeout::UntilClosed)
+                }
                 GivingUp::Silently(_) => GivingUp::Silently(SilentTimeout::Unknown),
                 GivingUp::Unknown | GivingUp::WithException(_) => GivingUp::Unknown,
             };
@@ -215,8 +234,8 @@ impl ModbusGateway {
     /// the silent request. `latest`: time until which the line may wait for a Modbus gateway that it does not know.
     pub(super) fn wait(&self, unit: u8, expects_late: bool, latest: Moment, now: Moment) -> Wait {
         let Some(silent) = self.occupied else { return Wait::None };
-        let until = match (self.own_timeout(), self.giving_up) {
-            (Some(own), _) => silent.asked.after(own + own / 8 + LATER),
+        let until = match (self.occupied_until(), self.giving_up) {
+            (Some(until), _) => until,
             // The unit itself has waited for its late answer.
             (None, GivingUp::Unknown) if expects_late && silent.unit != unit => latest,
             (None, _) if expects_late => return Wait::Renew,
@@ -285,7 +304,7 @@ impl ModbusGateway {
             return false;
         }
         // Afterwards the other unit must still answer.
-        let until = now.after(self.cost(timeout) + timeout);
+        let until = now.after(self.waiting_time().unwrap_or_default().max(timeout) + timeout);
         now.since(tried) >= SELDOM
             || (now >= self.dead_not_before
                 && live.all(|(received, max_age)| received.after(max_age) >= until))

@@ -356,6 +356,10 @@ impl ModbusWire for ModbusTcp {
         self.given_up.contains(unit, asked)
     }
 
+    fn discard_arrived(&mut self) -> Result<(), Fault> {
+        self.check_input()
+    }
+
     fn await_late<'a>(
         &'a mut self,
         request: (u8, Moment),

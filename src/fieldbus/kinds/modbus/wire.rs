@@ -67,6 +67,14 @@ pub trait ModbusWire: Wire {
         false
     }
 
+    /// Discards late answers that have arrived, without waiting.
+    ///
+    /// # Errors
+    /// The connection has ended, or other input has arrived.
+    fn discard_arrived(&mut self) -> Result<(), Fault> {
+        Ok(())
+    }
+
     /// Discards late answers until the one to this given up request has arrived. The caller limits the time. The call
     /// may be cancelled at any time.
     ///

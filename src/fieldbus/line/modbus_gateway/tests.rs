@@ -81,6 +81,7 @@ fn the_line_waits_for_a_known_timeout_and_a_little_longer_on_the_same_connection
     let mut gateway = with_exception(1000);
     gateway.missed(2, at(2000), at(2500));
     let until = at(2000 + 1000 + 125 + 100);
+    assert_eq!(gateway.occupied_until(), Some(until));
     for unit in [2, 3] {
         assert_eq!(gateway.wait(unit, true, at(9000), at(2500)), Wait::Until(until), "{unit}");
         assert_eq!(gateway.wait(unit, true, at(9000), until), Wait::None, "{unit}");
@@ -124,6 +125,26 @@ fn what_was_learnt_is_forgotten_when_another_unit_misses_although_the_line_has_w
     assert_eq!(gateway.own_timeout(), Some(Duration::from_secs(1)), "the same unit again");
 }
 
+#[test]
+fn a_gateway_that_gives_up_a_request_only_when_its_connection_is_closed_gets_another_connection_each_time() {
+    let mut gateway = silent();
+    assert!(gateway.has_waited());
+    gateway.answered(2, false, at(4020));
+    gateway.missed(1, at(5000), at(5500));
+    assert_eq!(gateway.wait(2, true, at(9000), at(5500)), Wait::Renew);
+    gateway.answered(2, false, at(5520));
+    assert_eq!(gateway.own_timeout(), Some(Duration::from_millis(520)));
+    // On the same connection, the other unit is not answered.
+    gateway.missed(1, at(10_000), at(10_500));
+    gateway.missed(2, at(10_700), at(11_300));
+    gateway.answered(2, false, at(14_000));
+    for asked in [20_000, 30_000] {
+        gateway.missed(1, at(asked), at(asked + 500));
+        assert_eq!(gateway.wait(2, true, at(asked + 4000), at(asked + 500)), Wait::Renew, "{asked}");
+        gateway.answered(2, false, at(asked + 520));
+    }
+}
+
 /// Time of the last answer in ms, and the age in s at which the readings are too old.
 type Live = (u64, u64);
 
@@ -136,12 +157,12 @@ fn may_try(gateway: &ModbusGateway, tried: u64, live: &[Live], now: u64) -> bool
 fn a_dead_unit_is_asked_if_no_reading_becomes_too_old() {
     let mut gateway = with_exception(3000);
     gateway.answered(2, false, at(3020));
-    // It takes 3 s, and the next answer up to a timeout.
+    // The line waits for 3.475 s, and then up to a timeout for the next answer.
     for (live, may) in [
         (&[(3000, 5)][..], true),
         (&[(3000, 5), (3000, 3)], false),
-        (&[(2600, 4)], true),
-        (&[(2500, 4)], false),
+        (&[(3075, 4)], true),
+        (&[(3074, 4)], false),
         (&[], true),
     ] {
         assert_eq!(may_try(&gateway, 0, live, 3100), may, "{live:?}");

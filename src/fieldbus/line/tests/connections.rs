@@ -15,10 +15,17 @@ struct Server {
     stops_after: u32,
     /// Time that it needs for the first answer of a connection.
     first_takes: Duration,
+    /// Time after which it answers unit 1 with the number of another unit.
+    foreign_after: Option<Duration>,
 }
 
-const USUAL: Server =
-    Server { loses: 0, closes_after: u32::MAX, stops_after: u32::MAX, first_takes: Duration::ZERO };
+const USUAL: Server = Server {
+    loses: 0,
+    closes_after: u32::MAX,
+    stops_after: u32::MAX,
+    first_takes: Duration::ZERO,
+    foreign_after: None,
+};
 
 /// Requests that have arrived: number of the connection, and function.
 type Arrived = Arc<Mutex<Vec<(u32, u8)>>>;
@@ -40,6 +47,12 @@ impl Dial for Opens {
                 arrived.lock().unwrap().push((connection, question[7]));
                 if lost < server.loses || answers >= server.stops_after {
                     lost += 1;
+                    continue;
+                }
+                if let Some(span) = server.foreign_after.filter(|_| question[6] == 1) {
+                    tokio::time::sleep(span).await;
+                    let foreign = [question[0], question[1], 0, 0, 0, 3, 9, question[7] | 0x80, 11];
+                    theirs.write_all(&foreign).await.unwrap();
                     continue;
                 }
                 if answers == 0 {
@@ -92,6 +105,16 @@ async fn a_late_answer_over_tcp_costs_one_poll_and_no_connection() {
         assert_eq!(line.ask(0, READ, at).await, read_on(1), "{at}");
     }
     assert_eq!(arrived(&requests), [(1, 3); 4]);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_wrong_late_answer_to_one_unit_costs_the_next_unit_another_connection_and_nothing_else() {
+    let wrong = Server { foreign_after: Some(Duration::from_millis(400)), ..USUAL };
+    let (mut line, requests) = line_to(wrong, |device| device.quirks.gateway = Gateway::ByUnits);
+    assert_eq!(line.ask(0, READ, 0).await, Err(Fault::Timeout));
+    assert_eq!(line.ask(1, READ, 300).await, read_on(2));
+    assert!(!line.is_backing_off(1, 300));
+    assert_eq!(arrived(&requests), [(1, 3), (2, 3)]);
 }
 
 #[tokio::test(start_paused = true)]

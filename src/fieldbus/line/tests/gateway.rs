@@ -116,6 +116,17 @@ async fn a_unit_that_is_not_behind_a_gateway_does_not_wait() {
     assert_eq!(line.ask(0, OIL, 0).await, Ok(good()));
 }
 
+#[tokio::test(start_paused = true)]
+async fn an_answer_of_another_unit_of_the_line_with_the_present_transaction_shows_that_the_gateway_confuses_them()
+ {
+    for (from, returns_numbers) in [(2, false), (9, true)] {
+        let (mut line, script) = behind(Gateway::ByUnits);
+        answers(&script, &[Turn::Gives(Err(Fault::Peer(PeerFault::Unit(from))))]);
+        assert_eq!(line.ask(0, READ, 0).await, Err(Fault::Peer(PeerFault::Unit(from))));
+        assert_eq!(line.line.gateway.returns_numbers(), returns_numbers, "unit {from}");
+    }
+}
+
 #[test]
 fn a_gateway_is_taken_for_there_if_two_units_share_a_connection() {
     for (gateway, alone, shared) in

@@ -462,6 +462,20 @@ async fn a_late_exception_of_a_gateway_is_told_from_an_answer_of_the_unit() {
 }
 
 #[tokio::test]
+async fn a_late_answer_that_arrived_while_the_line_was_idle_is_discarded_without_the_time_of_its_arrival() {
+    let mut late = given_up().await;
+    assert_eq!(late.wire.discard_arrived(), Ok(()));
+    assert!(late.wire.expects_late(3, late.sent), "nothing has arrived");
+    let reply = late.reply();
+    late.peer.write_all(&reply).await.unwrap();
+    assert_eq!(late.wire.discard_arrived(), Ok(()));
+    assert!(!late.wire.expects_late(3, late.sent));
+    assert_eq!(late.wire.late_replies()[0].received, None);
+    late.peer.write_all(&reply).await.unwrap();
+    assert_eq!(late.wire.discard_arrived(), Err(Fault::UNASKED), "twice");
+}
+
+#[tokio::test]
 async fn anything_but_one_late_answer_to_each_given_up_request_still_closes_the_connection() {
     let foreign = peer(PeerFault::Foreign);
     let pdu = [3, 4, 0, 9, 0, 9];
