@@ -10,7 +10,8 @@
 //! ```
 //!
 //! After a unit behind a Modbus gateway has not answered, the device that answered last is read before the others, see
-//! [`DeviceLine::first_after_miss`].
+//! [`DeviceLine::first_after_miss`]. While the Modbus gateway waits for such a unit, no device behind it is read, and
+//! the axes are stepped without waiting for these reads, see [`DeviceLine::occupied_until`].
 //!
 //! No series of writes makes a sensor stale. A device whose readings have reached half of their `max_age` is read
 //! before every output, a limited number of times in a row. No slow device delays a corrected position, or an axis that
@@ -362,7 +363,10 @@ impl LineTask {
     /// for its inputs. The axis does not wait for a slow device, or for a device that is due again as soon as it has
     /// been read.
     fn may_step(&self, now: Moment) -> bool {
-        let is_outstanding = |by: Moment| self.polls.iter().any(|poll| poll.is_outstanding(by));
+        // The line has nothing else to do until a read may begin that is put off.
+        let is_outstanding = |by: Moment| {
+            self.reads_due(now).any(|(due, _, place)| due <= by && self.polls[place].is_outstanding(by))
+        };
         let is_due = self.step_due.filter(|due| self.steps_axes && *due <= now);
         let is_late =
             |due: &Moment| now.since(*due) >= SLOW && self.polls.iter().all(|poll| poll.has_been_read);
@@ -374,7 +378,8 @@ impl LineTask {
     /// output corrects the position that is read, and the read waits for too long. A read is also urgent if the
     /// readings of the device have reached half of their `max_age`.
     fn pressing(&self, now: Moment) -> Option<usize> {
-        let polls = self.polls.iter().enumerate().filter(|(_, poll)| poll.due() <= now);
+        let due = self.reads_due(now).filter(|(due, ..)| *due <= now);
+        let polls = due.map(|(.., place)| (place, &self.polls[place]));
         let pressing = polls.filter(|(_, poll)| {
             (poll.reads_position && now.since(poll.due()) >= SLOW) || poll.grows_stale(now)
         });
@@ -382,16 +387,20 @@ impl LineTask {
     }
 
     /// Returns the time at which each device may be read, whether it waits for another device to be read before it, and
-    /// its index.
+    /// its index. The time is that at which the device is due, or later.
     fn reads_due(&self, now: Moment) -> impl Iterator<Item = (Moment, bool, usize)> {
+        let may_begin = move |poll: &Poll| {
+            let occupied_until = self.line.occupied_until(poll.device, now);
+            occupied_until.map_or(poll.due(), |until| until.max(poll.due()))
+        };
         let first = self.line.first_after_miss(now);
         let first = first.and_then(|device| self.polls.iter().find(|poll| poll.device == device));
-        let first = first.map(|poll| (poll.device, poll.due()));
+        let first = first.map(|poll| (poll.device, poll.due(), may_begin(poll)));
         self.polls.iter().enumerate().map(move |(place, poll)| match first {
-            Some((device, due)) if poll.device != device && poll.may_wait_until(due) => {
-                (poll.due().max(due), true, place)
+            Some((device, due, begins)) if poll.device != device && poll.may_wait_until(due) => {
+                (may_begin(poll).max(begins), true, place)
             }
-            _ => (poll.due(), false, place),
+            _ => (may_begin(poll), false, place),
         })
     }
 

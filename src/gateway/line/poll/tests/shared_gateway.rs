@@ -155,17 +155,23 @@ impl Dial for Arc<Peer> {
     }
 }
 
-/// Profile with these units in this order, each read once a second.
-fn cell(units: &[u8]) -> isotherm_profile::Profile {
+/// Profile with these units in this order, each read with this period, and an axis that depends on the healthy unit.
+fn cell(units: &[u8], every: Duration) -> isotherm_profile::Profile {
+    let (every, max_age) = (every.as_millis(), (2 * every).max(5 * SECOND).as_millis());
     let mut text = "[machine]\nname = \"cell\"\n[bus.cell]\ntype = \"modbus-tcp\"\naddress = \"gateway\"\ntimeout = \"500ms\"\n"
         .to_owned();
     for (place, unit) in units.iter().enumerate() {
         text += &format!(
-            "[device.d{place}]\nbus = \"cell\"\nunit = {unit}\nevery = \"1s\"\n\
+            "[device.d{place}]\nbus = \"cell\"\nunit = {unit}\nevery = \"{every}ms\"\n\
              [signal.t{unit}]\ndevice = \"d{place}\"\nregister = \"input:0\"\ntype = \"i16\"\nscale = 0.1\n\
-             unit = \"degC\"\nmax_age = \"5s\"\n"
+             unit = \"degC\"\nmax_age = \"{max_age}ms\"\n"
         );
     }
+    text += &format!(
+        "[axis.z]\nlimit = 40.0\nstep = 1.0\nrate = 1.0\nevery = \"1s\"\non_fault = {{ action = \"hold\" }}\n\
+         [[axis.z.model]]\nname = \"one\"\nkind = \"linear\"\n\
+         terms = [{{ signal = \"t{HEALTHY}\", gain = 1.0, reference = 20.0 }}]\n"
+    );
     let loaded = isotherm_profile::parse(Path::new("cell.toml"), &text, &[], &[]);
     loaded.unwrap_or_else(|errors| panic!("{errors}")).profile
 }
@@ -197,6 +203,10 @@ impl Run {
 }
 
 fn run(units: &[u8], behaviour: Behaviour, span: Duration) -> Run {
+    run_every(SECOND, units, behaviour, span)
+}
+
+fn run_every(every: Duration, units: &[u8], behaviour: Behaviour, span: Duration) -> Run {
     paused().block_on(async {
         let (begun, clock) = clock();
         let peer = Peer::new(behaviour);
@@ -206,7 +216,7 @@ fn run(units: &[u8], behaviour: Behaviour, span: Duration) -> Run {
             dialer: Arc::new(move |_| Some(Box::new(dialled.clone()) as Box<dyn Dial>)),
             ..Options::default()
         };
-        let gateway = Gateway::new(cell(units), &clock, options);
+        let gateway = Gateway::new(cell(units, every), &clock, options);
         let source = gateway.source();
         let watched = source.clone();
         let watches = async move {
@@ -313,6 +323,14 @@ fn a_modbus_gateway_that_gives_up_silently_costs_no_more() {
         // The line must learn that timeout. Then it keeps its connection.
         assert!(run.dialled <= 4, "{behaviour:?}: {} connections", run.dialled);
     }
+}
+
+/// The late exceptions arrive while the line is idle, so that the time of their arrival is not known.
+#[test]
+fn the_own_timeout_of_a_modbus_gateway_is_not_learnt_from_an_idle_line() {
+    let run = run_every(5 * SECOND, &FIRST, USUAL, 2 * MINUTE);
+    assert!(run.bad <= MOST, "{}", run.bad);
+    assert_eq!((run.failed, run.dialled, run.reported("gateway-timeout")), (0, 1, 0));
 }
 
 #[test]
