@@ -21,8 +21,15 @@ impl DeviceLine {
             return true;
         }
         let others = self.units.live().filter(|other| other.number != unit.number);
-        let others = others.map(|other| (other.received, other.max_age));
+        let others = others.map(|other| (other.read_since(), other.max_age));
         self.gateway.may_try_dead(unit.tried, self.timeout, others, now)
+    }
+
+    /// Records that a round of reads of the device has ended, which began at `begun`.
+    pub fn note_round(&mut self, device: DeviceId, begun: Moment) {
+        if let Some(place) = self.units.place(device) {
+            self.units.at_mut(place).round = Some(begun);
+        }
     }
 
     /// Returns the device to be asked next, after a unit behind a Modbus gateway has not answered: the one that
@@ -116,7 +123,7 @@ impl DeviceLine {
     /// Returns the latest time until which the line waits for a Modbus gateway that it does not know, after a request
     /// at `asked`. Meanwhile no reading becomes too old, if possible.
     fn latest_wait(&self, asked: Moment) -> Moment {
-        let usable = self.units.live().map(|unit| unit.received.after(unit.max_age));
+        let usable = self.units.live().map(|unit| unit.read_since().after(unit.max_age));
         let latest = usable.min().map(|usable| usable.before(self.timeout));
         let latest = latest.map_or(Moment::END, |latest| latest.max(asked.after(2 * self.timeout)));
         latest.min(asked.after(LONGEST_WAIT.max(2 * self.timeout)))

@@ -285,7 +285,7 @@ impl ModbusGateway {
     }
 
     /// Returns whether a dead unit gets a request that was last asked at `tried`. `live`: for each unit that answers,
-    /// the time of its last answer and the age at which its readings are too old.
+    /// the time of its readings and the age at which they are too old.
     ///
     /// A dead unit is asked only after another unit has answered, for a part of the time, and if meanwhile no reading
     /// becomes too old. It is asked every five minutes in any case.

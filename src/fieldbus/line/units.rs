@@ -42,8 +42,18 @@ pub(super) struct Unit {
     pub(super) received: Moment,
     /// Time of the last request that was sent to the unit.
     pub(super) tried: Moment,
+    /// Start of the last round of reads of the device; `None` if it has no such rounds.
+    pub(super) round: Option<Moment>,
     /// Age at which the readings of the device are too old; `Duration::MAX` if it has none.
     pub(super) max_age: Duration,
+}
+
+impl Unit {
+    /// Returns the time of the first request that the present readings of the device answer. Writes, and reads that
+    /// verify them, do not count.
+    pub(super) fn read_since(&self) -> Moment {
+        self.round.map_or(self.received, |round| round.min(self.received))
+    }
 }
 
 /// All devices of the line. Several devices of a profile may have the same unit number.
@@ -68,6 +78,7 @@ impl Units {
             is_behind_gateway: device.quirks.gateway.is_present(transport, numbers()),
             received: Moment::default(),
             tried: Moment::default(),
+            round: None,
             max_age: Duration::MAX,
         };
         let mut pending = UnitReplies::of_units(numbers());

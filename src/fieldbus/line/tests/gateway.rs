@@ -127,6 +127,23 @@ async fn an_answer_of_another_unit_of_the_line_with_the_present_transaction_show
     }
 }
 
+/// The live unit was read at 0 and asked something else at 4000.
+#[tokio::test(start_paused = true)]
+async fn a_dead_unit_waits_for_the_readings_of_the_other_one_and_not_for_its_other_answers() {
+    for (is_round, at, rests) in [(true, 4400, false), (true, 4401, true), (false, 4401, false)] {
+        let (mut line, script) = behind(Gateway::ByUnits);
+        line.line = line.line.with_ages(|_| Duration::from_secs(5));
+        assert_eq!(line.ask(1, READ, 0).await, Ok(good()));
+        if is_round {
+            line.line.note_round(DeviceId(1), line.begun);
+        }
+        answers(&script, &[Turn::NeverEnds]);
+        assert_eq!(line.ask(0, READ, 10).await, Err(Fault::Timeout));
+        assert_eq!(line.ask(1, READ, 4000).await, Ok(good()));
+        assert_eq!(line.is_backing_off(0, at), rests, "{is_round} {at}");
+    }
+}
+
 #[test]
 fn a_gateway_is_taken_for_there_if_two_units_share_a_connection() {
     for (gateway, alone, shared) in

@@ -146,6 +146,9 @@ impl Poll {
         let next = if self.again.is_some() { place } else { place + 1 };
         self.repeats += u32::from(next == place);
         self.under_way = (!is_last).then_some((due, next));
+        if is_last {
+            line.note_round(self.device, self.read_at);
+        }
         let mut core = shared.core();
         let is_confirmed = core.devices.is_confirmed(self.device);
         if answer.is_ok() && core.devices.is_unconfirmed(self.device) {
