@@ -144,7 +144,11 @@ impl DeviceLine {
     /// Replaces the connection by another one.
     async fn renew(&mut self, now: Moment) -> Result<(), Fault> {
         self.drop_connection();
-        self.connect(now).await
+        let connected = self.connect(now).await;
+        if connected.is_err() {
+            self.gateway.refuses_connection();
+        }
+        connected
     }
 
     /// Returns for how much longer than `timeout` the line waits for the answer of a unit. A unit that does not answer

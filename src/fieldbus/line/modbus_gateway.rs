@@ -15,7 +15,7 @@
 //! Waiting also keeps requests apart: while the late answer of one unit may arrive, no request to another unit is open
 //! on the connection. A Modbus gateway that gives an answer the transaction number of the newest request then gives it
 //! the right one. If the timeout of the Modbus gateway is not known, the line drops the connection instead of sending a
-//! second request on it.
+//! second request on it. If the Modbus gateway has refused another connection, the line keeps the present one.
 //!
 //! This module decides only. `gateway_turns` sends, waits and reports.
 
@@ -46,6 +46,7 @@ const SHARE: u32 = 4;
 pub(super) struct ModbusGateway {
     giving_up: GivingUp,
     numbers: TransactionNumbers,
+    renewal: Renewal,
     occupied: Option<SilentRequest>,
     proof: Proof,
     /// Earliest time at which a dead unit gets a request.
@@ -89,6 +90,15 @@ enum TransactionNumbers {
     Wrong,
 }
 
+/// Whether the Modbus gateway accepts another connection directly after the line has closed one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Renewal {
+    #[default]
+    Accepted,
+    /// It accepts one client, and frees its place late.
+    Refused,
+}
+
 /// Request that was not answered in time. The Modbus gateway may still wait for its unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct SilentRequest {
@@ -128,6 +138,14 @@ impl ModbusGateway {
     /// Records that a request got the answer to another request.
     pub(super) fn confuses_numbers(&mut self) {
         self.numbers = TransactionNumbers::Wrong;
+    }
+
+    /// Records that the Modbus gateway has not accepted a connection, or has closed it before an answer. It does not
+    /// matter unless the line has opened the connection because of a silent unit.
+    pub(super) fn refuses_connection(&mut self) {
+        if self.occupied.is_some() {
+            self.renewal = Renewal::Refused;
+        }
     }
 
     /// Returns the unit and the time of the request for which the Modbus gateway may still wait.
@@ -237,16 +255,22 @@ impl ModbusGateway {
         let until = match (self.occupied_until(), self.giving_up) {
             (Some(until), _) => until,
             // The unit itself has waited for its late answer.
-            (None, GivingUp::Unknown) if expects_late && silent.unit != unit => latest,
-            (None, _) if expects_late => return Wait::Renew,
+            (None, giving_up)
+                if expects_late
+                    && silent.unit != unit
+                    && (giving_up == GivingUp::Unknown || self.renewal == Renewal::Refused) =>
+            {
+                latest
+            }
+            (None, _) if expects_late && self.renewal == Renewal::Accepted => return Wait::Renew,
             // The line does not know for how long it should wait. It sends the request, and waits longer for the
             // answer.
             (None, _) => return Wait::None,
         };
         match (until > now, self.own_timeout()) {
             (true, _) => Wait::Until(until),
-            (false, Some(_)) => Wait::None,
-            (false, None) => Wait::Renew,
+            (false, None) if self.renewal == Renewal::Accepted => Wait::Renew,
+            (false, _) => Wait::None,
         }
     }
 
@@ -263,12 +287,13 @@ impl ModbusGateway {
     /// Records that the line has waited for as long as [`ModbusGateway::wait`] has said. Returns whether it opens
     /// another connection, because the Modbus gateway has sent no answer and its timeout is not known.
     pub(super) fn has_waited(&mut self) -> bool {
+        let is_renewed = self.renewal == Renewal::Accepted;
         let Some(silent) = self.occupied.as_mut().filter(|_| self.giving_up == GivingUp::Unknown) else {
             return false;
         };
-        silent.was_awaited = true;
+        silent.was_awaited = is_renewed;
         self.giving_up = GivingUp::Silently(SilentTimeout::Unknown);
-        true
+        is_renewed
     }
 
     /// Returns for how much longer than `timeout` the line waits for the answer of a unit, because the Modbus gateway

@@ -38,7 +38,10 @@ impl DeviceLine {
         let is_first = has_left && !self.history.has_answered;
         self.history.has_answered |= has_left;
         let answer = match answer {
-            Err(Fault::BROKEN) if is_first && has_ids => Err(self.dial.turned_away()),
+            Err(Fault::BROKEN) if is_first && has_ids => {
+                self.gateway.refuses_connection();
+                Err(self.dial.turned_away())
+            }
             answer => answer,
         };
         match &answer {

@@ -145,6 +145,28 @@ fn a_gateway_that_gives_up_a_request_only_when_its_connection_is_closed_gets_ano
     }
 }
 
+#[test]
+fn a_gateway_that_refuses_another_connection_keeps_the_present_one() {
+    let mut gateway = ModbusGateway::default();
+    gateway.refuses_connection();
+    gateway.missed(1, at(0), at(500));
+    assert_eq!(gateway.wait(1, true, at(4000), at(2500)), Wait::Renew, "no unit was silent");
+    gateway.refuses_connection();
+    for asked in [0, 20_000] {
+        gateway.missed(1, at(asked), at(asked + 500));
+        let latest = at(asked + 4000);
+        assert_eq!(gateway.wait(1, true, latest, at(asked + 2500)), Wait::None, "the unit itself");
+        assert_eq!(gateway.wait(2, true, latest, at(asked + 600)), Wait::Until(latest));
+        assert!(!gateway.has_waited());
+        assert_eq!(gateway.wait(2, true, latest, latest), Wait::None);
+        // The answer of the unit itself shows nothing about the timeout.
+        gateway.answered(1, false, at(asked + 4020));
+    }
+    gateway.missed(1, at(40_000), at(40_500));
+    gateway.answered(2, false, at(44_020));
+    assert_eq!(gateway.own_timeout(), Some(Duration::from_millis(4020)));
+}
+
 /// Time of the last answer in ms, and the age in s at which the readings are too old.
 type Live = (u64, u64);
 

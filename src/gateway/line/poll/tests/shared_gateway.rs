@@ -325,6 +325,14 @@ fn a_modbus_gateway_that_gives_up_silently_costs_no_more() {
     }
 }
 
+/// The only place is free again after 10 s. The line must learn that another connection costs as much, and that time.
+#[test]
+fn a_modbus_gateway_with_one_client_that_gives_up_silently_refuses_one_connection_and_not_each() {
+    let behaviour = Behaviour { gives_up: GivesUp::Silently, ..row((1, Some(10))) };
+    let run = run(&FIRST, behaviour, 20 * MINUTE);
+    assert!(run.bad <= MOST, "{}", run.bad);
+}
+
 /// The late exceptions arrive while the line is idle, so that the time of their arrival is not known.
 #[test]
 fn the_own_timeout_of_a_modbus_gateway_is_not_learnt_from_an_idle_line() {
