@@ -97,7 +97,7 @@ impl DeviceLine {
         if let Err(fault) = received {
             return self.renew_after(fault, now).await;
         }
-        if self.gateway.has_waited() { self.renew(now).await } else { Ok(()) }
+        if self.gateway.has_waited(number, expects_late) { self.renew(now).await } else { Ok(()) }
     }
 
     /// Waits for `span`, or until the late answer to the silent request has arrived, if it is expected.

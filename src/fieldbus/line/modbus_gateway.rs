@@ -14,8 +14,9 @@
 //!
 //! Waiting also keeps requests apart: while the late answer of one unit may arrive, no request to another unit is open
 //! on the connection. A Modbus gateway that gives an answer the transaction number of the newest request then gives it
-//! the right one. If the timeout of the Modbus gateway is not known, the line drops the connection instead of sending a
-//! second request on it. If the Modbus gateway has refused another connection, the line keeps the present one.
+//! the right one. If the late answer does not arrive, the line drops the connection instead of sending a request to
+//! another unit on it. Otherwise a Modbus gateway that keeps a late answer could send it as the answer to that request.
+//! If the Modbus gateway has refused another connection, the line keeps the present one.
 //!
 //! This module decides only. `gateway_turns` sends, waits and reports.
 
@@ -72,9 +73,6 @@ enum GivingUp {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum SilentTimeout {
     Unknown,
-    /// Another unit has answered in time on another connection, but not on the connection of the silent request. The
-    /// Modbus gateway may give up a request whose connection is closed.
-    UntilClosed,
     /// Another unit has answered in time, when this time had passed.
     AtMost(Duration),
     /// Another unit has answered after its timeout, when this time had passed.
@@ -195,9 +193,6 @@ impl ModbusGateway {
         // The line has waited for the Modbus gateway, so what it knows of its timeout is not right any more.
         if self.occupied.is_some_and(|silent| silent.unit != unit) {
             self.giving_up = match self.giving_up {
-                GivingUp::Silently(SilentTimeout::AtMost(_) | SilentTimeout::UntilClosed) => {
-                    GivingUp::Silently(SilentTimeout::UntilClosed)
-                }
                 GivingUp::Silently(_) => GivingUp::Silently(SilentTimeout::Unknown),
                 GivingUp::Unknown | GivingUp::WithException(_) => GivingUp::Unknown,
             };
@@ -267,11 +262,19 @@ impl ModbusGateway {
             // answer.
             (None, _) => return Wait::None,
         };
-        match (until > now, self.own_timeout()) {
-            (true, _) => Wait::Until(until),
-            (false, None) if self.renewal == Renewal::Accepted => Wait::Renew,
-            (false, _) => Wait::None,
+        if until > now {
+            Wait::Until(until)
+        } else if self.is_to_renew(silent, unit, expects_late) {
+            Wait::Renew
+        } else {
+            Wait::None
         }
+    }
+
+    /// Returns whether the line opens another connection before it sends a request to the unit, because the answer to
+    /// the silent request has not arrived in the time for it.
+    fn is_to_renew(&self, silent: SilentRequest, unit: u8, expects_late: bool) -> bool {
+        self.renewal == Renewal::Accepted && expects_late && silent.unit != unit
     }
 
     /// Records that a wait for the Modbus gateway has ended.
@@ -284,15 +287,15 @@ impl ModbusGateway {
         self.waited_until
     }
 
-    /// Records that the line has waited for as long as [`ModbusGateway::wait`] has said. Returns whether it opens
-    /// another connection, because the Modbus gateway has sent no answer and its timeout is not known.
-    pub(super) fn has_waited(&mut self) -> bool {
-        let is_renewed = self.renewal == Renewal::Accepted;
-        let Some(silent) = self.occupied.as_mut().filter(|_| self.giving_up == GivingUp::Unknown) else {
-            return false;
-        };
-        silent.was_awaited = is_renewed;
-        self.giving_up = GivingUp::Silently(SilentTimeout::Unknown);
+    /// Records that the line has waited for as long as [`ModbusGateway::wait`] has said, before a request to the unit.
+    /// Returns whether it opens another connection, because the Modbus gateway has sent no answer.
+    pub(super) fn has_waited(&mut self, unit: u8, expects_late: bool) -> bool {
+        let Some(silent) = self.occupied else { return false };
+        let is_renewed = self.is_to_renew(silent, unit, expects_late);
+        if self.giving_up == GivingUp::Unknown {
+            self.occupied = Some(SilentRequest { was_awaited: is_renewed, ..silent });
+            self.giving_up = GivingUp::Silently(SilentTimeout::Unknown);
+        }
         is_renewed
     }
 

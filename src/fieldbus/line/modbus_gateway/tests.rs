@@ -70,23 +70,27 @@ fn the_line_waits_for_a_late_answer_and_opens_another_connection_where_none_come
     }
     assert_eq!(ModbusGateway::default().wait(2, true, latest, at(600)), Wait::None, "nothing is missing");
     let mut gateway = silent();
-    assert!(gateway.has_waited(), "no answer");
-    assert!(!gateway.has_waited(), "it is known");
+    assert!(gateway.has_waited(2, true), "no answer");
+    assert!(!gateway.has_waited(2, false), "it is another connection");
     gateway.missed(2, at(5000), at(5500));
     assert_eq!(gateway.wait(3, true, latest, at(5500)), Wait::Renew, "at once");
 }
 
 #[test]
-fn the_line_waits_for_a_known_timeout_and_a_little_longer_on_the_same_connection() {
+fn the_line_waits_for_a_known_timeout_and_a_little_longer_and_asks_another_unit_on_another_connection() {
     let mut gateway = with_exception(1000);
     gateway.missed(2, at(2000), at(2500));
     let until = at(2000 + 1000 + 125 + 100);
     assert_eq!(gateway.occupied_until(), Some(until));
-    for unit in [2, 3] {
-        assert_eq!(gateway.wait(unit, true, at(9000), at(2500)), Wait::Until(until), "{unit}");
-        assert_eq!(gateway.wait(unit, true, at(9000), until), Wait::None, "{unit}");
+    // The Modbus gateway may keep the answer of unit 2, and send it as the answer to the next request.
+    for (unit, expects_late, afterwards) in
+        [(2, true, Wait::None), (3, true, Wait::Renew), (3, false, Wait::None)]
+    {
+        let case = format!("unit {unit}, {expects_late}");
+        assert_eq!(gateway.wait(unit, expects_late, at(9000), at(2500)), Wait::Until(until), "{case}");
+        assert_eq!(gateway.wait(unit, expects_late, at(9000), until), afterwards, "{case}");
+        assert_eq!(gateway.has_waited(unit, expects_late), afterwards == Wait::Renew, "{case}");
     }
-    assert!(!gateway.has_waited(), "the connection is kept");
     // It lasts longer this time.
     assert_eq!(gateway.patience(3, until), Duration::from_millis(1000 + 500 + 100 - 1225));
     assert_eq!(gateway.patience(2, until), Duration::ZERO, "the unit itself");
@@ -100,7 +104,7 @@ fn the_timeout_of_a_gateway_that_gives_up_silently_shows_in_the_answer_of_the_ne
     for (is_after_timeout, answered) in [(true, 3020), (false, 1600)] {
         let own = Duration::from_millis(answered);
         let mut gateway = silent();
-        assert!(gateway.has_waited());
+        assert!(gateway.has_waited(2, true));
         gateway.answered(2, false, at(4020));
         assert_eq!(gateway.own_timeout(), None, "the line has waited for longer than it had to");
         gateway.missed(1, at(0), at(500));
@@ -126,26 +130,6 @@ fn what_was_learnt_is_forgotten_when_another_unit_misses_although_the_line_has_w
 }
 
 #[test]
-fn a_gateway_that_gives_up_a_request_only_when_its_connection_is_closed_gets_another_connection_each_time() {
-    let mut gateway = silent();
-    assert!(gateway.has_waited());
-    gateway.answered(2, false, at(4020));
-    gateway.missed(1, at(5000), at(5500));
-    assert_eq!(gateway.wait(2, true, at(9000), at(5500)), Wait::Renew);
-    gateway.answered(2, false, at(5520));
-    assert_eq!(gateway.own_timeout(), Some(Duration::from_millis(520)));
-    // On the same connection, the other unit is not answered.
-    gateway.missed(1, at(10_000), at(10_500));
-    gateway.missed(2, at(10_700), at(11_300));
-    gateway.answered(2, false, at(14_000));
-    for asked in [20_000, 30_000] {
-        gateway.missed(1, at(asked), at(asked + 500));
-        assert_eq!(gateway.wait(2, true, at(asked + 4000), at(asked + 500)), Wait::Renew, "{asked}");
-        gateway.answered(2, false, at(asked + 520));
-    }
-}
-
-#[test]
 fn a_gateway_that_refuses_another_connection_keeps_the_present_one() {
     let mut gateway = ModbusGateway::default();
     gateway.refuses_connection();
@@ -157,7 +141,7 @@ fn a_gateway_that_refuses_another_connection_keeps_the_present_one() {
         let latest = at(asked + 4000);
         assert_eq!(gateway.wait(1, true, latest, at(asked + 2500)), Wait::None, "the unit itself");
         assert_eq!(gateway.wait(2, true, latest, at(asked + 600)), Wait::Until(latest));
-        assert!(!gateway.has_waited());
+        assert!(!gateway.has_waited(2, true));
         assert_eq!(gateway.wait(2, true, latest, latest), Wait::None);
         // The answer of the unit itself shows nothing about the timeout.
         gateway.answered(1, false, at(asked + 4020));
