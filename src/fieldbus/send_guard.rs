@@ -138,6 +138,12 @@ impl SendGuard {
         now
     }
 
+    /// Returns the present moment while an answer is awaited. It is no clock sample: the announced time of the wait
+    /// still applies.
+    pub(super) fn now(&self) -> Moment {
+        self.clock.now()
+    }
+
     /// Records a clock sample that was taken at `now`, and detects a stop of the computer before it.
     pub fn record_sample(&mut self, now: Moment) {
         let gap = self.stall_detector.sample(now);

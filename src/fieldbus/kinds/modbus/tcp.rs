@@ -194,7 +194,7 @@ impl ModbusTcp {
         send_guard: &mut SendGuard,
     ) -> Result<(), Fault> {
         loop {
-            self.discard_late_frames(Some(send_guard.sample()))?;
+            self.discard_late_frames(Some(send_guard.now()))?;
             if !self.given_up.contains(unit, asked) {
                 return if self.filled == 0 { Ok(()) } else { Err(Fault::UNASKED) };
             }
@@ -252,7 +252,7 @@ impl ModbusTcp {
                 }
                 let Some(end) = first.end else { break };
                 if is_late {
-                    self.discard_first(&first, end, Some(send_guard.sample()));
+                    self.discard_first(&first, end, Some(send_guard.now()));
                     continue;
                 }
                 let message = &self.received[HEADER + 1..end];
@@ -263,7 +263,7 @@ impl ModbusTcp {
                     self.open = None;
                     self.forget_first(end);
                     if is_last && self.filled > 0 {
-                        self.discard_late(Some(send_guard.sample()))?;
+                        self.discard_late(Some(send_guard.now()))?;
                     }
                     return answered;
                 }

@@ -2,10 +2,11 @@
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use super::*;
-use crate::clock::{Clock, WallTimeout};
+use crate::clock::{BootClock, Clock, TimeOfDay, WallTimeout};
 use crate::fieldbus::kinds::modbus::text::TextProtocol;
 use crate::fieldbus::send_guard::SendDeadline;
 use isotherm_core::codec::{Register, Table};
@@ -458,6 +459,44 @@ async fn a_late_exception_of_a_gateway_is_told_from_an_answer_of_the_unit() {
         late.peer.write_all(&bytes).await.unwrap();
         assert_eq!(late.wire.await_late((3, late.sent), &mut late.send_guard).await, Ok(()));
         assert_eq!(late.wire.late_replies()[0].is_of_a_gateway, is_of_a_gateway, "{pdu:?}");
+    }
+}
+
+/// The wait for a late answer was announced. If the clock samples during the wait ended the announcement, the line would
+/// drop all readings.
+#[tokio::test]
+async fn a_long_wait_with_a_late_answer_is_no_stop_of_the_computer() {
+    for is_request in [false, true] {
+        let passed = Arc::new(Mutex::new(Duration::ZERO));
+        let time = passed.clone();
+        let clock = Clock::wall_by(BootClock::by(move || *time.lock().unwrap()), TimeOfDay::default());
+        let mut late = given_up().await;
+        late.send_guard = SendGuard::without_deadline(&clock).aged(Duration::from_secs(5));
+        let (reply, sent) = (late.reply(), late.sent);
+        let waits = |seconds: u64| *passed.lock().unwrap() += Duration::from_secs(seconds);
+        let Late { wire, peer, send_guard, .. } = &mut late;
+        send_guard.begins(Duration::from_secs(6));
+        if is_request {
+            let answers = async {
+                let asked = receive(peer).await;
+                waits(3);
+                peer.write_all(&reply).await.unwrap();
+                tokio::task::yield_now().await;
+                waits(3);
+                peer.write_all(&frame(&asked, 0, 0, NEXT)).await.unwrap();
+            };
+            let (answer, ()) = tokio::join!(wire.exchange(3, READ, send_guard), answers);
+            assert_eq!(answer, Ok(Answer::Registers(vec![1, 2])));
+        } else {
+            let answers = async {
+                waits(6);
+                peer.write_all(&reply).await.unwrap();
+            };
+            let (received, ()) = tokio::join!(wire.await_late((3, sent), send_guard), answers);
+            assert_eq!(received, Ok(()));
+        }
+        send_guard.sample();
+        assert!(!send_guard.has_stalled(), "{is_request}");
     }
 }
 
