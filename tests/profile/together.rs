@@ -62,7 +62,7 @@ fn a_strobe_must_be_written_and_an_acknowledge_read() {
         &text,
         "heartbeat.register",
         "\"holding",
-        &["writes the same registers", "strobe signal of output cnc_z"],
+        &["writes the same registers", "the strobe of output cnc_z"],
     );
     shaken_refused("coil:20", "holding:105", strobe, "\"holding", &["writes the same registers", "cnc_z"]);
     shaken_refused("discrete:20", "holding:104", acknowledge, "\"holding", &["overlaps", "cnc_z"]);

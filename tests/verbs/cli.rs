@@ -298,7 +298,7 @@ fn a_stopped_gateway_is_at_rest_remembers_and_its_log_replays_bit_for_bit() {
     // While the register is being written, the acting Cz is uncertain. The gateway then asks to measure again.
     let learns = || {
         let learned = measured(&["--axis", "z", "--error", "-0.5", "--json"]);
-        let is_certain = learned.contains("z: -0.5 µm with a Cz of");
+        let is_certain = learned.contains("z: error -0.5 µm, measured while a Cz of");
         std::thread::sleep(Duration::from_millis(if is_certain { 0 } else { 100 }));
         is_certain
     };

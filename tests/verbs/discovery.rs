@@ -297,7 +297,7 @@ fn on_a_serial_line_scan_finds_units_and_settings_and_the_frames_are_shown_with_
     let attempt = |timeout: &str| {
         let scan = ["--units", "3..6", "--timeout", timeout, "--baud", "9600,19200", "--parity", "none"];
         let scan = ended(isotherm(home.path()).args(["scan", "--bus", &bus]).args(scan));
-        let words = format!("in 2 settings; {timeout} for each answer");
+        let words = format!("in 2 settings; at most {timeout} for each answer");
         assert!(scan.said.contains(&words), "{}", scan.said);
         scan
     };

@@ -400,7 +400,7 @@ fn a_measured_error_of_before_the_zero_or_of_the_future_is_rejected_with_both_ti
         let trial = trial
             .at(5 * MINUTE + 5 * SECOND, move |stage| rejected(at(stage, -10), "older than the datum (zero"));
         let trial = trial.at(6 * MINUTE, move |stage| rejected(at(stage, -50), "older than the datum (zero"));
-        let trial = trial.at(6 * MINUTE + 2 * SECOND, move |stage| rejected(at(stage, 60), "set the clock"));
+        let trial = trial.at(6 * MINUTE + 2 * SECOND, move |stage| rejected(at(stage, 60), "Set the clock"));
         let trial = trial.at(6 * MINUTE + 4 * SECOND, move |stage| {
             assert!(at(stage, -10).unwrap().ends_with("used for the correction now"));
         });

@@ -268,7 +268,7 @@ mod tests {
             ("b=QR==", "not canonical Base64"),
             ("b=QUF=", "not canonical Base64"),
             ("nsu=urn:plc", "no name after its namespace"),
-            ("nsu=;s=offset", "no URI behind `nsu=`"),
+            ("nsu=;s=offset", "no URI after `nsu=`"),
             ("nsu=urn:50%;s=offset", "written as %25"),
             ("nsu=urn:a%20b;s=offset", "written as %25"),
         ] {

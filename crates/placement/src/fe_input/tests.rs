@@ -196,7 +196,7 @@ fn what_is_wrong_is_said_with_line_card_and_remedy() {
         (
             "*END STEP\n",
             "*END STEP\n*STEP\n*END STEP\n",
-            "*STEP: a second step: an FE input file is one load case",
+            "*STEP: a second step: an FE input file has one load case",
         ),
         (steady, "*STATIC", "*STATIC: is not read: only heat-transfer steps are read"),
         ("*CFLUX", "*TEMPERATURE\nALL, 21\n*CFLUX", "*TEMPERATURE: is not read: temperatures are computed"),

@@ -70,7 +70,7 @@ impl fmt::Display for DocumentRejection {
             }
             DocumentRejection::Earlier(found) => write!(
                 f,
-                "the file has the old layout {found}: run a version of isotherm between the two for a \
+                "the file has the old layout {found}. Run a version of isotherm between the two for a \
                  short time, or let the operator arm the axes"
             ),
             DocumentRejection::Because(why) => f.write_str(why),

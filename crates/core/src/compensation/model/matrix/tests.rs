@@ -78,7 +78,11 @@ fn a_matrix_that_is_none_is_refused() {
     for (guide, gains, words) in [
         (&[][..], &[][..], "at least one block and one point"),
         (&[1.0, 1.0], &[0.0, 0.0], "must ascend, but 1 mm is followed by 1 mm"),
-        (&[0.0, 1.0], &[0.0], "there are 1 gains, but 2 points times 1 blocks"),
+        (
+            &[0.0, 1.0],
+            &[0.0],
+            "there are 1 gains, but each of the 2 points needs one gain for each of the 1 blocks",
+        ),
     ] {
         assert!(new(guide, gains).contains(words), "{}", new(guide, gains));
     }

@@ -154,7 +154,7 @@ fn every_reason_says_what_to_do() {
     ];
     for reason in reasons {
         let said = reason.to_string();
-        let does = ["give each", "measure again", "send a `time` or an `id`", "set the clock"];
+        let does = ["give each", "measure again", "send a `time` or an `id`", "Set the clock"];
         assert!(does.iter().any(|does| said.contains(does)), "{said}");
     }
 }
