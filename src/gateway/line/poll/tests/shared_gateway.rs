@@ -7,7 +7,6 @@ use crate::fieldbus::kinds::modbus::tcp::ModbusTcp;
 use crate::observe::status::Status;
 
 const SECOND: Duration = Duration::from_secs(1);
-const TIMEOUT: Duration = Duration::from_millis(500);
 /// Unit number of the healthy unit. The other ones are dead.
 const HEALTHY: u8 = 1;
 const DEAD: [u8; 2] = [2, 3];
@@ -173,7 +172,7 @@ impl Dial for Arc<Peer> {
 /// Profile with these units in this order, each read with this period, and an axis that depends on the healthy unit.
 fn cell(units: &[u8], every: Duration) -> isotherm_profile::Profile {
     let (every, max_age) = (every.as_millis(), (2 * every).max(5 * SECOND).as_millis());
-    let mut text = "[machine]\nname = \"cell\"\n[bus.cell]\ntype = \"modbus-tcp\"\naddress = \"gateway\"\ntimeout = \"500ms\"\n"
+    let mut text = "[machine]\nname = \"cell\"\n[bus.cell]\ntype = \"modbus-tcp\"\naddress = \"gateway:502\"\ntimeout = \"500ms\"\n"
         .to_owned();
     for (place, unit) in units.iter().enumerate() {
         text += &format!(
