@@ -10,8 +10,8 @@
 //! ```
 //!
 //! After a unit behind a Modbus gateway has not answered, the device that answered last is read before the others, see
-//! [`DeviceLine::first_after_miss`]. While the Modbus gateway waits for such a unit, no device behind it is read, and
-//! the axes are stepped without waiting for these reads, see [`DeviceLine::occupied_until`].
+//! [`DeviceLine::first_after_miss`]. While the Modbus gateway waits for such a unit, no device behind it is read, see
+//! [`DeviceLine::occupied_until`]. The axes are then stepped without waiting for these reads.
 //!
 //! No series of writes makes a sensor stale. A device whose readings have reached half of their `max_age` is read
 //! before every output, a limited number of times in a row. No slow device delays a corrected position, or an axis that
@@ -363,7 +363,7 @@ impl LineTask {
     /// for its inputs. The axis does not wait for a slow device, or for a device that is due again as soon as it has
     /// been read.
     fn may_step(&self, now: Moment) -> bool {
-        // The line has nothing else to do until a read may begin that is put off.
+        // Reads that must wait for the Modbus gateway do not delay the axes.
         let is_outstanding = |by: Moment| {
             self.reads_due(now).any(|(due, _, place)| due <= by && self.polls[place].is_outstanding(by))
         };
@@ -386,8 +386,8 @@ impl LineTask {
         pressing.map(|(place, poll)| (!poll.reads_position, poll.due(), place)).min().map(|(.., place)| place)
     }
 
-    /// Returns the time at which each device may be read, whether it waits for another device to be read before it, and
-    /// its index. The time is that at which the device is due, or later.
+    /// Returns, for each device, the time at which it may be read, whether another device is read before it, and its
+    /// index. The time is that at which the device is due, or later.
     fn reads_due(&self, now: Moment) -> impl Iterator<Item = (Moment, bool, usize)> {
         let may_begin = move |poll: &Poll| {
             let occupied_until = self.line.occupied_until(poll.device, now);

@@ -74,7 +74,7 @@ impl Poll {
         self.again.or(self.under_way.map(|(due, _)| due)).unwrap_or(self.next)
     }
 
-    /// Returns whether the device may wait until `other`, when another device is due: for at most one period.
+    /// Returns whether the device may wait for another device that is due at `other`: for at most one period.
     pub(super) fn may_wait_until(&self, other: Moment) -> bool {
         other <= self.due().after(self.every)
     }
