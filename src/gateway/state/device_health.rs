@@ -25,7 +25,7 @@ const REPORTED_AFTER_RTU: u64 = 3;
 
 /// A lost device has returned when it has answered for this time. A device with repeated short losses is therefore
 /// reported once.
-const BELIEVED_AFTER: Duration = Duration::from_secs(10);
+const RETURNED_AFTER: Duration = Duration::from_secs(10);
 
 /// Late cycles of a line are reported again if no cycle was late for this long.
 const REPORTED_AGAIN: Duration = Duration::from_secs(600);
@@ -223,7 +223,7 @@ impl DeviceHealth {
         count.answered = true;
         let has_returned = match &mut count.lost {
             Some(lost) if lost.reported.is_some() => {
-                now.since(*lost.answers_since.get_or_insert(now)) >= BELIEVED_AFTER
+                now.since(*lost.answers_since.get_or_insert(now)) >= RETURNED_AFTER
             }
             _ => true,
         };
