@@ -290,8 +290,7 @@ impl DeviceLine {
 
     /// Returns whether this device backs off after a failure, or is dead and gets no request now.
     pub fn is_backing_off(&self, device: DeviceId, now: Moment) -> bool {
-        let is_resting = |place| !self.units.at(place).breaker.allows(now) || !self.may_try(place, now);
-        self.units.place(device).is_some_and(is_resting)
+        self.units.place(device).is_some_and(|place| !self.may_try(place, now))
     }
 
     /// Returns the moment at which an exchange would end if a request were sent now. Reads that are due by then may be
@@ -305,16 +304,15 @@ impl DeviceLine {
     pub fn set_follow_up(&mut self, read: Option<(DeviceId, Request<'static>)>) {
         let now = self.send_guard.last_sample();
         let allowed = |device: DeviceId, request: Request<'_>| {
-            let unit = self.units.get(device)?;
+            let place = self.units.place(device)?;
+            let unit = self.units.at(place);
             let is_to_wait = |pending: &PendingReplies| {
                 pending.has_pending() || pending.order.control(request, |_| true).is_some()
             };
             let is_to_wait = self.units.pending.get(unit.number).is_some_and(is_to_wait)
                 || self.gateway.occupied().is_some();
-            let must_wait = (unit.is_behind_gateway && is_to_wait)
-                || self.units.place(device).is_none_or(|place| !self.may_try(place, now));
-            (unit.functions.allow(request.function()) && unit.breaker.allows(now) && !must_wait)
-                .then_some(unit.number)
+            let must_wait = (unit.is_behind_gateway && is_to_wait) || !self.may_try(place, now);
+            (unit.functions.allow(request.function()) && !must_wait).then_some(unit.number)
         };
         let read = read.and_then(|(device, request)| Some((allowed(device, request)?, request)));
         self.pipeline.ask(read);
@@ -371,7 +369,7 @@ impl DeviceLine {
             return Err(Fault::Caller(CallerFault::Extent));
         }
         let mut now = self.send_guard.sample();
-        if !unit.breaker.allows(now) || !self.may_try(place, now) {
+        if !self.may_try(place, now) {
             return Err(unit.last_fault);
         }
         if matches!(leave, SendDeadline::OnConnection(_)) && !self.is_connected() {

@@ -12,10 +12,13 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::DeviceId;
 
 impl DeviceLine {
-    /// Returns whether the unit may get a request now. A dead unit behind a Modbus gateway is asked seldom, because the
-    /// other units wait meanwhile.
+    /// Returns whether the unit may get a request now. A unit that backs off after a failure gets none. A dead unit
+    /// behind a Modbus gateway is asked seldom, because the other units wait meanwhile.
     pub(super) fn may_try(&self, place: usize, now: Moment) -> bool {
         let unit = self.units.at(place);
+        if !unit.breaker.allows(now) {
+            return false;
+        }
         if !unit.is_behind_gateway || self.after_timeout == AfterTimeout::Renew || !self.units.is_dead(place)
         {
             return true;

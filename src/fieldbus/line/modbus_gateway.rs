@@ -222,10 +222,9 @@ impl ModbusGateway {
         let Some(silent) = self.occupied.take().filter(|silent| silent.unit != unit) else { return };
         let passed = now.since(silent.asked);
         let learns = match self.giving_up {
-            GivingUp::Unknown => is_after_timeout,
             GivingUp::WithException(_) => false,
             GivingUp::Silently(SilentTimeout::Unknown) => is_after_timeout || !silent.was_awaited,
-            GivingUp::Silently(_) => is_after_timeout,
+            GivingUp::Unknown | GivingUp::Silently(_) => is_after_timeout,
         };
         if learns && passed <= LONGEST_OWN {
             let own =
