@@ -20,7 +20,6 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use self::captures::Captures;
 use self::outputs::OutputTask;
 use self::read::Poll;
 use super::can::{Can, CanListener};
@@ -37,7 +36,6 @@ use isotherm_core::compensation::model::Model;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, DeviceId, Profile};
 
-mod captures;
 mod heartbeat_task;
 mod outputs;
 mod read;
@@ -153,7 +151,7 @@ impl LineTask {
             heartbeat_task: HeartbeatTask::of(profile, bus, start),
             steps_axes,
             feeds_others,
-            step_due: Some(start),
+            step_due: steps_axes.then_some(start),
             pending: Pending { has_news: true, wakes_others: false, inspects: true },
             work: LineWork::All,
             news: 0,
@@ -367,7 +365,7 @@ impl LineTask {
         let is_outstanding = |by: Moment| {
             self.reads_due(now).any(|(due, _, place)| due <= by && self.polls[place].is_outstanding(by))
         };
-        let is_due = self.step_due.filter(|due| self.steps_axes && *due <= now);
+        let is_due = self.step_due.filter(|due| *due <= now);
         let is_late =
             |due: &Moment| now.since(*due) >= SLOW && self.polls.iter().all(|poll| poll.has_been_read);
         is_due.is_some_and(|due| !is_outstanding(due) || is_late(&due))
@@ -409,8 +407,7 @@ impl LineTask {
         let polls = self.reads_due(now).map(|(due, ..)| due);
         let jobs = self.working_jobs().map(|(_, job)| job.due);
         let heartbeat_task = self.heartbeat_task.iter().map(|heartbeat_task| heartbeat_task.due);
-        let step = self.step_due.filter(|_| self.steps_axes);
-        polls.chain(jobs).chain(heartbeat_task).chain(step).min().unwrap_or(Moment::END)
+        polls.chain(jobs).chain(heartbeat_task).chain(self.step_due).min().unwrap_or(Moment::END)
     }
 
     /// Counts a sleep that ended late by `late`, and the late polls before the sleep.

@@ -57,10 +57,6 @@ const LIMIT_LASTS_AFTER: Duration = Duration::from_secs(5 * 60);
 const SHOWN_CONTRIBUTIONS: usize = 3;
 
 impl Levels {
-    fn is_warned(&self) -> bool {
-        self.warned
-    }
-
     /// Adds the events of this decision about the limit of the axis: the limit is reached, this has lasted for long, or
     /// it is over after it has lasted.
     fn report_limit(
@@ -122,7 +118,7 @@ impl Levels {
 
 impl ReportedConditions {
     pub(in crate::gateway) fn is_warned(&self) -> bool {
-        self.levels.is_warned()
+        self.levels.warned
     }
 
     /// Adds the events of this decision. `why` returns why the axis does not follow its preferred model.
