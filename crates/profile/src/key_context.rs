@@ -1,6 +1,7 @@
 //! Keys of a profile that is being checked, with functions for their errors and warnings.
 //!
-//! It knows the names of the tables, but not the tables. A check that needs another table gets it as an argument.
+//! A key context contains the names of the tables, but not the tables. A check that needs another table gets it as an
+//! argument.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, HashMap};

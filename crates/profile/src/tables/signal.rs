@@ -139,7 +139,7 @@ pub struct Signal {
     pub range: Option<(f64, f64)>,
     /// Largest plausible change per second that the profile states.
     pub max_rate: Option<f64>,
-    /// Limits of a temperature that apply because nothing states others.
+    /// Limits of a temperature that apply because neither the profile nor its template states others.
     pub defaults: DefaultLimits,
     /// Whether the value is a difference of two temperatures.
     pub is_difference: bool,

@@ -8,14 +8,17 @@ use csv::StringRecord;
 use jiff::tz::TimeZone;
 
 use super::columns::{
-    ACTING, BEHIND, DECIDED, ERROR, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, RETURN, RETURN_SLOPE,
-    SIGN, SLOPE_FROM, STOOD_IN, TIME, TRUST, WORSE, ZERO,
+    ACTING, BEHIND, DECIDED, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, RETURN, RETURN_SLOPE, SIGN,
+    SLOPE_FROM, STOOD_IN, TIME, TRUST, WORSE, ZERO,
 };
 use isotherm_core::compensation::{Control, Measured, Permit, Remembered, ReturnTo};
 use isotherm_core::quantity::{Dialect, Micron, Moment, time};
 use isotherm_core::reading::{Reading, Reason};
 use isotherm_profile::Profile;
 use isotherm_profile::safe_file::{self, Lines, quoted};
+
+/// Column of a log from elsewhere: measured error of an axis.
+const ERROR: &str = "error_um";
 
 /// Error in a log, with its position.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -3,13 +3,21 @@
 use std::io::Write;
 
 use super::columns::{
-    ACTING, BEHIND, CLOCK, CORRECTION, DECIDED, DRY_RUN, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT,
-    RETURN, RETURN_SLOPE, SIGN, SLOPE, SLOPE_FROM, STOOD_IN, TIME, TRUST, WORSE, ZERO,
+    ACTING, BEHIND, CLOCK, DECIDED, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, RETURN, RETURN_SLOPE,
+    SIGN, SLOPE_FROM, STOOD_IN, TIME, TRUST, WORSE, ZERO,
 };
 use crate::clock::Correction;
 use isotherm_core::compensation::{Control, Decision, Remembered, Snapshot};
 use isotherm_core::quantity::{Moment, Shift, Shifted, time};
 use isotherm_profile::{Axis, Profile};
+
+/// Column that only the log of a dry run has.
+const DRY_RUN: &str = "machine_dry_run";
+/// Log column for a slope that the control applies: the decision, as its effect at the axis's largest distance from the
+/// reference position, µm.
+const SLOPE: &str = "slope_um";
+/// Log column of an axis with a probe: correction of the model's Cz.
+const CORRECTION: &str = "correction_um";
 
 /// Converter from steps of the axes to rows of the log.
 #[derive(Clone, Debug)]

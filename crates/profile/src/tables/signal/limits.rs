@@ -9,8 +9,8 @@
 //! | any other | not below absolute zero | none |
 //! | `difference = true` | none | none |
 //!
-//! The limits are kept apart from those of the profile. A replay applies only the latter, so that the log of an earlier
-//! version gives the same decisions again.
+//! A signal contains these limits separately from those of the profile. A replay applies only the latter, so that the
+//! log of an earlier version gives the same decisions again.
 
 use std::collections::HashSet;
 
@@ -24,7 +24,7 @@ use crate::tables::{Check, KeyContext};
 use isotherm_core::compensation::model::{Model, StandIns};
 use isotherm_core::reading::SignalId;
 
-/// Largest plausible rate of change of a temperature that a model uses, °C/s. It is the same number in K/s.
+/// Largest plausible rate of change of a temperature that a model uses, in °C/s. The number is the same in K/s.
 const DEFAULT_RATE: f64 = 5.0;
 
 /// `range` as the profile writes it.
@@ -43,7 +43,7 @@ pub(super) enum RateValue {
     Word(NoLimit),
 }
 
-/// Word that removes a limit, also that of the template.
+/// Word that removes a limit, including the limit of the template.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum NoLimit {
@@ -105,8 +105,8 @@ impl DefaultRange {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DefaultLimits {
-    /// Plausible values. `None` if the profile or its template states a `range` or removes it, and for any other signal
-    /// than a temperature.
+    /// Plausible values. `None` if the profile or its template states a `range` or removes it. Also `None` if the
+    /// signal is no temperature, or is a difference of temperatures.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub range: Option<DefaultRange>,
     /// Largest plausible change per second. `None` as for `range`.
