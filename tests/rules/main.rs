@@ -46,6 +46,7 @@ const ARROWS: [(&str, &str, &[&str]); 21] = [
             "clock",
             "fieldbus::explain",
             "fieldbus::kinds::opcua::check",
+            "fieldbus::line::LONGEST_GATEWAY_WAIT",
             "fieldbus::tls",
             "gateway",
             "observe",

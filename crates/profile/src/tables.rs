@@ -33,6 +33,7 @@ pub(crate) mod bus;
 pub(crate) mod bus_kind;
 mod check;
 mod claims;
+mod default_limits;
 pub(crate) mod device;
 mod expression;
 pub(crate) mod handshake;
@@ -106,7 +107,7 @@ impl Check<'_> {
         let settle = raw.machine.as_ref().and_then(|machine| machine.settle);
         self.axes.resolved =
             self.each(&self.axes, &raw.axis, |raw, _, at, name| raw.resolve(settle, at, name));
-        signal::limits::set_defaults(self);
+        default_limits::set_default_limits(self);
         self.outputs.resolved = self.each(&self.outputs, &raw.output, RawOutput::resolve);
         axis::intercept_slope::resolve(self);
         output::range::note_counts(self);

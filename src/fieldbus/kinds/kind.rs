@@ -32,7 +32,8 @@ pub struct BusKind {
     pub advice: fn(Seen) -> Option<Advice>,
     /// Returns the place of a line, by which two addresses of one line are recognised.
     pub place: fn(&Bus) -> LinePlace,
-    /// Whether single answers get lost on a line without a fault of a device.
+    /// Whether answers may be missing without a fault of a device: single ones get lost, or the line finds out only by
+    /// missing answers that its connection is lost.
     pub is_lossy: bool,
     /// Whether a server has namespaces, which identify its devices.
     pub has_namespaces: bool,

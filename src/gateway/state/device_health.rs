@@ -18,10 +18,12 @@ use isotherm_profile::{BusId, Device, DeviceId, OutputId, Profile};
 use super::failed_reads::{FailedReads, PlannedReads};
 use super::output_faults;
 
-/// Consecutive failures after which a device is reported as lost. A single lost answer is only counted. More are
-/// allowed on an RTU line, which loses an answer now and then and repeats the request at once.
+/// Consecutive failures after which a device is reported as lost. A single lost answer is only counted.
 const REPORTED_AFTER: u64 = 2;
-const REPORTED_AFTER_RTU: u64 = 3;
+/// The same for a device on a lossy line. An RTU line loses an answer now and then, and repeats the request at once. A
+/// TCP line replaces its connection after the second missing answer. A dead unit behind a Modbus gateway is asked too
+/// seldom for this number.
+const REPORTED_AFTER_LOSSES: u64 = 3;
 
 /// A lost device has returned when it has answered for this time. A device with repeated short losses is therefore
 /// reported once.
@@ -262,8 +264,8 @@ impl DeviceHealth {
         let explained = self.explained(id, seen);
         let count = &mut self.devices[id.0];
         let bus = self.profile.bus(self.profile.device(id).bus);
-        let is_lossy = kinds::of(bus.transport).is_lossy && count.answered;
-        let reported_after = if is_lossy { REPORTED_AFTER_RTU } else { REPORTED_AFTER };
+        let is_lossy = kinds::of(bus.transport).is_lossy && !self.profile.is_behind_gateway(id);
+        let reported_after = if is_lossy && count.answered { REPORTED_AFTER_LOSSES } else { REPORTED_AFTER };
         let lost = count.misses(explained);
         if lost.missed >= reported_after && lost.has_news() {
             events.push(lost.report(self.profile.device(id)));

@@ -12,17 +12,12 @@
 //! A signal contains these limits separately from those of the profile. A replay applies only the latter, so that the
 //! log of an earlier version gives the same decisions again.
 
-use std::collections::HashSet;
-
 use serde::{Deserialize, Serialize};
 
 use super::unit::Unit;
 use super::{RawSignal, Signal};
+use crate::key_context::KeyContext;
 use crate::schema_of::schema_of;
-use crate::tables::check::Tables;
-use crate::tables::{Check, KeyContext};
-use isotherm_core::compensation::model::{Model, StandIns};
-use isotherm_core::reading::SignalId;
 
 /// Largest plausible rate of change of a temperature that a model uses, in °C/s. The number is the same in K/s.
 const DEFAULT_RATE: f64 = 5.0;
@@ -184,7 +179,7 @@ impl RawSignal {
     }
 
     /// Returns the limits that apply because the profile states none. `is_used`: a model uses the signal.
-    fn defaults(&self, signal: &Signal, is_used: bool) -> DefaultLimits {
+    pub(in crate::tables) fn defaults(&self, signal: &Signal, is_used: bool) -> DefaultLimits {
         let Some(temperature) = Temperature::of(signal.unit).filter(|_| !signal.is_difference) else {
             return DefaultLimits::default();
         };
@@ -195,27 +190,4 @@ impl RawSignal {
             max_rate: has_rate.then_some(DEFAULT_RATE),
         }
     }
-}
-
-/// Sets the default limits of all signals. The axes must be resolved, because their models use signals.
-pub(in crate::tables) fn set_defaults(check: &mut Check<'_>) {
-    let models = check.axes.valid().flat_map(|axis| &axis.settings.models);
-    let used: HashSet<SignalId> = models.flat_map(signals_of).collect();
-    let written = &check.raw.signal;
-    let Tables { names, resolved } = &mut check.signals;
-    for (place, (name, signal)) in names.iter().zip(resolved).enumerate() {
-        if let (Some(raw), Some(signal)) = (written.get(name), signal) {
-            signal.defaults = raw.defaults(signal, used.contains(&SignalId(place)));
-        }
-    }
-}
-
-/// Returns the signals of a model, of its envelope and of its stand-ins.
-fn signals_of(model: &Model) -> Vec<SignalId> {
-    let envelope = model.envelope.iter().flat_map(|envelope| envelope.inputs());
-    let predictors = |stand_ins: &StandIns| -> Vec<SignalId> {
-        stand_ins.watched().flat_map(|(signal, _)| stand_ins.predictors(signal)).collect()
-    };
-    let stand_ins = model.stand_ins.iter().flat_map(predictors);
-    model.signals().into_iter().chain(envelope.map(|known| known.input.signal)).chain(stand_ins).collect()
 }
