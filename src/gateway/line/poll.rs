@@ -393,12 +393,16 @@ impl LineTask {
         };
         let first = self.line.first_after_miss(now);
         let first = first.and_then(|device| self.polls.iter().find(|poll| poll.device == device));
-        let first = first.map(|poll| (poll.device, poll.due(), may_begin(poll)));
-        self.polls.iter().enumerate().map(move |(place, poll)| match first {
-            Some((device, due, begins)) if poll.device != device && poll.may_wait_until(due) => {
-                (may_begin(poll).max(begins), true, place)
+        let first = first.map(|poll| (poll.device, may_begin(poll)));
+        self.polls.iter().enumerate().map(move |(place, poll)| {
+            let begins = may_begin(poll);
+            match first {
+                // The device waits for at most one period.
+                Some((device, other)) if poll.device != device && other <= begins.after(poll.every) => {
+                    (begins.max(other), true, place)
+                }
+                _ => (begins, false, place),
             }
-            _ => (may_begin(poll), false, place),
         })
     }
 

@@ -21,7 +21,7 @@ const REPEATS: u32 = 3;
 /// Reads of one device: the requests, and the times at which they are due.
 pub(super) struct Poll {
     pub(super) device: DeviceId,
-    every: Duration,
+    pub(super) every: Duration,
     /// Time at which the next round of requests begins.
     next: Moment,
     /// Round that has begun: the time at which it was due, and the index of its next request. `None` between rounds.
@@ -75,11 +75,6 @@ impl Poll {
     /// the next round begins.
     pub(super) fn due(&self) -> Moment {
         self.again.or(self.under_way.map(|(due, _)| due)).unwrap_or(self.next)
-    }
-
-    /// Returns whether the device may wait for another device that is due at `other`: for at most one period.
-    pub(super) fn may_wait_until(&self, other: Moment) -> bool {
-        other <= self.due().after(self.every)
     }
 
     /// Returns whether the device was due at `by` and has not been read since.
