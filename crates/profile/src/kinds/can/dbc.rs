@@ -19,8 +19,9 @@ pub(super) fn described(
     let raw = check.raw.device.get(device)?;
     let Some(file) = &raw.dbc else {
         if !key.is_written() {
-            let help = format!("write dbc = \"….dbc\" at device `{device}`, a file next to the profile");
-            at.invalid(format!("device `{device}` has no DBC file"), help);
+            // Reported at the device, so that several signals give one error.
+            let message = format!("device `{device}` has no DBC file, but signals are read by `dbc` from it");
+            key.wrong_key(message, "write dbc = \"….dbc\" at this device, a file next to the profile");
         }
         return None;
     };
