@@ -206,7 +206,8 @@ impl Check<'_> {
                     ("signal", signal, message)
                 }
                 Clash::Axes { axis, other, column } => {
-                    let message = format!("axes `{other}` and `{axis}` would both have the column `{column}`");
+                    let message =
+                        format!("axes `{other}` and `{axis}` would both have the column `{column}`");
                     ("axis", axis, message)
                 }
             };
