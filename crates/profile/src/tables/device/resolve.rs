@@ -35,6 +35,10 @@ impl RawDevice {
             }
             check.kinds_beside(kind).for_each(|other| (other.device_keys_elsewhere)(self, at));
         }
+        if known.is_none() && !at.key("unit").is_written() {
+            // The line has an error, so it is unknown whether its devices need a unit.
+            return None;
+        }
         let kind = known.unwrap_or(check.kinds[0]);
         let DeviceParts { unit, can, source_time, is_pc } = (kind.device)(check, self, at, line);
         let list = at.key("verify");
