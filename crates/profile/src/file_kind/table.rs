@@ -1,6 +1,6 @@
 //! Logs, recognised by rows of numbers and times with one separator.
 
-use super::FileKind;
+use super::kind::FileKind;
 
 /// Number of lines that are compared.
 const COMPARED: usize = 60;

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use super::FileKind;
+use super::kind::FileKind;
 
 /// Elements of XML documents, in the order in which they are searched.
 const XML: [(&str, FileKind); 5] = [

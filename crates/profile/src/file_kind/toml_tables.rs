@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use super::FileKind;
+use super::kind::FileKind;
 
 /// Names at the top of a TOML file.
 #[derive(Default)]

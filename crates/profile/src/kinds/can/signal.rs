@@ -126,8 +126,8 @@ fn convert(raw: &RawSignal, at: &KeyContext<'_>, found: &mut Described) -> Optio
             let is_number = |own: &Unit| matches!(own.0, "1" | "count" | "bool");
             if let Some(own) = own.filter(|own| !is_number(own) && !is_replaced) {
                 let help = format!(
-                    "if this means \"{}\", write scale = {} and offset = {}, as in the DBC file; otherwise write \
-                     the `scale` and `offset` that convert the raw count",
+                    "if this means \"{}\", write scale = {} and offset = {}, as in the DBC file; if not, those that \
+                     convert the raw count",
                     own.0,
                     toml_number(found.scale),
                     toml_number(found.offset)
