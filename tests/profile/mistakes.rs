@@ -103,6 +103,14 @@ fn a_key_that_is_missing_is_reported_at_its_table() {
 }
 
 #[test]
+fn a_misspelt_key_is_one_error_also_if_it_is_required() {
+    refused("limit = 40.0", "limt = 40.0", "axis.z.limt", "limt", &["did you mean `limit`?"]);
+    refused("unit = 3\n", "unti = 3\n", "device.readout.unti", "unti", &["did you mean `unit`?"]);
+    refused("[device.module]", "[devices.module]", "devices", "devices", &["did you mean `device`?"]);
+    refused("[signal.bed]", "[signals.bed]", "signals", "signals", &["did you mean `signal`?"]);
+}
+
+#[test]
 fn a_name_that_nobody_has_is_reported_with_the_nearest_one() {
     refused("bus = \"cell\"", "bus = \"cel\"", "device.module.bus", "\"cel\"", &["`cell`"]);
     refused(

@@ -165,7 +165,8 @@ impl<'c> KeyContext<'c> {
     /// Reports a key that this combination requires, if it is missing. If it has a wrong value, that has been reported
     /// already.
     pub(crate) fn missing(&self, message: impl Into<String>, help: impl Into<String>) {
-        if !self.is_written() && !self.report.spans.is_right(&self.path) {
+        let spans = self.report.spans;
+        if !self.is_written() && !spans.is_right(&self.path) && !spans.is_meant(&self.path) {
             self.wrong_key(message, help);
         }
     }
@@ -207,8 +208,10 @@ impl<'c> KeyContext<'c> {
     pub(crate) fn named(&self, names: &Names, name: Option<&String>) -> Option<usize> {
         let name = name?;
         let found = names.place(name);
-        // If the table exists but has errors, these have been reported.
-        if found.is_none() && !self.report.spans.contains(&child(names.kind, name)) {
+        // If the table exists but has errors, or is below a misspelt name, this has been reported.
+        let spans = self.report.spans;
+        let is_reported = spans.contains(&child(names.kind, name)) || spans.is_meant(names.kind);
+        if found.is_none() && !is_reported {
             if self.is_enough() {
                 return None;
             }

@@ -7,7 +7,7 @@ use toml::de::{DeArray, DeTable, DeValue};
 
 use crate::control_chars::is_unseen;
 use crate::duration::Timespan;
-use crate::error::{Findings, allowed};
+use crate::error::{Findings, allowed, nearest};
 use crate::source_map::{SourceMap, child, element};
 use crate::tables::signal::unit::{Scaling, Unit};
 
@@ -64,6 +64,7 @@ impl SchemaCheck<'_> {
         let mut entries: Vec<_> = table.into_iter().collect();
         entries.sort_by_key(|(key, _)| key.span().start);
         let mut right = Map::new();
+        let parent = path;
         let beside = Scaling::among(&entries, self.layer);
         for (key, value) in entries {
             self.beside = beside;
@@ -77,7 +78,11 @@ impl SchemaCheck<'_> {
             self.spans.record(self.layer, &path, key.span(), value.span());
             let at = key.span().start;
             let Some(inner) = inner else {
-                let words = known.into_iter().flat_map(Map::keys).map(String::as_str);
+                let words: Vec<&str> = known.into_iter().flat_map(Map::keys).map(String::as_str).collect();
+                // One misspelt key is one error: the key that was meant is not missing too.
+                if let Some(meant) = nearest(name, &words) {
+                    self.spans.mark_meant(child(parent, meant));
+                }
                 self.error(at, &path, format!("unknown key `{name}`"), Some(allowed(name, words)));
                 continue;
             };
@@ -193,7 +198,8 @@ impl SchemaCheck<'_> {
                 let required = schema.get("required").and_then(Value::as_array).into_iter().flatten();
                 for key in required.filter_map(Value::as_str) {
                     let path = child(path, key);
-                    if !table.contains_key(key) && !self.spans.contains(&path) {
+                    let is_reported = self.spans.contains(&path) || self.spans.is_meant(&path);
+                    if !table.contains_key(key) && !is_reported {
                         let described =
                             |schema: &Value| Some(schema.get("description")?.as_str()?.replace('\n', " "));
                         let what = property(key)
