@@ -9,6 +9,7 @@ use isotherm_profile::{Errors, Loaded, ProfileError};
 mod arrives;
 mod can;
 mod can_line;
+mod cantools;
 mod contradictions;
 mod counters;
 mod data;
