@@ -116,13 +116,14 @@ fn a_file_in_the_place_of_another_is_one_error_that_names_both_kinds() {
     let home = tempfile::tempdir().unwrap();
     let template =
         "title = \"ours\"\nsource = \"its manual\"\n[channel.t]\nregister = \"input:0\"\ntype = \"i16\"\n";
+    let (one, two) = (day(1), day(2));
     for (name, text) in [
         ("machine.toml", PROFILE),
         ("module.toml", template),
         ("block.toml", "[[axis.z.model]]\nname = \"a\"\nkind = \"linear\"\n"),
         ("module.dbc", "VERSION \"\"\nBU_: A\nBO_ 2 Top: 8 A\n"),
-        ("one.csv", &day(1)),
-        ("two.csv", &day(2)),
+        ("one.csv", one.as_str()),
+        ("two.csv", two.as_str()),
     ] {
         file(home.path(), name, text);
     }
@@ -134,7 +135,11 @@ fn a_file_in_the_place_of_another_is_one_error_that_names_both_kinds() {
             1,
             "block.toml: this is a model block, not a log",
         ),
-        (&["report", "one.csv", "--gauge", "module.toml"], 1, "this is a device template, not a log"),
+        (
+            &["identify", "machine.toml", "one.csv", "--error", "error", "--gauge", "module.toml"],
+            1,
+            "module.toml: this is a device template, not a log",
+        ),
         (&["replay", "surface-grinder", "machine.toml"], 1, "machine.toml: this is a profile, not a log"),
         (&["replay", "one.csv", "machine.toml"], 64, "one.csv: this is a log, not a profile"),
         (&["check", "one.csv"], 64, "one.csv: this is a log, not a profile"),
