@@ -55,7 +55,7 @@ fn a_unit_that_cannot_be_converted_is_refused_with_what_to_write() {
             "degF",
             "scale = 0.1\nunit = \"degC\"",
             "scale",
-            ["(in \"degF\" in the file)", "write `offset` as well"],
+            ["converted from \"degF\"", "write `offset` as well"],
         ),
     ] {
         let found = errors(with_unit(unit, "(1,0)", keys));

@@ -108,6 +108,10 @@ fn a_misspelt_key_is_one_error_also_if_it_is_required() {
     refused("unit = 3\n", "unti = 3\n", "device.readout.unti", "unti", &["did you mean `unit`?"]);
     refused("[device.module]", "[devices.module]", "devices", "devices", &["did you mean `device`?"]);
     refused("[signal.bed]", "[signals.bed]", "signals", "signals", &["did you mean `signal`?"]);
+    // The models below this table still belong to axis `z`, whose other keys are then not missing.
+    refused("[axis.z]", "[axes.z]", "axes", "axes", &["did you mean `axis`?"]);
+    // The names in the formula are those of the misspelt table.
+    refused("inputs = { A", "inptus = { A", "axis.z.model[1].inptus", "inptus", &["did you mean `inputs`?"]);
 }
 
 #[test]

@@ -143,6 +143,10 @@ impl DbcFile {
             let what = format!("`{signal_name}` ends beyond the {size} bytes of its message");
             return Err(self.at(&format!("SG_ {signal_name} "), Some(&message.name.as_str()), what));
         }
+        if !signal.factor.is_finite() || !signal.offset.is_finite() {
+            let what = format!("scale or offset of `{signal_name}` is too large");
+            return Err(self.at(&format!("SG_ {signal_name} "), Some(&message.name.as_str()), what));
+        }
         Ok(Described { field, scale: signal.factor, offset: signal.offset, unit: unit::of(&signal.unit) })
     }
 

@@ -125,6 +125,13 @@ impl<'c> KeyContext<'c> {
         self.report.spans.contains(&self.path)
     }
 
+    /// Returns whether this key is missing, and no error about it has been reported. Then it has not been written, no
+    /// template has set it, and no misspelt key probably means it.
+    pub(crate) fn is_left_out(&self) -> bool {
+        let spans = self.report.spans;
+        !self.is_written() && !spans.is_right(&self.path) && !spans.is_meant(&self.path)
+    }
+
     /// Returns the place for messages, for example `profiles/x.toml:41`.
     pub(crate) fn line(&self) -> String {
         self.report.spans.line_of(&self.path)
@@ -165,8 +172,7 @@ impl<'c> KeyContext<'c> {
     /// Reports a key that this combination requires, if it is missing. If it has a wrong value, that has been reported
     /// already.
     pub(crate) fn missing(&self, message: impl Into<String>, help: impl Into<String>) {
-        let spans = self.report.spans;
-        if !self.is_written() && !spans.is_right(&self.path) && !spans.is_meant(&self.path) {
+        if self.is_left_out() {
             self.wrong_key(message, help);
         }
     }

@@ -123,9 +123,16 @@ impl SourceMap {
         self.meant.insert(path);
     }
 
-    /// Returns whether an unknown key that has been reported probably means this key.
+    /// Returns whether an unknown key that has been reported probably means this key, or a table that contains it.
     pub(crate) fn is_meant(&self, path: &str) -> bool {
-        self.meant.contains(path)
+        let mut path = path;
+        loop {
+            if self.meant.contains(path) {
+                return true;
+            }
+            let Some(end) = path.rfind(['.', '[']) else { return false };
+            path = &path[..end];
+        }
     }
 
     pub(crate) fn record(&mut self, layer: usize, path: &str, key: Range<usize>, value: Range<usize>) {

@@ -170,6 +170,16 @@ fn two_messages_of_one_identifier_are_refused_only_for_a_signal_that_both_have()
     assert!(with(same).signal("Top.T_Temp", None).is_ok() && with(same).signal("Again.Own", None).is_ok());
 }
 
+#[test]
+fn a_scale_that_no_number_holds_is_refused_at_its_line() {
+    for scaled in ["(1e999,0)", "(1,-1e999)"] {
+        let far = format!("\nBO_ 4 Far: 8 Module\n SG_ A : 0|8@1+ {scaled} [0|0] \"\" X\n");
+        let (message, line) = line_of(&with(&far), "Far.A");
+        assert_eq!(message, "scale or offset of `A` is too large");
+        assert!(line.starts_with("SG_ A : 0|8"), "{line}");
+    }
+}
+
 const LONG: &str = "
 BO_ 5 A_message_whose_name_is_cut_at_t: 8 Module
  SG_ A_signal_whose_name_is_cut_at_th : 0|8@1+ (1,0) [0|0] \"degC\" X

@@ -21,8 +21,13 @@ pub(crate) enum FileUnit {
     Unknown(String),
 }
 
+/// Characters that stand for a degree sign: look-alikes, and its bytes in code pages that are not Latin-1 (Chinese,
+/// Korean, Japanese, DOS). A conversion to ASCII leaves question marks.
+const DEGREES: [&str; 12] =
+    ["Â°", "º", "˚", "\u{fffd}", "¡ã", "¡Æ", "\u{81}\u{8b}", "ø", "??", "?", "'", "`"];
+
 /// Spellings of temperatures in small letters, without blanks, points and `_`, each with the unit that it means.
-/// The last two are "℃" of Chinese and Japanese code pages, read as Latin-1.
+/// The last three are "℃" of Chinese, Korean and Japanese code pages, read as Latin-1.
 const TEMPERATURES: [(&[&str], &str); 4] = [
     (
         &[
@@ -34,35 +39,54 @@ const TEMPERATURES: [(&[&str], &str); 4] = [
             "degreecelsius",
             "degreescelsius",
             "celsius",
+            "celcius",
+            "degcelcius",
+            "cel",
             "centigrade",
             "gradc",
             "gradcelsius",
             "°celsius",
             "℃",
             "¡æ",
+            "¡é",
             "\u{81}\u{8e}",
         ],
         "degC",
     ),
     (&["kelvin", "°k", "degk", "degkelvin", "degreekelvin"], "K"),
     (
-        &["°f", "degf", "degfahrenheit", "degreef", "degreesf", "degreefahrenheit", "fahrenheit", "℉"],
+        &[
+            "°f",
+            "degf",
+            "degfahrenheit",
+            "degreef",
+            "degreesf",
+            "degreefahrenheit",
+            "fahrenheit",
+            "farenheit",
+            "℉",
+        ],
         "Fahrenheit",
     ),
-    (&["°r", "degr", "degrankine", "rankine"], "Rankine"),
+    (&["degrankine", "rankine"], "Rankine"),
 ];
 
 /// Other spellings, without blanks and `_`, each with the unit that it means. Case matters: "mPa" is not "MPa".
-const OTHERS: [(&[&str], &str); 24] = [
-    (&["C"], "degC"),
-    (&["F"], "Fahrenheit"),
-    (&["µm", "μm", "micron"], "um"),
+const OTHERS: [(&[&str], &str); 29] = [
+    (&["C", "oC"], "degC"),
+    (&["F", "oF"], "Fahrenheit"),
+    (&["°R", "degR", "DegR"], "Rankine"),
+    (&["µm", "μm", "micron", "microns", "\u{a6}Ìm", "\u{83}Êm"], "um"),
     (&["1/min", "RPM", "Rpm", "min-1", "min^-1", "U/min", "r/min", "rev/min"], "rpm"),
-    (&["%"], "percent"),
+    (&["%", "Percent", "PERCENT", "pct"], "percent"),
     (&["Volt", "volt", "Volts", "volts"], "V"),
-    (&["Amp", "Amps", "amp", "amps", "Ampere"], "A"),
-    (&["sec", "Sec"], "s"),
-    (&["L/min"], "l/min"),
+    (&["Amp", "Amps", "amp", "amps", "Ampere", "Amperes"], "A"),
+    (&["sec", "Sec", "second", "seconds", "Seconds"], "s"),
+    (&["L/min", "lpm", "LPM"], "l/min"),
+    (&["N.m", "N*m", "N·m", "N-m"], "Nm"),
+    (&["Watt", "watt", "Watts", "watts"], "W"),
+    (&["KW", "Kw"], "kW"),
+    (&["Hertz", "hertz", "HZ"], "Hz"),
     (&["Bar", "BAR"], "bar"),
     (&["m"], "m"),
     (&["cm"], "cm"),
@@ -86,8 +110,8 @@ const PLAIN: [&str; 10] = ["", "-", "--", "1", "none", "n/a", "na", "unitless", 
 /// Returns the meaning of a unit in a DBC file.
 pub(super) fn of(text: &str) -> FileUnit {
     let bare: String = text.chars().filter(|one| !one.is_whitespace() && *one != '_').collect();
-    // The degree sign has several look-alikes, and is often lost in a conversion between code pages.
-    let bare = bare.replace("Â°", "°").replace(['º', '˚', '\u{fffd}'], "°");
+    let degree = DEGREES.iter().find(|degree| bare.starts_with(**degree));
+    let bare = degree.map_or(bare.clone(), |degree| bare.replacen(*degree, "°", 1));
     let small = bare.to_lowercase();
     if PLAIN.contains(&small.as_str()) {
         return FileUnit::Plain;
@@ -113,7 +137,7 @@ mod tests {
 
     #[test]
     fn each_spelling_of_a_unit_is_understood() {
-        const CASES: [(&[&str], &str); 7] = [
+        const CASES: [(&[&str], &str); 9] = [
             (
                 &[
                     "degC",
@@ -128,15 +152,28 @@ mod tests {
                     "Celsius",
                     "DegreeC",
                     "deg.C",
+                    "?C",
+                    "??C",
+                    "'C",
+                    "oC",
+                    "¡ãC",
+                    "¡Æ C",
+                    "¡É",
+                    "\u{81}\u{8b}C",
+                    "øC",
+                    "Celcius",
+                    "Cel",
                 ],
                 "degC",
             ),
             (&["K", "Kelvin", "°K"], "K"),
             (&["µm", "μm", "um"], "um"),
             (&["rpm", "RPM", "1/min", "U/min"], "rpm"),
-            (&["%"], "percent"),
+            (&["%", "Percent"], "percent"),
             (&["V", "Volt"], "V"),
             (&["bar", "Bar"], "bar"),
+            (&["Nm", "N.m", "N*m"], "Nm"),
+            (&["kW", "KW"], "kW"),
         ];
         for (texts, unit) in CASES {
             for text in texts {
@@ -148,7 +185,7 @@ mod tests {
     #[test]
     fn a_unit_that_a_profile_does_not_have_is_converted() {
         const CASES: [(&[&str], &str, f64, f64); 7] = [
-            (&["degF", "°F", "deg F", "F", "Fahrenheit", "ºF", "℉"], "degC", 212.0, 100.0),
+            (&["degF", "°F", "deg F", "F", "Fahrenheit", "ºF", "?F", "℉"], "degC", 212.0, 100.0),
             (&["degR", "Rankine"], "K", 491.67, 273.15),
             (&["kPa"], "bar", 250.0, 2.5),
             (&["mbar", "hPa"], "bar", 1013.0, 1.013),
@@ -171,7 +208,7 @@ mod tests {
         for text in ["", " ", "-", "1", "n/a", "Bit"] {
             assert_eq!(of(text), FileUnit::Plain, "{text:?}");
         }
-        for text in ["km/h", "MPa", "mPa", "deg/s", "c", "f", "kV", "Ohm", "°"] {
+        for text in ["km/h", "MPa", "mPa", "deg/s", "degr", "c", "f", "OC", "kV", "Ohm", "°", "?", "''"] {
             assert_eq!(of(text), FileUnit::Unknown(text.to_owned()), "{text}");
         }
     }

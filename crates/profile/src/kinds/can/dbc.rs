@@ -18,11 +18,9 @@ pub(super) fn described(
     let key = at.top("device").key(device).key("dbc");
     let raw = check.raw.device.get(device)?;
     let Some(file) = &raw.dbc else {
-        if !key.is_written() {
-            // Reported at the device, so that several signals give one error.
-            let message = format!("device `{device}` has no DBC file, but signals are read by `dbc` from it");
-            key.wrong_key(message, "write dbc = \"….dbc\" at this device, a file next to the profile");
-        }
+        // Reported at the device, so that several signals give one error.
+        let message = format!("device `{device}` has no DBC file, but signals are read by `dbc` from it");
+        key.missing(message, "write dbc = \"….dbc\" at this device, a file next to the profile");
         return None;
     };
     let dbc = read(check, &key, file)?;

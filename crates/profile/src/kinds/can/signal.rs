@@ -35,8 +35,8 @@ pub(super) fn resolve(check: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>) -
         no_fill(&at.key("frame").key("fill"), frame.fill.is_some());
         (Address::Frame(frame.resolve(&at.key("frame"))?), own, None)
     } else {
-        let is_wrong = ["dbc", "pdo", "sdo", "frame"].into_iter().any(|key| at.key(key).is_written());
-        if raw.register.is_none() && !is_wrong {
+        let places = ["register", "dbc", "pdo", "sdo", "frame"];
+        if places.into_iter().all(|key| at.key(key).is_left_out()) {
             let help = "write dbc = \"Message.Signal\", pdo = { … }, sdo = \"7130:01\" or frame = { … }";
             at.wrong_key("the place from which the signal is read is missing", help);
         }
@@ -67,7 +67,9 @@ fn scale_over(raw: &RawSignal, at: &KeyContext<'_>, found: &Described) -> Option
         return Some((raw.scale.unwrap_or(1.0), raw.offset.unwrap_or(0.0)));
     }
     let converted = match &found.unit {
-        FileUnit::Convertible { written, .. } => format!(" (in \"{written}\" in the file)"),
+        FileUnit::Convertible { written, conversion } if is_converted(raw, conversion.unit) => {
+            format!(", converted from \"{written}\"")
+        }
         _ => String::new(),
     };
     let message = format!(
@@ -97,23 +99,16 @@ fn convert(raw: &RawSignal, at: &KeyContext<'_>, found: &mut Described) -> Optio
         }
         FileUnit::Convertible { written, conversion } => {
             let Conversion { unit, factor, shift } = *conversion;
-            let is_temperature = matches!(unit.0, "degC" | "K");
-            match own {
-                Some(own) if own != unit => {
-                    if !is_replaced {
-                        let help = format!(
-                            "write unit = \"{}\", to which the value is converted, or the `scale` and `offset` \
-                             that convert the raw count to \"{}\"",
-                            unit.0, own.0
-                        );
-                        let message = format!("the DBC file has this signal in \"{written}\"");
-                        at.key("unit").invalid(message, help);
-                    }
-                    return None;
+            if !is_converted(raw, unit) {
+                if let Some(own) = own.filter(|_| !is_replaced) {
+                    let help = format!(
+                        "write unit = \"{}\", to which the value is converted, or the `scale` and `offset` that \
+                         convert the raw count to \"{}\"",
+                        unit.0, own.0
+                    );
+                    at.key("unit").invalid(format!("the DBC file has this signal in \"{written}\""), help);
                 }
-                // Only a temperature has one unit that is always meant.
-                None if !is_temperature || is_replaced => return None,
-                _ => {}
+                return None;
             }
             found.scale *= factor;
             found.offset *= factor;
@@ -139,6 +134,15 @@ fn convert(raw: &RawSignal, at: &KeyContext<'_>, found: &mut Described) -> Optio
             }
             None
         }
+    }
+}
+
+/// Returns whether scale and offset of the DBC file are converted to the unit `to`: the profile has this unit, or it has
+/// none and `to` is a unit of temperatures. For other quantities, the unit of the file may be meant.
+fn is_converted(raw: &RawSignal, to: Unit) -> bool {
+    match raw.unit.as_deref() {
+        Some(own) => own == to.0,
+        None => matches!(to.0, "degC" | "K") && raw.scale.is_none(),
     }
 }
 
