@@ -8,7 +8,7 @@ use can_dbc::{
     MultiplexIndicator, Signal, SignalExtendedValueType, ValueType,
 };
 
-use crate::file_kind::FileKind;
+use crate::file_kind::{self, FileKind};
 use isotherm_core::border::beyond;
 use isotherm_core::codec::{BitField, BitKind, ByteOrder, CanId, CanMatch, Field, Selector};
 
@@ -79,7 +79,8 @@ impl Wrong {
 }
 
 impl DbcFile {
-    /// Parses the bytes of a DBC file in UTF-8. Other bytes are read as Latin-1, which many DBC editors write.
+    /// Parses the bytes of a DBC file in UTF-8, or in UTF-16 with a byte order mark. Other bytes are read as Latin-1,
+    /// which many DBC editors write.
     ///
     /// # Errors
     /// The file is not a DBC file. The error names the kind of the file if it is known. Otherwise it states the position
@@ -95,9 +96,10 @@ impl DbcFile {
     }
 
     fn parse(bytes: Vec<u8>) -> Result<DbcFile, Wrong> {
-        let text = match String::from_utf8(bytes) {
-            Ok(text) => text,
-            Err(other) => other.as_bytes().iter().map(|byte| char::from(*byte)).collect(),
+        let latin = |bytes: &[u8]| bytes.iter().map(|byte| char::from(*byte)).collect();
+        let text = match file_kind::wide(&bytes) {
+            Some(text) => text,
+            None => String::from_utf8(bytes).unwrap_or_else(|other| latin(other.as_bytes())),
         };
         let text = text.trim_start_matches('\u{feff}').to_owned();
         let panicked = |_| {

@@ -14,6 +14,11 @@ mod toml_tables;
 
 pub use kind::{FileKind, Misplaced};
 
+/// Decodes a text in UTF-16 with a byte order mark. `None` if the bytes have no such mark.
+pub(crate) fn wide(bytes: &[u8]) -> Option<String> {
+    text::wide(bytes)
+}
+
 /// Number of bytes at the beginning of a file from which its kind is recognised.
 const HEAD: usize = 64 * 1024;
 

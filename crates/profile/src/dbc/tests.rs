@@ -121,6 +121,15 @@ fn a_file_in_the_western_code_page_is_read_as_well() {
 }
 
 #[test]
+fn a_file_in_wide_characters_is_read_as_well() {
+    for order in [u16::to_le_bytes, u16::to_be_bytes] {
+        let wide = std::iter::once(0xfeff).chain(FILE.encode_utf16()).flat_map(order).collect();
+        let found = DbcFile::read(wide).unwrap().signal("Muxed.Two", None).unwrap();
+        assert_eq!(found.unit, FileUnit::Known(Unit("um")));
+    }
+}
+
+#[test]
 fn no_text_makes_the_reading_panic() {
     for cut in (0..FILE.len()).step_by(7).filter(|cut| FILE.is_char_boundary(*cut)) {
         if let Ok(file) = DbcFile::read(FILE.as_bytes()[..cut].to_vec()) {

@@ -3,10 +3,10 @@
 use super::kind::FileKind;
 
 /// Number of lines that are compared.
-const COMPARED: usize = 60;
+const COMPARED: usize = 300;
 const SEPARATORS: [char; 3] = ['\t', ';', ','];
 /// First column of a log without rows.
-const TIMES: [&str; 4] = ["time", "time_s", "time_min", "timestamp"];
+const TIMES: [&str; 8] = ["time", "time_s", "time_min", "timestamp", "date", "datetime", "zeit", "datum"];
 
 /// Returns [`FileKind::Log`] if the text has rows of numbers and times.
 pub(super) fn of(text: &str) -> Option<FileKind> {

@@ -53,6 +53,11 @@ fn other_texts_and_bytes_are_no_known_kind() {
     {
         assert_eq!(FileKind::of(text.as_bytes()), None, "{text:?}");
     }
+    // The lines above the head of a log may look like another file.
+    for above in ["[DeviceInfo]\nSerial=7\n", "machine=VMC 1\n", "title=Run 5\nsource=channel 1\n"] {
+        let log = format!("{above}Date;Bed\n05.01.2026 06:00:10;20,1\n05.01.2026 06:00:20;20,2\n");
+        assert_eq!(FileKind::of(log.as_bytes()), Some(FileKind::Log), "{above}");
+    }
     // A list of numbers in a table of a profile is no log.
     assert_eq!(
         FileKind::of(format!("{PROFILE}x = [\n1.0, 2.0,\n3.0, 4.0,\n]\n").as_bytes()),

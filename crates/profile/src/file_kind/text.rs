@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 
 use super::kind::FileKind;
+use super::table;
 
 /// Elements of XML documents, in the order in which they are searched.
 const XML: [(&str, FileKind); 5] = [
@@ -35,16 +36,22 @@ const EDS: [&str; 3] = ["[FileInfo]", "[DeviceInfo]", "[MandatoryObjects]"];
 /// Decodes a text in UTF-8, in UTF-16 with a byte order mark, or in a code page of single bytes. `None` if the bytes
 /// are no text.
 pub(super) fn decoded(bytes: &[u8]) -> Option<Cow<'_, str>> {
-    let wide = |unit: fn([u8; 2]) -> u16| {
-        let units: Vec<u16> = bytes[2..].chunks_exact(2).map(|pair| unit([pair[0], pair[1]])).collect();
-        Some(Cow::Owned(String::from_utf16_lossy(&units)))
-    };
-    match bytes {
-        [0xff, 0xfe, ..] => wide(u16::from_le_bytes),
-        [0xfe, 0xff, ..] => wide(u16::from_be_bytes),
-        _ if bytes.contains(&0) => None,
-        _ => Some(String::from_utf8_lossy(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes))),
+    if let Some(wide) = wide(bytes) {
+        return Some(Cow::Owned(wide));
     }
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    (!bytes.contains(&0)).then(|| String::from_utf8_lossy(bytes))
+}
+
+/// Decodes a text in UTF-16 with a byte order mark. `None` if the bytes have no such mark.
+pub(super) fn wide(bytes: &[u8]) -> Option<String> {
+    let unit: fn([u8; 2]) -> u16 = match bytes {
+        [0xff, 0xfe, ..] => u16::from_le_bytes,
+        [0xfe, 0xff, ..] => u16::from_be_bytes,
+        _ => return None,
+    };
+    let units: Vec<u16> = bytes[2..].chunks_exact(2).map(|pair| unit([pair[0], pair[1]])).collect();
+    Some(String::from_utf16_lossy(&units))
 }
 
 /// Returns the kind of a text that contains a typical line or element.
@@ -59,7 +66,9 @@ pub(super) fn of_marks(text: &str) -> Option<FileKind> {
         return Some(FileKind::Json);
     }
     let lines = || text.lines().map(str::trim);
-    if lines().any(|line| EDS.iter().any(|section| line.eq_ignore_ascii_case(section))) {
+    // Some loggers write such a section above the table.
+    let is_section = |line: &str| EDS.iter().any(|section| line.eq_ignore_ascii_case(section));
+    if lines().any(is_section) && table::of(text).is_none() {
         return Some(FileKind::Eds);
     }
     let begins = |line: &str, with: &str| {

@@ -7,7 +7,7 @@ use super::kind::FileKind;
 /// Names at the top of a TOML file.
 #[derive(Default)]
 struct Names<'t> {
-    /// Keys before the first table.
+    /// Keys before the first table, if the value is a text, list or table. Loggers write `machine=VMC 1`.
     keys: BTreeSet<&'t str>,
     /// First parts of the names of tables.
     tables: BTreeSet<&'t str>,
@@ -49,7 +49,9 @@ impl<'t> Names<'t> {
                     names.has_model |= first == "axis" && parts.nth(1) == Some(Some("model"));
                 }
             } else if names.tables.is_empty()
-                && let Some(key) = line.split_once('=').and_then(|(key, _)| plain(key.split('.').next()?))
+                && let Some((key, value)) = line.split_once('=')
+                && value.trim_start().starts_with(['"', '\'', '{', '['])
+                && let Some(key) = key.split('.').next().and_then(plain)
             {
                 names.keys.insert(key);
             }

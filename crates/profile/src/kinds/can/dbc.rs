@@ -4,6 +4,7 @@ use std::rc::Rc;
 
 use crate::dbc::{self, DbcFile, Described, Wrong};
 use crate::error::ProfileError;
+use crate::file_kind::FileKind;
 use crate::source_map::around;
 use crate::tables::{Check, KeyContext};
 use crate::template;
@@ -52,6 +53,12 @@ fn parse(at: &KeyContext<'_>, name: &str) -> Option<DbcFile> {
         (Ok(bytes), _) => bytes,
         (Err(_), Some(shipped)) => shipped.as_bytes().to_vec(),
         (Err(why), None) => {
+            // An ARXML file is often larger than the limit.
+            let other = at.report.files.kind(name).and_then(|kind| kind.instead_of(FileKind::Dbc));
+            if let Some(other) = other {
+                at.error(other.error(at.report.files.path(name)));
+                return None;
+            }
             return at.reject(why, "give the path of a DBC file next to the profile, as \"module.dbc\"");
         }
     };
