@@ -110,6 +110,8 @@ fn a_misspelt_key_is_one_error_also_if_it_is_required() {
     refused("[signal.bed]", "[signals.bed]", "signals", "signals", &["did you mean `signal`?"]);
     // The models below this table still belong to axis `z`, whose other keys are then not missing.
     refused("[axis.z]", "[axes.z]", "axes", "axes", &["did you mean `axis`?"]);
+    // A condition uses this signal.
+    refused("[signal.cnc_on]", "[singal.cnc_on]", "singal", "singal", &["did you mean `signal`?"]);
     // The names in the formula are those of the misspelt table.
     refused("inputs = { A", "inptus = { A", "axis.z.model[1].inptus", "inptus", &["did you mean `inputs`?"]);
 }

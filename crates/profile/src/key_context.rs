@@ -213,18 +213,16 @@ impl<'c> KeyContext<'c> {
     /// Returns the index of the table with this name.
     pub(crate) fn named(&self, names: &Names, name: Option<&String>) -> Option<usize> {
         let name = name?;
-        let found = names.place(name);
-        // If the table exists but has errors, or is below a misspelt name, this has been reported.
-        let spans = self.report.spans;
-        let is_reported = spans.contains(&child(names.kind, name)) || spans.is_meant(names.kind);
-        if found.is_none() && !is_reported {
-            if self.is_enough() {
-                return None;
-            }
-            let help = allowed(name, names.iter().map(String::as_str));
-            self.invalid(format!("there is no {} named `{name}`", names.kind), help);
+        if let Some(found) = names.place(name) {
+            return Some(found);
         }
-        found
+        // If the table exists but has errors, or is below a misspelt name, this has been reported.
+        let (spans, path) = (self.report.spans, child(names.kind, name));
+        if spans.contains(&path) || spans.is_meant(&path) || self.is_enough() {
+            return None;
+        }
+        let help = allowed(name, names.iter().map(String::as_str));
+        self.reject(format!("there is no {} named `{name}`", names.kind), help)
     }
 
     /// Returns the signal with this name, and marks it as used.

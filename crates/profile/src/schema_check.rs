@@ -81,7 +81,7 @@ impl SchemaCheck<'_> {
                 let words: Vec<&str> = known.into_iter().flat_map(Map::keys).map(String::as_str).collect();
                 // One misspelt key is one error: the key that was meant is not missing too.
                 if let Some(meant) = nearest(name, &words) {
-                    self.spans.mark_meant(child(parent, meant));
+                    self.mark_meant(child(parent, meant), value.get_ref());
                 }
                 self.error(at, &path, format!("unknown key `{name}`"), Some(allowed(name, words)));
                 continue;
@@ -95,6 +95,16 @@ impl SchemaCheck<'_> {
             }
         }
         Value::Object(right)
+    }
+
+    /// Records the known key that an unknown key probably means, and the keys of its table.
+    fn mark_meant(&mut self, path: String, value: &DeValue<'_>) {
+        if let DeValue::Table(table) = value {
+            for (key, value) in table.iter() {
+                self.mark_meant(child(&path, key.get_ref()), value.get_ref());
+            }
+        }
+        self.spans.mark_meant(path);
     }
 
     /// Returns the value if the schema allows it. Otherwise reports the mistake.

@@ -88,7 +88,7 @@ pub(crate) struct SourceMap {
     by_path: BTreeMap<Box<str>, Span>,
     /// Valid keys without a place, which a template added.
     brought: BTreeSet<String>,
-    /// Known keys that an unknown key next to them probably means, and that are therefore not reported as missing.
+    /// Known keys that an unknown key probably means, and that are therefore not reported as missing.
     meant: BTreeSet<String>,
     /// Texts that describe the origin of values that no layer contains, by the path of the key.
     notes: BTreeMap<String, String>,
@@ -123,16 +123,9 @@ impl SourceMap {
         self.meant.insert(path);
     }
 
-    /// Returns whether an unknown key that has been reported probably means this key, or a table that contains it.
+    /// Returns whether an unknown key that has been reported probably means this key.
     pub(crate) fn is_meant(&self, path: &str) -> bool {
-        let mut path = path;
-        loop {
-            if self.meant.contains(path) {
-                return true;
-            }
-            let Some(end) = path.rfind(['.', '[']) else { return false };
-            path = &path[..end];
-        }
+        self.meant.contains(path)
     }
 
     pub(crate) fn record(&mut self, layer: usize, path: &str, key: Range<usize>, value: Range<usize>) {
