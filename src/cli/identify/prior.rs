@@ -47,10 +47,11 @@ pub(super) fn terms(path: &Path, axis: &str) -> anyhow::Result<Vec<PriorTerm>> {
     })?;
     let found = file.axis.get(axis).and_then(|axis| axis.model.iter().find(|model| !model.terms.is_empty()));
     let model = found.ok_or_else(|| {
-        anyhow!(
+        let why = anyhow!(
             "{shown} has no linear model of axis {axis}; --prior needs a model that `isotherm identify \
              --write` wrote"
-        )
+        );
+        of_other_kind(path, FileKind::ModelBlock, why)
     })?;
     let term = |term: &Term| {
         let lag = term.lag.as_deref().map(humantime::parse_duration).transpose();

@@ -10,7 +10,7 @@ use crate::tables::{Check, KeyContext, label};
 
 impl RawDevice {
     pub(crate) fn resolve(&self, check: &Check<'_>, at: &KeyContext<'_>, name: &str) -> Option<Device> {
-        if at.key("template").is_left_out() {
+        if self.template.is_none() && at.key("template").is_left_out() {
             let help = "write template = \"…\" as well, or remove this key";
             at.not_applicable(&["variant", "sha256", "base", "expect"], "a device template", help);
         }
