@@ -117,6 +117,19 @@ fn a_misspelt_key_is_one_error_also_if_it_is_required() {
 }
 
 #[test]
+fn a_table_that_occurs_twice_or_a_bracket_without_an_end_is_one_error() {
+    let bed = GRINDER.find("[signal.bed]").unwrap();
+    let twice = format!("{GRINDER}\n{}", GRINDER[bed..].split("\n\n").next().unwrap());
+    let found = errors(parse(&twice));
+    assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
+    assert_eq!(found[0].line, Some(GRINDER.lines().count() + 2), "{}", found[0]);
+    assert!(found[0].to_string().contains("give one of the two tables another name"), "{}", found[0]);
+    let found = errors(with("{ action = \"ramp\", after = \"60s\" }", "{ action = \"ramp\""));
+    assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
+    assert!(found[0].to_string().contains("close the list or inline table"), "{}", found[0]);
+}
+
+#[test]
 fn a_name_that_nobody_has_is_reported_with_the_nearest_one() {
     refused("bus = \"cell\"", "bus = \"cel\"", "device.module.bus", "\"cel\"", &["`cell`"]);
     refused(

@@ -7,6 +7,7 @@
 //! # Layout
 //! - `load`, `merge`, `schema_check`, `source_map`: reading the layers, merging them, checking them against the schema,
 //!   and the place of each key.
+//! - `syntax_errors`: the mistakes of a file that is no valid TOML, without their consequences.
 //! - `overridden_keys`, `protected_keys`: keys that the layers change, and keys that they must not change.
 //! - `file_kind`: kinds of files by their content, to name a file in the place of another.
 //! - `files`, `sources`: files that a profile names, and the record of everything that was read.
@@ -48,6 +49,7 @@ mod size;
 mod source_map;
 mod sources;
 pub mod stop;
+mod syntax_errors;
 mod tables;
 pub mod template;
 mod wording;

@@ -9,6 +9,7 @@ use crate::control_chars::is_unseen;
 use crate::duration::Timespan;
 use crate::error::{Findings, allowed, nearest};
 use crate::source_map::{SourceMap, child, element};
+use crate::syntax_errors::{SyntaxError, independent};
 use crate::tables::signal::unit::{Scaling, Unit};
 
 /// Largest number of entries in a list. The limit bounds the duration of a step, which computes every term of a model.
@@ -45,13 +46,12 @@ impl SchemaCheck<'_> {
     /// valid.
     pub(crate) fn parsed<'t>(&mut self, text: &'t str) -> (DeTable<'t>, bool) {
         let (table, problems) = DeTable::parse_recoverable(text);
-        for problem in &problems {
+        for SyntaxError { at, message, help } in independent(text, &problems) {
             if self.errors.is_full() {
                 self.errors.count();
                 continue;
             }
-            let at = problem.span().map_or(0, |span| span.start);
-            self.error(at, "", problem.message(), decimal_comma(text, at));
+            self.error(at, "", message, decimal_comma(text, at).or(help.map(str::to_owned)));
         }
         (table.into_inner(), problems.is_empty())
     }
