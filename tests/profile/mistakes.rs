@@ -117,6 +117,16 @@ fn a_misspelt_key_is_one_error_also_if_it_is_required() {
 }
 
 #[test]
+fn a_table_that_several_keys_name_is_one_error_if_it_does_not_exist() {
+    let found = errors(with("[device.module]", "[device.modul]"));
+    assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
+    let keys = GRINDER.matches("device = \"module\"").count();
+    let message = format!("there is no device named `module` ({keys} keys name it)");
+    assert!(found[0].message == message && keys > 1, "{}", found[0]);
+    assert!(found[0].help.as_ref().unwrap().contains("did you mean `modul`?"), "{}", found[0]);
+}
+
+#[test]
 fn a_table_that_occurs_twice_or_a_bracket_without_an_end_is_one_error() {
     let bed = GRINDER.find("[signal.bed]").unwrap();
     let twice = format!("{GRINDER}\n{}", GRINDER[bed..].split("\n\n").next().unwrap());

@@ -12,6 +12,7 @@ use crate::error::{Findings, ProfileError, allowed};
 use crate::files::Files;
 use crate::source_map::{SourceMap, child, element};
 use crate::tables::signal::unit::Unit;
+use crate::wording::counted;
 use isotherm_core::reading::SignalId;
 
 /// Shortest allowed period of reads, writes and decisions. A period of a microsecond would send 66,000 requests per
@@ -36,6 +37,9 @@ pub(crate) struct Report<'a> {
     used: RefCell<Vec<bool>>,
     /// Unit of each signal, by its index. Empty before the signals are resolved.
     units: RefCell<Vec<Option<Unit>>>,
+    /// Tables that do not exist, by path: the index of the error about the table, and the number of other keys that name
+    /// it.
+    absent: RefCell<BTreeMap<String, (usize, usize)>>,
 }
 
 /// Key of the profile that is being checked, with functions for its errors and warnings.
@@ -75,7 +79,7 @@ impl<'a> Report<'a> {
     pub(crate) fn new(spans: &'a SourceMap, files: &'a Files<'a>, signals: Names) -> Report<'a> {
         let used = RefCell::new(vec![false; signals.len()]);
         let (errors, warnings, units) = (RefCell::default(), RefCell::default(), RefCell::default());
-        Report { spans, files, signals, errors, warnings, used, units }
+        Report { spans, files, signals, errors, warnings, used, units, absent: RefCell::default() }
     }
 
     /// Stores the units of the resolved signals. `None` for a signal with errors.
@@ -90,7 +94,11 @@ impl<'a> Report<'a> {
 
     /// Returns the errors and the warnings.
     pub(crate) fn into_findings(self) -> (Findings, Findings) {
-        (self.errors.into_inner(), self.warnings.into_inner())
+        let mut errors = self.errors.into_inner();
+        for (index, others) in self.absent.into_inner().into_values().filter(|(_, others)| *others > 0) {
+            errors.append_to_message(index, &format!(" ({} name it)", counted(others + 1, "key")));
+        }
+        (errors, self.warnings.into_inner())
     }
 
     /// Returns a key at the top of the profile.
@@ -218,9 +226,18 @@ impl<'c> KeyContext<'c> {
         }
         // If the table exists but has errors, or is below a misspelt name, this has been reported.
         let (spans, path) = (self.report.spans, child(names.kind, name));
-        if spans.contains(&path) || spans.is_meant(&path) || self.is_enough() {
+        if spans.contains(&path) || spans.is_meant(&path) {
             return None;
         }
+        let mut absent = self.report.absent.borrow_mut();
+        if let Some((_, others)) = absent.get_mut(&path) {
+            *others += 1;
+            return None;
+        }
+        if self.is_enough() {
+            return None;
+        }
+        absent.insert(path, (self.report.errors.borrow().next_index(), 0));
         let help = allowed(name, names.iter().map(String::as_str));
         self.reject(format!("there is no {} named `{name}`", names.kind), help)
     }
