@@ -16,6 +16,7 @@ fn each_kind_is_recognised_by_its_content() {
         ),
         ("start = \"2026-01-05T06:00:00Z\"\nsoak = \"72h\"\n[ambient]\nmean = 21.0\n", FileKind::Plant),
         (BLOCK, FileKind::ModelBlock),
+        ("[[axis.z.model]]\nkind = \"x\"\nlist = [\n  [1.0, 2.0],\n]\n", FileKind::ModelBlock),
         ("[[fault]]\ndevice = \"module\"\nkind = \"silent\"\n", FileKind::FaultScript),
         ("time,bed,spindle\n0,20.1,20.5\n60,20.2,20.9\n", FileKind::Log),
         ("time,bed\n", FileKind::Log),

@@ -44,7 +44,10 @@ impl<'t> Names<'t> {
                 let header = header.trim_start_matches('[');
                 let inner = header.split(']').next().unwrap_or_default();
                 let mut parts = inner.split('.').map(plain);
-                if let Some(Some(first)) = parts.next() {
+                // A row of a list of numbers, such as `[1.0, 2.0],`, is no header.
+                if let Some(Some(first)) = parts.next()
+                    && !first.starts_with(|one: char| one.is_ascii_digit())
+                {
                     names.tables.insert(first);
                     names.has_model |= first == "axis" && parts.nth(1) == Some(Some("model"));
                 }
