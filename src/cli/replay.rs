@@ -25,14 +25,14 @@ use std::path::PathBuf;
 use anyhow::Context;
 use jiff::tz::TimeZone;
 
-use super::loading::{ProfileArguments, load_modelled};
+use super::loading::{ProfileArguments, load_modelled, of_other_kind};
 use super::logs::LogZone;
 use super::print::print_json;
 use crate::cli::print::{say_all, say_beside};
 use crate::gateway::log::{LogReader, LogRow, number};
 use isotherm_core::compensation::{Compensation, Decision, Remembered, Snapshot};
 use isotherm_core::quantity::Micron;
-use isotherm_profile::{Axis, Profile, safe_file};
+use isotherm_profile::{Axis, FileKind, Profile, safe_file};
 
 mod findings;
 mod outputs;
@@ -94,7 +94,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let out = out.as_mut().map(|file| file as &mut dyn Write);
     let recording = Recording { name: &name, zone: Some(arguments.zone.of_the_log()) };
-    let mut summary = replay(&profile, log, recording, out)?;
+    let mut summary = replay(&profile, log, recording, out)
+        .map_err(|why| of_other_kind(&arguments.recording, FileKind::Log, why))?;
     summary.outputs = outputs::beside(&arguments.recording)?;
     if arguments.json {
         return print_json(&summary);

@@ -96,6 +96,10 @@ fn a_matrix_that_does_not_fit_is_refused_with_the_names_of_both() {
         (with("\"version\": 1", "\"version\": 2"), &["the version of the file is 2"]),
         (with("isotherm-matrix", "isotherm-network"), &["the format is \"isotherm-network\""]),
         (MATRIX[..100].to_owned(), &["not JSON in a format of isotherm"]),
+        (
+            "time,bed\n0,20.0\n60,20.1\n".to_owned(),
+            &["this is a log, not a JSON document", "\"isotherm-matrix\" is required"],
+        ),
         (with("0.001", "1e999"), &["out of range"]),
     ] {
         refused_at(MATRIX_KEYS, &[("c.json", file.as_bytes())], ".file", &[&["c.json: "], words].concat());

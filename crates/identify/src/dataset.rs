@@ -33,6 +33,7 @@ pub use run::Run;
 pub use split::Split;
 pub use table::{Uses, every_column};
 
+use isotherm_profile::FileKind;
 use table::Table;
 
 /// Several runs with the same columns.
@@ -165,7 +166,15 @@ fn unread(tables: &[Table], units: Units<'_>) -> Vec<Column> {
     found
 }
 
+/// Reads one log. The error of a file of another known kind, for example of a profile, names this kind only.
 fn read_table(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, BadLog> {
+    read_by_ending(file, split, uses).map_err(|wrong| {
+        let other = FileKind::of_file(file).and_then(|kind| kind.instead_of(FileKind::Log));
+        other.map_or(wrong, |other| BadLog(vec![other.line(file)]))
+    })
+}
+
+fn read_by_ending(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, BadLog> {
     let ending = file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
     if !ending.eq_ignore_ascii_case("parquet") {
         return csv::read(file, split, uses);

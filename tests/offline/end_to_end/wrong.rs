@@ -112,6 +112,55 @@ fn files_that_are_not_there_directories_and_the_same_file_twice_are_reported() {
 }
 
 #[test]
+fn a_file_in_the_place_of_another_is_one_error_that_names_both_kinds() {
+    let home = tempfile::tempdir().unwrap();
+    let template =
+        "title = \"ours\"\nsource = \"its manual\"\n[channel.t]\nregister = \"input:0\"\ntype = \"i16\"\n";
+    let (one, two) = (day(1), day(2));
+    for (name, text) in [
+        ("machine.toml", PROFILE),
+        ("module.toml", template),
+        ("block.toml", "[[axis.z.model]]\nname = \"a\"\nkind = \"linear\"\n"),
+        ("module.dbc", "VERSION \"\"\nBU_: A\nBO_ 2 Top: 8 A\n"),
+        ("one.csv", one.as_str()),
+        ("two.csv", two.as_str()),
+    ] {
+        file(home.path(), name, text);
+    }
+    let cases: [(&[&str], i32, &str); 11] = [
+        (&["identify", "machine.toml", "machine.toml"], 1, "machine.toml: this is a profile, not a log"),
+        (&["report", "module.dbc"], 1, "module.dbc: this is a DBC file, not a log"),
+        (
+            &["select", "--error", "z_error_um", "block.toml"],
+            1,
+            "block.toml: this is a model block, not a log",
+        ),
+        (
+            &["identify", "machine.toml", "one.csv", "--error", "error", "--gauge", "module.toml"],
+            1,
+            "module.toml: this is a device template, not a log",
+        ),
+        (&["replay", "surface-grinder", "machine.toml"], 1, "machine.toml: this is a profile, not a log"),
+        (&["replay", "one.csv", "machine.toml"], 64, "one.csv: this is a log, not a profile"),
+        (&["check", "one.csv"], 64, "one.csv: this is a log, not a profile"),
+        (&["check", "module.toml"], 64, "module.toml: this is a device template, not a profile"),
+        (&["check", "block.toml"], 64, "block.toml: this is a model block, not a profile"),
+        (&["virtual", "surface-grinder", "--faults", "one.csv"], 1, "this is a log, not a fault script"),
+        (
+            &["identify", "machine.toml", "one.csv", "two.csv", "--prior", "module.toml"],
+            1,
+            "this is a device template, not a model block",
+        ),
+    ];
+    for (arguments, code, words) in cases {
+        let answer = asked(home.path(), arguments, &[], &[]);
+        assert_eq!(answer.code, Some(code), "{arguments:?}: {}", answer.said);
+        assert_eq!(answer.said.matches(words).count(), 1, "{arguments:?}: {}", answer.said);
+        assert!(answer.said.lines().count() <= 4, "{arguments:?}: {}", answer.said);
+    }
+}
+
+#[test]
 fn what_cannot_be_learnt_from_is_reported_by_identify_and_select() {
     let home = tempfile::tempdir().unwrap();
     let of = |log: fn(u32) -> String| -> Logs { vec![("one.csv", log(1)), ("two.csv", log(2))] };

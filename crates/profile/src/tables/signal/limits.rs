@@ -168,9 +168,14 @@ impl Temperature {
 }
 
 impl RawSignal {
+    /// Returns whether the profile marks the signal as a difference of two temperatures.
+    pub(crate) fn is_marked_difference(&self) -> bool {
+        self.difference.unwrap_or(false)
+    }
+
     /// Resolves `difference`, which only a temperature may have.
     pub(super) fn is_difference(&self, at: &KeyContext<'_>, unit: Option<Unit>) -> bool {
-        let is_difference = self.difference.unwrap_or(false);
+        let is_difference = self.is_marked_difference();
         if let Some(unit) = unit.filter(|unit| is_difference && Temperature::of(*unit).is_none()) {
             let message = format!("a value in \"{}\" is no difference of temperatures", unit.0);
             at.invalid(message, "remove `difference`: it is only for a signal in \"degC\" or \"K\"");
