@@ -87,7 +87,7 @@ impl Onnx {
         let (&[input], &[output]) = (model.input_ids(), model.output_ids()) else {
             return Err(format!(
                 "the network has {} input tensors and {} output tensors: export it with one input tensor \
-                 for all inputs (or one of one number for each input) and one output tensor for Cz",
+                 for all inputs and one output tensor for Cz",
                 model.input_ids().len(),
                 model.output_ids().len()
             ));

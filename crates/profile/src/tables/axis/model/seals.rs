@@ -70,6 +70,7 @@ impl RawSeals {
     }
 
     /// Returns whether the profile states the SHA-256 of the file that this key names.
+    #[cfg(feature = "onnx")]
     pub(super) fn states(&self, key: &str) -> bool {
         self.each().into_iter().any(|(own, seal)| own == key && seal.is_some())
     }

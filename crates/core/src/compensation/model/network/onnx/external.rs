@@ -76,8 +76,8 @@ impl<'a> External<'a> {
         };
         let Some(numbers) = place.slice(bytes) else {
             return Err(format!(
-                "tensor `{name}` is beyond the end of {file}, which has {} bytes: the two files are not of one \
-                 export, or the file is incomplete. Export the network again",
+                "tensor `{name}` is beyond the end of {file}, which has {} bytes: the file is incomplete, or of \
+                 another export. Export the network again",
                 bytes.len()
             ));
         };

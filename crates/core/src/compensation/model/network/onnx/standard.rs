@@ -1,5 +1,5 @@
-//! Rewrites an ONNX file so that the runtime can compute it. The result has only standard operators and one input tensor,
-//! and contains the numbers of all tensors.
+//! Rewrites an ONNX file so that the runtime can compute it. The result has only standard operators and one input
+//! tensor, and contains the numbers of all tensors.
 //!
 //! The operators of the domain `ai.onnx.ml` for linear models and scalers, which skl2onnx writes, become standard
 //! operators. Dropout does nothing at inference, and becomes Identity. Names of nodes are removed, because the runtime
@@ -7,10 +7,10 @@
 
 use std::collections::{HashMap, HashSet};
 
-use super::WIDEST;
 use super::encode::{self, put_bytes};
 use super::external::External;
 use super::frame::{Field, Fields, last_text, parts, raw_fields, text};
+use crate::compensation::model::network::WIDEST;
 
 /// Domain of the operators for models that are no neural networks.
 const CLASSICAL: &str = "ai.onnx.ml";
@@ -139,9 +139,8 @@ fn rewrite_node(
         }
         (CLASSICAL, "Imputer") => imputer(&node),
         (CLASSICAL, operator) if operator.starts_with("TreeEnsemble") => Err(format!(
-            "the file contains a tree ensemble (node {operator}), as of a random forest or gradient boosting: its \
-             output jumps at each threshold of a tree, and Cz would jump with it. Export a model without jumps \
-             instead: {SMOOTH}"
+            "the file contains a tree ensemble (node {operator}), for example a random forest. Its output jumps at \
+             each threshold of a tree, and Cz would jump with it. Export a model without jumps instead: {SMOOTH}"
         )),
         (CLASSICAL, operator) if operator.starts_with("SVM") => Err(format!(
             "the file contains a support vector machine (node {operator}), which is not supported. Export another \
