@@ -31,7 +31,7 @@ OPSET = {"": 17, "ai.onnx.ml": 3}
 
 
 def mlp(activation, *layers):
-    return MLPRegressor(layers, activation=activation, solver="lbfgs", max_iter=150, random_state=1, tol=1e-2)
+    return MLPRegressor(hidden_layer_sizes=layers, activation=activation, solver="lbfgs", max_iter=150, random_state=1, tol=1e-2)
 
 
 def chosen():
@@ -114,9 +114,10 @@ for name in ["linear", "standard_ridge", "mlp_tanh"]:
         computed(f"{name}_columns", columns=columns)
 for name, in_one in [("external_one", True), ("external_each", False)]:
     model = to_onnx(COMPUTED["mlp_tanh"], initial_types=row_of_floats, target_opset=OPSET)
-    # Only numbers in raw bytes can leave the file.
+    # Only numbers in raw bytes can leave the file. onnxruntime needs the integers of shapes in it.
     for tensor in model.graph.initializer:
-        tensor.CopyFrom(numpy_helper.from_array(numpy_helper.to_array(tensor), tensor.name))
+        if tensor.data_type == TensorProto.FLOAT:
+            tensor.CopyFrom(numpy_helper.from_array(numpy_helper.to_array(tensor), tensor.name))
     location = f"{name}.data" if in_one else None
     saved(name, model, save_as_external_data=True, all_tensors_to_one_file=in_one, location=location, size_threshold=0)
     computed(name)
