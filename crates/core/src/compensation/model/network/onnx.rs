@@ -62,7 +62,7 @@ impl Onnx {
     /// Returns a message if the bytes are no ONNX file, or if a name leads out of the directory.
     pub fn external_files(bytes: &[u8]) -> Result<Vec<String>, String> {
         check_frame(bytes)?;
-        Ok(external::files(bytes)?.into_iter().map(str::to_owned).collect())
+        Ok(external::files(bytes)?.into_iter().collect())
     }
 
     /// Loads an ONNX file, and computes the network once with every input at zero. `external` has the files with

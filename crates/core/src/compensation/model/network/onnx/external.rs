@@ -15,7 +15,8 @@ const MOST_FILES: usize = 64;
 /// Place of the numbers of one tensor.
 struct Place<'a> {
     tensor: &'a str,
-    file: &'a str,
+    /// Name of the file as [`inside`] returns it.
+    file: String,
     offset: u64,
     /// Number of bytes; `None` for all bytes up to the end of the file.
     length: Option<u64>,
@@ -25,7 +26,7 @@ struct Place<'a> {
 ///
 /// # Errors
 /// Returns a message if a name leads out of this directory, or if there are too many files.
-pub(super) fn files(bytes: &[u8]) -> Result<BTreeSet<&str>, String> {
+pub(super) fn files(bytes: &[u8]) -> Result<BTreeSet<String>, String> {
     let graphs = || parts(bytes, 7);
     let nodes = graphs().flat_map(|graph| parts(graph, 1));
     let attributes = nodes.flat_map(|node| parts(node, 5)).flat_map(|attribute| parts(attribute, 5));
@@ -68,7 +69,7 @@ impl<'a> External<'a> {
             return Ok(tensor.to_vec());
         }
         let place = place(tensor)?;
-        let Place { tensor: name, file, .. } = place;
+        let (name, file) = (place.tensor, place.file.as_str());
         let Some(bytes) = self.files.get(file) else {
             return Err(format!(
                 "tensor `{name}` is in the file {file}, next to the ONNX file: put it there, or {ONE_FILE}"
@@ -105,7 +106,8 @@ impl Place<'_> {
     }
 }
 
-fn is_external(tensor: &[u8]) -> bool {
+/// Returns whether the numbers of a tensor are in another file.
+pub(super) fn is_external(tensor: &[u8]) -> bool {
     Fields(tensor).flatten().any(|found| matches!(found, (14, Field::Number(1))))
 }
 
@@ -125,13 +127,26 @@ fn place(tensor: &[u8]) -> Result<Place<'_>, String> {
             format!("tensor `{name}` has external data with an invalid {key}: export the network again")
         }),
     };
-    let file = entry("location").unwrap_or_default();
-    let inside = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
-    if file.is_empty() || file.contains('\\') || !Path::new(file).components().all(inside) {
+    let location = entry("location").unwrap_or_default();
+    let Some(file) = inside(location) else {
         return Err(format!(
-            "tensor `{name}` is in the file `{file}`: only files in the directory of the ONNX file or below it \
-             are read. To fix it, {ONE_FILE}"
+            "tensor `{name}` is in the file `{location}`: only files in the directory of the ONNX file or below \
+             it are read. To fix it, {ONE_FILE}"
         ));
-    }
+    };
     Ok(Place { tensor: name, file, offset: number("offset")?.unwrap_or(0), length: number("length")? })
+}
+
+/// Returns the name of a file without parts such as `./`, because a file under several names would be read several
+/// times. `None` if the name is not that of a file in the directory or below it.
+fn inside(name: &str) -> Option<String> {
+    let mut parts = Vec::new();
+    for part in Path::new(name).components() {
+        match part {
+            Component::Normal(part) => parts.push(part.to_str()?),
+            Component::CurDir => {}
+            _ => return None,
+        }
+    }
+    Some(parts.join("/")).filter(|name| !name.is_empty() && !name.contains('\\'))
 }

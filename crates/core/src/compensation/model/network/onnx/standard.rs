@@ -8,7 +8,7 @@
 use std::collections::{HashMap, HashSet};
 
 use super::encode::{self, put_bytes};
-use super::external::External;
+use super::external::{External, is_external};
 use super::frame::{Field, Fields, last_text, parts, raw_fields, text};
 use crate::compensation::model::network::WIDEST;
 
@@ -125,9 +125,13 @@ fn rewrite_node(
     let node = Node::of(message);
     match (node.domain, node.operator) {
         ("" | "ai.onnx", "Dropout") => dropout(&node, truths),
-        ("" | "ai.onnx", "BatchNormalization") if node.integer("training_mode").is_some_and(|on| on != 0) => {
+        ("" | "ai.onnx", "BatchNormalization") if node.trains() => {
             Err(node.refused(&format!("was exported for training: {FOR_INFERENCE}")))
         }
+        ("" | "ai.onnx", "Shape" | "ConstantOfShape") => Err(node.refused(
+            "computes with the shape of a tensor: export the network with fixed shapes, and \
+             `PolynomialFeatures` of scikit-learn with `include_bias=False`",
+        )),
         ("" | "ai.onnx", _) => without_name(message, external),
         (CLASSICAL, "LinearRegressor") => linear_regressor(&node),
         (CLASSICAL, "Scaler") => scaler(&node),
@@ -146,7 +150,7 @@ fn rewrite_node(
             "the file contains a support vector machine (node {operator}), which is not supported. Export another \
              model instead: {SMOOTH}"
         )),
-        (CLASSICAL, operator) if operator.ends_with("Classifier") => Err(format!(
+        (CLASSICAL, operator) if operator.ends_with("Classifier") || operator == "ZipMap" => Err(format!(
             "the file contains a classifier (node {operator}): its output is a class, but Cz is a number. \
              Export a regressor instead: {SMOOTH}"
         )),
@@ -197,9 +201,12 @@ fn truths(graph: &[u8]) -> HashMap<&str, bool> {
     tensors.chain(values).filter_map(|(name, tensor)| Some((name, truth(tensor)?))).collect()
 }
 
-/// Returns the value of a tensor with one truth value; `None` for any other tensor.
+/// Returns the value of a tensor with one truth value; `None` for any other tensor, and for a value in another file.
 fn truth(tensor: &[u8]) -> Option<bool> {
     let fields = || Fields(tensor).flatten();
+    if is_external(tensor) {
+        return None;
+    }
     fields().find(|found| matches!(found, (2, Field::Number(9))))?;
     // The number is in a field of integers, which may be packed, or in the field of raw bytes.
     let is_set = |(field, value): (u64, Field<'_>)| match value {
@@ -259,17 +266,23 @@ fn scaler(node: &Node<'_>) -> Result<Replacement, String> {
         );
     }
     let [subtracted, difference, factor] = ["offset", "difference", "scale"].map(|part| node.part(part));
+    let [shape, row] = ["shape", "row"].map(|part| node.part(part));
     let input = node.input(0)?;
-    Ok(Replacement {
-        nodes: vec![
-            encode::node("Sub", &[input, &subtracted], &difference, None),
-            encode::node("Mul", &[&difference, &factor], node.output, None),
-        ],
-        tensors: vec![
-            encode::floats(&subtracted, &[offset.len()], &offset),
-            encode::floats(&factor, &[scale.len()], &scale),
-        ],
-    })
+    let mut replacement = Replacement::default();
+    let input = if offset.len() == 1 {
+        input
+    } else {
+        // A subtraction alone would repeat a single column for each offset.
+        let columns = i64::try_from(offset.len()).unwrap_or(i64::MAX);
+        replacement.tensors.push(encode::integers(&shape, &[1, columns]));
+        replacement.nodes.push(encode::node("Reshape", &[input, &shape], &row, None));
+        row.as_str()
+    };
+    replacement.tensors.push(encode::floats(&subtracted, &[offset.len()], &offset));
+    replacement.tensors.push(encode::floats(&factor, &[scale.len()], &scale));
+    replacement.nodes.push(encode::node("Sub", &[input, &subtracted], &difference, None));
+    replacement.nodes.push(encode::node("Mul", &[&difference, &factor], node.output, None));
+    Ok(replacement)
 }
 
 /// ArrayFeatureExtractor: picks columns. The list of columns may have any shape.
@@ -332,6 +345,12 @@ impl<'a> Node<'a> {
 
     fn refused(&self, why: &str) -> String {
         format!("node {} with the output `{}` {why}", self.operator, self.output)
+    }
+
+    /// Returns whether a BatchNormalization computes mean and variance itself. Old files then have outputs for them.
+    fn trains(&self) -> bool {
+        self.integer("training_mode").is_some_and(|on| on != 0)
+            || parts(self.message, 2).skip(1).any(|output| !output.is_empty())
     }
 
     fn attribute(&self, name: &str) -> Option<&'a [u8]> {

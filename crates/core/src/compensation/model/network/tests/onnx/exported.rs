@@ -132,6 +132,9 @@ fn a_scaler_subtracts_and_multiplies() {
         &["node Scaler with the output `scaled` has 2 offsets and 1 scales"],
     );
     refused(&scaler(&[], &[]), &[], &["node Scaler", "has 0 offsets"]);
+    // One column does not stand for both, also if the file leaves the number of columns open.
+    let one = Onnx::new(model(&scaler(&[20.0, 100.0], &[0.25, 0.02]), &[], None), 1).unwrap_err();
+    assert!(one.contains("cannot be computed"), "{one}");
 }
 
 #[test]
@@ -225,6 +228,12 @@ fn dropout_at_inference_does_nothing_and_in_training_is_refused() {
     refused(&nodes(&["x", "ratio", "training"]), &tensors(Some(true)), &words);
     refused(&nodes(&["x", "ratio", "x"]), &tensors(None), &words);
     refused(&constant(true), &tensors(None), &words);
+    // A value in another file is not read.
+    let mut outside = tensors(None);
+    let mut training = truth("training", false);
+    number(&mut training, 14, 1);
+    outside.push(training);
+    refused(&nodes(&["x", "ratio", "training"]), &outside, &words);
 }
 
 #[test]
@@ -251,6 +260,10 @@ fn batch_normalization_at_inference_uses_the_figures_of_the_file() {
     let words =
         ["node BatchNormalization with the output `normal` was exported for training", "model.eval()"];
     refused(&nodes(&[("training_mode", Integer(1))]), &tensors, &words);
+    // Before version 14, the mean and the variance of training are further outputs.
+    let [mut normal, last] = nodes(&[]);
+    ["mean_now", "variance_now"].into_iter().for_each(|name| field(&mut normal, 2, name.as_bytes()));
+    refused(&[normal, last], &tensors, &words);
 }
 
 #[test]
@@ -272,6 +285,7 @@ fn other_models_are_refused_with_what_to_export_instead() {
         ("TreeEnsembleClassifier", ["the file contains a tree ensemble", "skl2onnx"]),
         ("SVMRegressor", ["the file contains a support vector machine", "`MLPRegressor`"]),
         ("LinearClassifier", ["its output is a class, but Cz is a number", "`MLPRegressor`"]),
+        ("ZipMap", ["its output is a class, but Cz is a number", "`Ridge`"]),
         ("Normalizer", ["node Normalizer of the domain ai.onnx.ml is not supported", "`MLPRegressor`"]),
     ] {
         refused(&[classical(operator, &["x"], "y", &[])], &[], &words);
@@ -279,6 +293,7 @@ fn other_models_are_refused_with_what_to_export_instead() {
     let mut distance = node("CDist", &["x", "w"], "y");
     field(&mut distance, 7, b"com.microsoft");
     refused(&[distance], &[], &["node CDist of the domain com.microsoft is not supported"]);
+    refused(&[node("Shape", &["x"], "y")], &[], &["node Shape", "`include_bias=False`"]);
 }
 
 #[test]

@@ -48,9 +48,18 @@ fn numbers_in_other_files_are_those_of_the_tensors() {
     assert_ne!(onnx, Onnx::with_external(&one, &others, 2).unwrap(), "another file is another network");
     // Offset and length are optional.
     let each = product(&[("location", "parts/w")], &[("location", "./b")]);
-    assert_eq!(Onnx::external_files(&each).unwrap(), ["./b", "parts/w"]);
-    let files = beside(&[("parts/w", bytes(&[2.0, -0.5])), ("./b", bytes(&[1.25]))]);
+    assert_eq!(Onnx::external_files(&each).unwrap(), ["b", "parts/w"]);
+    let files = beside(&[("parts/w", bytes(&[2.0, -0.5])), ("b", bytes(&[1.25]))]);
     close(Onnx::with_external(&each, &files, 2).unwrap().output(&[3.0, 4.0]), 5.25);
+}
+
+#[test]
+fn a_file_is_read_once_under_any_of_its_names() {
+    let twice = product(&[("location", "parts/./net.data")], &[("location", ".//parts//net.data")]);
+    assert_eq!(Onnx::external_files(&twice).unwrap(), ["parts/net.data"]);
+    let files = beside(&[("parts/net.data", bytes(&[2.0, -0.5]))]);
+    let why = Onnx::with_external(&twice, &files, 2).unwrap_err();
+    assert!(why.contains("tensor `b` uses bytes of parts/net.data that another tensor uses too"), "{why}");
 }
 
 #[test]
@@ -105,7 +114,7 @@ fn external_data_that_is_missing_or_does_not_fit_is_refused() {
 
 #[test]
 fn only_files_in_the_directory_of_the_network_are_named() {
-    for name in ["/etc/passwd", "../net.data", "parts/../../net.data", "", "..\\net.data"] {
+    for name in ["/etc/passwd", "../net.data", "parts/../../net.data", "", ".", "..\\net.data"] {
         let file = product(&[("location", name)], &[("location", "b")]);
         for why in [
             Onnx::external_files(&file).unwrap_err(),
