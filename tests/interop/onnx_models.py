@@ -12,6 +12,7 @@ from onnx import TensorProto, helper, numpy_helper
 from skl2onnx import to_onnx
 from skl2onnx.common.data_types import DoubleTensorType, FloatTensorType
 from sklearn.compose import ColumnTransformer
+from sklearn.decomposition import PCA
 from sklearn.ensemble import ExtraTreesRegressor, GradientBoostingRegressor, RandomForestRegressor
 from sklearn.feature_selection import SelectKBest, f_regression
 from sklearn.impute import SimpleImputer
@@ -54,6 +55,7 @@ COMPUTED = {
     "imputed_ridge": make_pipeline(SimpleImputer(), Ridge()),
     "selected_ridge": make_pipeline(SelectKBest(f_regression, k=2), Ridge()),
     "columns_ridge": make_pipeline(chosen(), Ridge()),
+    "components_ridge": make_pipeline(StandardScaler(), PCA(2), Ridge()),
     "polynomial_ridge": make_pipeline(StandardScaler(), PolynomialFeatures(2, include_bias=False), Ridge()),
     "mlp_relu": mlp("relu", 8),
     "mlp_tanh": make_pipeline(StandardScaler(), mlp("tanh", 8, 4)),
@@ -100,18 +102,22 @@ for name, model in REJECTED.items():
     saved(name, to_onnx(model, initial_types=row_of_floats, target_opset=OPSET))
     answers[name] = None
 
-# The same model in other forms: newer operators, double precision, one input for each column, external data.
+# The same model in other forms: newer operators, the newest as `to_onnx` chooses them, double precision, one input for each column, external data.
 saved("polynomial_newer", to_onnx(COMPUTED["polynomial_ridge"], initial_types=row_of_floats, target_opset={"": 20, "ai.onnx.ml": 3}))
 computed("polynomial_newer")
-for name in ["linear", "standard_ridge", "mlp_tanh"]:
+for name in ["ridge", "standard_ridge", "polynomial_ridge", "mlp_tanh"]:
+    saved(f"{name}_newest", to_onnx(COMPUTED[name], initial_types=row_of_floats))
+    computed(f"{name}_newest")
+for name in ["linear", "standard_ridge", "mlp_tanh", "columns_ridge"]:
     model = COMPUTED[name]
     saved(f"{name}_double", to_onnx(model, initial_types=[("x", DoubleTensorType([None, 3]))], target_opset=OPSET))
     computed(f"{name}_double", dtype=np.float64)
     columns = ["bed", "column", "head"]
-    each = [(column, FloatTensorType([None, 1])) for column in columns]
-    if name != "linear":
-        saved(f"{name}_columns", to_onnx(model, initial_types=each, target_opset=OPSET))
-        computed(f"{name}_columns", columns=columns)
+    for suffix, kind, dtype in [("columns", FloatTensorType, np.float32), ("double_columns", DoubleTensorType, np.float64)]:
+        if name != "linear":
+            each = [(column, kind([None, 1])) for column in columns]
+            saved(f"{name}_{suffix}", to_onnx(model, initial_types=each, target_opset=OPSET))
+            computed(f"{name}_{suffix}", columns=columns, dtype=dtype)
 for name, in_one in [("external_one", True), ("external_each", False)]:
     model = to_onnx(COMPUTED["mlp_tanh"], initial_types=row_of_floats, target_opset=OPSET)
     # Only numbers in raw bytes can leave the file. onnxruntime needs the integers of shapes in it.
