@@ -11,6 +11,8 @@ mod end_to_end;
 #[cfg(feature = "parquet")]
 mod export;
 mod identify;
+#[cfg(feature = "onnx")]
+mod onnx;
 mod place;
 mod placement;
 mod report;
