@@ -94,6 +94,40 @@ fn files_of_other_structures_or_of_one_name_are_reported() {
 }
 
 #[test]
+fn files_with_different_supports_are_refused() {
+    let home = home();
+    let input = std::fs::read_to_string(home.path().join("air.inp")).unwrap();
+    let (include, rest) = input.split_once('\n').unwrap();
+    for (name, set) in [("foot", "BASE"), ("back", "BLK1")] {
+        file(home.path(), &format!("{name}.inp"), &format!("{include}\n*BOUNDARY\n{set}, 1, 3\n{rest}"));
+    }
+    let words = ["foot and back fix different nodes", "the same *BOUNDARY in both", "--fixed"];
+    refused(home.path(), &["foot.inp", "back.inp"], &words);
+    refused(home.path(), &["air.inp", "foot.inp", "back.inp"], &words);
+    let plant = ["foot.inp", "--plant", "back.inp", "--modes", "modes.json"];
+    refused(home.path(), &plant, &words);
+}
+
+#[test]
+fn kelvin_and_celsius_in_one_file_are_refused() {
+    let home = home();
+    let input = std::fs::read_to_string(home.path().join("air.inp")).unwrap();
+    let kelvin = input.replace(", F1, 20, ", ", F1, 293.15, ");
+    assert_ne!(input, kelvin);
+    file(home.path(), "kelvin.inp", &kelvin);
+    let words = ["kelvin.inp:", "*FILM: the sink temperature is 293.15", "plausible in kelvin only"];
+    refused(home.path(), &["kelvin.inp"], &words);
+}
+
+#[test]
+fn a_mesh_of_another_format_is_named_with_its_command() {
+    let home = home();
+    file(home.path(), "column.msh", "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n");
+    let words = ["column.msh is a Gmsh mesh", "`gmsh column.msh -save ", "*INCLUDE, INPUT=column.inp"];
+    refused(home.path(), &["column.msh"], &words);
+}
+
+#[test]
 fn a_rider_and_a_plant_that_are_none_are_reported() {
     let home = home();
     refused(home.path(), &["air.inp", "--rider", "head"], &["`head` is no rider", "head:z=-4.95"]);
