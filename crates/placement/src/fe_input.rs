@@ -4,7 +4,7 @@
 //! ```text
 //! foreign ── files in other formats, which are refused with the command that converts them
 //! card ───── cards of the files: keyword, parameters, lines, with their locations
-//! assembly ─ the cards of an Abaqus part and its instance become those of a file without parts
+//! assembly ─ the cards of an Abaqus part and its instance, at its position, become those of a file without parts
 //! keywords ─ known cards, and the order in which they are read: each after all that it may name
 //! reader ─── data read so far; mesh, material and load read their cards into it, with temperatures in °C
 //! ```
@@ -28,6 +28,7 @@ mod keywords;
 mod load;
 mod material;
 mod mesh;
+mod position;
 mod reader;
 mod temperature;
 

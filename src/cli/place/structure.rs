@@ -91,8 +91,8 @@ fn fixed(
             let differing = others.iter().filter(|other| other.supports != first.supports);
             wrong.extend(differing.map(|other| {
                 format!(
-                    "{} and {} fix different nodes ({} and {} nodes), but every load case must have the same supports: \
-                     write the same *BOUNDARY in both, or name the node set that is fixed with --fixed",
+                    "{} and {} fix different nodes ({} and {} nodes). Every load case must have the same supports: \
+                     write the same *BOUNDARY in both, or name the fixed node set with --fixed",
                     first.name,
                     other.name,
                     first.supports.len(),

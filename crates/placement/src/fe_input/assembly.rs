@@ -7,66 +7,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
 use super::card::{Card, Location};
+use super::position::{Position, Turn};
 use super::{Fault, Faults};
-use crate::element::{cross, dot, minus};
-
-/// Position of an instance: a translation, then a rotation about an axis.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Position {
-    /// Translation, mm.
-    shift: [f64; 3],
-    turn: Option<Turn>,
-}
-
-/// Rotation about an axis.
-#[derive(Debug, Clone, PartialEq)]
-struct Turn {
-    /// Point on the axis, mm.
-    origin: [f64; 3],
-    /// Direction of the axis, of length 1.
-    axis: [f64; 3],
-    /// Angle in radians, by the right-hand rule.
-    angle: f64,
-}
-
-impl Position {
-    /// Reads the data lines of an `*INSTANCE`; both lines may be missing.
-    fn of(card: &Card) -> Result<Self, Fault> {
-        let mut position = Self { shift: [0.0; 3], turn: None };
-        if let Some(line) = card.lines.first() {
-            if line.len() > 3 {
-                line.exactly(&["translation along x", "along y", "along z"])?;
-            }
-            position.shift = line.coordinates(0)?;
-        }
-        if let Some(line) = card.lines.get(1) {
-            line.exactly(&["x of a point", "y", "z", "x of a second point", "y", "z", "angle in degrees"])?;
-            let (origin, end) = (line.coordinates(0)?, line.coordinates(3)?);
-            let along = minus(end, origin);
-            let length = dot(along, along).sqrt();
-            if length <= 0.0 {
-                return Err(line.fault("the two points of the axis are the same: write two points"));
-            }
-            let axis = along.map(|part| part / length);
-            let angle = line.number(6, "angle in degrees")?.to_radians();
-            position.turn = Some(Turn { origin, axis, angle });
-        }
-        if let Some(line) = card.lines.get(2) {
-            return Err(line.fault("an instance has one line for its translation and one for its rotation"));
-        }
-        Ok(position)
-    }
-
-    /// Returns the coordinates in the model of a point of the part, mm.
-    pub(super) fn place(&self, xyz: [f64; 3]) -> [f64; 3] {
-        let moved = [0, 1, 2].map(|axis| xyz[axis] + self.shift[axis]);
-        let Some(Turn { origin, axis, angle }) = &self.turn else { return moved };
-        let arm = minus(moved, *origin);
-        let (sine, cosine) = angle.sin_cos();
-        let (across, along) = (cross(*axis, arm), dot(*axis, arm) * (1.0 - cosine));
-        [0, 1, 2].map(|at| origin[at] + cosine * arm[at] + sine * across[at] + along * axis[at])
-    }
-}
+use crate::element::{dot, minus};
 
 /// Block of the file to which a card belongs.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -111,8 +54,8 @@ pub(super) fn without_parts(cards: Vec<Card>, faults: &mut Faults) -> Option<Vec
     let Blocks { mut parts, mut instances, others } = blocks(cards, faults);
     if let Some(second) = instances.get(1) {
         faults.push(second.at.fault(format!(
-            "{} is a second instance, but one is supported, because only joints by common nodes are read: merge \
-             the instances into one part with one mesh (Abaqus/CAE: Merge/Cut Instances)",
+            "{} is a second instance, but one is supported. Only joints by common nodes are read: merge the \
+             instances into one part with one mesh (Abaqus/CAE: Merge/Cut Instances)",
             second.name
         )));
     }
@@ -176,6 +119,33 @@ fn blocks(cards: Vec<Card>, faults: &mut Faults) -> Blocks {
     blocks
 }
 
+/// Reads the data lines of an `*INSTANCE`; both lines may be missing.
+fn position(card: &Card) -> Result<Position, Fault> {
+    let mut position = Position { shift: [0.0; 3], turn: None };
+    if let Some(line) = card.lines.first() {
+        if line.len() > 3 {
+            line.exactly(&["translation along x", "along y", "along z"])?;
+        }
+        position.shift = line.coordinates(0)?;
+    }
+    if let Some(line) = card.lines.get(1) {
+        line.exactly(&["x of a point", "y", "z", "x of a second point", "y", "z", "angle in degrees"])?;
+        let (origin, end) = (line.coordinates(0)?, line.coordinates(3)?);
+        let along = minus(end, origin);
+        let length = dot(along, along).sqrt();
+        if length <= 0.0 {
+            return Err(line.fault("the two points of the axis are the same: write two points"));
+        }
+        let axis = along.map(|part| part / length);
+        let angle = line.number(6, "angle in degrees")?.to_radians();
+        position.turn = Some(Turn { origin, axis, angle });
+    }
+    if let Some(line) = card.lines.get(2) {
+        return Err(line.fault("an instance has one line for its translation and one for its rotation"));
+    }
+    Ok(position)
+}
+
 /// Returns the block that is open after a card that begins or ends a block.
 fn next(card: &Card, open: &Block, blocks: &mut Blocks, faults: &mut Faults) -> Result<Block, Fault> {
     let named = |parameter: &str| {
@@ -202,7 +172,7 @@ fn next(card: &Card, open: &Block, blocks: &mut Blocks, faults: &mut Faults) -> 
             if !name.starts_with(char::is_alphabetic) {
                 return Err(card.fault(format!("the name {name} does not begin with a letter: rename it")));
             }
-            let (at, position) = (card.at.clone(), Position::of(card)?);
+            let (at, position) = (card.at.clone(), position(card)?);
             blocks.instances.push(Instance { name, part, at, position, cards: Vec::new() });
             Ok(Block::Instance)
         }

@@ -7,7 +7,7 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-use super::assembly::Position;
+use super::position::Position;
 use super::{Fault, Faults, foreign};
 use crate::mesh::AXES;
 

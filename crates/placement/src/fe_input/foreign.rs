@@ -116,7 +116,7 @@ fn of_text(first: &str, second: &str, text: &str) -> Option<Known> {
     let starts = |words: &[&str]| words.iter().any(|word| begin.starts_with(word));
     Some(match () {
         () if line(&["$MeshFormat", "$NOD"]) => ("a Gmsh mesh (.msh)", Remedy::Gmsh),
-        () if starts(&["# vtk DataFile"]) => ("a VTK file", Remedy::Meshio("vtk")),
+        () if starts(&["# vtk DataFile"]) => ("a VTK file (.vtk)", Remedy::Gmsh),
         () if text.contains("<VTKFile") => ("a VTK file (.vtu)", Remedy::Meshio("vtu")),
         () if text.contains("<Xdmf") => ("an XDMF file", Remedy::Meshio("xdmf")),
         () if starts(&["MeshVersionFormatted"]) => ("a Medit mesh (.mesh)", Remedy::Gmsh),

@@ -29,14 +29,14 @@ pub(super) fn nodes(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
 }
 
 /// Element types by kind of solid, with the number of nodes. Types without a kind are lines and surfaces of the
-/// geometry, which only name a location. Types for heat transfer (`DC3D10`) and for coupled steps (`C3D10T`) have the
-/// shape of the others.
+/// geometry, which only name a location. Types for heat transfer (`DC3D10`), for coupled steps (`C3D10T`), and of other
+/// formulations (`C3D10MH`, which meshio writes) have the shape of the others.
 const TYPES: [(&str, Option<Kind>, usize); 6] = [
-    ("C3D4 DC3D4 C3D4T", Some(Kind::Tet4), 4),
-    ("C3D10 DC3D10 C3D10T C3D10M C3D10MT C3D10HS C3D10I", Some(Kind::Tet10), 10),
-    ("T3D2 B31 B31R DC1D2", None, 2),
-    ("T3D3 B32 B32R DC1D3", None, 3),
-    ("CPS3 CPE3 CAX3 DC2D3 DCAX3 S3 S3R STRI3 DS3 M3D3 SFM3D3", None, 3),
+    ("C3D4 DC3D4 C3D4T C3D4H", Some(Kind::Tet4), 4),
+    ("C3D10 DC3D10 C3D10T C3D10H C3D10M C3D10MT C3D10MH C3D10HS C3D10I", Some(Kind::Tet10), 10),
+    ("T3D2 B31 B31R B31H DC1D2", None, 2),
+    ("T3D3 B32 B32R B33H DC1D3", None, 3),
+    ("CPS3 CPE3 CAX3 DC2D3 DCAX3 S3 S3R STRI3 DS3 M3D3 R3D3 SFM3D3", None, 3),
     ("CPS6 CPE6 CAX6 DC2D6 DCAX6 S6 STRI65 DS6 M3D6 SFM3D6", None, 6),
 ];
 
@@ -187,9 +187,7 @@ pub(super) fn set(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     if card.lines.iter().all(|line| line.len() == 0) {
         return Err(card.fault(format!("{what} set {name} is empty")));
     }
-    if reader.sets(of_nodes).contains_key(&name) {
-        return Err(card.fault(format!("{what} set {name} is defined already: name all its members once")));
-    }
+    // A second card with the same name adds to the set, as in Abaqus and CalculiX.
     reader.add_to_set(of_nodes, name, members);
     Ok(())
 }

@@ -23,7 +23,7 @@ fn every_other_format_is_named_with_the_command_that_converts_it() {
         ("a.bdf", b"$ Created by Gmsh\nGRID    1       0\n", "a Nastran file", gmsh("a.bdf", "a.inp")),
         ("a.nas", b"SOL 101\nCEND\nBEGIN BULK\n", "a Nastran file", gmsh("a.nas", "a.inp")),
         ("a.mesh", b" MeshVersionFormatted 2\n", "a Medit mesh", gmsh("a.mesh", "a.inp")),
-        ("a.vtk", b"# vtk DataFile Version 2.0\n", "a VTK file", meshio("a.vtk", "vtk", "a.inp")),
+        ("a.vtk", b"# vtk DataFile Version 2.0\n", "a VTK file", gmsh("a.vtk", "a.inp")),
         ("a.vtu", b"<?xml version=\"1.0\"?>\n<VTKFile>", "a VTK file", meshio("a.vtu", "vtu", "a.inp")),
         ("a.xdmf", b"<Xdmf Version=\"3.0\">", "an XDMF file", meshio("a.xdmf", "xdmf", "a.inp")),
         ("a.exo", b"CDF\x01\0\0", "an Exodus mesh", meshio("a.exo", "exodus", "a.inp")),

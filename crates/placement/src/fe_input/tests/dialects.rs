@@ -67,7 +67,7 @@ fn an_omitted_coordinate_is_zero() {
 #[test]
 fn element_types_of_heat_transfer_have_the_shape_of_the_others() {
     let wanted = read_text(FILE).unwrap();
-    for kind in ["DC3D4", "C3D4T"] {
+    for kind in ["DC3D4", "C3D4T", "C3D4H"] {
         is_read_as(&changed(&[("TYPE=C3D4", format!("TYPE={kind}").as_str())]), &wanted);
     }
     let mesh = block(Kind::Tet10);
@@ -76,7 +76,7 @@ fn element_types_of_heat_transfer_have_the_shape_of_the_others() {
     let text =
         [write::mesh(&mesh), write::materials(&mesh, &materials), write::load(&mesh, &load, "")].concat();
     let wanted = read_text(&text).unwrap_or_else(|faults| panic!("{faults}"));
-    for kind in ["DC3D10", "C3D10T", "C3D10M", "C3D10MT"] {
+    for kind in ["DC3D10", "C3D10T", "C3D10M", "C3D10MT", "C3D10MH"] {
         is_read_as(&text.replace("TYPE=C3D10", &format!("TYPE={kind}")), &wanted);
     }
 }
