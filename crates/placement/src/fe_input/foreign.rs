@@ -18,7 +18,7 @@ enum Remedy {
 /// Kind of a file with the way to an FE input file.
 type Known = (&'static str, Remedy);
 
-/// Number of bytes at the begin of a file by which its format is recognised.
+/// Number of bytes at the start of a file by which its format is recognised.
 const HEAD: usize = 4096;
 
 /// Returns the reason for rejecting a file that is no FE input, with the command that converts it. Returns `None` if
@@ -149,7 +149,7 @@ fn of_text(first: &str, second: &str, text: &str) -> Option<Known> {
     })
 }
 
-/// Recognises formats without a mark at their begin. The file does not begin with a card.
+/// Recognises formats without a mark at their start. The file does not begin with a card.
 fn by_extension(extension: &str, first: &str) -> Option<Known> {
     let counts = || first.split_whitespace().filter(|word| word.parse::<u32>().is_ok()).count();
     Some(match extension {
