@@ -80,7 +80,9 @@ fn fixed(
             (nodes, remark)
         }
         (None, []) => {
-            let nodes = set(mesh, BASE, "--fixed", wrong);
+            let remedy =
+                "--fixed, or write the supports in the FE input files: *BOUNDARY, with the directions 1 to 3";
+            let nodes = set(mesh, BASE, remedy, wrong);
             let remark = format!(
                 "The {} nodes of the node set {BASE} are fixed, because no FE input file has supports (*BOUNDARY).",
                 nodes.len()

@@ -31,6 +31,13 @@ fn a_set_that_is_not_there_is_reported_with_those_that_are() {
 }
 
 #[test]
+fn a_structure_that_nothing_fixes_is_reported_with_both_ways_to_fix_it() {
+    let home = home();
+    changed(home.path(), |text| text.replace("NSET=BASE", "NSET=FOOT"));
+    refused(home.path(), &["air.inp"], &["no node set BASE", "FOOT", "--fixed", "*BOUNDARY"]);
+}
+
+#[test]
 fn a_cut_that_is_none_is_reported_with_what_would_be_one() {
     let home = home();
     refused(home.path(), &["air.inp", "--cut", "height=3"], &["is no cut", "z=450"]);

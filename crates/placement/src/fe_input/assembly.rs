@@ -218,9 +218,9 @@ fn with_common_names(
     }
     let prefix = format!("{instance}.");
     let resolved = |text: &str| {
-        let head = text.get(..prefix.len())?;
-        let name = text[prefix.len()..].to_uppercase();
-        head.eq_ignore_ascii_case(&prefix).then(|| renamed(&name).unwrap_or(name))
+        let text = text.to_uppercase();
+        let name = text.strip_prefix(&prefix)?;
+        Some(renamed(name).unwrap_or_else(|| name.to_owned()))
     };
     for card in &mut others {
         match card.take("INSTANCE") {

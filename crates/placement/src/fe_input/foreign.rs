@@ -1,6 +1,7 @@
 //! Files that are no FE input: mesh formats, results and archives, with the command that converts each of them.
 
-use std::path::Path;
+use std::iter;
+use std::path::{Path, PathBuf};
 
 /// Way to an FE input file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -19,16 +20,16 @@ enum Remedy {
 type Known = (&'static str, Remedy);
 
 /// Number of bytes at the start of a file by which its format is recognised.
-const HEAD: usize = 4096;
+const HEAD: usize = 64 * 1024;
 
 /// Returns the reason for rejecting a file that is no FE input, with the command that converts it. Returns `None` if
 /// the file can be an FE input file.
 pub(super) fn refusal(path: &Path, bytes: &[u8]) -> Option<String> {
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
     let (kind, remedy) = recognised(&extension, &bytes[..bytes.len().min(HEAD)])?;
-    let from = path.display();
-    let to = path.with_extension(if extension == "inp" { "mesh.inp" } else { "inp" });
-    let to = to.file_name().unwrap_or_default().to_string_lossy();
+    let result = result(path, &extension);
+    let name = result.file_name().unwrap_or_default().to_string_lossy();
+    let (from, to) = (argument(path), argument(&result));
     let way = match remedy {
         Remedy::Gmsh => {
             format!("gmsh {from} -save -setnumber Mesh.SaveGroupsOfNodes 1 -format inp -o {to}")
@@ -39,12 +40,26 @@ pub(super) fn refusal(path: &Path, bytes: &[u8]) -> Option<String> {
         Remedy::Meshio(format) => {
             format!("meshio convert {from} --input-format {format} --output-format abaqus {to}")
         }
-        Remedy::By(way) => return Some(format!("{from} is {kind}, not an FE input file: {way}")),
+        Remedy::By(way) => return Some(format!("{} is {kind}, not an FE input file: {way}", path.display())),
     };
     Some(format!(
-        "{from} is {kind}, not an FE input file. This command converts it: `{way}`. Include the result in an FE input \
-         file that has the materials and a load case: *INCLUDE, INPUT={to}"
+        "{} is {kind}, not an FE input file. This command converts it: `{way}`. Include the result in an FE input \
+         file that has the materials and a load case: *INCLUDE, INPUT={name}",
+        path.display()
     ))
+}
+
+/// Returns the path of the file that the command writes: beside the file, and never a file that exists already.
+fn result(path: &Path, extension: &str) -> PathBuf {
+    let plain = path.with_extension("inp");
+    if extension == "inp" || plain.exists() { path.with_extension("mesh.inp") } else { plain }
+}
+
+/// Returns a path as an argument of a command, in quotation marks if it contains blanks or other special characters.
+fn argument(path: &Path) -> String {
+    let text = path.display().to_string();
+    let is_plain = |letter: char| letter.is_alphanumeric() || "._-/+:".contains(letter);
+    if text.chars().all(is_plain) { text } else { format!("\"{text}\"") }
 }
 
 /// Recognises a format by the first bytes of the file, and by its extension if the bytes do not decide.
@@ -56,11 +71,15 @@ fn recognised(extension: &str, head: &[u8]) -> Option<Known> {
     let text = text.trim_start_matches('\u{feff}');
     let mut lines = text.lines().filter(|line| !line.trim().is_empty());
     let first = lines.next()?;
-    if first.trim_start().starts_with('*') {
-        let is_dyna = first.trim().eq_ignore_ascii_case("*KEYWORD");
-        return is_dyna.then_some(("an LS-DYNA file", OTHER_MESHER));
+    // Comments of LS-DYNA begin with `$`.
+    let card = iter::once(first).chain(lines.clone()).find(|line| !line.starts_with('$'));
+    if card.is_some_and(|card| begins(card, "*KEYWORD")) {
+        return Some(("an LS-DYNA file", OTHER_MESHER));
     }
-    of_text(first, lines.next().unwrap_or_default(), text).or_else(|| by_extension(extension, first))
+    if first.trim_start().starts_with('*') {
+        return None;
+    }
+    of_text(first, lines.next().unwrap_or_default(), text).or_else(|| by_extension(extension, text))
 }
 
 const OTHER_MESHER: Remedy = Remedy::By(
@@ -85,6 +104,7 @@ fn binary(extension: &str, head: &[u8]) -> Option<Known> {
                         `Write .inp file`";
         return Some(match extension {
             "fcstd" => ("a FreeCAD document", Remedy::By(free_cad)),
+            "3mf" => ("a surface", MESH_CAD),
             _ => ("a ZIP archive", Remedy::By("unpack it, and name the .inp file in it")),
         });
     }
@@ -102,20 +122,19 @@ fn binary(extension: &str, head: &[u8]) -> Option<Known> {
     None
 }
 
+/// Returns whether a line begins with `start`, in capital or small letters.
+fn begins(line: &str, start: &str) -> bool {
+    line.trim_start().get(..start.len()).is_some_and(|head| head.eq_ignore_ascii_case(start))
+}
+
 fn of_text(first: &str, second: &str, text: &str) -> Option<Known> {
     let begin = first.trim_start();
-    let line = |starts: &[&str]| {
-        text.lines().any(|line| {
-            let line = line.trim_start();
-            starts
-                .iter()
-                .any(|start| line.get(..start.len()).is_some_and(|head| head.eq_ignore_ascii_case(start)))
-        })
-    };
+    let line = |starts: &[&str]| text.lines().any(|line| starts.iter().any(|start| begins(line, start)));
+    let is_gmsh = text.lines().map(str::trim).any(|line| line == "$MeshFormat" || line == "$NOD");
     let is_universal = begin.trim_end() == "-1" && second.trim().parse::<u32>().is_ok();
     let starts = |words: &[&str]| words.iter().any(|word| begin.starts_with(word));
     Some(match () {
-        () if line(&["$MeshFormat", "$NOD"]) => ("a Gmsh mesh (.msh)", Remedy::Gmsh),
+        () if is_gmsh => ("a Gmsh mesh (.msh)", Remedy::Gmsh),
         () if starts(&["# vtk DataFile"]) => ("a VTK file (.vtk)", Remedy::Gmsh),
         () if text.contains("<VTKFile") => ("a VTK file (.vtu)", Remedy::Meshio("vtu")),
         () if text.contains("<Xdmf") => ("an XDMF file", Remedy::Meshio("xdmf")),
@@ -150,15 +169,22 @@ fn of_text(first: &str, second: &str, text: &str) -> Option<Known> {
 }
 
 /// Recognises formats without a mark at their start. The file does not begin with a card.
-fn by_extension(extension: &str, first: &str) -> Option<Known> {
-    let counts = || first.split_whitespace().filter(|word| word.parse::<u32>().is_ok()).count();
+fn by_extension(extension: &str, text: &str) -> Option<Known> {
+    // The first line of an AVS-UCD file below its comments has five counts.
+    let is_ucd = || {
+        let first = text.lines().find(|line| !line.trim().is_empty() && !line.starts_with('#'));
+        let words: Vec<&str> = first.unwrap_or_default().split_whitespace().collect();
+        words.len() == 5 && words.iter().all(|word| word.parse::<u32>().is_ok())
+    };
     Some(match extension {
+        // The first card may be below a long comment.
+        "bdf" | "nas" | "fem" => ("a Nastran file", Remedy::Gmsh),
         "geo" => ("a Gmsh geometry without a mesh (.geo)", Remedy::GmshMeshes),
         "igs" | "iges" => ("an IGES geometry without a mesh", Remedy::GmshMeshes),
         "stl" => ("an STL surface", MESH_CAD),
-        "obj" | "off" | "3mf" => ("a surface", MESH_CAD),
+        "obj" | "off" => ("a surface", MESH_CAD),
         "node" | "ele" => ("a TetGen mesh", Remedy::Meshio("tetgen")),
-        "inp" if counts() == 5 => ("an AVS-UCD mesh", Remedy::Meshio("avsucd")),
+        "inp" | "avs" | "ucd" if is_ucd() => ("an AVS-UCD mesh", Remedy::Meshio("avsucd")),
         "odb" => (
             "a result file of Abaqus (.odb)",
             Remedy::By("name the .inp file of the job (Abaqus/CAE: Job, Write Input)"),

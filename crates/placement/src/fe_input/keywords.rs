@@ -29,7 +29,7 @@ const STAGES_WITH_MESH: [Stage; 6] =
 type Keyword = (&'static str, Stage, &'static str, Read);
 type Read = fn(&mut Reader, &Card) -> Result<(), Fault>;
 
-const KEYWORDS: [Keyword; 34] = [
+const KEYWORDS: [Keyword; 35] = [
     ("BOUNDARY", Stage::Boundary, "OP", load::boundary),
     ("NODE", Stage::Nodes, "NSET", mesh::nodes),
     ("ELEMENT", Stage::Elements, "TYPE ELSET", mesh::elements),
@@ -64,6 +64,8 @@ const KEYWORDS: [Keyword; 34] = [
     ("OUTPUT", Stage::Step, PRINTED, load::printed),
     ("CONTACT FILE", Stage::Step, PRINTED, load::printed),
     ("ENERGY OUTPUT", Stage::Step, PRINTED, load::printed),
+    // The equations are linear: parameters of the iteration have no effect.
+    ("CONTROLS", Stage::Anywhere, "PARAMETERS RESET ANALYSIS FIELD TYPE", |_, _| Ok(())),
     ("PREPRINT", Stage::Anywhere, "ECHO MODEL HISTORY CONTACT", |_, _| Ok(())),
     ("RESTART", Stage::Anywhere, "READ WRITE FREQUENCY OVERLAY NUMBERINTERVAL STEP INC", load::restart),
 ];
@@ -154,6 +156,7 @@ fn known<'a>(cards: &'a [Card], faults: &mut Faults) -> Vec<(Stage, &'a Card, Re
                     card.only(parameters, faults);
                     known.push((*stage, card, *read));
                 }
+                None if removes_loads(card) => {}
                 None => faults.push(card.fault(why_refused(key))),
             },
         }
@@ -167,8 +170,15 @@ fn known<'a>(cards: &'a [Card], faults: &mut Faults) -> Vec<(Stage, &'a Card, Re
     known
 }
 
+/// Returns whether the card only removes the loads of an earlier step, of which there is none. PrePoMax writes such
+/// cards.
+fn removes_loads(card: &Card) -> bool {
+    let is_load = ["CLOAD", "DLOAD", "DSLOAD", "RADIATE", "SRADIATE"].contains(&card.key.as_str());
+    is_load && card.lines.is_empty() && card.value("OP").is_some_and(|op| op == "NEW")
+}
+
 /// Cards that are known and rejected, with a remedy.
-const REFUSED: [(&str, &str); 13] = [
+const REFUSED: [(&str, &str); 12] = [
     (
         "RADIATE",
         "radiation is not linear; add it to the film coefficient: *FILM with 4·ε·σ·T³ more, about 0.005 \
@@ -185,7 +195,7 @@ const REFUSED: [(&str, &str); 13] = [
          direction 11)",
     ),
     ("CLOAD", "forces do not warm anything: take them out of the file"),
-    ("DLOAD", "pressures do not warm anything: take them out of the file"),
+    ("DLOAD DSLOAD", "pressures do not warm anything: take them out of the file"),
     (
         "AMPLITUDE",
         "only loads that are constant during the step are supported: take the card out of the file",
@@ -217,10 +227,6 @@ const REFUSED: [(&str, &str); 13] = [
         "PLASTIC CREEP HYPERELASTIC",
         "only linear materials are supported, which is accurate for temperature rises of some kelvin: take \
          the card out of the file",
-    ),
-    (
-        "CONTROLS",
-        "the equations are linear, so no iteration needs control parameters: take the card out of the file",
     ),
 ];
 

@@ -237,7 +237,7 @@ pub(super) fn restart(_: &mut Reader, card: &Card) -> Result<(), Fault> {
 
 /// Reads print requests for other programs. Only the names of their sets are checked.
 pub(super) fn printed(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
-    if let Some(name) = card.value("NSET") {
+    if let Some(name) = card.value("NSET").filter(|name| !reader.is_without_elements(name)) {
         reader.nodes(&name, &card.at);
     }
     if let Some(name) = card.value("ELSET") {
@@ -255,6 +255,9 @@ pub(super) fn initial(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     reader.each(card, |reader, line| {
         line.exactly(&["node or set", "temperature"])?;
         let temperature = temperature::initial(&mut reader.scale, line, 1)?;
+        if reader.is_without_elements(line.text(0)) {
+            return Ok(());
+        }
         for node in reader.nodes(line.text(0), &line.at) {
             let other = reader.initial[node].replace(temperature);
             if other.is_some_and(|other| other.to_bits() != temperature.to_bits()) {

@@ -33,10 +33,14 @@ pub(super) fn nodes(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
 /// formulations (`C3D10MH`, which meshio writes) have the shape of the others.
 const TYPES: [(&str, Option<Kind>, usize); 6] = [
     ("C3D4 DC3D4 C3D4T C3D4H", Some(Kind::Tet4), 4),
-    ("C3D10 DC3D10 C3D10T C3D10H C3D10M C3D10MT C3D10MH C3D10HS C3D10I", Some(Kind::Tet10), 10),
+    (
+        "C3D10 DC3D10 C3D10T C3D10H C3D10HT C3D10M C3D10MT C3D10MH C3D10MHT C3D10HS C3D10I",
+        Some(Kind::Tet10),
+        10,
+    ),
     ("T3D2 B31 B31R B31H DC1D2", None, 2),
     ("T3D3 B32 B32R B33H DC1D3", None, 3),
-    ("CPS3 CPE3 CAX3 DC2D3 DCAX3 S3 S3R STRI3 DS3 M3D3 R3D3 SFM3D3", None, 3),
+    ("CPS3 CPE3 CAX3 DC2D3 DCAX3 S3 S3R S3RS STRI3 DS3 M3D3 R3D3 SFM3D3", None, 3),
     ("CPS6 CPE6 CAX6 DC2D6 DCAX6 S6 STRI65 DS6 M3D6 SFM3D6", None, 6),
 ];
 

@@ -232,6 +232,14 @@ impl Reader {
         self.free.binary_search(&id).is_ok()
     }
 
+    /// Returns whether this is the number of a node in no element, or the name of a set of such nodes only.
+    pub(super) fn is_without_elements(&self, name: &str) -> bool {
+        match name.parse() {
+            Ok(id) => self.is_free(id),
+            Err(_) => self.mesh.node_sets.get(&name.to_uppercase()).is_some_and(Vec::is_empty),
+        }
+    }
+
     /// Returns the numbers of the nodes in no element between two numbers with this step, ascending.
     pub(super) fn free_between(&self, first: u32, last: u32, by: u32) -> impl Iterator<Item = u32> {
         let is_meant = move |id: &u32| (first..=last).contains(id) && (id - first).is_multiple_of(by);

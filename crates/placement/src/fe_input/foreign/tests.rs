@@ -11,7 +11,7 @@ fn every_other_format_is_named_with_the_command_that_converts_it() {
     let meshio = |from: &str, format: &str, to: &str| {
         format!("`meshio convert {from} --input-format {format} --output-format abaqus {to}`")
     };
-    let cases: [(&str, &[u8], &str, String); 24] = [
+    let cases: [(&str, &[u8], &str, String); 30] = [
         ("a.msh", b"$MeshFormat\n4.1 0 8\n", "a Gmsh mesh", gmsh("a.msh", "a.inp")),
         ("mesh.inp", b"$Comments\nx\n$EndComments\n$MeshFormat\n", "Gmsh", gmsh("mesh.inp", "mesh.mesh.inp")),
         ("a.geo", b"Point(1)={0,0,0,30};\n", "a Gmsh geometry", meshed("a.geo", "a.inp")),
@@ -29,6 +29,22 @@ fn every_other_format_is_named_with_the_command_that_converts_it() {
         ("a.exo", b"CDF\x01\0\0", "an Exodus mesh", meshio("a.exo", "exodus", "a.inp")),
         ("a.vol", b"mesh3d\ndimension\n3\n", "a Netgen mesh", meshio("a.vol", "netgen", "a.inp")),
         ("a.inp", b"8 1 0 0 0\n1 0 0 0\n", "an AVS-UCD mesh", meshio("a.inp", "avsucd", "a.mesh.inp")),
+        (
+            "a.inp",
+            b"# Written by meshio\n\n8 1 0 0 0\n",
+            "an AVS-UCD mesh",
+            meshio("a.inp", "avsucd", "a.mesh.inp"),
+        ),
+        ("a.nas", b"$NODES of the column\nGRID    1       0\n", "a Nastran file", gmsh("a.nas", "a.inp")),
+        ("a.fem", b"$$ a long comment\n", "a Nastran file", gmsh("a.fem", "a.inp")),
+        ("a.3mf", b"PK\x03\x04\0\0", "a surface", "gmsh -3 part.step".to_owned()),
+        (
+            "a.k",
+            b"$# LS-DYNA Keyword file\n$NODES\n*Keyword MEMORY=1\n",
+            "an LS-DYNA file",
+            "Abaqus".to_owned(),
+        ),
+        ("parts/my part.msh", b"$NOD\n1\n", "Gmsh", gmsh("\"parts/my part.msh\"", "\"parts/my part.inp\"")),
         ("a.cdb", b"/COM,ANSYS\n/PREP7\n", "an Ansys file", "pyvista.save_meshio".to_owned()),
         ("a.k", b"*KEYWORD\n*NODE\n", "an LS-DYNA file", "`gmsh mesh.bdf -save".to_owned()),
         ("a.stl", b"solid x\nfacet normal 0 0 1\n", "an STL surface", "gmsh -3 part.step".to_owned()),
@@ -59,6 +75,21 @@ fn an_fe_input_file_is_of_no_other_format_whatever_its_extension_and_comments() 
             assert_eq!(refusal(Path::new(name), text.as_bytes()), None, "{name}: {text}");
         }
     }
+    // The text of a heading can look like a comment or a card of LS-DYNA.
+    assert_eq!(refusal(Path::new("a.inp"), b"\n*HEADING\n$ *KEYWORD\n*NODE\n"), None);
     // No format is recognised: the reader reports the line.
     assert_eq!(refusal(Path::new("a.inp"), b"1, 2\n*HEADING\n"), None);
+}
+
+#[test]
+fn the_command_does_not_overwrite_a_file() {
+    let directory = tempfile::tempdir().unwrap();
+    let mesh = directory.path().join("column.msh");
+    let named = |bytes: &[u8]| refusal(&mesh, bytes).unwrap();
+    let bytes = b"$MeshFormat\n4.1 0 8\n";
+    assert!(named(bytes).ends_with("*INCLUDE, INPUT=column.inp"), "{}", named(bytes));
+    std::fs::write(directory.path().join("column.inp"), "*INCLUDE, INPUT=column.msh\n").unwrap();
+    assert!(named(bytes).ends_with("*INCLUDE, INPUT=column.mesh.inp"), "{}", named(bytes));
+    let command = format!("-o {}`", directory.path().join("column.mesh.inp").display());
+    assert!(named(bytes).contains(&command), "{}", named(bytes));
 }

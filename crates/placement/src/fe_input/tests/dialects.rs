@@ -32,6 +32,10 @@ fn names_options_of_other_solvers_and_output_change_nothing() {
         &[("*HEADING", "*Preprint, echo=NO, model=NO, history=NO, contact=NO\n*HEADING")],
         &[("*NODE PRINT", "*Restart, write, frequency=0\n*Output, field, variable=PRESELECT\n*NODE PRINT")],
         &[("*HEADING", "\u{feff}*HEADING")],
+        // PrePoMax removes the loads of earlier steps, and FreeCAD writes the parameters of the iteration.
+        &[("*FILM\n", "*Cload, op=New\n*Dload, op=New\n*Radiate, op=New\n*Film, op=New\n*FILM\n")],
+        &[("*FILM\n", "*FILM\n** Name: air\n"), ("*BOUNDARY", "*Boundary, op=New\n*BOUNDARY")],
+        &[("*HEAT", "*CONTROLS, PARAMETERS=TIME INCREMENTATION\n4,8,9,200,10,400,,200,,\n0.25,0.5\n*HEAT")],
     ] {
         is_read_as(&changed(changes), &wanted);
     }
@@ -76,7 +80,7 @@ fn element_types_of_heat_transfer_have_the_shape_of_the_others() {
     let text =
         [write::mesh(&mesh), write::materials(&mesh, &materials), write::load(&mesh, &load, "")].concat();
     let wanted = read_text(&text).unwrap_or_else(|faults| panic!("{faults}"));
-    for kind in ["DC3D10", "C3D10T", "C3D10M", "C3D10MT", "C3D10MH"] {
+    for kind in ["DC3D10", "C3D10T", "C3D10M", "C3D10MT", "C3D10MH", "C3D10HT"] {
         is_read_as(&text.replace("TYPE=C3D10", &format!("TYPE={kind}")), &wanted);
     }
 }
@@ -181,6 +185,12 @@ fn a_part_with_one_instance_is_read_as_a_plain_file() {
         assert_eq!(input.mesh.node_sets["PART-1-1.SET-1"], [0, 1, 2, 3]);
         assert_eq!(input.mesh.node_sets["BASE"], [0, 1, 2]);
     }
+    // Names have letters of any language, capital or small.
+    let other = in_a_part("", NODES)
+        .replace("Part-1-1", "Ständer")
+        .replace("Ständer.Set-1, 20.", "STÄNDER.set-1, 20.");
+    let input = read_text(&other).unwrap_or_else(|faults| panic!("{faults}"));
+    assert_eq!(input.mesh.node_sets["STÄNDER.SET-1"], [0, 1, 2, 3]);
     // A name of the part that the assembly does not have keeps its form.
     let other = in_a_part("", NODES).replace("*Nset, nset=Set-1, generate", "*Nset, nset=Guide, generate");
     let input = read_text(&other.replace("Part-1-1.Set-1, 20.", "part-1-1.guide, 20."));

@@ -74,6 +74,12 @@ fn sets_with_nodes_in_no_element_keep_their_other_nodes() {
     assert_eq!(input.mesh.node_sets["MY_COLUMN"], [0, 1, 2, 3, 4]);
     assert_eq!(input.mesh.node_sets["ENDS"], [4]);
     assert!(input.mesh.node_sets["CENTRE"].is_empty());
+    let without_effect = REST
+        .replace("my_column, 20\n", "my_column, 20\n1, 20\nCENTRE, 20\n")
+        .replace("*FILM", "*NODE PRINT, NSET=CENTRE\nNT\n*FILM");
+    let same =
+        read_text(&format!("{GMSH}{sets}{without_effect}")).unwrap_or_else(|faults| panic!("{faults}"));
+    assert_eq!(same, input);
     // A load or a support without any node has no effect, and is refused.
     for (line, wanted) in [
         ("CENTRE, 11, 100", "*CFLUX: no member of node set CENTRE is in an element"),
