@@ -135,7 +135,8 @@ fn of_text(first: &str, second: &str, text: &str) -> Option<Known> {
     let starts = |words: &[&str]| words.iter().any(|word| begin.starts_with(word));
     Some(match () {
         () if is_gmsh => ("a Gmsh mesh (.msh)", Remedy::Gmsh),
-        () if starts(&["# vtk DataFile"]) => ("a VTK file (.vtk)", Remedy::Gmsh),
+        // Gmsh reads only old versions of this format.
+        () if starts(&["# vtk DataFile"]) => ("a VTK file (.vtk)", Remedy::Meshio("vtk")),
         () if text.contains("<VTKFile") => ("a VTK file (.vtu)", Remedy::Meshio("vtu")),
         () if text.contains("<Xdmf") => ("an XDMF file", Remedy::Meshio("xdmf")),
         () if starts(&["MeshVersionFormatted"]) => ("a Medit mesh (.mesh)", Remedy::Gmsh),
@@ -159,11 +160,13 @@ fn of_text(first: &str, second: &str, text: &str) -> Option<Known> {
             ),
         ),
         () if starts(&["# Created by COMSOL"]) => ("a COMSOL mesh", OTHER_MESHER),
-        () if starts(&["mesh3d"]) => ("a Netgen mesh (.vol)", Remedy::Meshio("netgen")),
+        () if text.lines().any(|line| line.trim() == "mesh3d") => {
+            ("a Netgen mesh (.vol)", Remedy::Meshio("netgen"))
+        }
         () if line(&["NDIME="]) => ("an SU2 mesh", Remedy::Meshio("su2")),
         () if starts(&["solid "]) && line(&["facet normal"]) => ("an STL surface", MESH_CAD),
         () if starts(&["ply"]) && line(&["element vertex"]) => ("a PLY surface", MESH_CAD),
-        () if starts(&["(0 ", "(2 "]) => ("a Fluent mesh", Remedy::Meshio("ansys")),
+        () if starts(&["(0 ", "(1 ", "(2 "]) => ("a Fluent mesh", Remedy::Meshio("ansys")),
         () => return None,
     })
 }
