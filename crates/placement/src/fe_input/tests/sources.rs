@@ -122,3 +122,24 @@ fn a_file_of_another_format_is_named_with_its_command_where_it_is_named() {
     assert!(said.contains("case.inp:1: *INCLUDE: ") && said.contains("part.msh is a Gmsh mesh"), "{said}");
     assert_eq!(said.lines().count(), 1, "{said}");
 }
+
+#[test]
+fn the_outputs_of_freecad_and_prepomax_are_the_same_load_case() {
+    let corpus = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/corpus/deck/");
+    let input = |name: &str| {
+        let text = std::fs::read_to_string(format!("{corpus}{name}")).unwrap();
+        read_text(&text).unwrap_or_else(|faults| panic!("{name}: {faults}"))
+    };
+    // FreeCAD writes kelvin, PrePoMax °C.
+    for input in [input("freecad"), input("prepomax")] {
+        assert_eq!(input.mesh.elements.len(), 1);
+        assert_eq!(input.supports, [0, 1, 2]);
+        assert_eq!(input.load.case, Case::Steady);
+        let near = |one: f64, other: f64| (one - other).abs() < 1e-9;
+        assert!(input.load.initial.iter().all(|initial| near(*initial, 20.0)), "{:?}", input.load.initial);
+        assert!(matches!(input.load.held[..], [(3, held)] if near(held, 30.0)), "{:?}", input.load.held);
+        assert!(matches!(input.load.films[..], [film] if near(film.sink, 25.0)), "{:?}", input.load.films);
+        assert_eq!(input.load.films[0].face, Face { element: 0, side: 0 });
+        assert!(near(input.materials.of(0).young, 110_000.0));
+    }
+}
