@@ -61,8 +61,8 @@ pub(super) fn of_load(scale: Option<Scale>, line: &Line, place: usize, name: &st
         (Some(scale), Some(found)) if scale == found => scale,
         (Some(scale), Some(found)) => {
             return Err(line.fault(format!(
-                "the {name} is {temperature}, which is plausible in {} only, but the initial temperatures of the \
-                 file are in {}: write all temperatures in one of them",
+                "the {name} is {temperature}, which is plausible in {} only. The initial temperatures of the file \
+                 are in {}: write all temperatures in one of them",
                 found.name(),
                 scale.name()
             )));

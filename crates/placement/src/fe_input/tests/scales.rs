@@ -28,7 +28,7 @@ fn temperatures_of_two_scales_in_one_file_are_refused() {
             "21.5",
             "case.inp:29: *FILM: the sink temperature is 293, which is plausible in kelvin only",
         ),
-        ("20", "293.15", "21.5", "the initial temperatures of the file are in °C"),
+        ("20", "293.15", "21.5", "The initial temperatures of the file are in °C: write all"),
         ("0", "273.15", "1", "*FILM: the sink temperature is 273.15"),
         ("150", "293", "21.5", "*FILM: the sink temperature is 293"),
         ("293", "20", "294", "*FILM: the sink temperature is 20, which is plausible in °C only"),
