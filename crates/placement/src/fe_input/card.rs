@@ -35,7 +35,7 @@ impl Location {
 #[derive(Debug)]
 pub(super) struct Line {
     pub(super) at: Location,
-    /// Text without commas at its end.
+    /// Text without commas at its end, and without quotation marks.
     text: String,
 }
 
@@ -295,7 +295,7 @@ impl Gathering<'_> {
 /// Keyword of an artificial card at the end of an included file.
 pub(super) const INCLUDED: &str = "INCLUDED";
 
-/// Adds a data line to the last card.
+/// Adds a data line to the last card, without quotation marks.
 fn data(text: &str, mut at: Location, cards: &mut [Card]) -> Result<(), Fault> {
     let card = cards
         .last_mut()
@@ -304,7 +304,8 @@ fn data(text: &str, mut at: Location, cards: &mut [Card]) -> Result<(), Fault> {
     if card.key == INCLUDED {
         return Err(at.fault("this data line follows an *INCLUDE: write the card of the line again above it"));
     }
-    let text = text.trim_end_matches(|last: char| last == ',' || last.is_whitespace()).to_owned();
+    // Abaqus writes names with blanks in quotation marks.
+    let text = text.trim_end_matches(|last: char| last == ',' || last.is_whitespace()).replace('"', "");
     card.lines.push(Line { at, text });
     Ok(())
 }

@@ -185,6 +185,17 @@ fn a_part_with_one_instance_is_read_as_a_plain_file() {
         assert_eq!(input.mesh.node_sets["PART-1-1.SET-1"], [0, 1, 2, 3]);
         assert_eq!(input.mesh.node_sets["BASE"], [0, 1, 2]);
     }
+    // A name with blanks is in quotation marks.
+    let other = in_a_part("", NODES)
+        .replace("Part-1-1.Set-1", "\"Part-1-1\".\"My Set\"")
+        .replace("set=Set-1", "set=\"My Set\"")
+        .replace("Set-1, ENCASTRE", "\"My Set\", ENCASTRE")
+        .replace("Part-1-1", "Part 1-1")
+        .replace("=Part 1-1", "=\"Part 1-1\"");
+    let input = read_text(&other).unwrap_or_else(|faults| panic!("{faults}"));
+    assert_eq!(input.mesh.node_sets["PART 1-1.MY SET"], [0, 1, 2, 3]);
+    assert_eq!(input.load, plain.load);
+    assert_eq!(input.supports, plain.supports);
     // Names have letters of any language, capital or small.
     let other = in_a_part("", NODES)
         .replace("Part-1-1", "Ständer")
