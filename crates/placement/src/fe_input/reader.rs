@@ -38,6 +38,9 @@ pub(super) struct Reader {
     pub(super) materials: Vec<Draft>,
     /// Index of the material of each element.
     pub(super) of_element: Vec<Option<usize>>,
+    /// Members of the sets of nodes (`true`) or elements that several cards define. A file may have a card for each
+    /// member.
+    continued: HashMap<(bool, String), HashSet<usize>>,
     /// Initial temperature of each node.
     pub(super) initial: Vec<Option<f64>>,
     /// Scale of the initial temperatures; `None` before the first of them.
@@ -182,11 +185,17 @@ impl Reader {
     }
 
     /// Adds members to a set. Each member occurs once, in the order of the file.
-    pub(super) fn add_to_set(&mut self, of_nodes: bool, name: String, members: Vec<usize>) {
-        let set = self.sets(of_nodes).entry(name).or_default();
-        set.extend(members);
-        let mut seen = HashSet::new();
-        set.retain(|place| seen.insert(*place));
+    pub(super) fn add_to_set(&mut self, of_nodes: bool, name: String, mut members: Vec<usize>) {
+        let sets = if of_nodes { &mut self.mesh.node_sets } else { &mut self.mesh.element_sets };
+        if let Some(set) = sets.get_mut(&name) {
+            let continued = self.continued.entry((of_nodes, name));
+            let known = continued.or_insert_with(|| set.iter().copied().collect());
+            set.extend(members.into_iter().filter(|place| known.insert(*place)));
+        } else {
+            let mut seen = HashSet::new();
+            members.retain(|place| seen.insert(*place));
+            sets.insert(name, members);
+        }
     }
 
     pub(super) fn sort_nodes(&mut self) {
