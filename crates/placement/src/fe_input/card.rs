@@ -281,6 +281,8 @@ impl Gathering<'_> {
             let input = card.parameters.iter().find(|(name, _)| name == "INPUT");
             match input.and_then(|(_, value)| value.as_ref()).filter(|input| !input.is_empty()) {
                 Some(input) => {
+                    // Programs on Windows write backslashes.
+                    let input = input.replace('\\', "/");
                     let beside: PathBuf = path.parent().unwrap_or(Path::new("")).join(input);
                     self.file(&beside, Some(&card), depth + 1);
                     // A line after an include belongs to no card.

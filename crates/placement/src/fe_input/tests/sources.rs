@@ -105,6 +105,16 @@ fn a_mesh_of_gmsh_without_a_load_case_says_what_is_missing() {
 }
 
 #[test]
+fn an_include_of_windows_is_found() {
+    let (directory, case) = place("case.inp");
+    std::fs::create_dir(directory.path().join("meshes")).unwrap();
+    std::fs::write(directory.path().join("meshes/part 1.inp"), GMSH.replace('\n', "\r\n")).unwrap();
+    std::fs::write(&case, format!("*INCLUDE, INPUT=\"meshes\\part 1.inp\" \r\n{REST}")).unwrap();
+    let input = read(&case).unwrap_or_else(|faults| panic!("{faults}"));
+    assert_eq!(input, read_text(&format!("{GMSH}{REST}")).unwrap());
+}
+
+#[test]
 fn a_file_of_another_format_is_named_with_its_command_where_it_is_named() {
     let (directory, case) = place("case.inp");
     let mesh = directory.path().join("part.msh");
