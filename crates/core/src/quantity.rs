@@ -51,13 +51,19 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
+mod cell;
 mod dialect;
 mod shift;
 pub mod time;
+mod time_column;
+mod wall;
 
-pub use dialect::Dialect;
+pub use cell::{Cell, is_unit, name_and_unit};
+pub use dialect::{DecimalMark, Dialect};
 pub(crate) use shift::shifted;
 pub use shift::{Shift, Shifted};
+pub use time_column::{TimeColumns, TimeUnit};
+pub use wall::DateOrder;
 
 /// Defines a quantity: a finite number with its unit, its constructor, arithmetic and `Display`.
 macro_rules! quantity {

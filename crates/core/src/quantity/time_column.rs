@@ -1,0 +1,247 @@
+//! Time column of a log: its name, its unit, and the column with the date if the log has one.
+
+use std::fmt;
+
+use super::cell::name_and_unit;
+use super::{Moment, time};
+
+/// Unit of times that are numbers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum TimeUnit {
+    /// Milliseconds since the start of the log or since 1970.
+    Milliseconds,
+    /// Seconds since the start of the log or since 1970.
+    #[default]
+    Seconds,
+    /// Minutes since the start of the log.
+    Minutes,
+    /// Hours since the start of the log.
+    Hours,
+    /// Days since the start of the log.
+    Days,
+    /// Days as spreadsheets store dates: 46090.25 is 2026-03-09 06:00.
+    ExcelDays,
+}
+
+impl TimeUnit {
+    /// Returns the unit with this name in a header.
+    fn of(name: &str) -> Option<TimeUnit> {
+        Some(match name.to_ascii_lowercase().as_str() {
+            "ms" => TimeUnit::Milliseconds,
+            "s" => TimeUnit::Seconds,
+            "min" => TimeUnit::Minutes,
+            "h" => TimeUnit::Hours,
+            _ => return None,
+        })
+    }
+
+    /// Returns the name of a unit that no date has; `None` if the column may contain dates.
+    pub(super) fn of_a_count(self) -> Option<&'static str> {
+        match self {
+            TimeUnit::Milliseconds | TimeUnit::Minutes | TimeUnit::Hours | TimeUnit::Days => {
+                Some(self.name())
+            }
+            TimeUnit::Seconds | TimeUnit::ExcelDays => None,
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            TimeUnit::Milliseconds => "milliseconds",
+            TimeUnit::Seconds => "seconds",
+            TimeUnit::Minutes => "minutes",
+            TimeUnit::Hours => "hours",
+            TimeUnit::Days => "days",
+            TimeUnit::ExcelDays => "days of a spreadsheet",
+        }
+    }
+
+    /// Parses a number in this unit, exact to the nanosecond. A number of seconds that is too large for any date is read
+    /// as milliseconds, microseconds or nanoseconds since 1970.
+    pub(super) fn moment(self, number: &str) -> Result<Moment, String> {
+        let factor = match self {
+            TimeUnit::Seconds => return seconds(number),
+            TimeUnit::Milliseconds => return time::parse_scaled(number, -3),
+            TimeUnit::Minutes => 60,
+            TimeUnit::Hours => 3600,
+            TimeUnit::Days | TimeUnit::ExcelDays => 86_400,
+        };
+        let nanos = time::parse(number)?.as_nanos().checked_mul(factor);
+        nanos.map(Moment::from_nanos).ok_or_else(|| format!("`{number}` {self} is too large"))
+    }
+}
+
+impl fmt::Display for TimeUnit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// Smallest number of seconds since 1970 that is no date, because it lies after the year 5000.
+const NO_SECONDS: f64 = 1e11;
+
+fn seconds(number: &str) -> Result<Moment, String> {
+    let power = match number.parse::<f64>() {
+        Ok(value) if value >= NO_SECONDS * 1e6 => -9,
+        Ok(value) if value >= NO_SECONDS * 1e3 => -6,
+        Ok(value) if value >= NO_SECONDS => -3,
+        _ => return time::parse(number),
+    };
+    time::parse_scaled(number, power)
+}
+
+/// Columns of a log that contain the time of each row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TimeColumns {
+    /// Index of the column with the time.
+    pub time: usize,
+    /// Index of a column with the date, for times without one.
+    pub date: Option<usize>,
+    /// Unit of the times, if they are numbers.
+    pub unit: TimeUnit,
+}
+
+/// Names of a time column, besides `time`, `time_s` and `time_min`. The most certain names come first.
+const NAMES: [&[&str]; 3] = [
+    &["time", "zeit", "时间", "日時", "時刻"],
+    &[
+        "timestamp",
+        "time stamp",
+        "time_stamp",
+        "zeitstempel",
+        "zeitpunkt",
+        "datetime",
+        "date time",
+        "date_time",
+        "date/time",
+        "date & time",
+        "date and time",
+        "datum & uhrzeit",
+        "datum/uhrzeit",
+        "datum / uhrzeit",
+        "datum uhrzeit",
+        "datum und uhrzeit",
+        "datum/zeit",
+        "datum zeit",
+        "uhrzeit",
+        "elapsed",
+        "elapsed time",
+        "elapsed_time",
+        "__index_level_0__",
+    ],
+    &["t"],
+];
+const DATES: [&str; 4] = ["date", "datum", "日期", "日付"];
+
+/// Names of columns whose numbers, if they are dates of this century, are days of a spreadsheet.
+const NAMED_FOR_DATES: [&str; 2] = ["dat", "stamp"];
+
+impl TimeColumns {
+    /// Finds the time column by its name; `None` if no name is one of a time. `stated` is the unit that the operator has
+    /// stated.
+    #[must_use]
+    pub fn find(names: &[String], stated: Option<TimeUnit>) -> Option<TimeColumns> {
+        let exact = |name: &String| match name.as_str() {
+            "time" | "time_s" => Some(TimeUnit::Seconds),
+            "time_ms" => Some(TimeUnit::Milliseconds),
+            "time_min" => Some(TimeUnit::Minutes),
+            "time_h" => Some(TimeUnit::Hours),
+            _ => None,
+        };
+        let exact = names.iter().enumerate().find_map(|(place, name)| Some((place, exact(name)?)));
+        let (time, unit) = exact.or_else(|| NAMES.iter().find_map(|known| by_name(names, known)))?;
+        let dates = |(place, name): (usize, &String)| {
+            let is_date = DATES.contains(&name.trim().to_lowercase().as_str());
+            (is_date && place != time).then_some(place)
+        };
+        let date = names.iter().enumerate().find_map(dates);
+        Some(TimeColumns { time, date, unit: stated.unwrap_or(unit) })
+    }
+
+    /// Returns the unit of the numbers in the time column, after the first of them is known. Numbers of this century
+    /// under a name such as `Datum` or `timestamp` are days of a spreadsheet.
+    #[must_use]
+    pub fn unit_of(&self, name: &str, first: &str) -> TimeUnit {
+        let is_dated = NAMED_FOR_DATES.iter().any(|word| name.to_lowercase().contains(word));
+        let is_day = || {
+            first.trim().replace(',', ".").parse().is_ok_and(|day: f64| (36_526.0..73_051.0).contains(&day))
+        };
+        if self.unit == TimeUnit::Seconds && is_dated && is_day() { TimeUnit::ExcelDays } else { self.unit }
+    }
+}
+
+/// Returns the first column with one of these names. A unit may follow the name. The name `t` needs one.
+fn by_name(names: &[String], known: &[&str]) -> Option<(usize, TimeUnit)> {
+    names.iter().enumerate().find_map(|(place, header)| {
+        let (name, unit) = name_and_unit(header);
+        let unit = match unit {
+            Some(unit) => TimeUnit::of(unit)?,
+            None => TimeUnit::Seconds,
+        };
+        let is_named = known.contains(&name.to_lowercase().as_str());
+        let needs_unit = known == NAMES[2] && name.len() == header.trim().len();
+        (is_named && !needs_unit).then_some((place, unit))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(header: &str) -> Option<(usize, Option<usize>, TimeUnit)> {
+        let names: Vec<String> = header.split(';').map(str::to_owned).collect();
+        TimeColumns::find(&names, None).map(|found| (found.time, found.date, found.unit))
+    }
+
+    #[test]
+    fn the_time_column_is_found_by_the_names_of_loggers() {
+        use TimeUnit::{Hours, Milliseconds, Minutes, Seconds};
+        for (header, columns) in [
+            ("time;bed", (0, None, Seconds)),
+            ("time_min;bed", (0, None, Minutes)),
+            ("timestamp;time;bed", (1, None, Seconds)),
+            ("No.;Time;bed", (1, None, Seconds)),
+            ("Zeit;bed", (0, None, Seconds)),
+            ("Zeit [min];bed", (0, None, Minutes)),
+            ("Time (h);bed", (0, None, Hours)),
+            ("t in ms;bed", (0, None, Milliseconds)),
+            ("Date;Time;bed", (1, Some(0), Seconds)),
+            ("bed;Datum;Uhrzeit", (2, Some(1), Seconds)),
+            ("Datum & Uhrzeit;bed", (0, None, Seconds)),
+            ("Zeitstempel;bed", (0, None, Seconds)),
+        ] {
+            assert_eq!(found(header), Some(columns), "{header}");
+        }
+        for header in ["when;bed", "t;bed", "air time [°C];bed", "Time [°C];bed"] {
+            assert_eq!(found(header), None, "{header}");
+        }
+    }
+
+    #[test]
+    fn numbers_are_times_in_their_unit_and_stamps_since_1970_in_theirs() {
+        let seconds = |moment: Result<Moment, String>| moment.unwrap().as_nanos();
+        for (unit, text, nanos) in [
+            (TimeUnit::Seconds, "1.5", 1_500_000_000),
+            (TimeUnit::Milliseconds, "1500", 1_500_000_000),
+            (TimeUnit::Minutes, "0.5", 30_000_000_000),
+            (TimeUnit::Hours, "0.2", 720_000_000_000),
+            (TimeUnit::Days, "1", 86_400_000_000_000),
+            (TimeUnit::Seconds, "1773036000", 1_773_036_000_000_000_000),
+            (TimeUnit::Seconds, "1773036000000", 1_773_036_000_000_000_000),
+            (TimeUnit::Seconds, "1773036000000000", 1_773_036_000_000_000_000),
+            (TimeUnit::Seconds, "1773036000000000000", 1_773_036_000_000_000_000),
+        ] {
+            assert_eq!(seconds(unit.moment(text)), nanos, "{text} {unit}");
+        }
+        assert!(TimeUnit::Minutes.moment("1e12").is_err());
+    }
+
+    #[test]
+    fn days_of_a_spreadsheet_are_recognised_only_under_a_name_of_dates() {
+        let columns = TimeColumns { time: 0, date: None, unit: TimeUnit::Seconds };
+        assert_eq!(columns.unit_of("Datum", "46090.25"), TimeUnit::ExcelDays);
+        assert_eq!(columns.unit_of("timestamp", "46090,25"), TimeUnit::ExcelDays);
+        assert_eq!(columns.unit_of("time", "46090.25"), TimeUnit::Seconds);
+        assert_eq!(columns.unit_of("timestamp", "1773036000"), TimeUnit::Seconds);
+    }
+}
