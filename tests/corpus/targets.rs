@@ -270,7 +270,7 @@ pub(crate) fn parquet(data: &[u8]) {
 }
 
 fn learn(path: &Path) {
-    let split = Split { column: None, gap: Some(Duration::from_secs(3600)), zone: None };
+    let split = Split { gap: Some(Duration::from_secs(3600)), ..Split::default() };
     // The log is read with all columns, and with some of them.
     let some = |name: &str| name.len().is_multiple_of(2);
     for uses in [&every_column as &dyn Fn(&str) -> bool, &some] {

@@ -4,28 +4,32 @@
 //! file ── table (cells by column) ── split ── runs        kinds guessed from names, units and values
 //! ```
 //! A log is a CSV file with any separator of a spreadsheet, or a Parquet file. Its time column is the first one named
-//! `time`, `time_s` or `time_min`. `time` is in seconds, in RFC 3339, or date and time of the time zone. Every other
-//! column has one number per row (NaN if missing), or text.
+//! `time`, `time_s` or `time_min`, or with a similar name of a logger. `time` is in seconds, in RFC 3339, or date and
+//! time of the time zone. Every other column has one number per row (NaN if missing), or text. Values that no sensor
+//! measured are left out, and named with file, line and value.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use jiff::tz::TimeZone;
-
 mod active_cz;
 mod csv;
+mod decode;
 mod error;
 mod files;
 mod gauge;
+mod head;
+mod implausible;
 mod kind;
 #[cfg(feature = "parquet")]
 mod parquet;
+mod repeats;
 mod run;
 mod split;
 mod table;
 #[cfg(test)]
 mod tests;
+mod unit;
 
 pub use error::BadLog;
 pub use kind::Kind;
@@ -33,6 +37,7 @@ pub use run::Run;
 pub use split::Split;
 pub use table::{Uses, every_column};
 
+use split::Divided;
 use table::Table;
 
 /// Several runs with the same columns.
@@ -46,6 +51,21 @@ pub struct Dataset {
     pub runs: Vec<Run>,
     /// Remarks about unusual data that could be read nevertheless.
     pub remarks: Vec<String>,
+    /// Used columns without any number in a log, with file and reason.
+    pub lost: Vec<Refusal>,
+    /// Columns with too many values that no sensor measured. A verb that uses one of them must refuse the logs.
+    pub implausible: Vec<Refusal>,
+    /// Sentences about runs that contain the same minutes. Such runs must not be used to test a model.
+    pub repeats: Vec<String>,
+}
+
+/// Reason why a column cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Refusal {
+    /// Name of the column.
+    pub column: String,
+    /// Message with file, line and value.
+    pub message: String,
 }
 
 /// Log column of numbers.
@@ -94,9 +114,9 @@ impl Dataset {
         &mut self,
         file: &Path,
         (error, within): (&str, Duration),
-        zone: Option<TimeZone>,
+        split: &Split,
     ) -> Result<(), BadLog> {
-        gauge::add(self, file, (error, within), zone)
+        gauge::add(self, file, (error, within), split)
     }
 
     fn from_tables(tables: Vec<Table>, split: &Split, units: Units<'_>) -> Result<Dataset, BadLog> {
@@ -107,28 +127,29 @@ impl Dataset {
                 names.push(name.to_owned());
             }
         }
-        let lacks = |table: &Table| {
-            let own: HashSet<&str> = table.names_of_numbers().collect();
-            let lacking = names.iter().map(String::as_str).filter(|name| !own.contains(name));
-            let lacking: Vec<&str> = lacking.collect();
-            let remark = format!("{} has no column {}", table.file.display(), lacking.join(", "));
-            (!lacking.is_empty()).then_some(remark)
-        };
-        let remarks = tables.iter().filter_map(lacks).collect();
+        let mut remarks: Vec<String> = tables.iter().filter_map(|table| lacking(table, &names)).collect();
         let acted: HashSet<String> = tables.iter().flat_map(|table| table.acted.iter().cloned()).collect();
-        let unread = unread(&tables, units);
-        let runs = split::runs(tables, &names, split)?;
+        let logged = logged_units(&tables);
+        let unit = |name: &str| units(name).or_else(|| logged.get(name).copied());
+        let unread = unread(&tables, &unit);
+        let lost: Vec<Refusal> = tables.iter().flat_map(lost).collect();
+        remarks.extend(not_used(&lost));
+        let guess = |name: &str, values: &[f64]| Kind::guess(name, unit(name), std::iter::once(values));
+        let Divided { runs, remarks: left_out, refused: implausible } =
+            split::runs(tables, &names, split, &guess)?;
+        remarks.extend(left_out);
         let column = |(place, name): (usize, String)| {
             let kind = match acted.contains(&name) {
                 true => Kind::Compensation,
                 false => {
-                    Kind::guess(&name, units(&name), runs.iter().map(|run| run.values[place].as_slice()))
+                    Kind::guess(&name, unit(&name), runs.iter().map(|run| run.values[place].as_slice()))
                 }
             };
             Column { name, kind }
         };
         let columns = names.into_iter().enumerate().map(column).collect();
-        Ok(Dataset { columns, unread, remarks, runs })
+        let repeats = repeats::find(&runs);
+        Ok(Dataset { columns, unread, remarks, runs, lost, implausible, repeats })
     }
 
     /// Returns the names of the used log columns, then of the unused ones.
@@ -150,6 +171,46 @@ impl Dataset {
     pub fn column(&self, name: &str) -> Option<usize> {
         self.columns.iter().position(|column| column.name == name)
     }
+}
+
+/// Returns the unit of each column that states one in a log, in the words of a profile.
+fn logged_units(tables: &[Table]) -> HashMap<String, &'static str> {
+    let units = tables.iter().flat_map(|table| &table.units);
+    units.filter_map(|(name, unit)| Some((name.clone(), unit::of_profile(name, unit)?))).collect()
+}
+
+/// Returns a remark about the columns of other files that this file does not have; `None` if it has all of them.
+fn lacking(table: &Table, names: &[String]) -> Option<String> {
+    let own: HashSet<&str> = table.names_of_numbers().collect();
+    let lacking: Vec<&str> = names.iter().map(String::as_str).filter(|name| !own.contains(name)).collect();
+    let is_there = |name: &&str| table.cells(name).is_some();
+    let (without_numbers, missing): (Vec<&str>, Vec<&str>) = lacking.into_iter().partition(is_there);
+    let file = table.file.display();
+    let mut parts = Vec::new();
+    if !missing.is_empty() {
+        parts.push(format!("{file} has no column {}", missing.join(", ")));
+    }
+    if !without_numbers.is_empty() {
+        parts.push(format!("{file} has no numbers in {}", without_numbers.join(", ")));
+    }
+    (!parts.is_empty()).then(|| parts.join("; "))
+}
+
+/// Returns the used columns of a file without any number.
+fn lost(table: &Table) -> Vec<Refusal> {
+    let refusal = |(name, why): &(String, String)| Refusal {
+        column: name.clone(),
+        message: format!("{}, {why}", table.file.display()),
+    };
+    table.lost.iter().map(refusal).collect()
+}
+
+/// Returns a remark that names each of these columns once; `None` if there is none.
+fn not_used(lost: &[Refusal]) -> Option<String> {
+    let mut seen = HashSet::new();
+    let first = lost.iter().filter(|lost| seen.insert(lost.column.as_str()));
+    let named: Vec<String> = first.map(|lost| format!("{} ({})", lost.column, lost.message)).collect();
+    (!named.is_empty()).then(|| format!("columns without numbers, which are not used: {}", named.join("; ")))
 }
 
 /// Returns the unused columns of all files, each once, in the order of their first occurrence.

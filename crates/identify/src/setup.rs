@@ -5,7 +5,9 @@ use std::time::Duration;
 use crate::ambient;
 use crate::applied::{self, Applied};
 use crate::campaign::{Campaign, Input, Position, temperatures_of};
-use crate::checks::{check_error, check_runs, fahrenheit, nearest, unused_position};
+use crate::checks::{
+    check_error, check_plausible, check_runs, fahrenheit, nearest, unused_position, why_lost,
+};
 use crate::dataset::{BadLog, Dataset, Kind, Run};
 use crate::faults::{self, Notes, Repaired};
 use isotherm_core::reading::SignalId;
@@ -108,9 +110,12 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
             let name = name.clone().unwrap_or_else(|| choice.error_of(axis.as_deref().unwrap_or_default()));
             let found = dataset.column(&name);
             if found.is_none() {
+                let why = match why_lost(dataset, &name) {
+                    why if why.is_empty() => nearest(&name, &dataset.names()),
+                    why => why,
+                };
                 wrong.push(format!(
-                    "no log has a column `{name}` with the measured error in µm{}; name it with --error",
-                    nearest(&name, &dataset.names())
+                    "no log has a column `{name}` with the measured error in µm{why}; name it with --error"
                 ));
             }
             found
@@ -120,6 +125,7 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
     let mut remarks = dataset.remarks.clone();
     let inputs = inputs(profile, dataset, choice, &mut wrong, &mut remarks);
     let temperatures = temperatures_of(dataset, &inputs);
+    check_plausible(dataset, inputs.iter().map(|input| input.column).chain(error), &mut wrong);
     wrong.extend(fahrenheit(dataset, &temperatures));
     let position = choice.position.as_ref().and_then(|(name, reference)| {
         let input = input(profile, dataset, name, " with the position of the axis", &mut wrong)?;
@@ -191,7 +197,7 @@ fn input(
     let signal = signal(profile, name, wrong)?;
     let column = dataset.column(name);
     if column.is_none() {
-        wrong.push(format!("no log has a column `{name}`{what}"));
+        wrong.push(format!("no log has a column `{name}`{what}{}", why_lost(dataset, name)));
     }
     let unit = profile.signals[signal.0].unit;
     Some(Input { name: name.to_owned(), signal, column: column?, unit })

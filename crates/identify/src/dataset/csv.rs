@@ -1,9 +1,11 @@
 //! Logs in CSV files.
 
+use std::borrow::Cow;
 use std::path::Path;
 
+use super::head::{self, Head};
 use super::table::{Reader, Table, TooMuch};
-use super::{BadLog, Split, Uses, files};
+use super::{BadLog, Split, Uses, decode, files};
 use isotherm_core::quantity::Dialect;
 use isotherm_profile::safe_file::{self, quoted};
 
@@ -22,24 +24,41 @@ pub(super) fn from_text(
     split: &Split,
     uses: Uses<'_>,
 ) -> Result<Table, BadLog> {
-    let (first, input) = safe_file::first_line(input).map_err(|why| files::cannot_be_read(file, &why))?;
-    let dialect = Dialect::of(&first, split.zone.clone());
-    let header_is_wrong = |why: String| BadLog(vec![format!("{}, line 1: {why}", file.display())]);
+    let unreadable = |why: std::io::Error| files::cannot_be_read(file, &why);
+    let (decoded, encoding) = decode::utf8(input).map_err(unreadable)?;
+    let (head, input) = head::start(decoded).map_err(unreadable)?;
+    let (first, input) = safe_file::first_line(input).map_err(unreadable)?;
+    let dialect = Dialect::of(&first, split.zone.clone()).with(split.decimal, split.dates);
+    let Head { skipped, after, .. } = head;
+    let separator = dialect.separator();
+    let header_is_wrong = |why: String| {
+        let hint = encoding.map(|encoding| format!(" (read as {encoding})")).unwrap_or_default();
+        BadLog(vec![format!("{}, line {}: {why}{hint}", file.display(), skipped + 1)])
+    };
     let mut reader =
-        csv::ReaderBuilder::new().flexible(true).delimiter(dialect.separator()).from_reader(input);
+        csv::ReaderBuilder::new().flexible(true).delimiter(separator).from_reader(input);
     let header = reader.headers().map_err(|why| header_is_wrong(message(&why)))?;
     let names: Vec<String> =
         header.iter().map(|name| name.trim().trim_start_matches('\u{feff}').to_owned()).collect();
     check_header(&names).map_err(header_is_wrong)?;
     reader.get_mut().row_is_over();
     let width = names.len();
+    let unnamed = names.iter().rev().take_while(|name| name.is_empty()).count();
+    let names = with_units(names, &head.units);
     let no_time = format!(
         "there is no column time (seconds or 2026-01-31T12:00:00Z), time_s or time_min; there are {}",
         quoted(&names.join(", "))
     );
     let by = split.column.as_deref();
-    let rows = Reader::new(file, names, ("line", dialect), by, uses);
+    let rows = Reader::new(file, names, ("line", dialect), (by, split.time_unit), uses);
     let mut rows = rows.ok_or_else(|| header_is_wrong(no_time))?;
+    let (time, date) = (rows.time_at(), rows.date_at());
+    for line in &head.rows {
+        let cells = head::cells(line, separator);
+        if let Some(text) = cells.get(date.unwrap_or(time)) {
+            rows.learn_dates(text);
+        }
+    }
     let read: Vec<usize> = (0..width).filter(|place| rows.reads(*place)).collect();
     // One message covers all such lines, because a decimal comma occurs in every line.
     let mut uneven: Option<(u64, usize, u64)> = None;
@@ -48,7 +67,7 @@ pub(super) fn from_text(
         match reader.read_record(&mut record) {
             Ok(false) => break,
             Err(why) => {
-                let line = why.position().map_or_else(|| reader.position().line(), csv::Position::line);
+                let line = why.position().map_or_else(|| reader.position().line(), csv::Position::line) + skipped;
                 rows.refuse(line, None, message(&why));
                 if why.is_io_error() {
                     break;
@@ -57,14 +76,16 @@ pub(super) fn from_text(
             Ok(true) => {
                 // `record.position()` is the end of the record before, and therefore wrong after empty lines.
                 let inside = record.as_slice().bytes().filter(|byte| *byte == b'\n').count();
-                let line = reader.position().line().saturating_sub(1 + inside as u64);
-                if record.iter().all(|cell| cell.trim().is_empty()) {
-                    // Spreadsheets end with thousands of empty lines.
-                } else if record.len() == width {
-                    match rows.begin(line, &record[rows.time_at()]) {
+                let own_line = reader.position().line().saturating_sub(1 + inside as u64);
+                let line = own_line + skipped;
+                if record.iter().all(|cell| cell.trim().is_empty()) || own_line <= 1 + after {
+                    // Spreadsheets end with thousands of empty lines. Lines with units follow the names.
+                } else if fits(&record, width, unnamed) {
+                    let cell = |place: usize| record.get(place).unwrap_or_default();
+                    match rows.begin(line, &with_date(cell(time), date.map(cell))) {
                         Ok(true) => read.iter().for_each(|place| {
                             if rows.reads(*place) {
-                                rows.text(*place, line, &record[*place]);
+                                rows.text(*place, line, cell(*place));
                             }
                         }),
                         Ok(false) => {}
@@ -80,15 +101,47 @@ pub(super) fn from_text(
     if let Some((line, cells, lines)) = uneven {
         let hint = match cells > width {
             true => "if these are decimal commas, write points; a comma only separates columns",
-            false => "an empty cell also needs its comma",
+            false => "an empty cell also needs its separator",
         };
         let more = if lines > 1 { format!(", also in {} more lines", lines - 1) } else { String::new() };
         rows.refuse(line, None, format!("{cells} cells under {width} column names{more}: {hint}"));
     }
-    rows.finish((2, "there are no rows under the header"))
+    rows.finish((2 + skipped + after, "there are no rows under the header"))
 }
 
-fn check_header(names: &[String]) -> Result<(), String> {
+/// Returns whether a row has a cell for each name. Empty cells at its end may be missing under empty names, and may be
+/// more than the names.
+fn fits(record: &csv::StringRecord, width: usize, unnamed: usize) -> bool {
+    let cells = record.len();
+    cells == width
+        || (cells < width && cells + unnamed >= width)
+        || (cells > width && record.iter().skip(width).all(|cell| cell.trim().is_empty()))
+}
+
+/// Returns the time of a row, with the date of another column if the time has none.
+fn with_date<'a>(time: &'a str, date: Option<&str>) -> Cow<'a, str> {
+    let is_of_day = time.trim_start().split(':').next().is_some_and(|hours| {
+        hours.len() < time.trim_start().len() && hours.bytes().all(|byte| byte.is_ascii_digit())
+    });
+    match date.and_then(|date| date.split_whitespace().next()).filter(|_| is_of_day) {
+        Some(date) => Cow::Owned(format!("{date} {}", time.trim())),
+        None => Cow::Borrowed(time),
+    }
+}
+
+/// Adds the units of a second line to the names of the columns.
+fn with_units(names: Vec<String>, units: &[String]) -> Vec<String> {
+    let mut names = names;
+    for (name, unit) in names.iter_mut().zip(units) {
+        if !name.is_empty() && !unit.is_empty() {
+            *name = format!("{name} [{unit}]");
+        }
+    }
+    names
+}
+
+/// Checks the names of the columns.
+pub(super) fn check_header(names: &[String]) -> Result<(), String> {
     if names.iter().all(String::is_empty) {
         return Err("the log is empty; its first line names the columns".to_owned());
     }

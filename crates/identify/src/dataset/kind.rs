@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use super::implausible::is_suspicious;
+
 /// Guessed kind of a log column of numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -41,8 +43,16 @@ impl Kind {
             name.strip_prefix(word).is_some_and(|rest| rest.bytes().all(|b| !b.is_ascii_alphabetic()))
         });
         // Range of the temperatures of a shop, its machine and its coolant. A column outside it is something else, or
-        // in another unit.
-        let is_plausible = numbers().all(|value| (-40.0..=150.0).contains(&value));
+        // in another unit. Some overloads of a logger do not make another quantity of a temperature.
+        let (mut all, mut outside, mut is_plausible) = (0usize, 0usize, true);
+        for value in numbers() {
+            all += 1;
+            if !(-40.0..=150.0).contains(&value) {
+                outside += 1;
+                is_plausible &= is_suspicious(Kind::Temperature, value);
+            }
+        }
+        let is_plausible = is_plausible && 20 * outside <= all;
         if is_named || is_plausible { Kind::Temperature } else { Kind::Other }
     }
 
@@ -56,8 +66,24 @@ impl Kind {
         if name.contains("_per_") {
             return Some(Kind::Other);
         }
-        name.rsplit('_').next().filter(|ending| ending.len() < name.len()).and_then(of_unit)
+        let by_ending = name.rsplit('_').next().filter(|ending| ending.len() < name.len()).and_then(of_unit);
+        by_ending.or_else(|| names_another_quantity(&name).then_some(Kind::Other))
     }
+}
+
+/// Words in the names of quantities whose values may look like temperatures.
+const OTHER_QUANTITIES: [&str; 22] = [
+    "humidity", "rh", "feuchte", "luftfeuchte", "pressure", "druck", "oeldruck", "flow", "durchfluss", "power",
+    "leistung", "load", "last", "current", "strom", "voltage", "spannung", "torque", "drehmoment", "vibration",
+    "battery", "record",
+];
+
+/// Returns whether a word of the name is another quantity than a temperature, a length or a speed. A word for a
+/// temperature has precedence: `power_supply_temp`.
+fn names_another_quantity(name: &str) -> bool {
+    let words = || name.split(|letter: char| !letter.is_alphabetic());
+    let is_temperature = words().any(|word| word.starts_with("temp"));
+    !is_temperature && words().any(|word| OTHER_QUANTITIES.contains(&word))
 }
 
 fn of_unit(unit: &str) -> Option<Kind> {
@@ -67,7 +93,7 @@ fn of_unit(unit: &str) -> Option<Kind> {
         "mm" => Kind::Position,
         "um" | "µm" => Kind::Displacement,
         "bool" | "on" => Kind::Switch,
-        "percent" | "l/min" | "bar" | "v" | "mv" | "a" | "ma" | "w" | "kw" | "n" | "nm" | "s" | "count" => {
+        "percent" | "%" | "l/min" | "bar" | "v" | "mv" | "a" | "ma" | "w" | "kw" | "n" | "nm" | "s" | "count" => {
             Kind::Other
         }
         _ => return None,

@@ -9,7 +9,7 @@
 use std::fs::File;
 use std::path::Path;
 
-use parquet::basic::Type;
+use parquet::basic::{LogicalType, TimeUnit, Type};
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::DataType;
 use parquet::errors::ParquetError;
@@ -18,7 +18,7 @@ use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
 use parquet::schema::types::ColumnDescPtr;
 
-use super::csv::MOST_COLUMNS;
+use super::csv::{MOST_COLUMNS, check_header};
 use super::table::{Reader, Table, TooMuch};
 use super::{BadLog, Split, Uses, files};
 use isotherm_core::border::beyond;
@@ -61,10 +61,12 @@ fn from_file(path: &Path, file: File, split: &Split, uses: Uses<'_>) -> Result<T
         )));
     }
     let names: Vec<String> = columns.iter().map(name).collect();
+    check_header(&names).map_err(refused)?;
     let there_are = names.join(", ");
     let no_time = format!("there is no column time, time_s or time_min; there are {}", quoted(&there_are));
-    let dialect = Dialect::of("", split.zone.clone());
-    let table = Reader::new(path, names, ("row", dialect), split.column.as_deref(), uses);
+    let dialect = Dialect::of("", split.zone.clone()).with(split.decimal, split.dates);
+    let choice = (split.column.as_deref(), split.time_unit);
+    let table = Reader::new(path, names, ("row", dialect), choice, uses);
     let mut table = table.ok_or_else(|| refused(no_time))?;
     let file = Opened { reader, again, length };
     file.check_size(&table).map_err(refused)?;
@@ -149,13 +151,17 @@ impl Opened {
             if is_time {
                 return Err(Stopped::Wrong("this column needs one value in each row".to_owned()));
             }
-            table.is_text(place);
+            table.is_text(place, "its values are nested, and one value in each row is needed");
             return Ok(());
         }
         let mut number = 0;
         for (group, metadata) in self.groups().iter().enumerate() {
             if !is_time && !table.reads(place) {
                 break;
+            }
+            // The column of an empty row group may have no page.
+            if metadata.num_rows() == 0 {
+                continue;
             }
             let chunk = metadata.columns().get(place).ok_or_else(|| {
                 Stopped::Wrong("this column is missing in a row group: write the file again".to_owned())
@@ -167,7 +173,7 @@ impl Opened {
                                write them plain or with a dictionary";
                     return Err(Stopped::Wrong(why.to_owned()));
                 }
-                table.is_text(place);
+                table.is_text(place, "it contains delta-encoded texts, which are not supported");
                 return Ok(());
             }
             let rows = usize::try_from(metadata.num_rows()).unwrap_or(usize::MAX);
@@ -236,9 +242,13 @@ impl Cells<'_> {
             ColumnReader::Int32ColumnReader(reader) => {
                 self.fields(reader, take, |value| Ok(Field::convert_int32(column, *value)))
             }
-            ColumnReader::Int64ColumnReader(reader) => {
-                self.fields(reader, take, |value| Ok(Field::convert_int64(column, *value)))
-            }
+            ColumnReader::Int64ColumnReader(reader) => match Stamps::of(column) {
+                Some(stamps) => self.each(reader, &mut |value| match value {
+                    None => take(Value::Number(f64::NAN)),
+                    Some(value) => take(Value::Text(&stamps.text(*value))),
+                }),
+                None => self.fields(reader, take, |value| Ok(Field::convert_int64(column, *value))),
+            },
             ColumnReader::Int96ColumnReader(reader) => {
                 self.fields(reader, take, |value| Ok(Field::convert_int96(column, *value)))
             }
@@ -311,7 +321,51 @@ fn text(field: &Field) -> String {
     }
 }
 
+/// Time stamps of a column that states their unit and zone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Stamps {
+    /// Nanoseconds of one unit.
+    unit: i64,
+    /// Whether the times are in UTC. Otherwise, they are those of the clock on the wall.
+    is_in_utc: bool,
+}
+
+impl Stamps {
+    fn of(column: &ColumnDescPtr) -> Option<Stamps> {
+        let Some(LogicalType::Timestamp(stamp)) = column.logical_type_ref() else { return None };
+        let unit = match stamp.unit {
+            TimeUnit::MILLIS => 1_000_000,
+            TimeUnit::MICROS => 1000,
+            TimeUnit::NANOS => 1,
+        };
+        Some(Stamps { unit, is_in_utc: stamp.is_adjusted_to_u_t_c })
+    }
+
+    /// Returns a time stamp as the text that CSV would contain; empty if it is no time.
+    fn text(self, stamp: i64) -> String {
+        let text = stamp_text(stamp.checked_mul(self.unit));
+        match self.is_in_utc {
+            true => text,
+            false => text.trim_end_matches('Z').to_owned(),
+        }
+    }
+}
+
 fn stamp_text(nanos: Option<i64>) -> String {
     let stamp = nanos.and_then(|nanos| jiff::Timestamp::from_nanosecond(i128::from(nanos)).ok());
     stamp.map(|stamp| stamp.to_string()).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn time_stamps_are_texts_with_their_zone() {
+        let utc = Stamps { unit: 1, is_in_utc: true };
+        assert_eq!(utc.text(1_773_036_000_000_000_000), "2026-03-09T06:00:00Z");
+        let wall = Stamps { unit: 1000, is_in_utc: false };
+        assert_eq!(wall.text(1_773_036_000_500_000), "2026-03-09T06:00:00.5");
+        assert_eq!(Stamps { unit: 1_000_000, is_in_utc: true }.text(i64::MAX), "");
+    }
 }

@@ -31,6 +31,7 @@ pub fn points<'a>(dataset: &'a Dataset, choice: &Choice) -> Result<Pointed<'a>, 
     wrong.extend(checks::one_run_only(dataset));
     checks::check_runs(dataset, &mut wrong);
     let inputs = inputs(dataset, choice, error, &mut wrong);
+    checks::check_plausible(dataset, inputs.iter().map(|input| input.column).chain(error), &mut wrong);
     wrong.extend(checks::fahrenheit(dataset, &temperatures_of(dataset, &inputs)));
     if let Some(error) = error {
         checks::check_error(dataset, error, &mut wrong);

@@ -1,0 +1,304 @@
+//! Values that no sensor measured: overloads and errors of a logger that were written as numbers, and its messages.
+//!
+//! A suspicious value, such as 9.9E37, 850 or 0, counts only if it stands apart from the values before and after it by
+//! more than the machine moves between two rows. The rows are left out and named. Short gaps of a temperature are bridged
+//! by straight lines, as those of its spikes are.
+
+use std::collections::BTreeSet;
+use std::ops::Range;
+use std::time::Duration;
+
+use super::table::{Cells, Table};
+use super::{Kind, Refusal};
+use crate::statistics::count;
+use isotherm_core::quantity::Moment;
+
+/// Largest share of the rows of a run that may be implausible.
+const MOST: f64 = 0.05;
+/// Number of lines that a remark names.
+const NAMED: usize = 5;
+/// Size of a value that no temperature, displacement or speed of a machine reaches.
+const HUGE: f64 = 1e6;
+/// Multiple of the usual step between two rows that no machine moves.
+const TIMES_USUAL: f64 = 6.0;
+/// Longest gap of a temperature that is bridged.
+const BRIDGED: Duration = Duration::from_secs(300);
+/// Greatest distance in time of a value that is compared.
+const NEAR: Duration = Duration::from_secs(3600);
+/// Largest number of rows of a jump that returns.
+const SHORT: usize = 5;
+/// Smallest jump of a displacement that returns and that no machine makes, µm; and its multiple of the usual step.
+const JUMP: (f64, f64) = (20.0, 20.0);
+
+/// Values that loggers write instead of any quantity, with both signs.
+const OF_ANY: [f64; 19] = [
+    999.0, 999.9, 999.99, 9999.0, 9999.9, 99_999.0, 888.8, 8888.0, 777.7, 327.67, 327.68, 3276.7, 3276.8, 32_767.0,
+    32_768.0, 655.35, 6553.5, 65_535.0, 99_999.9,
+];
+/// Values that modules and sensors give instead of a temperature, °C.
+const OF_TEMPERATURES: [f64; 22] = [
+    0.0, 85.0, 125.0, 127.0, -127.0, 128.0, 150.0, 400.0, 600.0, 650.0, 760.0, 800.0, 850.0, 988.79, 1000.0, 1200.0,
+    1300.0, 1370.0, 1372.0, 1768.0, 1820.0, -242.02,
+];
+const COLDEST: [f64; 5] = [-40.0, -50.0, -200.0, -270.0, -273.15];
+
+/// Returns whether a logger may write this number instead of a value of this kind.
+pub(super) fn is_suspicious(kind: Kind, value: f64) -> bool {
+    let is = |known: &f64| (value - known).abs() < 0.004;
+    let is_of_any = value.abs() >= HUGE || OF_ANY.iter().any(|known| is(known) || is(&-known));
+    match kind {
+        Kind::Temperature => is_of_any || OF_TEMPERATURES.iter().chain(&COLDEST).any(is),
+        Kind::Displacement => is_of_any || is(&0.0),
+        Kind::Speed => is_of_any,
+        Kind::Position | Kind::Compensation | Kind::Switch | Kind::Other => false,
+    }
+}
+
+/// Returns the smallest distance to the neighbours of an implausible value; `None` if values of this kind are not
+/// tested.
+fn least_distance(kind: Kind) -> Option<f64> {
+    match kind {
+        Kind::Temperature | Kind::Displacement => Some(2.0),
+        Kind::Speed => Some(5000.0),
+        Kind::Position | Kind::Compensation | Kind::Switch | Kind::Other => None,
+    }
+}
+
+/// Rows of a column that no sensor measured.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct Found {
+    /// Suspicious values that stand apart from their neighbours.
+    pub(super) sentinels: Vec<usize>,
+    /// Jumps that return after a few rows, in a column of displacements.
+    pub(super) jumps: Vec<usize>,
+}
+
+/// Finds the implausible values in these rows of a column.
+pub(super) fn find(kind: Kind, times: &[Moment], values: &[f64]) -> Found {
+    let Some(least) = least_distance(kind) else { return Found::default() };
+    let is_good = |row: &usize| values[*row].is_finite() && !is_suspicious(kind, values[*row]);
+    let good: Vec<usize> = (0..values.len()).filter(is_good).collect();
+    let usual = usual_step(values, &good);
+    let least = f64::max(least, TIMES_USUAL * usual);
+    let mut found = Found::default();
+    let suspicious = (0..values.len()).filter(|row| values[*row].is_finite() && !is_good(row));
+    for row in suspicious {
+        let next = good.partition_point(|known| *known < row);
+        let before = next.checked_sub(1).map(|place| good[place]);
+        // The rows between two good ones are all suspicious or missing.
+        let before = before.filter(|before| is_near(times, *before, before + 1));
+        let after = good.get(next).copied().filter(|after| is_near(times, after - 1, *after));
+        if stands_apart(values[row], before.map(|row| values[row]), after.map(|row| values[row]), least) {
+            found.sentinels.push(row);
+        }
+    }
+    if kind == Kind::Displacement {
+        found.jumps = jumps(times, values, &found.sentinels, usual);
+    }
+    found
+}
+
+fn is_near(times: &[Moment], one: usize, other: usize) -> bool {
+    times[other].since(times[one]) <= NEAR
+}
+
+/// Returns whether a value is farther from its neighbours than `least`, and the neighbours are alike. A value at the
+/// begin or end of the rows has one neighbour. There, zero is a usual value.
+fn stands_apart(value: f64, before: Option<f64>, after: Option<f64>, least: f64) -> bool {
+    let distance = |neighbour: f64| (value - neighbour).abs();
+    match (before, after) {
+        (Some(before), Some(after)) => {
+            let nearest = f64::min(distance(before), distance(after));
+            nearest > least && (before - after).abs() < 0.5 * nearest
+        }
+        (Some(only), None) | (None, Some(only)) => value.abs() > 0.004 && distance(only) > least,
+        (None, None) => value.abs() >= HUGE,
+    }
+}
+
+/// Returns the step between neighbouring good rows that nine of ten steps do not exceed.
+fn usual_step(values: &[f64], good: &[usize]) -> f64 {
+    let mut steps: Vec<f64> = good.windows(2).map(|pair| (values[pair[1]] - values[pair[0]]).abs()).collect();
+    steps.sort_by(f64::total_cmp);
+    steps.get(steps.len() * 9 / 10).copied().unwrap_or(0.0)
+}
+
+/// Returns the rows of jumps that return within a few rows.
+fn jumps(times: &[Moment], values: &[f64], sentinels: &[usize], usual: f64) -> Vec<usize> {
+    let least = f64::max(JUMP.0, JUMP.1 * usual);
+    let is_used = |row: &usize| values[*row].is_finite() && sentinels.binary_search(row).is_err();
+    let rows: Vec<usize> = (0..values.len()).filter(is_used).collect();
+    let (mut found, mut place) = (Vec::new(), 1);
+    while place < rows.len() {
+        let before = values[rows[place - 1]];
+        let step = (values[rows[place]] - before).abs();
+        let back = (place + 1..rows.len().min(place + 1 + SHORT)).find(|back| {
+            let is_back = (values[rows[*back]] - before).abs() < 0.3 * step;
+            is_back && times[rows[*back]].since(times[rows[place - 1]]) <= NEAR
+        });
+        match back.filter(|_| step > least) {
+            Some(back) => {
+                found.extend(&rows[place..back]);
+                place = back + 1;
+            }
+            None => place += 1,
+        }
+    }
+    found
+}
+
+/// Leaves the implausible values of a table out, in each of its runs. Returns remarks with file, line and value, and the
+/// columns that have too many of them.
+pub(super) fn leave_out(
+    table: &mut Table,
+    runs: &[Range<usize>],
+    kind: &dyn Fn(&str, &[f64]) -> Kind,
+) -> (Vec<String>, Vec<Refusal>) {
+    let (mut remarks, mut refused) = (Vec::new(), Vec::new());
+    let mut columns = std::mem::take(&mut table.columns);
+    for (name, cells) in &mut columns {
+        let Cells::Numbers(values) = cells else { continue };
+        if table.acted.contains(name) {
+            continue;
+        }
+        let kind = kind(name, values);
+        let failed: BTreeSet<usize> = table.failed_rows(name).collect();
+        if least_distance(kind).is_none() && failed.is_empty() {
+            continue;
+        }
+        for rows in runs {
+            let Found { sentinels, jumps } = find(kind, &table.times[rows.clone()], &values[rows.clone()]);
+            let mut wrong: BTreeSet<usize> = sentinels.into_iter().map(|row| row + rows.start).collect();
+            wrong.extend(failed.range(rows.clone()));
+            let share = count(wrong.len()) / count(rows.len()).max(1.0);
+            if share > MOST {
+                let message = format!(
+                    "{}: more than {:.0} % of the values: leave this column or this log out, or repair the measurement",
+                    remark(table, name, values, &wrong),
+                    100.0 * MOST
+                );
+                refused.push(Refusal { column: name.clone(), message });
+            } else if count(jumps.len()) / count(rows.len()).max(1.0) <= MOST {
+                wrong.extend(jumps.into_iter().map(|row| row + rows.start));
+            }
+            if wrong.is_empty() {
+                continue;
+            }
+            let text = remark(table, name, values, &wrong);
+            wrong.iter().for_each(|row| values[*row] = f64::NAN);
+            let bridged = kind == Kind::Temperature && bridge(&table.times, values, &wrong, rows);
+            if share <= MOST {
+                let done = if bridged { "; gaps of up to 5 min were bridged by straight lines" } else { "" };
+                remarks.push(format!("{text}: left out{done}"));
+            }
+        }
+    }
+    table.columns = columns;
+    (remarks, refused)
+}
+
+/// Returns the text that names the rows of a column, with the first value.
+fn remark(table: &Table, name: &str, values: &[f64], rows: &BTreeSet<usize>) -> String {
+    let Some(first) = rows.first().copied() else { return String::new() };
+    let value = match values[first] {
+        value if value.is_finite() && value.abs() < HUGE => value.to_string(),
+        value if value.is_finite() => format!("{value:e}"),
+        _ => table.failed_word(name),
+    };
+    let lines: Vec<String> =
+        rows.iter().skip(1).take(NAMED).map(|row| table.lines.of(*row).to_string()).collect();
+    let more = match (lines.is_empty(), rows.len() > NAMED + 1) {
+        (true, _) => String::new(),
+        (false, false) => format!(", also in {} {}", table.row, lines.join(", ")),
+        (false, true) => format!(", also in {} {} and {} more", table.row, lines.join(", "), rows.len() - NAMED - 1),
+    };
+    format!(
+        "{}, {} {}, column {name}: `{value}` is no measured value{more}",
+        table.file.display(),
+        table.row,
+        table.lines.of(first)
+    )
+}
+
+/// Bridges short gaps by straight lines. Returns whether there was one.
+fn bridge(times: &[Moment], values: &mut [f64], wrong: &BTreeSet<usize>, rows: &Range<usize>) -> bool {
+    let mut bridged = false;
+    for row in wrong.iter().copied() {
+        let before = (rows.start..row).rev().find(|before| values[*before].is_finite());
+        let after = (row + 1..rows.end).find(|after| values[*after].is_finite() && !wrong.contains(after));
+        let (Some(before), Some(after)) = (before, after) else { continue };
+        let gap = times[after].since(times[before]);
+        if gap > BRIDGED || gap.is_zero() {
+            continue;
+        }
+        let share = times[row].since(times[before]).as_secs_f64() / gap.as_secs_f64();
+        values[row] = values[before] + share * (values[after] - values[before]);
+        bridged = true;
+    }
+    bridged
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn minutes(rows: usize) -> Vec<Moment> {
+        (0..rows as u64).map(|row| Moment::from_nanos(row * 60_000_000_000)).collect()
+    }
+
+    /// Drift of 20 µm over 200 min with the noise of a probe.
+    fn drift() -> Vec<f64> {
+        (0..200u32).map(|row| 5.0 + 0.1 * f64::from(row) + 0.2 * f64::from(row * 7 % 5)).collect()
+    }
+
+    fn found(kind: Kind, values: &[f64]) -> Found {
+        find(kind, &minutes(values.len()), values)
+    }
+
+    #[test]
+    fn values_that_stand_apart_from_both_neighbours_are_found() {
+        for value in [9.9e37, 999.9, -9999.0, 0.0, 32_767.0] {
+            let mut values = drift();
+            [100, 101, 150].into_iter().for_each(|row| values[row] = value);
+            assert_eq!(found(Kind::Displacement, &values).sentinels, [100, 101, 150], "{value}");
+        }
+        for value in [850.0, 1372.0, 85.0, -127.0, 0.0, 9.9e37] {
+            let mut values: Vec<f64> = (0..200u32).map(|row| 20.0 + 0.03 * f64::from(row)).collect();
+            [0, 100, 101, 199].into_iter().for_each(|row| values[row] = value);
+            let expected: &[usize] = if value.abs() < 1.0 { &[100, 101] } else { &[0, 100, 101, 199] };
+            assert_eq!(found(Kind::Temperature, &values).sentinels, expected, "{value}");
+        }
+        let mut speeds = vec![3000.0; 100];
+        speeds[40] = 65_535.0;
+        speeds[60..80].fill(0.0);
+        assert_eq!(found(Kind::Speed, &speeds), Found { sentinels: vec![40], jumps: Vec::new() });
+    }
+
+    #[test]
+    fn values_that_a_machine_reaches_are_kept() {
+        let warm: Vec<f64> = (0..200u32).map(|row| 80.0 + 0.05 * f64::from(row)).collect();
+        assert_eq!(found(Kind::Temperature, &warm), Found::default(), "a spindle passes 85.0 °C");
+        let cold: Vec<f64> = (0..200u32).map(|row| -1.0 + 0.01 * f64::from(row)).collect();
+        assert_eq!(found(Kind::Temperature, &cold), Found::default());
+        let through: Vec<f64> = (0..200u32).map(|row| -10.0 + 0.1 * f64::from(row)).collect();
+        assert_eq!(found(Kind::Displacement, &through), Found::default(), "an error passes zero");
+        let mut zeroed = drift();
+        zeroed[100..].iter_mut().for_each(|value| *value -= 16.0);
+        zeroed[100] = 0.0;
+        assert_eq!(found(Kind::Displacement, &zeroed).sentinels, Vec::<usize>::new(), "a new zero is no fault");
+        let places: Vec<f64> =
+            (0..200u32).map(|row| [0.0, 0.0, 0.0, 15.0, 15.0, 15.0, 20.0, 20.0, 20.0][(row % 9) as usize]).collect();
+        assert_eq!(found(Kind::Displacement, &places), Found::default(), "an error at three places");
+        let constant = vec![850.0; 50];
+        assert_eq!(found(Kind::Temperature, &constant), Found::default(), "a constant sensor is reported as constant");
+    }
+
+    #[test]
+    fn a_jump_that_returns_is_found_in_displacements_only() {
+        let mut values = drift();
+        values[50] = 180.0;
+        values[51] = 181.0;
+        assert_eq!(found(Kind::Displacement, &values), Found { sentinels: Vec::new(), jumps: vec![50, 51] });
+        assert_eq!(found(Kind::Other, &values), Found::default());
+    }
+}
