@@ -62,7 +62,7 @@ pub use cell::{Cell, is_unit, name_and_unit};
 pub use dialect::{DecimalMark, Dialect};
 pub(crate) use shift::shifted;
 pub use shift::{Shift, Shifted};
-pub use time_column::{TimeColumns, TimeUnit};
+pub use time_column::{TimeColumns, TimeUnit, with_date};
 pub use wall::DateOrder;
 
 /// Defines a quantity: a finite number with its unit, its constructor, arithmetic and `Display`.

@@ -141,9 +141,7 @@ impl Dataset {
         let column = |(place, name): (usize, String)| {
             let kind = match acted.contains(&name) {
                 true => Kind::Compensation,
-                false => {
-                    Kind::guess(&name, unit(&name), runs.iter().map(|run| run.values[place].as_slice()))
-                }
+                false => Kind::guess(&name, unit(&name), runs.iter().map(|run| run.values[place].as_slice())),
             };
             Column { name, kind }
         };

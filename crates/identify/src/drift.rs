@@ -158,7 +158,8 @@ pub fn drift(
 fn of_run(dataset: &Dataset, run: &Run, columns: &[usize], asked: Option<Test>, movers: &[Mover]) -> Drift {
     let mut remarks = dataset.remarks.clone();
     remarks.extend(dataset.repeats.iter().cloned());
-    let is_of_another = |refusal: &&Refusal| !columns.iter().any(|column| dataset.columns[*column].name == refusal.column);
+    let is_of_another =
+        |refusal: &&Refusal| !columns.iter().any(|column| dataset.columns[*column].name == refusal.column);
     remarks.extend(dataset.implausible.iter().filter(is_of_another).map(|refusal| refusal.message.clone()));
     remarks.extend(checks::odd_length(run));
     let is_other =

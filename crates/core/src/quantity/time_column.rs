@@ -1,5 +1,6 @@
 //! Time column of a log: its name, its unit, and the column with the date if the log has one.
 
+use std::borrow::Cow;
 use std::fmt;
 
 use super::cell::name_and_unit;
@@ -170,6 +171,20 @@ impl TimeColumns {
     }
 }
 
+/// Returns the time of a row, with the date of another column if the time is a time of day without a date.
+#[must_use]
+pub fn with_date<'a>(time: &'a str, date: Option<&str>) -> Cow<'a, str> {
+    let time = time.trim();
+    let is_of_day = |time: &str| {
+        let hours = time.split_once(':').map(|(hours, _)| hours);
+        hours.is_some_and(|hours| !hours.is_empty() && hours.bytes().all(|byte| byte.is_ascii_digit()))
+    };
+    match date.and_then(|date| date.split_whitespace().next()).filter(|_| is_of_day(time)) {
+        Some(date) => Cow::Owned(format!("{date} {time}")),
+        None => Cow::Borrowed(time),
+    }
+}
+
 /// Returns the first column with one of these names. A unit may follow the name. The name `t` needs one.
 fn by_name(names: &[String], known: &[&str]) -> Option<(usize, TimeUnit)> {
     names.iter().enumerate().find_map(|(place, header)| {
@@ -234,6 +249,20 @@ mod tests {
             assert_eq!(seconds(unit.moment(text)), nanos, "{text} {unit}");
         }
         assert!(TimeUnit::Minutes.moment("1e12").is_err());
+    }
+
+    #[test]
+    fn a_time_of_day_takes_the_date_of_its_own_column() {
+        for (time, date, whole) in [
+            ("06:00:10", Some("05.01.2026"), "05.01.2026 06:00:10"),
+            ("6:00 AM", Some("1/5/2026 00:00:00"), "1/5/2026 6:00 AM"),
+            ("05.01.2026 06:00:10", Some("05.01.2026"), "05.01.2026 06:00:10"),
+            ("12.5", Some("05.01.2026"), "12.5"),
+            ("06:00:10", Some(" "), "06:00:10"),
+            ("06:00:10", None, "06:00:10"),
+        ] {
+            assert_eq!(with_date(time, date), whole, "{time}");
+        }
     }
 
     #[test]

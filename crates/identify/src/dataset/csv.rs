@@ -1,12 +1,11 @@
 //! Logs in CSV files.
 
-use std::borrow::Cow;
 use std::path::Path;
 
 use super::head::{self, Head};
 use super::table::{Reader, Table, TooMuch};
 use super::{BadLog, Split, Uses, decode, files};
-use isotherm_core::quantity::Dialect;
+use isotherm_core::quantity::{Dialect, with_date};
 use isotherm_profile::safe_file::{self, quoted};
 
 /// Maximum number of columns. A file with more is not a log of a machine.
@@ -35,8 +34,7 @@ pub(super) fn from_text(
         let hint = encoding.map(|encoding| format!(" (read as {encoding})")).unwrap_or_default();
         BadLog(vec![format!("{}, line {}: {why}{hint}", file.display(), skipped + 1)])
     };
-    let mut reader =
-        csv::ReaderBuilder::new().flexible(true).delimiter(separator).from_reader(input);
+    let mut reader = csv::ReaderBuilder::new().flexible(true).delimiter(separator).from_reader(input);
     let header = reader.headers().map_err(|why| header_is_wrong(message(&why)))?;
     let names: Vec<String> =
         header.iter().map(|name| name.trim().trim_start_matches('\u{feff}').to_owned()).collect();
@@ -67,7 +65,8 @@ pub(super) fn from_text(
         match reader.read_record(&mut record) {
             Ok(false) => break,
             Err(why) => {
-                let line = why.position().map_or_else(|| reader.position().line(), csv::Position::line) + skipped;
+                let line =
+                    why.position().map_or_else(|| reader.position().line(), csv::Position::line) + skipped;
                 rows.refuse(line, None, message(&why));
                 if why.is_io_error() {
                     break;
@@ -116,17 +115,6 @@ fn fits(record: &csv::StringRecord, width: usize, unnamed: usize) -> bool {
     cells == width
         || (cells < width && cells + unnamed >= width)
         || (cells > width && record.iter().skip(width).all(|cell| cell.trim().is_empty()))
-}
-
-/// Returns the time of a row, with the date of another column if the time has none.
-fn with_date<'a>(time: &'a str, date: Option<&str>) -> Cow<'a, str> {
-    let is_of_day = time.trim_start().split(':').next().is_some_and(|hours| {
-        hours.len() < time.trim_start().len() && hours.bytes().all(|byte| byte.is_ascii_digit())
-    });
-    match date.and_then(|date| date.split_whitespace().next()).filter(|_| is_of_day) {
-        Some(date) => Cow::Owned(format!("{date} {}", time.trim())),
-        None => Cow::Borrowed(time),
-    }
 }
 
 /// Adds the units of a second line to the names of the columns.

@@ -48,10 +48,14 @@ fn find(lines: &[&str]) -> Head {
     let (mut after, mut units) = (0, vec![String::new(); width]);
     for line in lines.iter().skip(skipped + 1).take(MOST_AFTER) {
         let found = cells(line, separator);
-        if found.len() != width || !found.iter().any(|cell| !cell.is_empty()) || found.iter().any(|cell| is_value(cell)) {
+        if found.len() != width
+            || !found.iter().any(|cell| !cell.is_empty())
+            || found.iter().any(|cell| is_value(cell))
+        {
             break;
         }
-        let stated: Vec<&str> = found.iter().map(|cell| cell.trim_matches(['[', ']', '(', ')', ' '])).collect();
+        let stated: Vec<&str> =
+            found.iter().map(|cell| cell.trim_matches(['[', ']', '(', ')', ' '])).collect();
         // The first line after the names must show that it belongs to the head.
         if after == 0 && !stated.iter().any(|unit| is_unit(unit)) {
             break;
@@ -108,7 +112,10 @@ mod tests {
             ("Logger 34970A\nSerial: 1234\n\ntime,bed\n0,20\n", (3, 0, "|")),
             ("Start;05.01.2026\nOperator;Meier\nZeit;bed;air\ns;°C;°C\n0;20;20\n", (2, 1, "s|°C|°C")),
             ("Date,05.01.2026\nTime,06:00:00\nTime,bed\n00:00:00,20\n", (2, 0, "|")),
-            ("\"TOA5\",\"x\",\"y\"\n\"TIMESTAMP\",\"RECORD\",\"bed\"\n\"TS\",\"RN\",\"Deg C\"\n\"\",\"\",\"Avg\"\n\"2026-01-05 06:00:00\",0,20\n", (1, 2, "||Deg C")),
+            (
+                "\"TOA5\",\"x\",\"y\"\n\"TIMESTAMP\",\"RECORD\",\"bed\"\n\"TS\",\"RN\",\"Deg C\"\n\"\",\"\",\"Avg\"\n\"2026-01-05 06:00:00\",0,20\n",
+                (1, 2, "||Deg C"),
+            ),
             ("time\tbed\n[s]\t[°C]\n0\t20\n", (0, 1, "s|°C")),
             ("when,bed\n0,20\n", (0, 0, "|")),
             ("time,T1,E1\n0,20,1\n", (0, 0, "||")),

@@ -32,13 +32,13 @@ const JUMP: (f64, f64) = (20.0, 20.0);
 
 /// Values that loggers write instead of any quantity, with both signs.
 const OF_ANY: [f64; 19] = [
-    999.0, 999.9, 999.99, 9999.0, 9999.9, 99_999.0, 888.8, 8888.0, 777.7, 327.67, 327.68, 3276.7, 3276.8, 32_767.0,
-    32_768.0, 655.35, 6553.5, 65_535.0, 99_999.9,
+    999.0, 999.9, 999.99, 9999.0, 9999.9, 99_999.0, 888.8, 8888.0, 777.7, 327.67, 327.68, 3276.7, 3276.8,
+    32_767.0, 32_768.0, 655.35, 6553.5, 65_535.0, 99_999.9,
 ];
 /// Values that modules and sensors give instead of a temperature, °C.
 const OF_TEMPERATURES: [f64; 22] = [
-    0.0, 85.0, 125.0, 127.0, -127.0, 128.0, 150.0, 400.0, 600.0, 650.0, 760.0, 800.0, 850.0, 988.79, 1000.0, 1200.0,
-    1300.0, 1370.0, 1372.0, 1768.0, 1820.0, -242.02,
+    0.0, 85.0, 125.0, 127.0, -127.0, 128.0, 150.0, 400.0, 600.0, 650.0, 760.0, 800.0, 850.0, 988.79, 1000.0,
+    1200.0, 1300.0, 1370.0, 1372.0, 1768.0, 1820.0, -242.02,
 ];
 const COLDEST: [f64; 5] = [-40.0, -50.0, -200.0, -270.0, -273.15];
 
@@ -210,7 +210,9 @@ fn remark(table: &Table, name: &str, values: &[f64], rows: &BTreeSet<usize>) -> 
     let more = match (lines.is_empty(), rows.len() > NAMED + 1) {
         (true, _) => String::new(),
         (false, false) => format!(", also in {} {}", table.row, lines.join(", ")),
-        (false, true) => format!(", also in {} {} and {} more", table.row, lines.join(", "), rows.len() - NAMED - 1),
+        (false, true) => {
+            format!(", also in {} {} and {} more", table.row, lines.join(", "), rows.len() - NAMED - 1)
+        }
     };
     format!(
         "{}, {} {}, column {name}: `{value}` is no measured value{more}",
@@ -285,12 +287,21 @@ mod tests {
         let mut zeroed = drift();
         zeroed[100..].iter_mut().for_each(|value| *value -= 16.0);
         zeroed[100] = 0.0;
-        assert_eq!(found(Kind::Displacement, &zeroed).sentinels, Vec::<usize>::new(), "a new zero is no fault");
-        let places: Vec<f64> =
-            (0..200u32).map(|row| [0.0, 0.0, 0.0, 15.0, 15.0, 15.0, 20.0, 20.0, 20.0][(row % 9) as usize]).collect();
+        assert_eq!(
+            found(Kind::Displacement, &zeroed).sentinels,
+            Vec::<usize>::new(),
+            "a new zero is no fault"
+        );
+        let places: Vec<f64> = (0..200u32)
+            .map(|row| [0.0, 0.0, 0.0, 15.0, 15.0, 15.0, 20.0, 20.0, 20.0][(row % 9) as usize])
+            .collect();
         assert_eq!(found(Kind::Displacement, &places), Found::default(), "an error at three places");
         let constant = vec![850.0; 50];
-        assert_eq!(found(Kind::Temperature, &constant), Found::default(), "a constant sensor is reported as constant");
+        assert_eq!(
+            found(Kind::Temperature, &constant),
+            Found::default(),
+            "a constant sensor is reported as constant"
+        );
     }
 
     #[test]

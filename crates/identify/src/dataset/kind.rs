@@ -73,9 +73,28 @@ impl Kind {
 
 /// Words in the names of quantities whose values may look like temperatures.
 const OTHER_QUANTITIES: [&str; 22] = [
-    "humidity", "rh", "feuchte", "luftfeuchte", "pressure", "druck", "oeldruck", "flow", "durchfluss", "power",
-    "leistung", "load", "last", "current", "strom", "voltage", "spannung", "torque", "drehmoment", "vibration",
-    "battery", "record",
+    "humidity",
+    "rh",
+    "feuchte",
+    "luftfeuchte",
+    "pressure",
+    "druck",
+    "oeldruck",
+    "flow",
+    "durchfluss",
+    "power",
+    "leistung",
+    "load",
+    "last",
+    "current",
+    "strom",
+    "voltage",
+    "spannung",
+    "torque",
+    "drehmoment",
+    "vibration",
+    "battery",
+    "record",
 ];
 
 /// Returns whether a word of the name is another quantity than a temperature, a length or a speed. A word for a
@@ -93,9 +112,8 @@ fn of_unit(unit: &str) -> Option<Kind> {
         "mm" => Kind::Position,
         "um" | "µm" => Kind::Displacement,
         "bool" | "on" => Kind::Switch,
-        "percent" | "%" | "l/min" | "bar" | "v" | "mv" | "a" | "ma" | "w" | "kw" | "n" | "nm" | "s" | "count" => {
-            Kind::Other
-        }
+        "percent" | "%" | "l/min" | "bar" | "v" | "mv" | "a" | "ma" | "w" | "kw" | "n" | "nm" | "s"
+        | "count" => Kind::Other,
         _ => return None,
     })
 }

@@ -82,7 +82,8 @@ fn copies(runs: &[Run]) -> Vec<Copied> {
     if columns.is_empty() {
         return Vec::new();
     }
-    let hashed: Vec<Vec<(u64, usize)>> = runs.iter().map(|run| hashes(run, &columns, one_of as u64)).collect();
+    let hashed: Vec<Vec<(u64, usize)>> =
+        runs.iter().map(|run| hashes(run, &columns, one_of as u64)).collect();
     let contents: Vec<usize> =
         hashed.iter().map(|own| own.iter().map(|(hash, _)| hash).collect::<HashSet<_>>().len()).collect();
     // The first row of each content, by run.
@@ -199,7 +200,10 @@ mod tests {
         Run {
             name: name.to_owned(),
             file: PathBuf::from(format!("{name}.csv")),
-            times: rows.clone().map(|row| Moment::from_nanos((from + 60 * u64::from(row)) * 1_000_000_000)).collect(),
+            times: rows
+                .clone()
+                .map(|row| Moment::from_nanos((from + 60 * u64::from(row)) * 1_000_000_000))
+                .collect(),
             values: (0..2).map(|column| rows.clone().map(|row| value(row, column)).collect()).collect(),
         }
     }
@@ -216,7 +220,10 @@ mod tests {
         let copy = Run { name: "day1 - Copy".to_owned(), ..first.clone() };
         let said = find(&[first.clone(), day("day2", 2, 0), copy]);
         assert_eq!(said.len(), 1, "{said:?}");
-        assert!(said[0].starts_with("day1 - Copy (day1.csv) contains the same rows as day1 (day1.csv)"), "{said:?}");
+        assert!(
+            said[0].starts_with("day1 - Copy (day1.csv) contains the same rows as day1 (day1.csv)"),
+            "{said:?}"
+        );
         let later = Run { times: day("x", 0, 1_773_036_000).times, ..first.clone() };
         assert_eq!(find(&[first.clone(), later]).len(), 1, "a copy with another time");
         let said = find(&[first.clone(), part(&first, 40)]);
@@ -227,17 +234,29 @@ mod tests {
     fn days_that_differ_are_no_copies() {
         assert_eq!(find(&[day("day1", 1, 0), day("day2", 2, 0), day("day3", 3, 0)]), Vec::<String>::new());
         let constant = |name: &str| Run { values: vec![vec![20.0; 100]; 2], ..day(name, 1, 0) };
-        assert_eq!(find(&[constant("one"), constant("two")]), Vec::<String>::new(), "a cold machine shows nothing");
+        assert_eq!(
+            find(&[constant("one"), constant("two")]),
+            Vec::<String>::new(),
+            "a cold machine shows nothing"
+        );
         assert_eq!(find(&[]), Vec::<String>::new());
     }
 
     #[test]
     fn days_that_overlap_in_absolute_time_are_named_with_the_span() {
         let start = 1_773_036_000;
-        let said = find(&[day("coarse", 1, start), day("fine", 2, start + 3000), day("next", 3, start + 20_000)]);
+        let said =
+            find(&[day("coarse", 1, start), day("fine", 2, start + 3000), day("next", 3, start + 20_000)]);
         assert_eq!(said.len(), 1, "{said:?}");
-        assert!(said[0].contains("coarse (coarse.csv) and fine (fine.csv) overlap in time, from 2026-03-09T"), "{said:?}");
-        assert_eq!(find(&[day("one", 1, 0), day("two", 2, 0)]).len(), 0, "counts from the start do not overlap");
+        assert!(
+            said[0].contains("coarse (coarse.csv) and fine (fine.csv) overlap in time, from 2026-03-09T"),
+            "{said:?}"
+        );
+        assert_eq!(
+            find(&[day("one", 1, 0), day("two", 2, 0)]).len(),
+            0,
+            "counts from the start do not overlap"
+        );
         let touching = [day("one", 1, start), day("two", 2, start + 99 * 60)];
         assert_eq!(find(&touching).len(), 0, "one row at the same time is no overlap");
     }

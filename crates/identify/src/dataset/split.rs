@@ -74,12 +74,7 @@ pub(super) fn runs(
     BadLog::unless(wrong, divided)
 }
 
-fn of_table(
-    mut table: Table,
-    names: &[String],
-    split: &Split,
-    kind: KindOf<'_>,
-) -> Result<Divided, BadLog> {
+fn of_table(mut table: Table, names: &[String], split: &Split, kind: KindOf<'_>) -> Result<Divided, BadLog> {
     let labels = split.column.as_ref().map(|name| labels(&table, name)).transpose()?;
     let parts = parts(&table, labels.as_ref(), split)?;
     let label = |rows: &Range<usize>| labels.as_ref().map(|labels| labels.of(rows.start));

@@ -484,14 +484,19 @@ impl Column {
         if !unit.is_empty() && self.unit.is_empty() {
             let conversion = Conversion::of(&self.name, unit);
             if self.has_plain_cells && conversion != Conversion::Same {
-                return Err(format!("`{unit}` follows this number, but not the numbers before; write one unit"));
+                return Err(format!(
+                    "`{unit}` follows this number, but not the numbers before; write one unit"
+                ));
             }
             unit.clone_into(&mut self.unit);
             self.conversion = conversion;
         }
         match unit.is_empty() || Conversion::of(&self.name, unit) == self.conversion {
             true => Ok(self.conversion.apply(value)),
-            false => Err(format!("`{unit}` follows this number, but the column is in {}; write one unit", self.unit)),
+            false => Err(format!(
+                "`{unit}` follows this number, but the column is in {}; write one unit",
+                self.unit
+            )),
         }
     }
 }

@@ -48,8 +48,8 @@ pub(super) fn of_profile(name: &str, unit: &str) -> Option<&'static str> {
         return Some("um");
     }
     Some(match unit.to_lowercase().as_str() {
-        "°c" | "℃" | "degc" | "deg c" | "c" | "celsius" | "°f" | "℉" | "degf" | "deg f" | "f" | "fahrenheit" | "k"
-        | "kelvin" => "degC",
+        "°c" | "℃" | "degc" | "deg c" | "c" | "celsius" | "°f" | "℉" | "degf" | "deg f" | "f"
+        | "fahrenheit" | "k" | "kelvin" => "degC",
         "µm" | "μm" | "um" => "um",
         "mm" => "mm",
         "rpm" | "1/min" | "u/min" | "min-1" | "r/min" => "rpm",

@@ -12,7 +12,7 @@ use super::columns::{
     SIGN, SLOPE_FROM, STOOD_IN, TIME, TRUST, WORSE, ZERO,
 };
 use isotherm_core::compensation::{Control, Measured, Permit, Remembered, ReturnTo};
-use isotherm_core::quantity::{Dialect, Micron, Moment, time};
+use isotherm_core::quantity::{Cell, Dialect, Micron, Moment, TimeColumns, time, with_date};
 use isotherm_core::reading::{Reading, Reason};
 use isotherm_profile::Profile;
 use isotherm_profile::safe_file::{self, Lines, quoted};
@@ -96,7 +96,7 @@ pub struct LogReader<R> {
 /// Indices of the columns in a decision log.
 #[derive(Clone, Debug)]
 struct Columns {
-    time: usize,
+    time: TimeColumns,
     signals: Vec<Option<usize>>,
     axes: Vec<AxisColumns>,
     memory: Option<usize>,
@@ -154,9 +154,10 @@ impl<R: Read> LogReader<R> {
                 return Err(error(format!("the column {} occurs twice; rename one", quoted(name))));
             }
         }
-        let columns = Columns::find(profile, &places).ok_or_else(|| {
+        let time = TimeColumns::find(&names, None).ok_or_else(|| {
             error(format!("there is no column {TIME}; there are {}", quoted(&names.join(", "))))
         })?;
+        let columns = Columns::find(profile, &places, time);
         let missing: Vec<&str> = (profile.signals.iter().zip(&columns.signals))
             .filter_map(|(signal, place)| place.is_none().then_some(signal.name.as_str()))
             .collect();
@@ -261,9 +262,14 @@ impl<R: Read> LogReader<R> {
     }
 
     fn row(&mut self, line: u64) -> Result<LogRow, LogError> {
-        let time = self.cell(self.columns.time).to_owned();
-        let now = self.dialect.moment(&time, self.last);
-        let now = now.map_err(|message| self.error(line, self.columns.time, message))?;
+        let columns = self.columns.time;
+        let time =
+            with_date(self.cell(columns.time), columns.date.map(|place| self.cell(place))).into_owned();
+        if self.last.is_none() {
+            self.columns.time.unit = columns.unit_of(&self.names[columns.time], &time);
+        }
+        let now = self.dialect.moment_in(self.columns.time.unit, &time, self.last);
+        let now = now.map_err(|message| self.error(line, columns.time, message))?;
         let mut row = LogRow { line, time, now, ..LogRow::default() };
         for (place, range) in self.columns.signals.iter().zip(&self.ranges) {
             row.readings.push(reading(self.number(line, *place)?, *range, now));
@@ -365,16 +371,20 @@ impl<R: Read> LogReader<R> {
         if text.is_empty() {
             return Ok(None);
         }
-        text.parse().map(Some).map_err(|_| {
-            let dotted = text.replace(',', ".");
-            let comma = text.contains(',') && dotted.parse::<f64>().is_ok();
-            let hint = if comma {
-                format!("has a decimal comma; write {dotted}")
-            } else {
-                "is no number".to_owned()
-            };
-            self.error(line, place, format!("`{text}` {hint}"))
-        })
+        if let Ok(value) = text.parse() {
+            return Ok(Some(value));
+        }
+        // Cells with units and the messages of loggers are rare, so the dialect may be copied.
+        match self.dialect.clone().cell(text) {
+            Ok(Cell::Number(_, unit)) if FAHRENHEIT.iter().any(|known| unit.eq_ignore_ascii_case(known)) => {
+                Err(self.error(line, place, format!("`{text}` is in °F; write °C: (F − 32) / 1.8")))
+            }
+            Ok(Cell::Number(value, _)) => Ok(Some(value)),
+            Ok(Cell::Absent) => Ok(None),
+            Ok(Cell::Failed) => Ok(Some(f64::NAN)),
+            Ok(Cell::Text) => Err(self.error(line, place, format!("`{text}` is no number"))),
+            Err(message) => Err(self.error(line, place, message)),
+        }
     }
 
     fn micron(&self, line: u64, place: Option<usize>) -> Result<Option<Micron>, LogError> {
@@ -398,7 +408,7 @@ pub(super) fn unreadable(file: &str, line: u64, cause: &csv::Error) -> LogError 
 }
 
 impl Columns {
-    fn find(profile: &Profile, places: &HashMap<&str, usize>) -> Option<Columns> {
+    fn find(profile: &Profile, places: &HashMap<&str, usize>, time: TimeColumns) -> Columns {
         let at = |name: &str| places.get(name).copied();
         let axes = profile.axes.iter().map(|axis| {
             let of = |column: &str| at(&format!("{}_{column}", axis.settings.name));
@@ -423,15 +433,18 @@ impl Columns {
                 worse: of(WORSE),
             }
         });
-        Some(Columns {
-            time: at(TIME)?,
+        Columns {
+            time,
             signals: profile.signals.iter().map(|signal| at(&signal.name)).collect(),
             axes: axes.collect(),
             memory: at(MEMORY),
             zero: at(ZERO),
-        })
+        }
     }
 }
+
+/// Units of a cell that is in °F.
+const FAHRENHEIT: [&str; 5] = ["°F", "℉", "F", "degF", "deg F"];
 
 /// Checks a value as the gateway does. A value outside the sensor's range is rejected, for example −32 °C of a broken
 /// sensor.
