@@ -103,7 +103,7 @@ pub struct TimeColumns {
 }
 
 /// Names of a time column, besides `time`, `time_s` and `time_min`. The most certain names come first.
-const NAMES: [&[&str]; 3] = [
+const NAMES: [&[&str]; 4] = [
     &["time", "zeit", "时间", "日時", "時刻"],
     &[
         "timestamp",
@@ -131,7 +131,9 @@ const NAMES: [&[&str]; 3] = [
         "__index_level_0__",
     ],
     &["t"],
+    &DATES,
 ];
+/// Names of a column with the date. If a log has no other time column, its times are there too.
 const DATES: [&str; 4] = ["date", "datum", "日期", "日付"];
 
 /// Names of columns whose numbers, if they are dates of this century, are days of a spreadsheet.
@@ -224,6 +226,7 @@ mod tests {
             ("bed;Datum;Uhrzeit", (2, Some(1), Seconds)),
             ("Datum & Uhrzeit;bed", (0, None, Seconds)),
             ("Zeitstempel;bed", (0, None, Seconds)),
+            ("bed;Datum", (1, None, Seconds)),
         ] {
             assert_eq!(found(header), Some(columns), "{header}");
         }

@@ -190,8 +190,6 @@ struct Column {
     /// Unit in the header or in the first cell with a unit; empty if there is none.
     unit: String,
     conversion: Conversion,
-    /// Whether a cell without a unit was read.
-    has_plain_cells: bool,
     failed: Failed,
     /// Whether the column is used. Only the first cells of an unused column are read.
     is_used: bool,
@@ -362,10 +360,7 @@ impl Reader {
         };
         let column = &mut self.columns[place];
         let read = match cell {
-            Cell::Number(value, "") if column.conversion == Conversion::Same => {
-                column.has_plain_cells |= column.unit.is_empty();
-                value
-            }
+            Cell::Number(value, "") if column.conversion == Conversion::Same => value,
             Cell::Number(value, unit) if column.words.is_none() => match column.with_unit(value, unit) {
                 Ok(value) => value,
                 Err(_) if !column.is_used => f64::NAN,
@@ -483,7 +478,8 @@ impl Column {
     fn with_unit(&mut self, value: f64, unit: &str) -> Result<f64, String> {
         if !unit.is_empty() && self.unit.is_empty() {
             let conversion = Conversion::of(&self.name, unit);
-            if self.has_plain_cells && conversion != Conversion::Same {
+            // The numbers before had no unit.
+            if self.has_numbers && conversion != Conversion::Same {
                 return Err(format!(
                     "`{unit}` follows this number, but not the numbers before; write one unit"
                 ));

@@ -206,7 +206,7 @@ fn values_that_no_sensor_measured_are_left_out_with_file_line_and_value() {
         let expected =
             format!("day.csv, line 42, column z_error_um: `{shown}` is no measured value, also in line 43");
         assert!(remark.contains(&expected), "{remark}");
-        assert_eq!(found.implausible, []);
+        assert!(found.implausible.is_empty(), "{:?}", found.implausible);
     }
     let many = read(&log_of_error(|row| (row % 10 == 5).then_some("9.9E+37")), &Split::default()).unwrap();
     assert_eq!(many.implausible.len(), 1);
