@@ -17,6 +17,8 @@ mod backup;
 mod broker;
 mod certificate;
 mod check;
+#[cfg(feature = "identify")]
+mod columns;
 mod command;
 mod confirm;
 mod connection_test;

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use clap::builder::TypedValueParser;
 
+use super::columns::ColumnTable;
 use super::extra_files::ExtraFiles;
 use super::identify::one_of;
 use super::loading::load_with;
@@ -14,7 +15,8 @@ use super::runs::Runs;
 use crate::cli::print::Out;
 use crate::clock::Clock;
 use isotherm_identify::applied::{Applied, add_without_cz};
-use isotherm_identify::drift::{Test, drift};
+use isotherm_identify::dataset::{Column, Kind};
+use isotherm_identify::drift::{Drift, Test, drift};
 use isotherm_identify::setup::units;
 use isotherm_identify::{report, uses};
 
@@ -87,8 +89,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let page = report::drift_page(&dataset, &drifts, profile.as_ref(), Clock::wall().time_of_day());
         beside.write("the report", path, page);
     }
+    let is_used = |column: &Column| {
+        let of_run = |drift: &Drift| drift.displacements.iter().any(|moved| moved.name == column.name);
+        // Angles move a rotary axis.
+        column.kind != Kind::Other || column.name.ends_with("_deg") || drifts.iter().any(of_run)
+    };
+    let columns = ColumnTable::new(&dataset, &is_used);
     if arguments.json {
-        print_json(&serde_json::json!({ "runs": drifts }))?;
+        print_json(&serde_json::json!({ "runs": drifts, "columns": columns }))?;
         return beside.end(true);
     }
     let mut out = Out;
@@ -98,6 +106,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         text::render(&mut out, drift)?;
     }
+    columns.render(&mut out)?;
     if arguments.report.is_some() {
         writeln!(out)?;
     }

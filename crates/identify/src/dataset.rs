@@ -40,6 +40,10 @@ pub use table::{Uses, every_column};
 use split::Divided;
 use table::Table;
 
+/// Reason why a column of another quantity is not used.
+const UNKNOWN_QUANTITY: &str = "no temperature, displacement, speed or position by its unit, name and values; if it is \
+                                one, let the name end with its unit, such as _c or _um";
+
 /// Several runs with the same columns.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Dataset {
@@ -66,6 +70,15 @@ pub struct Refusal {
     pub column: String,
     /// Message with file, line and value.
     pub message: String,
+}
+
+/// Log column that a verb does not use.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct UnusedColumn {
+    /// Name of the column.
+    pub name: String,
+    /// Reason why the verb does not use it.
+    pub why: String,
 }
 
 /// Log column of numbers.
@@ -148,6 +161,23 @@ impl Dataset {
         let columns = names.into_iter().enumerate().map(column).collect();
         let repeats = repeats::find(&runs);
         Ok(Dataset { columns, unread, remarks, runs, lost, implausible, repeats })
+    }
+
+    /// Returns the columns that a verb does not use, with the reason. `is_used` returns whether the verb uses a column.
+    pub fn unused(&self, is_used: &dyn Fn(&Column) -> bool) -> Vec<UnusedColumn> {
+        let read = self.columns.iter().filter(|column| !is_used(column)).chain(&self.unread);
+        let why = |column: &Column| match column.kind {
+            Kind::Other => UNKNOWN_QUANTITY.to_owned(),
+            kind => format!("{kind}, which was not asked for"),
+        };
+        let mut found: Vec<UnusedColumn> =
+            read.map(|column| UnusedColumn { name: column.name.clone(), why: why(column) }).collect();
+        for lost in &self.lost {
+            if !found.iter().any(|known| known.name == lost.column) && self.column(&lost.column).is_none() {
+                found.push(UnusedColumn { name: lost.column.clone(), why: lost.message.clone() });
+            }
+        }
+        found
     }
 
     /// Returns the names of the used log columns, then of the unused ones.

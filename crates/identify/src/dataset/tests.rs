@@ -241,6 +241,18 @@ fn a_column_without_numbers_is_named_with_its_first_cell() {
 }
 
 #[test]
+fn each_column_that_is_not_used_is_listed_with_the_reason() {
+    let log = "time,bed,part,humidity,spare_c\n0,20,A,45,20\n60,21,B,46,21\n";
+    let found = read_used(log, &Split::default(), &|name| ["bed", "part"].contains(&name)).unwrap();
+    let unused = found.unused(&|column| column.name == "bed");
+    let names: Vec<&str> = unused.iter().map(|column| column.name.as_str()).collect();
+    assert_eq!(names, ["humidity", "spare_c", "part"]);
+    assert!(unused[0].why.contains("by its unit, name and values"), "{unused:?}");
+    assert_eq!(unused[1].why, "temperature, which was not asked for");
+    assert_eq!(unused[2].why, "day.csv, line 2: `A` is no number");
+}
+
+#[test]
 fn other_quantities_are_no_temperatures() {
     let log = "time,bed,humidity,oil_pressure,air [%],temp_of_pressure_valve\n0,20,45,39,45,30\n60,20,46,40,46,31\n";
     let kinds: Vec<Kind> =
