@@ -8,6 +8,7 @@ use std::collections::BTreeSet;
 use std::ops::Range;
 use std::time::Duration;
 
+use super::kind::{HUGE, is_suspicious};
 use super::table::{Cells, Table};
 use super::{Kind, Refusal};
 use crate::statistics::count;
@@ -17,8 +18,6 @@ use isotherm_core::quantity::Moment;
 const MOST: f64 = 0.05;
 /// Number of lines that a remark names.
 const NAMED: usize = 5;
-/// Size of a value that no temperature, displacement or speed of a machine reaches.
-const HUGE: f64 = 1e6;
 /// Multiple of the usual step between two rows that no machine moves.
 const TIMES_USUAL: f64 = 6.0;
 /// Longest gap of a temperature that is bridged.
@@ -29,30 +28,6 @@ const NEAR: Duration = Duration::from_secs(3600);
 const SHORT: usize = 5;
 /// Smallest jump of a displacement that returns and that no machine makes, µm; and its multiple of the usual step.
 const JUMP: (f64, f64) = (20.0, 20.0);
-
-/// Values that loggers write instead of any quantity, with both signs.
-const OF_ANY: [f64; 19] = [
-    999.0, 999.9, 999.99, 9999.0, 9999.9, 99_999.0, 888.8, 8888.0, 777.7, 327.67, 327.68, 3276.7, 3276.8,
-    32_767.0, 32_768.0, 655.35, 6553.5, 65_535.0, 99_999.9,
-];
-/// Values that modules and sensors give instead of a temperature, °C.
-const OF_TEMPERATURES: [f64; 22] = [
-    0.0, 85.0, 125.0, 127.0, -127.0, 128.0, 150.0, 400.0, 600.0, 650.0, 760.0, 800.0, 850.0, 988.79, 1000.0,
-    1200.0, 1300.0, 1370.0, 1372.0, 1768.0, 1820.0, -242.02,
-];
-const COLDEST: [f64; 5] = [-40.0, -50.0, -200.0, -270.0, -273.15];
-
-/// Returns whether a logger may write this number instead of a value of this kind.
-pub(super) fn is_suspicious(kind: Kind, value: f64) -> bool {
-    let is = |known: &f64| (value - known).abs() < 0.004;
-    let is_of_any = value.abs() >= HUGE || OF_ANY.iter().any(|known| is(known) || is(&-known));
-    match kind {
-        Kind::Temperature => is_of_any || OF_TEMPERATURES.iter().chain(&COLDEST).any(is),
-        Kind::Displacement => is_of_any || is(&0.0),
-        Kind::Speed => is_of_any,
-        Kind::Position | Kind::Compensation | Kind::Switch | Kind::Other => false,
-    }
-}
 
 /// Returns the smallest distance to the neighbours of an implausible value; `None` if values of this kind are not
 /// tested.
@@ -186,7 +161,8 @@ pub(super) fn leave_out(
             }
             let text = remark(table, name, values, &wrong);
             wrong.iter().for_each(|row| values[*row] = f64::NAN);
-            let bridged = kind == Kind::Temperature && bridge(&table.times, values, &wrong, rows);
+            let bridged =
+                share <= MOST && kind == Kind::Temperature && bridge(&table.times, values, &wrong, rows);
             if share <= MOST {
                 let done = if bridged { "; gaps of up to 5 min were bridged by straight lines" } else { "" };
                 remarks.push(format!("{text}: left out{done}"));
@@ -226,8 +202,11 @@ fn remark(table: &Table, name: &str, values: &[f64], rows: &BTreeSet<usize>) -> 
 fn bridge(times: &[Moment], values: &mut [f64], wrong: &BTreeSet<usize>, rows: &Range<usize>) -> bool {
     let mut bridged = false;
     for row in wrong.iter().copied() {
-        let before = (rows.start..row).rev().find(|before| values[*before].is_finite());
-        let after = (row + 1..rows.end).find(|after| values[*after].is_finite() && !wrong.contains(after));
+        let mut earlier =
+            (rows.start..row).rev().take_while(|other| times[row].since(times[*other]) <= BRIDGED);
+        let mut later = (row + 1..rows.end).take_while(|other| times[*other].since(times[row]) <= BRIDGED);
+        let before = earlier.find(|before| values[*before].is_finite());
+        let after = later.find(|after| values[*after].is_finite() && !wrong.contains(after));
         let (Some(before), Some(after)) = (before, after) else { continue };
         let gap = times[after].since(times[before]);
         if gap > BRIDGED || gap.is_zero() {

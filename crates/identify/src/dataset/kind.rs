@@ -2,8 +2,6 @@
 
 use std::fmt;
 
-use super::implausible::is_suspicious;
-
 /// Guessed kind of a log column of numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -68,6 +66,34 @@ impl Kind {
         }
         let by_ending = name.rsplit('_').next().filter(|ending| ending.len() < name.len()).and_then(of_unit);
         by_ending.or_else(|| names_another_quantity(&name).then_some(Kind::Other))
+    }
+}
+
+/// Values that loggers write instead of any quantity, with both signs.
+const OF_ANY: [f64; 19] = [
+    999.0, 999.9, 999.99, 9999.0, 9999.9, 99_999.0, 888.8, 8888.0, 777.7, 327.67, 327.68, 3276.7, 3276.8,
+    32_767.0, 32_768.0, 655.35, 6553.5, 65_535.0, 99_999.9,
+];
+/// Values that modules and sensors give instead of a temperature, °C.
+const OF_TEMPERATURES: [f64; 22] = [
+    0.0, 85.0, 125.0, 127.0, -127.0, 128.0, 150.0, 400.0, 600.0, 650.0, 760.0, 800.0, 850.0, 988.79, 1000.0,
+    1200.0, 1300.0, 1370.0, 1372.0, 1768.0, 1820.0, -242.02,
+];
+/// Ends of the ranges of sensors, °C.
+const COLDEST: [f64; 5] = [-40.0, -50.0, -200.0, -270.0, -273.15];
+
+/// Size of a value that no temperature, displacement or speed of a machine reaches.
+pub(super) const HUGE: f64 = 1e6;
+
+/// Returns whether a logger may write this number instead of a value of this kind.
+pub(super) fn is_suspicious(kind: Kind, value: f64) -> bool {
+    let is = |known: &f64| (value - known).abs() < 0.004;
+    let is_of_any = value.abs() >= HUGE || OF_ANY.iter().any(|known| is(known) || is(&-known));
+    match kind {
+        Kind::Temperature => is_of_any || OF_TEMPERATURES.iter().chain(&COLDEST).any(is),
+        Kind::Displacement => is_of_any || is(&0.0),
+        Kind::Speed => is_of_any,
+        Kind::Position | Kind::Compensation | Kind::Switch | Kind::Other => false,
     }
 }
 
