@@ -18,7 +18,7 @@
 //! answers have no transaction number, and a new connection does not help, because a late answer may also arrive on it.
 //! On such a line the unit gets no request, under any device name, until [`GRACE`] further timeouts have passed. Input
 //! that arrives until then is discarded. A unit that is known to answer promptly waits less, see
-//! [`super::pending_replies`].
+//! [`super::kinds::modbus::pending_replies`].
 //!
 //! An answer that arrives even later cannot be distinguished from the answer to the next request. The timeout must
 //! therefore be at least a quarter of the longest answer time of a device. After two timeouts in a row the line opens

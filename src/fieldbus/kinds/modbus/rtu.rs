@@ -5,9 +5,9 @@
 //!   sent.
 //! - An answer is recognized by its unit, length and checksum. Noise before the answer, and answers of other units, are
 //!   skipped. If a second answer of the unit follows, both are rejected.
-//! - RTU has no transaction number. After a missing answer, [`super::line`] therefore sends the unit no request for
-//!   which the late answer could be mistaken ([`super::pending_replies`]). The late answer is discarded in this module
-//!   when it arrives.
+//! - RTU has no transaction number. After a missing answer, [`crate::fieldbus::line`] therefore sends the unit no
+//!   request for which the late answer could be mistaken ([`super::pending_replies`]). The late answer is discarded in
+//!   this module when it arrives.
 //! - An adapter without echo suppression receives its own requests. The first read detects such an adapter. From then
 //!   on, the echo of every request is expected before its answer. An echo is never taken for an invalid answer, also if
 //!   it arrives in parts, with noise or late.
