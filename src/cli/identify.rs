@@ -18,7 +18,7 @@ use isotherm_identify::facts::document;
 use isotherm_identify::method::{Method, Settings};
 use isotherm_identify::repaired_runs::repaired_files;
 use isotherm_identify::report::{self, Subject};
-use isotherm_identify::setup::{Choice, ready, units, without_cz};
+use isotherm_identify::setup::{Choice, ready, units, without_cz, without_incomplete};
 use isotherm_identify::written::written;
 use isotherm_identify::{Identified, identify, uses};
 use isotherm_profile::Profile;
@@ -32,9 +32,9 @@ mod text;
 ///
 /// A log is CSV or Parquet with a column `time`, `time_s` or `time_min`, or one with a name of a logger, such as `Zeit
 /// [min]`, `timestamp`, or `Date` and `Time`. `time` is in seconds, RFC 3339, or `05.01.2026 06:00:10` by the clock of
-/// --zone. The other columns are the signals of the profile, and the measured displacement error in µm. One file is one run: a warm-up that begins with a cold machine. Faulty sensors are reported, and their
-/// readings are mended (repaired) or left out. Each run is once held out, that is, used only to test the model from the
-/// other runs.
+/// --zone. The other columns are the signals of the profile, and the measured displacement error in µm. One file is one
+/// run: a warm-up that begins with a cold machine. Faulty sensors are reported, and their readings are mended (repaired)
+/// or left out. Each run is once held out, that is, used only to test the model from the other runs.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm identify my-machine.toml mon.csv tue.csv wed.csv --axis z --error z_error_um\n  isotherm identify my-machine.toml week.parquet --gap 2h --axis z --write z-model.toml --report z.html\n  isotherm identify --balls touches.csv --recorded mon.csv --out mon-drift.csv"
@@ -217,6 +217,7 @@ fn find(
     let uses = uses::of_identify(profile, &choice, &applied);
     let mut dataset = arguments.runs.read(&arguments.logs, &error, &units(profile), &uses)?;
     without_cz(profile, &mut dataset, &choice, &applied)?;
+    without_incomplete(profile, &mut dataset, &choice);
     let ready = ready(profile, &dataset, &choice)?;
     if let Some(directory) = &arguments.mended {
         write_mended(directory, &repaired_files(&ready), beside);

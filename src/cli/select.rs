@@ -12,7 +12,7 @@ use crate::cli::print::Out;
 use crate::clock::Clock;
 use isotherm_identify::applied::{Applied, without_cz};
 use isotherm_identify::dataset::{Column, Kind};
-use isotherm_identify::select::{Selected, Settings, points, select};
+use isotherm_identify::select::{Selected, Settings, points, select, without_incomplete};
 use isotherm_identify::setup::Choice;
 use isotherm_identify::{report, uses};
 
@@ -103,6 +103,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let uses = uses::of_select(&choice, &applied);
     let mut dataset = arguments.runs.read(&arguments.logs, &arguments.error, &|_| None, &uses)?;
     without_cz(&mut dataset, &arguments.error, None, None, &applied)?;
+    without_incomplete(&mut dataset, &choice);
     let pointed = points(&dataset, &choice)?;
     let mut settings = Settings {
         groups: arguments.group.clone(),
