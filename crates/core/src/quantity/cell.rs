@@ -17,10 +17,11 @@ pub enum Cell<'a> {
 }
 
 /// Words for a missing value. Programs write them where no value was measured.
-const ABSENT: [&str; 9] = ["na", "n/a", "n.a.", "#n/a", "#nv", "nan", "null", "none", "-"];
+const ABSENT: [&str; 14] =
+    ["na", "n/a", "n.a.", "<na>", "nat", "#n/a", "#nv", "nan", "null", "(null)", "none", "missing", "-", "."];
 
 /// Messages of loggers for a value that could not be measured.
-const FAILED: [&str; 45] = [
+const FAILED: [&str; 52] = [
     "ol",
     "+ol",
     "-ol",
@@ -60,6 +61,13 @@ const FAILED: [&str; 45] = [
     "inf",
     "+inf",
     "-inf",
+    "infinity",
+    "open",
+    "short",
+    "sensor fault",
+    "out of range",
+    "offline",
+    "timeout",
     "#value!",
     "#wert!",
     "#div/0!",
@@ -128,8 +136,11 @@ const UNITS: [&str; 56] = [
     "count",
 ];
 
-/// Units that may follow a number without a blank, although they are letters.
-const ATTACHED: [&str; 6] = ["c", "degc", "um", "mm", "rpm", "degf"];
+/// Units that may follow a number without a blank, although they are letters. `A`, `V`, `N` and `W` are not among them,
+/// because `7A` may be the name of a run.
+const ATTACHED: [&str; 16] = [
+    "c", "degc", "f", "degf", "k", "um", "nm", "mm", "rpm", "mm/min", "l/min", "bar", "hz", "ma", "ms", "min",
+];
 
 /// Returns whether this text is a unit that a log may state.
 #[must_use]
@@ -147,16 +158,22 @@ pub fn name_and_unit(header: &str) -> (&str, Option<&str>) {
         let (name, unit) = header.strip_suffix(close)?.rsplit_once(open)?;
         Some((name, unit))
     });
-    let open = || [" / ", " in ", ", "].into_iter().find_map(|between| header.rsplit_once(between));
-    // `flow l/min` ends with a unit that contains the separator.
-    let last = header.rsplit(' ').next().unwrap_or_default();
-    let slash = || header.rsplit_once(if is_unit(last) { " " } else { "/" });
-    match closed.or_else(open).or_else(slash) {
-        Some((name, unit)) if !name.trim().is_empty() && is_unit(unit.trim()) => {
-            (name.trim(), Some(unit.trim()))
-        }
+    let found = closed.into_iter().chain(open_units(header)).find(|(_, unit)| is_unit(unit.trim()));
+    match found {
+        Some((name, unit)) if !name.trim().is_empty() && !is_unit(header) => (name.trim(), Some(unit.trim())),
         _ => (header, None),
     }
+}
+
+/// Returns the ways to separate a header into a name and the text after it, if no brackets enclose that text.
+fn open_units(header: &str) -> impl Iterator<Item = (&str, &str)> {
+    let between = [" / ", " in ", ", "].into_iter().filter_map(|between| header.rsplit_once(between));
+    // `flow l/min` and `Temp deg C` end with a unit that contains a separator.
+    let two_words = header.rmatch_indices(' ').nth(1).map(|(at, _)| header.split_at(at));
+    // One letter may be the number of a sensor: `bearing A`, `motor F`.
+    let is_letter = |text: &str| text.len() == 1 && text.bytes().all(|byte| byte.is_ascii_alphabetic());
+    let last_word = header.rsplit_once(' ').filter(|(_, last)| !is_letter(last));
+    between.chain(two_words).chain(last_word).chain(header.rsplit_once('/'))
 }
 
 /// Returns the meaning of a cell that contains no number.
@@ -179,10 +196,11 @@ fn is_filler(text: &str) -> bool {
 }
 
 /// Returns whether the text is a number that is none, as programs of Windows print it: `1.#QNAN`, `-1.#IND`, `1.#INF`.
+/// With two decimals, they print `1.#R` and `1.#J`.
 fn is_of_windows(text: &str) -> bool {
     let text = text.trim_start_matches(['+', '-']).to_ascii_uppercase();
     let rest = text.strip_prefix("1.#").or_else(|| text.strip_prefix("1,#"));
-    rest.is_some_and(|rest| ["QNAN", "SNAN", "NAN", "IND", "INF"].iter().any(|word| rest.starts_with(word)))
+    rest.is_some_and(|rest| ["QN", "SN", "NAN", "IN", "R", "J"].iter().any(|word| rest.starts_with(word)))
 }
 
 /// Separates a number from the unit after it. Removes blanks after its sign, and writes the exponent of Fortran (`2.0D+01`)
@@ -192,10 +210,11 @@ pub(super) fn number_and_unit(text: &str) -> Option<(Cow<'_, str>, &str)> {
     let unsigned = text.strip_prefix(['+', '-', '−']).unwrap_or(text);
     let is_negative = text.starts_with(['-', '−']);
     let has_sign = unsigned.len() < text.len();
-    let plain = unsigned.trim_start();
+    let unsigned = unsigned.trim_start();
+    let (groups, plain) = groups(unsigned).map_or((None, unsigned), |(joined, rest)| (Some(joined), rest));
     let mantissa =
         plain.bytes().take_while(|byte| byte.is_ascii_digit() || matches!(byte, b'.' | b',')).count();
-    if !plain.as_bytes()[..mantissa].iter().any(u8::is_ascii_digit) {
+    if groups.is_none() && !plain.as_bytes()[..mantissa].iter().any(u8::is_ascii_digit) {
         return None;
     }
     let exponent = length_of_exponent(&plain[mantissa..]);
@@ -208,12 +227,32 @@ pub(super) fn number_and_unit(text: &str) -> Option<(Cow<'_, str>, &str)> {
     }
     let is_of_fortran =
         plain.as_bytes().get(mantissa).is_some_and(|byte| matches!(byte, b'd' | b'D')) && exponent > 0;
-    if !has_sign && !is_of_fortran {
+    if !has_sign && !is_of_fortran && groups.is_none() {
         return Some((Cow::Borrowed(number), unit));
     }
     let sign = if is_negative { "-" } else { "" };
     let number = if is_of_fortran { number.replace(['d', 'D'], "e") } else { number.to_owned() };
-    Some((Cow::Owned(format!("{sign}{number}")), unit))
+    Some((Cow::Owned(format!("{sign}{}{number}", groups.unwrap_or_default())), unit))
+}
+
+/// Signs that separate thousands and nothing else: blanks and apostrophes.
+const OF_THOUSANDS: [char; 6] = [' ', '\u{a0}', '\u{2009}', '\u{202f}', '\'', '\u{2019}'];
+
+/// Joins the groups of three digits at the begin of this text, as in `1 020,5` or `1'020.5`. Returns the digits, and the
+/// text after them; `None` if there are no such groups.
+fn groups(text: &str) -> Option<(String, &str)> {
+    let digits = |text: &str| text.bytes().take_while(u8::is_ascii_digit).count();
+    let first = digits(text);
+    if !(1..=3).contains(&first) || text.starts_with('0') {
+        return None;
+    }
+    let sign = text[first..].chars().next().filter(|sign| OF_THOUSANDS.contains(sign))?;
+    let (mut joined, mut rest) = (text[..first].to_owned(), &text[first..]);
+    while let Some(group) = rest.strip_prefix(sign).filter(|group| digits(group) == 3) {
+        joined.push_str(&group[..3]);
+        rest = &group[3..];
+    }
+    (joined.len() > first).then_some((joined, rest))
 }
 
 /// Returns the length of the exponent at the begin of this text, in bytes; 0 if there is none.
@@ -250,10 +289,31 @@ mod tests {
             ("-2.0d01", "-2.0e01", ""),
             ("1.5E-3 mm", "1.5E-3", "mm"),
             ("1,020", "1,020", ""),
+            ("1 020,5", "1020,5", ""),
+            ("-1'020.5 mm", "-1020.5", "mm"),
+            ("12\u{202f}345\u{202f}678", "12345678", ""),
+            ("293.15K", "293.15", "K"),
+            ("68F", "68", "F"),
         ] {
             assert_eq!(number_and_unit(text), Some((Cow::Borrowed(number), unit)), "{text}");
         }
-        for text in ["A7", "7A", "7B", "", "+", "°C", "20 apples", "12:30", "1-2", "e5", "2.0D", "20 20"] {
+        for text in [
+            "A7",
+            "7A",
+            "7B",
+            "",
+            "+",
+            "°C",
+            "20 apples",
+            "12:30",
+            "1-2",
+            "e5",
+            "2.0D",
+            "20 20",
+            "0 123",
+            "1 0200",
+            "1 020 30",
+        ] {
             assert_eq!(number_and_unit(text), None, "{text}");
         }
     }
@@ -264,8 +324,8 @@ mod tests {
             assert_eq!(word(text), Cell::Absent, "{text}");
         }
         for text in [
-            "OL", "Over", "---", "+++++++", "1.#QNAN", "-1.#IND", "1.#INF", "BURNOUT", "****", "-.--",
-            "#DIV/0!", "Err",
+            "OL", "Over", "---", "+++++++", "1.#QNAN", "-1.#IND", "1.#INF", "1.#R", "BURNOUT", "****",
+            "-.--", "#DIV/0!", "Err",
         ] {
             assert_eq!(word(text), Cell::Failed, "{text}");
         }
@@ -284,6 +344,10 @@ mod tests {
             ("Zeit in s", "Zeit", Some("s")),
             ("spindle/°C", "spindle", Some("°C")),
             ("flow l/min", "flow", Some("l/min")),
+            ("Temp deg C", "Temp", Some("deg C")),
+            ("bed, front µm", "bed, front", Some("µm")),
+            ("bearing A", "bearing A", None),
+            ("motor F", "motor F", None),
             ("mm/min", "mm/min", None),
             ("Datum & Uhrzeit", "Datum & Uhrzeit", None),
             ("spindle", "spindle", None),
