@@ -48,6 +48,8 @@ pub struct Dialect {
     first: Option<(DecimalMark, String)>,
     /// Whether a number of the file has both marks, so that one of them separates thousands.
     has_thousands: bool,
+    /// Whether the first rows do not show if a mark before three digits is a decimal mark.
+    is_unclear: bool,
     /// Order of day and month; `None` if it is not known.
     dates: Option<DateOrder>,
     wall: Wall,
@@ -55,20 +57,22 @@ pub struct Dialect {
 
 impl Dialect {
     /// Detects the format from the header line. Comma, semicolon or tab separates the columns: the one that occurs most
-    /// often outside quotes.
+    /// often outside quotes. Commas are also common inside names.
     #[must_use]
     pub fn of(header: &str, zone: Option<TimeZone>) -> Dialect {
         // Every other part is inside quotes.
         let open = || header.split('"').step_by(2).flat_map(str::bytes);
         let count = |separator: u8| open().filter(|byte| *byte == separator).count();
-        // `max_by_key` returns the last maximum: a comma if there is no separator.
-        let separator = [b'\t', b';', b','].into_iter().max_by_key(|separator| count(*separator));
+        // `max_by_key` returns the last maximum.
+        let there = [b',', b';', b'\t'].into_iter().filter(|separator| count(*separator) > 0);
+        let separator = there.max_by_key(|separator| count(*separator));
         Dialect {
             separator: separator.unwrap_or(b','),
             zone,
             stated: None,
             first: None,
             has_thousands: false,
+            is_unclear: false,
             dates: None,
             wall: Wall::default(),
         }
@@ -83,6 +87,51 @@ impl Dialect {
     /// Learns the order of day and month from a time, if that time has only one reading. The first such time counts.
     pub fn learn_dates(&mut self, text: &str) {
         self.dates = self.dates.or_else(|| wall::order(text));
+    }
+
+    /// Reads times without an offset from UTC as times in UTC.
+    #[must_use]
+    pub fn in_utc(self) -> Dialect {
+        Dialect { zone: Some(TimeZone::UTC), ..self }
+    }
+
+    /// Returns the decimal mark: the stated one, or else that of the numbers so far.
+    #[must_use]
+    pub fn decimal(&self) -> Option<DecimalMark> {
+        self.stated.or_else(|| self.first.as_ref().map(|(mark, _)| *mark))
+    }
+
+    /// Returns the order of day and month, if it is known.
+    #[must_use]
+    pub fn dates(&self) -> Option<DateOrder> {
+        self.dates
+    }
+
+    /// Learns from the cells of the first rows, by column, whether a mark before three digits separates thousands. In a
+    /// column with `900` and `1.200`, it may do so, unless another number such as `20.5` shows the decimal mark.
+    pub fn learn_marks<'a>(&mut self, rows: impl Iterator<Item = Vec<&'a str>>) {
+        if self.separator == b',' || self.stated.is_some() {
+            return;
+        }
+        let (mut has_groups_only, mut has_whole) = (Vec::new(), Vec::new());
+        for cells in rows {
+            for (column, cell) in cells.into_iter().enumerate() {
+                if column >= has_whole.len() {
+                    has_groups_only.push(false);
+                    has_whole.push(false);
+                }
+                let Some((number, _)) = number_and_unit(cell) else { continue };
+                let marks = number.matches([',', '.']).count();
+                if marks == 1 && [',', '.'].iter().any(|sign| has_groups(&number, *sign)) {
+                    has_groups_only[column] = true;
+                } else if marks > 0 {
+                    return;
+                } else {
+                    has_whole[column] |= !number.trim_start_matches(['+', '-', '0']).is_empty();
+                }
+            }
+        }
+        self.is_unclear = has_groups_only.iter().zip(&has_whole).any(|(groups, whole)| *groups && *whole);
     }
 
     /// Returns the separator of columns.
@@ -147,12 +196,15 @@ impl Dialect {
         if self.separator == b',' {
             // Commas separate the columns, so a comma in a cell was quoted.
             return Err(match can_be_thousands {
-                true => two_readings(text, &whole, &decimal),
+                true => two_readings(text, mark, (&whole, &decimal)),
                 false => format!("`{text}` has a decimal comma; write {decimal}"),
             });
         }
-        if can_be_thousands && mark == DecimalMark::Comma && known == Some(DecimalMark::Point) {
-            return Err(two_readings(text, &whole, &decimal));
+        let is_unclear = self.is_unclear && known.is_none();
+        if can_be_thousands
+            && (is_unclear || (mark == DecimalMark::Comma && known == Some(DecimalMark::Point)))
+        {
+            return Err(two_readings(text, mark, (&whole, &decimal)));
         }
         self.agrees(text, mark)?;
         Ok(if mark == DecimalMark::Point { Cow::Borrowed(text) } else { Cow::Owned(decimal) })
@@ -209,6 +261,13 @@ impl Dialect {
                 Some((number, "")) => self.number(&number)?.into_owned(),
                 _ => text.to_owned(),
             };
+            if unit.of_a_count().is_none()
+                && self.zone.is_some()
+                && !is_number(&number)
+                && let Some(date) = wall::midnight(text, self.dates)
+            {
+                return self.wall.in_zone(date?, self.zone.as_ref(), last);
+            }
             return match unit {
                 TimeUnit::ExcelDays => {
                     self.wall.in_zone(wall::excel(&number, text)?, self.zone.as_ref(), last)
@@ -225,9 +284,13 @@ impl Dialect {
         }
         match wall::read(text, self.dates) {
             None => read,
-            Some(Ok(wall::Read::Date(_))) if self.zone.is_none() => read,
+            Some(Ok(wall::Read::Date(_) | wall::Read::Assumed(_))) if self.zone.is_none() => read,
             Some(found) => match found? {
                 wall::Read::Date(wall) => self.wall.in_zone(wall, self.zone.as_ref(), last),
+                wall::Read::Assumed(wall) => {
+                    self.wall.follows(wall, text)?;
+                    self.wall.in_zone(wall, self.zone.as_ref(), last)
+                }
                 wall::Read::OfDay(nanos) => self.wall.of_day(nanos, last),
             },
         }
@@ -283,10 +346,15 @@ fn by_mark(text: &str, mark: DecimalMark) -> Result<Cow<'_, str>, String> {
     Ok(Cow::Owned(read))
 }
 
-fn two_readings(text: &str, whole: &str, decimal: &str) -> String {
+/// Returns the message about a number whose mark, before three digits, is a decimal mark or separates thousands.
+fn two_readings(text: &str, mark: DecimalMark, (whole, decimal): (&str, &str)) -> String {
+    let (point, comma) = match mark {
+        DecimalMark::Point => (decimal, whole),
+        DecimalMark::Comma => (whole, decimal),
+    };
     format!(
-        "`{text}` can be {whole} or {decimal}: state the decimal mark with --decimal point ({whole}) or --decimal comma \
-         ({decimal})"
+        "`{text}` can be {whole} or {decimal}: state the decimal mark with --decimal point ({point}) or --decimal comma \
+         ({comma})"
     )
 }
 

@@ -28,10 +28,11 @@ impl TimeUnit {
     /// Returns the unit with this name in a header.
     fn of(name: &str) -> Option<TimeUnit> {
         Some(match name.to_ascii_lowercase().as_str() {
-            "ms" => TimeUnit::Milliseconds,
-            "s" => TimeUnit::Seconds,
-            "min" => TimeUnit::Minutes,
-            "h" => TimeUnit::Hours,
+            "ms" | "msec" | "millisecond" | "milliseconds" | "millisekunden" => TimeUnit::Milliseconds,
+            "s" | "sec" | "secs" | "second" | "seconds" | "sek" | "sekunden" | "秒" => TimeUnit::Seconds,
+            "min" | "mins" | "minute" | "minutes" | "minuten" | "分" => TimeUnit::Minutes,
+            "h" | "hr" | "hrs" | "hour" | "hours" | "std" | "stunden" => TimeUnit::Hours,
+            "d" | "day" | "days" | "tage" => TimeUnit::Days,
             _ => return None,
         })
     }
@@ -100,11 +101,13 @@ pub struct TimeColumns {
     pub date: Option<usize>,
     /// Unit of the times, if they are numbers.
     pub unit: TimeUnit,
+    /// Whether the name of the column states that its times are in UTC.
+    pub is_in_utc: bool,
 }
 
 /// Names of a time column, besides `time`, `time_s` and `time_min`. The most certain names come first.
 const NAMES: [&[&str]; 4] = [
-    &["time", "zeit", "时间", "日時", "時刻"],
+    &["time", "zeit", "heure", "hora", "tijd", "时间", "日時", "時刻"],
     &[
         "timestamp",
         "time stamp",
@@ -114,10 +117,16 @@ const NAMES: [&[&str]; 4] = [
         "datetime",
         "date time",
         "date_time",
+        "date-time",
         "date/time",
         "date & time",
+        "date&time",
         "date and time",
+        "fecha y hora",
+        "date et heure",
+        "horodatage",
         "datum & uhrzeit",
+        "datum&uhrzeit",
         "datum/uhrzeit",
         "datum / uhrzeit",
         "datum uhrzeit",
@@ -128,13 +137,16 @@ const NAMES: [&[&str]; 4] = [
         "elapsed",
         "elapsed time",
         "elapsed_time",
+        "time elapsed",
+        "tmstamp",
+        "x_value",
         "__index_level_0__",
     ],
     &["t"],
     &DATES,
 ];
 /// Names of a column with the date. If a log has no other time column, its times are there too.
-const DATES: [&str; 4] = ["date", "datum", "日期", "日付"];
+const DATES: [&str; 5] = ["date", "datum", "fecha", "日期", "日付"];
 
 /// Names of columns whose numbers, if they are dates of this century, are days of a spreadsheet.
 const NAMED_FOR_DATES: [&str; 2] = ["dat", "stamp"];
@@ -152,13 +164,21 @@ impl TimeColumns {
             _ => None,
         };
         let exact = names.iter().enumerate().find_map(|(place, name)| Some((place, exact(name)?)));
-        let (time, unit) = exact.or_else(|| NAMES.iter().find_map(|known| by_name(names, known)))?;
+        let exact = exact.map(|(place, unit)| (place, Stated::Unit(unit)));
+        let (time, stated_by_name) =
+            exact.or_else(|| NAMES.iter().find_map(|known| by_name(names, known)))?;
         let dates = |(place, name): (usize, &String)| {
-            let is_date = DATES.contains(&name.trim().to_lowercase().as_str());
+            let name = name.trim().to_lowercase();
+            let is_date = time_name(&name).is_some_and(|(name, _)| DATES.contains(&name));
             (is_date && place != time).then_some(place)
         };
         let date = names.iter().enumerate().find_map(dates);
-        Some(TimeColumns { time, date, unit: stated.unwrap_or(unit) })
+        let unit = match stated_by_name {
+            Stated::Unit(unit) => unit,
+            Stated::Nothing | Stated::Utc => TimeUnit::Seconds,
+        };
+        let is_in_utc = stated_by_name == Stated::Utc;
+        Some(TimeColumns { time, date, unit: stated.unwrap_or(unit), is_in_utc })
     }
 
     /// Returns the unit of the numbers in the time column, after the first of them is known. Numbers of this century
@@ -187,18 +207,49 @@ pub fn with_date<'a>(time: &'a str, date: Option<&str>) -> Cow<'a, str> {
     }
 }
 
-/// Returns the first column with one of these names. A unit may follow the name. The name `t` needs one.
-fn by_name(names: &[String], known: &[&str]) -> Option<(usize, TimeUnit)> {
+/// Statement about the times that follows the name of a time column.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stated {
+    Nothing,
+    Unit(TimeUnit),
+    Utc,
+}
+
+/// Returns the first column with one of these names. A unit may follow the name. The name `t` needs one in brackets.
+fn by_name(names: &[String], known: &[&str]) -> Option<(usize, Stated)> {
     names.iter().enumerate().find_map(|(place, header)| {
-        let (name, unit) = name_and_unit(header);
-        let unit = match unit {
-            Some(unit) => TimeUnit::of(unit)?,
-            None => TimeUnit::Seconds,
-        };
-        let is_named = known.contains(&name.to_lowercase().as_str());
-        let needs_unit = known == NAMES[2] && name.len() == header.trim().len();
-        (is_named && !needs_unit).then_some((place, unit))
+        let header = header.trim().to_lowercase();
+        let (name, stated) = time_name(&header)?;
+        // `t_min` is the smallest temperature.
+        let needs_unit = known == NAMES[2] && (stated == Stated::Nothing || header.contains('_'));
+        (known.contains(&name) && !needs_unit).then_some((place, stated))
     })
+}
+
+/// Separates the name of a time column, in small letters, from the statement after it: `zeit [min]`, `time (sec)`,
+/// `timestamp_ms`, `time (utc)`, `date (dd/mm/yyyy)`. `None` if the statement is another unit.
+fn time_name(header: &str) -> Option<(&str, Stated)> {
+    if let (name, Some(unit)) = name_and_unit(header) {
+        return Some((name, Stated::Unit(TimeUnit::of(unit)?)));
+    }
+    let mut brackets = [('[', ']'), ('(', ')')].into_iter();
+    let enclosed = brackets.find_map(|(open, close)| header.strip_suffix(close)?.rsplit_once(open));
+    if let Some((name, text)) = enclosed {
+        return Some((name.trim(), statement(text.trim())?));
+    }
+    let mut open = [" in ", " ", "_"].into_iter().filter_map(|between| header.rsplit_once(between));
+    let stated = open.find_map(|(name, text)| Some((name.trim(), statement(text)?)));
+    Some(stated.unwrap_or((header, Stated::Nothing)))
+}
+
+/// Returns the meaning of a text after the name of a time column; `None` if it has no known one.
+fn statement(text: &str) -> Option<Stated> {
+    let is_format = ["hh:mm", "h:mm", "yyyy", "jjjj", "mm:ss"].iter().any(|part| text.contains(part));
+    match text {
+        "utc" | "gmt" | "utc+0" | "utc+00:00" => Some(Stated::Utc),
+        _ if is_format => Some(Stated::Nothing),
+        _ => TimeUnit::of(text).map(Stated::Unit),
+    }
 }
 
 #[cfg(test)]
@@ -227,12 +278,21 @@ mod tests {
             ("Datum & Uhrzeit;bed", (0, None, Seconds)),
             ("Zeitstempel;bed", (0, None, Seconds)),
             ("bed;Datum", (1, None, Seconds)),
+            ("Elapsed Time (sec);bed", (0, None, Seconds)),
+            ("timestamp_ms;bed", (0, None, Milliseconds)),
+            ("Zeit in Minuten;bed", (0, None, Minutes)),
+            ("Date (dd/mm/yyyy);Time (hh:mm:ss);bed", (1, Some(0), Seconds)),
         ] {
             assert_eq!(found(header), Some(columns), "{header}");
         }
-        for header in ["when;bed", "t;bed", "air time [°C];bed", "Time [°C];bed"] {
+        for header in
+            ["when;bed", "t;bed", "t_min;bed", "air time [°C];bed", "Time [°C];bed", "Time (ticks);bed"]
+        {
             assert_eq!(found(header), None, "{header}");
         }
+        let zones = ["Time (UTC)", "time", "timestamp utc"]
+            .map(|name| TimeColumns::find(&[name.to_owned()], None).is_some_and(|found| found.is_in_utc));
+        assert_eq!(zones, [true, false, true]);
     }
 
     #[test]
@@ -270,7 +330,7 @@ mod tests {
 
     #[test]
     fn days_of_a_spreadsheet_are_recognised_only_under_a_name_of_dates() {
-        let columns = TimeColumns { time: 0, date: None, unit: TimeUnit::Seconds };
+        let columns = TimeColumns { time: 0, date: None, unit: TimeUnit::Seconds, is_in_utc: false };
         assert_eq!(columns.unit_of("Datum", "46090.25"), TimeUnit::ExcelDays);
         assert_eq!(columns.unit_of("timestamp", "46090,25"), TimeUnit::ExcelDays);
         assert_eq!(columns.unit_of("time", "46090.25"), TimeUnit::Seconds);

@@ -28,6 +28,8 @@ pub enum DateOrder {
 pub(super) enum Read {
     /// Date and time of an unknown zone.
     Date(DateTime),
+    /// Date and time with AM or PM, whose month is taken to come first, as in the United States.
+    Assumed(DateTime),
     /// Time of a day, or time since a start, in nanoseconds.
     OfDay(u64),
 }
@@ -44,11 +46,21 @@ pub(super) fn read(text: &str, order: Option<DateOrder>) -> Option<Result<Read, 
     }
     let (date, time) = text.split_once([' ', 'T'])?;
     let clock = Clock::of(time)?;
-    let order = order.or(clock.is_of_half_days.then_some(DateOrder::MonthFirst));
+    let is_assumed =
+        order.is_none() && clock.is_of_half_days && date.contains('/') && self::order(text).is_none();
+    // `31/01/2026 6:00 PM` has one reading.
+    let order =
+        order.or_else(|| self::order(text)).or(clock.is_of_half_days.then_some(DateOrder::MonthFirst));
     Some(match parse_date(date.trim_end_matches(','), order, text)? {
+        Ok(date) if is_assumed => Ok(Read::Assumed(date.to_datetime(clock.of_day()?))),
         Ok(date) => Ok(Read::Date(date.to_datetime(clock.of_day()?))),
         Err(why) => Err(why),
     })
+}
+
+/// Parses a date without a time, as some programs write midnight. `None` if the text has another format.
+pub(super) fn midnight(text: &str, order: Option<DateOrder>) -> Option<Result<DateTime, String>> {
+    Some(parse_date(text, order, text)?.map(|date| date.to_datetime(Time::midnight())))
 }
 
 /// Returns the order of day and month in this date and time, if it has only one reading.
@@ -90,10 +102,7 @@ fn parse_date(date: &str, order: Option<DateOrder>, text: &str) -> Option<Result
         Some(DateOrder::DayFirst) => (one, other),
         Some(DateOrder::MonthFirst) => (other, one),
         None => {
-            return Some(Err(format!(
-                "`{text}`: day and month are ambiguous; write 2026-01-31 12:00:00, or state the order with --dates \
-                 day-first or --dates month-first"
-            )));
+            return Some(Err(two_orders(text)));
         }
     };
     if month > 12 && (1..=12).contains(&day) && !date.contains('.') {
@@ -101,6 +110,13 @@ fn parse_date(date: &str, order: Option<DateOrder>, text: &str) -> Option<Result
         return Some(Err(format!("`{text}`: there is no month {month}: are the dates --dates {option}?")));
     }
     Some(Ok(Date::new(year, month, day).ok()?))
+}
+
+fn two_orders(text: &str) -> String {
+    format!(
+        "`{text}`: day and month are ambiguous; write 2026-01-31 12:00:00, or state the order with --dates day-first or \
+         --dates month-first"
+    )
 }
 
 /// Time of a day, or time since a start.
@@ -190,6 +206,8 @@ pub(super) struct Wall {
     days: u64,
     /// Last time in the hour that occurs twice, if it was taken for the first one.
     first_pass: Option<DateTime>,
+    /// Last date whose month was taken to come first.
+    assumed: Option<Date>,
 }
 
 impl Wall {
@@ -200,6 +218,18 @@ impl Wall {
             self.days += 1;
         }
         Ok(Moment::from_nanos(at(self.days)))
+    }
+
+    /// Checks a date whose month was taken to come first. If the day came first, the next day would be one month later.
+    pub(super) fn follows(&mut self, wall: DateTime, text: &str) -> Result<(), String> {
+        let date = wall.date();
+        let before = *self.assumed.get_or_insert(date);
+        let is_next_month = date.day() == before.day() && date != before;
+        if is_next_month {
+            return Err(two_orders(text));
+        }
+        self.assumed = Some(date);
+        Ok(())
     }
 
     /// Returns the moment of a date and time in a zone.
@@ -221,8 +251,8 @@ impl Wall {
                 if before.is_some_and(|passed| passed > SignedDuration::ZERO && passed < NEXT_ROW) {
                     return Err(format!(
                         "{wall} follows the end of summer time, but the hour before occurs only once: the clock of this \
-                         log was not set back. State its offset: --zone {offset} for a clock on winter time, or one hour \
-                         more for a clock on summer time"
+                         log was not set back, or the log begins in that hour. State its offset: --zone {offset}:00 for \
+                         a clock on winter time, or one hour more for a clock on summer time"
                     ));
                 }
                 at(offset)
@@ -262,10 +292,10 @@ mod tests {
             ("2026/01/05 06:00:10", None, "2026-01-05T06:00:10"),
             ("2026-01-05 06:00:10:250", None, "2026-01-05T06:00:10.25"),
             ("2026-01-05 06:00:10,25", None, "2026-01-05T06:00:10.25"),
-            ("1/5/2026 6:00:10 AM", None, "2026-01-05T06:00:10"),
-            ("01/05/2026 12:00:10 AM", None, "2026-01-05T00:00:10"),
-            ("01/05/2026 12:00 pm", None, "2026-01-05T12:00:00"),
-            ("01/05/2026 11:59:59 p.m.", None, "2026-01-05T23:59:59"),
+            ("1/15/2026 6:00:10 AM", None, "2026-01-15T06:00:10"),
+            ("15/01/2026 12:00:10 AM", None, "2026-01-15T00:00:10"),
+            ("01/05/2026 12:00 pm", month, "2026-01-05T12:00:00"),
+            ("01/05/2026 11:59:59 p.m.", day, "2026-05-01T23:59:59"),
             ("31/01/2026 06:00", None, "2026-01-31T06:00:00"),
             ("01/31/2026 06:00", None, "2026-01-31T06:00:00"),
             ("05/01/2026 06:00", day, "2026-01-05T06:00:00"),

@@ -22,6 +22,7 @@ fn columns_are_separated_by_what_the_first_line_has_most_of() {
         ("time;\"a,b,c,d\";e", b';'),
         ("time,\"a;b;c;d\",e", b','),
         ("", b','),
+        ("time;T1, front", b';'),
     ] {
         assert_eq!(Dialect::of(header, None).separator(), separator, "{header}");
     }
@@ -69,6 +70,42 @@ fn no_number_with_two_readings_is_read() {
     let mut pointed = Dialect::of("time;a", None);
     assert_eq!(pointed.number("20.5").as_deref(), Ok("20.5"));
     assert!(pointed.number("1,020").unwrap_err().contains("can be 1020 or 1.020"));
+}
+
+#[test]
+fn a_mark_before_three_digits_is_asked_for_if_no_other_number_shows_the_decimal_mark() {
+    let learnt = |rows: &[&[&'static str]]| {
+        let mut dialect = Dialect::of("time;rpm", None);
+        dialect.learn_marks(rows.iter().map(|row| row.to_vec()));
+        dialect.number("1.200").map(std::borrow::Cow::into_owned)
+    };
+    let said = learnt(&[&["0", "900"], &["60", "1.200"]]).unwrap_err();
+    assert!(said.contains("can be 1200 or 1.200") && said.contains("--decimal"), "{said}");
+    let clear: [&[&[&str]]; 3] =
+        [&[&["0", "900"], &["60", "1.200"], &["90.5", "1.200"]], &[&["0", "20.125"], &["60", "1.200"]], &[]];
+    for rows in clear {
+        assert_eq!(learnt(rows).as_deref(), Ok("1.200"), "{rows:?}");
+    }
+}
+
+#[test]
+fn a_month_that_seems_to_pass_in_a_night_is_asked_for() {
+    let mut american = german();
+    let first = american.moment("1/5/2026 11:59:00 PM", None);
+    assert_eq!(first, utc("2026-01-05T22:59:00Z"));
+    assert_eq!(american.moment("1/6/2026 12:00:00 AM", first.ok()), utc("2026-01-05T23:00:00Z"));
+    let mut british = german();
+    let first = british.moment("1/5/2026 11:59:00 PM", None);
+    let said = british.moment("2/5/2026 12:00:00 AM", first.ok()).unwrap_err();
+    assert!(said.contains("--dates day-first"), "{said}");
+}
+
+#[test]
+fn a_date_without_a_time_is_midnight() {
+    assert_eq!(german().moment("05.01.2026", None), utc("2026-01-04T23:00:00Z"));
+    assert_eq!(german().moment("2026-01-05", None), utc("2026-01-04T23:00:00Z"));
+    assert!(german().moment("1/5/2026", None).unwrap_err().contains("--dates"));
+    assert_eq!(german().in_utc().moment("05.01.2026 06:00:00", None), utc("2026-01-05T06:00:00Z"));
 }
 
 #[test]
