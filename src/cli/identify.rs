@@ -3,13 +3,14 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::builder::TypedValueParser;
 
 use super::extra_files::ExtraFiles;
 use super::loading::load_quietly;
 use super::print::print_json;
 use super::progress::Progress;
 use super::runs::Runs;
+use super::values::one_of;
 use crate::cli::print::Out;
 use crate::clock::Clock;
 use isotherm_core::compensation::model::Outside;
@@ -144,17 +145,6 @@ pub(super) struct Arguments {
     /// Prints one JSON document
     #[arg(long)]
     json: bool,
-}
-
-/// Returns a parser that accepts one of these values by its name, and shows the help text of each.
-pub(super) fn one_of<T: Copy + Send + Sync + 'static, const N: usize>(
-    all: [(T, &'static str, &'static str); N],
-) -> impl TypedValueParser<Value = T> {
-    let values = all.map(|(_, name, help)| PossibleValue::new(name).help(help));
-    PossibleValuesParser::new(values).try_map(move |given| {
-        let found = all.iter().find(|(_, name, _)| *name == given);
-        found.map(|(value, ..)| *value).ok_or("no such value")
-    })
 }
 
 fn methods() -> impl TypedValueParser<Value = Method> {

@@ -7,11 +7,11 @@ use clap::builder::TypedValueParser;
 
 use super::columns::ColumnTable;
 use super::extra_files::ExtraFiles;
-use super::identify::one_of;
 use super::loading::load_with;
 use super::print::print_json;
 use super::progress::Progress;
 use super::runs::Runs;
+use super::values::one_of;
 use crate::cli::print::Out;
 use crate::clock::Clock;
 use isotherm_identify::applied::{Applied, add_without_cz};

@@ -56,6 +56,7 @@ mod dialect;
 mod shift;
 pub mod time;
 mod time_column;
+mod unit;
 mod wall;
 
 pub use cell::{Cell, is_unit, name_and_unit};
@@ -63,6 +64,7 @@ pub use dialect::{DecimalMark, Dialect};
 pub(crate) use shift::shifted;
 pub use shift::{Shift, Shifted};
 pub use time_column::{TimeColumns, TimeUnit, with_date};
+pub use unit::{Conversion, names_and_units};
 pub use wall::DateOrder;
 
 /// Defines a quantity: a finite number with its unit, its constructor, arithmetic and `Display`.

@@ -23,6 +23,7 @@ mod implausible;
 mod kind;
 #[cfg(feature = "parquet")]
 mod parquet;
+mod plain;
 mod repeats;
 mod run;
 mod split;
@@ -33,6 +34,7 @@ mod unit;
 
 pub use error::BadLog;
 pub use kind::Kind;
+pub use plain::{PlainLog, csv_of_parquet, plain_csv};
 pub use run::Run;
 pub use split::Split;
 pub use table::{Uses, every_column};
@@ -148,8 +150,10 @@ impl Dataset {
         let lost: Vec<Refusal> = tables.iter().flat_map(lost).collect();
         remarks.extend(not_used(&lost));
         let guess = |name: &str, values: &[f64]| Kind::guess(name, unit(name), std::iter::once(values));
-        let Divided { runs, remarks: left_out, refused: implausible } =
+        let foreign: Vec<Refusal> = tables.iter().flat_map(|table| foreign(table, units)).collect();
+        let Divided { runs, remarks: left_out, refused: mut implausible } =
             split::runs(tables, &names, split, &guess)?;
+        implausible.extend(foreign);
         remarks.extend(left_out);
         let column = |(place, name): (usize, String)| {
             let kind = match acted.contains(&name) {
@@ -205,6 +209,24 @@ impl Dataset {
 fn logged_units(tables: &[Table]) -> HashMap<String, &'static str> {
     let units = tables.iter().flat_map(|table| &table.units);
     units.filter_map(|(name, unit)| Some((name.clone(), unit::of_profile(name, unit)?))).collect()
+}
+
+/// Returns the columns of a file that state a unit of another quantity than the profile.
+fn foreign(table: &Table, units: Units<'_>) -> Vec<Refusal> {
+    let refusal = |(name, logged): (&String, &String)| {
+        let (expected, stated) = (units(name)?, unit::of_profile(name, logged)?);
+        let [own, other] = [expected, stated].map(|unit| Kind::of_name(name, Some(unit)));
+        let is_foreign = own? != other? || (own == Some(Kind::Speed) && expected != stated);
+        let message = format!(
+            "{}, column {name}: its unit is `{logged}`, but the signal of the profile is in {expected}: name another \
+             column",
+            table.file.display()
+        );
+        is_foreign.then(|| Refusal { column: name.clone(), message })
+    };
+    let mut found: Vec<Refusal> = table.units.iter().filter_map(refusal).collect();
+    found.sort_by(|one, other| one.column.cmp(&other.column));
+    found
 }
 
 /// Returns a remark about the columns of other files that this file does not have; `None` if it has all of them.

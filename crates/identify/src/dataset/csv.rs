@@ -36,8 +36,10 @@ pub(super) fn from_text(
     };
     let mut reader = csv::ReaderBuilder::new().flexible(true).delimiter(separator).from_reader(input);
     let header = reader.headers().map_err(|why| header_is_wrong(message(&why)))?;
-    let names: Vec<String> =
-        header.iter().map(|name| name.trim().trim_start_matches('\u{feff}').to_owned()).collect();
+    let mut names: Vec<String> = header.iter().map(|name| name.trim().to_owned()).collect();
+    if let Some(first) = names.first_mut() {
+        *first = head::uncommented(first).to_owned();
+    }
     check_header(&names).map_err(header_is_wrong)?;
     reader.get_mut().row_is_over();
     let width = names.len();
@@ -51,12 +53,7 @@ pub(super) fn from_text(
     let rows = Reader::new(file, names, ("line", dialect), (by, split.time_unit), uses);
     let mut rows = rows.ok_or_else(|| header_is_wrong(no_time))?;
     let (time, date) = (rows.time_at(), rows.date_at());
-    for line in &head.rows {
-        let cells = head::cells(line, separator);
-        if let Some(text) = cells.get(date.unwrap_or(time)) {
-            rows.learn_dates(text);
-        }
-    }
+    rows.learn(head.rows.iter().map(|line| head::cells(line, separator)));
     let read: Vec<usize> = (0..width).filter(|place| rows.reads(*place)).collect();
     // One message covers all such lines, because a decimal comma occurs in every line.
     let mut uneven: Option<(u64, usize, u64)> = None;

@@ -46,7 +46,10 @@ fn find(lines: &[&str]) -> Head {
     let separator = Dialect::of(header, None).separator();
     let width = cells(header, separator).len();
     let (mut after, mut units) = (0, vec![String::new(); width]);
-    for line in lines.iter().skip(skipped + 1).take(MOST_AFTER) {
+    for (place, line) in (1..).zip(lines.iter().skip(skipped + 1).take(MOST_AFTER + 1)) {
+        if line.trim().is_empty() {
+            continue;
+        }
         let found = cells(line, separator);
         if found.len() != width
             || !found.iter().any(|cell| !cell.is_empty())
@@ -65,34 +68,53 @@ fn find(lines: &[&str]) -> Head {
                 stated.clone_into(unit);
             }
         }
-        after += 1;
+        after = place;
     }
     let rows = lines.iter().skip(skipped + 1 + after).map(|line| (*line).to_owned()).collect();
     Head { skipped: skipped as u64, after: after as u64, units, rows }
 }
 
 /// Returns whether a line contains the names of the columns. One of them is a time, none is a value, and one of the next
-/// lines has as many cells.
+/// lines has as many cells and a time under that name.
 fn are_names(line: &str, next: &[&str]) -> bool {
     let separator = Dialect::of(line, None).separator();
     let found: Vec<String> = cells(line, separator).into_iter().map(str::to_owned).collect();
-    let is_wide = |line: &&str| cells(line, separator).len().abs_diff(found.len()) <= 1;
-    found.len() > 1
-        && !found.iter().any(|cell| is_value(cell))
-        && TimeColumns::find(&found, None).is_some()
-        && (next.is_empty() || next.iter().take(1 + MOST_AFTER).any(is_wide))
+    if found.len() < 2 || found.iter().any(|cell| is_value(cell) && !is_channel(cell)) {
+        return false;
+    }
+    let Some(time) = TimeColumns::find(&found, None) else { return false };
+    let is_row = |line: &&str| {
+        let row = cells(line, separator);
+        row.len().abs_diff(found.len()) <= 1 && row.get(time.time).is_some_and(|cell| is_value(cell))
+    };
+    // Loggers write empty lines between the names and the rows.
+    let mut filled = next.iter().filter(|line| !line.trim().is_empty()).take(1 + MOST_AFTER).peekable();
+    filled.peek().is_none() || filled.any(is_row)
 }
 
 /// Returns whether a cell is a number, a date or a time.
 fn is_value(cell: &str) -> bool {
     // `T1` and `E1` are names.
-    cell.trim_start_matches(['+', '-', '.']).starts_with(|first: char| first.is_ascii_digit())
-        && cell.bytes().all(|byte| byte.is_ascii_digit() || b" .,:/-+eETZ".contains(&byte))
+    let begins =
+        cell.trim_start_matches(['+', '-', '.', ' ']).starts_with(|first: char| first.is_ascii_digit());
+    let is_number = || cell.bytes().all(|byte| byte.is_ascii_digit() || b" .,:/-+eETZ".contains(&byte));
+    // `1/5/2026 6:00:10 AM` has other letters.
+    begins && (cell.contains(':') || is_number())
+}
+
+/// Returns whether a cell may be the number of a channel, as the name of a column: `101`.
+fn is_channel(cell: &str) -> bool {
+    cell.len() <= 4 && cell.bytes().all(|byte| byte.is_ascii_digit())
 }
 
 /// Returns the cells of a line without their quotes. Quoted separators are not expected in a head.
 pub(super) fn cells(line: &str, separator: u8) -> Vec<&str> {
-    line.split(char::from(separator)).map(|cell| cell.trim().trim_matches('"').trim()).collect()
+    uncommented(line).split(char::from(separator)).map(|cell| cell.trim().trim_matches('"').trim()).collect()
+}
+
+/// Returns a line or a name without the sign of a comment before it, as in `# time,bed`.
+pub(super) fn uncommented(text: &str) -> &str {
+    text.trim_start_matches(['\u{feff}', '#', ' '])
 }
 
 #[cfg(test)]
@@ -118,6 +140,13 @@ mod tests {
             ),
             ("time\tbed\n[s]\t[°C]\n0\t20\n", (0, 1, "s|°C")),
             ("when,bed\n0,20\n", (0, 0, "|")),
+            ("Datum;Montag\nBediener;Meier\nZeit;bed;air\ns;°C;°C\n0;20;20\n", (2, 1, "s|°C|°C")),
+            ("time,bed\n\ns,°C\n0,20\n", (0, 2, "s|°C")),
+            ("Logger\ntime,bed\n", (1, 0, "|")),
+            ("Scan\n\nTime,101,102\n0,20,21\n", (2, 0, "||")),
+            ("# logger\n# time,bed\n0,20\n", (1, 0, "|")),
+            ("time,part\n1/5/2026 6:00:10 AM,A\n", (0, 0, "|")),
+            ("sep=;\nZeit;bed\n0;20,5\n", (1, 0, "|")),
             ("time,T1,E1\n0,20,1\n", (0, 0, "||")),
             ("", (0, 0, "")),
         ] {

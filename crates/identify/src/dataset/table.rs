@@ -4,9 +4,10 @@ use std::collections::HashMap;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-use super::unit::Conversion;
+use super::unit::are_alike;
 use super::{BadLog, active_cz};
-use isotherm_core::quantity::{Cell, Dialect, Moment, TimeColumns, TimeUnit, name_and_unit};
+use isotherm_core::quantity::{Cell, Conversion, Dialect, Moment, TimeColumns, TimeUnit, names_and_units};
+use isotherm_profile::counted;
 use isotherm_profile::safe_file::quoted;
 
 /// Maximum number of rows of a file: those of seven months with one row per second. More rows would take too long to
@@ -210,6 +211,8 @@ pub(super) struct Reader {
     /// Word for a row in messages: line or row.
     row: &'static str,
     dialect: Dialect,
+    /// Row and message of the first invalid time, and the number of further ones.
+    untimed: Option<(u64, String, u64)>,
     listed: Vec<String>,
     unlisted: usize,
 }
@@ -225,7 +228,8 @@ impl Reader {
         uses: Uses<'_>,
     ) -> Option<Reader> {
         let time = TimeColumns::find(&names, stated)?;
-        let plain = without_units(&names);
+        let dialect = if time.is_in_utc { dialect.in_utc() } else { dialect };
+        let plain = names_and_units(&names);
         let column = |(place, (name, unit)): (usize, (String, String))| {
             let has_words = by == Some(name.as_str()) || active_cz::names_model_by_words(&name);
             let is_date = time.date == Some(place) && !has_words;
@@ -244,6 +248,7 @@ impl Reader {
             columns,
             row,
             dialect,
+            untimed: None,
             listed: Vec::new(),
             unlisted: 0,
         })
@@ -273,9 +278,15 @@ impl Reader {
         self.time.date
     }
 
-    /// Learns the order of day and month from the time of a row that is read later.
-    pub(super) fn learn_dates(&mut self, text: &str) {
-        self.dialect.learn_dates(text);
+    /// Learns the order of day and month, and what a mark before three digits means, from rows that are read later.
+    pub(super) fn learn<'a>(&mut self, rows: impl Iterator<Item = Vec<&'a str>> + Clone) {
+        let dated = self.time.date.unwrap_or(self.time.time);
+        for cells in rows.clone() {
+            if let Some(text) = cells.get(dated) {
+                self.dialect.learn_dates(text);
+            }
+        }
+        self.dialect.learn_marks(rows);
     }
 
     /// Returns whether the next cell of this column must be read.
@@ -343,8 +354,8 @@ impl Reader {
                 Ok(true)
             }
             Err(why) => {
-                let name = self.columns[place].name.clone();
-                self.refuse(number, Some(&name), why);
+                // One mistake is often in every row.
+                self.untimed.get_or_insert((number, why, 0)).2 += 1;
                 Ok(false)
             }
         }
@@ -410,6 +421,15 @@ impl Reader {
 
     /// Returns the finished table, or all errors. `empty` is the line number and the message for a file without rows.
     pub(super) fn finish(mut self, empty: (u64, &str)) -> Result<Table, BadLog> {
+        if let Some((number, why, rows)) = self.untimed.take() {
+            let more = match rows - 1 {
+                0 => String::new(),
+                more => format!(" (also in {})", counted(more, &format!("more {}", self.row))),
+            };
+            let (at, name) = (&self.row, quoted(&self.columns[self.time.time].name));
+            let message = format!("{}, {at} {number}, column {name}: {why}{more}", self.table.file.display());
+            self.listed.insert(0, message);
+        }
         if self.table.times.is_empty() && self.listed.is_empty() {
             self.refuse(empty.0, None, empty.1);
         }
@@ -487,7 +507,7 @@ impl Column {
             unit.clone_into(&mut self.unit);
             self.conversion = conversion;
         }
-        match unit.is_empty() || Conversion::of(&self.name, unit) == self.conversion {
+        match unit.is_empty() || unit == self.unit || are_alike(&self.name, unit, &self.unit) {
             true => Ok(self.conversion.apply(value)),
             false => Err(format!(
                 "`{unit}` follows this number, but the column is in {}; write one unit",
@@ -495,19 +515,4 @@ impl Column {
             )),
         }
     }
-}
-
-/// Returns the name of each column without the unit in its header, and the unit. The name stays whole if another column
-/// has the shorter name.
-fn without_units(names: &[String]) -> Vec<(String, String)> {
-    let mut alike: HashMap<&str, usize> = HashMap::new();
-    for name in names {
-        *alike.entry(name_and_unit(name).0).or_default() += 1;
-    }
-    let without = |header: &String| {
-        let (name, unit) = name_and_unit(header);
-        let name = if alike.get(name) == Some(&1) { name } else { header.as_str() };
-        (name.to_owned(), unit.unwrap_or_default().to_owned())
-    };
-    names.iter().map(without).collect()
 }

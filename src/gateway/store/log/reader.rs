@@ -12,7 +12,10 @@ use super::columns::{
     SIGN, SLOPE_FROM, STOOD_IN, TIME, TRUST, WORSE, ZERO,
 };
 use isotherm_core::compensation::{Control, Measured, Permit, Remembered, ReturnTo};
-use isotherm_core::quantity::{Cell, Dialect, Micron, Moment, TimeColumns, time, with_date};
+use isotherm_core::quantity::{
+    Cell, Conversion, DateOrder, DecimalMark, Dialect, Micron, Moment, TimeColumns, TimeUnit,
+    names_and_units, time, with_date,
+};
 use isotherm_core::reading::{Reading, Reason};
 use isotherm_profile::Profile;
 use isotherm_profile::safe_file::{self, Lines, quoted};
@@ -29,6 +32,38 @@ pub struct LogError {
     pub column: Option<String>,
     /// Cause of the error, in words.
     pub message: String,
+}
+
+/// Properties of a log that its rows do not contain.
+#[derive(Clone, Debug, Default)]
+pub struct Recording<'a> {
+    /// Name of the log, as messages show it.
+    pub name: &'a str,
+    /// Time zone of times without an offset from UTC; `None` rejects such times.
+    pub zone: Option<TimeZone>,
+    /// Decimal mark of the numbers; `None` if the numbers decide.
+    pub decimal: Option<DecimalMark>,
+    /// Order of day and month in dates; `None` if the dates decide.
+    pub dates: Option<DateOrder>,
+    /// Unit of times that are numbers; `None` if the name of the column decides.
+    pub time_unit: Option<TimeUnit>,
+    /// Cells of the first rows. They show the order of day and month, and what a mark before three digits means.
+    pub first_rows: Vec<Vec<String>>,
+    /// Number of lines of the file before the column names, and between the names and the first row, which the reader
+    /// does not get.
+    pub left_out: [u64; 2],
+}
+
+impl<'a> From<&'a str> for Recording<'a> {
+    fn from(name: &'a str) -> Recording<'a> {
+        Recording { name, ..Recording::default() }
+    }
+}
+
+impl<'a> From<(&'a str, Option<TimeZone>)> for Recording<'a> {
+    fn from((name, zone): (&'a str, Option<TimeZone>)) -> Recording<'a> {
+        Recording { name, zone, ..Recording::default() }
+    }
 }
 
 /// Row of a log: the state of the machine at one moment.
@@ -84,7 +119,13 @@ pub struct LogReader<R> {
     csv: csv::Reader<Lines<R>>,
     file: String,
     dialect: Dialect,
+    /// Whether numbers are written as in the program: commas separate the columns, and no decimal mark was stated.
+    has_points: bool,
     names: Vec<String>,
+    /// Conversion of each column, if its name states a unit.
+    conversions: Vec<Conversion>,
+    /// Number of lines of the file that are not in the input.
+    left_out: u64,
     axes: Vec<String>,
     columns: Columns,
     ranges: Vec<Option<(f64, f64)>>,
@@ -127,36 +168,47 @@ struct AxisColumns {
 const MOST_WARNINGS: usize = 20;
 
 impl<R: Read> LogReader<R> {
-    /// Reads the header. `file` is the name of the log in messages. `zone` is the time zone of times without an offset
-    /// from UTC; with `None`, such times are rejected.
+    /// Reads the header.
     ///
     /// # Errors
     /// The header has no column `time`, no signal of the profile, or one name twice.
-    pub fn open(
+    pub fn open<'a>(
         profile: &Profile,
         input: R,
-        (file, zone): (&str, Option<TimeZone>),
+        recording: impl Into<Recording<'a>>,
     ) -> Result<LogReader<R>, LogError> {
-        let error = |message: String| LogError { file: file.to_owned(), line: 1, column: None, message };
+        let Recording { name: file, zone, decimal, dates, time_unit, first_rows, left_out } =
+            recording.into();
+        let [before, after] = left_out;
+        let error =
+            |message: String| LogError { file: file.to_owned(), line: 1 + before, column: None, message };
         let (first, input) = safe_file::first_line(input).map_err(|cause| error(cause.to_string()))?;
-        let dialect = Dialect::of(&first, zone);
+        let mut dialect = Dialect::of(&first, zone).with(decimal, dates);
         let mut csv =
             csv::ReaderBuilder::new().flexible(true).delimiter(dialect.separator()).from_reader(input);
         let header = csv.headers().map_err(|cause| error(cause.to_string()))?;
-        let names: Vec<String> =
+        let headers: Vec<String> =
             header.iter().map(|name| name.trim().trim_start_matches('\u{feff}').to_owned()).collect();
-        if names.iter().all(String::is_empty) {
+        if headers.iter().all(String::is_empty) {
             return Err(error("the log is empty; its first line names the columns".to_owned()));
         }
+        let time = TimeColumns::find(&headers, time_unit).ok_or_else(|| {
+            error(format!("there is no column {TIME}; there are {}", quoted(&headers.join(", "))))
+        })?;
+        if time.is_in_utc {
+            dialect = dialect.in_utc();
+        }
+        let dated = time.date.unwrap_or(time.time);
+        first_rows.iter().filter_map(|cells| cells.get(dated)).for_each(|text| dialect.learn_dates(text));
+        dialect.learn_marks(first_rows.iter().map(|cells| cells.iter().map(String::as_str).collect()));
+        let (names, units): (Vec<String>, Vec<String>) = names_and_units(&headers).into_iter().unzip();
+        let conversions = names.iter().zip(&units).map(|(name, unit)| Conversion::of(name, unit)).collect();
         let mut places = HashMap::new();
         for (place, name) in names.iter().enumerate() {
             if !name.is_empty() && places.insert(name.as_str(), place).is_some() {
                 return Err(error(format!("the column {} occurs twice; rename one", quoted(name))));
             }
         }
-        let time = TimeColumns::find(&names, None).ok_or_else(|| {
-            error(format!("there is no column {TIME}; there are {}", quoted(&names.join(", "))))
-        })?;
         let columns = Columns::find(profile, &places, time);
         let missing: Vec<&str> = (profile.signals.iter().zip(&columns.signals))
             .filter_map(|(signal, place)| place.is_none().then_some(signal.name.as_str()))
@@ -173,8 +225,22 @@ impl<R: Read> LogReader<R> {
         let ranges = profile.signals.iter().map(|signal| signal.range).collect();
         let record = StringRecord::new();
         let axes = profile.axes.iter().map(|axis| axis.settings.name.clone()).collect();
-        let file = file.to_owned();
-        Ok(LogReader { csv, file, dialect, names, axes, columns, ranges, record, last: None, warnings })
+        let (file, left_out) = (file.to_owned(), before + after);
+        Ok(LogReader {
+            csv,
+            file,
+            has_points: dialect.separator() == b',' && decimal.is_none(),
+            dialect,
+            names,
+            conversions,
+            left_out,
+            axes,
+            columns,
+            ranges,
+            record,
+            last: None,
+            warnings,
+        })
     }
 
     /// Returns the warnings about the log rows that were read.
@@ -220,7 +286,10 @@ impl<R: Read> LogReader<R> {
         loop {
             self.csv.get_mut().row_is_over();
             let read = self.csv.read_record(&mut self.record);
-            let read = read.map_err(|cause| unreadable(&self.file, self.csv.position().line(), &cause))?;
+            let read = read.map_err(|cause| {
+                let why = unreadable(&self.file, self.csv.position().line(), &cause);
+                LogError { line: why.line + self.left_out, ..why }
+            })?;
             // Spreadsheets end with thousands of empty rows.
             if !read || self.record.iter().any(|cell| !cell.trim().is_empty()) {
                 return Ok(read);
@@ -228,13 +297,19 @@ impl<R: Read> LogReader<R> {
         }
     }
 
-    /// Replaces the decimal commas of the log row by points, unless commas separate the columns.
+    /// Replaces the decimal commas of the log row by points, unless commas separate the columns. The time is parsed later,
+    /// with its own text.
     fn point(&mut self) -> Result<(), LogError> {
-        if self.dialect.separator() == b',' {
+        if self.has_points {
             return Ok(());
         }
+        let TimeColumns { time, date, .. } = self.columns.time;
         let mut pointed = StringRecord::new();
         for (place, cell) in self.record.iter().enumerate() {
+            if place == time || date == Some(place) {
+                pointed.push_field(cell);
+                continue;
+            }
             match self.dialect.number(cell.trim()) {
                 Ok(number) => pointed.push_field(&number),
                 Err(message) => return Err(self.error(self.line(), place, message)),
@@ -248,7 +323,7 @@ impl<R: Read> LogReader<R> {
     /// quoted cells may contain line breaks.
     fn line(&self) -> u64 {
         let inside = self.record.iter().flat_map(str::bytes).filter(|byte| *byte == b'\n').count();
-        self.csv.position().line().saturating_sub(1 + inside as u64)
+        self.left_out + self.csv.position().line().saturating_sub(1 + inside as u64)
     }
 
     fn warn(&mut self, warning: String) {
@@ -371,15 +446,14 @@ impl<R: Read> LogReader<R> {
         if text.is_empty() {
             return Ok(None);
         }
+        let conversion = self.conversions.get(place).copied().unwrap_or_default();
         if let Ok(value) = text.parse() {
-            return Ok(Some(value));
+            return Ok(Some(conversion.apply(value)));
         }
         // Cells with units and the messages of loggers are rare, so the dialect may be copied.
         match self.dialect.clone().cell(text) {
-            Ok(Cell::Number(_, unit)) if FAHRENHEIT.iter().any(|known| unit.eq_ignore_ascii_case(known)) => {
-                Err(self.error(line, place, format!("`{text}` is in °F; write °C: (F − 32) / 1.8")))
-            }
-            Ok(Cell::Number(value, _)) => Ok(Some(value)),
+            Ok(Cell::Number(value, "")) => Ok(Some(conversion.apply(value))),
+            Ok(Cell::Number(value, unit)) => Ok(Some(Conversion::of(&self.names[place], unit).apply(value))),
             Ok(Cell::Absent) => Ok(None),
             Ok(Cell::Failed) => Ok(Some(f64::NAN)),
             Ok(Cell::Text) => Err(self.error(line, place, format!("`{text}` is no number"))),
@@ -442,9 +516,6 @@ impl Columns {
         }
     }
 }
-
-/// Units of a cell that is in °F.
-const FAHRENHEIT: [&str; 5] = ["°F", "℉", "F", "degF", "deg F"];
 
 /// Checks a value as the gateway does. A value outside the sensor's range is rejected, for example −32 °C of a broken
 /// sensor.
