@@ -28,6 +28,8 @@ mod diagnostics;
 mod events;
 #[cfg(feature = "parquet")]
 mod export;
+#[cfg(feature = "identify")]
+mod explain;
 #[cfg(any(feature = "identify", feature = "place"))]
 mod extra_files;
 #[cfg(feature = "identify")]
@@ -133,6 +135,9 @@ enum Verb {
     /// Report the drift in logs, in the terms of ISO 230-3
     #[cfg(feature = "identify")]
     Report(report::Arguments),
+    /// Show how logs of other programs are understood
+    #[cfg(feature = "identify")]
+    Logs(explain::Arguments),
     /// Replace the running gateway by another program or profile; no axis moves
     Restart(restart::Arguments),
     /// Save the files of a machine in one file: profile, models, templates, and saved state
@@ -200,10 +205,11 @@ impl Arguments {
 }
 
 /// Verbs that need a feature of the build: name of the verb, and name of the feature.
-const FEATURE_OF_VERB: [(&str, &str); 6] = [
+const FEATURE_OF_VERB: [(&str, &str); 7] = [
     ("identify", "identify"),
     ("select", "identify"),
     ("report", "identify"),
+    ("logs", "identify"),
     ("place", "place"),
     ("export", "parquet"),
     ("opcua", "opcua"),
@@ -252,6 +258,8 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Place(arguments) => place::run(&arguments),
         #[cfg(feature = "identify")]
         Verb::Report(arguments) => report::run(&arguments),
+        #[cfg(feature = "identify")]
+        Verb::Logs(arguments) => explain::run(&arguments),
         Verb::Arm(arguments) => command::arm(&arguments),
         Verb::Disarm(arguments) => command::run(&arguments, Command::Disarm),
         Verb::Zero(arguments) => command::run(&arguments, Command::Zero),

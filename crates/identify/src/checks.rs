@@ -50,11 +50,11 @@ pub(super) fn one_run_only(dataset: &Dataset) -> Option<String> {
 pub(super) fn odd_length(run: &Run) -> Option<String> {
     let odd = match run.lasts() {
         lasts if lasts < SHORTEST_RUN => {
-            "too short to show a thermal drift. Numbers under `time` are seconds; if they count minutes, name the column \
-             time_min; --time-unit min, h, d or excel states another unit"
+            "too short to show a thermal drift. Numbers without a unit in the name of their column are seconds; state \
+             another unit with --time-unit min, h, d or excel"
         }
         lasts if lasts > LONGEST_RUN => {
-            "if the log counts seconds, name the column time; otherwise split the log with --gap 1h"
+            "if the times have another unit, state it with --time-unit; otherwise split the log with --gap 1h"
         }
         _ => return None,
     };
@@ -87,6 +87,9 @@ pub(super) fn check_error(dataset: &Dataset, error: usize, wrong: &mut Vec<Strin
     }
     let ranges: Vec<f64> = dataset.runs.iter().map(|run| run.range(error)).collect();
     let widest = ranges.iter().copied().fold(0.0, f64::max);
+    if dataset.columns[error].kind == Kind::Position {
+        wrong.push(format!("{name} is in mm by its name or unit, and the error is needed in µm: write µm"));
+    }
     if widest < STANDS_STILL {
         wrong.push(format!(
             "{name} is constant in every run: there is nothing to compensate, or the probe was not connected"

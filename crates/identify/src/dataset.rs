@@ -16,6 +16,7 @@ mod active_cz;
 mod csv;
 mod decode;
 mod error;
+mod explain;
 mod files;
 mod gauge;
 mod head;
@@ -33,6 +34,7 @@ mod tests;
 mod unit;
 
 pub use error::BadLog;
+pub use explain::{CsvLayout, ExplainedColumn, ExplainedRow, Explanation, TimeLayout, explain};
 pub use kind::Kind;
 pub use plain::{PlainLog, csv_of_parquet, plain_csv};
 pub use run::Run;

@@ -168,7 +168,7 @@ fn what_cannot_be_learnt_from_is_reported_by_identify_and_select() {
     let cases: [(Logs, &[&str]); 5] = [
         (of(fahrenheit), &["°F", "(F − 32) / 1.8"]),
         (of(|number| with_column(number, 5, |_| 1.0)), &["z_error_um is constant in every run"]),
-        (of(|number| with_column(number, 0, |second| second / 60.0)), &["name the column time_min"]),
+        (of(|number| with_column(number, 0, |second| second / 60.0)), &["--time-unit min"]),
         (of(|number| day(number).replace(",z_error_um", ",left_um")), &["z_error_um", "left_um"]),
         (
             vec![("one.csv", day(1)), ("two.csv", day(2).replace(",z_error_um", ",left_um"))],
@@ -243,7 +243,7 @@ fn a_drift_report_remarks_what_cannot_be_meant() {
     assert_eq!(answer.code, Some(0), "{}", answer.said);
     for words in [
         "note: short lasts 4m 59s",
-        "name the column time_min",
+        "--time-unit min",
         "note: long lasts 12 days",
         "name the column time;",
         "note: z_error_um is constant: was the probe connected?",

@@ -53,7 +53,7 @@ fn minutes_that_are_called_seconds_and_seconds_that_are_called_minutes_are_repor
     let logs_of_minutes = each(|log| cells(log, 0, |time| time / 60.0));
     says(
         &refused(2, &logs_of_minutes, &choice()),
-        &["day0 lasts 4m 59s (300 rows)", "name the column time_min"],
+        &["day0 lasts 4m 59s (300 rows)", "--time-unit min"],
     );
     let longer = logs()
         .iter()
@@ -61,7 +61,7 @@ fn minutes_that_are_called_seconds_and_seconds_that_are_called_minutes_are_repor
         .collect::<Vec<_>>();
     says(&refused(2, &longer, &choice()), &["line 4: time runs back"]);
     let seconds = each(|log| cells(log, 0, |time| time * 3.0).replace("time,", "time_min,"));
-    says(&refused(2, &seconds, &choice()), &["name the column time;"]);
+    says(&refused(2, &seconds, &choice()), &["state it with --time-unit"]);
 }
 
 #[test]

@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 
 use super::unit::are_alike;
 use super::{BadLog, active_cz};
-use isotherm_core::quantity::{Cell, Conversion, Dialect, Moment, TimeColumns, TimeUnit, names_and_units};
+use isotherm_core::quantity::{
+    Cell, Conversion, DateOrder, DecimalMark, Dialect, Moment, TimeColumns, TimeUnit, names_and_units,
+};
 use isotherm_profile::counted;
 use isotherm_profile::safe_file::quoted;
 
@@ -50,6 +52,21 @@ pub(super) struct Table {
     failed: HashMap<String, Failed>,
     /// Names of the columns that contain the active Cz (Cz that acted during the measurement).
     pub(super) acted: Vec<String>,
+    pub(super) understood: Understood,
+}
+
+/// Properties of a file by which its times and numbers were read.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Understood {
+    /// Names of the columns with the time and with the date.
+    pub(super) time: String,
+    pub(super) date: Option<String>,
+    /// Unit of the times, if they are numbers.
+    pub(super) unit: TimeUnit,
+    /// Whether the name of the time column states that its times are in UTC.
+    pub(super) is_in_utc: bool,
+    pub(super) decimal: Option<DecimalMark>,
+    pub(super) dates: Option<DateOrder>,
 }
 
 /// Rows of a column with a message of the logger, such as `OL` or `---`, instead of a value.
@@ -421,6 +438,15 @@ impl Reader {
 
     /// Returns the finished table, or all errors. `empty` is the line number and the message for a file without rows.
     pub(super) fn finish(mut self, empty: (u64, &str)) -> Result<Table, BadLog> {
+        let name = |place: usize| self.columns[place].name.clone();
+        self.table.understood = Understood {
+            time: name(self.time.time),
+            date: self.time.date.map(name),
+            unit: self.unit.unwrap_or(self.time.unit),
+            is_in_utc: self.time.is_in_utc,
+            decimal: self.dialect.decimal(),
+            dates: self.dialect.dates(),
+        };
         if let Some((number, why, rows)) = self.untimed.take() {
             let more = match rows - 1 {
                 0 => String::new(),

@@ -154,6 +154,9 @@ fn cells_of_loggers_are_numbers() {
         "time,bed [°F]\n0,68.9\n60,30.2\n",
         "Date,Time,bed\n05.01.2026,06:00:00,20.5\n05.01.2026,06:01:00,-1\n",
         "time_h,bed\n0,20.5\n0.5,-1\n",
+        "# time,bed\n0,20.5\n60,-1\n",
+        "Elapsed Time (min),bed\n0,20.5\n1,-1\n",
+        "Time (UTC);bed\n05.01.2026;20,5\n05.01.2026 00:01:00;-1\n",
     ] {
         let split = Split { zone: Some(jiff::tz::TimeZone::UTC), ..Split::default() };
         let found = read(log, &split).unwrap_or_else(|wrong| panic!("{log}: {wrong}"));
@@ -250,6 +253,23 @@ fn each_column_that_is_not_used_is_listed_with_the_reason() {
     assert!(unused[0].why.contains("by its unit, name and values"), "{unused:?}");
     assert_eq!(unused[1].why, "temperature, which was not asked for");
     assert_eq!(unused[2].why, "day.csv, line 2: `A` is no number");
+}
+
+#[test]
+fn a_column_whose_unit_is_not_that_of_the_profile_is_refused() {
+    for (unit, says) in [("V", true), ("%", true), ("µm", true), ("°C", false), ("K", false), ("°F", false)]
+    {
+        let found = read(&format!("time,bed [{unit}]\n0,300\n60,301\n"), &Split::default()).unwrap();
+        assert_eq!(found.implausible.len(), usize::from(says), "{unit}: {:?}", found.implausible);
+    }
+}
+
+#[test]
+fn a_wrong_time_in_every_row_is_one_mistake() {
+    let said = read("time,bed\n01/05/2026 06:00:00,20\n01/05/2026 06:01:00,21\n", &Split::default());
+    let BadLog(said) = said.unwrap_err();
+    assert_eq!(said.len(), 1, "{said:?}");
+    assert!(said[0].contains("--dates") && said[0].ends_with("(also in 1 more line)"), "{said:?}");
 }
 
 #[test]
