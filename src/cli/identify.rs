@@ -205,7 +205,7 @@ fn find(
     let error = choice.error_column(profile);
     let applied = arguments.cz.as_deref().map(Applied::named).unwrap_or_default();
     let uses = uses::of_identify(profile, &choice, &applied);
-    let mut dataset = arguments.runs.read(&arguments.logs, &error, &units(profile), &uses)?;
+    let mut dataset = arguments.runs.read(&arguments.logs, (&error, &[]), &units(profile), &uses)?;
     without_cz(profile, &mut dataset, &choice, &applied)?;
     without_incomplete(profile, &mut dataset, &choice);
     let ready = ready(profile, &dataset, &choice)?;

@@ -78,7 +78,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let unit = |name: &str| profile.as_ref().and_then(|profile| units(profile)(name));
     let applied = arguments.cz.as_deref().map(Applied::named).unwrap_or_default();
     let uses = uses::of_report(&arguments.displacement, &applied, &unit);
-    let mut dataset = arguments.runs.read(&arguments.logs, "gauge_um", &unit, &uses)?;
+    let mut dataset =
+        arguments.runs.read(&arguments.logs, ("gauge_um", &arguments.displacement), &unit, &uses)?;
     let mut displacements = arguments.displacement.clone();
     add_without_cz(&mut dataset, profile.as_ref(), &mut displacements, &applied)?;
     let working = Progress::begin("calculating the drift of each run");

@@ -28,11 +28,12 @@ pub(super) struct Runs {
 }
 
 impl Runs {
-    /// Reads the columns of the logs that are used. Readings of a dial gauge become the column `error`.
+    /// Reads the columns of the logs that are used. Readings of a dial gauge become the column `error`. `displacements` are
+    /// further columns in µm.
     pub(super) fn read(
         &self,
         logs: &[PathBuf],
-        error: &str,
+        (error, displacements): (&str, &[String]),
         units: Units<'_>,
         uses: Uses<'_>,
     ) -> Result<Dataset, BadLog> {
@@ -45,6 +46,7 @@ impl Runs {
             decimal,
             dates,
             time_unit,
+            displacements: displacements.iter().cloned().chain([error.to_owned()]).collect(),
         };
         let mut dataset = Dataset::read(logs, &split, units, uses)?;
         if let Some(gauge) = &self.gauge {

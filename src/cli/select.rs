@@ -101,7 +101,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         ..Choice::default()
     };
     let uses = uses::of_select(&choice, &applied);
-    let mut dataset = arguments.runs.read(&arguments.logs, &arguments.error, &|_| None, &uses)?;
+    let mut dataset = arguments.runs.read(&arguments.logs, (&arguments.error, &[]), &|_| None, &uses)?;
     without_cz(&mut dataset, &arguments.error, None, None, &applied)?;
     without_incomplete(&mut dataset, &choice);
     let pointed = points(&dataset, &choice)?;

@@ -151,7 +151,10 @@ impl Dataset {
         let unread = unread(&tables, &unit);
         let lost: Vec<Refusal> = tables.iter().flat_map(lost).collect();
         remarks.extend(not_used(&lost));
-        let guess = |name: &str, values: &[f64]| Kind::guess(name, unit(name), std::iter::once(values));
+        let guess = |name: &str, values: &[f64]| match Kind::of_name(name, unit(name)) {
+            None if split.displacements.iter().any(|known| known == name) => Kind::Displacement,
+            _ => Kind::guess(name, unit(name), std::iter::once(values)),
+        };
         let foreign: Vec<Refusal> = tables.iter().flat_map(|table| foreign(table, units)).collect();
         let Divided { runs, remarks: left_out, refused: mut implausible } =
             split::runs(tables, &names, split, &guess)?;

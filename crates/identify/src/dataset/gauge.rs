@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Duration;
 
-use isotherm_core::quantity::{Moment, time};
+use isotherm_core::quantity::{Conversion, Moment, time};
 
 use super::implausible::leave_out;
 use super::table::Cells;
@@ -37,9 +37,11 @@ pub(super) fn add(
         )));
     }
     let column = (*column).to_owned();
-    let is_in_mm = column.ends_with("_mm") || gauge.units.get(&column).is_some_and(|unit| unit == "mm");
+    let states_mm = gauge.units.get(&column).is_some_and(|unit| unit.eq_ignore_ascii_case("mm"));
+    let is_in_mm = (column.ends_with("_mm") || states_mm) && !gauge.conversions.contains_key(&column);
     if is_in_mm && let Some(Cells::Numbers(values)) = gauge.cells_mut(&column) {
         values.iter_mut().for_each(|value| *value *= 1000.0);
+        gauge.conversions.insert(column.clone(), Conversion::Factor(1000.0));
     }
     let rows = 0..gauge.times.len();
     let (left_out, implausible) =

@@ -5,14 +5,14 @@
 //! by straight lines, as those of its spikes are.
 
 use std::collections::BTreeSet;
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
 use std::time::Duration;
 
 use super::kind::{HUGE, is_suspicious};
 use super::table::{Cells, Table};
 use super::{Kind, Refusal};
-use crate::statistics::count;
-use isotherm_core::quantity::Moment;
+use crate::statistics::{count, range};
+use isotherm_core::quantity::{Conversion, Moment};
 
 /// Largest share of the rows of a run that may be implausible.
 const MOST: f64 = 0.05;
@@ -28,6 +28,23 @@ const NEAR: Duration = Duration::from_secs(3600);
 const SHORT: usize = 5;
 /// Smallest jump of a displacement that returns and that no machine makes, µm; and its multiple of the usual step.
 const JUMP: (f64, f64) = (20.0, 20.0);
+
+/// Temperatures of a machine, °C. Any other value is suspicious.
+const OF_MACHINES: RangeInclusive<f64> = -60.0..=200.0;
+/// Share of the range of a speed or position by which a machine has moved.
+const MOVED: f64 = 0.1;
+
+/// Column of values, as it is tested.
+#[derive(Clone, Copy)]
+pub(super) struct Tested<'a> {
+    pub(super) kind: Kind,
+    pub(super) times: &'a [Moment],
+    pub(super) values: &'a [f64],
+    /// Conversion by which the values were made from those in the log.
+    pub(super) conversion: Conversion,
+    /// Returns whether the machine moved between two rows, so that a displacement may jump.
+    pub(super) moved: &'a dyn Fn(usize, usize) -> bool,
+}
 
 /// Returns the smallest distance to the neighbours of an implausible value; `None` if values of this kind are not
 /// tested.
@@ -48,10 +65,11 @@ pub(super) struct Found {
     pub(super) jumps: Vec<usize>,
 }
 
-/// Finds the implausible values in these rows of a column.
-pub(super) fn find(kind: Kind, times: &[Moment], values: &[f64]) -> Found {
+/// Finds the implausible values of a column.
+pub(super) fn find(tested: &Tested<'_>) -> Found {
+    let Tested { kind, times, values, .. } = *tested;
     let Some(least) = least_distance(kind) else { return Found::default() };
-    let is_good = |row: &usize| values[*row].is_finite() && !is_suspicious(kind, values[*row]);
+    let is_good = |row: &usize| values[*row].is_finite() && !tested.is_suspicious(values[*row]);
     let good: Vec<usize> = (0..values.len()).filter(is_good).collect();
     let usual = usual_step(values, &good);
     let least = f64::max(least, TIMES_USUAL * usual);
@@ -68,9 +86,25 @@ pub(super) fn find(kind: Kind, times: &[Moment], values: &[f64]) -> Found {
         }
     }
     if kind == Kind::Displacement {
-        found.jumps = jumps(times, values, &found.sentinels, usual);
+        found.jumps = jumps(tested, &found.sentinels, usual);
     }
     found
+}
+
+impl Tested<'_> {
+    /// Returns whether a logger may have written this value instead of a measured one.
+    fn is_suspicious(&self, value: f64) -> bool {
+        let is_outside = self.kind == Kind::Temperature && !OF_MACHINES.contains(&value);
+        let is_written = || {
+            let logged = self.conversion.revert(value);
+            // The values of a speed are those that loggers write instead of any quantity.
+            is_suspicious(Kind::Speed, logged)
+                || (self.conversion == Conversion::Fahrenheit && logged.abs() < 0.004)
+        };
+        is_outside
+            || is_suspicious(self.kind, value)
+            || (self.conversion != Conversion::Same && least_distance(self.kind).is_some() && is_written())
+    }
 }
 
 fn is_near(times: &[Moment], one: usize, other: usize) -> bool {
@@ -98,8 +132,9 @@ fn usual_step(values: &[f64], good: &[usize]) -> f64 {
     steps.get(steps.len() * 9 / 10).copied().unwrap_or(0.0)
 }
 
-/// Returns the rows of jumps that return within a few rows.
-fn jumps(times: &[Moment], values: &[f64], sentinels: &[usize], usual: f64) -> Vec<usize> {
+/// Returns the rows of jumps that return within a few rows while the machine does not move.
+fn jumps(tested: &Tested<'_>, sentinels: &[usize], usual: f64) -> Vec<usize> {
+    let Tested { times, values, moved, .. } = *tested;
     let least = f64::max(JUMP.0, JUMP.1 * usual);
     let is_used = |row: &usize| values[*row].is_finite() && sentinels.binary_search(row).is_err();
     let rows: Vec<usize> = (0..values.len()).filter(is_used).collect();
@@ -111,7 +146,7 @@ fn jumps(times: &[Moment], values: &[f64], sentinels: &[usize], usual: f64) -> V
             let is_back = (values[rows[*back]] - before).abs() < 0.3 * step;
             is_back && times[rows[*back]].since(times[rows[place - 1]]) <= NEAR
         });
-        match back.filter(|_| step > least) {
+        match back.filter(|_| step > least && !moved(rows[place - 1], rows[place])) {
             Some(back) => {
                 found.extend(&rows[place..back]);
                 place = back + 1;
@@ -122,6 +157,18 @@ fn jumps(times: &[Moment], values: &[f64], sentinels: &[usize], usual: f64) -> V
     found
 }
 
+/// Implausible values of a column in one run.
+struct Wrong {
+    /// Index of the column in the table.
+    place: usize,
+    run: Range<usize>,
+    rows: BTreeSet<usize>,
+    /// Text that names the rows.
+    text: String,
+    is_bridged: bool,
+    are_too_many: bool,
+}
+
 /// Leaves the implausible values of a table out, in each of its runs. Returns remarks with file, line and value, and the
 /// columns that have too many of them.
 pub(super) fn leave_out(
@@ -130,53 +177,95 @@ pub(super) fn leave_out(
     kind: &dyn Fn(&str, &[f64]) -> Kind,
 ) -> (Vec<String>, Vec<Refusal>) {
     let (mut remarks, mut refused) = (Vec::new(), Vec::new());
-    let mut columns = std::mem::take(&mut table.columns);
-    for (name, cells) in &mut columns {
-        let Cells::Numbers(values) = cells else { continue };
-        if table.acted.contains(name) {
+    let found = wrong(table, runs, kind);
+    let Table { columns, times, .. } = table;
+    for Wrong { place, run, rows, text, is_bridged, are_too_many } in found {
+        let (name, Cells::Numbers(values)) = &mut columns[place] else { continue };
+        rows.iter().for_each(|row| values[*row] = f64::NAN);
+        if are_too_many {
+            let message = format!(
+                "{text}: more than {:.0} % of the values: leave this column or this log out, or repair the measurement",
+                100.0 * MOST
+            );
+            refused.push(Refusal { column: name.clone(), message });
             continue;
         }
-        let kind = kind(name, values);
-        let failed: BTreeSet<usize> = table.failed_rows(name).collect();
-        if least_distance(kind).is_none() && failed.is_empty() {
-            continue;
-        }
-        for rows in runs {
-            let Found { sentinels, jumps } = find(kind, &table.times[rows.clone()], &values[rows.clone()]);
-            let mut wrong: BTreeSet<usize> = sentinels.into_iter().map(|row| row + rows.start).collect();
-            wrong.extend(failed.range(rows.clone()));
-            let share = count(wrong.len()) / count(rows.len()).max(1.0);
-            if share > MOST {
-                let message = format!(
-                    "{}: more than {:.0} % of the values: leave this column or this log out, or repair the measurement",
-                    remark(table, name, values, &wrong),
-                    100.0 * MOST
-                );
-                refused.push(Refusal { column: name.clone(), message });
-            } else if count(jumps.len()) / count(rows.len()).max(1.0) <= MOST {
-                wrong.extend(jumps.into_iter().map(|row| row + rows.start));
-            }
-            if wrong.is_empty() {
-                continue;
-            }
-            let text = remark(table, name, values, &wrong);
-            wrong.iter().for_each(|row| values[*row] = f64::NAN);
-            let bridged =
-                share <= MOST && kind == Kind::Temperature && bridge(&table.times, values, &wrong, rows);
-            if share <= MOST {
-                let done = if bridged { "; gaps of up to 5 min were bridged by straight lines" } else { "" };
-                remarks.push(format!("{text}: left out{done}"));
-            }
-        }
+        let done = match is_bridged && bridge(times, values, &rows, &run) {
+            true => "; gaps of up to 5 min were bridged by straight lines",
+            false => "",
+        };
+        remarks.push(format!("{text}: left out{done}"));
     }
-    table.columns = columns;
     (remarks, refused)
 }
 
+/// Returns the implausible values of each column and run.
+fn wrong(table: &Table, runs: &[Range<usize>], kind: &dyn Fn(&str, &[f64]) -> Kind) -> Vec<Wrong> {
+    let numbers = table.columns.iter().enumerate().filter_map(|(place, (name, cells))| match cells {
+        Cells::Numbers(values) if !table.acted.contains(name) => {
+            Some((place, name.as_str(), values.as_slice(), kind(name, values)))
+        }
+        _ => None,
+    });
+    let numbers: Vec<(usize, &str, &[f64], Kind)> = numbers.collect();
+    let movers: Vec<(&[f64], f64)> = numbers
+        .iter()
+        .filter_map(|(_, _, values, kind)| match kind {
+            Kind::Speed => Some((*values, 100.0)),
+            Kind::Position => Some((*values, 1.0)),
+            Kind::Switch => Some((*values, 0.5)),
+            _ => None,
+        })
+        .collect();
+    // The rows are ascending.
+    let failed: Vec<Vec<usize>> =
+        numbers.iter().map(|(_, name, ..)| table.failed_rows(name).collect()).collect();
+    let mut found = Vec::new();
+    for run in runs {
+        let least = |(values, least): &(&[f64], f64)| f64::max(*least, MOVED * range(&values[run.clone()]));
+        let steps: Vec<f64> = movers.iter().map(least).collect();
+        let moved = |before: usize, row: usize| {
+            movers.iter().zip(&steps).any(|((values, _), step)| {
+                (values[run.start + row] - values[run.start + before]).abs() > *step
+            })
+        };
+        for ((place, name, values, kind), failed) in numbers.iter().copied().zip(&failed) {
+            let until = |end: usize| failed.partition_point(|row| *row < end);
+            let failed = &failed[until(run.start)..until(run.end)];
+            if least_distance(kind).is_none() && failed.is_empty() {
+                continue;
+            }
+            let conversion = table.conversions.get(name).copied().unwrap_or_default();
+            let (times, own) = (&table.times[run.clone()], &values[run.clone()]);
+            let Found { sentinels, jumps } =
+                find(&Tested { kind, times, values: own, conversion, moved: &moved });
+            let mut rows: BTreeSet<usize> = sentinels.into_iter().map(|row| row + run.start).collect();
+            rows.extend(failed.iter().copied());
+            let all = count(run.len()).max(1.0);
+            let are_too_many = count(rows.len()) / all > MOST;
+            if !are_too_many && count(jumps.len()) / all <= MOST {
+                rows.extend(jumps.into_iter().map(|row| row + run.start));
+            }
+            if rows.is_empty() {
+                continue;
+            }
+            let text = remark(table, (name, conversion), values, &rows);
+            let is_bridged = kind == Kind::Temperature;
+            found.push(Wrong { place, run: run.clone(), rows, text, is_bridged, are_too_many });
+        }
+    }
+    found
+}
+
 /// Returns the text that names the rows of a column, with the first value.
-fn remark(table: &Table, name: &str, values: &[f64], rows: &BTreeSet<usize>) -> String {
+fn remark(
+    table: &Table,
+    (name, conversion): (&str, Conversion),
+    values: &[f64],
+    rows: &BTreeSet<usize>,
+) -> String {
     let Some(first) = rows.first().copied() else { return String::new() };
-    let value = match values[first] {
+    let value = match conversion.revert(values[first]) {
         value if value.is_finite() && value.abs() < HUGE => value.to_string(),
         value if value.is_finite() => format!("{value:e}"),
         _ => table.failed_word(name),
@@ -233,7 +322,44 @@ mod tests {
     }
 
     fn found(kind: Kind, values: &[f64]) -> Found {
-        find(kind, &minutes(values.len()), values)
+        found_in(kind, values, Conversion::Same)
+    }
+
+    fn found_in(kind: Kind, values: &[f64], conversion: Conversion) -> Found {
+        let times = minutes(values.len());
+        find(&Tested { kind, times: &times, values, conversion, moved: &|_, _| false })
+    }
+
+    #[test]
+    fn values_of_a_logger_are_found_in_its_own_unit() {
+        for logged in [-9999.0, 999.9, 0.0] {
+            let mut values: Vec<f64> = (0..200u32).map(|row| 20.0 + 0.03 * f64::from(row)).collect();
+            values[100] = Conversion::Fahrenheit.apply(logged);
+            assert_eq!(found_in(Kind::Temperature, &values, Conversion::Fahrenheit).sentinels, [100]);
+        }
+        let mut values = drift();
+        values[100..120].fill(Conversion::Factor(1000.0).apply(999.9));
+        let rows: Vec<usize> = (100..120).collect();
+        assert_eq!(found_in(Kind::Displacement, &values, Conversion::Factor(1000.0)).sentinels, rows);
+        let mut hot: Vec<f64> = (0..200u32).map(|row| 20.0 + 0.03 * f64::from(row)).collect();
+        hot[100] = 451.7;
+        assert_eq!(found(Kind::Temperature, &hot).sentinels, [100], "no machine is as hot");
+    }
+
+    #[test]
+    fn a_jump_while_the_machine_moves_is_kept() {
+        let mut values = drift();
+        values[50] = 180.0;
+        let times = minutes(values.len());
+        let moved = |before: usize, row: usize| (before, row) == (49, 50);
+        let tested = Tested {
+            kind: Kind::Displacement,
+            times: &times,
+            values: &values,
+            conversion: Conversion::Same,
+            moved: &moved,
+        };
+        assert_eq!(find(&tested), Found::default());
     }
 
     #[test]

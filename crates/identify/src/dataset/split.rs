@@ -29,6 +29,8 @@ pub struct Split {
     pub dates: Option<DateOrder>,
     /// Unit of times that are numbers; `None` if the name of the time column decides.
     pub time_unit: Option<TimeUnit>,
+    /// Columns that are displacements, also if their names and units do not say so.
+    pub displacements: Vec<String>,
 }
 
 /// Function that returns the kind of a column from its name and its values in one file.

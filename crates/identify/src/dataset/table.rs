@@ -46,6 +46,8 @@ pub(super) struct Table {
     pub(super) columns: Vec<(String, Cells)>,
     /// Unit of each column that states one in its header or cells, by the name of the column.
     pub(super) units: HashMap<String, String>,
+    /// Conversion of the values of each column that is not in the unit of the program.
+    pub(super) conversions: HashMap<String, Conversion>,
     /// Used columns without any number, with the reason.
     pub(super) lost: Vec<(String, String)>,
     /// Messages of a logger instead of values, by the name of the column.
@@ -488,6 +490,9 @@ impl Reader {
     fn cells(&mut self, name: &str, column: Column) -> Cells {
         if !column.unit.is_empty() {
             self.table.units.insert(name.to_owned(), column.unit);
+        }
+        if column.conversion != Conversion::Same {
+            self.table.conversions.insert(name.to_owned(), column.conversion);
         }
         if !column.failed.rows.is_empty() {
             self.table.failed.insert(name.to_owned(), column.failed);
