@@ -19,6 +19,8 @@ mod error;
 mod explain;
 mod files;
 mod gauge;
+#[cfg(feature = "tables")]
+mod gzip;
 mod head;
 mod implausible;
 mod kind;
@@ -167,8 +169,11 @@ impl Dataset {
             };
             Column { name, kind }
         };
-        let columns = names.into_iter().enumerate().map(column).collect();
-        let repeats = repeats::find(&runs);
+        let columns: Vec<Column> = names.into_iter().enumerate().map(column).collect();
+        let is_measured = |place: usize| {
+            matches!(columns[place].kind, Kind::Temperature | Kind::Displacement | Kind::Other)
+        };
+        let repeats = repeats::find(&runs, &is_measured);
         Ok(Dataset { columns, unread, remarks, runs, lost, implausible, repeats })
     }
 
@@ -283,15 +288,29 @@ fn unread(tables: &[Table], units: Units<'_>) -> Vec<Column> {
 
 fn read_table(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, BadLog> {
     let ending = file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
-    if !ending.eq_ignore_ascii_case("parquet") {
-        return csv::read(file, split, uses);
+    match ending.to_ascii_lowercase().as_str() {
+        #[cfg(feature = "parquet")]
+        "parquet" => parquet::read(file, split, uses),
+        #[cfg(not(feature = "parquet"))]
+        "parquet" => Err(not_built(file, "Parquet", "parquet")),
+        #[cfg(feature = "tables")]
+        "gz" => gzip::read(file, split, uses),
+        #[cfg(not(feature = "tables"))]
+        "gz" => Err(not_built(file, "compressed logs", "tables")),
+        "xlsx" | "xlsm" | "xls" | "xlsb" | "ods" => Err(BadLog(vec![format!(
+            "{}: this is a workbook of a spreadsheet, which is not read: save the sheet with the log as CSV",
+            file.display()
+        )])),
+        _ => csv::read(file, split, uses),
     }
-    #[cfg(feature = "parquet")]
-    return parquet::read(file, split, uses);
-    #[cfg(not(feature = "parquet"))]
-    return Err(BadLog(vec![format!(
-        "{}: this program was built without Parquet: write CSV, use a packaged program, or build one with \
-         Parquet: `cargo build --release --features parquet`",
+}
+
+/// Returns the message about a file that needs a feature of the build.
+#[cfg(not(all(feature = "parquet", feature = "tables")))]
+fn not_built(file: &Path, what: &str, feature: &str) -> BadLog {
+    BadLog(vec![format!(
+        "{}: this program was built without {what}: write CSV, use a packaged program, or build one with \
+         {what}: `cargo build --release --features {feature}`",
         file.display()
-    )]));
+    )])
 }

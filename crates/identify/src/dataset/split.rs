@@ -85,6 +85,8 @@ fn of_table(mut table: Table, names: &[String], split: &Split, kind: KindOf<'_>)
         *alike.entry(label(rows)).or_default() += 1;
     }
     let stem = table.file.file_stem().and_then(|stem| stem.to_str()).unwrap_or("run");
+    // A compressed log is named day.csv.gz.
+    let stem = stem.strip_suffix(".csv").unwrap_or(stem);
     let (mut named, mut wrong) = (Vec::new(), Vec::new());
     for (number, rows) in (1..).zip(parts.iter().cloned()) {
         let label = label(&rows);
