@@ -111,14 +111,16 @@ fn is_near(times: &[Moment], one: usize, other: usize) -> bool {
     times[other].since(times[one]) <= NEAR
 }
 
-/// Returns whether a value is farther from its neighbours than `least`, and the neighbours are alike. A value at the
-/// begin or end of the rows has one neighbour. There, zero is a usual value.
+/// Returns whether a value is farther from its neighbours than `least`, and the neighbours are alike. The neighbours of
+/// zero need only be on one side of it. A value at the begin or end of the rows has one neighbour. There, zero is a usual value.
 fn stands_apart(value: f64, before: Option<f64>, after: Option<f64>, least: f64) -> bool {
     let distance = |neighbour: f64| (value - neighbour).abs();
     match (before, after) {
         (Some(before), Some(after)) => {
             let nearest = f64::min(distance(before), distance(after));
-            nearest > least && (before - after).abs() < 0.5 * nearest
+            // A sensor without a contact gives zero until it has one again. The machine moves on meanwhile.
+            let is_without_contact = value.abs() < 0.004 && before * after > 0.0;
+            nearest > least && (is_without_contact || (before - after).abs() < 0.5 * nearest)
         }
         (Some(only), None) | (None, Some(only)) => value.abs() > 0.004 && distance(only) > least,
         (None, None) => value.abs() >= HUGE,
@@ -379,6 +381,13 @@ mod tests {
         speeds[40] = 65_535.0;
         speeds[60..80].fill(0.0);
         assert_eq!(found(Kind::Speed, &speeds), Found { sentinels: vec![40], jumps: Vec::new() });
+    }
+
+    #[test]
+    fn zeros_of_a_lost_contact_are_found_although_the_machine_moves_on() {
+        let mut values: Vec<f64> = (0..200u32).map(|row| 4.0 + 0.1 * f64::from(row)).collect();
+        values[20..80].fill(0.0);
+        assert_eq!(found(Kind::Displacement, &values).sentinels, (20..80).collect::<Vec<usize>>());
     }
 
     #[test]

@@ -16,12 +16,24 @@ const MOST_ROWS: usize = 400_000;
 const LEAST_SHARE: f64 = 0.5;
 /// Smallest number of equal rows with different contents. Fewer rows may be equal by chance.
 const LEAST_ROWS: usize = 20;
+/// Number of runs in which the same content is searched. A content of more runs is usual for this machine.
+const MOST_RUNS_OF_A_CONTENT: usize = 64;
+/// Number of rows of a run with the same content that are compared. A cold machine has many.
+const MOST_ROWS_OF_A_CONTENT: usize = 32;
+/// Number of runs that are compared in pairs, and the number of rows of a pair.
+const MOST_PAIRED: (usize, usize) = (200, 200);
+/// Smallest share of the rows of a pair that must be equal but for rounding.
+const LEAST_ROUNDED: f64 = 0.9;
 /// Times before this are counts from the start of a log, not dates, s (in the year 1990).
 const FIRST_DATE: u64 = 631_152_000;
 
-/// Returns a sentence for each pair of runs that contains the same minutes.
-pub(super) fn find(runs: &[Run]) -> Vec<String> {
-    let copies = copies(runs);
+/// Returns a sentence for each pair of runs that contains the same minutes. `is_measured` returns whether the values of a
+/// column were measured. The others are those of a program, and are the same on several days.
+pub(super) fn find(runs: &[Run], is_measured: &dyn Fn(usize) -> bool) -> Vec<String> {
+    let mut columns = common_columns(runs);
+    columns.retain(|column| is_measured(*column));
+    let mut copies = copies(runs, &columns);
+    copies.extend(rounded_copies(runs, &columns, &copies));
     let mut found: Vec<String> = copies.iter().map(|copy| copy.message(runs)).collect();
     for (one, other) in overlaps(runs) {
         if copies.iter().any(|copy| copy.is_of(one, other)) {
@@ -74,28 +86,40 @@ impl Copied {
     }
 }
 
+/// Distance between two equal rows: in rows, or in time if one of the runs lacks some rows of the other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Distance {
+    Rows(i64),
+    Seconds(i64),
+}
+
 /// Returns the pairs of runs in which the shorter one is a copy of a part of the other.
-fn copies(runs: &[Run]) -> Vec<Copied> {
+fn copies(runs: &[Run], columns: &[usize]) -> Vec<Copied> {
     let rows: usize = runs.iter().map(|run| run.times.len()).sum();
     let one_of = 1 + rows / MOST_ROWS;
-    let columns = common_columns(runs);
     if columns.is_empty() {
         return Vec::new();
     }
-    let hashed: Vec<Vec<(u64, usize)>> =
-        runs.iter().map(|run| hashes(run, &columns, one_of as u64)).collect();
+    let hashed: Vec<Vec<(u64, usize)>> = runs.iter().map(|run| hashes(run, columns, one_of as u64)).collect();
+    let second_of = |run: usize, row: usize| {
+        let times = &runs[run].times;
+        i64::try_from(times[row].since(times[0]).as_secs()).unwrap_or(i64::MAX)
+    };
     let contents: Vec<usize> =
         hashed.iter().map(|own| own.iter().map(|(hash, _)| hash).collect::<HashSet<_>>().len()).collect();
     // The first row of each content, by run.
     let mut known: HashMap<u64, Vec<(usize, usize)>> = HashMap::new();
     let mut found = Vec::new();
     for (second, own) in hashed.iter().enumerate() {
-        // Equal rows by run and by their distance in rows.
-        let mut equal: HashMap<(usize, i64), HashSet<u64>> = HashMap::new();
+        // Equal rows by run and by their distance.
+        let mut equal: HashMap<(usize, Distance), HashSet<u64>> = HashMap::new();
         for (hash, row) in own {
             for (first, other) in known.get(hash).into_iter().flatten() {
-                let distance = i64::try_from(*row).unwrap_or(0) - i64::try_from(*other).unwrap_or(0);
-                equal.entry((*first, distance)).or_default().insert(*hash);
+                let in_rows = i64::try_from(*row).unwrap_or(0) - i64::try_from(*other).unwrap_or(0);
+                let in_seconds = second_of(second, *row).saturating_sub(second_of(*first, *other));
+                for distance in [Distance::Rows(in_rows), Distance::Seconds(in_seconds)] {
+                    equal.entry((*first, distance)).or_default().insert(*hash);
+                }
             }
         }
         let mut best: HashMap<usize, usize> = HashMap::new();
@@ -107,7 +131,9 @@ fn copies(runs: &[Run]) -> Vec<Copied> {
             .into_iter()
             .filter_map(|(first, equal)| {
                 let share = count(equal) / count(contents[first].min(contents[second])).max(1.0);
-                (share >= LEAST_SHARE && equal >= LEAST_ROWS).then_some(Copied { first, second, share })
+                // Of many rows, a part is compared.
+                let is_enough = equal.saturating_mul(one_of) >= LEAST_ROWS && equal >= LEAST_ROWS / 4;
+                (share >= LEAST_SHARE && is_enough).then_some(Copied { first, second, share })
             })
             .collect();
         copied.sort_by_key(|copy| copy.first);
@@ -115,12 +141,89 @@ fn copies(runs: &[Run]) -> Vec<Copied> {
         found.extend(copied.into_iter().take(1));
         let mut seen = HashSet::new();
         for (hash, row) in own {
-            if seen.insert(*hash) {
-                known.entry(*hash).or_default().push((second, *row));
+            let runs = known.entry(*hash).or_default();
+            if seen.insert(*hash) && runs.len() < MOST_RUNS_OF_A_CONTENT {
+                runs.push((second, *row));
             }
         }
     }
     found
+}
+
+/// Returns the pairs of runs with the same values at the same times since their first rows, if one of them was rounded:
+/// one day as CSV and as Parquet. `known` are the copies that were found by their content.
+fn rounded_copies(runs: &[Run], columns: &[usize], known: &[Copied]) -> Vec<Copied> {
+    let (most_runs, most_rows) = MOST_PAIRED;
+    let mut found: Vec<Copied> = Vec::new();
+    if columns.is_empty() {
+        return found;
+    }
+    let compared = runs.len().min(most_runs);
+    let is_known =
+        |second: usize, found: &[Copied]| known.iter().chain(found).any(|copy| copy.second == second);
+    for second in 1..compared {
+        for first in 0..second {
+            if is_known(second, &found) {
+                break;
+            }
+            let (short, long) = match runs[first].times.len() < runs[second].times.len() {
+                true => (&runs[first], &runs[second]),
+                false => (&runs[second], &runs[first]),
+            };
+            let pairs = rows_at_the_same_times(short, long, most_rows);
+            if pairs.len() >= LEAST_ROWS
+                && columns.iter().all(|column| is_rounded(short, long, *column, &pairs))
+            {
+                let content = |(row, _): &(usize, usize)| {
+                    columns.iter().map(|column| rounded(short.values[*column][*row])).collect::<Vec<u64>>()
+                };
+                let contents: HashSet<Vec<u64>> = pairs.iter().map(content).collect();
+                if contents.len() >= LEAST_ROWS {
+                    found.push(Copied { first, second, share: 1.0 });
+                }
+            }
+        }
+    }
+    found
+}
+
+/// Returns rows of two runs at the same times since their first rows, spread over the shorter run.
+fn rows_at_the_same_times(short: &Run, long: &Run, most: usize) -> Vec<(usize, usize)> {
+    let (Some(begin), Some(other)) = (short.times.first(), long.times.first()) else { return Vec::new() };
+    let step = 1 + short.times.len() / most;
+    let pair = |row: usize| {
+        let elapsed = short.times[row].since(*begin);
+        let next = long.times.partition_point(|time| time.since(*other) < elapsed);
+        (long.times.get(next)?.since(*other) == elapsed).then_some((row, next))
+    };
+    let rows: Vec<usize> = (0..short.times.len()).step_by(step).collect();
+    let pairs: Vec<(usize, usize)> = rows.iter().filter_map(|row| pair(*row)).collect();
+    // A run that was logged at other times is no copy in another format.
+    if count(pairs.len()) < LEAST_ROUNDED * count(rows.len()) { Vec::new() } else { pairs }
+}
+
+/// Returns whether the values of a column differ by rounding only.
+fn is_rounded(one: &Run, other: &Run, column: usize, pairs: &[(usize, usize)]) -> bool {
+    let (one, other) = (&one.values[column], &other.values[column]);
+    let step = f64::max(
+        resolution(pairs.iter().map(|(row, _)| one[*row])),
+        resolution(pairs.iter().map(|(_, row)| other[*row])),
+    );
+    let differs = |(row, its): &&(usize, usize)| {
+        let (one, other) = (one[*row], other[*its]);
+        one.is_finite() != other.is_finite() || (one - other).abs() > 0.501 * step
+    };
+    let differing = pairs.iter().filter(differs).count();
+    count(differing) <= (1.0 - LEAST_ROUNDED) * count(pairs.len())
+}
+
+/// Returns the decimal place to which these values were rounded, from 1 to 0.001.
+fn resolution(values: impl Iterator<Item = f64> + Clone) -> f64 {
+    let is_rounded_to = |step: &f64| {
+        let is_whole = |value: f64| ((value / step).round() - value / step).abs() < 1e-4;
+        values.clone().filter(|value| value.is_finite()).all(is_whole)
+    };
+    [1.0, 0.1, 0.01].into_iter().find(is_rounded_to).unwrap_or(0.001)
 }
 
 /// Returns the columns that have values in every run.
@@ -144,7 +247,14 @@ fn hashes(run: &Run, columns: &[usize], one_of: u64) -> Vec<(u64, usize)> {
         }
         has_values.then(|| (hasher.finish(), row))
     };
-    (0..run.times.len()).filter_map(hash).filter(|(hash, _)| hash.is_multiple_of(one_of)).collect()
+    let mut alike: HashMap<u64, usize> = HashMap::new();
+    let mut is_compared = |hash: u64| {
+        let rows = alike.entry(hash).or_default();
+        *rows += 1;
+        *rows <= MOST_ROWS_OF_A_CONTENT
+    };
+    let rows = (0..run.times.len()).filter_map(hash);
+    rows.filter(|(hash, _)| hash.is_multiple_of(one_of) && is_compared(*hash)).collect()
 }
 
 /// Returns the bits of a value that is the same in a file with decimals and in one with binary numbers of four bytes.
@@ -208,6 +318,10 @@ mod tests {
         }
     }
 
+    fn find(runs: &[Run]) -> Vec<String> {
+        super::find(runs, &|_| true)
+    }
+
     /// Part of a run, from this row on.
     fn part(run: &Run, from: usize) -> Run {
         let values = run.values.iter().map(|column| column[from..].to_vec()).collect();
@@ -228,6 +342,37 @@ mod tests {
         assert_eq!(find(&[first.clone(), later]).len(), 1, "a copy with another time");
         let said = find(&[first.clone(), part(&first, 40)]);
         assert!(said.len() == 1 && said[0].contains("same rows"), "{said:?}");
+    }
+
+    #[test]
+    fn a_copy_that_was_rounded_or_thinned_is_found() {
+        let first = day("day1", 1, 0);
+        let round = |value: &f64| (value * 100.0).round() / 100.0;
+        let values = first.values.iter().map(|column| column.iter().map(round).collect()).collect();
+        let rounded = Run { name: "day1 as CSV".to_owned(), values, ..first.clone() };
+        let said = find(&[first.clone(), day("day2", 2, 0), rounded]);
+        assert!(said.len() == 1 && said[0].starts_with("day1 as CSV"), "{said:?}");
+        let thin = |column: &Vec<f64>| column.iter().copied().step_by(3).collect();
+        let thinned = Run {
+            name: "thinned".to_owned(),
+            times: first.times.iter().copied().step_by(3).collect(),
+            values: first.values.iter().map(thin).collect(),
+            ..first.clone()
+        };
+        let said = find(&[first, thinned]);
+        assert!(said.len() == 1 && said[0].contains("same rows"), "{said:?}");
+    }
+
+    #[test]
+    fn days_with_the_same_program_of_speeds_are_no_copies() {
+        let mut days = [day("day1", 1, 0), day("day2", 2, 0)];
+        let speeds: Vec<f64> = (0..100u32).map(|row| 100.0 * f64::from(row)).collect();
+        for day in &mut days {
+            day.values.push(speeds.clone());
+        }
+        days[0].values[0].fill(f64::NAN);
+        days[1].values[1].fill(f64::NAN);
+        assert_eq!(super::find(&days, &|column| column != 2), Vec::<String>::new());
     }
 
     #[test]
