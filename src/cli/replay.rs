@@ -106,7 +106,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 /// Opens the log for the reader of rows, as `isotherm identify` reads it: in any encoding of a logger, without the lines
-/// around the names of the columns, or as a Parquet file.
+/// around the names of the columns, or as another file with a table.
 #[cfg(feature = "identify")]
 fn opened<'a>(
     arguments: &Arguments,
@@ -114,21 +114,22 @@ fn opened<'a>(
     log: BufReader<File>,
     name: &'a str,
 ) -> anyhow::Result<(Box<dyn Read>, Recording<'a>)> {
-    use isotherm_identify::dataset::{csv_of_parquet, plain_csv};
-    let ending = arguments.recording.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
-    let log = if ending.eq_ignore_ascii_case("parquet") {
-        let errors: Vec<String> =
-            profile.axes.iter().map(|axis| format!("{}_error_um", axis.settings.name)).collect();
-        let uses = |column: &str| {
-            profile.signals.iter().any(|signal| signal.name == column)
-                || errors.iter().any(|error| error == column)
-        };
-        csv_of_parquet(&arguments.recording, Some(arguments.format.zone()), &uses)?
-    } else {
-        plain_csv(log).with_context(|| format!("the log {name} cannot be read"))?
+    use isotherm_identify::dataset::{Split, plain_log};
+    let errors: Vec<String> =
+        profile.axes.iter().map(|axis| format!("{}_error_um", axis.settings.name)).collect();
+    let uses = |column: &str| {
+        profile.signals.iter().any(|signal| signal.name == column)
+            || errors.iter().any(|error| error == column)
     };
-    let recording =
-        Recording { first_rows: log.first_rows, left_out: log.left_out, ..recording(arguments, name) };
+    let LogFormat { decimal, dates, time_unit, .. } = arguments.format;
+    let split = Split { zone: Some(arguments.format.zone()), decimal, dates, time_unit, ..Split::default() };
+    let log = plain_log(&arguments.recording, log, &split, &uses)?;
+    let recording = match log.is_csv {
+        true => {
+            Recording { first_rows: log.first_rows, left_out: log.left_out, ..recording(arguments, name) }
+        }
+        false => Recording::from(name),
+    };
     Ok((log.input, recording))
 }
 

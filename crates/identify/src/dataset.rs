@@ -38,7 +38,7 @@ mod unit;
 pub use error::BadLog;
 pub use explain::{CsvLayout, ExplainedColumn, ExplainedRow, Explanation, TimeLayout, explain};
 pub use kind::Kind;
-pub use plain::{PlainLog, csv_of_parquet, plain_csv};
+pub use plain::{PlainLog, plain_log};
 pub use run::Run;
 pub use split::Split;
 pub use table::{Uses, every_column};

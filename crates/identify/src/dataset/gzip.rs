@@ -13,13 +13,17 @@ const LARGEST: u64 = 4_000_000_000;
 
 /// Reads a compressed CSV log. Error messages contain line numbers.
 pub(super) fn read(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, BadLog> {
+    csv::from_text(file, open(file)?, split, uses)
+}
+
+/// Opens a compressed CSV log.
+pub(super) fn open(file: &Path) -> Result<Box<dyn Read>, BadLog> {
     let inner = file.file_stem().map(Path::new).and_then(Path::extension);
     if let Some(ending) = inner.filter(|ending| ["parquet", "xlsx"].iter().any(|known| ending == known)) {
         let why = format!("this is a compressed .{} file: decompress it with gunzip", ending.display());
         return Err(BadLog(vec![format!("{}: {why}", file.display())]));
     }
-    let input = Limited { input: MultiGzDecoder::new(files::open(file)?), left: LARGEST };
-    csv::from_text(file, input, split, uses)
+    Ok(Box::new(Limited { input: MultiGzDecoder::new(files::open(file)?), left: LARGEST }))
 }
 
 /// Reader that fails after a number of bytes.

@@ -4,10 +4,8 @@
 use std::io::{self, BufRead, BufReader, Cursor, Read, Write};
 use std::path::Path;
 
-use jiff::tz::TimeZone;
-
 use super::table::Cells;
-use super::{BadLog, Split, Uses, decode, head, read_table};
+use super::{BadLog, Split, Uses, decode, files, head, read_table};
 use isotherm_core::quantity::{Dialect, time};
 
 /// Number of bytes in which the names of the columns are searched, as in [`head::start`].
@@ -17,17 +15,39 @@ const LONGEST_HEAD: u64 = 1 << 16;
 pub struct PlainLog {
     /// Text of the log. Its first line has the names of the columns, with the units of a second line.
     pub input: Box<dyn Read>,
+    /// Whether the log is CSV. Otherwise, `input` has decimal points and times in UTC.
+    pub is_csv: bool,
     /// Cells of the first rows.
     pub first_rows: Vec<Vec<String>>,
     /// Number of lines of the file before the names, and between the names and the first row, which are not in `input`.
     pub left_out: [u64; 2],
 }
 
-/// Reads CSV in any encoding of a logger, without the lines around the column names.
+/// Reads any log that [`Dataset::read`](super::Dataset::read) reads. `input` is the opened file. Of a log that is no CSV, only
+/// the columns that are used are read, without texts.
 ///
 /// # Errors
-/// Those of the input.
-pub fn plain_csv(input: impl Read + 'static) -> io::Result<PlainLog> {
+/// Those of [`Dataset::read`](super::Dataset::read) for this file, except those in a row of a CSV log.
+pub fn plain_log(
+    file: &Path,
+    input: impl Read + 'static,
+    split: &Split,
+    uses: Uses<'_>,
+) -> Result<PlainLog, BadLog> {
+    let unreadable = |why: io::Error| files::cannot_be_read(file, &why);
+    let ending = file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
+    match ending.to_ascii_lowercase().as_str() {
+        #[cfg(feature = "tables")]
+        "gz" => plain_csv(super::gzip::open(file)?).map_err(unreadable),
+        #[cfg(not(feature = "tables"))]
+        "gz" => csv_of_table(file, split, uses),
+        "parquet" | "xlsx" | "xlsm" | "xls" | "xlsb" | "ods" => csv_of_table(file, split, uses),
+        _ => plain_csv(input).map_err(unreadable),
+    }
+}
+
+/// Reads CSV in any encoding of a logger, without the lines around the column names.
+fn plain_csv(input: impl Read + 'static) -> io::Result<PlainLog> {
     let (decoded, _) = decode::utf8(input)?;
     let (head, rest) = head::start(decoded)?;
     let left_out = [head.skipped, head.after];
@@ -47,7 +67,7 @@ pub fn plain_csv(input: impl Read + 'static) -> io::Result<PlainLog> {
         }
         line = with_units(&owned(&header), &head.units, separator);
     }
-    Ok(PlainLog { input: Box::new(Cursor::new(line).chain(rest)), first_rows, left_out })
+    Ok(PlainLog { input: Box::new(Cursor::new(line).chain(rest)), is_csv: true, first_rows, left_out })
 }
 
 /// Returns the line with the names of the columns and their units.
@@ -63,13 +83,9 @@ fn with_units(names: &[String], units: &[String], separator: u8) -> Vec<u8> {
     line
 }
 
-/// Reads the columns of a Parquet log that are used, as CSV. Texts are left out.
-///
-/// # Errors
-/// Those of [`Dataset::read`](super::Dataset::read) for this file.
-pub fn csv_of_parquet(file: &Path, zone: Option<TimeZone>, uses: Uses<'_>) -> Result<PlainLog, BadLog> {
-    let split = Split { zone, ..Split::default() };
-    let table = read_table(file, &split, uses)?;
+/// Reads the columns of a log that are used, as CSV.
+fn csv_of_table(file: &Path, split: &Split, uses: Uses<'_>) -> Result<PlainLog, BadLog> {
+    let table = read_table(file, split, uses)?;
     let columns: Vec<(&String, &Vec<f64>)> = table
         .columns
         .iter()
@@ -94,7 +110,12 @@ pub fn csv_of_parquet(file: &Path, zone: Option<TimeZone>, uses: Uses<'_>) -> Re
         }
         text.push(b'\n');
     }
-    Ok(PlainLog { input: Box::new(Cursor::new(text)), first_rows: Vec::new(), left_out: [0; 2] })
+    Ok(PlainLog {
+        input: Box::new(Cursor::new(text)),
+        is_csv: false,
+        first_rows: Vec::new(),
+        left_out: [0; 2],
+    })
 }
 
 #[cfg(test)]
@@ -118,6 +139,22 @@ mod tests {
         plain(&wide, "time,bed\n0,20\n", [0, 0]);
         plain(b"# logger\n# time,bed\n0,20\n", "\"time\",\"bed\"\n0,20\n", [1, 0]);
         plain(b"", "", [0, 0]);
+    }
+
+    #[cfg(feature = "tables")]
+    #[test]
+    fn a_compressed_log_is_read() {
+        use flate2::{Compression, write::GzEncoder};
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("day.csv.gz");
+        let mut encoder = GzEncoder::new(std::fs::File::create(&path).unwrap(), Compression::default());
+        encoder.write_all(b"Logger\ntime,bed\n0,20\n").unwrap();
+        encoder.finish().unwrap();
+        let uses = super::super::every_column;
+        let mut found = plain_log(&path, io::empty(), &Split::default(), &uses).unwrap();
+        let mut text = String::new();
+        found.input.read_to_string(&mut text).unwrap();
+        assert_eq!((text.as_str(), found.left_out), ("time,bed\n0,20\n", [1, 0]));
     }
 
     #[test]
