@@ -34,6 +34,8 @@ mod table;
 #[cfg(test)]
 mod tests;
 mod unit;
+#[cfg(feature = "tables")]
+mod workbook;
 
 pub use error::BadLog;
 pub use explain::{CsvLayout, ExplainedColumn, ExplainedRow, Explanation, TimeLayout, explain};
@@ -297,8 +299,12 @@ fn read_table(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, BadLo
         "gz" => gzip::read(file, split, uses),
         #[cfg(not(feature = "tables"))]
         "gz" => Err(not_built(file, "compressed logs", "tables")),
-        "xlsx" | "xlsm" | "xls" | "xlsb" | "ods" => Err(BadLog(vec![format!(
-            "{}: this is a workbook of a spreadsheet, which is not read: save the sheet with the log as CSV",
+        #[cfg(feature = "tables")]
+        "xlsx" | "xlsm" => workbook::read(file, split, uses),
+        #[cfg(not(feature = "tables"))]
+        "xlsx" | "xlsm" => Err(not_built(file, "workbooks", "tables")),
+        "xls" | "xlsb" | "ods" => Err(BadLog(vec![format!(
+            "{}: this kind of workbook is not read: save the sheet with the log as .xlsx or as CSV",
             file.display()
         )])),
         _ => csv::read(file, split, uses),

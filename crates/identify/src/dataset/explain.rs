@@ -106,7 +106,9 @@ pub fn explain(file: &Path, split: &Split) -> Result<Explanation, BadLog> {
 
 fn is_csv(file: &Path) -> bool {
     let ending = file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
-    !["parquet", "xlsx", "gz"].iter().any(|other| ending.eq_ignore_ascii_case(other))
+    !["parquet", "gz", "xlsx", "xlsm", "xls", "xlsb", "ods"]
+        .iter()
+        .any(|other| ending.eq_ignore_ascii_case(other))
 }
 
 type Found = (Option<Table>, Option<CsvLayout>);

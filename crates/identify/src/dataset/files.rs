@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use super::BadLog;
 use isotherm_profile::safe_file;
 
-/// Returns the log files in the order of `named`. A directory is replaced by its .csv, .csv.gz and .parquet files, sorted
-/// by name, except logs of outputs.
+/// Returns the log files in the order of `named`. A directory is replaced by its .csv and .parquet files, and by those of
+/// the feature `tables`, sorted by name, except logs of outputs.
 pub(super) fn logs(named: &[PathBuf], wrong: &mut Vec<String>) -> Vec<PathBuf> {
     if named.is_empty() {
         wrong.push("no log is named: give one or more CSV or Parquet files".to_owned());
@@ -49,7 +49,9 @@ fn is_of_outputs(path: &Path) -> bool {
 fn inside(directory: &Path, wrong: &mut Vec<String>) -> Vec<PathBuf> {
     let is_log = |path: &PathBuf| {
         let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default().to_ascii_lowercase();
-        let is_of_tables = cfg!(feature = "tables") && name.ends_with(".csv.gz");
+        // A spreadsheet writes the second name while a workbook is open.
+        let is_workbook = name.ends_with(".xlsx") && !name.starts_with("~$");
+        let is_of_tables = cfg!(feature = "tables") && (name.ends_with(".csv.gz") || is_workbook);
         !is_of_outputs(path) && (name.ends_with(".csv") || name.ends_with(".parquet") || is_of_tables)
     };
     let mut files: Vec<PathBuf> = match std::fs::read_dir(directory) {

@@ -40,8 +40,7 @@ pub(super) fn start<R: Read>(mut input: R) -> io::Result<(Head, Chain<Cursor<Vec
 
 /// Finds the head in the first lines of a log. If no line has the name of a time column, nothing is skipped.
 fn find(lines: &[&str]) -> Head {
-    let names = |place: &usize| are_names(lines[*place], lines.get(place + 1..).unwrap_or_default());
-    let skipped = (0..lines.len().min(MOST_SKIPPED)).find(names).unwrap_or(0);
+    let skipped = names_at(lines).unwrap_or(0);
     let Some(header) = lines.get(skipped) else { return Head::default() };
     let separator = Dialect::of(header, None).separator();
     let width = cells(header, separator).len();
@@ -72,6 +71,19 @@ fn find(lines: &[&str]) -> Head {
     }
     let rows = lines.iter().skip(skipped + 1 + after).map(|line| (*line).to_owned()).collect();
     Head { skipped: skipped as u64, after: after as u64, units, rows }
+}
+
+/// Returns whether a text has the names of columns in its first lines.
+#[cfg(feature = "tables")]
+pub(super) fn has_names(text: &[u8]) -> bool {
+    let sample = &text[..text.len().min(1 << 16)];
+    names_at(&String::from_utf8_lossy(sample).lines().collect::<Vec<&str>>()).is_some()
+}
+
+/// Returns the index of the line with the names of the columns.
+fn names_at(lines: &[&str]) -> Option<usize> {
+    let names = |place: &usize| are_names(lines[*place], lines.get(place + 1..).unwrap_or_default());
+    (0..lines.len().min(MOST_SKIPPED)).find(names)
 }
 
 /// Returns whether a line contains the names of the columns. One of them is a time, none is a value, and one of the next
