@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use clap::builder::TypedValueParser;
 
+use super::columns::ColumnTable;
 use super::extra_files::ExtraFiles;
 use super::loading::load_quietly;
 use super::print::print_json;
@@ -15,6 +16,7 @@ use crate::cli::print::Out;
 use crate::clock::Clock;
 use isotherm_core::compensation::model::Outside;
 use isotherm_identify::applied::Applied;
+use isotherm_identify::dataset::Column;
 use isotherm_identify::facts::document;
 use isotherm_identify::method::{Method, Settings};
 use isotherm_identify::repaired_runs::repaired_files;
@@ -172,7 +174,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let profile = load_quietly(path, &arguments.set, arguments.json)?.profile;
     let mut beside = ExtraFiles::default();
-    let (found, document) = find(arguments, &profile, &mut beside)?;
+    let (found, document, columns) = find(arguments, &profile, &mut beside)?;
     if let Some(path) = &arguments.write {
         match found.refusal().filter(|_| !arguments.force) {
             Some(why) => beside.refuse(format!("{} is not written: {why}", path.display())),
@@ -181,17 +183,20 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     match document {
         Some(document) => print_json(&document)?,
-        None => text::render(&mut Out, &found, arguments.probe)?,
+        None => {
+            text::render(&mut Out, &found, arguments.probe)?;
+            columns.render(&mut Out)?;
+        }
     }
     beside.end(arguments.json)
 }
 
-/// Identifies the model. Also returns the JSON document, if it was requested.
+/// Identifies the model. Also returns the JSON document, if it was requested, and the use of the columns.
 fn find(
     arguments: &Arguments,
     profile: &Profile,
     beside: &mut ExtraFiles,
-) -> anyhow::Result<(Identified, Option<serde_json::Value>)> {
+) -> anyhow::Result<(Identified, Option<serde_json::Value>, ColumnTable)> {
     let choice = Choice {
         axis: arguments.axis.clone(),
         error: arguments.error.clone(),
@@ -242,7 +247,12 @@ fn find(
     }
     let document = || document(profile, &ready, &found, Clock::wall().now());
     let document = arguments.json.then(document).transpose()?;
-    Ok((found, document))
+    let is_used = |column: &Column| {
+        let shown = found.columns.iter().find(|shown| shown.name == column.name);
+        shown.is_some_and(|shown| shown.used != "not used")
+    };
+    let columns = ColumnTable::new(&dataset, &is_used);
+    Ok((found, document, columns))
 }
 
 /// Writes a file for each of these runs into the directory, which is created if it does not exist.

@@ -65,6 +65,8 @@ pub struct Dataset {
     pub remarks: Vec<String>,
     /// Used columns without any number in a log, with file and reason.
     pub lost: Vec<Refusal>,
+    /// Unused columns without any number in a log, with file and reason.
+    pub texts: Vec<Refusal>,
     /// Columns with too many values that no sensor measured. A verb that uses one of them must refuse the logs.
     pub implausible: Vec<Refusal>,
     /// Sentences about runs that contain the same minutes. Such runs must not be used to test a model.
@@ -153,7 +155,8 @@ impl Dataset {
         let logged = logged_units(&tables);
         let unit = |name: &str| units(name).or_else(|| logged.get(name).copied());
         let unread = unread(&tables, &unit);
-        let lost: Vec<Refusal> = tables.iter().flat_map(lost).collect();
+        let lost: Vec<Refusal> = tables.iter().flat_map(|table| refusals(table, &table.lost)).collect();
+        let texts = tables.iter().flat_map(|table| refusals(table, &table.texts)).collect();
         remarks.extend(not_used(&lost));
         let guess = |name: &str, values: &[f64]| match Kind::of_name(name, unit(name)) {
             None if split.displacements.iter().any(|known| known == name) => Kind::Displacement,
@@ -176,7 +179,7 @@ impl Dataset {
             matches!(columns[place].kind, Kind::Temperature | Kind::Displacement | Kind::Other)
         };
         let repeats = repeats::find(&runs, &is_measured);
-        Ok(Dataset { columns, unread, remarks, runs, lost, implausible, repeats })
+        Ok(Dataset { columns, unread, remarks, runs, lost, texts, implausible, repeats })
     }
 
     /// Returns the columns that a verb does not use, with the reason. `is_used` returns whether the verb uses a column.
@@ -188,7 +191,7 @@ impl Dataset {
         };
         let mut found: Vec<UnusedColumn> =
             read.map(|column| UnusedColumn { name: column.name.clone(), why: why(column) }).collect();
-        for lost in &self.lost {
+        for lost in self.lost.iter().chain(&self.texts) {
             if !found.iter().any(|known| known.name == lost.column) && self.column(&lost.column).is_none() {
                 found.push(UnusedColumn { name: lost.column.clone(), why: lost.message.clone() });
             }
@@ -258,13 +261,13 @@ fn lacking(table: &Table, names: &[String]) -> Option<String> {
     (!parts.is_empty()).then(|| parts.join("; "))
 }
 
-/// Returns the used columns of a file without any number.
-fn lost(table: &Table) -> Vec<Refusal> {
+/// Returns these columns of a file, with the reason why they cannot be used.
+fn refusals(table: &Table, columns: &[(String, String)]) -> Vec<Refusal> {
     let refusal = |(name, why): &(String, String)| Refusal {
         column: name.clone(),
         message: format!("{}, {why}", table.file.display()),
     };
-    table.lost.iter().map(refusal).collect()
+    columns.iter().map(refusal).collect()
 }
 
 /// Returns a remark that names each of these columns once; `None` if there is none.

@@ -50,6 +50,8 @@ pub(super) struct Table {
     pub(super) conversions: HashMap<String, Conversion>,
     /// Used columns without any number, with the reason.
     pub(super) lost: Vec<(String, String)>,
+    /// Unused columns without any number, with the reason.
+    pub(super) texts: Vec<(String, String)>,
     /// Messages of a logger instead of values, by the name of the column.
     failed: HashMap<String, Failed>,
     /// Names of the columns that contain the active Cz (Cz that acted during the measurement).
@@ -342,9 +344,8 @@ impl Reader {
         let column = &mut self.columns[place];
         column.is_over = true;
         column.text = Some((0, String::new()));
-        if column.is_used {
-            self.table.lost.push((column.name.clone(), why.to_owned()));
-        }
+        let list = if column.is_used { &mut self.table.lost } else { &mut self.table.texts };
+        list.push((column.name.clone(), why.to_owned()));
     }
 
     /// Begins a row with its time. Returns `false` if the time is invalid, and adds the error. Returns `Err` if the
@@ -505,9 +506,10 @@ impl Reader {
             return of(column.numbers);
         };
         if !column.has_numbers {
-            if column.is_used && column.words.is_none() && !column.is_over {
+            if column.words.is_none() && !column.is_over {
                 let why = format!("{} {line}: `{text}` is no number", self.row);
-                self.table.lost.push((name.to_owned(), why));
+                let list = if column.is_used { &mut self.table.lost } else { &mut self.table.texts };
+                list.push((name.to_owned(), why));
             }
             return Cells::Text(column.words.unwrap_or_default());
         }
