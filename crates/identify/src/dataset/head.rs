@@ -28,7 +28,14 @@ pub(super) struct Head {
 pub(super) fn start<R: Read>(mut input: R) -> io::Result<(Head, Chain<Cursor<Vec<u8>>, R>)> {
     let mut sample = Vec::new();
     input.by_ref().take(SAMPLE).read_to_end(&mut sample)?;
-    let head = find(&String::from_utf8_lossy(&sample).lines().collect::<Vec<&str>>());
+    let text = String::from_utf8_lossy(&sample);
+    let mut lines: Vec<&str> = text.lines().collect();
+    if sample.len() as u64 == SAMPLE && lines.len() > 1 {
+        // The last line may be incomplete.
+        lines.pop();
+    }
+    let head = find(&lines);
+    drop(text);
     let skipped = usize::try_from(head.skipped).unwrap_or(0);
     let begin: usize = match skipped {
         0 => 0,

@@ -409,6 +409,22 @@ mod of_parquet {
     }
 
     #[test]
+    fn a_date_and_a_time_of_the_day_are_one_time() {
+        use ::parquet::data_type::{Int32Type, Int64Type};
+        let columns =
+            "required int32 Date (DATE); required int64 Time (TIME(NANOS,false)); required double bed;";
+        let (_directory, path) = file(columns, |rows| {
+            column::<Int32Type>(rows, &[20_521, 20_522], None);
+            column::<Int64Type>(rows, &[86_340_000_000_000, 0], None);
+            column::<DoubleType>(rows, &[20.0, 21.0], None);
+        });
+        let split = Split { zone: Some(jiff::tz::TimeZone::UTC), ..Split::default() };
+        let found = Dataset::read(&[path], &split, &|_| None, &every_column).unwrap();
+        let minutes = [1_773_100_740, 1_773_100_800].map(|second| Moment::from_nanos(second * 1_000_000_000));
+        assert_eq!(found.runs[0].times, minutes);
+    }
+
+    #[test]
     fn a_nested_column_is_named() {
         let columns = "required double time; required double t1; required group list { required double x; }";
         let (_directory, path) = file(columns, |rows| {
