@@ -20,6 +20,8 @@ const MOST: f64 = 0.05;
 const NAMED: usize = 5;
 /// Multiple of the usual step between two rows that no machine moves.
 const TIMES_USUAL: f64 = 6.0;
+/// Multiple of the resolution of a column by which an implausible value stands apart.
+const TIMES_SMALLEST: f64 = 3.5;
 /// Longest gap of a temperature that is bridged.
 const BRIDGED: Duration = Duration::from_secs(300);
 /// Greatest distance in time of a value that is compared.
@@ -71,8 +73,10 @@ pub(super) fn find(tested: &Tested<'_>) -> Found {
     let Some(least) = least_distance(kind) else { return Found::default() };
     let is_good = |row: &usize| values[*row].is_finite() && !tested.is_suspicious(values[*row]);
     let good: Vec<usize> = (0..values.len()).filter(is_good).collect();
-    let usual = usual_step(values, &good);
-    let least = f64::max(least, TIMES_USUAL * usual);
+    let (smallest, usual) = steps(values, &good);
+    // A spindle has few speeds, and their differences are no resolution.
+    let smallest = if kind == Kind::Speed { 0.0 } else { smallest };
+    let least = least.max(TIMES_USUAL * usual).max(TIMES_SMALLEST * smallest);
     let mut found = Found::default();
     let suspicious = (0..values.len()).filter(|row| values[*row].is_finite() && !is_good(row));
     for row in suspicious {
@@ -127,11 +131,13 @@ fn stands_apart(value: f64, before: Option<f64>, after: Option<f64>, least: f64)
     }
 }
 
-/// Returns the step between neighbouring good rows that nine of ten steps do not exceed.
-fn usual_step(values: &[f64], good: &[usize]) -> f64 {
+/// Returns the smallest step between neighbouring good rows, which is the resolution of the column, and the step that nine
+/// of ten steps do not exceed. Both are 0 if the values never change.
+fn steps(values: &[f64], good: &[usize]) -> (f64, f64) {
     let mut steps: Vec<f64> = good.windows(2).map(|pair| (values[pair[1]] - values[pair[0]]).abs()).collect();
     steps.sort_by(f64::total_cmp);
-    steps.get(steps.len() * 9 / 10).copied().unwrap_or(0.0)
+    let smallest = steps.get(steps.partition_point(|step| *step < 1e-9)).copied();
+    (smallest.unwrap_or(0.0), steps.get(steps.len() * 9 / 10).copied().unwrap_or(0.0))
 }
 
 /// Returns the rows of jumps that return within a few rows while the machine does not move.
@@ -381,6 +387,14 @@ mod tests {
         speeds[40] = 65_535.0;
         speeds[60..80].fill(0.0);
         assert_eq!(found(Kind::Speed, &speeds), Found { sentinels: vec![40], jumps: Vec::new() });
+    }
+
+    #[test]
+    fn the_zero_of_a_coarse_gauge_is_a_value() {
+        let mut values: Vec<f64> = vec![5.0; 200];
+        values[50] = 0.0;
+        values[120..].fill(10.0);
+        assert_eq!(found(Kind::Displacement, &values), Found::default());
     }
 
     #[test]
