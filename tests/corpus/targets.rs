@@ -29,7 +29,7 @@ use isotherm_core::codec::{
 };
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
-use isotherm_identify::dataset::{Dataset, Split, every_column};
+use isotherm_identify::dataset::{Dataset, Split, every_column, explain};
 use isotherm_plant::sparkplug::{Address as Node, Sparkplug};
 use isotherm_plant::{Command, Json, JsonSettings, Metric, Outcome, Publisher, Snapshot, Subject, Value};
 use isotherm_profile::plan::plan;
@@ -46,7 +46,7 @@ use peer::{Peer, RTU};
 pub(crate) type Target = (&'static str, fn(&[u8]));
 
 /// All targets.
-pub(crate) const TARGETS: [Target; 15] = [
+pub(crate) const TARGETS: [Target; 16] = [
     ("codec", codec),
     ("plan", planner),
     ("profile", profile_text),
@@ -56,6 +56,7 @@ pub(crate) const TARGETS: [Target; 15] = [
     ("dbc", dbc),
     ("csv", csv),
     ("parquet", parquet),
+    ("tables", tables),
     ("deck", deck),
     ("client", client),
     ("server", server),
@@ -255,7 +256,12 @@ fn in_a_file(name: &str, data: &[u8], read: impl FnOnce(&Path)) {
 
 /// Reads a CSV log for identification, and replays it with the gateway's own steps.
 pub(crate) fn csv(data: &[u8]) {
-    in_a_file("fuzz.csv", data, learn);
+    in_a_file("fuzz.csv", data, |path| {
+        learn(path);
+        if let Ok(explanation) = explain(path, &Split::default()) {
+            assert!(!explanation.to_string().is_empty());
+        }
+    });
     if let Err(why) = isotherm::cli::replay::replay(&USUAL, data, "fuzz.csv", None) {
         assert!(!why.to_string().is_empty());
     }
@@ -267,6 +273,12 @@ pub(crate) fn csv(data: &[u8]) {
 /// Reads a Parquet log.
 pub(crate) fn parquet(data: &[u8]) {
     in_a_file("fuzz.parquet", data, learn);
+}
+
+/// Reads a log in a workbook, and in a compressed file.
+pub(crate) fn tables(data: &[u8]) {
+    in_a_file("fuzz.xlsx", data, learn);
+    in_a_file("fuzz.csv.gz", data, learn);
 }
 
 fn learn(path: &Path) {
