@@ -42,15 +42,18 @@ impl Kind {
         });
         // Range of the temperatures of a shop, its machine and its coolant. A column outside it is something else, or
         // in another unit. Some overloads of a logger do not make another quantity of a temperature.
-        let (mut all, mut outside, mut is_plausible) = (0usize, 0usize, true);
+        let (mut all, mut outside, mut is_plausible, mut is_of_any) = (0usize, 0usize, true, true);
         for value in numbers() {
             all += 1;
             if !(-40.0..=150.0).contains(&value) {
                 outside += 1;
                 is_plausible &= is_suspicious(Kind::Temperature, value);
+                // The values of a speed are those that loggers write instead of any quantity.
+                is_of_any &= is_suspicious(Kind::Speed, value);
             }
         }
-        let is_plausible = is_plausible && 20 * outside <= all;
+        // Many overloads are refused by name, so the column must still be known as a temperature.
+        let is_plausible = is_plausible && (20 * outside <= all || (is_of_any && 2 * outside < all));
         if is_named || is_plausible { Kind::Temperature } else { Kind::Other }
     }
 

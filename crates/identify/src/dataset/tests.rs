@@ -226,6 +226,10 @@ fn an_overload_of_a_temperature_is_bridged_and_the_column_stays_a_temperature() 
     assert!(found.remarks.join("; ").contains("bridged by straight lines"), "{:?}", found.remarks);
     let values = [[20.0; 60].as_slice(), &[9.9e37]].concat();
     assert_eq!(Kind::guess("spindle", None, std::iter::once(values.as_slice())), Kind::Temperature);
+    let many = [[20.0; 60].as_slice(), &[9.9e37; 20]].concat();
+    assert_eq!(Kind::guess("spindle", None, std::iter::once(many.as_slice())), Kind::Temperature);
+    let speeds = [[0.0; 60].as_slice(), &[1000.0; 20]].concat();
+    assert_eq!(Kind::guess("spindle", None, std::iter::once(speeds.as_slice())), Kind::Other);
     let speeds = [0.0, 1000.0, 1200.0];
     assert_eq!(Kind::guess("spindle", None, std::iter::once(speeds.as_slice())), Kind::Other);
 }
