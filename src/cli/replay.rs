@@ -105,8 +105,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Opens the log for the reader of rows, as `isotherm identify` reads it: in any encoding of a logger, without the lines
-/// around the names of the columns, or as another file with a table.
+/// Opens the log for the reader of rows. The log may be in any encoding of a logger, with lines around the names of the
+/// columns, or another file with a table.
 #[cfg(feature = "identify")]
 fn opened<'a>(
     arguments: &Arguments,

@@ -1,5 +1,5 @@
-//! File of `--out`. It is written under another name and renamed when it is complete, so that an error leaves neither a
-//! part of the file nor a damaged older file.
+//! File of `--out`. It is written under another name and renamed when it is complete. An error leaves no part of it, and
+//! does not damage an older file.
 
 use std::fs::File;
 use std::io::{self, Write};

@@ -116,7 +116,8 @@ fn is_near(times: &[Moment], one: usize, other: usize) -> bool {
 }
 
 /// Returns whether a value is farther from its neighbours than `least`, and the neighbours are alike. The neighbours of
-/// zero need only be on one side of it. A value at the begin or end of the rows has one neighbour. There, zero is a usual value.
+/// zero need only be on one side of it. A value at the begin or end of the rows has one neighbour. There, zero is a
+/// usual value.
 fn stands_apart(value: f64, before: Option<f64>, after: Option<f64>, least: f64) -> bool {
     let distance = |neighbour: f64| (value - neighbour).abs();
     match (before, after) {
@@ -131,8 +132,8 @@ fn stands_apart(value: f64, before: Option<f64>, after: Option<f64>, least: f64)
     }
 }
 
-/// Returns the smallest step between neighbouring good rows, which is the resolution of the column, and the step that nine
-/// of ten steps do not exceed. Both are 0 if the values never change.
+/// Returns the smallest step between neighbouring good rows, which is the resolution of the column. Also returns the
+/// step that nine of ten steps do not exceed. Both are 0 if the values never change.
 fn steps(values: &[f64], good: &[usize]) -> (f64, f64) {
     let mut steps: Vec<f64> = good.windows(2).map(|pair| (values[pair[1]] - values[pair[0]]).abs()).collect();
     steps.sort_by(f64::total_cmp);
