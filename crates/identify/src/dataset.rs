@@ -33,6 +33,7 @@ mod split;
 mod table;
 #[cfg(test)]
 mod tests;
+mod tidy;
 mod unit;
 #[cfg(feature = "tables")]
 mod workbook;

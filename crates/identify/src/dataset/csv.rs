@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
-use super::head::{self, Head};
+use super::head;
 use super::table::{Reader, Table, TooMuch};
+use super::tidy::Tidy;
 use super::{BadLog, Split, Uses, decode, files};
 use isotherm_core::quantity::{Dialect, with_date};
 use isotherm_profile::safe_file::{self, quoted};
@@ -28,7 +29,7 @@ pub(super) fn from_text(
     let (head, input) = head::start(decoded).map_err(unreadable)?;
     let (first, input) = safe_file::first_line(input).map_err(unreadable)?;
     let dialect = Dialect::of(&first, split.zone.clone()).with(split.decimal, split.dates);
-    let Head { skipped, after, .. } = head;
+    let (skipped, after) = (head.skipped, head.after);
     let separator = dialect.separator();
     let header_is_wrong = |why: String| {
         let hint = encoding.map(|encoding| format!(" (read as {encoding})")).unwrap_or_default();
@@ -45,6 +46,9 @@ pub(super) fn from_text(
     let width = names.len();
     let unnamed = names.iter().rev().take_while(|name| name.is_empty()).count();
     let names = with_units(names, &head.units);
+    if let Some(tidy) = Tidy::find(&names, split) {
+        return tidy.read((file, names.as_slice(), &head), &mut reader, dialect, (split, uses));
+    }
     let no_time = format!(
         "there is no column time (seconds or 2026-01-31T12:00:00Z), time_s or time_min; there are {}",
         quoted(&names.join(", "))
@@ -70,9 +74,7 @@ pub(super) fn from_text(
                 }
             }
             Ok(true) => {
-                // `record.position()` is the end of the record before, and therefore wrong after empty lines.
-                let inside = record.as_slice().bytes().filter(|byte| *byte == b'\n').count();
-                let own_line = reader.position().line().saturating_sub(1 + inside as u64);
+                let own_line = own_line(&reader, &record);
                 let line = own_line + skipped;
                 if record.iter().all(|cell| cell.trim().is_empty()) || own_line <= 1 + after {
                     // Spreadsheets end with thousands of empty lines. Lines with units follow the names.
@@ -103,6 +105,13 @@ pub(super) fn from_text(
         rows.refuse(line, None, format!("{cells} cells under {width} column names{more}: {hint}"));
     }
     rows.finish((2 + skipped + after, "there are no rows under the header"))
+}
+
+/// Returns the line in which a record begins that was just read.
+pub(super) fn own_line<R: std::io::Read>(reader: &csv::Reader<R>, record: &csv::StringRecord) -> u64 {
+    // `record.position()` is the end of the record before, and therefore wrong after empty lines.
+    let inside = record.as_slice().bytes().filter(|byte| *byte == b'\n').count();
+    reader.position().line().saturating_sub(1 + inside as u64)
 }
 
 /// Returns whether a row has a cell for each name. Empty cells at its end may be missing under empty names, and may be
@@ -140,7 +149,7 @@ pub(super) fn check_header(names: &[String]) -> Result<(), String> {
     }
 }
 
-fn message(why: &csv::Error) -> String {
+pub(super) fn message(why: &csv::Error) -> String {
     match why.kind() {
         csv::ErrorKind::Utf8 { .. } => {
             "this is not UTF-8 text; save it again as UTF-8 (\"CSV UTF-8\" in a spreadsheet)".to_owned()
