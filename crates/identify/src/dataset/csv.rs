@@ -97,12 +97,8 @@ pub(super) fn from_text(
         reader.get_mut().row_is_over();
     }
     if let Some((line, cells, lines)) = uneven {
-        let hint = match cells > width {
-            true => "if these are decimal commas, write points; a comma only separates columns",
-            false => "an empty cell also needs its separator",
-        };
         let more = if lines > 1 { format!(", also in {} more lines", lines - 1) } else { String::new() };
-        rows.refuse(line, None, format!("{cells} cells under {width} column names{more}: {hint}"));
+        rows.refuse(line, None, uneven_row(cells, width, &more));
     }
     rows.finish((2 + skipped + after, "there are no rows under the header"))
 }
@@ -114,9 +110,18 @@ pub(super) fn own_line<R: std::io::Read>(reader: &csv::Reader<R>, record: &csv::
     reader.position().line().saturating_sub(1 + inside as u64)
 }
 
+/// Returns the message about a row with more or fewer cells than names.
+pub(super) fn uneven_row(cells: usize, width: usize, more: &str) -> String {
+    let hint = match cells > width {
+        true => "if these are decimal commas, write points; a comma only separates columns",
+        false => "an empty cell also needs its separator",
+    };
+    format!("{cells} cells under {width} column names{more}: {hint}")
+}
+
 /// Returns whether a row has a cell for each name. Empty cells at its end may be missing under empty names, and may be
 /// more than the names.
-fn fits(record: &csv::StringRecord, width: usize, unnamed: usize) -> bool {
+pub(super) fn fits(record: &csv::StringRecord, width: usize, unnamed: usize) -> bool {
     let cells = record.len();
     cells == width
         || (cells < width && cells + unnamed >= width)

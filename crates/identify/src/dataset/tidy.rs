@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::io::Read;
 use std::path::Path;
 
-use super::csv::{MOST_COLUMNS, check_header, message, own_line};
+use super::csv::{MOST_COLUMNS, check_header, fits, message, own_line, uneven_row};
 use super::head::{self, Head};
 use super::table::{Reader, Table, TooMuch};
 use super::{BadLog, Split, Uses};
@@ -86,6 +86,10 @@ impl Tidy {
                 continue;
             }
             let line = own_line + head.skipped;
+            let unnamed = names.iter().rev().take_while(|name| name.is_empty()).count();
+            if !fits(&record, names.len(), unnamed) {
+                return Err(refused(line, uneven_row(record.len(), names.len(), "")));
+            }
             let cell = |place: usize| record.get(place).unwrap_or_default().trim();
             let time = with_date(cell(self.times.time), self.times.date.map(cell));
             let unit = self.unit.map(cell).unwrap_or_default();
@@ -236,6 +240,7 @@ mod tests {
     fn mistakes_of_a_long_log_are_named_with_their_line() {
         for (log, says) in [
             ("time,sensor,value\n0,bed,20\n0,bed,21\n", "line 3: bed has a second value at the time 0"),
+            ("time,sensor,value\n0,bed,20,5\n", "line 2: 4 cells under 3 column names"),
             ("time,sensor,value\n0,bed,20\n60,,21\n", "line 3: the name of the sensor is missing"),
             ("time,sensor,value\n0,bed,20\n60,bed,oops\n", "line 3, column bed: `oops` is no number"),
             ("time,sensor,value\nnoon,bed,20\n", "line 2, column time: `noon` is no time"),
