@@ -29,7 +29,7 @@ use isotherm_core::codec::{
 };
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
-use isotherm_identify::dataset::{Dataset, Split, every_column, explain};
+use isotherm_identify::dataset::{Dataset, Split, every_column, explain, plain_log};
 use isotherm_plant::sparkplug::{Address as Node, Sparkplug};
 use isotherm_plant::{Command, Json, JsonSettings, Metric, Outcome, Publisher, Snapshot, Subject, Value};
 use isotherm_profile::plan::plan;
@@ -265,8 +265,22 @@ pub(crate) fn csv(data: &[u8]) {
     if let Err(why) = isotherm::cli::replay::replay(&USUAL, data, "fuzz.csv", None) {
         assert!(!why.to_string().is_empty());
     }
+    in_a_file("fuzz.csv", data, replay_as_identify_reads);
     if let Err(why) = isotherm::cli::replay::replay_outputs(data, "fuzz.outputs.csv") {
         assert!(!why.to_string().is_empty());
+    }
+}
+
+/// Replays a log in any encoding, and below the lines of a logger.
+fn replay_as_identify_reads(path: &Path) {
+    use isotherm::cli::replay::{Recording, replay};
+    let file = std::fs::File::open(path).expect("a file");
+    if let Ok(log) = plain_log(path, file, &Split::default(), &every_column) {
+        let (first_rows, left_out) = (log.first_rows, log.left_out);
+        let recording = Recording { name: "fuzz.csv", first_rows, left_out, ..Recording::default() };
+        if let Err(why) = replay(&USUAL, log.input, recording, None) {
+            assert!(!why.to_string().is_empty());
+        }
     }
 }
 
