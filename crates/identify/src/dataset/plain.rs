@@ -5,6 +5,7 @@ use std::io::{self, BufRead, BufReader, Cursor, Read, Write};
 use std::path::Path;
 
 use super::table::Cells;
+use super::tidy::Tidy;
 use super::{BadLog, Split, Uses, decode, files, head, read_table};
 use isotherm_core::quantity::{Dialect, time};
 
@@ -34,20 +35,23 @@ pub fn plain_log(
     split: &Split,
     uses: Uses<'_>,
 ) -> Result<PlainLog, BadLog> {
-    let unreadable = |why: io::Error| files::cannot_be_read(file, &why);
     let ending = file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
-    match ending.to_ascii_lowercase().as_str() {
+    let plain = match ending.to_ascii_lowercase().as_str() {
         #[cfg(feature = "tables")]
-        "gz" => plain_csv(super::gzip::open(file)?).map_err(unreadable),
+        "gz" => plain_csv(super::gzip::open(file)?, split),
         #[cfg(not(feature = "tables"))]
-        "gz" => csv_of_table(file, split, uses),
-        "parquet" | "xlsx" | "xlsm" | "xls" | "xlsb" | "ods" => csv_of_table(file, split, uses),
-        _ => plain_csv(input).map_err(unreadable),
+        "gz" => Ok(None),
+        "parquet" | "xlsx" | "xlsm" | "xls" | "xlsb" | "ods" => Ok(None),
+        _ => plain_csv(input, split),
+    };
+    match plain.map_err(|why| files::cannot_be_read(file, &why))? {
+        Some(log) => Ok(log),
+        None => csv_of_table(file, split, uses),
     }
 }
 
-/// Reads CSV in any encoding of a logger, without the lines around the column names.
-fn plain_csv(input: impl Read + 'static) -> io::Result<PlainLog> {
+/// Reads CSV in any encoding of a logger, without the lines around the column names. `None` if the log is long.
+fn plain_csv(input: impl Read + 'static, split: &Split) -> io::Result<Option<PlainLog>> {
     let (decoded, _) = decode::utf8(input)?;
     let (head, rest) = head::start(decoded)?;
     let left_out = [head.skipped, head.after];
@@ -58,6 +62,9 @@ fn plain_csv(input: impl Read + 'static) -> io::Result<PlainLog> {
     let separator = Dialect::of(&header, None).separator();
     let owned =
         |line: &str| head::cells(line, separator).into_iter().map(str::to_owned).collect::<Vec<String>>();
+    if Tidy::find(&owned(&header), split).is_some() {
+        return Ok(None);
+    }
     let first_rows = head.rows.iter().map(|line| owned(line)).collect();
     if head.after > 0 || head::uncommented(&header) != header {
         let mut unused = Vec::new();
@@ -67,7 +74,8 @@ fn plain_csv(input: impl Read + 'static) -> io::Result<PlainLog> {
         }
         line = with_units(&owned(&header), &head.units, separator);
     }
-    Ok(PlainLog { input: Box::new(Cursor::new(line).chain(rest)), is_csv: true, first_rows, left_out })
+    let input = Box::new(Cursor::new(line).chain(rest));
+    Ok(Some(PlainLog { input, is_csv: true, first_rows, left_out }))
 }
 
 /// Returns the line with the names of the columns and their units.
@@ -124,7 +132,7 @@ mod tests {
 
     #[track_caller]
     fn plain(log: &[u8], expected: &str, left_out: [u64; 2]) {
-        let mut found = plain_csv(Cursor::new(log.to_vec())).unwrap();
+        let mut found = plain_csv(Cursor::new(log.to_vec()), &Split::default()).unwrap().unwrap();
         let mut text = String::new();
         found.input.read_to_string(&mut text).unwrap();
         assert_eq!((text.as_str(), found.left_out), (expected, left_out));
@@ -160,6 +168,9 @@ mod tests {
     #[test]
     fn the_cells_of_the_first_rows_are_known() {
         let log = b"Date,Time,bed\n31/01/2026,06:00:00,20\n".to_vec();
-        assert_eq!(plain_csv(Cursor::new(log)).unwrap().first_rows, [["31/01/2026", "06:00:00", "20"]]);
+        let found = plain_csv(Cursor::new(log), &Split::default()).unwrap().unwrap();
+        assert_eq!(found.first_rows, [["31/01/2026", "06:00:00", "20"]]);
+        let long = b"time,sensor,value\n0,bed,20\n".to_vec();
+        assert!(plain_csv(Cursor::new(long), &Split::default()).unwrap().is_none(), "it is read as a table");
     }
 }
