@@ -46,8 +46,10 @@ pub(super) fn read(text: &str, order: Option<DateOrder>) -> Option<Result<Read, 
     }
     let (date, time) = text.split_once([' ', 'T'])?;
     let clock = Clock::of(time)?;
-    let is_assumed =
-        order.is_none() && clock.is_of_half_days && date.contains('/') && self::order(text).is_none();
+    let is_assumed = order.is_none()
+        && clock.is_of_half_days
+        && date.find('/').is_some_and(|at| at < 4)
+        && self::order(text).is_none();
     // `31/01/2026 6:00 PM` has one reading.
     let order =
         order.or_else(|| self::order(text)).or(clock.is_of_half_days.then_some(DateOrder::MonthFirst));
@@ -84,6 +86,12 @@ fn only_order(first: u8, second: u8) -> Option<DateOrder> {
 fn parse_date(date: &str, order: Option<DateOrder>, text: &str) -> Option<Result<Date, String>> {
     let parts: Vec<&str> = date.split(['.', '/', '-']).collect();
     let [first, second, third] = parts.as_slice() else { return None };
+    if let Some(month) = month_of_name(second) {
+        let (year, day) = if first.len() == 4 { (first, third) } else { (third, first) };
+        // `05-Jan-26` has no century.
+        let year = year.parse::<i16>().ok().filter(|year| *year > 999)?;
+        return Some(Ok(Date::new(year, month, day.parse().ok()?).ok()?));
+    }
     if first.len() == 4 {
         return Some(Ok(Date::new(first.parse().ok()?, second.parse().ok()?, third.parse().ok()?).ok()?));
     }
@@ -110,6 +118,30 @@ fn parse_date(date: &str, order: Option<DateOrder>, text: &str) -> Option<Result
         return Some(Err(format!("`{text}`: there is no month {month}: are the dates --dates {option}?")));
     }
     Some(Ok(Date::new(year, month, day).ok()?))
+}
+
+/// Returns the month with this name, in English or German: `Jan`, `January`, `Mär`, `Dez`.
+fn month_of_name(name: &str) -> Option<i8> {
+    const MONTHS: [(&str, i8); 16] = [
+        ("jan", 1),
+        ("feb", 2),
+        ("mar", 3),
+        ("mär", 3),
+        ("mrz", 3),
+        ("apr", 4),
+        ("may", 5),
+        ("mai", 5),
+        ("jun", 6),
+        ("jul", 7),
+        ("aug", 8),
+        ("sep", 9),
+        ("oct", 10),
+        ("okt", 10),
+        ("nov", 11),
+        ("de", 12),
+    ];
+    let name = name.to_lowercase();
+    MONTHS.iter().find(|(begin, _)| name.starts_with(begin)).map(|(_, month)| *month)
 }
 
 fn two_orders(text: &str) -> String {
@@ -301,6 +333,8 @@ mod tests {
             ("05/01/2026 06:00", day, "2026-01-05T06:00:00"),
             ("05/01/2026 06:00", month, "2026-05-01T06:00:00"),
             ("05-01-2026 06:00", day, "2026-01-05T06:00:00"),
+            ("05-Jan-2026 06:00:10", None, "2026-01-05T06:00:10"),
+            ("2026-Dez-05 06:00:10", None, "2026-12-05T06:00:10"),
         ] {
             assert_eq!(read(text, order), at(read_as), "{text}");
         }

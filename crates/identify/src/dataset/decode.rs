@@ -1,8 +1,9 @@
-//! Encodings of logs. Loggers and spreadsheets of Windows write cp1252, UTF-16 or GBK; everything is read as UTF-8.
+//! Encodings of logs. Loggers and spreadsheets of Windows write cp1252, UTF-16, GBK or Shift_JIS; everything is read as
+//! UTF-8.
 
 use std::io::{self, Chain, Cursor, Read};
 
-use encoding_rs::{Decoder, Encoding, GBK, UTF_16BE, UTF_16LE, WINDOWS_1252};
+use encoding_rs::{Decoder, Encoding, GBK, SHIFT_JIS, UTF_16BE, UTF_16LE, WINDOWS_1252};
 
 /// Number of bytes from which the encoding is detected.
 const SAMPLE: u64 = 1 << 16;
@@ -64,6 +65,7 @@ fn detect(sample: &[u8]) -> Option<&'static Encoding> {
         // The sample may end inside a character.
         Err(why) if why.error_len().is_none() => None,
         Err(_) if is_of_pairs(sample) => Some(GBK),
+        Err(_) if is_shift_jis(sample) => Some(SHIFT_JIS),
         Err(_) => Some(WINDOWS_1252),
     }
 }
@@ -92,6 +94,16 @@ fn is_of_pairs(sample: &[u8]) -> bool {
         is_valid &= whole.len().is_multiple_of(2) && whole.chunks(2).all(is_pair);
     }
     is_valid
+}
+
+/// Returns whether the sample is text in Shift_JIS. It has bytes that are rare in cp1252, each followed by a byte that may
+/// follow.
+fn is_shift_jis(sample: &[u8]) -> bool {
+    let is_valid =
+        |text: &[u8]| SHIFT_JIS.decode_without_bom_handling_and_without_replacement(text).is_some();
+    // The sample may end inside a character.
+    let but_last = sample.split_last().map_or(sample, |(_, rest)| rest);
+    sample.iter().any(|byte| matches!(byte, 0x81..=0x9F)) && (is_valid(sample) || is_valid(but_last))
 }
 
 impl<R: Read> Read for Decoded<R> {
@@ -129,6 +141,8 @@ mod tests {
     const LOG: &str = "Zeit;Öl [°C];Weg [µm]\n0;20,5;1,5\n60;20,6;1,6\n";
     const CHINESE: &str = "时间,主轴温度,床身\n0,20.5,19.9\n60,20.6,19.9\n";
 
+    const JAPANESE: &str = "時刻,主軸温度,ベッド\n0,20.5,19.9\n60,20.6,19.9\n";
+
     #[track_caller]
     fn reads(bytes: &[u8], text: &str, encoding: Option<&str>) {
         let (mut decoded, name) = utf8(bytes).unwrap();
@@ -143,6 +157,9 @@ mod tests {
         reads(format!("\u{feff}{LOG}").as_bytes(), LOG, None);
         reads(&WINDOWS_1252.encode(LOG).0, LOG, Some("windows-1252"));
         reads(&GBK.encode(CHINESE).0, CHINESE, Some("GBK"));
+        reads(&SHIFT_JIS.encode(JAPANESE).0, JAPANESE, Some("Shift_JIS"));
+        let quoted = "Zeit;\u{201c}Öl\u{201d};Druck \u{2013} bar\n0;20,5;1\n";
+        reads(&WINDOWS_1252.encode(quoted).0, quoted, Some("windows-1252"));
         let little: Vec<u8> = LOG.encode_utf16().flat_map(u16::to_le_bytes).collect();
         let big: Vec<u8> = LOG.encode_utf16().flat_map(u16::to_be_bytes).collect();
         reads(&[&[0xFF, 0xFE], little.as_slice()].concat(), LOG, Some("UTF-16LE"));
