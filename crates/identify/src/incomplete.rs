@@ -67,14 +67,18 @@ fn runs_of(groups: &[Group]) -> Vec<usize> {
     groups.iter().flat_map(|group| group.runs.iter().copied()).collect()
 }
 
-/// Returns the runs that lack a column that another run has, grouped by their missing columns.
+/// Returns the runs that lack a column that at least half of the runs have, grouped by their missing columns. A column
+/// that fewer runs have is left out anyway.
 fn groups(dataset: &Dataset, inputs: &[usize]) -> Vec<Group> {
     let is_missing = |run: usize, column: usize| missing(&dataset.runs[run], column) > MISSING;
     let runs = 0..dataset.runs.len();
     let mut columns = inputs.to_vec();
     columns.sort_unstable();
     columns.dedup();
-    columns.retain(|column| runs.clone().any(|run| !is_missing(run, *column)));
+    columns.retain(|column| {
+        let lacking = runs.clone().filter(|run| is_missing(*run, *column)).count();
+        2 * lacking <= runs.len()
+    });
     let mut groups: Vec<Group> = Vec::new();
     for run in runs {
         let lacking: Vec<usize> = columns.iter().copied().filter(|column| is_missing(run, *column)).collect();
@@ -190,8 +194,8 @@ mod tests {
     fn logs_with_all_columns_are_not_changed() {
         let mut dataset = logs(|_, _| true);
         leave_out(&mut dataset, &[0, 1], &|_, _| panic!("nothing must be tested"));
-        // A column that no run has is no reason to leave a run out.
-        dataset.runs.iter_mut().for_each(|run| run.values[1].fill(f64::NAN));
+        // A column that few runs have is no reason to leave the others out.
+        dataset.runs.iter_mut().skip(2).for_each(|run| run.values[1].fill(f64::NAN));
         leave_out(&mut dataset, &[0, 1], &|_, _| panic!("nothing must be tested"));
         assert_eq!((dataset.runs.len(), dataset.remarks.len()), (5, 0));
     }

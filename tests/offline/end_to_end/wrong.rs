@@ -215,6 +215,16 @@ fn logs_with_different_columns_are_taken_with_a_word() {
         "{}",
         answer.out
     );
+    let select = asked(home.path(), &["select", "--error", "z_error_um"], &logs, &[]);
+    for answer in [answer, select] {
+        assert_eq!(answer.code, Some(0), "{}", answer.said);
+        let note = answer.out.lines().find(|line| line.contains("The error of held-out runs is"));
+        assert!(
+            note.is_some_and(|note| note.contains("left out: ") && note.contains("oil")),
+            "{}",
+            answer.out
+        );
+    }
 }
 
 #[test]
