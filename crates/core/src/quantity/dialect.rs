@@ -257,10 +257,14 @@ impl Dialect {
     pub fn moment_in(&mut self, unit: TimeUnit, text: &str, last: Option<Moment>) -> Result<Moment, String> {
         let text = text.trim();
         if !text.contains(':') {
-            let number = match number_and_unit(text) {
-                Some((number, "")) => self.number(&number)?.into_owned(),
+            let found = number_and_unit(text);
+            let own = found.as_ref().and_then(|(_, unit)| TimeUnit::of(unit));
+            let number = match &found {
+                Some((number, unit)) if unit.is_empty() || own.is_some() => self.number(number)?.into_owned(),
                 _ => text.to_owned(),
             };
+            // `60 s` has a unit of its own.
+            let unit = own.unwrap_or(unit);
             if unit.of_a_count().is_none()
                 && self.zone.is_some()
                 && !is_number(&number)

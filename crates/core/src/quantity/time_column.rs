@@ -25,8 +25,8 @@ pub enum TimeUnit {
 }
 
 impl TimeUnit {
-    /// Returns the unit with this name in a header.
-    fn of(name: &str) -> Option<TimeUnit> {
+    /// Returns the unit with this name in a header or in a cell.
+    pub(super) fn of(name: &str) -> Option<TimeUnit> {
         Some(match name.to_ascii_lowercase().as_str() {
             "ms" | "msec" | "millisecond" | "milliseconds" | "millisekunden" => TimeUnit::Milliseconds,
             "s" | "sec" | "secs" | "second" | "seconds" | "sek" | "sekunden" | "秒" => TimeUnit::Seconds,
