@@ -11,6 +11,8 @@ mod end_to_end;
 #[cfg(feature = "parquet")]
 mod export;
 mod identify;
+#[cfg(all(feature = "parquet", feature = "tables"))]
+mod logs;
 mod place;
 mod placement;
 mod report;
