@@ -21,8 +21,8 @@ enum LogsVerb {
     Explain(ExplainArguments),
 }
 
-/// Shows how `identify`, `select` and `report` understand a log: its encoding, the line with the names, the time, the units
-/// of the columns, and the first rows. It also shows the errors of the first rows, and then ends with exit code 1.
+/// Shows how `identify`, `select` and `report` understand a log: encoding, line of the names, time, units, and first rows.
+/// It also shows the errors of these rows, and then ends with exit code 1.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Example:\n  isotherm logs explain monday.csv --zone Europe/Berlin")]
 struct ExplainArguments {

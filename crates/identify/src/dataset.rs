@@ -18,6 +18,7 @@ mod decode;
 mod error;
 mod explain;
 mod files;
+mod formats;
 mod gauge;
 #[cfg(feature = "tables")]
 mod gzip;
@@ -38,7 +39,7 @@ mod unit;
 #[cfg(feature = "tables")]
 mod workbook;
 
-pub use error::BadLog;
+pub use error::{BadLog, Refusal};
 pub use explain::{CsvLayout, ExplainedColumn, ExplainedRow, Explanation, TimeLayout, explain};
 pub use kind::Kind;
 pub use plain::{PlainLog, plain_log};
@@ -46,6 +47,7 @@ pub use run::Run;
 pub use split::Split;
 pub use table::{Uses, every_column};
 
+use formats::read_table;
 use split::Divided;
 use table::Table;
 
@@ -72,15 +74,6 @@ pub struct Dataset {
     pub implausible: Vec<Refusal>,
     /// Sentences about runs that contain the same minutes. Such runs must not be used to test a model.
     pub repeats: Vec<String>,
-}
-
-/// Reason why a column cannot be used.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Refusal {
-    /// Name of the column.
-    pub column: String,
-    /// Message with file, line and value.
-    pub message: String,
 }
 
 /// Log column that a verb does not use.
@@ -290,37 +283,4 @@ fn unread(tables: &[Table], units: Units<'_>) -> Vec<Column> {
         }
     }
     found
-}
-
-fn read_table(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, BadLog> {
-    let ending = file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
-    match ending.to_ascii_lowercase().as_str() {
-        #[cfg(feature = "parquet")]
-        "parquet" => parquet::read(file, split, uses),
-        #[cfg(not(feature = "parquet"))]
-        "parquet" => Err(not_built(file, "Parquet", "parquet")),
-        #[cfg(feature = "tables")]
-        "gz" => gzip::read(file, split, uses),
-        #[cfg(not(feature = "tables"))]
-        "gz" => Err(not_built(file, "compressed logs", "tables")),
-        #[cfg(feature = "tables")]
-        "xlsx" | "xlsm" => workbook::read(file, split, uses),
-        #[cfg(not(feature = "tables"))]
-        "xlsx" | "xlsm" => Err(not_built(file, "workbooks", "tables")),
-        "xls" | "xlsb" | "ods" => Err(BadLog(vec![format!(
-            "{}: this kind of workbook is not read: save the sheet with the log as .xlsx or as CSV",
-            file.display()
-        )])),
-        _ => csv::read(file, split, uses),
-    }
-}
-
-/// Returns the message about a file that needs a feature of the build.
-#[cfg(not(all(feature = "parquet", feature = "tables")))]
-fn not_built(file: &Path, what: &str, feature: &str) -> BadLog {
-    BadLog(vec![format!(
-        "{}: this program was built without {what}: write CSV, use a packaged program, or build one with \
-         {what}: `cargo build --release --features {feature}`",
-        file.display()
-    )])
 }

@@ -282,7 +282,7 @@ impl Wall {
                 let before = self.first_pass.take().map(|before| wall.duration_since(before));
                 if before.is_some_and(|passed| passed > SignedDuration::ZERO && passed < NEXT_ROW) {
                     return Err(format!(
-                        "{wall} follows the end of summer time, but the hour before occurs only once: the clock of this \
+                        "{wall} follows the end of summer time, but the hour before occurs only once. The clock of this \
                          log was not set back, or the log begins in that hour. State its offset: --zone {offset}:00 for \
                          a clock on winter time, or one hour more for a clock on summer time"
                     ));

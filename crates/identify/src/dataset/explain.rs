@@ -6,9 +6,10 @@ use std::path::Path;
 
 use serde::Serialize;
 
+use super::formats::read_table;
 use super::head::{self, Head};
 use super::table::{Cells, Table, Understood};
-use super::{BadLog, Kind, Split, Uses, decode, every_column, files, read_table, unit};
+use super::{BadLog, Kind, Split, Uses, decode, every_column, files, unit};
 use isotherm_core::quantity::{DateOrder, DecimalMark, Dialect, Moment, TimeUnit, time};
 
 /// Number of bytes from which a CSV log is explained.

@@ -5,9 +5,10 @@ use std::time::Duration;
 
 use isotherm_core::quantity::{Conversion, Moment, time};
 
+use super::formats::read_table;
 use super::implausible::leave_out;
 use super::table::Cells;
-use super::{BadLog, Column, Dataset, Kind, Run, Split, every_column, read_table};
+use super::{BadLog, Column, Dataset, Kind, Run, Split, every_column};
 use isotherm_profile::duration_text;
 
 /// Adds the readings of a dial gauge; see [`Dataset::add_gauge`].

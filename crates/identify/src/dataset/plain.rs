@@ -4,9 +4,10 @@
 use std::io::{self, BufRead, BufReader, Cursor, Read, Write};
 use std::path::Path;
 
+use super::formats::read_table;
 use super::table::Cells;
 use super::tidy::Tidy;
-use super::{BadLog, Split, Uses, decode, files, head, read_table};
+use super::{BadLog, Split, Uses, decode, files, head};
 use isotherm_core::quantity::{Dialect, time};
 
 /// Number of bytes in which the names of the columns are searched, as in [`head::start`].
