@@ -26,10 +26,10 @@ mod demo;
 mod descriptors;
 mod diagnostics;
 mod events;
-#[cfg(feature = "parquet")]
-mod export;
 #[cfg(feature = "identify")]
 mod explain;
+#[cfg(feature = "parquet")]
+mod export;
 #[cfg(any(feature = "identify", feature = "place"))]
 mod extra_files;
 #[cfg(feature = "identify")]
