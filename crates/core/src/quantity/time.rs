@@ -17,7 +17,9 @@ pub fn parse(text: &str) -> Result<Moment, String> {
         return stamp(text);
     }
     if text.contains(',') {
-        return Err(format!("`{text}` has a decimal comma; write {}", text.replace(',', ".")));
+        return Err(format!(
+            "`{text}` has a comma; write seconds with a decimal point, and without separators of thousands"
+        ));
     }
     if text.starts_with('-') {
         return Err(format!("`{text}` is negative; write seconds since the start of the log, or since 1970"));
