@@ -122,6 +122,11 @@ impl Dialect {
                 }
                 let Some((number, _)) = number_and_unit(cell) else { continue };
                 let marks = number.matches([',', '.']).count();
+                let is_date =
+                    |sign: char| number.matches(sign).count() == marks && !has_groups(&number, sign);
+                if marks > 1 && (is_date(',') || is_date('.')) {
+                    continue;
+                }
                 if marks == 1 && [',', '.'].iter().any(|sign| has_groups(&number, *sign)) {
                     has_groups_only[column] = true;
                 } else if marks > 0 {

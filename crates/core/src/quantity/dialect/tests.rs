@@ -79,6 +79,7 @@ fn a_mark_before_three_digits_is_asked_for_if_no_other_number_shows_the_decimal_
         dialect.learn_marks(rows.iter().map(|row| row.to_vec()));
         dialect.number("1.200").map(std::borrow::Cow::into_owned)
     };
+    assert!(learnt(&[&["09.03.2026", "900"], &["10.03.2026", "1.200"]]).is_err());
     let said = learnt(&[&["0", "900"], &["60", "1.200"]]).unwrap_err();
     assert!(said.contains("can be 1200 or 1.200") && said.contains("--decimal"), "{said}");
     let clear: [&[&[&str]]; 3] =
