@@ -11,6 +11,8 @@ mod end_to_end;
 #[cfg(feature = "parquet")]
 mod export;
 mod identify;
+#[cfg(all(feature = "parquet", feature = "tables"))]
+mod logs;
 #[cfg(feature = "onnx")]
 mod onnx;
 mod place;

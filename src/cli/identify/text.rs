@@ -18,10 +18,6 @@ pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Dur
     };
     writeln!(out, "  error   {}", columns("error"))?;
     writeln!(out, "  inputs  {}", columns("input"))?;
-    let unused = columns("not used");
-    if !unused.is_empty() {
-        writeln!(out, "  unused  {unused}")?;
-    }
     for faulty in &found.notes.excluded {
         writeln!(out, "  left out: {} {}", faulty.signal, faulty.reason)?;
     }

@@ -49,14 +49,59 @@ fn a_log_that_is_no_such_csv_is_reported_with_what_to_write() {
 }
 
 #[test]
-fn a_file_in_another_encoding_is_refused_with_the_reason() {
+fn a_file_in_utf_16_is_read_as_one_in_utf_8() {
     let home = tempfile::tempdir().unwrap();
     let wide: Vec<u8> =
         std::iter::once(0xFEFF).chain(day(1).encode_utf16()).flat_map(u16::to_le_bytes).collect();
-    std::fs::write(home.path().join("wide.csv"), wide).unwrap();
-    let answer = asked(home.path(), &["report", "wide.csv"], &[], &[]);
-    assert_eq!(answer.code, Some(1));
-    assert!(answer.said.contains("wide.csv, line 1: this is not UTF-8 text"), "{}", answer.said);
+    std::fs::write(home.path().join("day.csv"), wide).unwrap();
+    let wide = asked(home.path(), &["report", "day.csv"], &[], &[]);
+    assert_eq!(wide.code, Some(0), "{}", wide.said);
+    let plain = asked(home.path(), &["report"], &[("day.csv", day(1))], &[]);
+    assert_eq!(wide.out, plain.out);
+}
+
+#[test]
+fn a_copy_of_a_day_is_refused_where_a_model_is_tested() {
+    let home = tempfile::tempdir().unwrap();
+    let logs = [("one.csv", day(1)), ("two.csv", day(2)), ("two - Copy.csv", day(2))];
+    for answer in [
+        identify(home.path(), PROFILE, &logs, &[]),
+        asked(home.path(), &["select", "--error", "z_error_um"], &logs, &[]),
+    ] {
+        assert_eq!(answer.code, Some(1), "{}", answer.said);
+        assert!(answer.said.contains("contains the same rows as"), "{}", answer.said);
+    }
+    let report = asked(home.path(), &["report"], &logs, &[]);
+    assert_eq!(report.code, Some(0), "{}", report.said);
+    assert!(report.out.contains("contains the same rows as"), "{}", report.out);
+}
+
+#[test]
+fn overloads_are_named_by_all_verbs_and_too_many_are_refused() {
+    let home = tempfile::tempdir().unwrap();
+    let overloaded = |every: usize| {
+        let line = |(number, line): (usize, &str)| match line.rsplit_once(',') {
+            Some((rest, _)) if number > 10 && number % every == 0 => format!("{rest},9.9E+37\n"),
+            _ => format!("{line}\n"),
+        };
+        day(1).lines().enumerate().map(line).collect::<String>()
+    };
+    let answers = |every: usize| {
+        let logs = [("one.csv", overloaded(every)), ("two.csv", day(2)), ("three.csv", day(3))];
+        [
+            identify(home.path(), PROFILE, &logs, &[]),
+            asked(home.path(), &["select", "--error", "z_error_um"], &logs, &[]),
+            asked(home.path(), &["report"], &logs, &[]),
+        ]
+    };
+    for answer in answers(100) {
+        assert_eq!(answer.code, Some(0), "{}", answer.said);
+        assert!(answer.out.contains("one.csv, line 101, column z_error_um: `9.9e37`"), "{}", answer.out);
+    }
+    for answer in answers(10) {
+        assert_eq!(answer.code, Some(1), "{}", answer.out);
+        assert!(answer.said.contains("more than 5 % of the values"), "{}", answer.said);
+    }
 }
 
 #[test]
@@ -172,7 +217,7 @@ fn what_cannot_be_learnt_from_is_reported_by_identify_and_select() {
     let cases: [(Logs, &[&str]); 5] = [
         (of(fahrenheit), &["°F", "(F − 32) / 1.8"]),
         (of(|number| with_column(number, 5, |_| 1.0)), &["z_error_um is constant in every run"]),
-        (of(|number| with_column(number, 0, |second| second / 60.0)), &["name the column time_min"]),
+        (of(|number| with_column(number, 0, |second| second / 60.0)), &["--time-unit min"]),
         (of(|number| day(number).replace(",z_error_um", ",left_um")), &["z_error_um", "left_um"]),
         (
             vec![("one.csv", day(1)), ("two.csv", day(2).replace(",z_error_um", ",left_um"))],
@@ -219,6 +264,16 @@ fn logs_with_different_columns_are_taken_with_a_word() {
         "{}",
         answer.out
     );
+    let select = asked(home.path(), &["select", "--error", "z_error_um"], &logs, &[]);
+    for answer in [answer, select] {
+        assert_eq!(answer.code, Some(0), "{}", answer.said);
+        let note = answer.out.lines().find(|line| line.contains("The error of held-out runs is"));
+        assert!(
+            note.is_some_and(|note| note.contains("left out: ") && note.contains("oil")),
+            "{}",
+            answer.out
+        );
+    }
 }
 
 #[test]
@@ -247,7 +302,7 @@ fn a_drift_report_remarks_what_cannot_be_meant() {
     assert_eq!(answer.code, Some(0), "{}", answer.said);
     for words in [
         "note: short lasts 4m 59s",
-        "name the column time_min",
+        "--time-unit min",
         "note: long lasts 12 days",
         "name the column time;",
         "note: z_error_um is constant: was the probe connected?",

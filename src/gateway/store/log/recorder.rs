@@ -238,3 +238,40 @@ pub(super) fn cell(text: &str) -> String {
 pub(super) fn has_to_be_quoted(text: &str) -> bool {
     text.contains(['"', ',', '\n', '\r'])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isotherm_profile::log_columns;
+
+    /// A profile must not have a signal with the name of a column, so the profile reader must know all columns.
+    #[test]
+    fn the_profile_reader_knows_every_column_of_the_log() {
+        let mut of_axis = [
+            PERMIT,
+            FROM,
+            SIGN,
+            BEHIND,
+            RETURN,
+            RETURN_SLOPE,
+            SLOPE_FROM,
+            SLOPE,
+            MEASURED,
+            ACTING,
+            FORGET,
+            WORSE,
+            CORRECTION,
+            EXPECTED,
+            STOOD_IN,
+            TRUST,
+        ]
+        .into_iter()
+        .chain(DECIDED)
+        .collect::<Vec<_>>();
+        let mut known = log_columns::OF_AXIS.to_vec();
+        of_axis.sort_unstable();
+        known.sort_unstable();
+        assert_eq!(of_axis, known);
+        assert_eq!((TIME, [MEMORY, ZERO, CLOCK, DRY_RUN]), (log_columns::TIME, log_columns::OF_MACHINE));
+    }
+}
