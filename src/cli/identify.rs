@@ -33,11 +33,11 @@ mod text;
 /// Finds the model of an axis from logs: its coefficients with their uncertainty, and the remaining error on days that
 /// were not used for it.
 ///
-/// A log is CSV or Parquet with a column `time`, `time_s` or `time_min`, or one with a name of a logger, such as `Zeit
-/// [min]`, `timestamp`, or `Date` and `Time`. `time` is in seconds, RFC 3339, or `05.01.2026 06:00:10` by the clock of
-/// --zone. The other columns are the signals of the profile, and the measured displacement error in µm. One file is one
-/// run: a warm-up that begins with a cold machine. Faulty sensors are reported, and their readings are mended (repaired)
-/// or left out. Each run is once held out, that is, used only to test the model from the other runs.
+/// A log is CSV or Parquet with a column `time`, `time_s` or `time_min`. The column may also have a name of a logger,
+/// such as `Zeit [min]`, `timestamp`, or `Date` and `Time`. `time` is in seconds, RFC 3339, or `05.01.2026 06:00:10` by
+/// the clock of --zone. The other columns are the signals of the profile, and the measured displacement error in µm. One
+/// file is one run: a warm-up that begins with a cold machine. Faulty sensors are reported, and their readings are
+/// mended (repaired) or left out. Each run is once held out, that is, used only to test the model from the other runs.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm identify my-machine.toml mon.csv tue.csv wed.csv --axis z --error z_error_um\n  isotherm identify my-machine.toml week.parquet --gap 2h --axis z --write z-model.toml --report z.html\n  isotherm identify --balls touches.csv --recorded mon.csv --out mon-drift.csv"

@@ -59,9 +59,8 @@ use whole_file::WholeFile;
 ///
 /// A log is CSV with a column `time` and one column for each signal in its unit. `time` is in seconds, RFC 3339, or
 /// `05.01.2026 06:00:10` by the clock of --zone. Logs of loggers and spreadsheets are read as `isotherm identify` reads
-/// them. `<axis>_error_um` is the measured error, if there is one. Missing
-/// values are empty. A log of outputs (`NAME-DATE.outputs.csv`) is replayed with the log of the decisions in the same
-/// directory, or alone.
+/// them. `<axis>_error_um` is the measured error, if there is one. Missing values are empty. A log of outputs
+/// (`NAME-DATE.outputs.csv`) is replayed with the log of the decisions in the same directory, or alone.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Example:\n  isotherm replay my-machine.toml monday.csv --out replayed.csv")]
 pub(super) struct Arguments {

@@ -52,7 +52,7 @@ use split::Divided;
 use table::Table;
 
 /// Reason why a column of another quantity is not used.
-const UNKNOWN_QUANTITY: &str = "no temperature, displacement, speed or position by its unit, name and values; if it is \
+const UNKNOWN_QUANTITY: &str = "no temperature, displacement, speed or position by its unit, name and values. If it is \
                                 one, let the name end with its unit, such as _c or _um";
 
 /// Several runs with the same columns.

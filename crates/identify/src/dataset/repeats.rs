@@ -42,7 +42,7 @@ pub(super) fn find(runs: &[Run], is_measured: &dyn Fn(usize) -> bool) -> Vec<Str
         let last = runs[one].times.last().min(runs[other].times.last());
         let (from, to) = (runs[other].times.first().copied(), last.copied());
         found.push(format!(
-            "{} ({}) and {} ({}) overlap in time, from {} to {}: the same minutes would be used to identify the model \
+            "{} ({}) and {} ({}) overlap in time, from {} to {}. The same minutes would be used to identify the model \
              and to test it. Leave one of them out, or cut one of them",
             runs[one].name,
             runs[one].file.display(),
