@@ -20,9 +20,9 @@ use super::output_faults;
 
 /// Consecutive failures after which a device is reported as lost. A single lost answer is only counted.
 const REPORTED_AFTER: u64 = 2;
-/// The same for a device on a lossy line. An RTU line loses an answer now and then, and repeats the request at once. A
-/// TCP line replaces its connection after the second missing answer. A dead unit behind a Modbus gateway is asked too
-/// seldom for this number.
+/// Consecutive failures after which a device on a lossy line is reported as lost. An RTU line loses an answer now and
+/// then, and repeats the request at once. A TCP line replaces its connection after the second missing answer. A dead
+/// unit behind a Modbus gateway is asked too seldom for this number.
 const REPORTED_AFTER_LOSSES: u64 = 3;
 
 /// A lost device has returned when it has answered for this time. A device with repeated short losses is therefore
