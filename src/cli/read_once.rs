@@ -100,9 +100,12 @@ fn is_tried(status: &Status, requested: &[bool]) -> bool {
 /// Tests each Modbus bus on which no device answers on a new connection, see [`new_connection`]. Tests nothing if all
 /// devices have answered all reads of signals.
 pub(super) fn examined(profile: &Profile, status: &Status) -> anyhow::Result<Vec<NewConnectionAdvice>> {
-    let is_silent = |device: &DeviceStatus| device.state != "ok" && device.requests > 0;
-    // A device that loses the first request may have answered a later one.
+    // A device that loses the first request may have answered a later one. A device without signals is only written to.
     let is_missing = status.signals.iter().any(|signal| signal.quality == "timeout");
+    let has_signals =
+        |device: &DeviceStatus| status.signals.iter().any(|signal| signal.device == device.name);
+    let is_silent =
+        |device: &DeviceStatus| device.state != "ok" && device.requests > 0 && !has_signals(device);
     if !is_missing && !status.devices.iter().any(is_silent) {
         return Ok(Vec::new());
     }
