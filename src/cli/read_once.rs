@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context;
@@ -11,12 +10,15 @@ use crate::clock::Clock;
 use crate::discovery::new_connection::{self, NewConnectionAdvice};
 use crate::fieldbus::line::LONGEST_GATEWAY_WAIT;
 use crate::gateway::{Gateway, Options};
-use crate::observe::status::{DeviceStatus, GatewayApi, Status};
+use crate::observe::status::{DeviceStatus, Status};
 use isotherm_profile::counted;
-use isotherm_profile::{DeviceId, Profile};
+use isotherm_profile::{BusId, DeviceId, Profile, Signal};
 
 /// Longest time to wait for a frame that a CAN device sends by itself.
 const LONGEST_PERIOD: Duration = Duration::from_secs(10);
+/// Longest time of the first request to a device, in timeouts. On a serial line, the gateway first waits for answers to
+/// an earlier program.
+const FIRST_REQUEST: u32 = 10;
 
 /// Reads every device once, and returns the status of the gateway. `directory` is the state directory of the machine's
 /// gateway, which contains the known OPC UA namespaces.
@@ -36,16 +38,24 @@ pub(super) fn watch(
     directory: PathBuf,
     mut look: impl FnMut(Status) -> bool,
 ) -> anyhow::Result<()> {
-    let patience = profile.buses.iter().map(|bus| bus.timeout * 3).max().unwrap_or_default();
-    let devices = u32::try_from(profile.devices.len()).unwrap_or(u32::MAX);
-    let patience = patience * devices.max(1) + Duration::from_millis(500);
+    let timeout = profile.buses.iter().map(|bus| bus.timeout).max().unwrap_or_default();
+    let devices = u32::try_from(profile.devices.len()).unwrap_or(u32::MAX).max(1);
+    let patience = timeout * 3 * devices + Duration::from_millis(500);
     // A silent unit behind a Modbus gateway delays the others.
     let mut known = (0..profile.devices.len()).map(DeviceId);
     let waits = known.any(|device| profile.is_behind_gateway(device));
     let patience = patience + if waits { LONGEST_GATEWAY_WAIT } else { Duration::ZERO };
     // The gateway cannot request these frames: it waits for the next one.
-    let comes = profile.signals.iter().filter(|signal| signal.address.is_in_frames());
-    let patience = comes.map(|signal| signal.max_age.min(LONGEST_PERIOD)).fold(patience, Duration::max);
+    let comes = |signal: &Signal| signal.address.is_in_frames();
+    let ages = profile.signals.iter().filter(|signal| comes(signal));
+    let patience = ages.map(|signal| signal.max_age.min(LONGEST_PERIOD)).fold(patience, Duration::max);
+    // The first request to each device ends with an answer or with a fault.
+    let requested: Vec<bool> = profile.signals.iter().map(|signal| !comes(signal)).collect();
+    let buses = profile.buses.iter().enumerate().map(|(place, bus)| {
+        let devices = profile.devices_on(BusId(place)).count();
+        bus.timeout * FIRST_REQUEST * u32::try_from(devices).unwrap_or(u32::MAX)
+    });
+    let longest = patience + buses.max().unwrap_or_default();
     super::runtime::start()?.block_on(async {
         let clock = Clock::wall();
         let options = Options { dry_run: true, remembered_in: Some(directory), ..Options::default() };
@@ -53,8 +63,14 @@ pub(super) fn watch(
         let source = gateway.source();
         let mut sleeper = clock.join();
         let looking = async {
-            let deadline = clock.now().after(patience);
-            while !is_complete(&source) && clock.now() < deadline {
+            let begun = clock.now();
+            while clock.now() < begun.after(longest) {
+                let status = source.status();
+                if is_complete(&status)
+                    || (clock.now() >= begun.after(patience) && is_tried(&status, &requested))
+                {
+                    break;
+                }
                 sleeper.sleep(Duration::from_millis(20)).await;
             }
             while look(source.status()) {
@@ -68,18 +84,29 @@ pub(super) fn watch(
 
 /// Returns whether every signal has a value or a reason for having none, and every device and offset register was
 /// tried.
-fn is_complete(source: &Arc<dyn GatewayApi>) -> bool {
-    let status = source.status();
-    status.signals.iter().all(|signal| signal.quality != "never-read")
-        && status.devices.iter().all(|device| device.state != "never-answered" || device.requests == 0)
+fn is_complete(status: &Status) -> bool {
+    is_tried(status, &vec![true; status.signals.len()])
         && status.outputs.iter().all(|output| output.writes != "offset" || output.value.is_some())
 }
 
-/// Tests each Modbus bus on which no device answers, see [`new_connection`]. Tests nothing if all devices have
-/// answered.
+/// Returns whether every requested signal has a value or a reason for having none, and every device was tried.
+/// `requested`: for each signal, whether the gateway requests it.
+fn is_tried(status: &Status, requested: &[bool]) -> bool {
+    let mut signals = status.signals.iter().zip(requested).filter(|(_, is_requested)| **is_requested);
+    signals.all(|(signal, _)| signal.quality != "never-read")
+        && status.devices.iter().all(|device| device.state != "never-answered" || device.requests == 0)
+}
+
+/// Tests each Modbus bus on which no device answers on a new connection, see [`new_connection`]. Tests nothing if all
+/// devices have answered all reads of signals.
 pub(super) fn examined(profile: &Profile, status: &Status) -> anyhow::Result<Vec<NewConnectionAdvice>> {
-    let is_silent = |device: &DeviceStatus| device.state != "ok" && device.requests > 0;
-    if !status.devices.iter().any(is_silent) {
+    // A device that loses the first request may have answered a later one. A device without signals is only written to.
+    let is_missing = status.signals.iter().any(|signal| signal.quality == "timeout");
+    let has_signals =
+        |device: &DeviceStatus| status.signals.iter().any(|signal| signal.device == device.name);
+    let is_silent =
+        |device: &DeviceStatus| device.state != "ok" && device.requests > 0 && !has_signals(device);
+    if !is_missing && !status.devices.iter().any(is_silent) {
         return Ok(Vec::new());
     }
     Ok(super::runtime::start()?.block_on(new_connection::examined(profile)))

@@ -118,8 +118,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
     });
     if arguments.json {
-        let found = (seen.found.as_slice(), seen.noticed.as_slice());
-        print_json(&text::document(&scan, found, &seen.ranges, stopped.as_deref()))?;
+        print_json(&text::document(&scan, &seen, stopped.as_deref()))?;
     } else {
         let bus = line.known.as_ref().map(|(profile, bus)| (profile, *bus));
         say_all!("{}", text::summary(&scan, &seen.found, bus))?;

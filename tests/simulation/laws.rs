@@ -312,6 +312,10 @@ impl Laws {
             let jump = (value - before).abs();
             register.his = register.lost.take().unwrap_or(register.his);
             if register.is_excused {
+                // The gateway finds this value, and the PLC takes it with the next set.
+                if line == PLC {
+                    self.taken = None;
+                }
                 continue;
             }
             if jump > STEP {

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
+use std::fs::File;
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::path::Path;
@@ -10,6 +11,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use isotherm_core::codec::checksum;
+use rustix::pty::OpenptFlags;
 
 use crate::support::process;
 
@@ -349,5 +351,48 @@ fn the_type_of_line_may_be_missing() {
     ] {
         let (_, failed) = scan(home.path(), bus, "1");
         assert!(failed.contains(words), "{bus}:\n{failed}");
+    }
+}
+
+/// An earlier program may have sent a request on the line. Before the first request, the gateway therefore waits for a
+/// late answer, and the verbs wait for the gateway.
+#[test]
+fn a_silent_serial_line_is_reported_after_its_first_request_has_ended() {
+    let home = tempfile::tempdir().unwrap();
+    let hardware = rustix::pty::openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+    rustix::pty::grantpt(&hardware).unwrap();
+    rustix::pty::unlockpt(&hardware).unwrap();
+    let path = rustix::pty::ptsname(&hardware, Vec::new()).unwrap().into_string().unwrap();
+    let _open = File::options().read(true).write(true).open(&path).unwrap();
+    let serial =
+        format!("type = \"modbus-rtu\"\nport = \"{path}\"\nbaud = 9600\nparity = \"none\"\nstop_bits = 1");
+    all_say(&online(home.path(), &profile(&serial, &[0])), &["no answer in time"]);
+}
+
+#[test]
+fn a_device_that_loses_the_first_request_is_named_although_it_answers_the_next_ones() {
+    let home = tempfile::tempdir().unwrap();
+    let address = server(|mut stream| {
+        for place in 0.. {
+            let mut asked = [0; 12];
+            stream.read_exact(&mut asked)?;
+            let answer = values(&asked[6..], 42);
+            let length = u8::try_from(answer.len()).unwrap();
+            if place > 0 {
+                stream.write_all(&[&asked[..2], &[0, 0, 0, length], answer.as_slice()].concat())?;
+            }
+        }
+        Ok(())
+    });
+    let text = profile(&tcp(address), &[0])
+        + "[axis.z]\nlimit = 40.0\nstep = 1.0\nrate = 1.0\nevery = \"1s\"\non_fault = { action = \"hold\" }\n\
+           [[axis.z.model]]\nname = \"one\"\nkind = \"linear\"\n\
+           terms = [{ signal = \"t0\", gain = 1.0, reference = 20.0 }]\n\
+           [output.cz]\naxis = \"z\"\ndevice = \"module\"\nwrites = \"offset\"\nregister = \"holding:104\"\n\
+           type = \"i16\"\nscale = 0.1\n";
+    for verb in 0..2 {
+        // A test in which the computer ran other programs for longer than `timeout` shows nothing.
+        let mut all = (0..20).map(|_| online(home.path(), &text)[verb].1.clone());
+        assert!(all.any(|output| output.contains("write quirks = { loses_first_request = true }")));
     }
 }

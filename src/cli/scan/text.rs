@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use serde_json::json;
 
+use super::ScanResults;
 use crate::discovery::bus::{LineAddress, ScanKind};
 use crate::discovery::register_search::RegisterRange;
 use crate::discovery::scan::{AnswerKind, Responder, Scan, heeds_no_number};
@@ -134,23 +135,21 @@ pub(super) fn nobody(scan: &Scan, noticed: &[(LineAddress, Fault)]) -> String {
     if let Some(unit) = other {
         return format!("no requested unit answered, but unit {unit} did. Try --units {unit}");
     }
+    if !noticed.is_empty() {
+        return "no unit answered. First correct the fault that is shown above".to_owned();
+    }
     match scan.lines[0].kind().scan {
         ScanKind::Units { unanswered, .. } => format!("no unit answered. {unanswered}"),
         _ => "no unit answered".to_owned(),
     }
 }
 
-pub(super) fn document(
-    scan: &Scan,
-    (found, noticed): (&[(LineAddress, Responder)], &[(LineAddress, Fault)]),
-    ranges: &[(u8, RegisterRange)],
-    stopped: Option<&str>,
-) -> serde_json::Value {
-    let noticed = noticed.iter().map(
+pub(super) fn document(scan: &Scan, seen: &ScanResults, stopped: Option<&str>) -> serde_json::Value {
+    let noticed = seen.noticed.iter().map(
         |(line, fault)| json!({ "line": line.to_string(), "fault": explain_on(line.transport, *fault) }),
     );
-    let units = found.iter().map(|(line, found)| json!({ "line": line.to_string(), "found": found }));
-    let registers = ranges.iter().map(|(unit, range)| json!({ "unit": unit, "stretch": range }));
+    let units = seen.found.iter().map(|(line, found)| json!({ "line": line.to_string(), "found": found }));
+    let registers = seen.ranges.iter().map(|(unit, range)| json!({ "unit": unit, "stretch": range }));
     json!({
         "questions": scan.questions(),
         "units": units.collect::<Vec<_>>(),

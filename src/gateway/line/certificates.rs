@@ -102,7 +102,7 @@ fn in_use(bus: &Bus) -> Vec<Used<'_>> {
         trusted.iter().any(|(_, other)| names(other) == names(old) && other.to > old.to)
     };
     let servers = trusted.iter().filter(|(_, cert)| !is_replaced(cert)).map(|(file, cert)| Used {
-        file: *file,
+        file,
         whose: CertificateOwner::Server,
         certificate: cert.clone(),
     });

@@ -397,8 +397,10 @@ impl LineTask {
         self.polls.iter().enumerate().map(move |(place, poll)| {
             let begins = may_begin(poll);
             match first {
-                // The device waits for at most one period.
-                Some((device, other)) if poll.device != device && other <= begins.after(poll.every) => {
+                // From now on, the device waits for at most one period.
+                Some((device, other))
+                    if poll.device != device && other <= begins.max(now).after(poll.every) =>
+                {
                     (begins.max(other), true, place)
                 }
                 _ => (begins, false, place),

@@ -120,7 +120,7 @@ impl LineHandle {
     ) {
         let now = self.clock.now();
         let mut core = self.core();
-        if core.device_health.buses[bus.0].overrun(count, late, now) {
+        if core.device_health.overrun(bus, (count, late), now) {
             let bus = self.profile.bus(bus).name.clone();
             core.events.push(Event::Overrun { bus, what: what(), late });
         }

@@ -20,9 +20,9 @@ use super::output_faults;
 
 /// Consecutive failures after which a device is reported as lost. A single lost answer is only counted.
 const REPORTED_AFTER: u64 = 2;
-/// This number for a device on a lossy line. An RTU line loses an answer now and then, and repeats the request at once. A
-/// TCP line replaces its connection after the second missing answer. A dead unit behind a Modbus gateway is asked too
-/// seldom for this number.
+/// Consecutive failures after which a device on a lossy line is reported as lost. An RTU line loses an answer now and
+/// then, and repeats the request at once. A TCP line replaces its connection after the second missing answer. A dead
+/// unit behind a Modbus gateway is asked too seldom for this number.
 const REPORTED_AFTER_LOSSES: u64 = 3;
 
 /// A lost device has returned when it has answered for this time. A device with repeated short losses is therefore
@@ -104,19 +104,6 @@ const CHANGED_AFTER_REQUESTS: u32 = 20;
 /// Upper bounds of the jitter histogram, ms.
 pub(in crate::gateway) const JITTER_MS: [f64; 7] = [0.5, 1.0, 2.0, 5.0, 10.0, 50.0, 200.0];
 
-impl BusCount {
-    /// Counts late cycles of a line. `count`: their number. `late`: delay of the latest one. Returns true if they must
-    /// be reported.
-    pub(in crate::gateway) fn overrun(&mut self, count: u64, late: Duration, now: Moment) -> bool {
-        self.overruns += count;
-        if late < WORTH_A_WORD {
-            return false;
-        }
-        let before = self.overrun_at.replace(now);
-        before.is_none_or(|before| now.since(before) >= REPORTED_AGAIN)
-    }
-}
-
 impl DeviceHealth {
     pub(in crate::gateway) fn new(profile: &Arc<Profile>) -> DeviceHealth {
         DeviceHealth {
@@ -126,6 +113,21 @@ impl DeviceHealth {
             buses: vec![BusCount::default(); profile.buses.len()],
             stamped: vec![None; profile.signals.len()],
         }
+    }
+
+    /// Counts late cycles of a line, and returns true if they must be reported. `late` contains their number and the
+    /// longest delay. If a device of the line does not answer, the line waits for it, and is not overloaded.
+    pub(in crate::gateway) fn overrun(&mut self, id: BusId, late: (u64, Duration), now: Moment) -> bool {
+        let (count, longest) = late;
+        let mut devices = self.profile.devices_on(id);
+        let waits = devices.any(|(device, _)| self.devices[device.0].does_not_answer());
+        let bus = &mut self.buses[id.0];
+        bus.overruns += count;
+        if waits || longest < WORTH_A_WORD {
+            return false;
+        }
+        let before = bus.overrun_at.replace(now);
+        before.is_none_or(|before| now.since(before) >= REPORTED_AGAIN)
     }
 
     /// Returns cause and hint for a signal that may not be used. The cause is the raw value by which the device reports
@@ -538,12 +540,30 @@ mod tests {
     }
 
     #[test]
-    fn what_is_late_by_less_than_anybody_can_mend_is_counted_and_not_reported() {
-        let (mut bus, now) = (BusCount::default(), Moment::from_nanos(1));
-        assert!(!bus.overrun(1, Duration::from_millis(9), now));
-        assert!(bus.overrun(2, Duration::from_millis(10), now));
-        assert!(!bus.overrun(1, Duration::from_secs(1), now), "it was a moment ago");
-        assert!(bus.overrun(1, Duration::from_secs(1), now.after(REPORTED_AGAIN + Duration::from_secs(1))));
-        assert_eq!(bus.overruns, 5);
+    fn a_late_cycle_is_reported_if_it_is_late_enough_and_no_device_is_silent() {
+        const PROFILE: &str = r#"
+            [machine]
+            name = "bench"
+            [bus.cell]
+            type = "modbus-tcp"
+            address = "127.0.0.1:1502"
+            [device.module]
+            bus = "cell"
+            unit = 1
+        "#;
+        let profile = isotherm_profile::parse(Path::new("bench.toml"), PROFILE, &[], &[]).unwrap().profile;
+        let (mut device_health, mut events) = (DeviceHealth::new(&Arc::new(profile)), Vec::new());
+        let (bus, module, now) = (BusId(0), DeviceId(0), Moment::from_nanos(1));
+        let (short, long, second) =
+            (Duration::from_millis(9), Duration::from_millis(10), Duration::from_secs(1));
+        assert!(!device_health.overrun(bus, (1, short), now));
+        device_health.fails(module, Fault::Timeout, (0, Fault::Timeout), &mut events);
+        assert!(!device_health.overrun(bus, (1, second), now), "the line waits for the device");
+        device_health.answers(module, now, &mut events);
+        assert!(device_health.overrun(bus, (2, long), now));
+        assert!(!device_health.overrun(bus, (1, second), now), "it was a moment ago");
+        let later = now.after(REPORTED_AGAIN + second);
+        assert!(device_health.overrun(bus, (1, second), later));
+        assert_eq!(device_health.buses[0].overruns, 6);
     }
 }

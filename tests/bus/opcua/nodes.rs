@@ -1,11 +1,13 @@
 //! Tests of the nodes that `read --browse` and `check --online` show.
 
+use std::io::{Read, Write};
+use std::net::{Shutdown, TcpListener, TcpStream};
 use std::path::Path;
 
 use serde_json::Value;
 
 use super::process::isotherm;
-use super::rig::{Server, machine};
+use super::rig::{Server, machine, with_many};
 use super::secured::{certificates, serve};
 use super::words::{Ended, typing};
 
@@ -98,6 +100,50 @@ fn check(directory: &Path, text: &str) -> Ended {
     // A server on a busy computer may need more than a second. A failed read waits for three timeouts.
     std::fs::write(&path, text.replace("timeout = \"1s\"", "timeout = \"3s\"")).unwrap();
     typing(isotherm(directory).arg("check").arg(path).arg("--online"), "")
+}
+
+/// Starts a proxy to this port, and returns its own port. A message of the client with more than `most` bytes ends the
+/// connection with BadTcpMessageTooLarge, as some servers do.
+fn closes_beyond(most: usize, server: u16) -> u16 {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = listener.local_addr().unwrap().port();
+    std::thread::spawn(move || {
+        for stream in listener.incoming() {
+            let (mut here, mut there) = (stream.unwrap(), TcpStream::connect(("127.0.0.1", server)).unwrap());
+            let (mut from, mut to) = (there.try_clone().unwrap(), here.try_clone().unwrap());
+            std::thread::spawn(move || std::io::copy(&mut from, &mut to));
+            std::thread::spawn(move || {
+                let mut head = [0; 8];
+                while here.read_exact(&mut head).is_ok() {
+                    let length = u32::from_le_bytes(head[4..].try_into().unwrap());
+                    let mut body = vec![0; usize::try_from(length).unwrap() - head.len()];
+                    if here.read_exact(&mut body).is_err() {
+                        return;
+                    }
+                    if head.len() + body.len() > most {
+                        let numbers = [16, 0x8080_0000, u32::MAX].map(u32::to_le_bytes).concat();
+                        let _ = here.write_all(&[b"ERRF", numbers.as_slice()].concat());
+                        let _ = here.shutdown(Shutdown::Both);
+                        return;
+                    }
+                    if there.write_all(&[&head, body.as_slice()].concat()).is_err() {
+                        return;
+                    }
+                }
+            });
+        }
+    });
+    port
+}
+
+#[test]
+fn a_server_that_closes_the_connection_at_a_long_message_is_read_in_shorter_ones() {
+    let server = Server::start(&["--many", "300"]);
+    let home = tempfile::tempdir().unwrap();
+    let text = with_many(&machine(closes_beyond(8192, server.port), ""), 300);
+    let ended = check(home.path(), &text);
+    assert_eq!(ended.code, Some(0), "{}{}", ended.out, ended.said);
+    assert!(ended.out.contains("  signal many299 at ns=2;s=many299: "), "{}", ended.out);
 }
 
 #[test]

@@ -17,7 +17,7 @@ use isotherm_core::reading::Status;
 use isotherm_profile::{Bus, one_line, safe_file};
 use serde::{Serialize, Serializer};
 
-use super::call_size::Service;
+use super::call_size::{Service, SizeRefusal, size_refusal};
 use super::channel::Link;
 use super::session::{Session, answered};
 use super::status::call_fault;
@@ -50,6 +50,7 @@ const ATTRIBUTES: [AttributeId; 5] = [
 
 /// Session with an OPC UA server for browsing.
 pub struct Browser {
+    dial: OpcUaDial,
     link: Link,
     session: Session,
     timeout: Duration,
@@ -130,12 +131,16 @@ impl Browser {
 
     async fn opened(bus: &Bus) -> Result<Browser, Fault> {
         let dial = OpcUaDial::new(bus).ok_or(Fault::Caller(CallerFault::Function))?;
-        let files = dial.files.as_ref().ok_or(fault(OpcUaFault::OurFiles))?;
-        files.own_is_valid().map_err(fault)?;
-        let (mut link, known) = dial.begin(files).await?;
-        let limits = dial.prepare(&mut link, &known.session).await?;
-        let (session, timeout) = (known.session, bus.timeout.max(Duration::from_secs(1)));
-        Ok(Browser { link, session, timeout, most: limits.read.min(AT_ONCE) })
+        let (link, session, most) = connected(&dial).await?;
+        Ok(Browser { dial, link, session, timeout: bus.timeout.max(Duration::from_secs(1)), most })
+    }
+
+    /// Replaces the connection, which the server has closed because a message was too long. The sizes of calls that the
+    /// server has refused stay known.
+    async fn reconnect(&mut self) -> Result<(), Fault> {
+        let connecting = tokio::time::timeout(self.timeout + OPENING, connected(&self.dial));
+        (self.link, self.session, self.most) = connecting.await.unwrap_or(Err(Fault::Timeout))?;
+        Ok(())
     }
 
     /// Browses the nodes from `first` down to `depth` levels, and lists at most `most` of them. Nodes that OPC UA
@@ -297,11 +302,26 @@ impl Browser {
                 .nodes_to_read(rest[..count].to_vec());
             match self.link.ask(read.send(&channel)).await {
                 Ok(answer) => found.extend(answered(answer, count)?.0),
-                Err(error) => found.extend(self.session.smaller(count, &error)?),
+                Err(error) => match self.session.smaller(count, &error) {
+                    Err(_) if count > 1 && size_refusal(&error) == Some(SizeRefusal::Closed) => {
+                        self.reconnect().await?;
+                    }
+                    smaller => found.extend(smaller?),
+                },
             }
         }
         Ok(found)
     }
+}
+
+/// Opens a session with the server. Returns it with its connection, and with the largest number of attributes in one
+/// call.
+async fn connected(dial: &OpcUaDial) -> Result<(Link, Session, usize), Fault> {
+    let files = dial.files.as_ref().ok_or(fault(OpcUaFault::OurFiles))?;
+    files.own_is_valid().map_err(fault)?;
+    let (mut link, known) = dial.begin(files).await?;
+    let limits = dial.prepare(&mut link, &known.session).await?;
+    Ok((link, known.session, limits.read.min(AT_ONCE)))
 }
 
 fn only(results: Option<Vec<BrowseResult>>) -> Result<BrowseResult, Fault> {
