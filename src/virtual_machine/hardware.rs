@@ -3,7 +3,7 @@
 //! The registers are filled from the plant at the time of each request. Clients therefore cannot detect at which times
 //! the plant itself advances.
 
-use isotherm_core::codec::{Address, Encoding, Scale};
+use isotherm_core::codec::{Address, Counter, Encoding, Scale};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{AxisId, Capture, DeviceId, Output, OutputId, Profile, SetId, Signal, Writes};
 
@@ -363,6 +363,7 @@ impl Reply {
 fn cells(signal: &Signal, reads: Reads) -> Vec<u16> {
     let encoding = &signal.encoding;
     let encoded = match reads {
+        Reads::Value(value) if signal.counter.is_some() => Counter::registers(encoding, value),
         Reads::Value(value) => encoding.encode(value),
         Reads::Raw(raw) => {
             let plain = Encoding { scale: Scale::ONE, offset: 0.0, bias: 0, ..encoding.clone() };

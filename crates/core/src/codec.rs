@@ -16,6 +16,7 @@ mod field;
 mod float;
 mod node;
 mod object;
+mod part;
 mod pc_sensor;
 mod scale;
 
@@ -31,6 +32,7 @@ pub use encoding::{Encoding, Sentinel, WordOrder};
 pub use field::{Field, Selector};
 pub use node::{Identifier, Namespace, Node, NodeId, Scalar};
 pub use object::{Entry, Object};
+pub use part::{Part, Whole};
 pub use pc_sensor::{Channel, PcSensor};
 pub use scale::Scale;
 

@@ -1,6 +1,6 @@
 //! Types of values: their numbers of registers and bits, and their ranges of counts.
 
-use super::Encoded;
+use super::{Encoded, Part};
 
 /// Largest number on a display with six digits.
 const SIX_DIGITS: i128 = 999_999;
@@ -28,10 +28,12 @@ pub enum DataType {
     F64,
     /// One bit of a register; bit 0 is the least significant.
     Bit(u8),
+    /// Adjacent bits of one register or of two.
+    Part(Part),
     /// Two registers of a digit display: sign, number of decimals (0 to 5) and 24 bits of magnitude, for six digits.
     Decimal24(u8),
-    /// Unsigned integer of this number of bits (1 to 64), in a CAN frame or CANopen object. Widths with a type of their
-    /// own, such as [`DataType::U16`], use that type.
+    /// Unsigned integer of this number of bits (1 to 64), in a CAN frame, a CANopen object or registers. Widths with a
+    /// type of their own, such as [`DataType::U16`], use that type. Unused bits of the first register are ignored.
     Unsigned(u8),
     /// Signed integer in two's complement of this number of bits, otherwise as [`DataType::Unsigned`].
     Signed(u8),
@@ -58,6 +60,7 @@ impl DataType {
             DataType::Bool | DataType::Bit(_) | DataType::U16 | DataType::I16 => 1,
             DataType::U32 | DataType::I32 | DataType::F32 | DataType::Decimal24(_) => 2,
             DataType::U64 | DataType::I64 | DataType::F64 => 4,
+            DataType::Part(part) => part.registers(),
             DataType::Unsigned(bits) | DataType::Signed(bits) => bits.div_ceil(16) as u16,
         }
     }
@@ -69,6 +72,7 @@ impl DataType {
             DataType::U16 | DataType::I16 => 16,
             DataType::U32 | DataType::I32 | DataType::F32 | DataType::Decimal24(_) => 32,
             DataType::U64 | DataType::I64 | DataType::F64 => 64,
+            DataType::Part(part) => part.length(),
             DataType::Unsigned(bits) | DataType::Signed(bits) => bits,
         }
     }
@@ -109,6 +113,7 @@ impl DataType {
         match self {
             DataType::Bool | DataType::Bit(_) => "bool",
             DataType::Decimal24(_) => "decimal24",
+            DataType::Part(part) => part.type_name(),
             DataType::U16 => "u16",
             DataType::I16 => "i16",
             DataType::U32 => "u32",
@@ -131,6 +136,7 @@ impl DataType {
         Some(match self {
             DataType::Bool | DataType::Bit(_) => (0, 1),
             DataType::Decimal24(_) => (-SIX_DIGITS, SIX_DIGITS),
+            DataType::Part(part) => part.range(),
             DataType::U16 => (0, u16::MAX as i128),
             DataType::I16 => (i16::MIN as i128, i16::MAX as i128),
             DataType::U32 => (0, u32::MAX as i128),
@@ -149,6 +155,7 @@ impl DataType {
     pub(super) fn bits_of(self, raw: i128) -> u64 {
         match self {
             DataType::Bit(bit) => to_bits(raw) << bit,
+            DataType::Part(part) => part.placed(to_bits(raw)),
             DataType::Decimal24(decimals) => {
                 let sign = u64::from(raw < 0);
                 sign << 28 | u64::from(decimals) << 24 | to_bits(raw.abs())
@@ -172,6 +179,7 @@ pub(super) fn integer_of(data_type: DataType, bits: u64) -> i128 {
     match data_type {
         DataType::Bool => i128::from(bits != 0),
         DataType::Bit(bit) => i128::from(bits >> bit & 1),
+        DataType::Part(part) => part.count(bits),
         DataType::Decimal24(_) => {
             let magnitude = i128::from(bits & 0x00ff_ffff);
             if bits >> 28 & 1 == 1 { -magnitude } else { magnitude }

@@ -115,6 +115,18 @@ impl Encoding {
         self.scatter(self.data_type.bits_of(fits), fits != wanted)
     }
 
+    /// Returns the bits that the value occupies in its registers, lowest address first. They are all bits, except for a
+    /// value that is smaller than its registers.
+    pub fn occupied(&self) -> Encoded {
+        let bits = match self.data_type {
+            DataType::Bool => u64::MAX,
+            DataType::Bit(bit) => 1 << bit,
+            DataType::Part(part) => part.mask(),
+            data_type => u64::MAX >> (64 - data_type.width()),
+        };
+        self.scatter(bits, false)
+    }
+
     /// Returns the smallest and the largest counts that fit the type, without the bias. `None` for floating point, and
     /// if the counts exceed 64 bits.
     pub fn range_of_counts(&self) -> Option<(Counts, Counts)> {

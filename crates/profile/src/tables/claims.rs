@@ -41,10 +41,10 @@ impl Claim<'_> {
     }
 
     fn is_same_value(&self, other: &Claim<'_>) -> bool {
-        let is_bit = |claim: &Claim<'_>| matches!(claim.data_type, DataType::Bit(_));
-        let is_single = self.data_type.registers() == 1 && other.data_type.registers() == 1;
+        let is_part = |claim: &Claim<'_>| matches!(claim.data_type, DataType::Bit(_) | DataType::Part(_));
+        let are_as_long = self.data_type.registers() == other.data_type.registers();
         self.address == other.address
-            && (self.data_type == other.data_type || (is_single && (is_bit(self) || is_bit(other))))
+            && (self.data_type == other.data_type || (are_as_long && (is_part(self) || is_part(other))))
     }
 
     fn shown(&self) -> String {

@@ -43,15 +43,15 @@ pub(crate) struct RawSignal {
     #[allow(dead_code, reason = "resolved before the profile is checked")]
     channel: Option<ChannelValue>,
     /// Register as table and zero-based address ("input:0", "holding:84", "coil:1", "discrete:3"), or as one-based
-    /// Modicon number ("30001"). "input:50.3" is bit 3 of a register.
+    /// Modicon number ("30001"). "input:50.3" is bit 3 of a register, and "input:50.4-7" the number in bits 4 to 7.
     pub(crate) register: Option<String>,
     /// OPC UA: node, for example "ns=2;s=/Nck/State" or "ns=3;i=1005".
     pub(crate) node: Option<String>,
     /// Sensor of this computer: "w1:28-0316a2794f01", "hwmon:NAME/LABEL" or "iio:NAME/LABEL". If several chips have the
     /// same name: "hwmon:NAME@DEVICE/LABEL".
     pub(crate) sensor: Option<String>,
-    /// Type of the value. Required for input and holding registers. For a node, its own type; by default any number is
-    /// accepted.
+    /// Type of the value. Required for input and holding registers. For bits of a register, "i16" is a signed number;
+    /// "u32" and "i32" are bits of two registers. For a node, its own type; by default any number is accepted.
     #[serde(rename = "type")]
     pub(crate) kind: Option<TypeWord>,
     /// Order of the registers. Required for 32 bits and more, because devices differ.

@@ -255,7 +255,7 @@ pub(crate) fn object_type(at: &KeyContext<'_>, TypeWord(kind): TypeWord) -> Opti
         // A BOOLEAN occupies a whole byte.
         DataType::Bool => Some(DataType::unsigned(8)),
         DataType::Decimal24(_) => {
-            let help = "allowed: bool, u8, i8, u16, i16, u32, i32, u64, i64, f32, f64";
+            let help = "allowed: bool, u8, i8, u16, i16, u24, i24, u32, i32, u64, i64, f32, f64";
             at.reject("decimal24 is a type of Modbus displays", help)
         }
         kind => Some(kind),

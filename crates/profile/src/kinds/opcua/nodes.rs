@@ -122,6 +122,10 @@ pub(crate) fn node_type(at: &KeyContext<'_>, kind: Option<TypeWord>) -> Result<O
             at.key("type").invalid("decimal24 is a type of Modbus displays", TYPES);
             Err(())
         }
+        Some(TypeWord(data_type)) if data_type.width() == 24 => {
+            at.key("type").invalid(format!("OPC UA has no type {}", data_type.name()), TYPES);
+            Err(())
+        }
         Some(TypeWord(data_type)) => Ok(Some(data_type)),
         None => Ok(None),
     }

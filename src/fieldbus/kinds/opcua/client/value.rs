@@ -112,9 +112,11 @@ pub(super) fn variant(Scalar { data_type, bits }: Scalar) -> Option<Variant> {
         DataType::U64 => Variant::UInt64(bits),
         DataType::F32 => Variant::Float(f32::from_bits(double)),
         DataType::F64 => Variant::Double(f64::from_bits(bits)),
-        DataType::Bit(_) | DataType::Decimal24(_) | DataType::Signed(_) | DataType::Unsigned(_) => {
-            return None;
-        }
+        DataType::Bit(_)
+        | DataType::Part(_)
+        | DataType::Decimal24(_)
+        | DataType::Signed(_)
+        | DataType::Unsigned(_) => return None,
     })
 }
 

@@ -1,0 +1,113 @@
+//! Values in registers: parts of a register, 24 bits.
+
+use isotherm_core::codec::{DataType, Part, Whole};
+
+use super::*;
+
+const BED: &str = "register = \"input:0\"\ntype = \"i16\"\nscale = 0.1\nunit = \"degC\"";
+
+/// Returns the text that replaces register and type of the signal `bed`.
+fn bed(register: &str, more: &str) -> String {
+    format!("register = \"{register}\"\n{more}scale = 0.1\nunit = \"degC\"")
+}
+
+#[test]
+fn a_part_of_a_register_has_the_sign_and_the_width_of_its_type() {
+    for (register, more, first, last, whole) in [
+        ("input:0.4-15", "", 4, 15, Whole::U16),
+        ("input:0.4-15", "type = \"u16\"\n", 4, 15, Whole::U16),
+        ("input:0.4-15", "type = \"i16\"\n", 4, 15, Whole::I16),
+        ("30001.0-3", "", 0, 3, Whole::U16),
+        ("input:8.8-27", "type = \"u32\"\nword_order = \"msw-first\"\n", 8, 27, Whole::U32),
+        ("input:8.8-31", "type = \"i32\"\nword_order = \"lsw-first\"\n", 8, 31, Whole::I32),
+    ] {
+        let loaded = with(BED, &bed(register, more)).unwrap();
+        let signal = &loaded.profile.signals[1];
+        let part = Part::new(first, last, whole).unwrap();
+        assert_eq!(signal.encoding.data_type, DataType::Part(part), "{register} {more}");
+        assert_eq!(signal.unit.0, "degC");
+    }
+    let loaded = with(BED, &bed("input:0.4-15", "type = \"i16\"\n")).unwrap();
+    let reported = isotherm_profile::preview::Preview::of(&loaded.profile).to_string();
+    assert!(
+        reported.contains("bed: input:0.4-15 (30001.4-15) of module, i16, 0.1 °C per count"),
+        "{reported}"
+    );
+}
+
+#[test]
+fn value_and_status_of_one_register_are_two_signals_of_one_request() {
+    let status = "[signal.bed_status]\ndevice = \"module\"\nregister = \"input:0.0-3\"\n\n[axis.z]";
+    let text = GRINDER.replacen(BED, &bed("input:0.4-15", "type = \"i16\"\n"), 1);
+    let text = text.replacen("[axis.z]", status, 1);
+    let text = text.replacen("fault_when = \"wheelhead_open == 1\"", "fault_when = \"bed_status != 0\"", 1);
+    let profile = parse(&text).unwrap().profile;
+    let module = profile.signals[1].device;
+    let input = |request: &&isotherm_profile::plan::ReadRequest| {
+        request.span().is_some_and(|(from, _)| from.table.name() == "input")
+    };
+    let requests = profile.requests(module);
+    let requests: Vec<_> = requests.iter().filter(input).collect();
+    assert_eq!((requests.len(), requests[0].fields.len()), (1, 3));
+    assert_eq!(requests[0].span().map(|(from, count)| (from.offset, count)), Some((0, 2)));
+}
+
+#[test]
+fn a_check_compares_a_part_of_a_register() {
+    let check = "every = \"1s\"\nverify = [{ register = \"holding:7.4-7\", equals = 9 }]";
+    let profile = with("every = \"1s\"", check).unwrap().profile;
+    let expected = &profile.devices[0].verify[0];
+    assert_eq!(expected.to_string(), "holding:7.4-7 (40008.4-7)");
+    assert_eq!(expected.mismatch(&[0xff9f]), None);
+    assert!(expected.mismatch(&[0xff8f]).is_some());
+    refused(
+        "every = \"1s\"",
+        "every = \"1s\"\nverify = [{ register = \"holding:7.4-7\", equals = 16 }]",
+        "device.module.verify[0].equals",
+        "16",
+        &["u16 cannot contain 16", "0 to 15"],
+    );
+}
+
+#[test]
+fn what_is_no_part_of_a_register_is_refused_with_what_is() {
+    for (register, more, key, at, words) in [
+        ("input:0.4-16", "", "register", "\"input:0.4-16\"", ["bit 16 is beyond the 16 bits", "\"u32\""]),
+        ("input:0.7-4", "", "register", "\"input:0.7-4\"", ["does not precede", "input:50.4-7"]),
+        ("input:0.4-x", "", "register", "\"input:0.4-x\"", ["no bits of a register", "input:50.4-7"]),
+        ("coil:0.4-7", "", "register", "\"coil:0.4-7\"", ["one bit already", "input:50.4-7"]),
+        ("input:0.4-7", "type = \"f32\"\n", "type", "\"f32\"", ["f32 is not possible", "u16, i16"]),
+        ("input:0.4-7", "type = \"u24\"\n", "type", "\"u24\"", ["u24 is not possible", "u16, i16"]),
+    ] {
+        refused(BED, &bed(register, more), &format!("signal.bed.{key}"), at, &words);
+    }
+    let two = "type = \"u32\"\n";
+    refused(BED, &bed("input:8.4-19", two), "signal.bed.word_order", "", &["u32 needs 2 registers"]);
+    refused(
+        BED,
+        &format!("{}\nbad = [16]", bed("input:0.4-7", "")),
+        "signal.bed.bad",
+        "[16]",
+        &["u16 cannot contain 16", "0 to 15"],
+    );
+}
+
+#[test]
+fn a_value_of_24_bits_is_read_from_two_registers_and_not_written() {
+    let scale = "type = \"i32\"\nword_order = \"lsw-first\"\nscale = 0.0005";
+    for (kind, data_type) in [("u24", DataType::unsigned(24)), ("i24", DataType::signed(24))] {
+        let to = format!(
+            "type = \"{kind}\"\nword_order = \"lsw-first\"\nscale = 0.0005\ncounter = {{ max_speed = 500 }}"
+        );
+        let loaded = with(scale, &to).unwrap();
+        let signal = &loaded.profile.signals[6];
+        assert_eq!((signal.encoding.data_type, data_type.registers()), (data_type, 2));
+    }
+    refused(
+        "type = \"i32\"\nword_order = \"msw-first\"\nscale = 0.1",
+        "type = \"i24\"\nword_order = \"msw-first\"\nscale = 0.1",
+        "output.cnc_z.type",
+        "\"i24\"",
+        &["i24 is only read", "i32"],
+    );
+}
