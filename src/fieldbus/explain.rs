@@ -106,6 +106,13 @@ pub const fn remedy_of_a_reading(reason: Reason) -> &'static str {
         Reason::Jumped => {
             "is it the same device with the same settings? If so: `isotherm confirm PROFILE DEVICE`"
         }
+        Reason::ScaleChanged => {
+            "has the resolution or the decimal point been set in the device? If the value is right: `isotherm confirm \
+             PROFILE DEVICE`"
+        }
+        Reason::NoScale => {
+            "is `scale_from` or `decimals_from` the right register, does the device have this value?"
+        }
         Reason::ShortFrame => {
             "the node sends fewer bytes than the profile reads: is it another variant of the node?"
         }

@@ -24,7 +24,9 @@ use isotherm::fieldbus::wire::{Answer, ModbusRequest, Request, Wire};
 use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::http::{Admission, TokenFile, serve};
 use isotherm::virtual_machine::answered;
-use isotherm_core::codec::{Address, DataType, Entry, Frame, Register, checksum};
+use isotherm_core::codec::{
+    Address, DataType, Encoding, Entry, Frame, Register, ScaleFrom, ScaleMeaning, checksum,
+};
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
 use isotherm_identify::dataset::{Dataset, Split, every_column, explain, plain_log};
@@ -105,11 +107,19 @@ pub(crate) fn planner(data: &[u8]) {
     let signals: Vec<Signal> =
         (0..bytes.byte() % 40).filter_map(|_| signal(&mut bytes, &USUAL.signals[0])).collect();
     let requests = plan(&device, signals.iter().enumerate().map(|(place, signal)| (SignalId(place), signal)));
-    let mut read = vec![0; signals.len()];
+    let (mut read, mut scales) = (vec![0; signals.len()], vec![0; signals.len()]);
     for request in &requests {
         assert!(Request::from(&request.asks).fits(), "{request:?}");
         let answer = bytes.answer();
-        for field in &request.fields {
+        for field in request.scales() {
+            scales[field.signal.0] += 1;
+            let from = signals[field.signal.0].scale_from.as_ref().unwrap();
+            if let Ok(words) = answer.encoded(field) {
+                let exponent = from.exponent(words.registers());
+                assert!(exponent.is_ok_and(|power| power.abs() <= ScaleFrom::LARGEST) || exponent.is_err());
+            }
+        }
+        for field in request.values() {
             read[field.signal.0] += 1;
             let signal = &signals[field.signal.0];
             let (from, count) = request.span().unwrap();
@@ -121,6 +131,7 @@ pub(crate) fn planner(data: &[u8]) {
         }
     }
     assert!(read.iter().all(|times| *times == 1), "{read:?}");
+    assert!(scales.iter().zip(&signals).all(|(times, one)| *times == i32::from(one.scale_from.is_some())));
 }
 
 /// Returns a signal; `None` if a profile would reject it because it is beyond the last register.
@@ -132,7 +143,13 @@ fn signal(bytes: &mut Bytes<'_>, usual: &Signal) -> Option<Signal> {
     }
     let fits = u32::from(address.offset) + u32::from(encoding.data_type.registers()) <= 65_536;
     let merge = bytes.byte() & 3 != 3;
-    fits.then(|| Signal { address: address.into(), encoding, merge, ..usual.clone() })
+    let scale = Some(bytes.address()).filter(|from| !from.table.is_bits() && from.offset & 3 == 3);
+    let scale_from = scale.filter(|_| !address.table.is_bits()).map(|address| ScaleFrom {
+        address,
+        encoding: Encoding { data_type: DataType::I16, ..encoding.clone() },
+        meaning: ScaleMeaning::PowerOfTen,
+    });
+    fits.then(|| Signal { address: address.into(), encoding, merge, scale_from, ..usual.clone() })
 }
 
 /// Loads the text of a profile, whole or as one line of a valid one.

@@ -1,6 +1,6 @@
-//! Values in registers: parts of a register, 24 bits.
+//! Values in registers: parts of a register, 24 bits, scales in other registers.
 
-use isotherm_core::codec::{DataType, Part, Whole};
+use isotherm_core::codec::{DataType, Part, ScaleMeaning, Whole};
 
 use super::*;
 
@@ -109,5 +109,86 @@ fn a_value_of_24_bits_is_read_from_two_registers_and_not_written() {
         "output.cnc_z.type",
         "\"i24\"",
         &["i24 is only read", "i32"],
+    );
+}
+
+#[test]
+fn a_scale_in_another_register_is_read_with_the_value_and_explained() {
+    for (register, keys, meaning, place, words) in [
+        (
+            "input:0",
+            "type = \"i16\"\nscale_from = \"input:40\"\n",
+            ScaleMeaning::PowerOfTen,
+            "input:40",
+            "0.1 °C per count, times ten to the power of input:40 (30041)",
+        ),
+        (
+            "input:0.0-11",
+            "type = \"i16\"\ndecimals_from = \"input:0.12-15\"\n",
+            ScaleMeaning::Decimals,
+            "input:0",
+            "0.1 °C per count, with the number of decimals in input:0.12-15 (30001.12-15)",
+        ),
+    ] {
+        let loaded = with(BED, &bed(register, keys)).unwrap();
+        assert_eq!(loaded.warnings, []);
+        let signal = &loaded.profile.signals[1];
+        let from = signal.scale_from.as_ref().unwrap();
+        assert_eq!((from.meaning, from.address.to_string().as_str()), (meaning, place));
+        let reported = isotherm_profile::preview::Preview::of(&loaded.profile).to_string();
+        for words in [words, "after a change of its scale until it is plausible again"] {
+            assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
+        }
+        // One request reads the inputs of the module.
+        let inputs = loaded.profile.requests(signal.device);
+        let inputs = inputs.iter().filter_map(|request| request.span());
+        assert_eq!(inputs.filter(|(from, _)| from.table.name() == "input").count(), 1, "{register}");
+    }
+}
+
+#[test]
+fn what_cannot_be_a_scale_is_refused_with_what_can() {
+    let value = |keys: &str| bed("input:0", &format!("type = \"i16\"\n{keys}"));
+    for (keys, key, at, words) in [
+        (
+            "scale_from = \"input:9\"\ndecimals_from = \"input:9\"\n",
+            "decimals_from",
+            "decimals_from",
+            ["exclude each other", "power of ten"],
+        ),
+        ("scale_from = \"coil:9\"\n", "scale_from", "\"coil:9\"", ["one bit", "holding:12"]),
+        ("scale_from = \"input:9.3\"\n", "scale_from", "\"input:9.3\"", ["one bit", "holding:12.8-11"]),
+        ("scale_from = \"input:9.8-19\"\n", "scale_from", "\"input:9.8-19\"", ["beyond", "holding:12"]),
+        ("scale_from = \"input:0\"\n", "scale_from", "\"input:0\"", ["the value itself", "holding:12"]),
+        ("decimals_from = \"inputt:9\"\n", "decimals_from", "\"inputt:9\"", ["no register", "input"]),
+    ] {
+        refused(BED, &value(keys), &format!("signal.bed.{key}"), at, &words);
+    }
+    let bit = "device = \"module\"\nregister = \"discrete:1\"";
+    let scaled = format!("{bit}\nscale_from = \"input:9\"");
+    refused(bit, &scaled, "signal.wheelhead_open.scale_from", "\"input:9\"", &["a bit has no scale"]);
+    let count = "type = \"i32\"\nword_order = \"lsw-first\"\nscale = 0.0005";
+    let scaled = format!("{count}\nscale_from = \"holding:80\"\ncounter = {{ max_speed = 500 }}");
+    let found = errors(with(count, &scaled));
+    let words = "`scale_from` and `counter` exclude each other";
+    assert!(found.iter().any(|error| error.to_string().contains(words)), "{}", Errors(found.clone()));
+}
+
+#[test]
+fn a_value_whose_scale_is_read_needs_a_limit_of_its_rate() {
+    let scale = "type = \"i32\"\nword_order = \"lsw-first\"\nscale = 0.0005";
+    let scaled = format!("{scale}\nscale_from = \"holding:80\"");
+    let words = ["needs a limit of the rate of change", "write `max_rate`, in mm per second"];
+    refused(scale, &scaled, "signal.scale_z.scale_from", "scale_from", &words);
+    with(scale, &format!("{scaled}\nmax_rate = 500.0")).unwrap();
+    // A temperature that a model uses has a limit by default.
+    let bed = bed("input:0", "type = \"i16\"\ndecimals_from = \"input:9\"\n");
+    with(BED, &bed).unwrap();
+    refused(
+        BED,
+        &format!("{bed}\nmax_rate = \"none\""),
+        "signal.bed.decimals_from",
+        "decimals_from",
+        &["needs a limit of the rate of change"],
     );
 }

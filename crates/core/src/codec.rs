@@ -19,6 +19,7 @@ mod object;
 mod part;
 mod pc_sensor;
 mod scale;
+mod scale_from;
 
 pub use address::{Address, Register, Table};
 pub use bits::{BitField, BitKind, ByteOrder};
@@ -35,6 +36,7 @@ pub use object::{Entry, Object};
 pub use part::{Part, Whole};
 pub use pc_sensor::{Channel, PcSensor};
 pub use scale::Scale;
+pub use scale_from::{ScaleFrom, ScaleMeaning, ScaleRead, ScaleWatch};
 
 #[cfg(test)]
 mod tests;

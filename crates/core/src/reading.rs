@@ -69,6 +69,11 @@ pub enum Reason {
     /// The value differs too much from the last value before contact with the device was lost. The limit is `max_rate`
     /// times the time without a value.
     Jumped,
+    /// The scale of the value, which the device has in another register, has changed. The value is used again when it
+    /// is plausible.
+    ScaleChanged,
+    /// The register of the value's scale contains no power of ten.
+    NoScale,
     /// The device answered with this Modbus exception code.
     Exception(u8),
     /// The CANopen node refused to send the object.
@@ -166,6 +171,8 @@ impl Reason {
             Reason::OutOfRange => "out-of-range",
             Reason::TooFast => "too-fast",
             Reason::Jumped => "jumped",
+            Reason::ScaleChanged => "scale-changed",
+            Reason::NoScale => "no-scale",
             Reason::Exception(_) => "exception",
             Reason::Refused => "refused",
             Reason::Status(_) => "status",
@@ -222,6 +229,8 @@ impl fmt::Display for Reason {
             Reason::OutOfRange => "out of range",
             Reason::TooFast => "changing too fast",
             Reason::Jumped => "jumped while its device was away",
+            Reason::ScaleChanged => "its scale in the device has changed",
+            Reason::NoScale => "its scale register contains no power of ten",
             Reason::Exception(code) => return write!(f, "exception {code} ({})", exception(*code)),
             Reason::Refused => "the node refuses to give its value",
             Reason::Status(code) => return write!(f, "{}", Status(*code)),

@@ -61,6 +61,18 @@ impl Encoding {
     /// # Errors
     /// Returns why the registers have no value: a sentinel, NaN or infinity, or a wrong number of registers.
     pub fn decode(&self, registers: &[u16]) -> Result<f64, Reason> {
+        self.decode_by(registers, self.scale)
+    }
+
+    /// Returns the engineering value of the registers, with the scale times this power of ten.
+    ///
+    /// # Errors
+    /// As [`Encoding::decode`].
+    pub fn decode_at(&self, registers: &[u16], exponent: i8) -> Result<f64, Reason> {
+        self.decode_by(registers, self.scale.times_power_of_ten(exponent))
+    }
+
+    fn decode_by(&self, registers: &[u16], scale: Scale) -> Result<f64, Reason> {
         let bits = self.gather(registers)?;
         let raw = match self.data_type {
             DataType::F32 | DataType::F64 => {
@@ -77,7 +89,7 @@ impl Encoding {
                 as_float(raw - i128::from(self.bias))
             }
         };
-        let value = self.scale.scaled(raw) + self.offset;
+        let value = scale.scaled(raw) + self.offset;
         if value.is_finite() { Ok(value) } else { Err(Reason::NotANumber) }
     }
 

@@ -85,7 +85,7 @@ fn requests(device: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
     let mut max_age = Duration::MAX;
     for (id, signal) in signals {
         let Some(node) = signal.address.node() else { continue };
-        let field = Field { signal: *id, at: 0, len: signal.encoding.data_type.registers() };
+        let field = Field::value(*id, signal.encoding.data_type.registers());
         nodes.push((field, node.clone()));
         max_age = max_age.min(signal.max_age);
     }
@@ -110,7 +110,7 @@ fn signal(_: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>, _: Option<&Device
     let offset = raw.offset.unwrap_or(0.0);
     let encoding = Encoding { scale, offset, bad, ..plain(data_type) };
     let unit = (data_type == DataType::Bool).then_some(Unit("bool"));
-    Some(Located { address: Address::Node(node), encoding, unit })
+    Some(Located::of(Address::Node(node), encoding, unit))
 }
 
 /// Resolves the node of an output.

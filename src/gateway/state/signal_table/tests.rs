@@ -42,6 +42,7 @@ terms = [{ signal = "bed", gain = 1.0, reference = 0.0 }]
 "#;
 
 const BED: SignalId = SignalId(0);
+const MAX_AGE: Duration = Duration::from_secs(5);
 const OPEN: SignalId = SignalId(1);
 
 fn profile() -> Profile {
@@ -299,4 +300,74 @@ fn a_default_rate_confirms_no_ambiguous_value() {
     assert_eq!(board.value(BED, at(2)), Some(21.0));
     board.doubt(BED);
     assert_eq!(board.value(BED, at(2)), None);
+}
+
+/// Registers with this count.
+fn raw(count: u16) -> Result<Encoded, Reason> {
+    Ok(Encoded::of(&[count]))
+}
+
+#[test]
+fn a_value_of_another_answer_waits_for_the_read_of_its_scale() {
+    let profile = profile();
+    let mut board = SignalTable::new(&profile.clone().into());
+    let value =
+        |board: &SignalTable, seconds| board.latest().readings[BED.0].aged(at(seconds), MAX_AGE).usable();
+    board.store_scaled(BED, raw(200), at(0), 0, ScalePlace::OtherAnswer);
+    assert_eq!(value(&board, 0), None);
+    board.store_scale(BED, Ok(0), 0);
+    assert_eq!(value(&board, 0), Some(20.0));
+    // Between two different scales, a value is not used. The scale is used again when it has been read twice.
+    board.store_scaled(BED, raw(2000), at(1), 0, ScalePlace::OtherAnswer);
+    board.store_scale(BED, Ok(-1), 0);
+    assert_eq!(value(&board, 1), None);
+    board.store_scaled(BED, raw(2010), at(2), 0, ScalePlace::OtherAnswer);
+    board.store_scale(BED, Ok(-1), 0);
+    assert_eq!(value(&board, 2), Some(20.1));
+    board.check(at(2));
+    assert!(board.changes(at(2)).contains(&QualityChange::ScaleChanged(BED, 0, -1)));
+    // A break of the continuity of the device, or a pause, discards the value that waits.
+    board.store_scaled(BED, raw(2020), at(3), 0, ScalePlace::OtherAnswer);
+    board.store_scale(BED, Ok(-1), 1);
+    assert_eq!(value(&board, 3), Some(20.1));
+    board.store_scaled(BED, raw(2020), at(4), 1, ScalePlace::OtherAnswer);
+    board.forget();
+    board.store_scale(BED, Ok(-1), 1);
+    assert_eq!(value(&board, 4), None);
+}
+
+#[test]
+fn after_a_change_of_its_scale_a_value_is_bad_until_it_is_plausible_or_confirmed() {
+    let profile = profile();
+    let mut board = SignalTable::new(&profile.clone().into());
+    let mut look = |seconds, exponent, count| {
+        board.store_scale(BED, Ok(exponent), 0);
+        board.store_scaled(BED, raw(count), at(seconds), 0, ScalePlace::SameAnswer);
+        board.latest().readings[BED.0].quality
+    };
+    assert_eq!(look(0, 0, 200), Quality::Good);
+    assert_eq!(look(1, -1, 200), Quality::Bad(Reason::ScaleChanged));
+    // Two degrees instead of twenty: waiting does not make it plausible.
+    for seconds in 2..60 {
+        assert_eq!(look(seconds, -1, 200), Quality::Bad(Reason::ScaleChanged), "{seconds}");
+    }
+    assert_eq!(look(60, -1, 2005), Quality::Good);
+    assert_eq!(look(61, 0, 2005), Quality::Bad(Reason::ScaleChanged));
+    assert_eq!(look(62, 0, 2005), Quality::Bad(Reason::OutOfRange), "200.5 °C is beyond its range");
+    assert_eq!(look(63, 0, 450), Quality::Bad(Reason::ScaleChanged));
+    assert_eq!(board.confirm(DeviceId(0)), ["bed"]);
+    board.store_scaled(BED, raw(450), at(64), 0, ScalePlace::SameAnswer);
+    assert_eq!(board.latest().readings[BED.0].quality, Quality::Good);
+}
+
+#[test]
+fn a_register_without_a_scale_gives_its_reason_to_the_value() {
+    let profile = profile();
+    let mut board = SignalTable::new(&profile.clone().into());
+    board.store_scale(BED, Err(Reason::NoScale), 0);
+    board.store_scaled(BED, raw(200), at(0), 0, ScalePlace::SameAnswer);
+    assert_eq!(board.latest().readings[BED.0].quality, Quality::Bad(Reason::NoScale));
+    board.store_scale(BED, Ok(0), 0);
+    board.store_scaled(BED, Err(Reason::BadReply), at(1), 0, ScalePlace::SameAnswer);
+    assert_eq!(board.latest().readings[BED.0].quality, Quality::Bad(Reason::BadReply));
 }

@@ -46,7 +46,7 @@ pub(super) fn resolve(check: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>) -
     let unit = unit.or((data_type == DataType::Bool && raw.dbc.is_none()).then_some(Unit("bool")));
     let bad = sentinels(raw.bad.as_ref(), &at.key("bad"));
     let scale = register::scale(&at.key("scale"), scale)?;
-    Some(Located { address, encoding: Encoding { scale, offset, bad, ..plain(data_type) }, unit })
+    Some(Located::of(address, Encoding { scale, offset, bad, ..plain(data_type) }, unit))
 }
 
 fn no_type(raw: &RawSignal, at: &KeyContext<'_>, help: &str) {

@@ -22,7 +22,9 @@ pub(crate) fn moved(value: Value, key: &str, place: u16, stride: u16, base: u16)
 
 /// Returns whether the text of a key is a register.
 fn is_register(key: &str) -> bool {
-    matches!(key, "register" | "sequence" | "complement" | "heartbeat" | "control" | "strobe" | "acknowledge")
+    let of_signals = matches!(key, "register" | "scale_from" | "decimals_from");
+    of_signals
+        || matches!(key, "sequence" | "complement" | "heartbeat" | "control" | "strobe" | "acknowledge")
 }
 
 /// Returns the register of the channel with this index. If the register is a single bit, the bits follow each other.

@@ -1,5 +1,6 @@
 //! Signals in registers, coils and discrete inputs.
 
+use super::scale_from;
 use crate::tables::KeyContext;
 use crate::tables::device::Device;
 use crate::tables::register::{self, Bits, Cell, TypeWord, plain};
@@ -25,7 +26,8 @@ pub(super) fn resolve(raw: &RawSignal, at: &KeyContext<'_>, device: Option<&Devi
     };
     let word_order = register::word_order(&at.key("word_order"), data_type, raw.word_order);
     let scale = register::scale(&at.key("scale"), raw.scale.unwrap_or(1.0));
-    let (Cell { address, .. }, data_type) = (cell?, data_type?);
+    let (cell, data_type) = (cell?, data_type?);
+    let address = cell.address;
     register::fits(&place, address, data_type);
     if let Some(device) = device {
         device.must_read(&place, address.table);
@@ -47,7 +49,9 @@ pub(super) fn resolve(raw: &RawSignal, at: &KeyContext<'_>, device: Option<&Devi
         bad: sentinels(raw.bad.as_ref(), &at.key("bad")),
         ..plain(data_type)
     };
-    Some(Located { address: address.into(), encoding, unit: is_bit.then_some(Unit("bool")) })
+    let unit = is_bit.then_some(Unit("bool"));
+    let scale_from = scale_from::resolve(raw, at, (cell, data_type), device);
+    Some(Located { scale_from, ..Located::of(address.into(), encoding, unit) })
 }
 
 /// Resolves the type of a register, a bit or several bits.
