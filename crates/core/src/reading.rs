@@ -84,6 +84,8 @@ pub enum Reason {
     WrongType,
     /// The value of the OPC UA node is not a number, and the profile states no type.
     NoNumber,
+    /// The OPC UA node has no array, or the array does not have the element of the profile.
+    NoElement,
     /// The source timestamp of the value is later than the time of the OPC UA server that sends it.
     SourceClock,
     /// This computer has no sensor of this name.
@@ -178,6 +180,7 @@ impl Reason {
             Reason::Status(_) => "status",
             Reason::WrongType => "wrong-type",
             Reason::NoNumber => "no-number",
+            Reason::NoElement => "no-element",
             Reason::SourceClock => "source-clock",
             Reason::NotFound => "not-found",
             Reason::SeveralFound => "several-found",
@@ -236,6 +239,7 @@ impl fmt::Display for Reason {
             Reason::Status(code) => return write!(f, "{}", Status(*code)),
             Reason::WrongType => "the node has another type than the profile says",
             Reason::NoNumber => "the value of the node is not a number",
+            Reason::NoElement => "the node does not have this element of an array",
             Reason::SourceClock => "time stamp later than its server's own time: a clock is wrong",
             Reason::NotFound => "this computer has no sensor of this name",
             Reason::SeveralFound => "this computer has several sensors of this name",

@@ -5,8 +5,11 @@ use serde::Serialize;
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::explain::explain_on;
 use crate::fieldbus::kinds::opcua::client::browse::{Browser, Described, Value};
-use isotherm_core::codec::{Address, DataType, Node};
+use isotherm_core::codec::{Address, Node, number_in};
 use isotherm_profile::{Bit, Bus, BusId, Profile, Transport};
+
+/// Name of the type of texts.
+const TEXT: &str = "String";
 
 /// Node of the profile as its server describes it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -128,7 +131,7 @@ fn advice(wanted: &NodeRequirement<'_>, found: &Described) -> Vec<String> {
         }];
     };
     let mut advice = Vec::new();
-    if let Some(wrong) = wrong_type(wanted.node.data_type, variable) {
+    if let Some(wrong) = wrong_type(wanted.node, variable) {
         advice.push(wrong);
     }
     if !variable.is_readable {
@@ -151,11 +154,23 @@ fn advice(wanted: &NodeRequirement<'_>, found: &Described) -> Vec<String> {
 
 /// Describes the contradiction between the type of the node at the server and the type `said` in the profile. Returns
 /// `None` if there is none.
-fn wrong_type(said: Option<DataType>, variable: &Value) -> Option<String> {
-    let Value { kind, data_type, is_array, .. } = variable;
-    match (said, data_type) {
-        _ if *is_array => Some("the node holds several values: name the node of one value".to_owned()),
+fn wrong_type(node: &Node, variable: &Value) -> Option<String> {
+    let Value { kind, data_type, is_array, value, .. } = variable;
+    let is_number = value.as_deref().is_some_and(|text| number_in(text).is_some());
+    match (node.data_type, data_type) {
+        _ if *is_array && node.element.is_none() => Some(
+            "the node holds several values: write element = 0 for the first one, or name the node of one value"
+                .to_owned(),
+        ),
+        _ if !*is_array && node.element.is_some() => {
+            Some("the node holds one value: remove `element`".to_owned())
+        }
         (_, None) if kind.is_empty() => None,
+        // The texts of an array are not shown here, so whether they are numbers is not known.
+        (None, None) if kind == TEXT && (is_number || *is_array) => None,
+        (Some(_), None) if kind == TEXT && is_number => {
+            Some("the value is a text that is a number: remove `type`".to_owned())
+        }
         (_, None) => Some(format!("the value is {}, not a number: name another node", one(kind))),
         (Some(said), Some(known)) if said != *known => Some(format!(
             "the value is {}, but the profile says {}: write type = \"{}\"",

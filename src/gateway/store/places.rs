@@ -82,11 +82,13 @@ pub(in crate::gateway) fn of_output(profile: &Profile, output: &Output) -> Outpu
 
 fn of_signal(profile: &Profile, signal: &Signal) -> SignalPlace {
     let (bus, unit) = line(profile, signal.device);
+    let element = signal.address.node().and_then(|node| node.element.as_ref());
+    let element = element.map_or(String::new(), |element| format!(" {element}"));
     SignalPlace {
         bus,
         unit,
         address: signal.address.to_string(),
-        layout: layout(&signal.encoding),
+        layout: layout(&signal.encoding) + &element,
         scale: signal.encoding.scale.get(),
         offset: signal.encoding.offset,
     }

@@ -13,6 +13,7 @@ use crate::DeviceId;
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
 use crate::kinds::can::fields::{RawFrame, RawPdo};
+use crate::kinds::opcua::nodes::ElementValue;
 use crate::schema_of::schema_of;
 use bad::BadValue;
 use counter::{Capture, RawCounter};
@@ -49,6 +50,8 @@ pub(crate) struct RawSignal {
     pub(crate) register: Option<String>,
     /// OPC UA: node, for example "ns=2;s=/Nck/State" or "ns=3;i=1005".
     pub(crate) node: Option<String>,
+    /// OPC UA: element of the node's array. The first one is 0. A list has one index for each dimension: [1, 2].
+    pub(crate) element: Option<ElementValue>,
     /// Sensor of this computer: "w1:28-0316a2794f01", "hwmon:NAME/LABEL" or "iio:NAME/LABEL". If several chips have the
     /// same name: "hwmon:NAME@DEVICE/LABEL".
     pub(crate) sensor: Option<String>,
@@ -196,6 +199,8 @@ impl Signal {
             }
             (false, None, _) => format!("  {shown}: {register} of {device}, {data_type}"),
         };
+        let element = self.address.node().and_then(|node| node.element.as_ref()).map(ToString::to_string);
+        line.extend(element.iter().map(|element| format!(", {element}")));
         let word_order = register::shown_order(&self.address, encoding);
         line.extend(word_order.iter().map(|order| format!(" {order}")));
         if sensor.is_some() && (scale - 1.0).abs() > 0.0 {
@@ -223,7 +228,7 @@ impl Signal {
         section.lines("    ", &read_in);
         entries!(section, read_in, name, label = &self.label, device);
         section.json("register", register);
-        entries!(section, data_type, word_order, scale);
+        entries!(section, element, data_type, word_order, scale);
         section.json("scale_from", scale_from);
         entries!(section, offset = encoding.offset, unit = unit.0, doubts);
         entries!(section, capture = self.shown_capture(), channel);
