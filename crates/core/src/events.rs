@@ -329,7 +329,7 @@ catalogue! {
     /// The device of a signal has changed the scale of the value, which the gateway reads from another register. The
     /// signal is bad until its value is plausible with the new scale.
     ScaleChanged = warning("scale-changed")
-        .hint("if nobody has set the resolution or the decimal point of the device, check `scale_from` or \
+        .hint("if the resolution or the decimal point of the device was not set, check `scale_from` or \
                `decimals_from`, and the device");
     /// The machine was started. Its running time is counted from this moment.
     MachineStarted = info("machine-started");
