@@ -58,7 +58,8 @@ impl Bytes<'_> {
 fn data_type(kind: u8) -> DataType {
     let part = |first, last, whole| Part::new(first, last, whole).map(DataType::Part);
     let parts = [part(4, 15, Whole::I16), part(0, 3, Whole::U16), part(8, 27, Whole::I32)];
-    let wide = [DataType::unsigned(24), DataType::signed(24), DataType::Bit(kind >> 4)];
+    let bits = DataType::Bit(kind >> 4);
+    let wide = [DataType::unsigned(24), DataType::signed(24), bits, DataType::Bcd(4), DataType::Bcd(8)];
     let all: Vec<DataType> =
         DataType::ALL.into_iter().chain(wide).chain(parts.into_iter().flatten()).collect();
     all[usize::from(kind) % all.len()]

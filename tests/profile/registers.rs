@@ -113,6 +113,26 @@ fn a_value_of_24_bits_is_read_from_two_registers_and_not_written() {
 }
 
 #[test]
+fn decimal_digits_and_sign_and_magnitude_are_only_read_from_registers() {
+    for (kind, data_type) in [("bcd16", DataType::Bcd(4)), ("sm16", DataType::SignMagnitude(16))] {
+        let loaded = with(BED, &bed("input:0", &format!("type = \"{kind}\"\n"))).unwrap();
+        assert_eq!(loaded.profile.signals[1].encoding.data_type, data_type);
+    }
+    for (kind, data_type) in [("bcd32", DataType::Bcd(8)), ("sm32", DataType::SignMagnitude(32))] {
+        let keys = format!("type = \"{kind}\"\nword_order = \"lsw-first\"\n");
+        let loaded = with(BED, &bed("input:8", &keys)).unwrap();
+        assert_eq!(loaded.profile.signals[1].encoding.data_type, data_type);
+        refused(
+            "type = \"i32\"\nword_order = \"msw-first\"\nscale = 0.1",
+            &format!("type = \"{kind}\"\nword_order = \"msw-first\"\nscale = 0.1"),
+            "output.cnc_z.type",
+            &format!("\"{kind}\""),
+            &["is only read from registers"],
+        );
+    }
+}
+
+#[test]
 fn a_scale_in_another_register_is_read_with_the_value_and_explained() {
     for (register, keys, meaning, place, words) in [
         (

@@ -61,6 +61,7 @@ impl Counter {
             DataType::U16 | DataType::I16 => Some(1 << 16),
             DataType::U32 | DataType::I32 => Some(1 << 32),
             DataType::Unsigned(bits @ 8..=32) | DataType::Signed(bits @ 8..=32) => Some(1 << bits),
+            DataType::Bcd(digits) => Some(10i64.pow(u32::from(digits))),
             DataType::Part(part) if part.length() >= 8 => Some(1 << part.length()),
             _ => None,
         }

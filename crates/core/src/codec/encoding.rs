@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::data_type::integer_of;
+use super::data_type::{integer_of, is_value};
 use super::float::{as_float, as_integer, float_bits, float_of, same};
 use super::{DataType, Encoded, Scale};
 use crate::quantity::Counts;
@@ -83,6 +83,7 @@ impl Encoding {
                 self.sentinel(|raw| same(value, as_float(i128::from(raw))))?;
                 value
             }
+            _ if !is_value(self.data_type, bits) => return Err(Reason::NotANumber),
             _ => {
                 let raw = integer_of(self.data_type, bits);
                 self.sentinel(|bad| i128::from(bad) == raw)?;
@@ -109,11 +110,12 @@ impl Encoding {
         self.scatter(bits, saturated)
     }
 
-    /// Returns the whole counts in the registers, without the bias. `None` for a floating-point type, or if the number
-    /// of registers is wrong.
+    /// Returns the whole counts in the registers, without the bias. `None` for a floating-point type, if the number of
+    /// registers is wrong, or if the registers contain no decimal digits.
     pub fn counts(&self, registers: &[u16]) -> Option<Counts> {
         self.data_type.integer_range()?;
-        let raw = integer_of(self.data_type, self.gather(registers).ok()?);
+        let bits = self.gather(registers).ok().filter(|bits| is_value(self.data_type, *bits))?;
+        let raw = integer_of(self.data_type, bits);
         i64::try_from(raw - i128::from(self.bias)).ok().map(Counts)
     }
 

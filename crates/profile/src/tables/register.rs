@@ -19,7 +19,7 @@ mod cell;
 pub(crate) struct TypeWord(pub(crate) DataType);
 
 impl TypeWord {
-    const ALL: [DataType; 14] = [
+    const ALL: [DataType; 18] = [
         DataType::Bool,
         DataType::unsigned(8),
         DataType::signed(8),
@@ -34,6 +34,10 @@ impl TypeWord {
         DataType::F32,
         DataType::F64,
         DataType::Decimal24(0),
+        DataType::Bcd(4),
+        DataType::Bcd(8),
+        DataType::SignMagnitude(16),
+        DataType::SignMagnitude(32),
     ];
 }
 
@@ -290,12 +294,19 @@ pub(crate) fn scale(at: &KeyContext<'_>, scale: f64) -> Option<Scale> {
     Some(Scale::of(scale))
 }
 
-/// Reports a type of 24 bits, whose place in two registers differs between devices. Such values are only read.
-pub(crate) fn not_of_24_bits(at: &KeyContext<'_>, data_type: Option<DataType>) {
-    if let Some(data_type) = data_type.filter(|data_type| data_type.width() == 24) {
-        let help = "use \"u32\" or \"i32\", if the device expects the sign in all 32 bits";
+/// Reports a type that is only read. In 24 bits, devices expect the sign at different places. For the other types, no
+/// device is known that they are written to.
+pub(crate) fn not_only_read(at: &KeyContext<'_>, data_type: Option<DataType>) {
+    let is_only_read = |data_type: &DataType| data_type.width() == 24 || is_of_registers(*data_type);
+    if let Some(data_type) = data_type.filter(is_only_read) {
+        let help = "use \"u16\", \"i16\", \"u32\" or \"i32\", if the device accepts it";
         at.invalid(format!("{} is only read from registers, not written", data_type.name()), help);
     }
+}
+
+/// Returns whether only signals in registers have this type: not a display, no object and no node.
+pub(crate) const fn is_of_registers(data_type: DataType) -> bool {
+    matches!(data_type, DataType::Bcd(_) | DataType::SignMagnitude(_))
 }
 
 /// Reports a type that is smaller than a register.

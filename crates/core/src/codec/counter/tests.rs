@@ -45,7 +45,8 @@ fn tracked(data_type: DataType, counts: &[i64]) -> Vec<Result<i64, Option<(i64, 
 #[test]
 fn a_counter_that_rolls_over_goes_on() {
     let part = DataType::Part(Part::new(8, 31, Whole::U32).unwrap());
-    let cases: [(DataType, &[i64], &[i64]); 8] = [
+    let cases: [(DataType, &[i64], &[i64]); 9] = [
+        (DataType::Bcd(4), &[4, 9_996, 9_990, 3], &[4, -4, -10, 3]),
         (DataType::unsigned(24), &[10, 2, 16_777_210], &[10, 2, -6]),
         (DataType::signed(24), &[8_388_600, -8_388_600], &[8_388_600, 8_388_616]),
         (part, &[16_777_210, 4], &[-6, 4]),

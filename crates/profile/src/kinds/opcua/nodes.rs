@@ -5,7 +5,7 @@ use serde::Deserialize;
 
 use crate::schema_of::schema_of;
 use crate::tables::KeyContext;
-use crate::tables::register::{TypeWord, holding};
+use crate::tables::register::{TypeWord, holding, is_of_registers};
 use isotherm_core::codec::{Address, DataType, Element, Node, NodeId};
 
 /// Meaning of a server's timestamps.
@@ -158,7 +158,7 @@ pub(crate) fn node_type(at: &KeyContext<'_>, kind: Option<TypeWord>) -> Result<O
             at.key("type").invalid("decimal24 is a type of Modbus displays", TYPES);
             Err(())
         }
-        Some(TypeWord(data_type)) if data_type.width() == 24 => {
+        Some(TypeWord(data_type)) if data_type.width() == 24 || is_of_registers(data_type) => {
             at.key("type").invalid(format!("OPC UA has no type {}", data_type.name()), TYPES);
             Err(())
         }

@@ -136,6 +136,8 @@ pub(super) fn variant(Scalar { data_type, bits }: Scalar) -> Option<Variant> {
         DataType::F64 => Variant::Double(f64::from_bits(bits)),
         DataType::Bit(_)
         | DataType::Part(_)
+        | DataType::Bcd(_)
+        | DataType::SignMagnitude(_)
         | DataType::Decimal24(_)
         | DataType::Signed(_)
         | DataType::Unsigned(_) => return None,
