@@ -61,6 +61,21 @@ impl Default for SignalScale {
 }
 
 impl SignalScale {
+    /// Creates the state after a start of the gateway. `exponent` is that of the former run; `None` if it is not known.
+    pub(super) fn after_start(exponent: Option<i8>) -> SignalScale {
+        SignalScale { watch: ScaleWatch::after_start(exponent), ..SignalScale::default() }
+    }
+
+    /// Returns the exponent that is used. `None` if none was read, and for a fixed scale.
+    pub(super) fn exponent(&self) -> Option<i8> {
+        self.watch.accepted()
+    }
+
+    /// Returns whether the scale has changed, and no value was plausible since.
+    pub(super) fn is_open(&self) -> bool {
+        self.plausibility == Plausibility::Open
+    }
+
     /// Processes an exponent that was read. Returns the value that waited for it, with its time. `None` if no value
     /// waited, or if its exponent is not known.
     pub(super) fn read(

@@ -52,6 +52,9 @@ struct BadSignal {
 pub(in crate::gateway) struct LastGood {
     pub(in crate::gateway) value: f64,
     pub(in crate::gateway) age: Duration,
+    /// Power of ten of the scale, which the gateway reads from another register. `None` for a fixed scale.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(in crate::gateway) exponent: Option<i8>,
 }
 
 /// Latest readings, and their quality at any moment.
@@ -97,25 +100,27 @@ impl SignalTable {
     }
 
     /// Starts the rate filters with the last good values of the previous run, by signal name. Signals without a limit of
-    /// the rate and signals of devices with checks are left out.
+    /// the rate and signals of devices with checks are left out. The checks do not include a scale in another register.
     pub(in crate::gateway) fn recall(&mut self, values: &BTreeMap<String, LastGood>, start: Moment) {
         let profile = &self.latest.profile;
         for (place, signal) in profile.signals.iter().enumerate() {
-            if profile.device(signal.device).is_checked() || signal.rate_limit().is_none() {
+            let is_checked = profile.device(signal.device).is_checked() && signal.scale_from.is_none();
+            if is_checked || signal.rate_limit().is_none() {
                 continue;
             }
-            if let Some(LastGood { value, age }) = values.get(&signal.name) {
+            if let Some(LastGood { value, age, exponent }) = values.get(&signal.name) {
                 self.rates[place] = RateFilter::after_start(*value, start, *age);
+                self.scales[place] = SignalScale::after_start(*exponent);
             }
         }
     }
 
     /// Returns the last good value of each signal that has a limit of the rate, by name.
     pub(in crate::gateway) fn last_good(&self, now: Moment) -> BTreeMap<String, LastGood> {
-        let signals = self.latest.profile.signals.iter().zip(&self.rates);
-        let good = signals.filter_map(|(signal, filter)| {
+        let signals = self.latest.profile.signals.iter().zip(&self.rates).zip(&self.scales);
+        let good = signals.filter_map(|((signal, filter), scale)| {
             let (value, age) = filter.before_stop(now, signal.rate_limit()?)?;
-            Some((signal.name.clone(), LastGood { value, age }))
+            Some((signal.name.clone(), LastGood { value, age, exponent: scale.exponent() }))
         });
         good.collect()
     }
@@ -135,10 +140,14 @@ impl SignalTable {
         let position = value.and_then(|value| self.position(id, value, at));
         let signal = self.latest.profile.signal(id);
         let assessed = position.and_then(|value| {
+            let breaks = self.scales[id.0].breaks(breaks);
             if !signal.is_plausible(value) {
+                // With a new scale, a value out of range is a value too: a later one is not plausible by waiting.
+                if let Some(rate) = signal.rate_limit().filter(|_| self.scales[id.0].is_open()) {
+                    self.rates[id.0].reject(value, at, rate, breaks);
+                }
                 return Err(Reason::OutOfRange);
             }
-            let breaks = self.scales[id.0].breaks(breaks);
             match self.rates[id.0].assess(value, at, signal.rate_limit(), breaks) {
                 Ok(()) => {
                     self.scales[id.0].confirm();
@@ -225,6 +234,7 @@ impl SignalTable {
             *reading = Reading::bad(reading.at, Reason::BadReply);
         }
         self.read[id.0] = None;
+        self.scales[id.0].forget();
     }
 
     /// Discards two answers of which one may belong to another master. The last good value is used until it is stale.

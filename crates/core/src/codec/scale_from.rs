@@ -83,6 +83,16 @@ pub struct ScaleRead {
 }
 
 impl ScaleWatch {
+    /// Creates the state after a start of the gateway. `exponent` is that of the former run; `None` if it is not known.
+    pub fn after_start(exponent: Option<i8>) -> ScaleWatch {
+        ScaleWatch { accepted: exponent, last: exponent }
+    }
+
+    /// Returns the exponent that is used. `None` if none was read.
+    pub fn accepted(&self) -> Option<i8> {
+        self.accepted
+    }
+
     /// Processes an exponent that was read, or the reason why the answer contains none.
     pub fn read(&mut self, exponent: Result<i8, Reason>) -> ScaleRead {
         let (accepted, last) = (self.accepted, self.last);
@@ -223,6 +233,19 @@ mod tests {
             (Ok(-2), Some(Ok(-2)), true),
         ];
         assert_eq!(reads(&[none, Ok(-1), none, Ok(-1), none, Ok(-2), Ok(-2)]), expected);
+    }
+
+    #[test]
+    fn a_change_while_the_gateway_was_stopped_is_a_change() {
+        let mut same = ScaleWatch::after_start(Some(-1));
+        let mut other = same;
+        assert_eq!(same.read(Ok(-1)), ScaleRead { together: Ok(-1), before: Some(Ok(-1)), changed: None });
+        let changed = Err(Reason::ScaleChanged);
+        assert_eq!(other.read(Ok(-2)), ScaleRead { together: changed, before: Some(changed), changed: None });
+        assert_eq!(other.accepted(), Some(-1));
+        let confirmed = ScaleRead { together: Ok(-2), before: Some(Ok(-2)), changed: Some((-1, -2)) };
+        assert_eq!((other.read(Ok(-2)), other.accepted()), (confirmed, Some(-2)));
+        assert_eq!(ScaleWatch::after_start(None), ScaleWatch::default());
     }
 
     proptest! {

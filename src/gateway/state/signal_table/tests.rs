@@ -361,6 +361,70 @@ fn after_a_change_of_its_scale_a_value_is_bad_until_it_is_plausible_or_confirmed
 }
 
 #[test]
+fn a_value_out_of_range_after_a_change_of_the_scale_makes_no_later_value_plausible() {
+    let profile = profile();
+    let mut board = SignalTable::new(&profile.clone().into());
+    let mut look = |seconds, exponent, count| {
+        board.store_scale(BED, Ok(exponent), 0);
+        board.store_scaled(BED, raw(count), at(seconds), 0, ScalePlace::SameAnswer);
+        board.latest().readings[BED.0].quality
+    };
+    assert_eq!(look(0, 0, 200), Quality::Good);
+    assert_eq!(look(1, 1, 450), Quality::Bad(Reason::ScaleChanged));
+    for seconds in 2..3600 {
+        assert_eq!(look(seconds, 1, 450), Quality::Bad(Reason::OutOfRange), "450 °C, {seconds}");
+    }
+    assert_eq!(look(3600, 1, 45), Quality::Bad(Reason::ScaleChanged));
+    assert_eq!(look(3601, 0, 450), Quality::Bad(Reason::ScaleChanged));
+    assert_eq!(look(3602, 0, 450), Quality::Bad(Reason::ScaleChanged), "45 °C again");
+    assert_eq!(look(3603, 0, 200), Quality::Good);
+}
+
+#[test]
+fn a_doubtful_line_discards_a_value_that_waits_for_its_scale() {
+    let profile = profile();
+    let mut board = SignalTable::new(&profile.clone().into());
+    board.store_scale(BED, Ok(0), 0);
+    board.store_scaled(BED, raw(200), at(0), 0, ScalePlace::OtherAnswer);
+    board.doubt(BED);
+    board.store_scale(BED, Ok(0), 0);
+    assert_eq!(board.latest().readings[BED.0].quality, Quality::Bad(Reason::NeverRead));
+}
+
+#[test]
+fn a_scale_that_changed_while_the_gateway_was_stopped_is_reported_and_its_value_compared() {
+    // The check of the device does not include the scale.
+    let check = "unit = 1\nverify = [{ register = \"holding:7\", equals = 1 }]";
+    let parsed = |text: &str| {
+        let parsed = isotherm_profile::parse(std::path::Path::new("m.toml"), text, &[], &[]);
+        Arc::new(parsed.unwrap_or_else(|errors| panic!("{errors}")).profile)
+    };
+    let text =
+        PROFILE.replacen("scale = 0.1", "decimals_from = \"input:9\"", 1).replacen("unit = 1", check, 1);
+    let profile = parsed(&text);
+    let run = |board: &mut SignalTable, seconds, exponent, count| {
+        board.store_scale(BED, Ok(exponent), 0);
+        board.store_scaled(BED, raw(count), at(seconds), 0, ScalePlace::SameAnswer);
+        board.latest().readings[BED.0].quality
+    };
+    let mut before = SignalTable::new(&profile);
+    assert_eq!(run(&mut before, 0, -1, 200), Quality::Good);
+    let values = before.last_good(at(1));
+    assert_eq!(values["bed"].exponent, Some(-1));
+    let mut board = SignalTable::new(&profile);
+    board.recall(&values, at(2));
+    assert_eq!(run(&mut board, 2, -2, 200), Quality::Bad(Reason::ScaleChanged));
+    assert_eq!(run(&mut board, 3, -2, 200), Quality::Bad(Reason::ScaleChanged), "2 °C");
+    board.check(at(3));
+    assert!(board.changes(at(3)).contains(&QualityChange::ScaleChanged(BED, -1, -2)));
+    assert_eq!(run(&mut board, 4, -2, 2000), Quality::Good);
+    // With the same scale, the first value is used.
+    let mut board = SignalTable::new(&profile);
+    board.recall(&values, at(2));
+    assert_eq!(run(&mut board, 2, -1, 201), Quality::Good);
+}
+
+#[test]
 fn a_register_without_a_scale_gives_its_reason_to_the_value() {
     let profile = profile();
     let mut board = SignalTable::new(&profile.clone().into());
