@@ -195,6 +195,20 @@ fn what_cannot_be_a_scale_is_refused_with_what_can() {
 }
 
 #[test]
+fn a_register_of_a_scale_must_not_be_written() {
+    let on = "register = \"holding:90\"\ntype = \"u16\"\nunit = \"count\"";
+    let scaled = format!("{on}\nmax_rate = 1.0\nscale_from = \"holding:105\"");
+    let found = errors(with(on, &scaled));
+    let words = "would overwrite the scale of signal `cnc_on` at holding:105";
+    assert!(
+        found.iter().any(|error| error.key == "output.cnc_z.register" && error.message.contains(words)),
+        "{}",
+        Errors(found.clone())
+    );
+    with(on, &scaled.replace("holding:105", "holding:106")).unwrap();
+}
+
+#[test]
 fn a_value_whose_scale_is_read_needs_a_limit_of_its_rate() {
     let scale = "type = \"i32\"\nword_order = \"lsw-first\"\nscale = 0.0005";
     let scaled = format!("{scale}\nscale_from = \"holding:80\"");

@@ -24,7 +24,8 @@ mod request;
 pub(crate) use request::numbered;
 pub use request::{Field, FieldContent, ReadRequest, ReadTarget, Subscription, summary};
 
-/// Plans the fewest requests that read these signals of one device, in the order of tables and addresses.
+/// Plans the fewest requests that read these signals of one device, in the order of tables and addresses. A request with
+/// the scale of a value in another request comes later.
 ///
 /// A value of several registers is never split, even if it is longer than the device's limit.
 pub fn plan<'a>(
@@ -34,8 +35,10 @@ pub fn plan<'a>(
     let signals: Vec<(SignalId, &Signal)> = signals.into_iter().collect();
     let requests = KINDS.iter().flat_map(|kind| (kind.requests)(device, &signals));
     let mut requests: Vec<ReadRequest> = requests.collect();
-    // A scale that is read alone follows the values, so that they wait for it as briefly as possible.
-    requests.sort_by_key(|request| (request.values().next().is_none(), request.rank()));
+    // A scale follows a value of another request, so that the value waits for it as briefly as possible.
+    requests.sort_by_key(|request| {
+        (request.values().next().is_none(), request.has_scale_of_another(), request.rank())
+    });
     requests
 }
 

@@ -127,6 +127,11 @@ impl ReadRequest {
         self.scales().any(|field| field.signal == signal)
     }
 
+    /// Returns whether the answer contains the scale of a value that is read with another request.
+    pub(crate) fn has_scale_of_another(&self) -> bool {
+        self.scales().any(|scale| self.values().all(|value| value.signal != scale.signal))
+    }
+
     /// Names of the signals in the answer. A signal whose scale alone is in the answer has the words "scale of" before
     /// its name.
     pub fn signals(&self, profile: &Profile) -> Vec<String> {

@@ -176,7 +176,13 @@ fn a_value_and_its_scale_are_read_with_one_request_if_the_device_allows_it() {
     let usual = Quirks::default();
     let other = |register| signal(register, DataType::I16, true);
     type Case<'a> = (&'a str, Quirks, Vec<Signal>, &'a [&'a str]);
-    let cases: [Case<'_>; 9] = [
+    let cases: [Case<'_>; 10] = [
+        (
+            "a scale beside another value, after its own",
+            usual,
+            vec![scaled("holding:200", "holding:1"), other("holding:0")],
+            &["holding:200+1 [0]", "holding:0+2 [1 0s]"],
+        ),
         ("neighbours", usual, vec![scaled("holding:10", "holding:11")], &["holding:10+2 [0 0s]"]),
         ("the scale comes first", usual, vec![scaled("holding:10", "holding:2")], &["holding:2+9 [0s 0]"]),
         ("farther than a gap", usual, vec![scaled("holding:10", "holding:60")], &["holding:10+51 [0 0s]"]),

@@ -60,8 +60,8 @@ fn type_in(raw: &RawSignal, at: &KeyContext<'_>, cell: Cell) -> Option<DataType>
     let is_bits = cell.address.table.is_bits();
     let bit = match cell.bits {
         Bits::All if !is_bits => {
-            let help = "allowed: bool, u16, i16, u24, i24, u32, i32, u64, i64, f32, f64, decimal24, bcd16, bcd32, sm16, sm32; the device's manual \
-                 says which";
+            let help = "allowed: bool, u16, i16, u24, i24, u32, i32, u64, i64, f32, f64, decimal24, bcd16, bcd32, \
+                        sm16, sm32; the device's manual says which";
             at.key("type")
                 .missing("`type` is missing: which type does the value have in its registers?", help);
             return kind;
