@@ -55,7 +55,6 @@ schema_of!(ElementValue as "Element": { "anyOf": [
         "type": "array",
         "items": { "type": "integer", "minimum": 0, "maximum": 4_294_967_295u32 },
         "minItems": 1,
-        "maxItems": 8,
     },
 ] });
 
