@@ -59,9 +59,10 @@ impl Bank {
         Some(())
     }
 
-    /// Writes an encoded value. For a value that is a part of its registers, the other bits are unchanged.
+    /// Writes an encoded value. For a value that is a part of its registers, the other bits are unchanged. Thus the
+    /// digits of a display do not change its number of decimals.
     pub(super) fn put(&mut self, address: &Address, encoding: &Encoding, words: &[u16]) {
-        if !matches!(encoding.data_type, DataType::Bit(_) | DataType::Part(_)) {
+        if !matches!(encoding.data_type, DataType::Bit(_) | DataType::Part(_) | DataType::Decimal24(_)) {
             return self.set(address, words);
         }
         let (before, first) = self.reserve(address, encoding.data_type.registers());
@@ -113,8 +114,8 @@ mod tests {
     fn two_parts_of_one_register_do_not_change_each_other() {
         let mut bank = Bank::default();
         let at = Address::Modbus(Register { table: Table::Input, offset: 3 });
-        let part = |first, last| Encoding {
-            data_type: DataType::Part(Part::new(first, last, Whole::U16).unwrap()),
+        let of = |data_type| Encoding {
+            data_type,
             word_order: WordOrder::MswFirst,
             byte_swap: false,
             scale: Scale::ONE,
@@ -122,10 +123,16 @@ mod tests {
             bias: 0,
             bad: Vec::new(),
         };
+        let part = |first, last| of(DataType::Part(Part::new(first, last, Whole::U16).unwrap()));
         for (encoding, value) in [(part(4, 15), 235.0), (part(0, 3), 5.0), (part(4, 15), 236.0)] {
             bank.put(&at, &encoding, encoding.encode(value).registers());
         }
         assert_eq!(bank.read(&at, 1), Some([236 << 4 | 5].as_slice()));
+        let (digits, decimals) = (of(DataType::Decimal24(0)), part(8, 11));
+        for (encoding, value) in [(decimals, 2.0), (digits.clone(), -5.0), (digits, -6.0)] {
+            bank.put(&at, &encoding, encoding.encode(value).registers());
+        }
+        assert_eq!(bank.read(&at, 2), Some([0x1200, 6].as_slice()));
     }
 
     #[test]
