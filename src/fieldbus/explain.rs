@@ -17,8 +17,9 @@ use super::kinds::{self, can, modbus, opcua};
 use super::seen::{Advice, Seen};
 
 /// Remedy for an OPC UA node whose value is not a number.
-const NOT_A_NUMBER: &str = "write another node: `isotherm read --browse` shows which nodes hold a number. A text, a \
-                            date or an array is no number";
+const NOT_A_NUMBER: &str = "write another node: `isotherm read --browse` shows which nodes hold a number. A date is \
+                            none. A text must contain nothing but a number, with a point. For an array, write \
+                            `element`";
 
 /// Returns what the user can do about a fault. `None` if the text of its cause is sufficient, or if only the table in
 /// `kinds/modbus/hint.rs` has advice on it.
@@ -106,12 +107,22 @@ pub const fn remedy_of_a_reading(reason: Reason) -> &'static str {
         Reason::Jumped => {
             "is it the same device with the same settings? If so: `isotherm confirm PROFILE DEVICE`"
         }
+        Reason::ScaleChanged => {
+            "has the resolution or the decimal point been set in the device? If the value is right: `isotherm confirm \
+             PROFILE DEVICE`"
+        }
+        Reason::NoScale => {
+            "is `scale_from` or `decimals_from` the right register, does the device have this value?"
+        }
         Reason::ShortFrame => {
             "the node sends fewer bytes than the profile reads: is it another variant of the node?"
         }
         Reason::NotANumber => "are `type` and `word_order` those of the device?",
         Reason::WrongType => "write the node's own `type`",
         Reason::NoNumber => NOT_A_NUMBER,
+        Reason::NoElement => {
+            "is `element` counted from 0, with one index for each dimension? `isotherm read --browse` shows the node"
+        }
         Reason::SourceClock => "correct the clock of the server, or the clock of this computer",
         Reason::NotFound | Reason::SeveralFound => {
             "is the sensor plugged in? Write its name as `isotherm scan` shows it"

@@ -126,6 +126,18 @@ impl Answer {
         if let Answer::Nodes(nodes) = self { nodes.get(usize::from(field.at)) } else { None }
     }
 
+    /// Returns the registers of a field. An answer without registers has none.
+    ///
+    /// # Errors
+    /// [`Reason::BadReply`] if the answer does not contain them.
+    pub fn encoded(&self, field: &plan::Field) -> Result<Encoded, Reason> {
+        let (from, to) = (usize::from(field.at), usize::from(field.at) + usize::from(field.len));
+        match self {
+            Answer::Registers(registers) => registers.get(from..to).map(Encoded::of).ok_or(Reason::BadReply),
+            Answer::Bits(_) | Answer::Nodes(_) | Answer::Done => Err(Reason::BadReply),
+        }
+    }
+
     /// Decodes the value of a signal from the part of the answer in which its field is.
     ///
     /// # Errors

@@ -106,7 +106,7 @@ mod tests {
     fn read(fields: &[(u16, u16)]) -> ReadRequest {
         let count = fields.iter().map(|(at, len)| at + len).max().unwrap_or(0);
         let from = Register { table: Table::Input, offset: 100 };
-        let fields = fields.iter().map(|(at, len)| Field { signal: SignalId(0), at: *at, len: *len });
+        let fields = fields.iter().map(|(at, len)| Field { at: *at, ..Field::value(SignalId(0), *len) });
         ReadRequest { asks: ReadTarget::Registers { from, count }, fields: fields.collect() }
     }
 

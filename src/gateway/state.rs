@@ -16,6 +16,7 @@ pub(super) mod probing;
 pub(super) mod reported_conditions;
 pub(super) mod restart;
 pub(super) mod run_phase;
+pub(super) mod scales;
 pub(super) mod sign;
 pub(super) mod signal_table;
 pub(super) mod stand_in;

@@ -3,7 +3,7 @@
 //! The registers are filled from the plant at the time of each request. Clients therefore cannot detect at which times
 //! the plant itself advances.
 
-use isotherm_core::codec::{Address, Encoding, Scale};
+use isotherm_core::codec::{Address, Counter, Encoding, Scale};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{AxisId, Capture, DeviceId, Output, OutputId, Profile, SetId, Signal, Writes};
 
@@ -17,6 +17,7 @@ use super::truth::{AxisTruth, Observer, TruthRow};
 use super::wander::wander;
 
 pub(super) mod can;
+mod scales;
 mod units;
 
 use units::{Unit, overlap, units, well};
@@ -262,8 +263,9 @@ impl Hardware {
             let value =
                 probed.or(known).or(self.well[id.0]).unwrap_or_else(|| wander(signal, self.seed, seconds));
             let reads = broken.iter().find(|(broken, _)| broken == id).map(|(_, reads)| *reads);
-            let cells = cells(signal, reads.unwrap_or(Reads::Value(value)));
-            unit.bank.put(&signal.address, &signal.encoding, &cells);
+            let encoding = scales::encoding(signal, &unit.bank);
+            let cells = cells(signal, &encoding, reads.unwrap_or(Reads::Value(value)));
+            unit.bank.put(&signal.address, &encoding, &cells);
         }
         self.apply(place);
     }
@@ -295,9 +297,10 @@ impl Hardware {
             if !touched {
                 continue;
             }
+            let of_scale = scales::encoding(scale, &self.units[self.unit_of[scale.device.0]].bank);
             if let (Some(corrected), Some(shown)) = (
                 self.decoded(output.device, &output.address, &output.encoding),
-                self.decoded(scale.device, &scale.address, &scale.encoding),
+                self.decoded(scale.device, &scale.address, &of_scale),
             ) {
                 self.corrections[index] = 1000.0 * (corrected - shown);
             }
@@ -359,10 +362,10 @@ impl Reply {
     }
 }
 
-/// Returns the register values with which a signal shows this value.
-fn cells(signal: &Signal, reads: Reads) -> Vec<u16> {
-    let encoding = &signal.encoding;
+/// Returns the register values with which a signal with this encoding shows this value.
+fn cells(signal: &Signal, encoding: &Encoding, reads: Reads) -> Vec<u16> {
     let encoded = match reads {
+        Reads::Value(value) if signal.counter.is_some() => Counter::registers(encoding, value),
         Reads::Value(value) => encoding.encode(value),
         Reads::Raw(raw) => {
             let plain = Encoding { scale: Scale::ONE, offset: 0.0, bias: 0, ..encoding.clone() };

@@ -59,12 +59,17 @@ impl Bank {
         Some(())
     }
 
-    /// Writes an encoded value. For a value that is one bit of a register, the other bits are unchanged.
+    /// Writes an encoded value. For a value that is a part of its registers, the other bits are unchanged. Thus the
+    /// digits of a display do not change its number of decimals.
     pub(super) fn put(&mut self, address: &Address, encoding: &Encoding, words: &[u16]) {
-        let DataType::Bit(bit) = encoding.data_type else { return self.set(address, words) };
-        let first = |words: &[u16]| words.first().copied().unwrap_or_default();
-        let (before, mask) = (self.read(address, 1).map_or(0, first), 1 << bit);
-        self.set(address, &[before & !mask | first(words) & mask]);
+        if !matches!(encoding.data_type, DataType::Bit(_) | DataType::Part(_) | DataType::Decimal24(_)) {
+            return self.set(address, words);
+        }
+        let (before, first) = self.reserve(address, encoding.data_type.registers());
+        let occupied = encoding.occupied();
+        for ((cell, word), mask) in before[first..].iter_mut().zip(words).zip(occupied.registers()) {
+            *cell = *cell & !mask | word & mask;
+        }
     }
 
     /// Returns the content of registers or bits from this one on; `None` if one of them does not exist.
@@ -91,7 +96,7 @@ impl Bank {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use isotherm_core::codec::Object;
+    use isotherm_core::codec::{Object, Part, Scale, Whole, WordOrder};
 
     #[test]
     fn a_write_beyond_the_last_register_changes_nothing() {
@@ -103,6 +108,31 @@ mod tests {
         assert_eq!(bank.write(&at(4), &[7, 8]), Some(()));
         assert_eq!(bank.read(&at(3), 3), Some([0, 7, 8].as_slice()));
         assert_eq!(bank.read(&at(65535), 125), None);
+    }
+
+    #[test]
+    fn two_parts_of_one_register_do_not_change_each_other() {
+        let mut bank = Bank::default();
+        let at = Address::Modbus(Register { table: Table::Input, offset: 3 });
+        let of = |data_type| Encoding {
+            data_type,
+            word_order: WordOrder::MswFirst,
+            byte_swap: false,
+            scale: Scale::ONE,
+            offset: 0.0,
+            bias: 0,
+            bad: Vec::new(),
+        };
+        let part = |first, last| of(DataType::Part(Part::new(first, last, Whole::U16).unwrap()));
+        for (encoding, value) in [(part(4, 15), 235.0), (part(0, 3), 5.0), (part(4, 15), 236.0)] {
+            bank.put(&at, &encoding, encoding.encode(value).registers());
+        }
+        assert_eq!(bank.read(&at, 1), Some([236 << 4 | 5].as_slice()));
+        let (digits, decimals) = (of(DataType::Decimal24(0)), part(8, 11));
+        for (encoding, value) in [(decimals, 2.0), (digits.clone(), -5.0), (digits, -6.0)] {
+            bank.put(&at, &encoding, encoding.encode(value).registers());
+        }
+        assert_eq!(bank.read(&at, 2), Some([0x1200, 6].as_slice()));
     }
 
     #[test]

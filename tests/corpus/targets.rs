@@ -25,7 +25,7 @@ use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::http::{Admission, TokenFile, serve};
 use isotherm::virtual_machine::answered;
 use isotherm_core::codec::{
-    Address, DataType, Encoding, Entry, Frame, Register, Scale, Table, WordOrder, checksum,
+    Address, DataType, Encoding, Entry, Frame, Register, ScaleFrom, ScaleMeaning, checksum,
 };
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
@@ -38,8 +38,10 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpSocket, TcpStream};
 use tokio::runtime::Runtime;
 
+mod bytes;
 mod peer;
 
+use bytes::Bytes;
 use peer::{Peer, RTU};
 
 /// Name of a target, which is that of its directory, and the target.
@@ -65,57 +67,6 @@ pub(crate) const TARGETS: [Target; 16] = [
     ("command", command),
 ];
 
-/// Input that is consumed from the front. It yields zeros at the end.
-struct Bytes<'a>(&'a [u8]);
-
-impl Bytes<'_> {
-    fn take<const N: usize>(&mut self) -> [u8; N] {
-        let mut taken = [0; N];
-        let count = N.min(self.0.len());
-        taken[..count].copy_from_slice(&self.0[..count]);
-        self.0 = &self.0[count..];
-        taken
-    }
-
-    fn byte(&mut self) -> u8 {
-        self.take::<1>()[0]
-    }
-
-    fn word(&mut self) -> u16 {
-        u16::from_be_bytes(self.take())
-    }
-
-    fn encoding(&mut self) -> Encoding {
-        let kinds = self.byte();
-        let scale = f64::from_bits(u64::from_be_bytes(self.take()));
-        let offset = f64::from_bits(u64::from_be_bytes(self.take()));
-        Encoding {
-            data_type: DataType::ALL[usize::from(kinds) % DataType::ALL.len()],
-            word_order: if kinds & 0x40 == 0 { WordOrder::MswFirst } else { WordOrder::LswFirst },
-            byte_swap: kinds & 0x80 != 0,
-            // Values that a profile may have: finite, and no scale of zero.
-            scale: Scale::of(if scale.is_finite() && scale.abs() > 0.0 { scale } else { 1.0 }),
-            offset: if offset.is_finite() { offset } else { 0.0 },
-            bias: i64::from(i32::from_be_bytes(self.take())),
-            bad: vec![i64::from_be_bytes(self.take()).into()],
-        }
-    }
-
-    fn address(&mut self) -> Register {
-        let table = [Table::Coil, Table::Discrete, Table::Input, Table::Holding];
-        Register { table: table[usize::from(self.byte() % 4)], offset: self.word() }
-    }
-
-    fn answer(&mut self) -> Answer {
-        let count = usize::from(self.byte());
-        match count % 3 {
-            0 => Answer::Bits((0..count).map(|_| self.byte() & 1 == 1).collect()),
-            1 => Answer::Done,
-            _ => Answer::Registers((0..count).map(|_| self.word()).collect()),
-        }
-    }
-}
-
 /// Converts registers to numbers and back.
 pub(crate) fn codec(data: &[u8]) {
     let mut bytes = Bytes(data);
@@ -129,7 +80,9 @@ pub(crate) fn codec(data: &[u8]) {
     }
     if let Some(counts) = encoding.counts(&words).filter(|_| encoding.data_type != DataType::Bool) {
         let again = encoding.encode_counts(counts);
-        assert_eq!((again.registers(), again.saturated), (words.as_slice(), false), "{encoding:?}");
+        let occupied = encoding.occupied();
+        let own: Vec<u16> = words.iter().zip(occupied.registers()).map(|(word, mask)| word & mask).collect();
+        assert_eq!((again.registers(), again.saturated), (own.as_slice(), false), "{encoding:?}");
     }
     let any = f64::from_bits(u64::from_be_bytes(bytes.take()));
     assert_eq!(encoding.encode(any).registers().len(), usize::from(encoding.data_type.registers()));
@@ -154,11 +107,19 @@ pub(crate) fn planner(data: &[u8]) {
     let signals: Vec<Signal> =
         (0..bytes.byte() % 40).filter_map(|_| signal(&mut bytes, &USUAL.signals[0])).collect();
     let requests = plan(&device, signals.iter().enumerate().map(|(place, signal)| (SignalId(place), signal)));
-    let mut read = vec![0; signals.len()];
+    let (mut read, mut scales) = (vec![0; signals.len()], vec![0; signals.len()]);
     for request in &requests {
         assert!(Request::from(&request.asks).fits(), "{request:?}");
         let answer = bytes.answer();
-        for field in &request.fields {
+        for field in request.scales() {
+            scales[field.signal.0] += 1;
+            let from = signals[field.signal.0].scale_from.as_ref().unwrap();
+            if let Ok(words) = answer.encoded(field) {
+                let exponent = from.exponent(words.registers());
+                assert!(exponent.is_ok_and(|power| power.abs() <= ScaleFrom::LARGEST) || exponent.is_err());
+            }
+        }
+        for field in request.values() {
             read[field.signal.0] += 1;
             let signal = &signals[field.signal.0];
             let (from, count) = request.span().unwrap();
@@ -170,6 +131,7 @@ pub(crate) fn planner(data: &[u8]) {
         }
     }
     assert!(read.iter().all(|times| *times == 1), "{read:?}");
+    assert!(scales.iter().zip(&signals).all(|(times, one)| *times == i32::from(one.scale_from.is_some())));
 }
 
 /// Returns a signal; `None` if a profile would reject it because it is beyond the last register.
@@ -181,7 +143,13 @@ fn signal(bytes: &mut Bytes<'_>, usual: &Signal) -> Option<Signal> {
     }
     let fits = u32::from(address.offset) + u32::from(encoding.data_type.registers()) <= 65_536;
     let merge = bytes.byte() & 3 != 3;
-    fits.then(|| Signal { address: address.into(), encoding, merge, ..usual.clone() })
+    let scale = Some(bytes.address()).filter(|from| !from.table.is_bits() && from.offset & 3 == 3);
+    let scale_from = scale.filter(|_| !address.table.is_bits()).map(|address| ScaleFrom {
+        address,
+        encoding: Encoding { data_type: DataType::I16, ..encoding.clone() },
+        meaning: ScaleMeaning::PowerOfTen,
+    });
+    fits.then(|| Signal { address: address.into(), encoding, merge, scale_from, ..usual.clone() })
 }
 
 /// Loads the text of a profile, whole or as one line of a valid one.

@@ -103,6 +103,8 @@ FLOATS = (ua.VariantType.Float, ua.VariantType.Double)
 
 def variant(name, number):
     kind = NODES[name][1]
+    if kind == ua.VariantType.String:
+        return ua.Variant(number, kind)
     return ua.Variant(float(number) if kind in FLOATS else int(number), kind)
 
 

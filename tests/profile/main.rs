@@ -31,6 +31,7 @@ mod notify;
 mod opcua;
 mod preview;
 mod probe;
+mod registers;
 mod seals;
 mod serial;
 mod shipped;

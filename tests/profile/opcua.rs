@@ -417,3 +417,32 @@ fn an_operator_s_part_of_a_node_is_counted_in_whole_counts() {
     let profile = parse(&shared).unwrap_or_else(|errors| panic!("{errors}")).profile;
     assert_eq!(profile.outputs[0].share, isotherm_profile::Share::Ledger);
 }
+
+#[test]
+fn an_element_of_an_array_is_part_of_its_node_and_is_shown() {
+    let node = "node = \"ns=2;s=/Plc/DB100.DBD4\"";
+    for (element, shown) in [("3", "element 3"), ("[1, 2]", "element 1, 2")] {
+        let text = SERVER.replacen(node, &format!("{node}\nelement = {element}"), 1);
+        let loaded = parse(&text).unwrap_or_else(|errors| panic!("{errors}"));
+        let Address::Node(node) = &loaded.profile.signals[0].address else { panic!("no node") };
+        assert_eq!(node.element.as_ref().map(ToString::to_string).as_deref(), Some(shown));
+        assert_eq!(node.to_string(), "ns=2;s=/Plc/DB100.DBD4");
+        let preview = isotherm_profile::preview::Preview::of(&loaded.profile);
+        let words = format!("the node's own type, {shown}");
+        assert!(preview.to_string().contains(&words), "`{words}` is not in:\n{preview}");
+        let document = serde_json::to_value(&preview).unwrap();
+        assert_eq!(document["signals"][0]["element"], shown);
+    }
+    for (element, words) in [("-1", "-1"), ("[]", "[]"), ("\"3\"", "\"3\"")] {
+        let text = SERVER.replacen(node, &format!("{node}\nelement = {element}"), 1);
+        let found = errors(parse(&text));
+        assert!(found.iter().any(|error| error.key.starts_with("signal.bed.element")), "{element}: {words}");
+    }
+    refused(
+        "register = \"input:0\"",
+        "register = \"input:0\"\nelement = 3",
+        "signal.bed.element",
+        "element",
+        &["`element` is only for an OPC UA server"],
+    );
+}

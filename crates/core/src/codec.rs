@@ -10,14 +10,17 @@ mod checksum;
 mod control_view;
 mod counter;
 mod data_type;
+mod element;
 mod encoded;
 mod encoding;
 mod field;
 mod float;
 mod node;
 mod object;
+mod part;
 mod pc_sensor;
 mod scale;
+mod scale_from;
 
 pub use address::{Address, Register, Table};
 pub use bits::{BitField, BitKind, ByteOrder};
@@ -26,13 +29,16 @@ pub use checksum::checksum;
 pub use control_view::{ControlView, Inadmissible};
 pub use counter::{Counter, Motion, Tracked};
 pub use data_type::DataType;
+pub use element::{Element, number_in};
 pub use encoded::Encoded;
 pub use encoding::{Encoding, Sentinel, WordOrder};
 pub use field::{Field, Selector};
 pub use node::{Identifier, Namespace, Node, NodeId, Scalar};
 pub use object::{Entry, Object};
+pub use part::{Part, Whole};
 pub use pc_sensor::{Channel, PcSensor};
 pub use scale::Scale;
+pub use scale_from::{ScaleFrom, ScaleMeaning, ScaleRead, ScaleWatch};
 
 #[cfg(test)]
 mod tests;

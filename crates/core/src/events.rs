@@ -326,6 +326,11 @@ catalogue! {
     /// The position counter of a signal was set, referenced or restarted. The axis did not move.
     Rereferenced = warning("rereferenced")
         .hint("if the operator has not referenced the axis, check the encoder and its power supply");
+    /// The device of a signal has changed the scale of the value, which the gateway reads from another register. The
+    /// signal is bad until its value is plausible with the new scale.
+    ScaleChanged = warning("scale-changed")
+        .hint("if the resolution or the decimal point of the device was not set, check `scale_from` or \
+               `decimals_from`, and the device");
     /// The machine was started. Its running time is counted from this moment.
     MachineStarted = info("machine-started");
     /// The gateway captures the "zero" references of the signals from now on.

@@ -69,6 +69,11 @@ pub enum Reason {
     /// The value differs too much from the last value before contact with the device was lost. The limit is `max_rate`
     /// times the time without a value.
     Jumped,
+    /// The scale of the value, which the device has in another register, has changed. The value is used again when it
+    /// is plausible.
+    ScaleChanged,
+    /// The register of the value's scale contains no power of ten.
+    NoScale,
     /// The device answered with this Modbus exception code.
     Exception(u8),
     /// The CANopen node refused to send the object.
@@ -79,6 +84,8 @@ pub enum Reason {
     WrongType,
     /// The value of the OPC UA node is not a number, and the profile states no type.
     NoNumber,
+    /// The OPC UA node has no array, or the array does not have the element of the profile.
+    NoElement,
     /// The source timestamp of the value is later than the time of the OPC UA server that sends it.
     SourceClock,
     /// This computer has no sensor of this name.
@@ -166,11 +173,14 @@ impl Reason {
             Reason::OutOfRange => "out-of-range",
             Reason::TooFast => "too-fast",
             Reason::Jumped => "jumped",
+            Reason::ScaleChanged => "scale-changed",
+            Reason::NoScale => "no-scale",
             Reason::Exception(_) => "exception",
             Reason::Refused => "refused",
             Reason::Status(_) => "status",
             Reason::WrongType => "wrong-type",
             Reason::NoNumber => "no-number",
+            Reason::NoElement => "no-element",
             Reason::SourceClock => "source-clock",
             Reason::NotFound => "not-found",
             Reason::SeveralFound => "several-found",
@@ -222,11 +232,14 @@ impl fmt::Display for Reason {
             Reason::OutOfRange => "out of range",
             Reason::TooFast => "changing too fast",
             Reason::Jumped => "jumped while its device was away",
+            Reason::ScaleChanged => "its scale in the device has changed",
+            Reason::NoScale => "its scale register contains no power of ten",
             Reason::Exception(code) => return write!(f, "exception {code} ({})", exception(*code)),
             Reason::Refused => "the node refuses to give its value",
             Reason::Status(code) => return write!(f, "{}", Status(*code)),
             Reason::WrongType => "the node has another type than the profile says",
             Reason::NoNumber => "the value of the node is not a number",
+            Reason::NoElement => "the node does not have this element of an array",
             Reason::SourceClock => "time stamp later than its server's own time: a clock is wrong",
             Reason::NotFound => "this computer has no sensor of this name",
             Reason::SeveralFound => "this computer has several sensors of this name",

@@ -24,8 +24,12 @@ const MOST: f64 = 1.0;
 /// Count of a usual temperature module, °C. It is assumed for a coarse sensor whose reading never changed.
 const USUAL: f64 = 0.1;
 
-/// Returns the count of a signal in its unit; `None` if its raw value is no whole number.
+/// Returns the count of a signal in its unit; `None` if its raw value is no whole number,
+/// or if its device may change the scale.
 pub(crate) fn scale(signal: &Signal) -> Option<f64> {
+    if signal.scale_from.is_some() {
+        return None;
+    }
     match signal.encoding.data_type {
         DataType::F32 | DataType::F64 | DataType::Bool | DataType::Bit(_) | DataType::Decimal24(_) => None,
         _ => Some(signal.encoding.scale.get().abs()),

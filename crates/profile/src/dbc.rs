@@ -41,6 +41,9 @@ const FORMATS: [&str; 16] = [
 /// frame.
 const DEEPEST: usize = 8;
 
+/// Length of a classic frame in bytes.
+const CLASSIC: usize = 8;
+
 /// Files by name. `None` if a file cannot be read, which has been reported.
 pub(crate) type Dbcs = BTreeMap<String, Option<Rc<DbcFile>>>;
 
@@ -135,9 +138,13 @@ impl DbcFile {
         let signal_name = signal.name.as_str();
         let frames = self.frames(message, source)?;
         let size = usize::try_from(message.size).unwrap_or(usize::MAX);
+        let is_marked_fd = self.format(message.id).is_some_and(|format| format.ends_with("_FD"));
+        if size > CLASSIC && !is_marked_fd && (self.is_group(message, source) || self.is_in_j1939(message)) {
+            return Err(too_long(message, size));
+        }
         let field = Field {
             frames,
-            is_fd: size > 8 || self.format(message.id).is_some_and(|format| format.ends_with("_FD")),
+            is_fd: size > CLASSIC || is_marked_fd,
             bits: self.bits(message, signal)?,
             multiplex: self.selectors(message, signal, DEEPEST)?,
         };
@@ -153,7 +160,7 @@ impl DbcFile {
     }
 
     fn frames(&self, message: &Message, source: Option<u8>) -> Result<CanMatch, Wrong> {
-        let is_group = source.is_some() || self.format(message.id) == Some("J1939PG");
+        let is_group = self.is_group(message, source);
         let id = match message.id {
             MessageId::Extended(raw) => CanId::extended(raw),
             // The parser truncates a number without the flag of 29 bits to 16 bits.
@@ -181,6 +188,20 @@ impl DbcFile {
                 Err(Wrong::about(message, "remove `source_address` of the device, or correct the DBC file"))
             }
         }
+    }
+
+    /// Returns whether a message is a J1939 parameter group: the device has a source address, or the file marks it.
+    fn is_group(&self, message: &Message, source: Option<u8>) -> bool {
+        source.is_some() || self.format(message.id) == Some("J1939PG")
+    }
+
+    /// Returns whether a message has an identifier of 29 bits in a file that is marked as J1939 as a whole.
+    fn is_in_j1939(&self, message: &Message) -> bool {
+        let is_j1939 =
+            |value: &AttributeValue| matches!(value, AttributeValue::String(word) if word == "J1939");
+        let of_file = &self.dbc.attribute_values_database;
+        matches!(message.id, MessageId::Extended(_))
+            && of_file.iter().any(|known| known.name == "ProtocolType" && is_j1939(&known.value))
     }
 
     /// Returns the frame format of a message, for example `J1939PG`. Editors store it in the attribute `VFrameFormat`, as
@@ -286,6 +307,21 @@ impl DbcFile {
         let at = lines.find_map(|(place, line)| Some((place + 1, line.find(text)? + 1)));
         Wrong { at, message: what, help: "correct the DBC file".to_owned() }
     }
+}
+
+/// Builds the error about a parameter group that does not fit into a classic frame.
+fn too_long(message: &Message, size: usize) -> Wrong {
+    let name = &message.name;
+    Wrong::about(
+        format!(
+            "`{name}` is a J1939 parameter group of {size} bytes, but a classic frame has {CLASSIC}: devices send it in \
+             parts (transport protocol), which isotherm does not join"
+        ),
+        format!(
+            "read the value from a group of at most {CLASSIC} bytes. If the bus is CAN FD, set VFrameFormat of \
+             `{name}` to \"ExtendedCAN_FD\" in the DBC file"
+        ),
+    )
 }
 
 /// Returns a line of a text, counted from 1. `None` if the line is no entry of a DBC file: a wrong file may contain

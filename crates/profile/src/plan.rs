@@ -6,6 +6,9 @@
 //! registers needs `max_gap = 0`. If a device returns a wrong value when a register is read together with others, the
 //! signal needs `merge = false`.
 //!
+//! The scale of a value may be in another register. It is read with the value in one request, if the limit and the gap
+//! of the device allow that.
+//!
 //! Other kinds of devices are planned as follows:
 //! - Each CANopen object has its own request.
 //! - Values in CAN frames arrive without a request.
@@ -19,9 +22,10 @@ use isotherm_core::reading::SignalId;
 mod request;
 
 pub(crate) use request::numbered;
-pub use request::{Field, ReadRequest, ReadTarget, Subscription, summary};
+pub use request::{Field, FieldContent, ReadRequest, ReadTarget, Subscription, summary};
 
-/// Plans the fewest requests that read these signals of one device, in the order of tables and addresses.
+/// Plans the fewest requests that read these signals of one device, in the order of tables and addresses. A request with
+/// the scale of a value in another request comes later.
 ///
 /// A value of several registers is never split, even if it is longer than the device's limit.
 pub fn plan<'a>(
@@ -31,7 +35,10 @@ pub fn plan<'a>(
     let signals: Vec<(SignalId, &Signal)> = signals.into_iter().collect();
     let requests = KINDS.iter().flat_map(|kind| (kind.requests)(device, &signals));
     let mut requests: Vec<ReadRequest> = requests.collect();
-    requests.sort_by_key(ReadRequest::rank);
+    // A scale follows a value of another request, so that the value waits for it as briefly as possible.
+    requests.sort_by_key(|request| {
+        (request.values().next().is_none(), request.has_scale_of_another(), request.rank())
+    });
     requests
 }
 

@@ -33,7 +33,8 @@ pub(in crate::cli) struct One {
     /// A device of the profile; its line and unit number are used
     #[arg(long, value_name = "DEVICE", requires_all = ["register", "profile"], conflicts_with = "bus")]
     device: Option<String>,
-    /// bool, u16, i16, u32, i32, u64, i64, f32, f64 [default: u16, and also i16 if that differs]
+    /// bool, u16, i16, u32, i32, u64, i64, f32, f64, u24, i24, bcd16, bcd32, sm16, sm32 [default: u16, and also i16 if
+    /// that differs]
     #[arg(long = "type", value_name = "TYPE", value_parser = data_type, requires = "register")]
     data_type: Option<DataType>,
     /// msw-first or lsw-first [default: both, for values of several registers]
@@ -60,8 +61,17 @@ pub(in crate::cli) struct One {
 }
 
 fn data_type(text: &str) -> Result<DataType, String> {
-    let known = DataType::ALL.into_iter().find(|known| known.name() == text);
-    known.ok_or_else(|| format!("allowed: {}", DataType::ALL.map(DataType::name).join(", ")))
+    let others = [
+        DataType::unsigned(24),
+        DataType::signed(24),
+        DataType::Bcd(4),
+        DataType::Bcd(8),
+        DataType::SignMagnitude(16),
+        DataType::SignMagnitude(32),
+    ];
+    let types = || DataType::ALL.into_iter().chain(others);
+    let names = || types().map(DataType::name).collect::<Vec<_>>().join(", ");
+    types().find(|known| known.name() == text).ok_or_else(|| format!("allowed: {}", names()))
 }
 
 fn word_order(text: &str) -> Result<WordOrder, String> {

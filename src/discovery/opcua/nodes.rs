@@ -5,8 +5,11 @@ use serde::Serialize;
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::explain::explain_on;
 use crate::fieldbus::kinds::opcua::client::browse::{Browser, Described, Value};
-use isotherm_core::codec::{Address, DataType, Node};
+use isotherm_core::codec::{Address, Node, number_in};
 use isotherm_profile::{Bit, Bus, BusId, Profile, Transport};
+
+/// Name of the type of texts.
+const TEXT: &str = "String";
 
 /// Node of the profile as its server describes it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -26,7 +29,18 @@ pub struct Inspected {
 struct NodeRequirement<'p> {
     of: String,
     node: &'p Node,
-    is_written: bool,
+    role: NodeRole,
+}
+
+/// Use of a node in the profile.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum NodeRole {
+    /// Value of a signal. It may be an element of an array, or a text that is a number.
+    Signal,
+    /// Value that is compared, in its own type.
+    Compared,
+    /// Value that is written, in its own type.
+    Written,
 }
 
 /// Inspects the nodes of a profile on each OPC UA server. It only reads from the servers.
@@ -70,7 +84,7 @@ fn wanted<'p>(profile: &'p Profile, bus: BusId) -> Vec<NodeRequirement<'p>> {
     let heartbeat = profile.heartbeat.iter().filter(|heartbeat| profile.device(heartbeat.device).bus == bus);
     wanted.extend(heartbeat.filter_map(|heartbeat| {
         let node = heartbeat.address.node()?;
-        Some(NodeRequirement { of: "heartbeat".to_owned(), node, is_written: true })
+        Some(NodeRequirement { of: "heartbeat".to_owned(), node, role: NodeRole::Written })
     }));
     wanted
 }
@@ -78,15 +92,18 @@ fn wanted<'p>(profile: &'p Profile, bus: BusId) -> Vec<NodeRequirement<'p>> {
 fn of_sets<'p>(profile: &'p Profile, bus: BusId) -> Vec<NodeRequirement<'p>> {
     let mut wanted = Vec::new();
     for set in profile.sets.iter().filter(|set| profile.device(set.device).bus == bus) {
-        let mut want = |what: &str, node: &'p Node, is_written| {
-            wanted.push(NodeRequirement { of: format!("{what} of {}", set.label()), node, is_written });
+        let mut want = |what: &str, node: &'p Node, role| {
+            wanted.push(NodeRequirement { of: format!("{what} of {}", set.label()), node, role });
         };
-        set.own_nodes().for_each(|(word, node)| want(word.name(), node, true));
+        set.own_nodes().for_each(|(word, node)| want(word.name(), node, NodeRole::Written));
         if let Some(handshake) = &set.handshake {
-            let bits = [("strobe", &handshake.strobe, true), ("acknowledge", &handshake.acknowledge, false)];
-            for (what, bit, is_written) in bits {
+            let bits = [
+                ("strobe", &handshake.strobe, NodeRole::Written),
+                ("acknowledge", &handshake.acknowledge, NodeRole::Compared),
+            ];
+            for (what, bit, role) in bits {
                 if let Bit::Node(node) = bit {
-                    want(what, node, is_written);
+                    want(what, node, role);
                 }
             }
         }
@@ -96,20 +113,20 @@ fn of_sets<'p>(profile: &'p Profile, bus: BusId) -> Vec<NodeRequirement<'p>> {
 
 fn of_devices<'p>(profile: &'p Profile, bus: BusId) -> Vec<NodeRequirement<'p>> {
     let mut wanted = Vec::new();
-    let mut want = |of: String, address: &'p Address, is_written| {
+    let mut want = |of: String, address: &'p Address, role| {
         if let Address::Node(node) = address {
-            wanted.push(NodeRequirement { of, node, is_written });
+            wanted.push(NodeRequirement { of, node, role });
         }
     };
     for (id, device) in profile.devices_on(bus) {
         for (_, signal) in profile.signals_of(id) {
-            want(format!("signal {}", signal.name), &signal.address, false);
+            want(format!("signal {}", signal.name), &signal.address, NodeRole::Signal);
         }
         for output in profile.outputs.iter().filter(|output| output.device == id) {
-            want(format!("output {}", output.name), &output.address, true);
+            want(format!("output {}", output.name), &output.address, NodeRole::Written);
         }
         for expected in &device.verify {
-            want(format!("verify of device {}", device.name), &expected.address, false);
+            want(format!("verify of device {}", device.name), &expected.address, NodeRole::Compared);
         }
     }
     wanted
@@ -128,7 +145,7 @@ fn advice(wanted: &NodeRequirement<'_>, found: &Described) -> Vec<String> {
         }];
     };
     let mut advice = Vec::new();
-    if let Some(wrong) = wrong_type(wanted.node.data_type, variable) {
+    if let Some(wrong) = wrong_type(wanted, variable) {
         advice.push(wrong);
     }
     if !variable.is_readable {
@@ -139,7 +156,7 @@ fn advice(wanted: &NodeRequirement<'_>, found: &Described) -> Vec<String> {
     } else if !found.status.is_good() {
         advice.push(explained(found.status));
     }
-    if wanted.is_written && !variable.is_writable {
+    if wanted.role == NodeRole::Written && !variable.is_writable {
         advice.push(
             "this user may not write the node: give the user this right at the server, or write another \
              `user`. Is it the right node?"
@@ -151,11 +168,28 @@ fn advice(wanted: &NodeRequirement<'_>, found: &Described) -> Vec<String> {
 
 /// Describes the contradiction between the type of the node at the server and the type `said` in the profile. Returns
 /// `None` if there is none.
-fn wrong_type(said: Option<DataType>, variable: &Value) -> Option<String> {
-    let Value { kind, data_type, is_array, .. } = variable;
-    match (said, data_type) {
-        _ if *is_array => Some("the node holds several values: name the node of one value".to_owned()),
+fn wrong_type(wanted: &NodeRequirement<'_>, variable: &Value) -> Option<String> {
+    let Value { kind, data_type, is_array, value, .. } = variable;
+    let (node, is_signal) = (wanted.node, wanted.role == NodeRole::Signal);
+    let is_number = is_signal && value.as_deref().is_some_and(|text| number_in(text).is_some());
+    match (node.data_type, data_type) {
+        _ if *is_array && !is_signal => {
+            Some("the node holds several values: name the node of one value".to_owned())
+        }
+        _ if *is_array && node.element.is_none() => Some(
+            "the node holds several values: write element = 0 for the first one, or name the node of one value"
+                .to_owned(),
+        ),
+        // Without a value, the server does not say whether the node holds an array.
+        _ if !*is_array && value.is_some() && node.element.is_some() => {
+            Some("the node holds one value: remove `element`".to_owned())
+        }
         (_, None) if kind.is_empty() => None,
+        // The texts of an array are not shown here, so whether they are numbers is not known.
+        (None, None) if kind == TEXT && (is_number || *is_array) => None,
+        (Some(_), None) if kind == TEXT && is_number => {
+            Some("the value is a text that is a number: remove `type`".to_owned())
+        }
         (_, None) => Some(format!("the value is {}, not a number: name another node", one(kind))),
         (Some(said), Some(known)) if said != *known => Some(format!(
             "the value is {}, but the profile says {}: write type = \"{}\"",

@@ -222,7 +222,11 @@ impl RequestObserver for LineHandle {
         for (id, device) in self.profile.devices_on(self.bus) {
             for request in self.profile.requests(id) {
                 if attribute(device.unit, Request::from(&request.asks)) == Attribution::Ambiguous {
-                    ids.extend(request.fields.iter().map(|field| field.signal));
+                    for field in &request.fields {
+                        if !ids.contains(&field.signal) {
+                            ids.push(field.signal);
+                        }
+                    }
                 }
             }
         }

@@ -155,9 +155,12 @@ impl DeviceHealth {
                 lost.fault.clone()
             }
             (Reason::Stale, ..) => self.why_stale(id).unwrap_or_else(|| reason.to_string().into()),
-            (Reason::Jumped, ..) => {
+            (Reason::Jumped | Reason::ScaleChanged, ..) => {
                 let (path, device) = (self.profile.path.display(), &self.profile.device(signal.device).name);
-                let question = "is it the same device with the same settings?";
+                let question = match reason {
+                    Reason::ScaleChanged => "is the value at the device the same as before?",
+                    _ => "is it the same device with the same settings?",
+                };
                 Explained::new(
                     reason.to_string(),
                     format!("{question} If so: isotherm confirm {path} {device}"),

@@ -48,7 +48,7 @@ impl PlannedReads {
             let mut reads = Vec::new();
             for planned in profile.requests(DeviceId(device)) {
                 let Some(request) = Request::in_registers(&planned.asks) else { continue };
-                for field in &planned.fields {
+                for field in planned.values() {
                     of_signal[field.signal.0] = Some(reads.len());
                 }
                 reads.push(PlannedRead { request, asked: Asked::of(&planned) });

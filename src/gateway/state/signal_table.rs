@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use isotherm_core::codec::{Motion, Tracked};
+use super::scales::{ScalePlace, SignalScale};
+use isotherm_core::codec::{Encoded, Motion, Tracked};
 use isotherm_core::continuity::{RateFault, RateFilter};
 use isotherm_core::explained::Cause;
 use isotherm_core::quantity::Moment;
@@ -27,6 +28,8 @@ pub(in crate::gateway) struct SignalTable {
     tracked: Vec<Tracked>,
     /// Positions before and after a counter was set to another value, until the change is reported.
     rereferenced: Vec<Option<(f64, f64)>>,
+    /// Scales that are read from other registers.
+    scales: Vec<SignalScale>,
     /// Readings of the last step, after the check of their age and of `fault_when`. Each step refills them without
     /// reallocation.
     seen: Vec<Reading>,
@@ -49,6 +52,9 @@ struct BadSignal {
 pub(in crate::gateway) struct LastGood {
     pub(in crate::gateway) value: f64,
     pub(in crate::gateway) age: Duration,
+    /// Power of ten of the scale, which the gateway reads from another register. `None` for a fixed scale.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(in crate::gateway) exponent: Option<i8>,
 }
 
 /// Latest readings, and their quality at any moment.
@@ -70,6 +76,8 @@ pub(in crate::gateway) enum QualityChange {
     Back(SignalId, Moment),
     /// The counter was set to another value: the first position is now the second one, and nothing has moved.
     Rereferenced(SignalId, f64, f64),
+    /// The device has changed the scale of the signal: former and new power of ten.
+    ScaleChanged(SignalId, i8, i8),
 }
 
 impl SignalTable {
@@ -85,31 +93,34 @@ impl SignalTable {
             read: vec![None; signals],
             tracked: vec![Tracked::default(); signals],
             rereferenced: vec![None; signals],
+            scales: vec![SignalScale::default(); signals],
             seen: vec![Reading::NEVER; signals],
             bad: (0..signals).map(|_| None).collect(),
         }
     }
 
     /// Starts the rate filters with the last good values of the previous run, by signal name. Signals without a limit of
-    /// the rate and signals of devices with checks are left out.
+    /// the rate and signals of devices with checks are left out. The checks do not include a scale in another register.
     pub(in crate::gateway) fn recall(&mut self, values: &BTreeMap<String, LastGood>, start: Moment) {
         let profile = &self.latest.profile;
         for (place, signal) in profile.signals.iter().enumerate() {
-            if profile.device(signal.device).is_checked() || signal.rate_limit().is_none() {
+            let is_checked = profile.device(signal.device).is_checked() && signal.scale_from.is_none();
+            if is_checked || signal.rate_limit().is_none() {
                 continue;
             }
-            if let Some(LastGood { value, age }) = values.get(&signal.name) {
+            if let Some(LastGood { value, age, exponent }) = values.get(&signal.name) {
                 self.rates[place] = RateFilter::after_start(*value, start, *age);
+                self.scales[place] = SignalScale::after_start(*exponent);
             }
         }
     }
 
     /// Returns the last good value of each signal that has a limit of the rate, by name.
     pub(in crate::gateway) fn last_good(&self, now: Moment) -> BTreeMap<String, LastGood> {
-        let signals = self.latest.profile.signals.iter().zip(&self.rates);
-        let good = signals.filter_map(|(signal, filter)| {
+        let signals = self.latest.profile.signals.iter().zip(&self.rates).zip(&self.scales);
+        let good = signals.filter_map(|((signal, filter), scale)| {
             let (value, age) = filter.before_stop(now, signal.rate_limit()?)?;
-            Some((signal.name.clone(), LastGood { value, age }))
+            Some((signal.name.clone(), LastGood { value, age, exponent: scale.exponent() }))
         });
         good.collect()
     }
@@ -129,19 +140,63 @@ impl SignalTable {
         let position = value.and_then(|value| self.position(id, value, at));
         let signal = self.latest.profile.signal(id);
         let assessed = position.and_then(|value| {
+            let breaks = self.scales[id.0].breaks(breaks);
             if !signal.is_plausible(value) {
+                // With a new scale, a value out of range is a value too: a later one is not plausible by waiting.
+                if let Some(rate) = signal.rate_limit().filter(|_| self.scales[id.0].is_open()) {
+                    self.rates[id.0].reject(value, at, rate, breaks);
+                }
                 return Err(Reason::OutOfRange);
             }
             match self.rates[id.0].assess(value, at, signal.rate_limit(), breaks) {
-                Ok(()) => Ok(value),
+                Ok(()) => {
+                    self.scales[id.0].confirm();
+                    Ok(value)
+                }
                 Err(RateFault::TooFast) => Err(Reason::TooFast),
-                Err(RateFault::Jumped) => Err(Reason::Jumped),
+                Err(RateFault::Jumped) => Err(self.scales[id.0].why_jumped()),
             }
         });
         self.latest.readings[id.0] = match assessed {
             Ok(value) => Reading::good(value, at),
             Err(reason) => Reading::bad(at, reason),
         };
+    }
+
+    /// Stores the power of ten of the scale of a signal, and the value that has waited for it.
+    pub(in crate::gateway) fn store_scale(
+        &mut self,
+        id: SignalId,
+        exponent: Result<i8, Reason>,
+        breaks: u64,
+    ) {
+        let encoding = &self.latest.profile.signal(id).encoding;
+        if let Some((value, at)) = self.scales[id.0].read(exponent, encoding, breaks) {
+            self.store(id, value, at, breaks);
+        }
+    }
+
+    /// Stores the registers of a value whose scale is in another register.
+    pub(in crate::gateway) fn store_scaled(
+        &mut self,
+        id: SignalId,
+        raw: Result<Encoded, Reason>,
+        at: Moment,
+        breaks: u64,
+        scale: ScalePlace,
+    ) {
+        let encoding = &self.latest.profile.signal(id).encoding;
+        match (raw, scale) {
+            (Ok(raw), ScalePlace::OtherAnswer) => self.scales[id.0].wait(raw, at, breaks),
+            (Ok(raw), ScalePlace::SameAnswer) => {
+                let value = self.scales[id.0].value(raw, encoding);
+                self.store(id, value, at, breaks);
+            }
+            (Err(reason), _) => {
+                self.scales[id.0].forget();
+                self.store(id, Err(reason), at, breaks);
+            }
+        }
     }
 
     /// Stores a value that may be the answer to a request of another master. The value is used only if it agrees with
@@ -179,11 +234,13 @@ impl SignalTable {
             *reading = Reading::bad(reading.at, Reason::BadReply);
         }
         self.read[id.0] = None;
+        self.scales[id.0].forget();
     }
 
     /// Discards two answers of which one may belong to another master. The last good value is used until it is stale.
     pub(in crate::gateway) fn store_contested(&mut self, id: SignalId) {
         self.read[id.0] = None;
+        self.scales[id.0].forget();
         self.fail(id, Reason::BadReply);
     }
 
@@ -221,6 +278,7 @@ impl SignalTable {
 
     /// Marks all good readings as stale after a pause of the computer. Counters and reports continue.
     pub(in crate::gateway) fn forget(&mut self) {
+        self.scales.iter_mut().for_each(SignalScale::forget);
         for reading in &mut self.latest.readings {
             if reading.quality == Quality::Good {
                 *reading = Reading::bad(reading.at, Reason::Stale);
@@ -271,6 +329,9 @@ impl SignalTable {
         for (place, reading) in self.seen.iter().enumerate() {
             if let Some((from, to)) = self.rereferenced[place].take() {
                 changes.push(QualityChange::Rereferenced(SignalId(place), from, to));
+            }
+            if let Some((from, to)) = self.scales[place].take_change() {
+                changes.push(QualityChange::ScaleChanged(SignalId(place), from, to));
             }
             let is_of_the_device =
                 |reason| matches!(reason, Reason::LinkDown | Reason::Timeout | Reason::BadReply);

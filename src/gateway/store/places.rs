@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::documents::{Entries, Entry};
 use super::release::{AXIS, BY_HAND, Releases, bounds_of, layout};
 use crate::observe::events::Event;
-use isotherm_core::codec::{Namespace, NodeId};
+use isotherm_core::codec::{Namespace, NodeId, ScaleMeaning};
 use isotherm_core::explained::Explained;
 use isotherm_core::namespaces::KnownNamespaces;
 use isotherm_core::output::SavedOutput;
@@ -82,11 +82,20 @@ pub(in crate::gateway) fn of_output(profile: &Profile, output: &Output) -> Outpu
 
 fn of_signal(profile: &Profile, signal: &Signal) -> SignalPlace {
     let (bus, unit) = line(profile, signal.device);
+    let element = signal.address.node().and_then(|node| node.element.as_ref());
+    let element = element.map_or(String::new(), |element| format!(" {element}"));
+    let scale_from = signal.scale_from.as_ref().map_or(String::new(), |from| {
+        let meaning = match from.meaning {
+            ScaleMeaning::PowerOfTen => "power of ten",
+            ScaleMeaning::Decimals => "decimals",
+        };
+        format!(", {meaning} in {} ({})", from.address, layout(&from.encoding))
+    });
     SignalPlace {
         bus,
         unit,
         address: signal.address.to_string(),
-        layout: layout(&signal.encoding),
+        layout: layout(&signal.encoding) + &element + &scale_from,
         scale: signal.encoding.scale.get(),
         offset: signal.encoding.offset,
     }

@@ -202,7 +202,10 @@ pub(super) fn bounds_of(profile: &Profile, output: &Output) -> Bounds {
 
 /// Formats data type and byte order of an encoding.
 pub(super) fn layout(encoding: &Encoding) -> String {
-    let name = encoding.data_type.name();
+    let name = match encoding.data_type {
+        DataType::Part(part) => format!("{} bits {part}", part.type_name()),
+        data_type => data_type.name().to_owned(),
+    };
     let order = match encoding.data_type.registers() {
         1 => String::new(),
         _ => format!(" {}", encoding.word_order),

@@ -136,6 +136,11 @@ events! {
                  can move"
             )
         );
+        // `from` and `to` are the values of one count.
+        ScaleChanged { signal: String, unit: String, from: f64, to: f64 } => caused(
+            format!("signal {signal}"),
+            format!("the device has changed the scale: one count was {from} {unit}, and is now {to} {unit}")
+        );
         // If the cause of the state has changed, `from` and `to` are the same.
         AxisState {
             axis: String,

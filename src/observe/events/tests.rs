@@ -37,6 +37,7 @@ fn troubles() -> Vec<Event> {
         Event::NotAsExpected { device: name(), found: "holding:7 is 3".into() },
         Event::SignalBad { signal: name(), reason: "open circuit".into() },
         Event::Rereferenced { signal: name(), unit: "mm".into(), from: 1.0, to: 2.0 },
+        Event::ScaleChanged { signal: name(), unit: "degC".into(), from: 0.1, to: 0.01 },
         axis_state("degraded"),
         axis_state("holding"),
         axis_state("ramping"),

@@ -10,7 +10,7 @@ use crate::observe::status::{AxisStatus, BusStatus, DeviceStatus, OutputStatus, 
 use isotherm_core::codec::DataType;
 use isotherm_core::quantity::Moment;
 use isotherm_plant::{Metric, Subject, Value};
-use isotherm_profile::Profile;
+use isotherm_profile::{Profile, Signal};
 
 /// Minimum increase, in seconds, after which the age of a verified value is published again.
 const AGES_BY_S: f64 = 30.0;
@@ -20,11 +20,13 @@ const RESOLUTION_UM: f64 = 0.05;
 /// Returns the smallest change of each signal that is published, in the profile's order: half a count, or zero for a
 /// floating-point number.
 pub(super) fn resolutions(profile: &Profile) -> Vec<f64> {
-    let resolution = |encoding: &isotherm_core::codec::Encoding| match encoding.data_type {
+    let resolution = |signal: &Signal| match signal.encoding.data_type {
         DataType::F32 | DataType::F64 => 0.0,
-        _ => encoding.scale.get().abs() / 2.0,
+        // The device may make its counts smaller.
+        _ if signal.scale_from.is_some() => 0.0,
+        _ => signal.encoding.scale.get().abs() / 2.0,
     };
-    profile.signals.iter().map(|signal| resolution(&signal.encoding)).collect()
+    profile.signals.iter().map(resolution).collect()
 }
 
 /// Converts a state to metrics.

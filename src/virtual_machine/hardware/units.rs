@@ -3,12 +3,13 @@
 use crate::virtual_machine::can::{node, power_on};
 use crate::virtual_machine::control::Control;
 use crate::virtual_machine::registers::Bank;
-use isotherm_core::codec::{Address, Register};
+use isotherm_core::codec::{Address, DataType, Register};
 use isotherm_core::quantity::Counts;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{DeviceId, Expected, Output, Profile, Verify};
 
 use super::can::CanUnit;
+use super::scales;
 
 /// Hardware unit: registers and state of one physical device.
 #[derive(Debug)]
@@ -95,6 +96,15 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
     for (device, place) in profile.devices.iter().zip(&unit_of) {
         for Expected { address, encoding, equals, .. } in &device.verify {
             units[*place].bank.put(address, encoding, encoding.encode_counts(Counts(*equals)).registers());
+        }
+    }
+    for signal in &profile.signals {
+        let Some(from) = &signal.scale_from else { continue };
+        let (place, address) = (unit_of[signal.device.0], Address::Modbus(from.address));
+        let number = f64::from(from.number(scales::at_power_on(profile, signal)));
+        units[place].bank.put(&address, &from.encoding, from.encoding.encode(number).registers());
+        if !matches!(from.encoding.data_type, DataType::Part(_)) {
+            owned.push((place, address, from.encoding.data_type.registers()));
         }
     }
     for output in &profile.outputs {

@@ -202,6 +202,7 @@ fn signal(name: &str, device: usize, register: &str, encoding: Encoding, unit: &
         device: DeviceId(device),
         address: Address::Modbus(register.parse().unwrap()),
         encoding,
+        scale_from: None,
         unit: Unit(unit),
         range: None,
         max_rate: None,

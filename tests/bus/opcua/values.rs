@@ -128,12 +128,41 @@ async fn a_text_contradicts_a_type_in_the_profile_and_is_no_number_without_one()
     let mut line = Line::new(profile(&text, directory.path()));
     assert_eq!(line.signals().await, Ok([Err(Reason::NoNumber), Ok(100.0)]));
     let id = "ns=2;s=text".parse().unwrap();
-    let address = Address::Node(Node { id, data_type: None });
+    let address = Address::Node(Node::new(id, None));
     let request = Request::read(&address, DataType::F64).unwrap();
     let fault = line.asks(request).await.unwrap().answer.accepted().unwrap_err();
     assert_eq!(fault, Fault::Peer(PeerFault::NotANumber));
     let said = isotherm::fieldbus::explain::explain(fault);
     assert!(said.contains("not a number; write another node") && !said.contains("type"), "{said}");
+}
+
+#[tokio::test]
+async fn a_text_that_is_a_number_is_read_as_one() {
+    let mut server = Server::start(&["--holds", "text=23.5"]);
+    let directory = tempfile::tempdir().unwrap();
+    let text = machine(server.port, "").replace("s=bed", "s=text");
+    let mut line = Line::new(profile(&text, directory.path()));
+    assert_eq!(line.signals().await, Ok([Ok(23.5), Ok(100.0)]));
+    server.does("value text 23,5");
+    assert_eq!(line.signals().await, Ok([Err(Reason::NoNumber), Ok(100.0)]));
+}
+
+#[tokio::test]
+async fn elements_of_an_array_are_read_and_one_that_is_not_there_is_bad() {
+    let server = Server::start(&[]);
+    let directory = tempfile::tempdir().unwrap();
+    let scale = "node = \"ns=2;s=scale\"\ntype = \"i32\"\nscale = 0.001";
+    let text = |second: u32| {
+        let text = machine(server.port, "");
+        assert!(text.contains(scale));
+        let second = format!("node = \"ns=2;s=several\"\nelement = {second}");
+        text.replace(scale, &second)
+            .replace("node = \"ns=2;s=bed\"", "node = \"ns=2;s=several\"\nelement = 1")
+    };
+    let mut line = Line::new(profile(&text(0), directory.path()));
+    assert_eq!(line.signals().await, Ok([Ok(2.0), Ok(1.0)]));
+    let mut line = Line::new(profile(&text(2), directory.path()));
+    assert_eq!(line.signals().await, Ok([Ok(2.0), Err(Reason::NoElement)]));
 }
 
 /// Status codes of the server itself, without a script.
@@ -142,7 +171,7 @@ async fn a_value_of_another_type_and_a_node_that_nobody_may_write_are_refused_by
     let server = Server::start(&[]);
     let mut line = Line::to(&server);
     let mut write = async |id: &str, data_type: DataType| {
-        let node = Node { id: id.parse().unwrap(), data_type: Some(data_type) };
+        let node = Node::new(id.parse().unwrap(), Some(data_type));
         let value = data_type.encode(7);
         line.asks(Request::Nodes(NodeRequest::Write {
             nodes: std::slice::from_ref(&node),
@@ -163,7 +192,7 @@ async fn a_node_of_another_type_than_the_profile_says_is_no_value_and_the_sessio
     let mut line = Line::to(&server);
     for name in ["scale", "text"] {
         let id = format!("ns=2;s={name}").parse().unwrap();
-        let address = Address::Node(Node { id, data_type: Some(DataType::U32) });
+        let address = Address::Node(Node::new(id, Some(DataType::U32)));
         let request = Request::read(&address, DataType::U32).unwrap();
         let answer = line.asks(request).await.unwrap().answer.accepted();
         assert_eq!(answer, Err(Fault::Peer(PeerFault::Type)), "{name}");

@@ -25,6 +25,7 @@ mod released;
 mod restarts;
 mod rig;
 mod rtu;
+mod scales;
 mod sealed;
 mod sets;
 mod sign;

@@ -1,14 +1,14 @@
 //! Counters of linear scales: the position after a rollover, and the detection of a new reference.
 //!
-//! A counter of 16 or 32 bits starts again after its last count. The difference of two counts, modulo the number of
+//! A counter of 16, 24 or 32 bits starts again after its last count. The difference of two counts, modulo the number of
 //! counts, is the motion in between. A difference larger than the axis can travel is no motion. Either the value is
 //! corrupted, and the next value contradicts it. Or the counter was referenced, preset or restarted, and the next value
 //! confirms it. The functions are pure: the time of each reading is an argument.
 
 use std::time::Duration;
 
-use super::{DataType, Encoding};
-use crate::quantity::Moment;
+use super::{DataType, Encoded, Encoding};
+use crate::quantity::{Counts, Moment};
 
 /// Settings of a signal that counts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,8 +61,22 @@ impl Counter {
             DataType::U16 | DataType::I16 => Some(1 << 16),
             DataType::U32 | DataType::I32 => Some(1 << 32),
             DataType::Unsigned(bits @ 8..=32) | DataType::Signed(bits @ 8..=32) => Some(1 << bits),
+            DataType::Bcd(digits) => Some(10i64.pow(u32::from(digits))),
+            DataType::Part(part) if part.length() >= 8 => Some(1 << part.length()),
             _ => None,
         }
+    }
+
+    /// Returns the registers in which a counter shows this value. After its last count, the counter starts again at its
+    /// first one. A value that is no counter is encoded as any other.
+    pub fn registers(encoding: &Encoding, value: f64) -> Encoded {
+        let (Some(modulus), Some((low, _))) =
+            (Counter::modulus(encoding.data_type), encoding.range_of_counts())
+        else {
+            return encoding.encode(value);
+        };
+        let counts = encoding.nearest_counts(value).0.saturating_sub(low.0).rem_euclid(modulus);
+        encoding.encode_counts(Counts(counts + low.0))
     }
 
     /// Returns the shortest time in which the axis moves half the counts of the counter. After a longer gap, the number

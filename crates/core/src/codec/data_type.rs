@@ -1,6 +1,6 @@
 //! Types of values: their numbers of registers and bits, and their ranges of counts.
 
-use super::Encoded;
+use super::{Encoded, Part};
 
 /// Largest number on a display with six digits.
 const SIX_DIGITS: i128 = 999_999;
@@ -28,10 +28,16 @@ pub enum DataType {
     F64,
     /// One bit of a register; bit 0 is the least significant.
     Bit(u8),
+    /// Adjacent bits of one register or of two.
+    Part(Part),
     /// Two registers of a digit display: sign, number of decimals (0 to 5) and 24 bits of magnitude, for six digits.
     Decimal24(u8),
-    /// Unsigned integer of this number of bits (1 to 64), in a CAN frame or CANopen object. Widths with a type of their
-    /// own, such as [`DataType::U16`], use that type.
+    /// Binary-coded decimal without a sign: this number of digits (4 or 8), with four bits each.
+    Bcd(u8),
+    /// Sign and magnitude in this number of bits (16 or 32). The highest bit is the sign; one is negative.
+    SignMagnitude(u8),
+    /// Unsigned integer of this number of bits (1 to 64), in a CAN frame, a CANopen object or registers. Widths with a
+    /// type of their own, such as [`DataType::U16`], use that type. Unused bits of the first register are ignored.
     Unsigned(u8),
     /// Signed integer in two's complement of this number of bits, otherwise as [`DataType::Unsigned`].
     Signed(u8),
@@ -58,6 +64,9 @@ impl DataType {
             DataType::Bool | DataType::Bit(_) | DataType::U16 | DataType::I16 => 1,
             DataType::U32 | DataType::I32 | DataType::F32 | DataType::Decimal24(_) => 2,
             DataType::U64 | DataType::I64 | DataType::F64 => 4,
+            DataType::Part(part) => part.registers(),
+            DataType::Bcd(digits) => digits.div_ceil(4) as u16,
+            DataType::SignMagnitude(bits) => bits.div_ceil(16) as u16,
             DataType::Unsigned(bits) | DataType::Signed(bits) => bits.div_ceil(16) as u16,
         }
     }
@@ -69,6 +78,9 @@ impl DataType {
             DataType::U16 | DataType::I16 => 16,
             DataType::U32 | DataType::I32 | DataType::F32 | DataType::Decimal24(_) => 32,
             DataType::U64 | DataType::I64 | DataType::F64 => 64,
+            DataType::Part(part) => part.length(),
+            DataType::Bcd(digits) => 4 * digits,
+            DataType::SignMagnitude(bits) => bits,
             DataType::Unsigned(bits) | DataType::Signed(bits) => bits,
         }
     }
@@ -109,6 +121,11 @@ impl DataType {
         match self {
             DataType::Bool | DataType::Bit(_) => "bool",
             DataType::Decimal24(_) => "decimal24",
+            DataType::Part(part) => part.type_name(),
+            DataType::Bcd(4) => "bcd16",
+            DataType::Bcd(_) => "bcd32",
+            DataType::SignMagnitude(16) => "sm16",
+            DataType::SignMagnitude(_) => "sm32",
             DataType::U16 => "u16",
             DataType::I16 => "i16",
             DataType::U32 => "u32",
@@ -131,6 +148,9 @@ impl DataType {
         Some(match self {
             DataType::Bool | DataType::Bit(_) => (0, 1),
             DataType::Decimal24(_) => (-SIX_DIGITS, SIX_DIGITS),
+            DataType::Part(part) => part.range(),
+            DataType::Bcd(digits) => (0, 10i128.pow(digits as u32) - 1),
+            DataType::SignMagnitude(bits) => (1 - (1 << (bits - 1)), (1 << (bits - 1)) - 1),
             DataType::U16 => (0, u16::MAX as i128),
             DataType::I16 => (i16::MIN as i128, i16::MAX as i128),
             DataType::U32 => (0, u32::MAX as i128),
@@ -149,6 +169,12 @@ impl DataType {
     pub(super) fn bits_of(self, raw: i128) -> u64 {
         match self {
             DataType::Bit(bit) => to_bits(raw) << bit,
+            DataType::Part(part) => part.placed(to_bits(raw)),
+            DataType::Bcd(digits) => {
+                let digit = |place: u8| to_bits(raw / 10i128.pow(u32::from(place)) % 10) << (4 * place);
+                (0..digits).map(digit).sum()
+            }
+            DataType::SignMagnitude(bits) => u64::from(raw < 0) << (bits - 1) | to_bits(raw.abs()),
             DataType::Decimal24(decimals) => {
                 let sign = u64::from(raw < 0);
                 sign << 28 | u64::from(decimals) << 24 | to_bits(raw.abs())
@@ -157,6 +183,20 @@ impl DataType {
             _ => to_bits(raw),
         }
     }
+}
+
+/// Returns whether the bits are a value of this type. Only a binary-coded decimal has bits that are none: the digits A
+/// to F.
+pub(super) fn is_value(data_type: DataType, bits: u64) -> bool {
+    match data_type {
+        DataType::Bcd(digits) => (0..digits).all(|place| digit(bits, place) <= 9),
+        _ => true,
+    }
+}
+
+/// Returns the four bits of one digit of a binary-coded decimal. Place 0 is the last digit.
+fn digit(bits: u64, place: u8) -> i128 {
+    i128::from(bits >> (4 * place) & 0xf)
 }
 
 fn to_bits(raw: i128) -> u64 {
@@ -172,6 +212,12 @@ pub(super) fn integer_of(data_type: DataType, bits: u64) -> i128 {
     match data_type {
         DataType::Bool => i128::from(bits != 0),
         DataType::Bit(bit) => i128::from(bits >> bit & 1),
+        DataType::Part(part) => part.count(bits),
+        DataType::Bcd(digits) => (0..digits).rev().fold(0, |number, place| 10 * number + digit(bits, place)),
+        DataType::SignMagnitude(width) => {
+            let magnitude = i128::from(bits & ((1 << (width - 1)) - 1));
+            if bits >> (width - 1) & 1 == 1 { -magnitude } else { magnitude }
+        }
         DataType::Decimal24(_) => {
             let magnitude = i128::from(bits & 0x00ff_ffff);
             if bits >> 28 & 1 == 1 { -magnitude } else { magnitude }

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::data_type::integer_of;
+use super::data_type::{integer_of, is_value};
 use super::float::{as_float, as_integer, float_bits, float_of, same};
 use super::{DataType, Encoded, Scale};
 use crate::quantity::Counts;
@@ -61,6 +61,18 @@ impl Encoding {
     /// # Errors
     /// Returns why the registers have no value: a sentinel, NaN or infinity, or a wrong number of registers.
     pub fn decode(&self, registers: &[u16]) -> Result<f64, Reason> {
+        self.decode_by(registers, self.scale)
+    }
+
+    /// Returns the engineering value of the registers, with the scale times this power of ten.
+    ///
+    /// # Errors
+    /// As [`Encoding::decode`].
+    pub fn decode_at(&self, registers: &[u16], exponent: i8) -> Result<f64, Reason> {
+        self.decode_by(registers, self.scale.times_power_of_ten(exponent))
+    }
+
+    fn decode_by(&self, registers: &[u16], scale: Scale) -> Result<f64, Reason> {
         let bits = self.gather(registers)?;
         let raw = match self.data_type {
             DataType::F32 | DataType::F64 => {
@@ -71,13 +83,14 @@ impl Encoding {
                 self.sentinel(|raw| same(value, as_float(i128::from(raw))))?;
                 value
             }
+            _ if !is_value(self.data_type, bits) => return Err(Reason::NotANumber),
             _ => {
                 let raw = integer_of(self.data_type, bits);
                 self.sentinel(|bad| i128::from(bad) == raw)?;
                 as_float(raw - i128::from(self.bias))
             }
         };
-        let value = self.scale.scaled(raw) + self.offset;
+        let value = scale.scaled(raw) + self.offset;
         if value.is_finite() { Ok(value) } else { Err(Reason::NotANumber) }
     }
 
@@ -97,11 +110,12 @@ impl Encoding {
         self.scatter(bits, saturated)
     }
 
-    /// Returns the whole counts in the registers, without the bias. `None` for a floating-point type, or if the number
-    /// of registers is wrong.
+    /// Returns the whole counts in the registers, without the bias. `None` for a floating-point type, if the number of
+    /// registers is wrong, or if the registers contain no decimal digits.
     pub fn counts(&self, registers: &[u16]) -> Option<Counts> {
         self.data_type.integer_range()?;
-        let raw = integer_of(self.data_type, self.gather(registers).ok()?);
+        let bits = self.gather(registers).ok().filter(|bits| is_value(self.data_type, *bits))?;
+        let raw = integer_of(self.data_type, bits);
         i64::try_from(raw - i128::from(self.bias)).ok().map(Counts)
     }
 
@@ -113,6 +127,20 @@ impl Encoding {
         let wanted = i128::from(counts.0) + i128::from(self.bias);
         let fits = wanted.clamp(low, high);
         self.scatter(self.data_type.bits_of(fits), fits != wanted)
+    }
+
+    /// Returns the bits that the value occupies in its registers, lowest address first. They are all bits, except for a
+    /// value that is smaller than its registers.
+    pub fn occupied(&self) -> Encoded {
+        let bits = match self.data_type {
+            DataType::Bool => u64::MAX,
+            DataType::Bit(bit) => 1 << bit,
+            DataType::Part(part) => part.mask(),
+            // Sign and magnitude. The number of decimals beside them is no part of the value.
+            DataType::Decimal24(_) => 0x10ff_ffff,
+            data_type => u64::MAX >> (64 - data_type.width()),
+        };
+        self.scatter(bits, false)
     }
 
     /// Returns the smallest and the largest counts that fit the type, without the bias. `None` for floating point, and

@@ -8,7 +8,7 @@ use std::str::FromStr;
 
 use super::data_type::integer_of;
 use super::float::float_of;
-use super::{DataType, Encoded};
+use super::{DataType, Element, Encoded};
 use crate::reading::Reason;
 
 /// Identifier of a node, with its namespace. Formatted in the notation of the profile.
@@ -89,8 +89,10 @@ pub enum Identifier {
 pub struct Node {
     /// Identifier of the node.
     pub id: NodeId,
-    /// Type of the value. If `None`, any number is accepted and converted to `f64`.
+    /// Type of the value. If `None`, any number is accepted and converted to `f64`, also a text that is a number.
     pub data_type: Option<DataType>,
+    /// Element of the node's array. `None` if the node has a single value.
+    pub element: Option<Element>,
 }
 
 /// Number as a server sends it.
@@ -103,6 +105,11 @@ pub struct Scalar {
 }
 
 impl Node {
+    /// Creates a node with a single value.
+    pub const fn new(id: NodeId, data_type: Option<DataType>) -> Node {
+        Node { id, data_type, element: None }
+    }
+
     /// Returns the type of the value in the registers that [`Node::registers`] returns.
     pub fn taken_as(&self) -> DataType {
         self.data_type.unwrap_or(DataType::F64)
@@ -233,7 +240,7 @@ mod tests {
     use super::*;
 
     fn node(text: &str, data_type: Option<DataType>) -> Node {
-        Node { id: text.parse().unwrap(), data_type }
+        Node::new(text.parse().unwrap(), data_type)
     }
 
     #[test]

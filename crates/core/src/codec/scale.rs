@@ -21,6 +21,17 @@ impl Scale {
         Scale { per_count, counts_per_unit: is_whole.then_some(counts) }
     }
 
+    /// Returns the scale times this power of ten.
+    pub fn times_power_of_ten(self, exponent: i8) -> Scale {
+        let power = 10f64.powi(i32::from(exponent.unsigned_abs()));
+        match exponent {
+            0 => self,
+            1.. => Scale::of(self.per_count * power),
+            // A division is exact where a multiplication by a tenth is not.
+            _ => Scale::of(self.per_count / power),
+        }
+    }
+
     /// Returns the units per count.
     pub const fn get(self) -> f64 {
         self.per_count

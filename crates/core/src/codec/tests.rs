@@ -135,6 +135,21 @@ proptest! {
     }
 
     #[test]
+    fn every_number_of_digits_and_of_sign_and_magnitude_survives_the_way_there_and_back(
+        raw in -32_767i16..=32_767, order in prop_oneof![Just(WordOrder::MswFirst), Just(WordOrder::LswFirst)],
+    ) {
+        for data_type in [DataType::SignMagnitude(16), DataType::SignMagnitude(32), DataType::Bcd(4), DataType::Bcd(8)] {
+            let encoding = encoding(data_type, order);
+            let (low, high) = data_type.integer_range().unwrap();
+            let value = f64::from(raw);
+            let encoded = encoding.encode(value);
+            let fits = (low..=high).contains(&i128::from(raw));
+            prop_assert_eq!(encoded.saturated, !fits);
+            prop_assert_eq!(encoding.decode(encoded.registers()) == Ok(value), fits);
+        }
+    }
+
+    #[test]
     fn no_registers_decode_to_anything_but_a_finite_number(words in proptest::collection::vec(any::<u16>(), 0..6), kind in 0usize..9) {
         let types = [DataType::Bool, DataType::U16, DataType::I16, DataType::U32, DataType::I32, DataType::U64, DataType::I64, DataType::F32, DataType::F64];
         if let Ok(value) = encoding(types[kind], WordOrder::LswFirst).decode(&words) {
@@ -161,4 +176,31 @@ fn a_digit_display_is_given_sign_decimals_and_magnitude() {
         assert_eq!(display.decode(&words), Ok(value));
     }
     assert!(display.encode(10_000.0).saturated && !display.encode(-9_999.99).saturated);
+}
+
+#[test]
+fn decimal_digits_and_sign_and_magnitude_become_the_numbers_that_devices_mean() {
+    let cases: [(DataType, &[u16], Result<f64, Reason>); 11] = [
+        (DataType::Bcd(4), &[0x1234], Ok(1234.0)),
+        (DataType::Bcd(4), &[0x9999], Ok(9999.0)),
+        (DataType::Bcd(8), &[0x0012, 0x3456], Ok(123_456.0)),
+        // The digits A to F are no decimal digits.
+        (DataType::Bcd(4), &[0x123a], Err(Reason::NotANumber)),
+        (DataType::Bcd(8), &[0xffff, 0x0000], Err(Reason::NotANumber)),
+        (DataType::SignMagnitude(16), &[0x00eb], Ok(235.0)),
+        (DataType::SignMagnitude(16), &[0x80eb], Ok(-235.0)),
+        (DataType::SignMagnitude(16), &[0x8000], Ok(0.0)),
+        (DataType::SignMagnitude(16), &[0xffff], Ok(-32767.0)),
+        (DataType::SignMagnitude(32), &[0x8001, 0x0000], Ok(-65_536.0)),
+        (DataType::Bcd(8), &[0x1234], Err(Reason::BadReply)),
+    ];
+    for (data_type, words, value) in cases {
+        let encoding = encoding(data_type, WordOrder::MswFirst);
+        assert_eq!(encoding.decode(words), value, "{data_type:?} {words:04x?}");
+        assert_eq!(encoding.counts(words).is_some(), value.is_ok(), "{data_type:?} {words:04x?}");
+    }
+    let bcd = encoding(DataType::Bcd(4), WordOrder::MswFirst);
+    assert_eq!((bcd.encode(1234.0).registers(), bcd.encode(-1.0).saturated), ([0x1234].as_slice(), true));
+    let signed = encoding(DataType::SignMagnitude(16), WordOrder::MswFirst);
+    assert_eq!(signed.encode(-40_000.0).registers(), [0xffff]);
 }

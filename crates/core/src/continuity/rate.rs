@@ -81,21 +81,12 @@ impl RateFilter {
         rate: Option<f64>,
         breaks: u64,
     ) -> Result<(), RateFault> {
-        let is_first = std::mem::replace(&mut self.breaks, breaks) != breaks;
-        let last = self.last.replace((value, at));
         let Some(rate) = rate else {
+            (self.breaks, self.last) = (breaks, Some((value, at)));
             (self.good, self.jump) = (Some((value, at)), None);
             return Ok(());
         };
-        let away = std::mem::take(&mut self.away);
-        let change_in = |span: Duration| rate * span.as_secs_f64().max(LEAST_SECONDS);
-        if let (true, Some((before, taken))) = (is_first, last) {
-            let allowed = change_in(at.since(taken).saturating_add(away));
-            match &mut self.jump {
-                Some(jump) => jump.allowed += allowed,
-                None => self.jump = Some(Jump { before, allowed }),
-            }
-        }
+        self.note((value, at), rate, breaks);
         let good = self.good.map(|(good, _)| good);
         let is_near = |jump: Jump, before: f64| (value - before).abs() <= jump.allowed;
         let fits = |jump: Jump| is_near(jump, jump.before) || good.is_some_and(|good| is_near(jump, good));
@@ -103,11 +94,33 @@ impl RateFilter {
             return Err(RateFault::Jumped);
         }
         self.jump = None;
-        if self.good.is_some_and(|(good, taken)| (value - good).abs() > change_in(at.since(taken))) {
+        if self.good.is_some_and(|(good, taken)| (value - good).abs() > change_in(rate, at.since(taken))) {
             return Err(RateFault::TooFast);
         }
         self.good = Some((value, at));
         Ok(())
+    }
+
+    /// Records a value that is rejected for another reason, for example because it is out of range. After a break, it
+    /// counts as a value: from now on, waiting does not make a later value plausible.
+    pub fn reject(&mut self, value: f64, at: Moment, rate: f64, breaks: u64) {
+        if self.last.is_some() {
+            self.note((value, at), rate, breaks);
+        }
+    }
+
+    /// Records a value. If it is the first one after a break, its allowed difference from the last value is fixed.
+    fn note(&mut self, (value, at): (f64, Moment), rate: f64, breaks: u64) {
+        let is_first = std::mem::replace(&mut self.breaks, breaks) != breaks;
+        let last = self.last.replace((value, at));
+        let away = std::mem::take(&mut self.away);
+        if let (true, Some((before, taken))) = (is_first, last) {
+            let allowed = change_in(rate, at.since(taken).saturating_add(away));
+            match &mut self.jump {
+                Some(jump) => jump.allowed += allowed,
+                None => self.jump = Some(Jump { before, allowed }),
+            }
+        }
     }
 
     /// Returns whether a value was rejected because of a jump across a break, and no value has been accepted since.
@@ -119,4 +132,9 @@ impl RateFilter {
     pub fn forget(&mut self) {
         (self.good, self.last, self.jump) = (None, None, None);
     }
+}
+
+/// Returns the largest plausible change in this time.
+fn change_in(rate: f64, span: Duration) -> f64 {
+    rate * span.as_secs_f64().max(LEAST_SECONDS)
 }

@@ -211,6 +211,24 @@ fn a_rejected_value_before_a_break_does_not_keep_the_right_one_out() {
     }
 }
 
+/// After a break, a device shows a value out of its range for an hour, and then a value within it.
+#[test]
+fn a_rejected_value_after_a_break_ends_the_time_in_which_the_allowed_change_grows() {
+    let (rate, hour) = (0.1, 3600.0);
+    let mut filter = RateFilter::default();
+    assert_eq!(filter.assess(20.0, at(0.0), Some(rate), 0), Ok(()));
+    (1..3600).for_each(|second| filter.reject(200.0, at(f64::from(second)), rate, 1));
+    assert!(filter.has_jumped());
+    assert_eq!(filter.assess(45.0, at(hour), Some(rate), 1), Err(RateFault::Jumped));
+    assert_eq!(filter.assess(45.0, at(hour + 1.0), Some(rate), 2), Err(RateFault::Jumped), "another break");
+    assert_eq!(filter.assess(20.1, at(hour + 2.0), Some(rate), 2), Ok(()));
+    // Without a value before it, a rejected value is compared with nothing, and is no last good one.
+    filter.forget();
+    filter.reject(200.0, at(hour + 3.0), rate, 3);
+    assert_eq!(filter.before_stop(at(hour + 3.0), rate), None);
+    assert_eq!(filter.assess(45.0, at(hour + 4.0), Some(rate), 3), Ok(()));
+}
+
 #[test]
 fn a_device_with_checks_needs_no_comparison_and_keeps_its_setup_over_a_pause() {
     let mut device = checked();

@@ -274,3 +274,40 @@ fn a_file_of_another_kind_is_named_as_what_it_is() {
     // A mistake in a DBC file is reported at its place.
     assert!(DbcFile::read(FILE.replace("16|2@1+", "16;2@1+").into_bytes()).unwrap_err().at.is_some());
 }
+
+/// The diagnostic message DM1 has 14 bytes with three faults. Engines send it by BAM, the broadcast of the transport
+/// protocol (SAE J1939-21).
+const DM1: &str = "
+BO_ 2566834727 DM1: 14 Module
+ SG_ Lamp : 0|8@1+ (1,0) [0|0] \"\" X
+ SG_ Third : 80|16@1+ (1,0) [0|0] \"\" X
+";
+
+#[test]
+fn a_parameter_group_that_needs_several_frames_is_refused_with_the_reason() {
+    let group = format!("{DM1}BA_ \"VFrameFormat\" BO_ 2566834727 3;\n");
+    // The first byte does not arrive in a frame of the group either.
+    for name in ["DM1.Lamp", "DM1.Third"] {
+        for (file, source) in [(with(&group), None), (with(&group), Some(0x27)), (with(DM1), Some(0x27))] {
+            let wrong = file.signal(name, source).unwrap_err();
+            assert!(wrong.message.contains("parameter group of 14 bytes"), "{}", wrong.message);
+            assert!(wrong.message.contains("transport protocol") && wrong.at.is_none(), "{}", wrong.message);
+            assert!(wrong.help.contains("at most 8 bytes") && wrong.help.contains("ExtendedCAN_FD"));
+        }
+    }
+    let of_file = "BA_DEF_ \"ProtocolType\" STRING ;\nBA_DEF_DEF_ \"ProtocolType\" \"\";\nBA_ \"ProtocolType\" \"J1939\";\n";
+    assert!(with(&format!("{DM1}{of_file}")).signal("DM1.Lamp", None).is_err());
+    // Without a mark, the message is a frame of CAN FD. A group of eight bytes is read as before.
+    assert!(with(DM1).signal("DM1.Lamp", None).unwrap().field.is_fd);
+    assert!(!with(&group).signal("ET1.Oil", Some(0x27)).unwrap().field.is_fd);
+}
+
+#[test]
+fn a_parameter_group_in_a_frame_of_can_fd_may_be_long() {
+    let definition = "BA_DEF_ BO_ \"VFrameFormat\" INT 0 15;\nBA_DEF_DEF_ \"VFrameFormat\" 0;\n";
+    let own = format!("{DM1}{definition}BA_ \"VFrameFormat\" BO_ 2566834727 15;\n");
+    let begin = FILE.find("BA_DEF_ BO_").unwrap();
+    let file = DbcFile::read(format!("{}{own}", &FILE[..begin]).into_bytes()).unwrap();
+    let found = file.signal("DM1.Third", Some(0x27)).unwrap();
+    assert!(found.field.is_fd && found.field.frames.takes(CanId::extended(0x18fe_ca27).unwrap()));
+}

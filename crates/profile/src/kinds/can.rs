@@ -128,7 +128,7 @@ fn is_in_frames(raw: &RawSignal) -> bool {
 fn requests(_: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
     let request = |(id, signal): &(SignalId, &Signal)| {
         let Address::Object(object) = &signal.address else { return None };
-        let field = Field { signal: *id, at: 0, len: signal.encoding.data_type.registers() };
+        let field = Field::value(*id, signal.encoding.data_type.registers());
         Some(ReadRequest { asks: ReadTarget::Object(*object), fields: vec![field] })
     };
     signals.iter().filter_map(request).collect()

@@ -20,6 +20,7 @@ mod line_time;
 mod output;
 pub(crate) mod quirks;
 pub(crate) mod requests;
+mod scale_from;
 pub(crate) mod serial;
 mod signal;
 
@@ -36,7 +37,7 @@ pub(super) static KIND: BusKind = BusKind {
     device,
     verify: |raw, at, functions| raw.register(at, functions),
     signal_keys: SignalKeys {
-        keys: &["register", "word_order", "byte_swap", "merge"],
+        keys: &["register", "word_order", "byte_swap", "merge", "scale_from", "decimals_from"],
         owner: "a Modbus device",
         help: None,
     },
@@ -54,7 +55,10 @@ pub(super) static KIND: BusKind = BusKind {
         output::resolve(raw, at, device.and_then(|device| check.devices.get(device)))
     },
     heartbeat,
-    check: line_time::check,
+    check: |check| {
+        line_time::check(check);
+        scale_from::check(check);
+    },
     requests: requests::of,
     device_preview: |device, every, summary| format!("unit {}, every {every}: {summary}", device.unit),
     preview,

@@ -49,7 +49,7 @@ pub(super) static KIND: BusKind = BusKind {
         at.not_applicable(&["source_time", "read"], "a device on an OPC UA line", nodes::ELSEWHERE);
     },
     verify: |raw, at, _| raw.node(at),
-    signal_keys: SignalKeys { keys: &["node"], owner: nodes::OWNER, help: Some(nodes::ELSEWHERE) },
+    signal_keys: SignalKeys { keys: &["node", "element"], owner: nodes::OWNER, help: Some(nodes::ELSEWHERE) },
     signal_help: |device| format!("`{device}` is an OPC UA server: write node = \"ns=2;s=…\""),
     check_signal: |_, at, _| {
         let help = "remove this key: a node needs no command before a read";
@@ -85,7 +85,7 @@ fn requests(device: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
     let mut max_age = Duration::MAX;
     for (id, signal) in signals {
         let Some(node) = signal.address.node() else { continue };
-        let field = Field { signal: *id, at: 0, len: signal.encoding.data_type.registers() };
+        let field = Field::value(*id, signal.encoding.data_type.registers());
         nodes.push((field, node.clone()));
         max_age = max_age.min(signal.max_age);
     }
@@ -102,7 +102,7 @@ fn requests(device: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
 
 /// Resolves the node of a signal.
 fn signal(_: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>, _: Option<&Device>) -> Option<Located> {
-    let node = nodes::read(at, raw.node.as_ref(), raw.kind);
+    let node = nodes::read(at, raw.node.as_ref(), raw.kind, raw.element.as_ref());
     let scale = register::scale(&at.key("scale"), raw.scale.unwrap_or(1.0));
     let bad = sentinels(raw.bad.as_ref(), &at.key("bad"));
     let (node, scale) = (node?, scale?);
@@ -110,7 +110,7 @@ fn signal(_: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>, _: Option<&Device
     let offset = raw.offset.unwrap_or(0.0);
     let encoding = Encoding { scale, offset, bad, ..plain(data_type) };
     let unit = (data_type == DataType::Bool).then_some(Unit("bool"));
-    Some(Located { address: Address::Node(node), encoding, unit })
+    Some(Located::of(Address::Node(node), encoding, unit))
 }
 
 /// Resolves the node of an output.

@@ -99,13 +99,13 @@ fn signal(_: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>, _: Option<&Device
     unit(&at.key("unit"), raw.unit.as_deref());
     let scale = register::scale(&at.key("scale"), raw.scale.unwrap_or(1.0))?;
     let encoding = Encoding { scale, offset: raw.offset.unwrap_or(0.0), ..plain(DataType::F64) };
-    Some(Located { address: Address::Sensor(sensor?), encoding, unit: Some(Unit("degC")) })
+    Some(Located::of(Address::Sensor(sensor?), encoding, Some(Unit("degC"))))
 }
 
 /// Plans one request for all sensors, which are read at the same time.
 fn requests(_: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
     let sensors = signals.iter().filter_map(|(id, signal)| {
-        let field = Field { signal: *id, at: 0, len: signal.encoding.data_type.registers() };
+        let field = Field::value(*id, signal.encoding.data_type.registers());
         Some((field, signal.address.sensor()?.clone()))
     });
     let (fields, sensors) = numbered(sensors.collect());

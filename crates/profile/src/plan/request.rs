@@ -14,7 +14,7 @@ use isotherm_core::reading::SignalId;
 pub struct ReadRequest {
     /// Registers, object, nodes or sensors to read.
     pub asks: ReadTarget,
-    /// Signals in the answer. Never empty.
+    /// Values and scales of signals in the answer. Never empty.
     pub fields: Vec<Field>,
 }
 
@@ -52,15 +52,38 @@ pub struct Subscription {
     pub by_stamp: bool,
 }
 
-/// Position of one signal in an answer.
+/// Position of the value of one signal in an answer, or of its scale.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Field {
     /// Signal at this position.
     pub signal: SignalId,
+    /// Content of the registers at this position.
+    pub content: FieldContent,
     /// First register, bit or node, counted from the beginning of the answer.
     pub at: u16,
     /// Number of registers or bits. For a node, those of its value.
     pub len: u16,
+}
+
+/// Content of a field of an answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FieldContent {
+    /// Value of the signal.
+    Value,
+    /// Power of ten of the signal's scale.
+    Scale,
+}
+
+impl Field {
+    /// Creates the field of a value at the beginning of an answer, with this number of registers or bits.
+    pub const fn value(signal: SignalId, len: u16) -> Field {
+        Field { signal, content: FieldContent::Value, at: 0, len }
+    }
+
+    /// Creates the field of a scale at the beginning of an answer, with this number of registers.
+    pub const fn scale(signal: SignalId, len: u16) -> Field {
+        Field { signal, content: FieldContent::Scale, at: 0, len }
+    }
 }
 
 /// Assigns each part its position in the answer.
@@ -89,9 +112,34 @@ impl ReadRequest {
         if let ReadTarget::Registers { from, count } = self.asks { Some((from, count)) } else { None }
     }
 
-    /// Names of the signals in the answer.
-    pub fn signals<'a>(&self, profile: &'a Profile) -> Vec<&'a str> {
-        self.fields.iter().map(|field| profile.signal(field.signal).name.as_str()).collect()
+    /// Fields with the values of signals.
+    pub fn values(&self) -> impl Iterator<Item = &Field> {
+        self.fields.iter().filter(|field| field.content == FieldContent::Value)
+    }
+
+    /// Fields with the scales of signals.
+    pub fn scales(&self) -> impl Iterator<Item = &Field> {
+        self.fields.iter().filter(|field| field.content == FieldContent::Scale)
+    }
+
+    /// Returns whether the answer contains the scale of this signal.
+    pub fn has_scale_of(&self, signal: SignalId) -> bool {
+        self.scales().any(|field| field.signal == signal)
+    }
+
+    /// Returns whether the answer contains the scale of a value that is read with another request.
+    pub(crate) fn has_scale_of_another(&self) -> bool {
+        self.scales().any(|scale| self.values().all(|value| value.signal != scale.signal))
+    }
+
+    /// Names of the signals in the answer. A signal whose scale alone is in the answer has the words "scale of" before
+    /// its name.
+    pub fn signals(&self, profile: &Profile) -> Vec<String> {
+        let name = |field: &Field| profile.signal(field.signal).name.clone();
+        let is_read = |signal| self.values().any(|field| field.signal == signal);
+        let scales = self.scales().filter(|field| !is_read(field.signal));
+        let scales = scales.map(|field| format!("scale of {}", name(field)));
+        self.values().map(name).chain(scales).collect()
     }
 
     /// Preview of the request and the signals in its answer.
@@ -152,7 +200,7 @@ pub fn summary(requests: &[ReadRequest]) -> String {
         .filter(|(count, _)| *count > 0)
         .map(|(count, what)| counted(count, what))
         .collect();
-    let signals: usize = requests.iter().map(|request| request.fields.len()).sum();
+    let signals: usize = requests.iter().map(|request| request.values().count()).sum();
     format!(
         "{} touching {} for {}",
         counted(requests.len(), "request"),

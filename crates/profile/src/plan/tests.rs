@@ -7,7 +7,7 @@ use crate::kinds::modbus::requests::MAX_BITS;
 use crate::{BusId, DefaultLimits, DeviceId, Functions, Quirks, ReadBy, Unit};
 use isotherm_core::codec::{
     self, Address, BitField, BitKind, ByteOrder, CanId, CanMatch, DataType, Encoding, Object, Register,
-    Scale, WordOrder,
+    Scale, ScaleFrom, ScaleMeaning, WordOrder,
 };
 
 fn device(quirks: Quirks) -> Device {
@@ -44,6 +44,7 @@ fn signal(register: &str, data_type: DataType, merge: bool) -> Signal {
         device: DeviceId(0),
         address: Address::Modbus(register.parse().unwrap()),
         encoding,
+        scale_from: None,
         unit: Unit("1"),
         range: None,
         max_rate: None,
@@ -57,14 +58,29 @@ fn signal(register: &str, data_type: DataType, merge: bool) -> Signal {
     }
 }
 
+/// Signal whose scale is in another register.
+fn scaled(register: &str, scale: &str) -> Signal {
+    let value = signal(register, DataType::I16, true);
+    let from = ScaleFrom {
+        address: scale.parse().unwrap(),
+        encoding: value.encoding.clone(),
+        meaning: ScaleMeaning::PowerOfTen,
+    };
+    Signal { scale_from: Some(from), ..value }
+}
+
 fn planned(quirks: Quirks, signals: &[Signal]) -> Vec<ReadRequest> {
     plan(&device(quirks), signals.iter().enumerate().map(|(index, signal)| (SignalId(index), signal)))
 }
 
-/// Formats each request as `input:0+8 [0 1 2]`: first register, count, signals.
+/// Formats each request as `input:0+8 [0 1 2 1s]`: first register, count, signals, signals whose scale is read.
 fn shape(requests: &[ReadRequest]) -> Vec<String> {
     let one = |request: &ReadRequest| {
-        let fields: Vec<String> = request.fields.iter().map(|field| field.signal.0.to_string()).collect();
+        let name = |field: &Field| match field.content {
+            FieldContent::Value => field.signal.0.to_string(),
+            FieldContent::Scale => format!("{}s", field.signal.0),
+        };
+        let fields: Vec<String> = request.fields.iter().map(name).collect();
         let span = match &request.asks {
             ReadTarget::Registers { from, count } => format!("{from}+{count}"),
             _ => request.to_string(),
@@ -156,6 +172,63 @@ fn a_signal_that_must_not_be_merged_is_read_alone() {
 }
 
 #[test]
+fn a_value_and_its_scale_are_read_with_one_request_if_the_device_allows_it() {
+    let usual = Quirks::default();
+    let other = |register| signal(register, DataType::I16, true);
+    type Case<'a> = (&'a str, Quirks, Vec<Signal>, &'a [&'a str]);
+    let cases: [Case<'_>; 10] = [
+        (
+            "a scale beside another value, after its own",
+            usual,
+            vec![scaled("holding:200", "holding:1"), other("holding:0")],
+            &["holding:200+1 [0]", "holding:0+2 [1 0s]"],
+        ),
+        ("neighbours", usual, vec![scaled("holding:10", "holding:11")], &["holding:10+2 [0 0s]"]),
+        ("the scale comes first", usual, vec![scaled("holding:10", "holding:2")], &["holding:2+9 [0s 0]"]),
+        ("farther than a gap", usual, vec![scaled("holding:10", "holding:60")], &["holding:10+51 [0 0s]"]),
+        (
+            "what is between is read along",
+            usual,
+            vec![scaled("holding:10", "holding:60"), other("holding:30"), other("holding:90")],
+            &["holding:10+51 [0 1 0s]", "holding:90+1 [2]"],
+        ),
+        (
+            "one scale of two values",
+            usual,
+            vec![scaled("holding:10", "holding:40"), scaled("holding:70", "holding:40")],
+            &["holding:10+61 [0 0s 1s 1]"],
+        ),
+        (
+            "too far for one request",
+            usual,
+            vec![scaled("holding:10", "holding:135")],
+            &["holding:10+1 [0]", "holding:135+1 [0s]"],
+        ),
+        (
+            "in another table, after the values",
+            usual,
+            vec![scaled("holding:10", "input:0"), other("holding:90")],
+            &["holding:10+1 [0]", "holding:90+1 [1]", "input:0+1 [0s]"],
+        ),
+        (
+            "unused registers are not allowed",
+            Quirks { max_gap: 0, ..usual },
+            vec![scaled("holding:10", "holding:12")],
+            &["holding:10+1 [0]", "holding:12+1 [0s]"],
+        ),
+        (
+            "each value alone",
+            Quirks { one_request_per_field: true, ..usual },
+            vec![scaled("holding:10", "holding:11")],
+            &["holding:10+1 [0]", "holding:11+1 [0s]"],
+        ),
+    ];
+    for (name, quirks, signals, expected) in cases {
+        assert_eq!(shape(&planned(quirks, &signals)), expected, "{name}");
+    }
+}
+
+#[test]
 fn a_plan_tells_what_it_reads_in_both_notations() {
     let signals: Vec<Signal> =
         ["input:0", "input:7", "coil:3"].map(|at| signal(at, DataType::I16, true)).into_iter().collect();
@@ -168,9 +241,15 @@ fn a_plan_tells_what_it_reads_in_both_notations() {
 fn any_signal() -> impl Strategy<Value = Signal> {
     let tables = prop_oneof![Just("coil"), Just("discrete"), Just("input"), Just("holding")];
     let types = prop_oneof![Just(DataType::I16), Just(DataType::F32), Just(DataType::U64)];
-    (tables, 0u16..300, types, prop::bool::weighted(0.9)).prop_map(|(table, offset, data_type, merge)| {
+    let scales = prop::option::weighted(0.2, (prop_oneof![Just("input"), Just("holding")], 0u16..300));
+    let all = (tables, 0u16..300, types, prop::bool::weighted(0.9), scales);
+    all.prop_map(|(table, offset, data_type, merge, scale)| {
         let bits = matches!(table, "coil" | "discrete");
-        signal(&format!("{table}:{offset}"), if bits { DataType::Bool } else { data_type }, merge)
+        let data_type = if bits { DataType::Bool } else { data_type };
+        let scale =
+            scale.filter(|_| !bits).map(|(table, offset)| scaled("input:0", &format!("{table}:{offset}")));
+        let scale_from = scale.and_then(|signal| signal.scale_from);
+        Signal { scale_from, ..signal(&format!("{table}:{offset}"), data_type, merge) }
     })
 }
 
@@ -185,6 +264,7 @@ proptest! {
         let quirks = Quirks { max_registers_per_request, max_gap, one_request_per_field, ..Quirks::default() };
         let requests = planned(quirks, &signals);
         let mut seen = vec![0; signals.len()];
+        let mut scales = vec![0; signals.len()];
         for request in &requests {
             let (Register { table, offset }, count) = request.span().unwrap();
             let limit = if table.is_bits() { MAX_BITS } else { max_registers_per_request };
@@ -192,15 +272,23 @@ proptest! {
             prop_assert!(u32::from(offset) + u32::from(count) <= 65_536);
             for field in &request.fields {
                 let signal = &signals[field.signal.0];
-                seen[field.signal.0] += 1;
                 let own = Register { table, offset: offset + field.at };
-                prop_assert_eq!(Some(own), signal.address.register());
-                prop_assert_eq!(field.len, signal.encoding.data_type.registers());
+                if field.content == FieldContent::Scale {
+                    scales[field.signal.0] += 1;
+                    prop_assert_eq!(Some(own), signal.scale_from.as_ref().map(|from| from.address));
+                    prop_assert_eq!(field.len, 1);
+                } else {
+                    seen[field.signal.0] += 1;
+                    prop_assert_eq!(Some(own), signal.address.register());
+                    prop_assert_eq!(field.len, signal.encoding.data_type.registers());
+                }
                 prop_assert!(field.at + field.len <= count);
                 prop_assert!(signal.merge || request.fields.len() == 1);
             }
         }
         prop_assert!(seen.iter().all(|times| *times == 1));
+        let scaled = signals.iter().map(|signal| usize::from(signal.scale_from.is_some()));
+        prop_assert!(scales.into_iter().eq(scaled));
         let mut backwards: Vec<_> = signals.iter().enumerate().map(|(index, signal)| (SignalId(index), signal)).collect();
         backwards.reverse();
         prop_assert_eq!(plan(&device(quirks), backwards), requests);

@@ -41,10 +41,10 @@ impl Claim<'_> {
     }
 
     fn is_same_value(&self, other: &Claim<'_>) -> bool {
-        let is_bit = |claim: &Claim<'_>| matches!(claim.data_type, DataType::Bit(_));
-        let is_single = self.data_type.registers() == 1 && other.data_type.registers() == 1;
+        let is_part = |claim: &Claim<'_>| matches!(claim.data_type, DataType::Bit(_) | DataType::Part(_));
+        let are_as_long = self.data_type.registers() == other.data_type.registers();
         self.address == other.address
-            && (self.data_type == other.data_type || (is_single && (is_bit(self) || is_bit(other))))
+            && (self.data_type == other.data_type || (are_as_long && (is_part(self) || is_part(other))))
     }
 
     fn shown(&self) -> String {
@@ -71,6 +71,7 @@ pub(super) fn check(check: &Check<'_>, heartbeat: Option<&Heartbeat>) {
         }
     }
     runaway(check, &claims);
+    overwritten_scales(check, &claims);
 }
 
 fn claims<'c>(check: &'c Check<'c>, heartbeat: Option<&Heartbeat>) -> Vec<Claim<'c>> {
@@ -176,6 +177,25 @@ fn runaway(check: &Check<'_>, claims: &[Claim<'_>]) {
             let message =
                 format!("the corrected position would overwrite {}, from which it is computed", read.shown());
             written.at.invalid(message, "read the register of the linear scale, and write another register");
+        }
+    }
+}
+
+/// Reports tables that write a register from which the scale of a signal is read.
+fn overwritten_scales(check: &Check<'_>, claims: &[Claim<'_>]) {
+    for signal in check.signals.valid() {
+        let Some(from) = &signal.scale_from else { continue };
+        let device = check.devices.get(signal.device.0);
+        let line = device.and_then(|device| Some((check.bus_of(device)?.address.as_str(), device.unit)));
+        let is_there = |claim: &&Claim<'_>| {
+            claim.is_written
+                && line == Some((claim.device.0.as_str(), claim.device.1))
+                && claim.registers().any(|register| register == from.address)
+        };
+        if let Some(written) = claims.iter().find(is_there) {
+            let scale = format!("the scale of signal `{}` at {}", signal.name, from.address);
+            let message = format!("{} would overwrite {scale}", written.shown());
+            written.at.invalid(message, "one of the two addresses is wrong: correct it");
         }
     }
 }

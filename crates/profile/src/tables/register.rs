@@ -9,19 +9,24 @@ use serde::{Deserialize, Deserializer};
 use super::KeyContext;
 use crate::document::{Json, Section, entries};
 use crate::schema_of::schema_of;
+pub(crate) use cell::{Bits, Cell};
 use isotherm_core::codec::{Address, DataType, Encoding, Register, Scale, Table, WordOrder};
+
+mod cell;
 
 /// Type of a value, as named in a profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct TypeWord(pub(crate) DataType);
 
 impl TypeWord {
-    const ALL: [DataType; 12] = [
+    const ALL: [DataType; 18] = [
         DataType::Bool,
         DataType::unsigned(8),
         DataType::signed(8),
         DataType::U16,
         DataType::I16,
+        DataType::unsigned(24),
+        DataType::signed(24),
         DataType::U32,
         DataType::I32,
         DataType::U64,
@@ -29,6 +34,10 @@ impl TypeWord {
         DataType::F32,
         DataType::F64,
         DataType::Decimal24(0),
+        DataType::Bcd(4),
+        DataType::Bcd(8),
+        DataType::SignMagnitude(16),
+        DataType::SignMagnitude(32),
     ];
 }
 
@@ -132,6 +141,10 @@ impl Notation {
             (Address::Modbus(address), DataType::Bit(bit)) => {
                 Flag { address: *address, bit: Some(bit) }.into()
             }
+            (Address::Modbus(register), DataType::Part(part)) => Notation {
+                protocol: format!("{register}.{part}"),
+                modicon: format!("{}.{part}", register.modicon()),
+            },
             (Address::Modbus(register), _) => (*register).into(),
             (other, _) => Notation { protocol: other.to_string(), modicon: String::new() },
         }
@@ -214,13 +227,16 @@ pub(crate) fn register(at: &KeyContext<'_>, text: Option<&String>) -> Option<Reg
     at.reject(message, format!("{near}{help}"))
 }
 
-/// Parses a register, or one bit of it.
-pub(crate) fn cell(at: &KeyContext<'_>, text: &String) -> Option<Flag> {
-    match text.parse::<Flag>() {
-        Ok(flag) => Some(flag),
-        Err(_) if !text.contains('.') => register(at, Some(text)).map(|address| Flag { address, bit: None }),
+/// Parses a register, one bit of it, or several.
+pub(crate) fn cell(at: &KeyContext<'_>, text: &String) -> Option<Cell> {
+    match text.parse::<Cell>() {
+        Ok(cell) => Some(cell),
+        Err(_) if !text.contains('.') => {
+            register(at, Some(text)).map(|address| Cell { address, bits: Bits::All })
+        }
         Err(message) => {
-            let help = "write a register as \"input:50\", or one bit of it as \"input:50.3\"";
+            let help = "write a register as \"input:50\", or one bit of it as \"input:50.3\", or several bits as \
+                        \"input:50.4-7\"";
             at.reject(message, help)
         }
     }
@@ -276,6 +292,21 @@ pub(crate) fn scale(at: &KeyContext<'_>, scale: f64) -> Option<Scale> {
         return at.reject("a scale of zero makes every value the same", "write the value of one count");
     }
     Some(Scale::of(scale))
+}
+
+/// Reports a type that is only read. In 24 bits, devices expect the sign at different places. For the other types, no
+/// device is known that they are written to.
+pub(crate) fn not_only_read(at: &KeyContext<'_>, data_type: Option<DataType>) {
+    let is_only_read = |data_type: &DataType| data_type.width() == 24 || is_of_registers(*data_type);
+    if let Some(data_type) = data_type.filter(is_only_read) {
+        let help = "use \"u16\", \"i16\", \"u32\" or \"i32\", if the device accepts it";
+        at.invalid(format!("{} is only read from registers, not written", data_type.name()), help);
+    }
+}
+
+/// Returns whether only signals in registers have this type: not a display, no object and no node.
+pub(crate) const fn is_of_registers(data_type: DataType) -> bool {
+    matches!(data_type, DataType::Bcd(_) | DataType::SignMagnitude(_))
 }
 
 /// Reports a type that is smaller than a register.

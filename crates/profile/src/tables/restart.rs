@@ -100,6 +100,7 @@ fn counter(device: &Device, id: DeviceId, address: Address, timeout: Duration) -
         device: id,
         address,
         encoding: plain(data_type),
+        scale_from: None,
         unit: Unit("count"),
         range: None,
         max_rate: None,

@@ -13,19 +13,22 @@ use crate::DeviceId;
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
 use crate::kinds::can::fields::{RawFrame, RawPdo};
+use crate::kinds::opcua::nodes::ElementValue;
 use crate::schema_of::schema_of;
 use bad::BadValue;
 use counter::{Capture, RawCounter};
-use isotherm_core::codec::{Address, Counter, Encoding, PcSensor};
+use isotherm_core::codec::{Address, Counter, Encoding, PcSensor, ScaleFrom};
 use isotherm_core::compensation::model::Condition;
 use isotherm_core::reading::Reason;
 use limits::{DefaultLimits, RangeValue, RateValue};
+use scale::ShownScale;
 use unit::Unit;
 
 pub(crate) mod bad;
 pub(crate) mod counter;
 pub(crate) mod limits;
 mod resolve;
+mod scale;
 pub(crate) mod unit;
 
 /// Value that is read from a device.
@@ -43,15 +46,17 @@ pub(crate) struct RawSignal {
     #[allow(dead_code, reason = "resolved before the profile is checked")]
     channel: Option<ChannelValue>,
     /// Register as table and zero-based address ("input:0", "holding:84", "coil:1", "discrete:3"), or as one-based
-    /// Modicon number ("30001"). "input:50.3" is bit 3 of a register.
+    /// Modicon number ("30001"). "input:50.3" is bit 3 of a register, and "input:50.4-7" the number in bits 4 to 7.
     pub(crate) register: Option<String>,
     /// OPC UA: node, for example "ns=2;s=/Nck/State" or "ns=3;i=1005".
     pub(crate) node: Option<String>,
+    /// OPC UA: element of the node's array. The first one is 0. A list has one index for each dimension: [1, 2].
+    pub(crate) element: Option<ElementValue>,
     /// Sensor of this computer: "w1:28-0316a2794f01", "hwmon:NAME/LABEL" or "iio:NAME/LABEL". If several chips have the
     /// same name: "hwmon:NAME@DEVICE/LABEL".
     pub(crate) sensor: Option<String>,
-    /// Type of the value. Required for input and holding registers. For a node, its own type; by default any number is
-    /// accepted.
+    /// Type of the value. Required for input and holding registers. For bits of a register, "i16" is a signed number;
+    /// "u32" and "i32" are bits of two registers. For a node, its own type; by default any number is accepted.
     #[serde(rename = "type")]
     pub(crate) kind: Option<TypeWord>,
     /// Order of the registers. Required for 32 bits and more, because devices differ.
@@ -60,6 +65,12 @@ pub(crate) struct RawSignal {
     pub(crate) byte_swap: Option<bool>,
     /// Engineering units per count, not zero. Default 1.
     pub(crate) scale: Option<f64>,
+    /// Modbus: register that contains the power of ten of the scale, with its sign, for example "holding:12". -1 means
+    /// that the value is a tenth of `scale` times the count. SunSpec calls it scale factor.
+    pub(crate) scale_from: Option<String>,
+    /// Modbus: register that contains the number of decimals of the value, for example "holding:12". 1 means that the
+    /// value is a tenth of `scale` times the count.
+    pub(crate) decimals_from: Option<String>,
     /// Engineering value of raw zero. Default 0.
     pub(crate) offset: Option<f64>,
     /// Raw values that mean "no measurement", compared before scaling: [-32768]. They may have a meaning: [{ raw =
@@ -133,6 +144,8 @@ pub struct Signal {
     pub address: Address,
     /// Encoding of the value.
     pub encoding: Encoding,
+    /// Register with the power of ten of the scale, which the encoding does not contain. `None` if the scale is fixed.
+    pub scale_from: Option<ScaleFrom>,
     /// Engineering unit of the value.
     pub unit: Unit,
     /// Smallest and largest plausible value that the profile or its template states.
@@ -186,6 +199,8 @@ impl Signal {
             }
             (false, None, _) => format!("  {shown}: {register} of {device}, {data_type}"),
         };
+        let element = self.address.node().and_then(|node| node.element.as_ref()).map(ToString::to_string);
+        line.extend(element.iter().map(|element| format!(", {element}")));
         let word_order = register::shown_order(&self.address, encoding);
         line.extend(word_order.iter().map(|order| format!(" {order}")));
         if sensor.is_some() && (scale - 1.0).abs() > 0.0 {
@@ -196,6 +211,8 @@ impl Signal {
             let each = register::one_of(&self.address);
             line += &format!(", {scale}{space}{unit} per {each}");
         }
+        let scale_from = self.scale_from.as_ref().map(ShownScale::from);
+        line.extend(scale_from.iter().map(|from| format!(", {from}")));
         if encoding.offset.abs() > 0.0 {
             line += &format!(", plus {}", encoding.offset);
         }
@@ -211,7 +228,9 @@ impl Signal {
         section.lines("    ", &read_in);
         entries!(section, read_in, name, label = &self.label, device);
         section.json("register", register);
-        entries!(section, data_type, word_order, scale, offset = encoding.offset, unit = unit.0, doubts);
+        entries!(section, element, data_type, word_order, scale);
+        section.json("scale_from", scale_from);
+        entries!(section, offset = encoding.offset, unit = unit.0, doubts);
         entries!(section, capture = self.shown_capture(), channel);
         section
     }
@@ -245,6 +264,9 @@ impl Signal {
             let speed = counter.max_speed;
             format!("after a step faster than {speed} {unit} per second until the next reading confirms it")
         }));
+        if self.scale_from.is_some() {
+            doubts.push("after a change of its scale until it is plausible again".to_owned());
+        }
         doubts.push(format!("older than {}", shown(self.max_age)));
         doubts.extend(self.fault_when.as_ref().map(|condition| format!("when {}", condition.text)));
         doubts
@@ -260,4 +282,13 @@ pub(crate) struct Located {
     pub(crate) encoding: Encoding,
     /// Unit if the profile names none.
     pub(crate) unit: Option<Unit>,
+    /// Register of the scale. `None` if the scale is fixed.
+    pub(crate) scale_from: Option<ScaleFrom>,
+}
+
+impl Located {
+    /// Creates the place of a value with a fixed scale.
+    pub(crate) fn of(address: Address, encoding: Encoding, unit: Option<Unit>) -> Located {
+        Located { address, encoding, unit, scale_from: None }
+    }
 }

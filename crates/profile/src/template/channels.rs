@@ -98,6 +98,7 @@ mod tests {
         assert_eq!(shifted("input:50.0", 5, 1, 0).unwrap(), "input:50.5");
         assert_eq!(shifted("input:50.14", 3, 1, 0).unwrap(), "input:51.1");
         assert_eq!(shifted("discrete:128", 7, 1, 0).unwrap(), "discrete:135");
+        assert_eq!(shifted("input:50.4-15", 3, 1, 10).unwrap(), "input:63.4-15");
         assert!(shifted("holding:65535", 1, 1, 0).unwrap_err().contains("beyond the last"));
     }
 

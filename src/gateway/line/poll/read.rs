@@ -9,11 +9,12 @@ use crate::fieldbus::line::{Attribution, DeviceLine};
 use crate::fieldbus::send_guard::SendDeadline;
 use crate::fieldbus::wire::Request;
 use crate::gateway::shared::line_handle::LineHandle;
-use isotherm_core::codec::Table;
+use crate::gateway::state::scales::ScalePlace;
+use isotherm_core::codec::{Encoded, Table};
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
 use isotherm_profile::plan::ReadRequest;
-use isotherm_profile::{BusId, Capture, Device, DeviceId, Profile};
+use isotherm_profile::{BusId, Capture, Device, DeviceId, Profile, Signal};
 
 /// Largest number of repeated requests in a round. A single lost answer does not show that the device is lost.
 const REPEATS: u32 = 3;
@@ -156,7 +157,21 @@ impl Poll {
             return is_last;
         }
         let source_time = shared.profile.device(self.device).source_time;
-        for field in &request.fields {
+        let confirmed = |encoded: Encoded| is_confirmed.then_some(encoded).ok_or(Reason::NotAsExpected);
+        for field in request.scales() {
+            match &answer {
+                Ok(answered) if answered.attribution == Attribution::Ours => {
+                    let exponent = answered.answer.encoded(field).and_then(confirmed);
+                    let signal = shared.profile.signal(field.signal);
+                    let exponent = exponent.and_then(|encoded| exponent_of(signal, &encoded));
+                    let breaks = core.devices.of(self.device).breaks_without_checks();
+                    core.board.store_scale(field.signal, exponent, breaks);
+                }
+                Ok(_) => core.board.store_contested(field.signal),
+                &Err(fault) => core.board.fail(field.signal, fault.reason()),
+            }
+        }
+        for field in request.values() {
             let signal = shared.profile.signal(field.signal);
             match (self.captures.captured(signal.capture), &answer) {
                 (Ok(captured), Ok(answered)) => {
@@ -169,7 +184,17 @@ impl Poll {
                     let (value, taken, age) = accepted(source_time, stamp, value, asked);
                     core.device_health.stamped[field.signal.0] = age;
                     let breaks = core.devices.of(self.device).breaks_without_checks();
+                    let is_scaled = signal.scale_from.is_some();
                     match answered.attribution {
+                        Attribution::Ours if is_scaled => {
+                            let raw = answered.answer.encoded(field).and_then(confirmed);
+                            let place = match request.has_scale_of(field.signal) {
+                                true => ScalePlace::SameAnswer,
+                                false => ScalePlace::OtherAnswer,
+                            };
+                            core.board.store_scaled(field.signal, raw, taken, breaks, place);
+                        }
+                        Attribution::Ambiguous if is_scaled => core.board.store_contested(field.signal),
                         Attribution::Ours => core.board.store(field.signal, value, taken, breaks),
                         Attribution::Ambiguous => {
                             core.board.store_ambiguous(field.signal, value, taken, breaks);
@@ -183,6 +208,11 @@ impl Poll {
         self.has_been_read |= is_last;
         is_last
     }
+}
+
+/// Returns the power of ten in the register of a signal's scale.
+fn exponent_of(signal: &Signal, encoded: &Encoded) -> Result<i8, Reason> {
+    signal.scale_from.as_ref().ok_or(Reason::NoScale)?.exponent(encoded.registers())
 }
 
 /// Capture commands of one device, without repetitions. For each: the time at which it was last sent, or the reason why

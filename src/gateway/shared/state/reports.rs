@@ -54,6 +54,13 @@ impl GatewayState {
                     let (signal, unit) = (signal.name.clone(), signal.unit.to_string());
                     self.events.push(Event::Rereferenced { signal, unit, from, to });
                 }
+                QualityChange::ScaleChanged(id, from, to) => {
+                    let signal = profile.signal(id);
+                    let per_count = |exponent| signal.encoding.scale.times_power_of_ten(exponent).get();
+                    let (name, unit) = (signal.name.clone(), signal.unit.to_string());
+                    let (from, to) = (per_count(from), per_count(to));
+                    self.events.push(Event::ScaleChanged { signal: name, unit, from, to });
+                }
                 QualityChange::Back(id, since) => {
                     let signal = profile.signal(id).name.clone();
                     self.events.push(Event::SignalGood { signal, bad_for: now.since(since) });

@@ -42,6 +42,7 @@ terms = [{ signal = "bed", gain = 1.0, reference = 0.0 }]
 "#;
 
 const BED: SignalId = SignalId(0);
+const MAX_AGE: Duration = Duration::from_secs(5);
 const OPEN: SignalId = SignalId(1);
 
 fn profile() -> Profile {
@@ -299,4 +300,138 @@ fn a_default_rate_confirms_no_ambiguous_value() {
     assert_eq!(board.value(BED, at(2)), Some(21.0));
     board.doubt(BED);
     assert_eq!(board.value(BED, at(2)), None);
+}
+
+/// Registers with this count.
+fn raw(count: u16) -> Result<Encoded, Reason> {
+    Ok(Encoded::of(&[count]))
+}
+
+#[test]
+fn a_value_of_another_answer_waits_for_the_read_of_its_scale() {
+    let profile = profile();
+    let mut board = SignalTable::new(&profile.clone().into());
+    let value =
+        |board: &SignalTable, seconds| board.latest().readings[BED.0].aged(at(seconds), MAX_AGE).usable();
+    board.store_scaled(BED, raw(200), at(0), 0, ScalePlace::OtherAnswer);
+    assert_eq!(value(&board, 0), None);
+    board.store_scale(BED, Ok(0), 0);
+    assert_eq!(value(&board, 0), Some(20.0));
+    // Between two different scales, a value is not used. The scale is used again when it has been read twice.
+    board.store_scaled(BED, raw(2000), at(1), 0, ScalePlace::OtherAnswer);
+    board.store_scale(BED, Ok(-1), 0);
+    assert_eq!(value(&board, 1), None);
+    board.store_scaled(BED, raw(2010), at(2), 0, ScalePlace::OtherAnswer);
+    board.store_scale(BED, Ok(-1), 0);
+    assert_eq!(value(&board, 2), Some(20.1));
+    board.check(at(2));
+    assert!(board.changes(at(2)).contains(&QualityChange::ScaleChanged(BED, 0, -1)));
+    // A break of the continuity of the device, or a pause, discards the value that waits.
+    board.store_scaled(BED, raw(2020), at(3), 0, ScalePlace::OtherAnswer);
+    board.store_scale(BED, Ok(-1), 1);
+    assert_eq!(value(&board, 3), Some(20.1));
+    board.store_scaled(BED, raw(2020), at(4), 1, ScalePlace::OtherAnswer);
+    board.forget();
+    board.store_scale(BED, Ok(-1), 1);
+    assert_eq!(value(&board, 4), None);
+}
+
+#[test]
+fn after_a_change_of_its_scale_a_value_is_bad_until_it_is_plausible_or_confirmed() {
+    let profile = profile();
+    let mut board = SignalTable::new(&profile.clone().into());
+    let mut look = |seconds, exponent, count| {
+        board.store_scale(BED, Ok(exponent), 0);
+        board.store_scaled(BED, raw(count), at(seconds), 0, ScalePlace::SameAnswer);
+        board.latest().readings[BED.0].quality
+    };
+    assert_eq!(look(0, 0, 200), Quality::Good);
+    assert_eq!(look(1, -1, 200), Quality::Bad(Reason::ScaleChanged));
+    // Two degrees instead of twenty: waiting does not make it plausible.
+    for seconds in 2..60 {
+        assert_eq!(look(seconds, -1, 200), Quality::Bad(Reason::ScaleChanged), "{seconds}");
+    }
+    assert_eq!(look(60, -1, 2005), Quality::Good);
+    assert_eq!(look(61, 0, 2005), Quality::Bad(Reason::ScaleChanged));
+    assert_eq!(look(62, 0, 2005), Quality::Bad(Reason::OutOfRange), "200.5 °C is beyond its range");
+    assert_eq!(look(63, 0, 450), Quality::Bad(Reason::ScaleChanged));
+    assert_eq!(board.confirm(DeviceId(0)), ["bed"]);
+    board.store_scaled(BED, raw(450), at(64), 0, ScalePlace::SameAnswer);
+    assert_eq!(board.latest().readings[BED.0].quality, Quality::Good);
+}
+
+#[test]
+fn a_value_out_of_range_after_a_change_of_the_scale_makes_no_later_value_plausible() {
+    let profile = profile();
+    let mut board = SignalTable::new(&profile.clone().into());
+    let mut look = |seconds, exponent, count| {
+        board.store_scale(BED, Ok(exponent), 0);
+        board.store_scaled(BED, raw(count), at(seconds), 0, ScalePlace::SameAnswer);
+        board.latest().readings[BED.0].quality
+    };
+    assert_eq!(look(0, 0, 200), Quality::Good);
+    assert_eq!(look(1, 1, 450), Quality::Bad(Reason::ScaleChanged));
+    for seconds in 2..3600 {
+        assert_eq!(look(seconds, 1, 450), Quality::Bad(Reason::OutOfRange), "450 °C, {seconds}");
+    }
+    assert_eq!(look(3600, 1, 45), Quality::Bad(Reason::ScaleChanged));
+    assert_eq!(look(3601, 0, 450), Quality::Bad(Reason::ScaleChanged));
+    assert_eq!(look(3602, 0, 450), Quality::Bad(Reason::ScaleChanged), "45 °C again");
+    assert_eq!(look(3603, 0, 200), Quality::Good);
+}
+
+#[test]
+fn a_doubtful_line_discards_a_value_that_waits_for_its_scale() {
+    let profile = profile();
+    let mut board = SignalTable::new(&profile.clone().into());
+    board.store_scale(BED, Ok(0), 0);
+    board.store_scaled(BED, raw(200), at(0), 0, ScalePlace::OtherAnswer);
+    board.doubt(BED);
+    board.store_scale(BED, Ok(0), 0);
+    assert_eq!(board.latest().readings[BED.0].quality, Quality::Bad(Reason::NeverRead));
+}
+
+#[test]
+fn a_scale_that_changed_while_the_gateway_was_stopped_is_reported_and_its_value_compared() {
+    // The check of the device does not include the scale.
+    let check = "unit = 1\nverify = [{ register = \"holding:7\", equals = 1 }]";
+    let parsed = |text: &str| {
+        let parsed = isotherm_profile::parse(std::path::Path::new("m.toml"), text, &[], &[]);
+        Arc::new(parsed.unwrap_or_else(|errors| panic!("{errors}")).profile)
+    };
+    let text =
+        PROFILE.replacen("scale = 0.1", "decimals_from = \"input:9\"", 1).replacen("unit = 1", check, 1);
+    let profile = parsed(&text);
+    let run = |board: &mut SignalTable, seconds, exponent, count| {
+        board.store_scale(BED, Ok(exponent), 0);
+        board.store_scaled(BED, raw(count), at(seconds), 0, ScalePlace::SameAnswer);
+        board.latest().readings[BED.0].quality
+    };
+    let mut before = SignalTable::new(&profile);
+    assert_eq!(run(&mut before, 0, -1, 200), Quality::Good);
+    let values = before.last_good(at(1));
+    assert_eq!(values["bed"].exponent, Some(-1));
+    let mut board = SignalTable::new(&profile);
+    board.recall(&values, at(2));
+    assert_eq!(run(&mut board, 2, -2, 200), Quality::Bad(Reason::ScaleChanged));
+    assert_eq!(run(&mut board, 3, -2, 200), Quality::Bad(Reason::ScaleChanged), "2 °C");
+    board.check(at(3));
+    assert!(board.changes(at(3)).contains(&QualityChange::ScaleChanged(BED, -1, -2)));
+    assert_eq!(run(&mut board, 4, -2, 2000), Quality::Good);
+    // With the same scale, the first value is used.
+    let mut board = SignalTable::new(&profile);
+    board.recall(&values, at(2));
+    assert_eq!(run(&mut board, 2, -1, 201), Quality::Good);
+}
+
+#[test]
+fn a_register_without_a_scale_gives_its_reason_to_the_value() {
+    let profile = profile();
+    let mut board = SignalTable::new(&profile.clone().into());
+    board.store_scale(BED, Err(Reason::NoScale), 0);
+    board.store_scaled(BED, raw(200), at(0), 0, ScalePlace::SameAnswer);
+    assert_eq!(board.latest().readings[BED.0].quality, Quality::Bad(Reason::NoScale));
+    board.store_scale(BED, Ok(0), 0);
+    board.store_scaled(BED, Err(Reason::BadReply), at(1), 0, ScalePlace::SameAnswer);
+    assert_eq!(board.latest().readings[BED.0].quality, Quality::Bad(Reason::BadReply));
 }

@@ -190,14 +190,24 @@ fn last_good_values_age_over_a_stop_and_go_with_the_place_of_their_signal() {
     let at = |seconds: u64| Moment::from_nanos(seconds * 1_000_000_000);
     board.store(SignalId(0), Ok(21.5), at(100), 0);
     let values = board.last_good(at(130));
-    assert_eq!(values[&name], LastGood { value: 21.5, age: Duration::from_secs(30) });
+    assert_eq!(values[&name], LastGood { value: 21.5, age: Duration::from_secs(30), exponent: None });
     let rest = UnchangedParts { values: values.clone(), ..rest(&profile) };
     let memory = Memory::new(&profile, at(130), Remembered::default(), BTreeMap::new(), rest);
     let state = saved(memory);
     assert_eq!(Memory::recall(Some(state.clone()), &profile).unwrap().values, values);
     let mut moved = profile;
     moved.signals[0].encoding.scale = isotherm_core::codec::Scale::of(7.0);
-    assert!(Memory::recall(Some(state), &moved).unwrap().values.is_empty(), "another worth of a count");
+    assert!(
+        Memory::recall(Some(state.clone()), &moved).unwrap().values.is_empty(),
+        "another worth of a count"
+    );
+    moved.signals[0].encoding.scale = isotherm_core::codec::Scale::ONE;
+    moved.signals[0].scale_from = Some(isotherm_core::codec::ScaleFrom {
+        address: "holding:12".parse().unwrap(),
+        encoding: moved.signals[0].encoding.clone(),
+        meaning: isotherm_core::codec::ScaleMeaning::Decimals,
+    });
+    assert!(Memory::recall(Some(state), &moved).unwrap().values.is_empty(), "a scale in another register");
 }
 
 #[test]

@@ -192,7 +192,7 @@ fn the_texts_of_places_on_disk_are_what_earlier_versions_have_written() {
     let intel = bits(8, 16, ByteOrder::Intel, BitKind::Signed);
     let selector =
         Selector { bits: bits(0, 8, ByteOrder::Intel, BitKind::Unsigned), values: vec![(2, 2), (5, 7)] };
-    let node = |text: &str| Address::Node(Node { id: text.parse().unwrap(), data_type: None });
+    let node = |text: &str| Address::Node(Node::new(text.parse().unwrap(), None));
     let sensor = |text: &str| Address::Sensor(text.parse().unwrap());
     let rows = [
         (register("coil:3"), "coil:3 (00004)"),

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::codec::{Scale, WordOrder};
+use crate::codec::{Part, Scale, Whole, WordOrder};
 
 const POLL: Duration = Duration::from_millis(20);
 
@@ -44,7 +44,12 @@ fn tracked(data_type: DataType, counts: &[i64]) -> Vec<Result<i64, Option<(i64, 
 
 #[test]
 fn a_counter_that_rolls_over_goes_on() {
-    let cases: [(DataType, &[i64], &[i64]); 5] = [
+    let part = DataType::Part(Part::new(8, 31, Whole::U32).unwrap());
+    let cases: [(DataType, &[i64], &[i64]); 9] = [
+        (DataType::Bcd(4), &[4, 9_996, 9_990, 3], &[4, -4, -10, 3]),
+        (DataType::unsigned(24), &[10, 2, 16_777_210], &[10, 2, -6]),
+        (DataType::signed(24), &[8_388_600, -8_388_600], &[8_388_600, 8_388_616]),
+        (part, &[16_777_210, 4], &[-6, 4]),
         (DataType::U32, &[10, 2, 4_294_967_290], &[10, 2, -6]),
         (DataType::U32, &[4_294_967_290, 4], &[-6, 4]),
         (DataType::I32, &[2_147_483_640, -2_147_483_640], &[2_147_483_640, 2_147_483_656]),
@@ -130,5 +135,30 @@ proptest! {
         let counts: Vec<i64> = path.iter().map(shown).collect();
         let positions: Vec<_> = path.iter().map(|position| Ok(*position)).collect();
         prop_assert_eq!(tracked(data_type, &counts), positions);
+    }
+}
+
+#[test]
+fn a_counter_shows_a_value_beyond_its_last_count_from_its_first_count_on() {
+    for (data_type, value, registers) in [
+        (DataType::unsigned(24), -0.0005, [0xffff, 0x00ff]),
+        (DataType::unsigned(24), 8388.608, [0, 0]),
+        (DataType::signed(24), -0.0005, [0xffff, 0x00ff]),
+        (DataType::I32, -0.0005, [0xffff, 0xffff]),
+    ] {
+        let encoding = encoding(data_type);
+        assert_eq!(Counter::registers(&encoding, value).registers(), registers, "{data_type:?} {value}");
+    }
+    let float = encoding(DataType::F32);
+    assert_eq!(Counter::registers(&float, 1.0), float.encode(1.0));
+}
+
+/// Encoders with 24 bits either leave the highest byte of the second register zero, or extend the sign.
+#[test]
+fn the_byte_above_24_bits_is_ignored() {
+    let (signed, unsigned) = (encoding(DataType::signed(24)), encoding(DataType::unsigned(24)));
+    for high in [0x00ff, 0xffff, 0x12ff] {
+        assert_eq!(signed.decode(&[0xffff, high]), Ok(-0.0005));
+        assert_eq!(unsigned.decode(&[0xffff, high]), Ok(8388.6075));
     }
 }

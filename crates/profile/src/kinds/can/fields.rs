@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::tables::KeyContext;
-use crate::tables::register::TypeWord;
+use crate::tables::register::{TypeWord, is_of_registers};
 use isotherm_core::codec::{
     Address, BitField, BitKind, ByteOrder, CanId, CanMatch, DataType, Entry, Field, Object, Selector,
 };
@@ -254,9 +254,9 @@ pub(crate) fn object_type(at: &KeyContext<'_>, TypeWord(kind): TypeWord) -> Opti
     match kind {
         // A BOOLEAN occupies a whole byte.
         DataType::Bool => Some(DataType::unsigned(8)),
-        DataType::Decimal24(_) => {
-            let help = "allowed: bool, u8, i8, u16, i16, u32, i32, u64, i64, f32, f64";
-            at.reject("decimal24 is a type of Modbus displays", help)
+        kind if matches!(kind, DataType::Decimal24(_)) || is_of_registers(kind) => {
+            let help = "allowed: bool, u8, i8, u16, i16, u24, i24, u32, i32, u64, i64, f32, f64";
+            at.reject(format!("{} is a type of Modbus registers", kind.name()), help)
         }
         kind => Some(kind),
     }

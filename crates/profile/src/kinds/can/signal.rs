@@ -27,8 +27,8 @@ pub(super) fn resolve(check: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>) -
         no_fill(&at.key("pdo").key("fill"), pdo.fill.is_some());
         (Address::Frame(field), own, None)
     } else if let Some(sdo) = &raw.sdo {
-        let types =
-            "allowed: bool, u8, i8, u16, i16, u32, i32, u64, i64, f32, f64; the device's manual says which";
+        let types = "allowed: bool, u8, i8, u16, i16, u24, i24, u32, i32, u64, i64, f32, f64; the device's manual \
+                     says which";
         (fields::object(at, sdo, raw.kind, device, types)?, own, None)
     } else if let Some(frame) = &raw.frame {
         no_type(raw, at, OF_BITS);
@@ -46,7 +46,7 @@ pub(super) fn resolve(check: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>) -
     let unit = unit.or((data_type == DataType::Bool && raw.dbc.is_none()).then_some(Unit("bool")));
     let bad = sentinels(raw.bad.as_ref(), &at.key("bad"));
     let scale = register::scale(&at.key("scale"), scale)?;
-    Some(Located { address, encoding: Encoding { scale, offset, bad, ..plain(data_type) }, unit })
+    Some(Located::of(address, Encoding { scale, offset, bad, ..plain(data_type) }, unit))
 }
 
 fn no_type(raw: &RawSignal, at: &KeyContext<'_>, help: &str) {

@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value};
 
-use crate::tables::register::Flag;
+use crate::tables::register::{Bits, Cell};
 
 /// Moves every `register` in a value, including tables and lists, to that of this channel.
 pub(crate) fn moved(value: Value, key: &str, place: u16, stride: u16, base: u16) -> Result<Value, String> {
@@ -22,23 +22,26 @@ pub(crate) fn moved(value: Value, key: &str, place: u16, stride: u16, base: u16)
 
 /// Returns whether the text of a key is a register.
 fn is_register(key: &str) -> bool {
-    matches!(key, "register" | "sequence" | "complement" | "heartbeat" | "control" | "strobe" | "acknowledge")
+    let of_signals = matches!(key, "register" | "scale_from" | "decimals_from");
+    of_signals
+        || matches!(key, "sequence" | "complement" | "heartbeat" | "control" | "strobe" | "acknowledge")
 }
 
 /// Returns the register of the channel with this index. If the register is a single bit, the bits follow each other.
+/// Several bits of a register are followed by the same bits of the next register.
 pub(crate) fn shifted(register: &str, place: u16, stride: u16, base: u16) -> Result<String, String> {
-    let mut flag: Flag = register.parse()?;
+    let mut cell: Cell = register.parse()?;
     let far = u32::from(place) * u32::from(stride);
-    let mut offset = u32::from(flag.address.offset) + u32::from(base);
-    match flag.bit {
-        Some(bit) => {
+    let mut offset = u32::from(cell.address.offset) + u32::from(base);
+    match cell.bits {
+        Bits::One(bit) => {
             let bits = u32::from(bit) + far;
             offset += bits / 16;
-            flag.bit = u8::try_from(bits % 16).ok();
+            cell.bits = u8::try_from(bits % 16).map_or(cell.bits, Bits::One);
         }
-        None => offset += far,
+        Bits::All | Bits::Range(..) => offset += far,
     }
-    flag.address.offset = u16::try_from(offset)
+    cell.address.offset = u16::try_from(offset)
         .map_err(|_| format!("{register} plus {far} registers is beyond the last register, 65535"))?;
-    Ok(flag.to_string())
+    Ok(cell.to_string())
 }

@@ -4,6 +4,9 @@
 //! needed. A request costs a round trip, a register only two bytes. A device that refuses registers that it does not
 //! have needs `max_gap = 0`. A device that serves a register wrongly together with others has signals with `merge =
 //! false`.
+//!
+//! A value and its scale, which may be in another register, share a request even if they are farther apart. In one
+//! answer they belong together.
 
 use super::quirks::Quirks;
 use crate::plan::{Field, ReadRequest, ReadTarget};
@@ -19,11 +22,17 @@ pub(super) fn of(device: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
     let mut together: Vec<ReadRequest> = Vec::new();
     for (id, signal) in signals {
         let Some(from) = signal.address.register() else { continue };
-        let count = signal.encoding.data_type.registers();
-        let fields = vec![Field { signal: *id, at: 0, len: count }];
-        let request = ReadRequest { asks: ReadTarget::Registers { from, count }, fields };
+        let value = Field::value(*id, signal.encoding.data_type.registers());
+        let scale = signal
+            .scale_from
+            .as_ref()
+            .map(|scale| (scale.address, Field::scale(*id, scale.encoding.data_type.registers())));
         let shares = signal.merge && !quirks.one_request_per_field;
-        if shares { &mut together } else { &mut requests }.push(request);
+        for (from, field) in std::iter::once((from, value)).chain(scale) {
+            let asks = ReadTarget::Registers { from, count: field.len };
+            let request = ReadRequest { asks, fields: vec![field] };
+            if shares { &mut together } else { &mut requests }.push(request);
+        }
     }
     together.sort_by_key(ReadRequest::rank);
     let mut merged: Vec<ReadRequest> = Vec::new();
@@ -33,14 +42,60 @@ pub(super) fn of(device: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
             merged.push(next);
         }
     }
+    if quirks.max_gap > 0 {
+        join_scales(&mut merged, quirks.max_registers_per_request);
+    }
     requests.extend(merged);
     requests
+}
+
+/// Merges the requests between a value and its scale, however far the two are apart, if the merged request is not too
+/// long. In one answer they belong together.
+fn join_scales(requests: &mut Vec<ReadRequest>, limit: u16) {
+    let mut place = 0;
+    while place < requests.len() {
+        match farthest_partner(requests, place, limit) {
+            Some(last) => {
+                let joined: Vec<ReadRequest> = requests.drain(place + 1..=last).collect();
+                joined.iter().for_each(|next| join(&mut requests[place], next));
+            }
+            None => place += 1,
+        }
+    }
+}
+
+/// Returns the last of the following requests that has the scale of a value in this request, or the value of a scale,
+/// and that fits into one request with it.
+fn farthest_partner(requests: &[ReadRequest], place: usize, limit: u16) -> Option<usize> {
+    let (from, _) = requests[place].span()?;
+    let belongs = |next: &ReadRequest| {
+        let is_other =
+            |field: &Field, own: &Field| field.signal == own.signal && field.content != own.content;
+        next.fields.iter().any(|field| requests[place].fields.iter().any(|own| is_other(field, own)))
+    };
+    let fits = |next: &ReadRequest| {
+        let Some((start, len)) = next.span() else { return false };
+        start.table == from.table
+            && u32::from(start.offset - from.offset) + u32::from(len) <= u32::from(limit)
+    };
+    let is_partner = |next: &usize| belongs(&requests[*next]) && requests[place + 1..=*next].iter().all(fits);
+    (place + 1..requests.len()).rev().find(is_partner)
+}
+
+/// Adds the registers and fields of a request at a higher address in the same table.
+fn join(request: &mut ReadRequest, next: &ReadRequest) {
+    let (ReadTarget::Registers { from, count }, Some((start, len))) = (&mut request.asks, next.span()) else {
+        return;
+    };
+    let at = start.offset.saturating_sub(from.offset);
+    *count = (*count).max(at.saturating_add(len));
+    request.fields.extend(next.fields.iter().map(|field| Field { at: at + field.at, ..*field }));
 }
 
 /// Merges the next request by address into a request. Returns `false` if it is too far away, or if the merged request
 /// would be too long.
 fn takes(request: &mut ReadRequest, next: &ReadRequest, quirks: &Quirks) -> bool {
-    let (ReadTarget::Registers { from, count }, Some((start, len))) = (&mut request.asks, next.span()) else {
+    let (ReadTarget::Registers { from, count }, Some((start, len))) = (&request.asks, next.span()) else {
         return false;
     };
     let limit = if from.table.is_bits() { MAX_BITS } else { quirks.max_registers_per_request };
@@ -49,8 +104,7 @@ fn takes(request: &mut ReadRequest, next: &ReadRequest, quirks: &Quirks) -> bool
     let whole = (*count).max(at.saturating_add(len));
     let fits = from.table == start.table && is_near && whole <= limit;
     if fits {
-        *count = whole;
-        request.fields.extend(next.fields.iter().map(|field| Field { at, ..*field }));
+        join(request, next);
     }
     fits
 }

@@ -1,8 +1,9 @@
 //! Signals in registers, coils and discrete inputs.
 
+use super::scale_from;
 use crate::tables::KeyContext;
 use crate::tables::device::Device;
-use crate::tables::register::{self, Flag, TypeWord, plain};
+use crate::tables::register::{self, Bits, Cell, TypeWord, plain};
 use crate::tables::signal::bad::sentinels;
 use crate::tables::signal::unit::Unit;
 use crate::tables::signal::{Located, PLACES, RawSignal};
@@ -20,12 +21,13 @@ pub(super) fn resolve(raw: &RawSignal, at: &KeyContext<'_>, device: Option<&Devi
     let cell = raw.register.as_ref().and_then(|text| register::cell(&place, text));
     // An error of the register must not hide other errors.
     let data_type = match cell {
-        Some(cell) => type_in(raw, &at.key("type"), cell),
+        Some(cell) => type_in(raw, at, cell),
         None => raw.kind.map(|TypeWord(kind)| kind),
     };
     let word_order = register::word_order(&at.key("word_order"), data_type, raw.word_order);
     let scale = register::scale(&at.key("scale"), raw.scale.unwrap_or(1.0));
-    let (Flag { address, .. }, data_type) = (cell?, data_type?);
+    let (cell, data_type) = (cell?, data_type?);
+    let address = cell.address;
     register::fits(&place, address, data_type);
     if let Some(device) = device {
         device.must_read(&place, address.table);
@@ -47,24 +49,33 @@ pub(super) fn resolve(raw: &RawSignal, at: &KeyContext<'_>, device: Option<&Devi
         bad: sentinels(raw.bad.as_ref(), &at.key("bad")),
         ..plain(data_type)
     };
-    Some(Located { address: address.into(), encoding, unit: is_bit.then_some(Unit("bool")) })
+    let unit = is_bit.then_some(Unit("bool"));
+    let scale_from = scale_from::resolve(raw, at, (cell, data_type), device);
+    Some(Located { scale_from, ..Located::of(address.into(), encoding, unit) })
 }
 
-/// Resolves the type of a register or a bit.
-fn type_in(raw: &RawSignal, at: &KeyContext<'_>, cell: Flag) -> Option<DataType> {
+/// Resolves the type of a register, a bit or several bits.
+fn type_in(raw: &RawSignal, at: &KeyContext<'_>, cell: Cell) -> Option<DataType> {
     let kind = raw.kind.map(|TypeWord(kind)| kind);
     let is_bits = cell.address.table.is_bits();
-    if is_bits || cell.bit.is_some() {
-        if let Some(wrong) = kind.filter(|kind| *kind != DataType::Bool) {
-            let message = format!("{} is not possible for one bit", wrong.name());
-            if is_bits {
-                return at.reject(message, "a coil and a discrete input are \"bool\": leave `type` out");
-            }
-            at.invalid(message, "one bit is \"bool\": leave `type` out");
+    let bit = match cell.bits {
+        Bits::All if !is_bits => {
+            let help = "allowed: bool, u16, i16, u24, i24, u32, i32, u64, i64, f32, f64, decimal24, bcd16, bcd32, \
+                        sm16, sm32; the device's manual says which";
+            at.key("type")
+                .missing("`type` is missing: which type does the value have in its registers?", help);
+            return kind;
         }
-        return Some(cell.bit.map_or(DataType::Bool, DataType::Bit));
+        Bits::All => None,
+        Bits::One(bit) => Some(bit),
+        Bits::Range(first, last) => return Cell::part(at, (first, last), kind),
+    };
+    if let Some(wrong) = kind.filter(|kind| *kind != DataType::Bool) {
+        let (at, message) = (at.key("type"), format!("{} is not possible for one bit", wrong.name()));
+        if is_bits {
+            return at.reject(message, "a coil and a discrete input are \"bool\": leave `type` out");
+        }
+        at.invalid(message, "one bit is \"bool\": leave `type` out");
     }
-    let help = "allowed: bool, u16, i16, u32, i32, u64, i64, f32, f64; the device's manual says which";
-    at.missing("`type` is missing: which type does the value have in its registers?", help);
-    kind
+    Some(bit.map_or(DataType::Bool, DataType::Bit))
 }

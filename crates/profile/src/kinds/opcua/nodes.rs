@@ -3,9 +3,10 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use crate::schema_of::schema_of;
 use crate::tables::KeyContext;
-use crate::tables::register::{TypeWord, holding};
-use isotherm_core::codec::{Address, DataType, Node, NodeId};
+use crate::tables::register::{TypeWord, holding, is_of_registers};
+use isotherm_core::codec::{Address, DataType, Element, Node, NodeId};
 
 /// Meaning of a server's timestamps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -38,6 +39,40 @@ pub enum ReadBy {
 pub(crate) enum Place {
     Register(String),
     Node(RawNode),
+}
+
+/// Element of an array, as the profile writes it: an index, or a list with one index for each dimension.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+pub(crate) enum ElementValue {
+    Index(u32),
+    Indices(Vec<u32>),
+}
+
+schema_of!(ElementValue as "Element": { "anyOf": [
+    { "type": "integer", "minimum": 0, "maximum": 4_294_967_295u32 },
+    {
+        "type": "array",
+        "items": { "type": "integer", "minimum": 0, "maximum": 4_294_967_295u32 },
+        "minItems": 1,
+    },
+] });
+
+impl ElementValue {
+    fn resolve(&self, at: &KeyContext<'_>) -> Option<Element> {
+        let indices = match self {
+            ElementValue::Index(index) => vec![*index],
+            ElementValue::Indices(indices) => indices.clone(),
+        };
+        let element = Element::new(indices);
+        if element.is_none() {
+            at.invalid(
+                "an element has one to eight indices",
+                "write 3, or [1, 2] for an array of two dimensions",
+            );
+        }
+        element
+    }
 }
 
 /// Node of an OPC UA server.
@@ -99,7 +134,7 @@ pub(crate) fn holds(at: &KeyContext<'_>, node: &Node, most: u16) -> Option<()> {
 
 /// Owner of the key `node`, and the hint for it on another kind of line.
 pub(super) const OWNER: &str = "an OPC UA server";
-pub(super) const ELSEWHERE: &str = "remove `node`, or put the device on an opcua line";
+pub(super) const ELSEWHERE: &str = "remove this key, or put the device on an opcua line";
 
 /// Types of a node, as named in a profile.
 pub(crate) const TYPES: &str =
@@ -122,15 +157,28 @@ pub(crate) fn node_type(at: &KeyContext<'_>, kind: Option<TypeWord>) -> Result<O
             at.key("type").invalid("decimal24 is a type of Modbus displays", TYPES);
             Err(())
         }
+        Some(TypeWord(data_type)) if data_type.width() == 24 || is_of_registers(data_type) => {
+            at.key("type").invalid(format!("OPC UA has no type {}", data_type.name()), TYPES);
+            Err(())
+        }
         Some(TypeWord(data_type)) => Ok(Some(data_type)),
         None => Ok(None),
     }
 }
 
 /// Resolves the node of a signal. Without a type, any number is accepted.
-pub(crate) fn read(at: &KeyContext<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
+pub(crate) fn read(
+    at: &KeyContext<'_>,
+    text: Option<&String>,
+    kind: Option<TypeWord>,
+    element: Option<&ElementValue>,
+) -> Option<Node> {
     let (id, data_type) = (id(at, text, "which node is read?"), node_type(at, kind));
-    Some(Node { id: id?, data_type: data_type.ok()? })
+    let element = match element {
+        None => None,
+        Some(element) => Some(element.resolve(&at.key("element"))?),
+    };
+    Some(Node { element, ..Node::new(id?, data_type.ok()?) })
 }
 
 /// Resolves the node of an output, which is written in its own type.
@@ -151,7 +199,7 @@ fn typed(
 ) -> Option<Node> {
     at.key("type").missing(format!("`type` is missing: {why}"), TYPES);
     let (id, data_type) = (id(at, text, which), node_type(at, kind));
-    Some(Node { id: id?, data_type: Some(data_type.ok()??) })
+    Some(Node::new(id?, Some(data_type.ok()??)))
 }
 
 /// Reports the key `node` of an output on another kind of line.

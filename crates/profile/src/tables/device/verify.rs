@@ -12,7 +12,7 @@ use crate::kinds::can::fields;
 use crate::kinds::modbus::functions::Functions;
 use crate::kinds::opcua::nodes;
 use crate::tables::KeyContext;
-use crate::tables::register::{TypeWord, WordOrderWord, cell, fits, plain, word_order};
+use crate::tables::register::{Bits, Cell, TypeWord, WordOrderWord, cell, fits, plain, word_order};
 use isotherm_core::codec::{Address, DataType, Encoding, Object};
 use isotherm_core::continuity::{CheckFailure, Difference};
 use isotherm_core::reading::Reason;
@@ -25,8 +25,8 @@ const EVERY: Duration = Duration::from_secs(60);
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Verify")]
 pub(crate) struct RawVerify {
-    /// Register, coil, discrete input, or one bit of a register, for example "holding:256", "coil:268",
-    /// "holding:116.5".
+    /// Register, coil, discrete input, or bits of a register, for example "holding:256", "coil:268", "holding:116.5",
+    /// "holding:116.4-7".
     register: Option<String>,
     /// CANopen: index and sub-index in hexadecimal, for example "6110:01".
     #[schemars(regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
@@ -111,6 +111,9 @@ impl fmt::Display for Expected {
             (Address::Modbus(register), DataType::Bit(bit)) => {
                 write!(f, "{register}.{bit} ({}.{bit})", register.modicon())
             }
+            (Address::Modbus(register), DataType::Part(part)) => {
+                write!(f, "{register}.{part} ({}.{part})", register.modicon())
+            }
             (address, _) => write!(f, "{address}"),
         }
     }
@@ -135,10 +138,12 @@ impl RawVerify {
             );
             place.invalid(message, "add this function, if the device supports it, or remove the check");
         }
-        let data_type = match (self.kind, cell.bit) {
-            (_, Some(bit)) => DataType::Bit(bit),
-            (_, None) if table.is_bits() => DataType::Bool,
-            (kind, None) => kind.map_or(DataType::U16, |TypeWord(kind)| kind),
+        let kind = self.kind.map(|TypeWord(kind)| kind);
+        let data_type = match cell.bits {
+            Bits::One(bit) => DataType::Bit(bit),
+            Bits::Range(first, last) => Cell::part(at, (first, last), kind)?,
+            Bits::All if table.is_bits() => DataType::Bool,
+            Bits::All => kind.unwrap_or(DataType::U16),
         };
         let equals = self.equal(at, data_type)?;
         let word_order = word_order(&at.key("word_order"), Some(data_type), self.word_order)?;

@@ -47,7 +47,7 @@ impl RawSignal {
             // A channel without an address has been reported.
             return None;
         }
-        let Located { address, encoding, unit } = (kind.signal)(check, self, at, device)?;
+        let Located { address, encoding, unit, scale_from } = (kind.signal)(check, self, at, device)?;
         let unit = match self.unit.as_deref() {
             Some(unit) => Unit::named(unit),
             None => unit.or(Some(Unit("1"))),
@@ -67,6 +67,7 @@ impl RawSignal {
             device: DeviceId(index?),
             address,
             encoding,
+            scale_from,
             unit: unit?,
             range,
             max_rate,

@@ -387,7 +387,7 @@ pub(super) mod tests {
     const SECOND: Duration = Duration::from_secs(1);
 
     pub(in super::super) fn asked(by_stamp: bool) -> Subscription {
-        let node = |name: &str| Node { id: format!("ns=2;s={name}").parse().unwrap(), data_type: None };
+        let node = |name: &str| Node::new(format!("ns=2;s={name}").parse().unwrap(), None);
         Subscription {
             nodes: vec![node("bed"), node("scale")],
             every: SECOND,

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use ::opcua::types::{DataValue, DateTime, StatusCode, Variant, VariantScalarTypeId};
-use isotherm_core::codec::{DataType, Node, Scalar};
+use isotherm_core::codec::{DataType, Node, Scalar, number_in};
 use isotherm_core::reading::{Reason, Status};
 
 use crate::fieldbus::wire::{NodeReading, Stamped};
@@ -24,10 +24,7 @@ pub(super) fn reading(node: &Node, value: &DataValue, answered: DateTime) -> Nod
     let scalar = match &value.value {
         _ if !Status(status.bits()).is_good() => Err(Reason::Status(status.bits())),
         None | Some(Variant::Empty) => Err(Reason::BadReply),
-        Some(value) => scalar(value).ok_or(match node.data_type {
-            Some(_) => Reason::WrongType,
-            None => Reason::NoNumber,
-        }),
+        Some(value) => element(node, value).and_then(|value| number(node, value)),
     };
     NodeReading { value: scalar.and_then(|scalar| node.registers(scalar)), stamped, asked: None }
 }
@@ -46,6 +43,31 @@ pub(super) fn since(source: i64, server: i64) -> Stamped {
         true => Stamped::Ago(apart),
         false if apart <= APART => Stamped::Ago(Duration::ZERO),
         false => Stamped::Ahead,
+    }
+}
+
+/// Returns the value of a node, or the element of its array. The whole array is read, because not every server can send
+/// a part of it.
+fn element<'v>(node: &Node, value: &'v Variant) -> Result<&'v Variant, Reason> {
+    let Some(element) = &node.element else { return Ok(value) };
+    let Variant::Array(array) = value else { return Err(Reason::NoElement) };
+    let place = element.place(array.values.len(), array.dimensions.as_deref());
+    place.and_then(|place| array.values.get(place)).ok_or(Reason::NoElement)
+}
+
+/// Returns the number in the value of a node. A text that is a number is one only for a node without a type.
+fn number(node: &Node, value: &Variant) -> Result<Scalar, Reason> {
+    let of_text = |value: &Variant| match value {
+        Variant::String(text) => number_in(text.as_ref()),
+        _ => None,
+    };
+    match (scalar(value), node.data_type) {
+        (Some(scalar), _) => Ok(scalar),
+        (None, Some(_)) => Err(Reason::WrongType),
+        (None, None) => {
+            let number = of_text(value).ok_or(Reason::NoNumber)?;
+            Ok(Scalar { data_type: DataType::F64, bits: number.to_bits() })
+        }
     }
 }
 
@@ -112,9 +134,13 @@ pub(super) fn variant(Scalar { data_type, bits }: Scalar) -> Option<Variant> {
         DataType::U64 => Variant::UInt64(bits),
         DataType::F32 => Variant::Float(f32::from_bits(double)),
         DataType::F64 => Variant::Double(f64::from_bits(bits)),
-        DataType::Bit(_) | DataType::Decimal24(_) | DataType::Signed(_) | DataType::Unsigned(_) => {
-            return None;
-        }
+        DataType::Bit(_)
+        | DataType::Part(_)
+        | DataType::Bcd(_)
+        | DataType::SignMagnitude(_)
+        | DataType::Decimal24(_)
+        | DataType::Signed(_)
+        | DataType::Unsigned(_) => return None,
     })
 }
 
@@ -149,14 +175,16 @@ mod tests {
     #[test]
     fn a_value_that_is_no_number_contradicts_the_profile_only_if_the_profile_states_a_type() {
         let read = |data_type, value| {
-            let node = Node { id: "ns=2;s=bed".parse().unwrap(), data_type };
+            let node = Node::new("ns=2;s=bed".parse().unwrap(), data_type);
             let value = DataValue { value, ..DataValue::null() };
             reading(&node, &value, DateTime::null()).value.err()
         };
-        let text = || Some(Variant::from("27.5"));
+        let text = || Some(Variant::from("warm"));
         let cases = [
             (None, text(), Some(Reason::NoNumber)),
             (Some(DataType::F64), text(), Some(Reason::WrongType)),
+            (None, Some(Variant::from("27.5")), None),
+            (Some(DataType::F64), Some(Variant::from("27.5")), Some(Reason::WrongType)),
             (None, Some(Variant::from(vec![1.0, 2.0])), Some(Reason::NoNumber)),
             (Some(DataType::F64), Some(Variant::from(7_i32)), Some(Reason::WrongType)),
             (None, Some(Variant::from(7_i32)), None),
@@ -167,6 +195,33 @@ mod tests {
         for (data_type, value, expected) in cases {
             assert_eq!(read(data_type, value.clone()), expected, "{data_type:?} {value:?}");
         }
+    }
+
+    #[test]
+    fn an_element_of_an_array_is_read_alone() {
+        use ::opcua::types::Array;
+        use isotherm_core::codec::Element;
+        let list = Variant::from(vec![20.5, 21.5, 22.5]);
+        let values: Vec<Variant> = (0..6).map(|number| Variant::from(f64::from(number))).collect();
+        let matrix = Array::new_multi(VariantScalarTypeId::Double, values, vec![2u32, 3]).unwrap();
+        let matrix = Variant::Array(Box::new(matrix));
+        let texts = Variant::from(vec![String::from("20.5"), String::from("warm")]);
+        let read = |value: &Variant, indices: &[u32], data_type| {
+            let node = Node::new("ns=2;s=bed".parse().unwrap(), data_type);
+            let node = Node { element: Element::new(indices.to_vec()), ..node };
+            let value = DataValue { value: Some(value.clone()), ..DataValue::null() };
+            reading(&node, &value, DateTime::null()).value.map(|value| f64::from_bits(value.bits()))
+        };
+        assert_eq!(read(&list, &[2], None), Ok(22.5));
+        assert_eq!(read(&list, &[2], Some(DataType::F64)), Ok(22.5));
+        assert_eq!(read(&list, &[2], Some(DataType::F32)), Err(Reason::WrongType));
+        assert_eq!(read(&list, &[3], None), Err(Reason::NoElement));
+        assert_eq!(read(&list, &[0, 1], None), Err(Reason::NoElement));
+        assert_eq!(read(&matrix, &[1, 2], None), Ok(5.0));
+        assert_eq!(read(&matrix, &[1], None), Err(Reason::NoElement));
+        assert_eq!(read(&texts, &[0], None), Ok(20.5));
+        assert_eq!(read(&texts, &[1], None), Err(Reason::NoNumber));
+        assert_eq!(read(&Variant::from(7_i32), &[0], None), Err(Reason::NoElement));
     }
 
     #[test]

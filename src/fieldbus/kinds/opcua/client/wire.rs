@@ -83,8 +83,9 @@ impl OpcUa {
         let known: Result<Vec<Option<NodeId>>, Fault> =
             nodes.iter().map(|node| namespaces.node_id(&node.id)).collect();
         let known = known?;
-        let ids: Vec<_> = known.iter().flatten().cloned().map(value_of).collect();
-        let mut found = Vec::with_capacity(nodes.len());
+        let (ids, places) = distinct(nodes, &known);
+        let ids: Vec<_> = ids.into_iter().map(value_of).collect();
+        let mut found = Vec::with_capacity(ids.len());
         send_guard.leave()?;
         while let Some(rest) = ids.get(found.len()..).filter(|rest| !rest.is_empty()) {
             let count = self.session.sizes().next(Service::Read, rest.len().min(self.limits.read));
@@ -99,9 +100,8 @@ impl OpcUa {
                 }
             }
         }
-        let mut found = found.iter();
-        let each = nodes.iter().zip(&known).map(|(node, known)| {
-            let found = known.as_ref().and_then(|_| found.next());
+        let each = nodes.iter().zip(places).map(|(node, place)| {
+            let found = place.and_then(|place| found.get(place));
             found.map_or_else(not_there, |(value, answered)| reading(node, value, *answered))
         });
         Ok(Answer::Nodes(each.collect()))
@@ -168,6 +168,25 @@ impl OpcUa {
     }
 }
 
+/// Returns the nodes to request, and for each node the place of its value among them. The elements of an array share one
+/// request. A node without an id is not requested.
+fn distinct(nodes: &[Node], known: &[Option<NodeId>]) -> (Vec<NodeId>, Vec<Option<usize>>) {
+    let (mut ids, mut arrays): (Vec<NodeId>, Vec<usize>) = (Vec::with_capacity(nodes.len()), Vec::new());
+    let places = nodes.iter().zip(known).map(|(node, id)| {
+        let id = id.as_ref()?;
+        if node.element.is_some() {
+            if let Some(place) = arrays.iter().copied().find(|place| ids[*place] == *id) {
+                return Some(place);
+            }
+            arrays.push(ids.len());
+        }
+        ids.push(id.clone());
+        Some(ids.len() - 1)
+    });
+    let places = places.collect();
+    (ids, places)
+}
+
 /// Returns the reading of a node whose namespace the server does not have: its status is "no such node".
 fn not_there() -> NodeReading {
     NodeReading { value: Err(Reason::Status(Status::NO_SUCH_NODE.0)), stamped: Stamped::Unknown, asked: None }
@@ -206,5 +225,24 @@ impl Wire for OpcUa {
 
     fn close(&mut self) -> Boxed<'_, ()> {
         Box::pin(self.session.close(&mut self.link))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isotherm_core::codec::Element;
+
+    #[test]
+    fn the_elements_of_an_array_are_one_node_of_a_request() {
+        let node = |name: &str| Node::new(format!("ns=2;s={name}").parse().unwrap(), None);
+        let element = |name, index| Node { element: Element::new(vec![index]), ..node(name) };
+        let nodes = [node("bed"), element("temps", 0), node("bed"), element("temps", 3), element("other", 0)];
+        let id = |name: &str| NodeId::new(2, name);
+        let known = ["bed", "temps", "bed", "temps"].map(|name| Some(id(name)));
+        let known: Vec<_> = known.into_iter().chain([None]).collect();
+        let (ids, places) = distinct(&nodes, &known);
+        assert_eq!(ids, [id("bed"), id("temps"), id("bed")]);
+        assert_eq!(places, [Some(0), Some(1), Some(2), Some(1), None]);
     }
 }

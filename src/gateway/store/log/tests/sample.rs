@@ -32,6 +32,7 @@ fn signal(name: &str) -> Signal {
             bias: 0,
             bad: Vec::new(),
         },
+        scale_from: None,
         unit: Unit("degC"),
         range: Some((-20.0, 100.0)),
         max_rate: None,

@@ -1,0 +1,138 @@
+//! Place of a value in registers: whole registers, one bit, or several adjacent bits.
+
+use std::fmt;
+use std::str::FromStr;
+
+use crate::tables::KeyContext;
+use isotherm_core::codec::{DataType, Part, Register, Whole};
+
+/// Largest number of a bit of one register, and of two registers.
+const LAST_OF_ONE: u8 = 15;
+const LAST_OF_TWO: u8 = 31;
+
+/// Register of a value, and the bits of it that contain the value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Cell {
+    /// First register, coil or discrete input.
+    pub(crate) address: Register,
+    pub(crate) bits: Bits,
+}
+
+/// Bits of a register that contain a value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Bits {
+    /// Whole registers, a coil or a discrete input.
+    All,
+    /// One bit, 0 to 15.
+    One(u8),
+    /// Adjacent bits, from the first to the last. The bits of two registers are 0 to 31.
+    Range(u8, u8),
+}
+
+impl Cell {
+    /// Resolves the type of the value of several bits. `kind` is the type that the profile states at the key `type` of
+    /// `at`. The default is unsigned bits of one register.
+    pub(crate) fn part(
+        at: &KeyContext<'_>,
+        (first, last): (u8, u8),
+        kind: Option<DataType>,
+    ) -> Option<DataType> {
+        let whole = match kind {
+            None | Some(DataType::U16) => Whole::U16,
+            Some(DataType::I16) => Whole::I16,
+            Some(DataType::U32) => Whole::U32,
+            Some(DataType::I32) => Whole::I32,
+            Some(other) => {
+                let message = format!("{} is not possible for a part of a register", other.name());
+                let help =
+                    "allowed: u16, i16, and u32, i32 for a part of two registers; i16 and i32 are signed";
+                return at.key("type").reject(message, help);
+            }
+        };
+        let part = Part::new(first, last, whole).map(DataType::Part);
+        if part.is_none() {
+            let message = format!("bit {last} is beyond the {} bits of the register", whole.width());
+            let help = "write type = \"u32\" or \"i32\" for a part of two registers";
+            at.key("register").invalid(message, help);
+        }
+        part
+    }
+}
+
+impl FromStr for Cell {
+    type Err = String;
+
+    /// Parses `coil:20`, `input:16`, `input:16.0` or `input:16.4-7`.
+    ///
+    /// # Errors
+    /// A sentence with the allowed notations.
+    fn from_str(text: &str) -> Result<Cell, String> {
+        let (register, bits) = match text.split_once('.') {
+            Some((register, bits)) => (register, Some(bits.trim())),
+            None => (text, None),
+        };
+        let address: Register = register.parse()?;
+        let Some(bits) = bits else { return Ok(Cell { address, bits: Bits::All }) };
+        if address.table.is_bits() {
+            return Err(format!("{address} is one bit already: write it without `.{bits}`"));
+        }
+        let number = |text: &str, most: u8| text.trim().parse::<u8>().ok().filter(|bit| *bit <= most);
+        let bits = match bits.split_once('-') {
+            None => {
+                let none = || format!("`{bits}` is no bit of a register; allowed: 0 to {LAST_OF_ONE}");
+                Bits::One(number(bits, LAST_OF_ONE).ok_or_else(none)?)
+            }
+            Some((first, last)) => match (number(first, LAST_OF_TWO), number(last, LAST_OF_TWO)) {
+                (Some(first), Some(last)) if first < last => Bits::Range(first, last),
+                (Some(first), Some(last)) => {
+                    return Err(format!(
+                        "bit {first} does not precede bit {last}; write the smaller bit first, as `4-7`"
+                    ));
+                }
+                _ => {
+                    return Err(format!(
+                        "`{bits}` are no bits of a register; allowed: 0 to {LAST_OF_ONE}, and 0 to {LAST_OF_TWO} \
+                         of two registers, as `4-7`"
+                    ));
+                }
+            },
+        };
+        Ok(Cell { address, bits })
+    }
+}
+
+impl fmt::Display for Cell {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.bits {
+            Bits::All => write!(f, "{}", self.address),
+            Bits::One(bit) => write!(f, "{}.{bit}", self.address),
+            Bits::Range(first, last) => write!(f, "{}.{first}-{last}", self.address),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cell_is_a_register_a_bit_or_several_bits() {
+        let bits = |text: &str| text.parse::<Cell>().unwrap().bits;
+        assert_eq!((bits("holding:7"), bits("holding:7.3")), (Bits::All, Bits::One(3)));
+        assert_eq!((bits("holding:7.4-7"), bits("holding:7.0-31")), (Bits::Range(4, 7), Bits::Range(0, 31)));
+        assert_eq!("40008. 4 - 7".parse::<Cell>().unwrap().to_string(), "holding:7.4-7");
+        for (text, words) in [
+            ("coil:2.0-3", "one bit already"),
+            ("input:2.16", "0 to 15"),
+            ("input:2.", "0 to 15"),
+            ("input:2.7-4", "smaller bit first"),
+            ("input:2.4-4", "smaller bit first"),
+            ("input:2.4-32", "0 to 31"),
+            ("input:2.-7", "0 to 31"),
+            ("input:2.4-", "0 to 31"),
+        ] {
+            let why = text.parse::<Cell>().unwrap_err();
+            assert!(why.contains(words), "{text}: {why}");
+        }
+    }
+}

@@ -1,0 +1,138 @@
+//! Scales that devices have in other registers: values that wait for their scale, and changes of a scale.
+
+use isotherm_core::codec::{Encoded, Encoding, ScaleRead, ScaleWatch};
+use isotherm_core::quantity::Moment;
+use isotherm_core::reading::Reason;
+
+/// Answer that contains the scale of a value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::gateway) enum ScalePlace {
+    /// The scale is in the same answer as the value.
+    SameAnswer,
+    /// The scale is read with another request.
+    OtherAnswer,
+}
+
+/// State of the scale of one signal. Unused for a signal with a fixed scale.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SignalScale {
+    watch: ScaleWatch,
+    /// Exponent of the last answer, or the reason why it has none.
+    current: Result<i8, Reason>,
+    /// Value that was read since the last read of the scale.
+    waiting: Option<WaitingValue>,
+    /// Number of changes so far. Each is a break of the continuity of the signal.
+    changes: u64,
+    /// Former and new exponent, until the change is reported.
+    unreported: Option<(i8, i8)>,
+    plausibility: Plausibility,
+}
+
+/// Result of the comparison of the values after a change with those before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Plausibility {
+    /// The scale has not changed, or a value since its last change was plausible.
+    Confirmed,
+    /// No value since the last change was plausible.
+    Open,
+}
+
+/// Value whose scale is read next.
+#[derive(Clone, Copy, Debug)]
+struct WaitingValue {
+    raw: Encoded,
+    /// Time of the value.
+    at: Moment,
+    /// Number of breaks of the device's continuity when the value was read.
+    breaks: u64,
+}
+
+impl Default for SignalScale {
+    fn default() -> SignalScale {
+        SignalScale {
+            watch: ScaleWatch::default(),
+            current: Err(Reason::NeverRead),
+            waiting: None,
+            changes: 0,
+            unreported: None,
+            plausibility: Plausibility::Confirmed,
+        }
+    }
+}
+
+impl SignalScale {
+    /// Creates the state after a start of the gateway. `exponent` is that of the former run; `None` if it is not known.
+    pub(super) fn after_start(exponent: Option<i8>) -> SignalScale {
+        SignalScale { watch: ScaleWatch::after_start(exponent), ..SignalScale::default() }
+    }
+
+    /// Returns the exponent that is used. `None` if none was read, and for a fixed scale.
+    pub(super) fn exponent(&self) -> Option<i8> {
+        self.watch.accepted()
+    }
+
+    /// Returns whether the scale has changed, and no value was plausible since.
+    pub(super) fn is_open(&self) -> bool {
+        self.plausibility == Plausibility::Open
+    }
+
+    /// Processes an exponent that was read. Returns the value that waited for it, with its time. `None` if no value
+    /// waited, or if its exponent is not known.
+    pub(super) fn read(
+        &mut self,
+        exponent: Result<i8, Reason>,
+        encoding: &Encoding,
+        breaks: u64,
+    ) -> Option<(Result<f64, Reason>, Moment)> {
+        let ScaleRead { together, before, changed } = self.watch.read(exponent);
+        self.current = together;
+        if let Some((from, to)) = changed {
+            self.changes += 1;
+            self.plausibility = Plausibility::Open;
+            let from = self.unreported.map_or(from, |(first, _)| first);
+            self.unreported = Some((from, to));
+        }
+        // After a break of the continuity, the value may be that of another device.
+        let waiting = self.waiting.take().filter(|waiting| waiting.breaks == breaks)?;
+        let value = before?.and_then(|exponent| encoding.decode_at(waiting.raw.registers(), exponent));
+        Some((value, waiting.at))
+    }
+
+    /// Returns the value in an answer that contains its scale too.
+    pub(super) fn value(&self, raw: Encoded, encoding: &Encoding) -> Result<f64, Reason> {
+        self.current.and_then(|exponent| encoding.decode_at(raw.registers(), exponent))
+    }
+
+    /// Keeps a value until its scale is read.
+    pub(super) fn wait(&mut self, raw: Encoded, at: Moment, breaks: u64) {
+        self.waiting = Some(WaitingValue { raw, at, breaks });
+    }
+
+    /// Discards a value that waits for its scale.
+    pub(super) fn forget(&mut self) {
+        self.waiting = None;
+    }
+
+    /// Returns the number of breaks of the signal's continuity: those of the device and the changes of the scale.
+    pub(super) fn breaks(&self, of_device: u64) -> u64 {
+        of_device.wrapping_add(self.changes)
+    }
+
+    /// Returns the reason for a value that differs too much from the one before a break.
+    pub(super) fn why_jumped(&self) -> Reason {
+        match self.plausibility {
+            Plausibility::Confirmed => Reason::Jumped,
+            Plausibility::Open => Reason::ScaleChanged,
+        }
+    }
+
+    /// Records that a value was plausible.
+    pub(super) fn confirm(&mut self) {
+        self.plausibility = Plausibility::Confirmed;
+    }
+
+    /// Returns the change that has not been reported yet: former and new exponent. It then counts as reported.
+    pub(super) fn take_change(&mut self) -> Option<(i8, i8)> {
+        self.unreported.take().filter(|(from, to)| from != to)
+    }
+}
