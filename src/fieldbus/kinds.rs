@@ -4,6 +4,7 @@
 //! - [`can`] — a CAN interface of this computer, with CANopen.
 //! - [`opcua`] — an OPC UA server; the connection is built by feature.
 //! - [`sysfs`] — sensors of this computer, each read on a separate thread.
+//! - [`serial_ascii`] — devices that send lines of text, on a serial port or through TCP.
 //!
 //! A new type is a folder, its line in [`of`] and in [`KINDS`], and its requests in `request.rs`.
 
@@ -11,6 +12,7 @@ pub mod can;
 pub mod kind;
 pub mod modbus;
 pub mod opcua;
+pub mod serial_ascii;
 pub mod sysfs;
 mod target;
 
@@ -20,8 +22,16 @@ use kind::BusKind;
 pub use target::baud;
 
 /// All types of bus, in the order in which messages list their addresses.
-pub const KINDS: [&BusKind; 6] =
-    [&modbus::TCP, &modbus::SERIAL, &modbus::RTU_OVER_TCP, &opcua::KIND, &sysfs::KIND, &can::KIND];
+pub const KINDS: [&BusKind; 8] = [
+    &modbus::TCP,
+    &modbus::SERIAL,
+    &modbus::RTU_OVER_TCP,
+    &opcua::KIND,
+    &sysfs::KIND,
+    &can::KIND,
+    &serial_ascii::SERIAL,
+    &serial_ascii::OVER_TCP,
+];
 
 /// Returns the type of a bus with this transport.
 pub const fn of(transport: Transport) -> &'static BusKind {
@@ -32,5 +42,7 @@ pub const fn of(transport: Transport) -> &'static BusKind {
         Transport::Can => &can::KIND,
         Transport::OpcUa => &opcua::KIND,
         Transport::Sysfs => &sysfs::KIND,
+        Transport::Ascii { .. } => &serial_ascii::SERIAL,
+        Transport::AsciiOverTcp => &serial_ascii::OVER_TCP,
     }
 }

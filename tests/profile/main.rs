@@ -33,6 +33,7 @@ mod preview;
 mod probe;
 mod seals;
 mod serial;
+mod serial_ascii;
 mod shipped;
 mod stop;
 mod sysfs;

@@ -61,7 +61,7 @@ fn settings_that_no_line_has_are_refused() {
     is_refused(&address, "bus.cell.address", "address", &["only for a TCP line"]);
     let error =
         only_error(&GRINDER.replacen(TCP, &format!("{TCP}\nbaud = 9600"), 1), "bus.cell.baud", "baud");
-    assert!(error.to_string().contains("only for a modbus-rtu line"), "{error}");
+    assert!(error.to_string().contains("only for a modbus-rtu or serial-ascii line"), "{error}");
 }
 
 #[test]

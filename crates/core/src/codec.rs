@@ -18,6 +18,7 @@ mod node;
 mod object;
 mod pc_sensor;
 mod scale;
+mod text;
 
 pub use address::{Address, Register, Table};
 pub use bits::{BitField, BitKind, ByteOrder};
@@ -33,6 +34,7 @@ pub use node::{Identifier, Namespace, Node, NodeId, Scalar};
 pub use object::{Entry, Object};
 pub use pc_sensor::{Channel, PcSensor};
 pub use scale::Scale;
+pub use text::{Quoted, TextPattern, TextValue, with_sum, with_unit};
 
 #[cfg(test)]
 mod tests;

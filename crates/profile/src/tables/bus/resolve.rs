@@ -11,10 +11,11 @@ use crate::tables::{Check, KeyContext};
 
 const LONGEST_LATE: Duration = Duration::from_mins(10);
 /// Keys that only some types of lines have, each group with its owner in messages.
-const OWNERS: [(&[&str], &str); 7] = [
+const OWNERS: [(&[&str], &str); 8] = [
     (&["address"], "a TCP line"),
     (&["late"], "a line with writes"),
-    (&["port", "baud", "parity", "stop_bits"], "a modbus-rtu line"),
+    (&["port", "baud", "parity", "stop_bits"], "a modbus-rtu or serial-ascii line"),
+    (&["data_bits"], "a serial-ascii line"),
     (&["tls", "pipeline"], "a modbus-tcp line"),
     (&["interface", "sync"], "a can line"),
     (&["security", "user", "cert", "key", "trusted"], "an opcua line"),

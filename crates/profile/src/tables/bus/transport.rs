@@ -21,6 +21,7 @@ pub(crate) enum BusType {
     #[serde(rename = "opcua")]
     OpcUa,
     Sysfs,
+    SerialAscii,
 }
 
 /// Transport of a bus.
@@ -38,6 +39,15 @@ pub enum Transport {
     OpcUa,
     /// Sensors of this computer, from its kernel.
     Sysfs,
+    /// Lines of text on a serial port of this computer.
+    Ascii {
+        /// Settings of the port.
+        serial: Serial,
+        /// Data bits of each character, 7 or 8.
+        data_bits: u8,
+    },
+    /// Lines of text through a TCP connection to a serial server.
+    AsciiOverTcp,
 }
 
 impl Transport {
@@ -51,6 +61,13 @@ impl Transport {
         if let Transport::Serial(serial) = self { Some(serial) } else { None }
     }
 
+    /// Settings of a serial port with text, for example `9600 baud 7E2`. `None` for any other transport.
+    pub fn ascii_settings(self) -> Option<String> {
+        let Transport::Ascii { serial, data_bits } = self else { return None };
+        // `Serial` formats the eight data bits of Modbus RTU.
+        Some(serial.to_string().replacen(" 8", &format!(" {data_bits}"), 1))
+    }
+
     /// Type of the lines with this transport.
     pub(crate) const fn bus_type(self) -> BusType {
         match self {
@@ -60,6 +77,7 @@ impl Transport {
             Transport::Can => BusType::Can,
             Transport::OpcUa => BusType::OpcUa,
             Transport::Sysfs => BusType::Sysfs,
+            Transport::Ascii { .. } | Transport::AsciiOverTcp => BusType::SerialAscii,
         }
     }
 
@@ -68,8 +86,8 @@ impl Transport {
     pub fn late(self, timeout: Duration) -> Duration {
         match self {
             Transport::Serial(_) => timeout.saturating_mul(LATE_TIMEOUTS),
-            // Nothing is written to a sysfs line.
-            Transport::Sysfs => timeout,
+            // Nothing is written to these lines.
+            Transport::Sysfs | Transport::Ascii { .. } | Transport::AsciiOverTcp => timeout,
             Transport::Tcp | Transport::RtuOverTcp | Transport::Can | Transport::OpcUa => LATE.max(timeout),
         }
     }
