@@ -12,6 +12,7 @@ mod line;
 mod opcua;
 mod pipeline;
 mod serial;
+mod serial_ascii;
 mod sysfs;
 mod tls;
 mod wrong_replies;
