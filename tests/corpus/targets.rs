@@ -38,6 +38,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpSocket, TcpStream};
 use tokio::runtime::Runtime;
 
+pub(crate) mod lines;
 mod peer;
 
 use peer::{Peer, RTU};
@@ -46,7 +47,7 @@ use peer::{Peer, RTU};
 pub(crate) type Target = (&'static str, fn(&[u8]));
 
 /// All targets.
-pub(crate) const TARGETS: [Target; 16] = [
+pub(crate) const TARGETS: [Target; 17] = [
     ("codec", codec),
     ("plan", planner),
     ("profile", profile_text),
@@ -63,6 +64,7 @@ pub(crate) const TARGETS: [Target; 16] = [
     ("canopen", canopen),
     ("http", http),
     ("command", command),
+    ("text", lines::text),
 ];
 
 /// Input that is consumed from the front. It yields zeros at the end.
