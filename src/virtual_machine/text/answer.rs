@@ -87,12 +87,9 @@ impl Sender {
         let whole = bytes(&lines, end);
         let before = std::mem::replace(&mut self.before, whole);
         match fault {
-            Some(
-                ReplyFault::WrongChecksum
-                | ReplyFault::WrongFunction
-                | ReplyFault::WrongEcho
-                | ReplyFault::WrongTransaction,
-            ) => lines.iter_mut().for_each(|line| *line = with_wrong_end(line)),
+            Some(ReplyFault::WrongChecksum | ReplyFault::WrongFunction) => {
+                lines.iter_mut().for_each(|line| *line = with_wrong_end(line))
+            }
             Some(ReplyFault::ShortRead) => lines.iter_mut().for_each(|line| *line = first_half(line)),
             Some(ReplyFault::LongRead) => lines.iter_mut().for_each(|line| *line = line.repeat(2)),
             _ => {}
