@@ -71,7 +71,7 @@ use modbus::Framing;
 use probing::Cycle;
 use serial_side::SerialSide;
 use server::{Line, OpenOrClose, Shared};
-use text::{TextGroup, TextLine};
+use text::{Ask, Switch, TextGroup, TextLine};
 
 /// Interval at which the true error is sampled and the start of faults is checked.
 pub const TICK: Duration = Duration::from_secs(1);
@@ -256,8 +256,13 @@ impl VirtualMachine {
                     let name = name(bus, setup.ports).map_err(|source| refused(bus, source))?;
                     let path = name.path().display().to_string();
                     let (gate, line, switched) = machine.text_gate(profile, index, &texts);
-                    let serving = text::terminal::serve(name, serial, line, switched, stop);
-                    machine.keep(path.clone(), serving);
+                    let serving = text::serve_port(name.path().to_owned(), serial, line, switched, stop);
+                    machine.keep(path.clone(), async move {
+                        let ended = serving.await;
+                        // The path exists as long as its name.
+                        drop(name);
+                        ended
+                    });
                     (path, gate)
                 }
                 Transport::Can => {
@@ -315,7 +320,9 @@ impl VirtualMachine {
     ) -> (ListenerSwitch, Arc<TextLine>, mpsc::Receiver<OpenOrClose>) {
         let (switch, switched) = mpsc::channel(1);
         let devices = on_line(profile, bus).map(|(_, id)| id).collect();
-        let line = TextLine::of(profile, bus, texts, self.shared.clone());
+        let shared = self.shared.clone();
+        let ask: Ask = Arc::new(move |device, pdu| shared.hardware().serve(device, pdu, shared.clock.now()));
+        let line = TextLine::of(profile, bus, texts, ask);
         (ListenerSwitch { devices, switch, is_open: true }, Arc::new(line), switched)
     }
 
@@ -376,6 +383,12 @@ impl VirtualMachine {
                 .map_err(VirtualMachineError::Failed)?;
         }
         Ok(self.window().summary())
+    }
+}
+
+impl From<OpenOrClose> for Switch {
+    fn from(OpenOrClose { is_open, done }: OpenOrClose) -> Switch {
+        (is_open, done)
     }
 }
 

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use rand::RngExt;
 
-use super::TextGroup;
+use super::group::TextGroup;
 use crate::virtual_machine::fault::ReplyFault;
 use crate::virtual_machine::hardware::Reply;
 use crate::virtual_machine::random::stream;

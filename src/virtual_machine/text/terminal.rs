@@ -1,9 +1,11 @@
 //! Pseudo-terminal of a virtual device that sends text.
 
+use std::ffi::OsString;
 use std::fs;
 use std::io;
 use std::os::unix::ffi::OsStringExt;
 use std::os::unix::fs::symlink;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -13,9 +15,8 @@ use rustix::termios::OptionalActions;
 use tokio::net::unix::pipe::{Receiver, Sender};
 use tokio::sync::{mpsc, watch};
 
-use super::{TextLine, converse};
-use crate::virtual_machine::port::Name;
-use crate::virtual_machine::server::OpenOrClose;
+use super::line::{TextLine, converse};
+use super::server::Switch;
 use isotherm_profile::Serial;
 
 /// Interval at which the virtual machine checks whether a client has opened the port.
@@ -25,22 +26,22 @@ const CLIENT_CHECK: Duration = Duration::from_millis(5);
 type Hardware = (Receiver, Sender);
 
 /// Serves the devices of a line on a port with this path, until `stop` changes or its sender is dropped.
-pub(in crate::virtual_machine) async fn serve(
-    name: Name,
+pub(in crate::virtual_machine) async fn serve<S: Into<Switch>>(
+    path: PathBuf,
     serial: Serial,
     line: Arc<TextLine>,
-    mut switched: mpsc::Receiver<OpenOrClose>,
+    mut switched: mpsc::Receiver<S>,
     mut stop: watch::Receiver<bool>,
 ) -> io::Result<()> {
-    let mut port = Some(plug_in(&name)?);
+    let mut port = Some(plug_in(&path)?);
     loop {
         tokio::select! {
             _ = stop.changed() => return Ok(()),
             switch = switched.recv() => {
-                let Some(OpenOrClose { is_open, done }) = switch else { return Ok(()) };
-                port = if is_open { Some(plug_in(&name)?) } else { None };
+                let Some((is_open, done)) = switch.map(Into::<Switch>::into) else { return Ok(()) };
+                port = if is_open { Some(plug_in(&path)?) } else { None };
                 if port.is_none() {
-                    let _ = fs::remove_file(name.path());
+                    let _ = fs::remove_file(&path);
                 }
                 let _ = done.send(());
             }
@@ -50,7 +51,7 @@ pub(in crate::virtual_machine) async fn serve(
 }
 
 /// Creates a pseudo-terminal to which the path points.
-fn plug_in(name: &Name) -> io::Result<Hardware> {
+fn plug_in(path: &Path) -> io::Result<Hardware> {
     let hardware = rustix::pty::openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
     rustix::pty::grantpt(&hardware)?;
     rustix::pty::unlockpt(&hardware)?;
@@ -59,9 +60,9 @@ fn plug_in(name: &Name) -> io::Result<Hardware> {
     rustix::termios::tcsetattr(&hardware, OptionalActions::Now, &termios)?;
     let flags = rustix::fs::fcntl_getfl(&hardware)?;
     rustix::fs::fcntl_setfl(&hardware, flags | OFlags::NONBLOCK)?;
-    let path = rustix::pty::ptsname(&hardware, Vec::new())?.into_bytes();
-    let _ = fs::remove_file(name.path());
-    symlink(std::ffi::OsString::from_vec(path), name.path())?;
+    let port = rustix::pty::ptsname(&hardware, Vec::new())?.into_bytes();
+    let _ = fs::remove_file(path);
+    symlink(OsString::from_vec(port), path)?;
     let other = hardware.try_clone()?;
     Ok((Receiver::from_owned_fd_unchecked(hardware)?, Sender::from_owned_fd_unchecked(other)?))
 }

@@ -1,4 +1,5 @@
 use std::path::Path;
+use std::time::Duration;
 
 use tokio::io::{AsyncBufReadExt, BufReader};
 
@@ -7,6 +8,8 @@ use super::*;
 use crate::clock::Clock;
 use crate::virtual_machine::fault::ReplyFault;
 use crate::virtual_machine::{FaultScript, Ports, Setup, VirtualMachine};
+use isotherm_core::codec::TextPattern;
+use isotherm_profile::{BusId, DeviceId, Profile};
 
 const PROFILE: &str = r##"
 [machine]
