@@ -1,9 +1,10 @@
 use std::path::Path;
 use std::time::Duration;
 
-use tokio::io::{AsyncBufReadExt, BufReader};
+use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
+use tokio::net::TcpStream;
 
-use super::answer::SentText;
+use super::answer::{Content, Sender, SentText, TextAnswer};
 use super::*;
 use crate::clock::Clock;
 use crate::virtual_machine::fault::ReplyFault;
