@@ -230,7 +230,7 @@ impl VirtualMachine {
             }
             let stop = stopped.clone();
             let (address, gate) = match bus.transport {
-                Transport::Tcp | Transport::RtuOverTcp => {
+                Transport::Tcp | Transport::RtuOverTcp | Transport::ModbusAsciiOverTcp => {
                     let listener = listen(bus, setup.ports).await?;
                     let address = listener.local_addr().map_err(|source| refused(bus, source))?;
                     let (gate, line, switched) = machine.gate(profile, index, setup.unknown_unit);
@@ -238,7 +238,7 @@ impl VirtualMachine {
                     machine.keep(address.to_string(), serving);
                     (address.to_string(), gate)
                 }
-                Transport::Serial(serial) => {
+                Transport::Serial(serial) | Transport::ModbusAscii { serial, .. } => {
                     let name = name(bus, setup.ports).map_err(|source| refused(bus, source))?;
                     let path = name.path().display().to_string();
                     let (gate, line, switched) = machine.gate(profile, index, UnknownUnit::Silence);
@@ -297,12 +297,17 @@ impl VirtualMachine {
             ListenerSwitch { devices: units.iter().map(|(_, id)| *id).collect(), switch, is_open: true };
         let is_tcp = profile.buses[bus].transport == Transport::Tcp;
         let framing = if is_tcp { Framing::Tcp } else { Framing::Rtu };
+        let is_ascii = matches!(
+            profile.buses[bus].transport,
+            Transport::ModbusAscii { .. } | Transport::ModbusAsciiOverTcp
+        );
         let (slice, shared) = (profile.buses[bus].timeout / WallTimeout::SLICES, self.shared.clone());
         (
             gate,
             Arc::new(Line {
                 units,
                 framing,
+                is_ascii,
                 unknown_unit,
                 slice,
                 serial_side: SerialSide::default(),

@@ -1,6 +1,6 @@
 //! Types of bus. Each has a folder with its requests, its connection, its faults and its description, a [`BusKind`].
 //!
-//! - [`modbus`] — Modbus TCP, also inside TLS; Modbus RTU on a serial port or through TCP.
+//! - [`modbus`] — Modbus TCP, also inside TLS; Modbus RTU and ASCII on a serial port or through TCP.
 //! - [`can`] — a CAN interface of this computer, with CANopen.
 //! - [`opcua`] — an OPC UA server; the connection is built by feature.
 //! - [`sysfs`] — sensors of this computer, each read on a separate thread.
@@ -22,10 +22,12 @@ use kind::BusKind;
 pub use target::baud;
 
 /// All types of bus, in the order in which messages list their addresses.
-pub const KINDS: [&BusKind; 8] = [
+pub const KINDS: [&BusKind; 10] = [
     &modbus::TCP,
     &modbus::SERIAL,
     &modbus::RTU_OVER_TCP,
+    &modbus::ASCII,
+    &modbus::ASCII_OVER_TCP,
     &opcua::KIND,
     &sysfs::KIND,
     &can::KIND,
@@ -39,6 +41,8 @@ pub const fn of(transport: Transport) -> &'static BusKind {
         Transport::Tcp => &modbus::TCP,
         Transport::RtuOverTcp => &modbus::RTU_OVER_TCP,
         Transport::Serial(_) => &modbus::SERIAL,
+        Transport::ModbusAscii { .. } => &modbus::ASCII,
+        Transport::ModbusAsciiOverTcp => &modbus::ASCII_OVER_TCP,
         Transport::Can => &can::KIND,
         Transport::OpcUa => &opcua::KIND,
         Transport::Sysfs => &sysfs::KIND,

@@ -8,6 +8,7 @@ mod support;
 mod fairness;
 mod interop;
 mod line;
+mod modbus_ascii;
 #[cfg(feature = "opcua")]
 mod opcua;
 mod pipeline;

@@ -113,7 +113,7 @@ fn a_line_is_a_port_or_a_serial_server() {
     no_text("data_bits = 7", "data_bits = 6", "bus.gauges.data_bits", "6", &["7", "8"]);
     no_text("data_bits = 7", "late = \"5s\"", "bus.gauges.late", "late", &["with writes"]);
     let error = only_error(&with_data_bits(), "bus.cell.data_bits", "data_bits");
-    assert!(error.to_string().contains("only for a serial-ascii line"), "{error}");
+    assert!(error.to_string().contains("only for a serial-ascii or modbus-ascii line"), "{error}");
 }
 
 /// The grinder with data bits on a line over TCP.

@@ -4,6 +4,7 @@
 //! scaling. Some modules send −512 for an open circuit, which would scale to a plausible −32.0 °C.
 
 mod address;
+mod ascii;
 mod bits;
 mod can;
 mod checksum;
@@ -21,6 +22,7 @@ mod scale;
 mod text;
 
 pub use address::{Address, Register, Table};
+pub use ascii::{AsciiFrames, ascii_frame};
 pub use bits::{BitField, BitKind, ByteOrder};
 pub use can::{CanId, CanMatch, Frame};
 pub use checksum::checksum;

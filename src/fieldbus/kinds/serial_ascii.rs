@@ -18,11 +18,11 @@ mod search;
 pub mod wire;
 
 use super::kind::{BusKind, LinePlace, ScanKind, VirtualLine};
-use super::target::{host, serial};
+use super::target::{host, profile_lines, serial_with_data_bits};
 use crate::fieldbus::connection::Dial;
 use crate::fieldbus::error::{Fault, PeerFault};
 use crate::fieldbus::serial::place;
-use isotherm_profile::{Bus, Serial, Transport};
+use isotherm_profile::{Bus, Transport};
 
 /// Beginning of the address of a serial port.
 const SCHEME: &str = "ascii://";
@@ -34,17 +34,15 @@ pub const SERIAL: BusKind = BusKind {
     word: "serial-ascii",
     address_key: "port",
     settings: |transport| match transport {
-        Transport::Ascii { serial: Serial { baud, parity, stop_bits }, data_bits } => {
-            let parity = parity.word();
-            format!(
-                "baud = {baud}\ndata_bits = {data_bits}\nparity = \"{parity}\"\nstop_bits = {stop_bits}\n"
-            )
-        }
+        Transport::Ascii { serial, data_bits } => profile_lines(serial, data_bits),
         _ => String::new(),
     },
     example: Some("ascii:///dev/ttyUSB0?baud=9600&data_bits=7&parity=even"),
-    parse: |text| Some(serial_port(text.strip_prefix(SCHEME)?)),
-    shown: |transport, address| match transport.ascii_settings() {
+    parse: |text| {
+        let found = serial_with_data_bits(text.strip_prefix(SCHEME)?, SCHEME, 8);
+        Some(found.map(|(serial, data_bits, path)| (Transport::Ascii { serial, data_bits }, path)))
+    },
+    shown: |transport, address| match transport.port_settings() {
         Some(settings) => format!("{address} at {settings}"),
         None => address.to_owned(),
     },
@@ -84,26 +82,6 @@ const SCAN: ScanKind = ScanKind::Other {
 
 fn dial(bus: &Bus) -> Option<Box<dyn Dial>> {
     Some(Box::new(dial::TextDial::new(bus)?))
-}
-
-/// Parses the path of a serial port with its settings.
-fn serial_port(text: &str) -> Result<(Transport, String), String> {
-    let (path, settings) = text.split_once('?').unwrap_or((text, ""));
-    let mut data_bits = 8;
-    let mut others = Vec::new();
-    for setting in settings.split('&') {
-        match setting.strip_prefix("data_bits=") {
-            None => others.push(setting),
-            Some("7") => data_bits = 7,
-            Some("8") => data_bits = 8,
-            Some(_) => return Err(format!("`{setting}`: allowed: 7, 8")),
-        }
-    }
-    let found = serial(&format!("{path}?{}", others.join("&")));
-    let (serial, path) = found.map_err(|why| {
-        why.replace("rtu://", SCHEME).replace("allowed: baud, parity", "allowed: baud, data_bits, parity")
-    })?;
-    Ok((Transport::Ascii { serial, data_bits }, path))
 }
 
 /// Returns the remedy for a fault of a device that sends text.

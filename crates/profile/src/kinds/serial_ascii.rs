@@ -158,5 +158,5 @@ fn preview(profile: &Profile, bus: BusId) -> Vec<(&'static str, Section)> {
         entries!(section, settings);
         ("serial", section)
     };
-    profile.bus(bus).transport.ascii_settings().map(described).into_iter().collect()
+    profile.bus(bus).transport.port_settings().map(described).into_iter().collect()
 }

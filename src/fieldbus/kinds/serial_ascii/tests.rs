@@ -1,5 +1,5 @@
 use super::*;
-use isotherm_profile::Parity;
+use isotherm_profile::{Parity, Serial};
 
 #[test]
 fn an_address_has_the_settings_of_its_port() {

@@ -14,8 +14,8 @@ const LONGEST_LATE: Duration = Duration::from_mins(10);
 const OWNERS: [(&[&str], &str); 8] = [
     (&["address"], "a TCP line"),
     (&["late"], "a line with writes"),
-    (&["port", "baud", "parity", "stop_bits"], "a modbus-rtu or serial-ascii line"),
-    (&["data_bits"], "a serial-ascii line"),
+    (&["port", "baud", "parity", "stop_bits"], "a line with a serial port"),
+    (&["data_bits"], "a serial-ascii or modbus-ascii line"),
     (&["tls", "pipeline"], "a modbus-tcp line"),
     (&["interface", "sync"], "a can line"),
     (&["security", "user", "cert", "key", "trusted"], "an opcua line"),

@@ -17,6 +17,7 @@ pub(crate) enum BusType {
     ModbusTcp,
     ModbusRtu,
     ModbusRtuOverTcp,
+    ModbusAscii,
     Can,
     #[serde(rename = "opcua")]
     OpcUa,
@@ -33,6 +34,15 @@ pub enum Transport {
     RtuOverTcp,
     /// Modbus RTU on a serial port of this computer.
     Serial(Serial),
+    /// Modbus ASCII on a serial port of this computer.
+    ModbusAscii {
+        /// Settings of the port.
+        serial: Serial,
+        /// Data bits of each character, 7 or 8.
+        data_bits: u8,
+    },
+    /// Frames of Modbus ASCII over a TCP connection.
+    ModbusAsciiOverTcp,
     /// A CAN interface of this computer.
     Can,
     /// An OPC UA server.
@@ -56,14 +66,24 @@ impl Transport {
         matches!(self, Transport::Can)
     }
 
-    /// Settings of the serial port. `None` if the transport has none.
+    /// Settings of the serial port of a Modbus line, with the times of RTU frames. `None` if the transport has none.
     pub const fn serial(self) -> Option<Serial> {
-        if let Transport::Serial(serial) = self { Some(serial) } else { None }
+        match self {
+            Transport::Serial(serial) => Some(serial),
+            Transport::ModbusAscii { serial, .. } => Some(serial.for_ascii()),
+            _ => None,
+        }
     }
 
-    /// Settings of a serial port with text, for example `9600 baud 7E2`. `None` for any other transport.
-    pub fn ascii_settings(self) -> Option<String> {
-        let Transport::Ascii { serial, data_bits } = self else { return None };
+    /// Settings of a serial port, for example `9600 baud 7E2`. `None` if the transport has none.
+    pub fn port_settings(self) -> Option<String> {
+        let (serial, data_bits) = match self {
+            Transport::Serial(serial) => (serial, 8),
+            Transport::Ascii { serial, data_bits } | Transport::ModbusAscii { serial, data_bits } => {
+                (serial, data_bits)
+            }
+            _ => return None,
+        };
         // `Serial` formats the eight data bits of Modbus RTU.
         Some(serial.to_string().replacen(" 8", &format!(" {data_bits}"), 1))
     }
@@ -74,6 +94,7 @@ impl Transport {
             Transport::Tcp => BusType::ModbusTcp,
             Transport::RtuOverTcp => BusType::ModbusRtuOverTcp,
             Transport::Serial(_) => BusType::ModbusRtu,
+            Transport::ModbusAscii { .. } | Transport::ModbusAsciiOverTcp => BusType::ModbusAscii,
             Transport::Can => BusType::Can,
             Transport::OpcUa => BusType::OpcUa,
             Transport::Sysfs => BusType::Sysfs,
@@ -85,10 +106,14 @@ impl Transport {
     /// delay a write.
     pub fn late(self, timeout: Duration) -> Duration {
         match self {
-            Transport::Serial(_) => timeout.saturating_mul(LATE_TIMEOUTS),
+            Transport::Serial(_) | Transport::ModbusAscii { .. } => timeout.saturating_mul(LATE_TIMEOUTS),
             // Nothing is written to these lines.
             Transport::Sysfs | Transport::Ascii { .. } | Transport::AsciiOverTcp => timeout,
-            Transport::Tcp | Transport::RtuOverTcp | Transport::Can | Transport::OpcUa => LATE.max(timeout),
+            Transport::Tcp
+            | Transport::RtuOverTcp
+            | Transport::ModbusAsciiOverTcp
+            | Transport::Can
+            | Transport::OpcUa => LATE.max(timeout),
         }
     }
 }
