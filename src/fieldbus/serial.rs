@@ -36,8 +36,8 @@ pub struct SerialPort {
 /// Content of the bytes on a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Content {
-    /// Frames with a checksum: eight data bits. A character with a wrong parity bit is discarded, so that its frame has a
-    /// wrong checksum and length.
+    /// Frames with a checksum: eight data bits. A character with a wrong parity bit is discarded, so that its frame has
+    /// a wrong checksum and length.
     Frames,
     /// Text with this number of data bits. A character with a wrong parity bit is passed as zero, because a number
     /// without one of its digits would be another number.

@@ -1,7 +1,7 @@
 //! Modbus TCP, also inside TLS, and Modbus RTU and ASCII on a serial port or through TCP.
 //!
-//! - [`tcp`] — frames of Modbus TCP; [`rtu`] — frames of a serial line; [`ascii`] — those of Modbus ASCII as frames of RTU. The private module `pdu` builds and checks the
-//!   content of both.
+//! - [`tcp`] — frames of Modbus TCP; [`rtu`] — frames of a serial line. The private module `pdu` builds and checks the
+//!   content of both. [`ascii`] — a port whose frames of Modbus ASCII become frames of RTU.
 //! - [`pending_replies`] — late replies that a unit may still send after a timeout, and requests that are safe
 //!   meanwhile.
 //! - [`reply_signature`] — what distinguishes the answers to two requests; `order_check` — whether the answers of a

@@ -58,8 +58,8 @@ pub(super) fn serial(text: &str) -> Result<(Serial, String), String> {
     Ok((serial, path.to_owned()))
 }
 
-/// Returns the settings of a serial port with 7 or 8 data bits, the data bits, and its path. `data_bits` is their default,
-/// and `scheme` the beginning of the address in messages.
+/// Returns the settings of a serial port with 7 or 8 data bits, the data bits, and its path. `data_bits` is their
+/// default, and `scheme` the beginning of the address in messages.
 pub(super) fn serial_with_data_bits(
     text: &str,
     scheme: &str,

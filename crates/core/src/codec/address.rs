@@ -1,5 +1,5 @@
-//! Addresses of values: registers, CANopen objects, CAN frames, nodes of an OPC UA server, sensors of this computer, and
-//! texts.
+//! Addresses of values: registers, CANopen objects, CAN frames, nodes of an OPC UA server, sensors of this computer,
+//! and texts.
 //!
 //! Registers have two notations: `input:0` (protocol address, zero-based) and `30001` (Modicon number, one-based).
 

@@ -59,8 +59,9 @@ pub struct AsciiFrames {
 }
 
 impl AsciiFrames {
-    /// Adds received characters. Appends the frames that are complete to `rtu`. An invalid frame becomes noise of
-    /// its length, and a character outside of frames one byte of noise. The highest bit of a character is ignored, because it may be a parity bit.
+    /// Adds received characters. Appends the frames that are complete to `rtu`. An invalid frame becomes noise of its
+    /// length, and a character outside of frames one byte of noise. The highest bit of a character is ignored, because
+    /// it may be a parity bit.
     pub fn push(&mut self, characters: &[u8], rtu: &mut Vec<u8>) {
         for character in characters {
             match character & 0x7f {

@@ -73,8 +73,8 @@ impl Serial {
         Duration::from_secs(1) * 77 / (2 * self.baud.max(1))
     }
 
-    /// Returns the settings with which the times of RTU frames are at least those of ASCII frames with the same content.
-    /// An ASCII frame has two characters for each byte, and one more.
+    /// Returns settings with which the times of RTU frames are at least those of ASCII frames with the same content. An
+    /// ASCII frame has two characters for each byte, and one more.
     pub const fn for_ascii(self) -> Serial {
         Serial { baud: self.baud / 5 * 2 + 1, ..self }
     }
