@@ -1,7 +1,8 @@
-//! Target for lines of text: the pattern and the request of a profile, and the bytes of a device.
+//! Target for lines of text and frames of Modbus ASCII: the pattern and the request of a profile, and the bytes of a
+//! device.
 
 use isotherm::fieldbus::kinds::serial_ascii::lines::{LONGEST, LineBuffer};
-use isotherm_core::codec::{TextPattern, with_sum};
+use isotherm_core::codec::{AsciiFrames, TextPattern, with_sum};
 
 /// Parses a pattern and a request, and reads the bytes of a device. The three parts are separated by zeros.
 pub(crate) fn text(data: &[u8]) {
@@ -12,6 +13,9 @@ pub(crate) fn text(data: &[u8]) {
     {
         assert!(!sent.contains(['{', '}']), "{request:?} became {sent:?}");
     }
+    let mut rtu = Vec::new();
+    AsciiFrames::default().push(bytes, &mut rtu);
+    assert!(rtu.len() <= bytes.len(), "{bytes:?} became {rtu:?}");
     let pattern = std::str::from_utf8(pattern).ok().and_then(|text| text.parse::<TextPattern>().ok());
     let mut buffer = LineBuffer::new(if request.len().is_multiple_of(2) { 8 } else { 7 });
     if pattern.is_some() {
