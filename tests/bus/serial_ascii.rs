@@ -18,6 +18,8 @@ use isotherm::virtual_machine::{FaultScript, Ports, Setup, VirtualMachine};
 use isotherm_core::reading::Reason;
 use isotherm_profile::{BusId, DeviceId, Profile, Transport};
 
+use crate::support::process::{Running, file, free_port, isotherm};
+
 const OVER_A_PORT: &str =
     "port = \"/dev/isotherm-none\"\nbaud = 9600\ndata_bits = 7\nparity = \"even\"\nstop_bits = 2";
 const THROUGH_TCP: &str = "address = \"127.0.0.1:4001\"";
@@ -54,8 +56,12 @@ text   = "Z={number.4} mm"
 unit   = "mm"
 "#;
 
+fn text(line: &str, device: &str) -> String {
+    format!("[machine]\nname = \"text\"\n[bus.gauges]\ntype = \"serial-ascii\"\n{line}\n{device}")
+}
+
 fn profile(line: &str, device: &str) -> Profile {
-    let text = format!("[machine]\nname = \"text\"\n[bus.gauges]\ntype = \"serial-ascii\"\n{line}\n{device}");
+    let text = text(line, device);
     let loaded = isotherm_profile::parse(Path::new("text.toml"), &text, &[], &[]);
     loaded.unwrap_or_else(|errors| panic!("{errors}")).profile
 }
@@ -185,4 +191,27 @@ async fn a_scan_shows_the_text_of_a_readout_and_the_name_of_a_module() {
     let report = scanned(&bench).await;
     assert!(report.text.contains("DCON module 7018 at address 04"), "{}", report.text);
     bench.machine.stop().await.unwrap();
+}
+
+#[test]
+fn the_verbs_read_a_virtual_module() {
+    let home = tempfile::tempdir().unwrap();
+    let line = format!("address = \"127.0.0.1:{}\"", free_port());
+    let profile = file(home.path(), "text.toml", &text(&line, MODULE));
+    let mut devices = isotherm(home.path());
+    let mut devices = Running::start(devices.arg("virtual").arg(&profile));
+    devices.receives("stop with Ctrl-C");
+    let read = isotherm(home.path()).arg("read").arg(&profile).arg("--json").output().unwrap();
+    let said = String::from_utf8_lossy(&read.stdout);
+    assert!(read.status.success(), "{said}\n{}", String::from_utf8_lossy(&read.stderr));
+    let document: serde_json::Value = serde_json::from_str(&said).unwrap();
+    let signals = document["signals"].as_array().unwrap();
+    let is_warm = |signal: &serde_json::Value| {
+        signal["value"].as_f64().is_some_and(|value| (10.0..40.0).contains(&value))
+    };
+    assert!(signals.len() == 2 && signals.iter().all(is_warm), "{said}");
+    let check = isotherm(home.path()).arg("check").arg(&profile).arg("--online").output().unwrap();
+    let said = String::from_utf8_lossy(&check.stdout);
+    assert!(check.status.success(), "{said}\n{}", String::from_utf8_lossy(&check.stderr));
+    assert!(said.contains("send \"#04") && said.contains("receive 2 texts"), "{said}");
 }

@@ -58,7 +58,7 @@ fn a_sylvac_gauge_is_read_with_the_decimals_of_millimetres() {
 #[test]
 fn a_dcon_module_is_read_by_its_address_with_and_without_a_checksum() {
     let device = |variant| format!("template = \"icp-das-i7018-dcon\"\nvariant = \"{variant}\"\nunit = 4");
-    let plain = signal(&device("plain"), "3");
+    let plain = signal(&device("checksum-off"), "3");
     assert_eq!(request(&plain), "#04\r");
     let line = ">+05.123+04.153+07.234-02.356+10.000-05.133+02.345+08.234";
     assert_eq!(read(&plain, line), Ok((-2.356, true)));
@@ -67,12 +67,13 @@ fn a_dcon_module_is_read_by_its_address_with_and_without_a_checksum() {
         Ok((9999.9, false))
     );
     assert_eq!(read(&plain, "?04"), Err(Reason::BadReply));
-    let summed = signal(&device("checksum"), "0");
+    let summed = signal(&device("checksum-on"), "0");
     assert_eq!(request(&summed), "#0487\r", "0x23 + 0x30 + 0x34");
     assert_eq!(read(&summed, line), Err(Reason::Checksum));
     let answer = summed.signals[0].address.text().unwrap().pattern.line(25.0);
     assert_eq!(read(&summed, &answer), Ok((25.0, true)));
     let rest = "[signal.s]\ndevice = \"d\"\nchannel = 0\n";
-    let refused = on_text("template = \"icp-das-i7018-dcon\"\nvariant = \"plain\"", rest).err().unwrap();
+    let refused =
+        on_text("template = \"icp-das-i7018-dcon\"\nvariant = \"checksum-off\"", rest).err().unwrap();
     assert!(refused.to_string().contains("the address of `d`, which states none"), "{refused}");
 }
