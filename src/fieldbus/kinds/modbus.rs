@@ -28,7 +28,7 @@ use super::kind::{BusKind, LinePlace, ScanKind, VirtualLine};
 use super::target::{host, profile_lines, serial, serial_with_data_bits};
 use crate::fieldbus::connection::Dial;
 use crate::fieldbus::serial::place;
-use isotherm_profile::{Bus, Serial, Transport};
+use isotherm_profile::{Bus, Parity, Serial, Transport};
 
 /// Default port of Modbus TCP.
 const PORT: u16 = 502;
@@ -117,7 +117,12 @@ pub const ASCII: BusKind = BusKind {
     example: Some("modbus-ascii:///dev/ttyUSB0?baud=9600&data_bits=7&parity=even"),
     parse: |text| {
         let found = serial_with_data_bits(text.strip_prefix(ASCII_SCHEME)?, ASCII_SCHEME, 7);
-        Some(found.map(|(serial, data_bits, path)| (Transport::ModbusAscii { serial, data_bits }, path)))
+        let found = found.map(|(serial, data_bits, path)| {
+            // The default parity is that of Modbus ASCII.
+            let parity = if text.contains("parity=") { serial.parity } else { Parity::Even };
+            (Transport::ModbusAscii { serial: Serial { parity, ..serial }, data_bits }, path)
+        });
+        Some(found)
     },
     shown: |transport, address| match transport.port_settings() {
         Some(settings) => format!("{address} at {settings}"),
