@@ -39,8 +39,8 @@ enum Content {
     /// Frames with a checksum: eight data bits. A character with a wrong parity bit is discarded, so that its frame has
     /// a wrong checksum and length.
     Frames,
-    /// Text with this number of data bits. A character with a wrong parity bit is passed as zero, because a number
-    /// without one of its digits would be another number.
+    /// Text with this number of data bits. A character with a wrong parity or stop bit is passed as zero, because a
+    /// number without one of its digits would be another number.
     Text { data_bits: u8 },
 }
 
@@ -54,7 +54,7 @@ impl SerialPort {
     }
 
     /// Opens a port for text with 7 or 8 data bits, otherwise as [`SerialPort::open`]. A character with a wrong parity
-    /// bit is passed as zero.
+    /// or stop bit is passed as zero.
     ///
     /// # Errors
     /// The reason why the port cannot be opened.
@@ -129,14 +129,14 @@ fn set_up(port: &File, settings: Serial, content: Content) -> rustix::io::Result
     if settings.stop_bits == 2 {
         termios.control_modes |= ControlModes::CSTOPB;
     }
-    // Without IGNPAR, a character with a wrong parity or stop bit is passed as zero.
-    if content != Content::Frames {
-        termios.input_modes -= InputModes::IGNPAR;
-    }
-    if settings.parity != Parity::None {
-        termios.input_modes |= InputModes::INPCK;
-        if content == Content::Frames {
-            termios.input_modes |= InputModes::IGNPAR;
+    match content {
+        Content::Frames if settings.parity == Parity::None => {}
+        Content::Frames => termios.input_modes |= InputModes::INPCK | InputModes::IGNPAR,
+        // With INPCK and without IGNPAR, a character with a wrong parity or stop bit is passed as zero. Stop bits are
+        // only checked with INPCK, also on a port without parity.
+        Content::Text { .. } => {
+            termios.input_modes -= InputModes::IGNPAR;
+            termios.input_modes |= InputModes::INPCK;
         }
     }
     termios.special_codes[SpecialCodeIndex::VMIN] = 1;
