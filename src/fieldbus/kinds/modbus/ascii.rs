@@ -1,7 +1,7 @@
 //! Port with frames of Modbus ASCII, which the code for RTU uses as a port with frames of RTU.
 //!
 //! Thus late answers, echoes, other masters and unanswered writes have the same rules as on an RTU line. Each write to
-//! the port is one whole frame.
+//! the port is one whole frame, followed by a flush.
 
 use std::io;
 use std::pin::Pin;
@@ -91,10 +91,10 @@ impl<P: Port> AsyncRead for AsciiPort<P> {
 }
 
 impl<P: Port> AsyncWrite for AsciiPort<P> {
-    /// Accepts one frame of RTU. The flush after it sends the characters.
-    fn poll_write(self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
+    /// Accepts one frame of RTU. The flush after it sends the characters. An earlier frame that is still unsent was
+    /// given up, and is never sent. The colon of the new frame ends a part of it that was sent.
+    fn poll_write(self: Pin<&mut Self>, _: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
         let this = self.get_mut();
-        ready!(this.poll_send(context))?;
         this.unsent = ascii_frame(bytes);
         Poll::Ready(Ok(bytes.len()))
     }
@@ -105,9 +105,10 @@ impl<P: Port> AsyncWrite for AsciiPort<P> {
         Pin::new(&mut this.port).poll_flush(context)
     }
 
+    /// Ends the stream without a frame that is still unsent.
     fn poll_shutdown(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
         let this = self.get_mut();
-        ready!(this.poll_send(context))?;
+        this.unsent.clear();
         Pin::new(&mut this.port).poll_shutdown(context)
     }
 }

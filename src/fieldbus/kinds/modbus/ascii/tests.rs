@@ -96,3 +96,24 @@ async fn input_that_waits_is_taken_as_frames() {
     drop(theirs);
     assert_eq!(port.take_waiting(&mut bytes).unwrap(), 0);
 }
+
+#[tokio::test(start_paused = true)]
+async fn a_frame_that_was_given_up_is_never_sent() {
+    let rtu = |content: &[u8]| [content, &checksum(content).to_le_bytes()].concat();
+    let (write, read) = (rtu(&[3, 6, 0, 4, 0, 9]), rtu(&[2, 7]));
+    // The other end takes four characters, and then none.
+    let (ours, mut theirs) = duplex(4);
+    let mut port = AsciiPort::new(ours);
+    let sends = async {
+        port.write_all(&write).await.unwrap();
+        port.flush().await.unwrap();
+    };
+    assert_eq!(WallTimeout::new().within(Duration::from_secs(1), sends).await, None);
+    let sends = async move {
+        port.write_all(&read).await.unwrap();
+        port.flush().await.unwrap();
+    };
+    let mut characters = Vec::new();
+    let (received, ()) = tokio::join!(theirs.read_to_end(&mut characters), sends);
+    assert_eq!((received.unwrap(), String::from_utf8(characters).unwrap().as_str()), (13, ":030:0207F7\r\n"));
+}
