@@ -2,7 +2,8 @@
 //!
 //! A text names no request. If an answer is late, the next request with the same text may receive it. Answers arrive in
 //! the order of their requests, so the age of a value counts from the oldest open request. A request with another text
-//! waits until no answer can arrive any more.
+//! waits until no answer can arrive any more. So does the first request on a new connection: the beginning of an answer
+//! may have arrived on the old one, and its rest would be another number.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -19,11 +20,19 @@ pub struct PendingAnswers {
 impl PendingAnswers {
     /// Returns how long a request with this text must wait. Answers that are later than `span` are no longer expected.
     pub fn wait_before(&mut self, request: &str, now: Moment, span: Duration) -> Duration {
+        let wait = self.wait_for_all(now, span);
+        if self.request == request { Duration::ZERO } else { wait }
+    }
+
+    /// Returns how long an answer may still arrive. Answers that are later than `span` are no longer expected.
+    pub fn wait_for_all(&mut self, now: Moment, span: Duration) -> Duration {
         self.asked.retain(|asked| now.since(*asked) < span);
-        match self.asked.back() {
-            Some(last) if self.request != request => last.after(span).since(now),
-            _ => Duration::ZERO,
-        }
+        self.asked.back().map_or(Duration::ZERO, |last| last.after(span).since(now))
+    }
+
+    /// Records that the line has waited until no answer can arrive any more.
+    pub fn expire(&mut self) {
+        self.asked.clear();
     }
 
     /// Records a request that is sent now. A request with another text ends the wait for earlier answers.
@@ -81,5 +90,17 @@ mod tests {
         pending.sent("#02\r", at(4100));
         assert_eq!(pending.answered(), Some(at(4100)));
         assert!(!pending.is_open());
+    }
+
+    #[test]
+    fn a_new_connection_waits_until_no_answer_can_arrive() {
+        let mut pending = PendingAnswers::default();
+        assert_eq!(pending.wait_for_all(at(1000), SPAN), Duration::ZERO);
+        pending.sent("#01\r", at(1000));
+        assert_eq!(pending.wait_for_all(at(2500), SPAN), Duration::from_millis(500));
+        assert_eq!(pending.wait_before("#01\r", at(2500), SPAN), Duration::ZERO);
+        pending.expire();
+        pending.sent("#01\r", at(3000));
+        assert_eq!(pending.answered(), Some(at(3000)), "the age counts from the only request");
     }
 }

@@ -56,6 +56,19 @@ impl TextPort {
         Ok(discarded)
     }
 
+    /// Discards everything that arrives within `span`.
+    pub(super) async fn discard_for(&mut self, span: Duration) -> Result<(), Fault> {
+        let begun = Silence::begin();
+        loop {
+            let left = begun.left_of(span);
+            if left.is_zero() || !self.receive(left).await? {
+                break;
+            }
+            self.lines.discard();
+        }
+        self.discard().await.map(|_| ())
+    }
+
     /// Waits until nothing has arrived for `span`, for at most `most`. Returns whether the line became silent; the next
     /// character then begins a line.
     pub(super) async fn wait_for_silence(&mut self, span: Duration, most: Duration) -> Result<bool, Fault> {

@@ -4,6 +4,9 @@
 //! on request        discard ─► silence ─► send ─► lines until each value was found, or until the timeout
 //! by itself         discard ─► the next whole lines
 //! ```
+//!
+//! A new connection may begin with old text, or with the rest of an answer. The text is discarded, and no request is
+//! sent before the answers to earlier requests can no longer arrive.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -31,13 +34,19 @@ const LAST_LINE: Duration = Duration::from_millis(200);
 const OWN: Duration = Duration::from_millis(250);
 /// Assumed length of an answer in characters, for its time on a serial line.
 const ANSWER: usize = 80;
+/// Number of waiting characters that the system may hand over in several parts. A port keeps 4096.
+const BACKLOG: usize = 2048;
+/// Time in which the rest of old text arrives: from the system, or from a serial server that has kept it.
+const CATCH_UP: Duration = Duration::from_millis(50);
 
-/// Whether the line was silent since its last answer.
+/// State of a connection: which text may still arrive that was not asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum LineState {
-    /// The connection is new: a device may be sending.
+    /// The connection is new: a device may be sending, and old text may arrive.
     New,
-    /// The last line was received up to its end.
+    /// Old text was discarded. A device may be sending.
+    CaughtUp,
+    /// The line was silent before a request.
     Silent,
 }
 
@@ -79,7 +88,14 @@ impl TextWire {
     ) -> Result<Answer, Fault> {
         let text = request.text();
         if text.is_empty() {
-            self.port.discard().await?;
+            let discarded = self.port.discard().await?;
+            let is_new = self.state == LineState::New;
+            if is_new || discarded.characters >= BACKLOG {
+                self.port.discard_for(CATCH_UP).await?;
+            }
+            if is_new {
+                self.state = LineState::CaughtUp;
+            }
             send_guard.leave()?;
         } else {
             self.make_ready(text, send_guard.now()).await?;
@@ -110,15 +126,20 @@ impl TextWire {
         Ok(())
     }
 
-    /// Waits until this request may be sent: no answer to a request with another text may arrive any more, and the line
-    /// is silent.
+    /// Waits until this request may be sent: no answer to a request with another text, or on an earlier connection, may
+    /// arrive any more, and the line is silent.
     async fn make_ready(&mut self, text: &str, now: Moment) -> Result<(), Fault> {
         let discarded = self.port.discard().await?;
         // Several lines may be one answer.
         if discarded.lines > 0 {
             self.pending().answered();
         }
-        let wait = self.pending().wait_before(text, now, 2 * self.timeout + self.under_way(text));
+        let (span, is_new) = (2 * self.timeout + self.under_way(text), self.state != LineState::Silent);
+        let wait = if is_new {
+            self.pending().wait_for_all(now, span)
+        } else {
+            self.pending().wait_before(text, now, span)
+        };
         let begun = Silence::begin();
         let mut has_waited = false;
         while !begun.left_of(wait).is_zero() {
@@ -132,7 +153,10 @@ impl TextWire {
                 break;
             }
         }
-        if self.state == LineState::New || discarded.characters > 0 || has_waited {
+        if has_waited {
+            self.pending().expire();
+        }
+        if is_new || discarded.characters > 0 || has_waited {
             // Some characters more than a pause inside a line.
             let span = SILENCE + self.serial.map_or(Duration::ZERO, |serial| serial.bytes(4));
             if !self.port.wait_for_silence(span, self.timeout).await? {

@@ -25,6 +25,13 @@ fn wire() -> (TextWire, DuplexStream) {
     (TextWire::new(port, 8, TIMEOUT, &Tap::default()), peer)
 }
 
+/// Returns a line with a long timeout, so that a busy computer does not change which answers may still arrive.
+fn patient_wire(pending: &Arc<Mutex<PendingAnswers>>) -> (TextWire, DuplexStream) {
+    let (port, peer) = tokio::io::duplex(4096);
+    let port = TextPort::new(port, 8, &Tap::default());
+    (TextWire::of(port, None, Duration::from_mins(5), pending.clone()), peer)
+}
+
 fn texts(request: &str, patterns: &[&str]) -> Vec<TextValue> {
     let value = |pattern: &&str| TextValue { request: request.to_owned(), pattern: pattern.parse().unwrap() };
     patterns.iter().map(value).collect()
@@ -97,7 +104,7 @@ async fn text_that_arrived_before_the_read_is_not_used() {
 
 #[tokio::test(start_paused = true)]
 async fn the_late_answer_of_one_module_is_not_that_of_another() {
-    let (mut wire, mut peer) = wire();
+    let (mut wire, mut peer) = patient_wire(&Arc::default());
     let (first, second) = (texts("#01\r", &[">{number}"]), texts("#02\r", &[">{number}"]));
     assert_eq!(read(&mut wire, &first).await, Err(Fault::Timeout));
     let late = async {
@@ -112,7 +119,7 @@ async fn the_late_answer_of_one_module_is_not_that_of_another() {
 
 #[tokio::test(start_paused = true)]
 async fn the_age_of_a_late_answer_counts_from_its_own_request() {
-    let (mut wire, mut peer) = wire();
+    let (mut wire, mut peer) = patient_wire(&Arc::default());
     let texts = texts("#01\r", &[">{number}"]);
     assert_eq!(read(&mut wire, &texts).await, Err(Fault::Timeout));
     let between = Clock::wall().now();
@@ -124,6 +131,58 @@ async fn the_age_of_a_late_answer_counts_from_its_own_request() {
     let found = tokio::join!(answer(&mut wire, &texts), second).0;
     let Ok(Answer::Nodes(nodes)) = found else { panic!("{found:?}") };
     assert!(nodes[0].asked.is_some(), "an answer may still be missing: {nodes:?}");
+}
+
+/// The line opens the port again after a timeout. Without a wait, `12.5` would be a value.
+#[tokio::test(start_paused = true)]
+async fn the_rest_of_an_answer_on_a_new_connection_is_no_value() {
+    let pending = Arc::default();
+    let texts = texts("#01\r", &["{number}"]);
+    let (mut wire, mut peer) = patient_wire(&pending);
+    let half = answers(&mut peer, "#01\r", "-1");
+    assert_eq!(tokio::join!(read(&mut wire, &texts), half).0, Err(Fault::Timeout));
+    let (mut wire, mut peer) = patient_wire(&pending);
+    let rest = async {
+        sleep(Duration::from_secs(2)).await;
+        peer.write_all(b"12.5\r").await.unwrap();
+        answers(&mut peer, "#01\r", "-112.5\r").await;
+    };
+    let found = tokio::join!(answer(&mut wire, &texts), rest).0;
+    let Ok(Answer::Nodes(nodes)) = found else { panic!("{found:?}") };
+    assert_eq!(nodes[0].value, Ok(DataType::F64.encode((-112.5_f64).to_bits())));
+    assert!(nodes[0].asked.is_some() && !pending.lock().unwrap().is_open(), "{nodes:?}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn text_that_a_serial_server_has_kept_is_not_used() {
+    let (mut wire, mut peer) = wire();
+    let texts = texts("", &["{number} mm"]);
+    let sends = async {
+        sleep(Duration::from_millis(20)).await;
+        peer.write_all(b"5.0 mm\r\n+1.0 mm\r\n+1.1 mm\r\n").await.unwrap();
+        sleep(Duration::from_millis(200)).await;
+        peer.write_all(b"+2.0 mm\r\n").await.unwrap();
+    };
+    assert_eq!(tokio::join!(read(&mut wire, &texts), sends).0, Ok(vec![Ok(2.0)]));
+    // The system hands over a long backlog in parts.
+    peer.write_all(&b"+2.1 mm\r\n".repeat(350)).await.unwrap();
+    let sends = async {
+        sleep(Duration::from_millis(20)).await;
+        peer.write_all(b"+2.2 mm\r\n+2.3 mm\r\n").await.unwrap();
+        sleep(Duration::from_millis(200)).await;
+        peer.write_all(b"+3.0 mm\r\n").await.unwrap();
+    };
+    assert_eq!(tokio::join!(read(&mut wire, &texts), sends).0, Ok(vec![Ok(3.0)]));
+}
+
+/// One line has a device that sends by itself and one that answers requests.
+#[tokio::test(start_paused = true)]
+async fn the_first_answer_after_text_without_a_request_is_used() {
+    let (mut wire, mut peer) = wire();
+    assert_eq!(read(&mut wire, &texts("", &["{number} mm"])).await, Err(Fault::Timeout));
+    let module = texts("#01\r", &[">{number}"]);
+    let sends = answers(&mut peer, "#01\r", ">+1.5\r");
+    assert_eq!(tokio::join!(read(&mut wire, &module), sends).0, Ok(vec![Ok(1.5)]));
 }
 
 #[tokio::test(start_paused = true)]
