@@ -38,8 +38,15 @@ fn a_heidenhain_readout_is_read_in_millimetres_only() {
     let profile = signal("template = \"heidenhain-nd-281b\"", "\"position\"");
     assert_eq!((request(&profile), profile.signals[0].unit.0), ("\u{2}", "mm"));
     assert_eq!(read(&profile, "-      5.23  =A"), Ok((-5.23, true)));
-    assert_eq!(read(&profile, "+    123.4567    "), Ok((123.4567, true)));
-    for line in ["-      5.23 \"=A", "-      5.23 ?  ", "FORMAT.ERR.", "-      5.23  =", "\u{2}+123456789"] {
+    assert_eq!(read(&profile, "+  123.4567    "), Ok((123.4567, true)));
+    for line in [
+        "-      5.23 \"=A",
+        "-      5.23 ?  ",
+        "FORMAT.ERR.",
+        "-      5.23  =",
+        "-     5.23  =A",
+        "\u{2}+123456789",
+    ] {
         assert_eq!(read(&profile, line), Err(Reason::BadReply), "{line}");
     }
 }
@@ -67,6 +74,8 @@ fn a_dcon_module_is_read_by_its_address_with_and_without_a_checksum() {
         Ok((9999.9, false))
     );
     assert_eq!(read(&plain, "?04"), Err(Reason::BadReply));
+    let lost = ">+05.123+04.153+07.234-2.356+10.000-05.133+02.345+08.234";
+    assert_eq!(read(&plain, lost), Err(Reason::BadReply), "a digit is missing");
     let summed = signal(&device("checksum-on"), "0");
     assert_eq!(request(&summed), "#0487\r", "0x23 + 0x30 + 0x34");
     assert_eq!(read(&summed, line), Err(Reason::Checksum));

@@ -12,6 +12,7 @@
 //! |---|---|
 //! | `{number}` | the value: blanks, sign, blanks, digits with a decimal point, exponent |
 //! | `{number.4}` | the value, with exactly four decimals |
+//! | `{number 8}`, `{number.4 8}` | the value, with exactly eight characters: blanks, sign, digits and point |
 //! | `{number,}`, `{number,4}` | the value with a decimal comma |
 //! | `{skip}`, `{skip 2}` | numbers before or after the value that are not used |
 //! | `{any}`, `{any 2}` | any characters; with a number, exactly as many |
@@ -63,8 +64,12 @@ pub struct TextPattern {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 enum Part {
     Literal(Vec<char>),
-    /// The value. With a number of decimals, a value with others does not match.
-    Number(Option<u8>),
+    /// The value. With a number of decimals, a value with others does not match. With a width in characters, a value
+    /// that has lost a character does not match.
+    Number {
+        decimals: Option<u8>,
+        width: Option<u16>,
+    },
     /// Numbers that are not used.
     Skip(u16),
     /// Any characters: this number of them, or any number.
@@ -119,9 +124,11 @@ impl TextPattern {
                 }
                 self.rest(parts, line, (end, Before::Literal), value)
             }
-            Part::Number(decimals) => {
+            Part::Number { decimals, width } => {
                 let found = self.number(is_before_any(parts), line, (at, before))?;
-                if decimals.is_some_and(|decimals| usize::from(decimals) != found.decimals) {
+                if decimals.is_some_and(|decimals| usize::from(decimals) != found.decimals)
+                    || width.is_some_and(|width| usize::from(width) != found.end - at)
+                {
                     return None;
                 }
                 self.rest(parts, line, (found.end, Before::Number), Some(found.value))
@@ -167,7 +174,7 @@ impl TextPattern {
         for part in &self.parts {
             match part {
                 Part::Literal(literal) => line.extend(literal),
-                Part::Number(_) => line += &self.rendered(value),
+                Part::Number { .. } => line += &self.rendered(value),
                 Part::Skip(count) => (0..*count).for_each(|_| line += &self.rendered(0.0)),
                 Part::Any(count) => line += &" ".repeat(usize::from(count.unwrap_or(1))),
             }
@@ -183,7 +190,9 @@ impl TextPattern {
             parts => (&[][..], parts),
         };
         let parts = if let [Part::Skip(_), parts @ ..] = parts { parts } else { parts };
-        if !matches!(parts, [Part::Number(_)] | [Part::Number(_), Part::Any(None) | Part::Skip(_)]) {
+        let is_list =
+            matches!(parts, [Part::Number { .. }] | [Part::Number { .. }, Part::Any(None) | Part::Skip(_)]);
+        if !is_list {
             return None;
         }
         let values: String = values.iter().map(|value| self.rendered(*value)).collect();
@@ -192,17 +201,29 @@ impl TextPattern {
 
     /// Number of values before the value of this pattern that are not used.
     pub fn skipped(&self) -> usize {
-        let before = self.parts.iter().take_while(|part| !matches!(part, Part::Number(_)));
+        let before = self.parts.iter().take_while(|part| !matches!(part, Part::Number { .. }));
         before.map(|part| if let Part::Skip(count) = part { usize::from(*count) } else { 0 }).sum()
     }
 
-    /// Formats a number with sign, leading zeros and the decimals of the pattern.
+    /// Formats a number with sign, leading zeros, and the decimals and the width of the pattern.
     fn rendered(&self, value: f64) -> String {
-        let stated = self.parts.iter().find_map(|part| if let Part::Number(it) = part { *it } else { None });
-        let decimals = usize::from(stated.unwrap_or(DECIMALS));
-        // Sign, three digits, and the decimals with their point.
-        let width = 4 + if decimals == 0 { 0 } else { decimals + 1 };
-        let text = format!("{value:+0width$.decimals$}");
+        let form = |part: &Part| match part {
+            Part::Number { decimals, width } => Some((*decimals, width.map(usize::from))),
+            _ => None,
+        };
+        let (stated, width) = self.parts.iter().find_map(form).unwrap_or_default();
+        let with_decimals = |decimals: usize| {
+            // Sign, three digits, and the decimals with their point.
+            let usual = 4 + if decimals == 0 { 0 } else { decimals + 1 };
+            let width = width.unwrap_or(usual);
+            format!("{value:+0width$.decimals$}")
+        };
+        let most = usize::from(stated.unwrap_or(DECIMALS));
+        // As many decimals as the width allows, if the pattern states no number.
+        let least = if stated.is_some() { most } else { 0 };
+        let fits = |text: &String| width.is_none_or(|width| text.len() <= width);
+        let fitting = (least..=most).rev().map(with_decimals).find(fits);
+        let text = fitting.unwrap_or_else(|| with_decimals(least));
         if self.point == ',' { text.replace('.', ",") } else { text }
     }
 
@@ -285,7 +306,7 @@ impl FromStr for TextPattern {
     /// A sentence with the mistake and, after `; `, the correct notation.
     fn from_str(text: &str) -> Result<TextPattern, String> {
         const FORMS: &str =
-            "write {number}, {number.4}, {skip}, {skip 2}, {any}, {any 2}, {unit} or {sum} in braces";
+            "write {number}, {number.4}, {number 8}, {skip 2}, {any}, {any 2}, {unit} or {sum} in braces";
         let has_sum = text.ends_with(SUM);
         let mut rest = text.strip_suffix(SUM).unwrap_or(text);
         let mut pattern = TextPattern { source: text.to_owned(), parts: Vec::new(), point: '.', has_sum };
@@ -315,7 +336,7 @@ impl FromStr for TextPattern {
             ));
         }
         let count = |is: fn(&Part) -> bool| pattern.parts.iter().filter(|part| is(part)).count();
-        match count(|part| matches!(part, Part::Number(_))) {
+        match count(|part| matches!(part, Part::Number { .. })) {
             1 => {}
             0 => return Err(format!("{} has no {{number}}; {FORMS}", Quoted(text))),
             _ => {
@@ -351,25 +372,26 @@ fn part(word: &str, point: &mut char) -> Option<Part> {
         }
         None => (word, None),
     };
-    match (name, count) {
+    let width = match (name, count) {
         ("skip", count) => return Some(Part::Skip(count.unwrap_or(1))),
         ("any", count) => return Some(Part::Any(count)),
-        (_, Some(_)) => return None,
-        (_, None) => {}
-    }
+        // No number has no characters.
+        (_, Some(0)) => return None,
+        (_, width) => width,
+    };
     let form = name.strip_prefix("number")?;
     let mut characters = form.chars();
     match characters.next() {
-        None => return Some(Part::Number(None)),
+        None => return Some(Part::Number { decimals: None, width }),
         Some('.') => {}
         Some(',') => *point = ',',
         Some(_) => return None,
     }
     match characters.as_str() {
-        "" if form == "," => Some(Part::Number(None)),
+        "" if form == "," => Some(Part::Number { decimals: None, width }),
         decimals => {
             let decimals: u8 = decimals.parse().ok()?;
-            (decimals <= LARGEST_DECIMALS).then_some(Part::Number(Some(decimals)))
+            (decimals <= LARGEST_DECIMALS).then_some(Part::Number { decimals: Some(decimals), width })
         }
     }
 }

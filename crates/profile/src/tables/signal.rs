@@ -51,7 +51,8 @@ pub(crate) struct RawSignal {
     /// same name: "hwmon:NAME@DEVICE/LABEL".
     pub(crate) sensor: Option<String>,
     /// Serial-ascii: pattern of the line of text with the value, for example "{number} mm" or ">{skip 2}{number}{any}".
-    /// `{number.3}` requires three decimals, `{number,}` has a decimal comma, and `{sum}` is the checksum of DCON.
+    /// `{number.3}` requires three decimals, `{number 8}` eight characters, `{number,}` has a decimal comma, and `{sum}`
+    /// is the checksum of DCON.
     pub(crate) text: Option<String>,
     /// Serial-ascii: text that the gateway sends before each read, for example "#{unit}\r" or "\u0002". `{unit}` is the
     /// `unit` of the device in two hexadecimal digits, `{sum}` the checksum of DCON. Default: nothing is sent, because

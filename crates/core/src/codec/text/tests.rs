@@ -65,6 +65,37 @@ fn a_part_of_a_number_is_no_number() {
 }
 
 #[test]
+fn a_number_that_has_lost_a_character_has_another_width() {
+    for (text, line, damaged) in [
+        ("{number.3 8}", "+112.345", &["112.345", "+12.345", "+112345", "+112.34"][..]),
+        ("{number 8} mm", "-112.345 mm", &["112.345 mm", "-12.345 mm", "-112345 mm", "-112.34 mm"]),
+        ("{number,3 8}", "+112,345", &["112,345", "+12,345"]),
+        ("{number 11}  {any 2}", "-    125.23  =A", &["    125.23  =A", "-    12.23  =A"]),
+        (
+            ">{skip}{number 7}{any}",
+            ">+05.123-12.345+10.000",
+            &[">+05.123-2.345+10.000", ">+05.123-12345+10.000", ">+05.12312.345+10.000"],
+        ),
+    ] {
+        let pattern = pattern(text);
+        assert!(pattern.read(line).is_ok(), "{text} on {line}");
+        assert_eq!(pattern.to_string(), text);
+        for line in damaged {
+            assert_eq!(pattern.read(line), Err(Reason::BadReply), "{text} on {line}");
+        }
+    }
+    for (text, value, line) in [
+        ("{number 7}", 25.12, "+25.120"),
+        ("{number 7}", -125.12, "-125.12"),
+        ("{number 7}", 1372.06, "+1372.1"),
+        ("{number.3 9}", 1.5, "+0001.500"),
+        ("{number 3}", 1372.0, "+1372"),
+    ] {
+        assert_eq!(pattern(text).line(value), line, "{text}");
+    }
+}
+
+#[test]
 fn the_checksum_is_that_of_dcon() {
     assert_eq!(with_sum("$012{sum}\r"), Ok("$012B7\r".to_owned()), "the example of the manuals");
     assert_eq!(with_sum("?\r"), Ok("?\r".to_owned()));
@@ -90,7 +121,9 @@ fn a_wrong_pattern_is_rejected_with_its_mistake() {
         ("{nummer}", "`{nummer}` is unknown; write"),
         ("{number.}", "`{number.}` is unknown"),
         ("{number.10}", "`{number.10}` is unknown"),
-        ("{number 3}", "`{number 3}` is unknown"),
+        ("{number 0}", "`{number 0}` is unknown"),
+        ("{number 3.4}", "`{number 3.4}` is unknown"),
+        ("{nummer 3}", "`{nummer 3}` is unknown"),
         ("{skip 999}{number}", "`{skip 999}` is unknown"),
         ("{sum}{number}", "write {sum} last"),
     ] {
