@@ -29,10 +29,17 @@ impl<'a> Search<'a> {
             self.echoes += 1;
             return;
         }
-        let behind_echo = line.strip_prefix(self.echo).filter(|_| !self.echo.is_empty());
+        let behind_echo = line.strip_prefix(self.echo).filter(|_| self.is_distinct());
         if !self.matches(line) && !behind_echo.is_some_and(|answer| self.matches(answer)) {
             self.others += 1;
         }
+    }
+
+    /// Returns whether the beginning of a line shows an echo. A request such as "1" may be the first digit of a number.
+    fn is_distinct(&self) -> bool {
+        self.echo
+            .chars()
+            .any(|other| !other.is_ascii_digit() && !matches!(other, '+' | '-' | '.' | ',' | ' '))
     }
 
     fn matches(&mut self, line: &str) -> bool {
@@ -111,6 +118,7 @@ mod tests {
             ("#01\r", &[">{number}{sum}"], &[">+1.000"], Err(MALFORMED)),
             ("1\r", &["{number}"], &["1"], Err(Fault::Peer(PeerFault::Echoed))),
             ("1\r", &["{number}"], &["1", "+1.0"], Ok(vec![Ok(1.0)])),
+            ("1\r", &["{number.3 6}"], &["112.345"], Err(MALFORMED)),
         ] {
             assert_eq!(found(request, patterns, lines), expected, "{patterns:?} in {lines:?}");
         }
