@@ -3,7 +3,8 @@
 //! A text names no request. If an answer is late, the next request with the same text may receive it. Answers arrive in
 //! the order of their requests, so the age of a value counts from the oldest open request. A request with another text
 //! waits until no answer can arrive any more. So does the first request on a new connection: the beginning of an answer
-//! may have arrived on the old one, and its rest would be another number.
+//! may have arrived on the old one, and its rest would be another number. After the start of the program, an answer to
+//! its last run may arrive.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -15,6 +16,8 @@ use isotherm_core::quantity::Moment;
 pub struct PendingAnswers {
     request: String,
     asked: VecDeque<Moment>,
+    /// Whether answers to an earlier run of the program can no longer arrive.
+    has_begun: bool,
 }
 
 impl PendingAnswers {
@@ -24,14 +27,17 @@ impl PendingAnswers {
         if self.request == request { Duration::ZERO } else { wait }
     }
 
-    /// Returns how long an answer may still arrive. Answers that are later than `span` are no longer expected.
+    /// Returns how long an answer may still arrive. Answers that are later than `span` are no longer expected. The
+    /// program needs a part of that time for its start.
     pub fn wait_for_all(&mut self, now: Moment, span: Duration) -> Duration {
         self.asked.retain(|asked| now.since(*asked) < span);
-        self.asked.back().map_or(Duration::ZERO, |last| last.after(span).since(now))
+        let least = if self.has_begun { Duration::ZERO } else { span / 2 };
+        self.asked.back().map_or(least, |last| last.after(span).since(now))
     }
 
     /// Records that the line has waited until no answer can arrive any more.
     pub fn expire(&mut self) {
+        self.has_begun = true;
         self.asked.clear();
     }
 
@@ -41,6 +47,7 @@ impl PendingAnswers {
             request.clone_into(&mut self.request);
             self.asked.clear();
         }
+        self.has_begun = true;
         self.asked.push_back(now);
     }
 
@@ -61,13 +68,20 @@ mod tests {
 
     const SPAN: Duration = Duration::from_secs(2);
 
+    /// Returns the state after the first wait.
+    fn begun() -> PendingAnswers {
+        let mut pending = PendingAnswers::default();
+        pending.expire();
+        pending
+    }
+
     fn at(millis: u64) -> Moment {
         Moment::from_nanos(millis * 1_000_000)
     }
 
     #[test]
     fn the_age_counts_from_the_oldest_open_request() {
-        let mut pending = PendingAnswers::default();
+        let mut pending = begun();
         for sent in [1000, 2000, 2500] {
             assert_eq!(pending.wait_before("#01\r", at(sent), SPAN), Duration::ZERO);
             pending.sent("#01\r", at(sent));
@@ -79,8 +93,7 @@ mod tests {
 
     #[test]
     fn another_request_waits_until_no_answer_can_arrive() {
-        let mut pending = PendingAnswers::default();
-        pending.sent("#01\r", at(1000));
+        let mut pending = begun();
         pending.sent("#01\r", at(1500));
         assert_eq!(pending.wait_before("#02\r", at(2000), SPAN), Duration::from_millis(1500));
         assert_eq!(pending.wait_before("#02\r", at(3400), SPAN), Duration::from_millis(100));
@@ -95,6 +108,8 @@ mod tests {
     #[test]
     fn a_new_connection_waits_until_no_answer_can_arrive() {
         let mut pending = PendingAnswers::default();
+        assert_eq!(pending.wait_for_all(at(1000), SPAN), Duration::from_secs(1), "answers to the last run");
+        pending.expire();
         assert_eq!(pending.wait_for_all(at(1000), SPAN), Duration::ZERO);
         pending.sent("#01\r", at(1000));
         assert_eq!(pending.wait_for_all(at(2500), SPAN), Duration::from_millis(500));

@@ -175,6 +175,19 @@ async fn text_that_a_serial_server_has_kept_is_not_used() {
     assert_eq!(tokio::join!(read(&mut wire, &texts), sends).0, Ok(vec![Ok(3.0)]));
 }
 
+/// The device answers the request of the last run of the program.
+#[tokio::test(start_paused = true)]
+async fn the_first_request_waits_for_the_answer_to_an_earlier_run() {
+    let (mut wire, mut peer) = wire();
+    let texts = texts("#02\r", &[">{number}"]);
+    let late = async {
+        sleep(Duration::from_millis(300)).await;
+        peer.write_all(b">+99.0\r").await.unwrap();
+        answers(&mut peer, "#02\r", ">+20.0\r").await;
+    };
+    assert_eq!(tokio::join!(read(&mut wire, &texts), late).0, Ok(vec![Ok(20.0)]));
+}
+
 /// One line has a device that sends by itself and one that answers requests.
 #[tokio::test(start_paused = true)]
 async fn the_first_answer_after_text_without_a_request_is_used() {
