@@ -144,6 +144,21 @@ fn a_wrong_text_is_reported_at_its_key() {
 }
 
 #[test]
+fn a_text_that_hides_a_switch_to_inch_is_warned_of() {
+    for (text, is_hidden) in [
+        ("X{number}", true),
+        ("X{number 8}{any}", true),
+        ("X{number.4}{any}", false),
+        ("X{number} mm", false),
+    ] {
+        let loaded = parse(&TEXT.replacen("X{number.4} mm", text, 1)).unwrap();
+        let warned: Vec<String> = loaded.warnings.iter().map(ToString::to_string).collect();
+        assert_eq!(warned.len(), usize::from(is_hidden), "{text}: {warned:?}");
+        assert!(warned.iter().all(|warning| warning.contains("neither decimals nor a unit")), "{warned:?}");
+    }
+}
+
+#[test]
 fn nothing_is_written_to_a_line_of_text() {
     let output = "\n[axis.z]\nlimit = 10.0\n[output.z]\naxis = \"z\"\ndevice = \"readout\"\n";
     let refused = parse(&format!("{TEXT}{output}")).err().unwrap().to_string();

@@ -205,6 +205,14 @@ impl TextPattern {
         before.map(|part| if let Part::Skip(count) = part { usize::from(*count) } else { 0 }).sum()
     }
 
+    /// Returns whether the pattern states the decimals of the value, or the characters directly behind it. Otherwise a
+    /// value in another unit has the same form.
+    pub fn distinguishes_units(&self) -> bool {
+        let mut parts = self.parts.iter().skip_while(|part| !matches!(part, Part::Number { .. }));
+        matches!(parts.next(), Some(Part::Number { decimals: Some(_), .. }))
+            || matches!(parts.next(), Some(Part::Literal(_)))
+    }
+
     /// Formats a number with sign, leading zeros, and the decimals and the width of the pattern.
     fn rendered(&self, value: f64) -> String {
         let form = |part: &Part| match part {

@@ -77,6 +77,9 @@ fn signal(_: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>, device: Option<&D
     let unit = device.map_or(0, |device| device.unit);
     needs_address(raw, at);
     let pattern = pattern(at, raw.text.as_ref(), unit);
+    if let Some(pattern) = &pattern {
+        hides_inch(raw, at, pattern);
+    }
     let request = request(&at.key("request"), raw.request.as_ref(), unit);
     let scale = register::scale(&at.key("scale"), raw.scale.unwrap_or(1.0));
     let bad = sentinels(raw.bad.as_ref(), &at.key("bad"));
@@ -109,6 +112,16 @@ fn pattern(signal: &KeyContext<'_>, text: Option<&String>, unit: u8) -> Option<T
         at.missing("`text` is missing: in which text is the value?", help);
     }
     with_unit(text?, unit).parse().map_err(|why: String| report(&at, &why)).ok()
+}
+
+/// Warns if a readout that is switched to inch would not be noticed.
+fn hides_inch(raw: &RawSignal, signal: &KeyContext<'_>, pattern: &TextPattern) {
+    if matches!(raw.unit.as_deref(), Some("mm" | "um")) && !pattern.distinguishes_units() {
+        let message = "a value in inch has the same form: this text states neither decimals nor a unit";
+        let help = "write the decimals that the device sends, as {number.3}, or the unit behind the number, as \
+                    {number} mm";
+        signal.key("text").warn(message, help);
+    }
 }
 
 /// Completes the request at this key of a signal with the address of its device and the checksum.

@@ -96,6 +96,21 @@ fn a_number_that_has_lost_a_character_has_another_width() {
 }
 
 #[test]
+fn a_pattern_distinguishes_units_by_decimals_or_by_the_characters_behind_the_value() {
+    for (text, expected) in [
+        ("{number}", false),
+        ("{number 8}", false),
+        ("X {number}{any}", false),
+        ("{number.3}", true),
+        ("{number.3}{any}", true),
+        ("{number} mm", true),
+        ("{number 11}  {any 2}", true),
+    ] {
+        assert_eq!(pattern(text).distinguishes_units(), expected, "{text}");
+    }
+}
+
+#[test]
 fn the_checksum_is_that_of_dcon() {
     assert_eq!(with_sum("$012{sum}\r"), Ok("$012B7\r".to_owned()), "the example of the manuals");
     assert_eq!(with_sum("?\r"), Ok("?\r".to_owned()));
