@@ -186,3 +186,31 @@ impl AsyncWrite for SerialPort {
         Pin::new(&mut self.writer).poll_shutdown(context)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use rustix::pty::OpenptFlags;
+
+    use super::*;
+
+    #[test]
+    fn a_wrong_stop_bit_in_text_is_detected_also_without_parity() {
+        let hardware = rustix::pty::openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+        rustix::pty::grantpt(&hardware).unwrap();
+        rustix::pty::unlockpt(&hardware).unwrap();
+        let path = rustix::pty::ptsname(&hardware, Vec::new()).unwrap();
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
+        let port = File::from(rustix::fs::open(path.as_c_str(), flags, Mode::empty()).unwrap());
+        for (content, parity, checks, discards) in [
+            (Content::Frames, Parity::None, false, false),
+            (Content::Frames, Parity::Even, true, true),
+            (Content::Text { data_bits: 8 }, Parity::None, true, false),
+            (Content::Text { data_bits: 7 }, Parity::Even, true, false),
+        ] {
+            set_up(&port, Serial { baud: 9600, parity, stop_bits: 1 }, content).unwrap();
+            let modes = rustix::termios::tcgetattr(&port).unwrap().input_modes;
+            let found = (modes.contains(InputModes::INPCK), modes.contains(InputModes::IGNPAR));
+            assert_eq!(found, (checks, discards), "{content:?}, {parity:?}");
+        }
+    }
+}
