@@ -106,14 +106,17 @@ fn an_rtu_line_has_no_unit_for_all_and_none_that_is_reserved() {
 }
 
 #[test]
-fn two_buses_on_one_rtu_line_are_refused_whether_on_a_port_or_through_tcp() {
+fn two_buses_on_one_serial_line_are_refused_whether_on_a_port_or_through_tcp() {
     let serial = format!("type = \"modbus-rtu\"\n{PORT}\nbaud = 19200");
     let over_tcp = "type = \"modbus-rtu-over-tcp\"\naddress = \"127.0.0.1:1502\"".to_owned();
-    for (line, key) in [(serial, "port"), (over_tcp, "address")] {
+    let ascii = format!("type = \"modbus-ascii\"\n{PORT}\nbaud = 38400");
+    let ascii_over_tcp = "type = \"modbus-ascii\"\naddress = \"127.0.0.1:1502\"".to_owned();
+    for (line, key) in [(serial, "port"), (over_tcp, "address"), (ascii, "port"), (ascii_over_tcp, "address")]
+    {
         let second = format!("[bus.second]\n{line}\n\n[device.module]\nbus = \"second\"");
         let text = GRINDER.replacen(TCP, &line, 1).replacen("[device.module]\nbus = \"cell\"", &second, 1);
         let error = only_error(&text, &format!("bus.second.{key}"), "\"");
-        assert!(error.to_string().contains("the bus `cell` has this"), "{error}");
+        assert!(error.to_string().contains(&format!("the bus `cell` has this {key}")), "{error}");
     }
 }
 
