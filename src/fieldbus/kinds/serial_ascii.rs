@@ -94,7 +94,7 @@ fn hint(fault: Fault) -> Option<&'static str> {
         ),
         Fault::Peer(PeerFault::Malformed) => Some(
             "the text differs from `text` of the signal: was the device switched to another unit, such as inch, or \
-             to another resolution? Are data bits and parity those of the device? `isotherm trace` shows the text",
+             to another resolution? Are data bits and parity those of the device? `isotherm trace` shows its bytes",
         ),
         Fault::Peer(PeerFault::Unasked) => Some(
             "the device sends without a request: remove `request` of its signals, or set the device to send on \
