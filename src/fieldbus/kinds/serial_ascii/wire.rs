@@ -130,11 +130,11 @@ impl TextWire {
     /// arrive any more, and the line is silent.
     async fn make_ready(&mut self, text: &str, now: Moment) -> Result<(), Fault> {
         let discarded = self.port.discard().await?;
-        // Several lines may be one answer.
-        if discarded.lines > 0 {
+        let (span, is_new) = (2 * self.timeout + self.under_way(text), self.state != LineState::Silent);
+        // Several lines may be one answer. On a new connection they may be older than all requests.
+        if discarded.lines > 0 && !is_new {
             self.pending().answered();
         }
-        let (span, is_new) = (2 * self.timeout + self.under_way(text), self.state != LineState::Silent);
         let wait = if is_new {
             self.pending().wait_for_all(now, span)
         } else {
