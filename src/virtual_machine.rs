@@ -1,9 +1,10 @@
 //! Virtual machine: simulated hardware that serves the devices of a profile.
 //!
-//! The virtual machine serves the Modbus devices of a profile on real sockets and pseudo-terminals, and the CAN devices
-//! on their interface. A simulated machine (the plant) warms up, drifts and bends by its own model, and its true error
-//! is known. Offsets that a client writes act on the plant as on a real machine, so that a run shows the effect of the
-//! compensation. A fault script causes faults of answers, sensors, connections and memories.
+//! The virtual machine serves the Modbus devices of a profile, and those that send text, on real sockets and
+//! pseudo-terminals. It serves the CAN devices on their interface. A simulated machine (the plant) warms up, drifts and
+//! bends by its own model, and its true error is known. Offsets that a client writes act on the plant as on a real
+//! machine, so that a run shows the effect of the compensation. A fault script causes faults of answers, sensors,
+//! connections and memories.
 //!
 //! # Layout
 //! ```text
@@ -15,6 +16,7 @@
 //! journal   recorded requests, for tests                  control   strobes, acknowledges, sets accepted as a whole
 //! probing   the control's probing cycle, of the axes with a probe
 //! can       nodes of a CAN interface                      random    a random number generator for each purpose
+//! text      devices that send lines of text
 //! ```
 //!
 //! # Time
@@ -51,6 +53,7 @@ mod serial_side;
 mod server;
 #[cfg(test)]
 mod tests;
+mod text;
 mod truth;
 mod wander;
 
@@ -69,6 +72,7 @@ use modbus::Framing;
 use probing::Cycle;
 use serial_side::SerialSide;
 use server::{Line, OpenOrClose, Shared};
+use text::{Ask, Switch, TextGroup, TextLine};
 
 /// Interval at which the true error is sampled and the start of faults is checked.
 pub const TICK: Duration = Duration::from_secs(1);
@@ -210,7 +214,8 @@ impl VirtualMachine {
         });
         let faults = Faults::new(setup.faults, begin);
         let cycles = Cycle::of(profile, setup.probe_every.unwrap_or(PROBED_EVERY), begin);
-        let mut hardware = Hardware::new(profile, plant, setup.seed, faults, begin, cycles);
+        let (in_registers, texts) = text::in_registers(profile);
+        let mut hardware = Hardware::new(&in_registers, plant, setup.seed, faults, begin, cycles);
         hardware.journal = setup.journal.then(Vec::new);
         let shared = Shared::new(hardware, clock.clone());
         let (stop, stopped) = watch::channel(false);
@@ -226,7 +231,7 @@ impl VirtualMachine {
             }
             let stop = stopped.clone();
             let (address, gate) = match bus.transport {
-                Transport::Tcp | Transport::RtuOverTcp => {
+                Transport::Tcp | Transport::RtuOverTcp | Transport::ModbusAsciiOverTcp => {
                     let listener = listen(bus, setup.ports).await?;
                     let address = listener.local_addr().map_err(|source| refused(bus, source))?;
                     let (gate, line, switched) = machine.gate(profile, index, setup.unknown_unit);
@@ -234,11 +239,31 @@ impl VirtualMachine {
                     machine.keep(address.to_string(), serving);
                     (address.to_string(), gate)
                 }
-                Transport::Serial(serial) => {
+                Transport::Serial(serial) | Transport::ModbusAscii { serial, .. } => {
                     let name = name(bus, setup.ports).map_err(|source| refused(bus, source))?;
                     let path = name.path().display().to_string();
                     let (gate, line, switched) = machine.gate(profile, index, UnknownUnit::Silence);
                     machine.keep(path.clone(), port::serve(name, serial, line, switched, stop));
+                    (path, gate)
+                }
+                Transport::AsciiOverTcp => {
+                    let listener = listen(bus, setup.ports).await?;
+                    let address = listener.local_addr().map_err(|source| refused(bus, source))?;
+                    let (gate, line, switched) = machine.text_gate(profile, index, &texts);
+                    machine.keep(address.to_string(), text::serve(listener, line, switched, stop));
+                    (address.to_string(), gate)
+                }
+                Transport::Ascii { serial, .. } => {
+                    let name = name(bus, setup.ports).map_err(|source| refused(bus, source))?;
+                    let path = name.path().display().to_string();
+                    let (gate, line, switched) = machine.text_gate(profile, index, &texts);
+                    let serving = text::serve_port(name.path().to_owned(), serial, line, switched, stop);
+                    machine.keep(path.clone(), async move {
+                        let ended = serving.await;
+                        // The path exists as long as its name.
+                        drop(name);
+                        ended
+                    });
                     (path, gate)
                 }
                 Transport::Can => {
@@ -273,12 +298,17 @@ impl VirtualMachine {
             ListenerSwitch { devices: units.iter().map(|(_, id)| *id).collect(), switch, is_open: true };
         let is_tcp = profile.buses[bus].transport == Transport::Tcp;
         let framing = if is_tcp { Framing::Tcp } else { Framing::Rtu };
+        let is_ascii = matches!(
+            profile.buses[bus].transport,
+            Transport::ModbusAscii { .. } | Transport::ModbusAsciiOverTcp
+        );
         let (slice, shared) = (profile.buses[bus].timeout / WallTimeout::SLICES, self.shared.clone());
         (
             gate,
             Arc::new(Line {
                 units,
                 framing,
+                is_ascii,
                 unknown_unit,
                 slice,
                 serial_side: SerialSide::default(),
@@ -286,6 +316,20 @@ impl VirtualMachine {
             }),
             switched,
         )
+    }
+
+    fn text_gate(
+        &self,
+        profile: &Profile,
+        bus: usize,
+        texts: &[TextGroup],
+    ) -> (ListenerSwitch, Arc<TextLine>, mpsc::Receiver<OpenOrClose>) {
+        let (switch, switched) = mpsc::channel(1);
+        let devices = on_line(profile, bus).map(|(_, id)| id).collect();
+        let shared = self.shared.clone();
+        let ask: Ask = Arc::new(move |device, pdu| shared.hardware().serve(device, pdu, shared.clock.now()));
+        let line = TextLine::of(profile, bus, texts, ask);
+        (ListenerSwitch { devices, switch, is_open: true }, Arc::new(line), switched)
     }
 
     fn can_line(&self, profile: &Profile, bus: usize, begin: Moment) -> CanLine {
@@ -345,6 +389,12 @@ impl VirtualMachine {
                 .map_err(VirtualMachineError::Failed)?;
         }
         Ok(self.window().summary())
+    }
+}
+
+impl From<OpenOrClose> for Switch {
+    fn from(OpenOrClose { is_open, done }: OpenOrClose) -> Switch {
+        (is_open, done)
     }
 }
 

@@ -112,7 +112,7 @@ fn ask(arguments: &Arguments, input: &mut dyn BufRead, out: &mut dyn Write) -> a
     let line = questions.ask("bus", given(&arguments.bus), (where_, "192.168.0.10:502"), Line::parse)?;
     if arguments.module.is_none() && !arguments.yes {
         questions.show("Known modules, by their templates:")?;
-        for outline in on_modbus().filter(|outline| !outline.temperatures.is_empty()) {
+        for outline in answers::modules() {
             questions.show(&format!("  {:<26} {}", outline.name, outline.title))?;
         }
     }
@@ -146,8 +146,17 @@ fn ask(arguments: &Arguments, input: &mut dyn BufRead, out: &mut dyn Write) -> a
     let what = "Destination of Cz: the control's template, or a register";
     let target = questions.ask("output", given(&arguments.output), (what, "holding:104"), target)?;
     let what = "The control's address or serial port, or `same` for the module's line";
-    let same = |text: &str| if text == "same" { Ok(None) } else { Line::parse(text).map(Some) };
-    let control = questions.ask("control", given(&arguments.control), (what, "same"), same)?;
+    let (sends_text, usual) = if module.sends_text() { (true, "192.168.0.20:502") } else { (false, "same") };
+    let other_line = |text: &str| match text {
+        "same" if sends_text => {
+            Err("the module sends text, so the control needs another line: write 192.168.0.20:502, or \
+                 /dev/ttyUSB1"
+                .to_owned())
+        }
+        "same" => Ok(None),
+        address => Line::parse(address).map(Some),
+    };
+    let control = questions.ask("control", given(&arguments.control), (what, usual), other_line)?;
     let other = if control.is_none() && unit == 1 { "2" } else { "1" };
     let control_unit = questions.ask(
         "control-unit",

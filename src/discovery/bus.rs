@@ -40,12 +40,21 @@ impl LineAddress {
 
     /// Returns the settings of the serial port of a line with units; `None` if it has no such port.
     pub const fn serial(&self) -> Option<Serial> {
-        if let Transport::Serial(serial) = self.transport { Some(serial) } else { None }
+        match self.transport {
+            Transport::Serial(serial) | Transport::ModbusAscii { serial, .. } => Some(serial),
+            _ => None,
+        }
     }
 
     /// Returns this line with changed settings of its serial port, if it has one.
     pub fn with_serial(&self, change: impl FnOnce(Serial) -> Serial) -> LineAddress {
-        let transport = self.serial().map_or(self.transport, |serial| Transport::Serial(change(serial)));
+        let transport = match self.transport {
+            Transport::Serial(serial) => Transport::Serial(change(serial)),
+            Transport::ModbusAscii { serial, data_bits } => {
+                Transport::ModbusAscii { serial: change(serial), data_bits }
+            }
+            other => other,
+        };
         LineAddress { transport, address: self.address.clone() }
     }
 

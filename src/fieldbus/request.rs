@@ -13,6 +13,7 @@ use isotherm_profile::plan::{self, ReadTarget};
 pub use super::kinds::can::request::CanRequest;
 pub use super::kinds::modbus::request::ModbusRequest;
 pub use super::kinds::opcua::request::NodeRequest;
+pub use super::kinds::serial_ascii::request::TextRequest;
 pub use super::kinds::sysfs::request::SensorRequest;
 
 /// One request to one device, in the form of its type of bus. Code above a driver does not look into it.
@@ -26,9 +27,11 @@ pub enum Request<'a> {
     Nodes(NodeRequest<'a>),
     /// Read of sensors of this computer.
     Sensors(SensorRequest<'a>),
+    /// Read of numbers in lines of text.
+    Texts(TextRequest<'a>),
 }
 
-/// Reading of one node of a server, or of one sensor of this computer.
+/// Reading of one node of a server, of one sensor of this computer, or of one line of text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NodeReading {
     /// Value as registers, the most significant first; or the reason why there is none.
@@ -58,7 +61,7 @@ pub enum Answer {
     Registers(Vec<u16>),
     /// Bits, exactly as many as requested.
     Bits(Vec<bool>),
-    /// Readings of nodes or sensors, as many as requested and in the same order.
+    /// Readings of nodes, sensors or texts, as many as requested and in the same order.
     Nodes(Vec<NodeReading>),
     /// Confirmation of a write. It repeats the request correctly.
     Done,
@@ -72,6 +75,7 @@ impl<'a> From<&'a ReadTarget> for Request<'a> {
             ReadTarget::Nodes(nodes) => Request::read_nodes(nodes),
             ReadTarget::Subscription(sent) => Request::Nodes(NodeRequest::Latest(sent)),
             ReadTarget::Sensors(sensors) => Request::Sensors(SensorRequest(sensors)),
+            ReadTarget::Texts(texts) => Request::Texts(TextRequest(texts)),
         }
     }
 }
@@ -184,6 +188,7 @@ impl<'a> Request<'a> {
             Address::Frame(_) => None,
             Address::Node(node) => Some(Request::read_nodes(std::slice::from_ref(node))),
             Address::Sensor(sensor) => Some(Request::Sensors(SensorRequest(std::slice::from_ref(sensor)))),
+            Address::Text(text) => Some(Request::Texts(TextRequest(std::slice::from_ref(text)))),
         }
     }
 
@@ -205,8 +210,8 @@ impl<'a> Request<'a> {
                 Request::Can(CanRequest::Send { id: frames.id, bits: *bits, values })
             }
             Address::Node(node) => Request::write_nodes(std::slice::from_ref(node), values),
-            // Sensors cannot be written: this request never fits.
-            Address::Sensor(_) => Request::write_nodes(&[], values),
+            // Sensors and texts cannot be written: this request never fits.
+            Address::Sensor(_) | Address::Text(_) => Request::write_nodes(&[], values),
         }
     }
 
@@ -246,18 +251,19 @@ impl<'a> Request<'a> {
             Request::Modbus(request) => request.is_read(),
             Request::Can(request) => matches!(request, CanRequest::Read { .. }),
             Request::Nodes(request) => !matches!(request, NodeRequest::Write { .. }),
-            Request::Sensors(_) => true,
+            Request::Sensors(_) | Request::Texts(_) => true,
         }
     }
 
-    /// Returns whether one protocol message can carry the request. It must have at least one register, node or sensor,
-    /// and no more registers than the protocol allows.
+    /// Returns whether one protocol message can carry the request. It must have at least one register, node, sensor or
+    /// text, and no more registers than the protocol allows.
     pub fn fits(self) -> bool {
         match self {
             Request::Modbus(request) => request.fits(),
             Request::Can(_) => true,
             Request::Nodes(request) => request.fits(),
             Request::Sensors(SensorRequest(sensors)) => !sensors.is_empty(),
+            Request::Texts(request) => request.fits(),
         }
     }
 }
@@ -270,6 +276,7 @@ impl fmt::Display for Request<'_> {
             Request::Can(request) => fmt::Display::fmt(request, f),
             Request::Nodes(request) => fmt::Display::fmt(request, f),
             Request::Sensors(request) => fmt::Display::fmt(request, f),
+            Request::Texts(request) => fmt::Display::fmt(request, f),
         }
     }
 }

@@ -25,12 +25,23 @@ pub(crate) use identity::PortHistory;
 pub use identity::PortIdentity;
 pub(in crate::fieldbus) use identity::place;
 
-/// Open serial port: eight data bits, and all bytes are passed unchanged.
+/// Open serial port: all bytes are passed unchanged.
 #[derive(Debug)]
 pub struct SerialPort {
     reader: Receiver,
     writer: Sender,
     identity: PortIdentity,
+}
+
+/// Content of the bytes on a port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Content {
+    /// Frames with a checksum: eight data bits. A character with a wrong parity bit is discarded, so that its frame has
+    /// a wrong checksum and length.
+    Frames,
+    /// Text with this number of data bits. A character with a wrong parity or stop bit is passed as zero, because a
+    /// number without one of its digits would be another number.
+    Text { data_bits: u8 },
 }
 
 impl SerialPort {
@@ -39,13 +50,26 @@ impl SerialPort {
     /// # Errors
     /// The reason why the port cannot be opened.
     pub fn open(path: &str, settings: Serial) -> Result<SerialPort, LinkFault> {
+        SerialPort::open_for(path, settings, Content::Frames)
+    }
+
+    /// Opens a port for text with 7 or 8 data bits, otherwise as [`SerialPort::open`]. A character with a wrong parity
+    /// or stop bit is passed as zero.
+    ///
+    /// # Errors
+    /// The reason why the port cannot be opened.
+    pub fn open_for_text(path: &str, settings: Serial, data_bits: u8) -> Result<SerialPort, LinkFault> {
+        SerialPort::open_for(path, settings, Content::Text { data_bits })
+    }
+
+    fn open_for(path: &str, settings: Serial, content: Content) -> Result<SerialPort, LinkFault> {
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
         let port = File::from(rustix::fs::open(path, flags, Mode::empty()).map_err(why_not)?);
         // The first lock excludes every program except those of root. The second excludes programs that check it, as
         // this does.
         rustix::termios::ioctl_tiocexcl(&port).map_err(why_not)?;
         rustix::fs::flock(&port, FlockOperation::NonBlockingLockExclusive).map_err(why_not)?;
-        set_up(&port, settings).map_err(why_not)?;
+        set_up(&port, settings, content).map_err(why_not)?;
         rustix::termios::tcflush(&port, QueueSelector::IOFlush).map_err(why_not)?;
         let runtime = |_: io::Error| LinkFault::Unsuited;
         // For the runtime, a port is like a pipe with two ends.
@@ -82,7 +106,7 @@ fn why_not(error: Errno) -> LinkFault {
     }
 }
 
-fn set_up(port: &File, settings: Serial) -> rustix::io::Result<()> {
+fn set_up(port: &File, settings: Serial, content: Content) -> rustix::io::Result<()> {
     let mut termios = rustix::termios::tcgetattr(port)?;
     termios.make_raw();
     // A hang-up on close would change a control line that resets some converters and boards.
@@ -92,7 +116,11 @@ fn set_up(port: &File, settings: Serial) -> rustix::io::Result<()> {
         | ControlModes::CSTOPB
         | ControlModes::CRTSCTS
         | ControlModes::HUPCL;
-    termios.control_modes |= ControlModes::CS8 | ControlModes::CLOCAL | ControlModes::CREAD;
+    termios.control_modes |= ControlModes::CLOCAL | ControlModes::CREAD;
+    termios.control_modes |= match content {
+        Content::Text { data_bits: 7 } => ControlModes::CS7,
+        Content::Frames | Content::Text { .. } => ControlModes::CS8,
+    };
     termios.control_modes |= match settings.parity {
         Parity::None => ControlModes::empty(),
         Parity::Even => ControlModes::PARENB,
@@ -101,9 +129,15 @@ fn set_up(port: &File, settings: Serial) -> rustix::io::Result<()> {
     if settings.stop_bits == 2 {
         termios.control_modes |= ControlModes::CSTOPB;
     }
-    // A character with a wrong parity bit is discarded, so that its frame has a wrong checksum and length.
-    if settings.parity != Parity::None {
-        termios.input_modes |= InputModes::INPCK | InputModes::IGNPAR;
+    match content {
+        Content::Frames if settings.parity == Parity::None => {}
+        Content::Frames => termios.input_modes |= InputModes::INPCK | InputModes::IGNPAR,
+        // With INPCK and without IGNPAR, a character with a wrong parity or stop bit is passed as zero. Stop bits are
+        // only checked with INPCK, also on a port without parity.
+        Content::Text { .. } => {
+            termios.input_modes -= InputModes::IGNPAR;
+            termios.input_modes |= InputModes::INPCK;
+        }
     }
     termios.special_codes[SpecialCodeIndex::VMIN] = 1;
     termios.special_codes[SpecialCodeIndex::VTIME] = 0;
@@ -150,5 +184,33 @@ impl AsyncWrite for SerialPort {
 
     fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
         Pin::new(&mut self.writer).poll_shutdown(context)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rustix::pty::OpenptFlags;
+
+    use super::*;
+
+    #[test]
+    fn a_wrong_stop_bit_in_text_is_detected_also_without_parity() {
+        let hardware = rustix::pty::openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+        rustix::pty::grantpt(&hardware).unwrap();
+        rustix::pty::unlockpt(&hardware).unwrap();
+        let path = rustix::pty::ptsname(&hardware, Vec::new()).unwrap();
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
+        let port = File::from(rustix::fs::open(path.as_c_str(), flags, Mode::empty()).unwrap());
+        for (content, parity, checks, discards) in [
+            (Content::Frames, Parity::None, false, false),
+            (Content::Frames, Parity::Even, true, true),
+            (Content::Text { data_bits: 8 }, Parity::None, true, false),
+            (Content::Text { data_bits: 7 }, Parity::Even, true, false),
+        ] {
+            set_up(&port, Serial { baud: 9600, parity, stop_bits: 1 }, content).unwrap();
+            let modes = rustix::termios::tcgetattr(&port).unwrap().input_modes;
+            let found = (modes.contains(InputModes::INPCK), modes.contains(InputModes::IGNPAR));
+            assert_eq!(found, (checks, discards), "{content:?}, {parity:?}");
+        }
     }
 }

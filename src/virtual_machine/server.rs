@@ -19,6 +19,7 @@ use super::modbus::{Framing, Header, NO_SUCH_UNIT, exception};
 use super::random::stream;
 use super::serial_side::SerialSide;
 use crate::clock::{BootClock, Clock};
+use isotherm_core::codec::{AsciiFrames, ascii_frame};
 use isotherm_profile::{DeviceId, Serial};
 
 /// State that all connections share.
@@ -33,6 +34,8 @@ pub(super) struct Shared {
 pub(super) struct Line {
     pub(super) units: Vec<(u8, DeviceId)>,
     pub(super) framing: Framing,
+    /// Whether the frames of RTU are sent as Modbus ASCII.
+    pub(super) is_ascii: bool,
     /// Answer for a unit that does not exist.
     pub(super) unknown_unit: UnknownUnit,
     /// Length of the slices into which the delay of a late answer is divided. A client in the same process divides its
@@ -209,12 +212,14 @@ where
     let framing = line.framing;
     let mut responder = Responder::new(framing);
     let mut received = Vec::new();
+    let mut frames = AsciiFrames::default();
     let mut late: JoinSet<Vec<u8>> = JoinSet::new();
     loop {
         let mut bytes = [0; 512];
         tokio::select! {
             read = stream.read(&mut bytes) => match read? {
                 0 => return Ok(()),
+                count if line.is_ascii => frames.push(&bytes[..count], &mut received),
                 count => received.extend(&bytes[..count]),
             },
             Some(answer) = late.join_next() => stream.write_all(&answer.map_err(io::Error::other)?).await?,
@@ -231,6 +236,7 @@ where
             }
             let asked = received.drain(..pdu.end + framing.trailer()).len();
             let bytes = match responder.say(header, &reply) {
+                ServerReply::Bytes(bytes) if line.is_ascii => ascii_frame(&bytes),
                 ServerReply::Bytes(bytes) => bytes,
                 // A serial line has no connection to close.
                 ServerReply::Goodbye if pace.is_none() => return Ok(()),

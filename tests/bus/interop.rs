@@ -228,6 +228,23 @@ fn the_gateway_follows_a_machine_that_pymodbus_serves_on_a_serial_line_of_9600_b
 }
 
 #[test]
+fn the_gateway_follows_a_machine_that_pymodbus_serves_as_ascii_over_tcp() {
+    let mut command = python("server.py");
+    command.arg("ascii-over-tcp");
+    let (mut server, port) = Foreign::serves(command);
+    follows_the_machine(&mut server, &format!("type = \"modbus-ascii\"\naddress = \"127.0.0.1:{port}\""));
+}
+
+#[test]
+fn the_gateway_follows_a_machine_that_pymodbus_serves_as_ascii_on_a_serial_line_of_9600_baud() {
+    let mut command = python("server.py");
+    command.arg("ascii");
+    let (mut server, path) = Foreign::serves(command);
+    let settings = "baud = 9600\ndata_bits = 8\nparity = \"none\"";
+    follows_the_machine(&mut server, &format!("type = \"modbus-ascii\"\nport = \"{path}\"\n{settings}"));
+}
+
+#[test]
 fn the_gateway_follows_a_machine_that_libmodbus_serves() {
     let directory = tempfile::tempdir().unwrap();
     let (mut server, line) = Foreign::server(compiled(directory.path()));

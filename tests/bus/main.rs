@@ -8,10 +8,12 @@ mod support;
 mod fairness;
 mod interop;
 mod line;
+mod modbus_ascii;
 #[cfg(feature = "opcua")]
 mod opcua;
 mod pipeline;
 mod serial;
+mod serial_ascii;
 mod sysfs;
 mod tls;
 mod wrong_replies;

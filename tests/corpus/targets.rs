@@ -39,6 +39,7 @@ use tokio::net::{TcpSocket, TcpStream};
 use tokio::runtime::Runtime;
 
 mod bytes;
+pub(crate) mod lines;
 mod peer;
 
 use bytes::Bytes;
@@ -48,7 +49,7 @@ use peer::{Peer, RTU};
 pub(crate) type Target = (&'static str, fn(&[u8]));
 
 /// All targets.
-pub(crate) const TARGETS: [Target; 16] = [
+pub(crate) const TARGETS: [Target; 17] = [
     ("codec", codec),
     ("plan", planner),
     ("profile", profile_text),
@@ -65,6 +66,7 @@ pub(crate) const TARGETS: [Target; 16] = [
     ("canopen", canopen),
     ("http", http),
     ("command", command),
+    ("text", lines::text),
 ];
 
 /// Converts registers to numbers and back.

@@ -1,9 +1,9 @@
 """A machine's Modbus devices as pymodbus serves them, for tests of the gateway.
 
-Over TCP; with the arguments `tls DIRECTORY` inside TLS, with the certificates in there; with `rtu-over-tcp` as RTU frames, with `rtu` on a serial port: two pseudo-terminals with a
+Over TCP; with the arguments `tls DIRECTORY` inside TLS, with the certificates in there; with `rtu-over-tcp` or `ascii-over-tcp` as frames of RTU or ASCII, with `rtu` or `ascii` on a serial port: two pseudo-terminals with a
 wire of 9600 baud between them.
 
-Prints `listening PORT`, with `rtu` the path of the port. Then, line by line from stdin:
+Prints `listening PORT`, with `rtu` and `ascii` the path of the port. Then, line by line from stdin:
   set UNIT TABLE ADDRESS WORD...   answers `> ok`
   get UNIT TABLE ADDRESS COUNT     answers `> WORD...`
 TABLE is input, holding or discrete. Ends with its stdin.
@@ -71,11 +71,12 @@ def wire(source, sink):
 
 async def serve(kind, directory=None):
     devices = [device(unit) for unit in (1, 2, 3, 4)]
-    if kind == "rtu":
+    framers = {"rtu": FramerType.RTU, "ascii": FramerType.ASCII}
+    if kind in framers:
         (ours, path), (theirs, other) = port(), port()
         for ends in ((ours, theirs), (theirs, ours)):
             threading.Thread(target=wire, args=ends, daemon=True).start()
-        server = ModbusSerialServer(devices, port=path, baudrate=BAUD)
+        server = ModbusSerialServer(devices, framer=framers[kind], port=path, baudrate=BAUD)
         await server.serve_forever(background=True)
         return server, other
     if kind == "tls":
@@ -87,7 +88,7 @@ async def serve(kind, directory=None):
         server = ModbusTlsServer(devices, framer=FramerType.SOCKET, address=("127.0.0.1", 0), sslctx=context)
         await server.serve_forever(background=True)
         return server, server.transport.sockets[0].getsockname()[1]
-    framer = FramerType.RTU if kind == "rtu-over-tcp" else FramerType.SOCKET
+    framer = framers.get(kind.removesuffix("-over-tcp"), FramerType.SOCKET)
     server = ModbusTcpServer(devices, framer=framer, address=("127.0.0.1", 0))
     await server.serve_forever(background=True)
     return server, server.transport.sockets[0].getsockname()[1]

@@ -34,6 +34,7 @@ mod probe;
 mod registers;
 mod seals;
 mod serial;
+mod serial_ascii;
 mod shipped;
 mod stop;
 mod sysfs;

@@ -153,7 +153,13 @@ fn what_is_wrong_with_a_server_is_told_at_its_key() {
         "cert",
         &["a secured line"],
     );
-    no_server("\"none\"\n", "\"none\"\nbaud = 9600\n", "bus.control.baud", "baud", &["a modbus-rtu line"]);
+    no_server(
+        "\"none\"\n",
+        "\"none\"\nbaud = 9600\n",
+        "bus.control.baud",
+        "baud",
+        &["a line with a serial port"],
+    );
     no_server(
         "every = \"1s\"\n",
         "every = \"1s\"\nunit = 1\n",

@@ -45,6 +45,31 @@ fn a_serial_line_has_its_port_and_its_settings_eight_bits_no_parity_one_stop_bit
 }
 
 #[test]
+fn an_ascii_line_has_the_settings_of_the_specification_and_its_times() {
+    let line = |keys: &str| GRINDER.replacen(TCP, &format!("type = \"modbus-ascii\"\n{keys}"), 1);
+    let profile = |keys: &str| parse(&line(keys)).unwrap_or_else(|errors| panic!("{errors}")).profile;
+    let usual = profile(&format!("{PORT}\nbaud = 38400"));
+    let serial = Serial { baud: 38_400, parity: Parity::Even, stop_bits: 1 };
+    assert_eq!(usual.buses[0].transport, Transport::ModbusAscii { serial, data_bits: 7 });
+    assert_eq!(usual.buses[0].late, 2 * usual.buses[0].timeout, "no network delays a write");
+    let text = isotherm_profile::preview::Preview::of(&usual).to_string();
+    for said in ["Modbus ASCII at /dev/serial", "38400 baud 7E1: 0.72 ms a byte"] {
+        assert!(text.contains(said), "`{said}` is not in:\n{text}");
+    }
+    let other = profile(&format!("{PORT}\nbaud = 38400\nparity = \"none\"\ndata_bits = 8"));
+    assert_eq!(other.buses[0].transport.port_settings().as_deref(), Some("38400 baud 8N1"));
+    let over_tcp = profile("address = \"127.0.0.1:4001\"");
+    assert_eq!(over_tcp.buses[0].transport, Transport::ModbusAsciiOverTcp);
+    assert_eq!(over_tcp.buses[0].late.as_secs(), 30);
+    let both = line("address = \"127.0.0.1:4001\"\nbaud = 9600");
+    let error = only_error(&both, "bus.cell.baud", "baud");
+    assert!(error.to_string().contains("at the serial server"), "{error}");
+    let error =
+        only_error(&on(&format!("{PORT}\nbaud = 19200\ndata_bits = 7")), "bus.cell.data_bits", "data_bits");
+    assert!(error.to_string().contains("modbus-ascii"), "{error}");
+}
+
+#[test]
 fn a_serial_line_without_its_port_or_its_speed_is_refused() {
     is_refused("baud = 9600", "bus.cell.port", "cell]", &["`port` is missing", "/dev/serial/by-id"]);
     is_refused(PORT, "bus.cell.baud", "cell]", &["`baud` is missing", "9600"]);
@@ -61,7 +86,7 @@ fn settings_that_no_line_has_are_refused() {
     is_refused(&address, "bus.cell.address", "address", &["only for a TCP line"]);
     let error =
         only_error(&GRINDER.replacen(TCP, &format!("{TCP}\nbaud = 9600"), 1), "bus.cell.baud", "baud");
-    assert!(error.to_string().contains("only for a modbus-rtu line"), "{error}");
+    assert!(error.to_string().contains("only for a line with a serial port"), "{error}");
 }
 
 #[test]
@@ -81,14 +106,17 @@ fn an_rtu_line_has_no_unit_for_all_and_none_that_is_reserved() {
 }
 
 #[test]
-fn two_buses_on_one_rtu_line_are_refused_whether_on_a_port_or_through_tcp() {
+fn two_buses_on_one_serial_line_are_refused_whether_on_a_port_or_through_tcp() {
     let serial = format!("type = \"modbus-rtu\"\n{PORT}\nbaud = 19200");
     let over_tcp = "type = \"modbus-rtu-over-tcp\"\naddress = \"127.0.0.1:1502\"".to_owned();
-    for (line, key) in [(serial, "port"), (over_tcp, "address")] {
+    let ascii = format!("type = \"modbus-ascii\"\n{PORT}\nbaud = 38400");
+    let ascii_over_tcp = "type = \"modbus-ascii\"\naddress = \"127.0.0.1:1502\"".to_owned();
+    for (line, key) in [(serial, "port"), (over_tcp, "address"), (ascii, "port"), (ascii_over_tcp, "address")]
+    {
         let second = format!("[bus.second]\n{line}\n\n[device.module]\nbus = \"second\"");
         let text = GRINDER.replacen(TCP, &line, 1).replacen("[device.module]\nbus = \"cell\"", &second, 1);
         let error = only_error(&text, &format!("bus.second.{key}"), "\"");
-        assert!(error.to_string().contains("the bus `cell` has this"), "{error}");
+        assert!(error.to_string().contains(&format!("the bus `cell` has this {key}")), "{error}");
     }
 }
 

@@ -4,6 +4,7 @@
 //! scaling. Some modules send −512 for an open circuit, which would scale to a plausible −32.0 °C.
 
 mod address;
+mod ascii;
 mod bits;
 mod can;
 mod checksum;
@@ -21,8 +22,10 @@ mod part;
 mod pc_sensor;
 mod scale;
 mod scale_from;
+mod text;
 
 pub use address::{Address, Register, Table};
+pub use ascii::{AsciiFrames, ascii_frame};
 pub use bits::{BitField, BitKind, ByteOrder};
 pub use can::{CanId, CanMatch, Frame};
 pub use checksum::checksum;
@@ -39,6 +42,7 @@ pub use part::{Part, Whole};
 pub use pc_sensor::{Channel, PcSensor};
 pub use scale::Scale;
 pub use scale_from::{ScaleFrom, ScaleMeaning, ScaleRead, ScaleWatch};
+pub use text::{Quoted, TextPattern, TextValue, with_sum, with_unit};
 
 #[cfg(test)]
 mod tests;

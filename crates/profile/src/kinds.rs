@@ -10,10 +10,12 @@ use crate::tables::bus_kind::BusKind;
 pub(crate) mod can;
 pub(crate) mod modbus;
 pub(crate) mod opcua;
+mod serial_ascii;
 mod sysfs;
 
 /// All kinds of buses. A line whose type has an error counts as one of the first kind.
-pub(crate) static KINDS: [&BusKind; 4] = [&modbus::KIND, &can::KIND, &opcua::KIND, &sysfs::KIND];
+pub(crate) static KINDS: [&BusKind; 5] =
+    [&modbus::KIND, &can::KIND, &opcua::KIND, &sysfs::KIND, &serial_ascii::KIND];
 
 /// Returns the kind of a line with this transport, and its type.
 pub(crate) fn of(transport: Transport) -> (&'static BusKind, &'static LineType) {

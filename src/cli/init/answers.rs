@@ -1,7 +1,7 @@
 //! Answers to the questions, and their checks.
 
 use isotherm_profile::allowed;
-use isotherm_profile::template::{Outline, on_modbus};
+use isotherm_profile::template::{Outline, on_modbus, on_text};
 
 /// Values from which the first profile is written.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,7 +20,7 @@ pub(super) struct Answers {
     pub(super) control_unit: u8,
 }
 
-/// Modbus line to which the module or the control is connected.
+/// Line to which the module or the control is connected: Modbus, or text from the module.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Line {
     Tcp(String),
@@ -55,6 +55,11 @@ impl Line {
     }
 }
 
+/// Returns the shipped templates of modules that measure temperatures.
+pub(super) fn modules() -> impl Iterator<Item = Outline> {
+    on_modbus().chain(on_text()).filter(|outline| !outline.temperatures.is_empty())
+}
+
 /// Module that measures the temperatures.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Module {
@@ -67,11 +72,14 @@ impl Module {
         if text == "none" {
             return Ok(Module::SpelledOut);
         }
-        let mut measuring = on_modbus().filter(|outline| !outline.temperatures.is_empty());
-        let known =
-            || on_modbus().filter(|outline| !outline.temperatures.is_empty()).map(|outline| outline.name);
-        let found = measuring.find(|outline| outline.name == text);
+        let found = modules().find(|outline| outline.name == text);
+        let known = || modules().map(|outline| outline.name);
         found.map(Module::Template).ok_or_else(|| allowed(text, known().chain(["none"])))
+    }
+
+    /// Returns whether the module sends lines of text, so that the control needs a line of its own.
+    pub(super) fn sends_text(&self) -> bool {
+        self.outline().is_some_and(|outline| outline.sends_text)
     }
 
     pub(super) fn outline(&self) -> Option<&Outline> {

@@ -1,5 +1,6 @@
 use super::*;
 use isotherm_profile::preview;
+use isotherm_profile::template::on_text;
 
 fn answered(lines: &str) -> (anyhow::Result<Answers>, String) {
     let arguments = <Parser as clap::Parser>::parse_from(["init"]).arguments;
@@ -36,8 +37,9 @@ fn enter_alone_gives_a_profile_that_check_takes() {
 
 #[test]
 fn every_module_and_every_control_that_is_offered_gives_a_profile_that_check_takes() {
-    for outline in on_modbus() {
+    for outline in on_modbus().chain(on_text()) {
         let mut answers = usual();
+        answers.control = outline.sends_text.then(|| Line::Tcp("192.168.0.20:502".to_owned()));
         if !outline.temperatures.is_empty() {
             answers.signals = (0..outline.temperatures.len()).map(|place| format!("s{place}")).collect();
             answers.variant = outline.variants.first().cloned();
@@ -80,6 +82,20 @@ fn what_is_no_answer_is_asked_for_again_with_the_reason() {
     ] {
         assert!(shown.contains(why), "{why}: {shown}");
     }
+}
+
+#[test]
+fn a_module_that_sends_text_is_on_a_line_of_its_own() {
+    let (answers, shown) = answered(
+        "press-7\n/dev/ttyUSB0\nicp-das-i7018-dcon\n\n4\nbed,column\nz\n40\nholding:104\nsame\n/dev/ttyUSB1\n\n",
+    );
+    let answers = answers.unwrap_or_else(|error| panic!("{error}\n{shown}"));
+    assert!(shown.contains("the control needs another line"), "{shown}");
+    assert_eq!(answers.control, Some(Line::Serial("/dev/ttyUSB1".to_owned())));
+    assert_eq!(answers.variant.as_deref(), Some("checksum-off"));
+    let profile = taken(&answers);
+    assert!(profile.signals.iter().all(|signal| signal.address.text().is_some()), "{profile:?}");
+    assert_eq!(profile.buses.len(), 2);
 }
 
 #[test]

@@ -20,7 +20,10 @@ fn write_profile(text: &mut String, answers: &Answers) -> std::fmt::Result {
          [machine]\nname   = \"{machine}\"\nsettle = \"3min\"                     # \"start\" references are the mean over this long\n\
          arm    = \"manual\"                   # nothing is written before `isotherm arm`; \"auto\" arms by itself\n"
     )?;
-    line(text, "cell", &answers.line)?;
+    match answers.module.sends_text() {
+        true => line_of_text(text, "cell", &answers.line)?,
+        false => line(text, "cell", &answers.line)?,
+    }
     if let Some(control) = &answers.control {
         line(text, "control", control)?;
     }
@@ -70,6 +73,24 @@ fn line(text: &mut String, name: &str, line: &Line) -> std::fmt::Result {
             "[bus.{name}]\ntype    = \"modbus-rtu\"\nport    = \"{port}\"             # a name below /dev/serial/by-id stays the same\n\
              baud    = 9600                      # the setting of the devices\nparity  = \"none\"\nstop_bits = 1\n\
              timeout = \"300ms\"                   # shorter than every `every` below\n"
+        ),
+    }
+}
+
+/// Writes the line of a module that sends text.
+fn line_of_text(text: &mut String, name: &str, line: &Line) -> std::fmt::Result {
+    match line {
+        Line::Tcp(address) => writeln!(
+            text,
+            "[bus.{name}]                           # lines of text through a serial server\ntype    = \"serial-ascii\"\n\
+             address = \"{address}\"\ntimeout = \"300ms\"                   # shorter than every `every` below\n"
+        ),
+        Line::Serial(port) => writeln!(
+            text,
+            "[bus.{name}]                           # lines of text\ntype    = \"serial-ascii\"\n\
+             port    = \"{port}\"             # a name below /dev/serial/by-id stays the same\n\
+             baud    = 9600                      # the setting of the module\ndata_bits = 8\nparity  = \"none\"\n\
+             stop_bits = 1\ntimeout = \"300ms\"                   # shorter than every `every` below\n"
         ),
     }
 }

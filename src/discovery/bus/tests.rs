@@ -28,6 +28,11 @@ fn a_line_is_read_as_people_type_it() {
         ("[fe80::1]:503", "tcp://[fe80::1]:503"),
         ("192.168.0.12:4840", "opc.tcp://192.168.0.12:4840"),
         ("rtu:///dev/ttyS1?baud=1200&parity=even&stop_bits=2", "/dev/ttyS1 at 1200 baud 8E2"),
+        ("modbus-ascii:///dev/ttyS1", "/dev/ttyS1 at 9600 baud 7E1"),
+        ("modbus-ascii:///dev/ttyS1?baud=4800&data_bits=8&parity=none", "/dev/ttyS1 at 4800 baud 8N1"),
+        ("modbus-ascii+tcp://10.0.0.7:4001", "modbus-ascii+tcp://10.0.0.7:4001"),
+        ("ascii:///dev/ttyS1?baud=4800&data_bits=7&parity=even", "/dev/ttyS1 at 4800 baud 7E1"),
+        ("ascii+tcp://10.0.0.7:4001", "ascii+tcp://10.0.0.7:4001"),
     ] {
         assert_eq!(
             text.parse::<LineAddress>().map(|place| place.to_string()),
@@ -68,8 +73,23 @@ fn what_is_no_line_is_told_how_to_write_one() {
         ("rtu:///dev/ttyUSB0?parity=mark", "none, even, odd"),
         ("rtu:///dev/ttyUSB0?stop_bits=3", "1, 2"),
         ("rtu:///dev/ttyUSB0?speed=9600", "baud, parity, stop_bits"),
+        ("modbus-ascii:///dev/ttyUSB0?data_bits=5", "allowed: 7, 8"),
+        ("modbus-ascii+tcp://x", "modbus-ascii+tcp://x:4001"),
     ] {
         let why = text.parse::<LineAddress>().unwrap_err();
         assert!(why.contains(word), "{text}: {why}");
+    }
+}
+
+#[test]
+fn the_settings_of_a_serial_line_with_units_can_be_changed() {
+    for (text, expected) in [
+        ("rtu:///dev/ttyS1", "/dev/ttyS1 at 1200 baud 8N1"),
+        ("modbus-ascii:///dev/ttyS1", "/dev/ttyS1 at 1200 baud 7E1"),
+        ("ascii:///dev/ttyS1", "/dev/ttyS1 at 9600 baud 8N1"),
+        ("tcp://10.0.0.7:502", "tcp://10.0.0.7:502"),
+    ] {
+        let line: LineAddress = text.parse().unwrap();
+        assert_eq!(line.with_serial(|serial| Serial { baud: 1200, ..serial }).to_string(), expected);
     }
 }

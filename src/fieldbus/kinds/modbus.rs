@@ -1,7 +1,7 @@
-//! Modbus TCP, also inside TLS, and Modbus RTU on a serial port or through TCP.
+//! Modbus TCP, also inside TLS, and Modbus RTU and ASCII on a serial port or through TCP.
 //!
 //! - [`tcp`] — frames of Modbus TCP; [`rtu`] — frames of a serial line. The private module `pdu` builds and checks the
-//!   content of both.
+//!   content of both. [`ascii`] — a port whose frames of Modbus ASCII become frames of RTU.
 //! - [`pending_replies`] — late replies that a unit may still send after a timeout, and requests that are safe
 //!   meanwhile.
 //! - [`reply_signature`] — what distinguishes the answers to two requests; `order_check` — whether the answers of a
@@ -10,6 +10,7 @@
 //! - [`wire`] — interface of a Modbus connection, in addition to that of every line.
 //! - `pipeline` — whether two requests are sent together, and when the line stops doing so.
 
+pub mod ascii;
 mod dial;
 pub(in crate::fieldbus) mod hint;
 pub(in crate::fieldbus) mod order_check;
@@ -24,10 +25,10 @@ pub mod text;
 pub mod wire;
 
 use super::kind::{BusKind, LinePlace, ScanKind, VirtualLine};
-use super::target::{host, serial};
+use super::target::{host, profile_lines, serial, serial_with_data_bits};
 use crate::fieldbus::connection::Dial;
 use crate::fieldbus::serial::place;
-use isotherm_profile::{Bus, Serial, Transport};
+use isotherm_profile::{Bus, Parity, Serial, Transport};
 
 /// Default port of Modbus TCP.
 const PORT: u16 = 502;
@@ -98,6 +99,67 @@ pub const SERIAL: BusKind = BusKind {
     scan: SERIAL_UNITS,
     virtual_line: VirtualLine::Served("is the serial port"),
     ..BusKind::PLAIN
+};
+
+/// Beginning of the address of a serial port with Modbus ASCII.
+const ASCII_SCHEME: &str = "modbus-ascii://";
+/// Beginning of the address of a serial server with Modbus ASCII.
+const ASCII_SCHEME_OVER_TCP: &str = "modbus-ascii+tcp://";
+
+/// Modbus ASCII on a serial port of this computer.
+pub const ASCII: BusKind = BusKind {
+    word: "modbus-ascii",
+    address_key: "port",
+    settings: |transport| match transport {
+        Transport::ModbusAscii { serial, data_bits } => profile_lines(serial, data_bits),
+        _ => String::new(),
+    },
+    example: Some("modbus-ascii:///dev/ttyUSB0?baud=9600&data_bits=7&parity=even"),
+    parse: |text| {
+        let found = serial_with_data_bits(text.strip_prefix(ASCII_SCHEME)?, ASCII_SCHEME, 7);
+        let found = found.map(|(serial, data_bits, path)| {
+            // The default parity is that of Modbus ASCII.
+            let parity = if text.contains("parity=") { serial.parity } else { Parity::Even };
+            (Transport::ModbusAscii { serial: Serial { parity, ..serial }, data_bits }, path)
+        });
+        Some(found)
+    },
+    shown: |transport, address| match transport.port_settings() {
+        Some(settings) => format!("{address} at {settings}"),
+        None => address.to_owned(),
+    },
+    dial,
+    advice: hint::advice,
+    place: |bus| LinePlace::Name(place(&bus.address)),
+    is_lossy: true,
+    scan: ASCII_UNITS,
+    virtual_line: VirtualLine::Served("is the serial port"),
+    ..BusKind::PLAIN
+};
+
+/// Frames of Modbus ASCII through a TCP connection.
+pub const ASCII_OVER_TCP: BusKind = BusKind {
+    word: "modbus-ascii",
+    example: Some("modbus-ascii+tcp://192.168.0.11:4001"),
+    parse: |text| {
+        let host = host(text.strip_prefix(ASCII_SCHEME_OVER_TCP)?, None);
+        let host = host.map_err(|why| why.replace("rtu+tcp://", ASCII_SCHEME_OVER_TCP));
+        Some(host.map(|address| (Transport::ModbusAsciiOverTcp, address)))
+    },
+    shown: |_, address| format!("{ASCII_SCHEME_OVER_TCP}{address}"),
+    dial,
+    advice: hint::advice,
+    place: |bus| LinePlace::Host(bus.address.clone()),
+    is_lossy: true,
+    scan: ASCII_UNITS,
+    virtual_line: VirtualLine::Served("listens on"),
+    ..BusKind::PLAIN
+};
+
+const ASCII_UNITS: ScanKind = ScanKind::Units {
+    unanswered: "Try other settings, such as data_bits=8&parity=none, or another --register. Check the power of the \
+                 device, and whether it is set to Modbus ASCII",
+    malformed: "",
 };
 
 const SERIAL_UNITS: ScanKind = ScanKind::Units {

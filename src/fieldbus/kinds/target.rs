@@ -58,6 +58,36 @@ pub(super) fn serial(text: &str) -> Result<(Serial, String), String> {
     Ok((serial, path.to_owned()))
 }
 
+/// Returns the settings of a serial port with 7 or 8 data bits, the data bits, and its path. `data_bits` is their
+/// default, and `scheme` the beginning of the address in messages.
+pub(super) fn serial_with_data_bits(
+    text: &str,
+    scheme: &str,
+    mut data_bits: u8,
+) -> Result<(Serial, u8, String), String> {
+    let (path, settings) = text.split_once('?').unwrap_or((text, ""));
+    let mut others = Vec::new();
+    for setting in settings.split('&') {
+        match setting.strip_prefix("data_bits=") {
+            None => others.push(setting),
+            Some("7") => data_bits = 7,
+            Some("8") => data_bits = 8,
+            Some(_) => return Err(format!("`{setting}`: allowed: 7, 8")),
+        }
+    }
+    let found = serial(&format!("{path}?{}", others.join("&")));
+    let (serial, path) = found.map_err(|why| {
+        why.replace("rtu://", scheme).replace("allowed: baud, parity", "allowed: baud, data_bits, parity")
+    })?;
+    Ok((serial, data_bits, path))
+}
+
+/// Returns the lines of a profile with the settings of a serial port.
+pub(super) fn profile_lines(Serial { baud, parity, stop_bits }: Serial, data_bits: u8) -> String {
+    let parity = parity.word();
+    format!("baud = {baud}\ndata_bits = {data_bits}\nparity = \"{parity}\"\nstop_bits = {stop_bits}\n")
+}
+
 /// Parses the bits per second of a serial port.
 ///
 /// # Errors

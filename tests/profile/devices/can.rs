@@ -47,7 +47,9 @@ fn read(profile: &Profile, name: &str, id: u32, bytes: &[u8]) -> Result<f64, Rea
             assert_eq!(u32::from(object.entry.index), id, "{object}");
             object.registers(bytes).ok_or(Reason::BadReply)?
         }
-        other @ (Address::Modbus(_) | Address::Node(_) | Address::Sensor(_)) => panic!("{other}"),
+        other @ (Address::Modbus(_) | Address::Node(_) | Address::Sensor(_) | Address::Text(_)) => {
+            panic!("{other}")
+        }
     };
     signal.encoding.decode(words.registers())
 }

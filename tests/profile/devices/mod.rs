@@ -10,6 +10,7 @@ mod can;
 mod decoded;
 mod opcua;
 mod shipped;
+mod text;
 
 /// Returns the text of a machine with one device.
 fn around(device: &str, rest: &str) -> String {

@@ -7,6 +7,7 @@ use isotherm_profile::template;
 use super::can::on_can;
 use super::opcua::on_opcua;
 use super::taken;
+use super::text::on_text;
 
 fn files() -> BTreeSet<String> {
     let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/profiles/devices");
@@ -52,9 +53,15 @@ fn every_shipped_template_is_taken_in_each_of_its_variants_and_names_its_source(
         }
         for device in devices {
             // The device is accepted on one of these lines: as a Modbus unit, as a CANopen node, as a sender of frames,
-            // as a server.
+            // as a server, as a sender of text.
             let node = format!("node = 5\n{device}");
-            let lines = [taken(&device, ""), on_can(&node, ""), on_can(&device, ""), on_opcua(&device, "")];
+            let lines = [
+                taken(&device, ""),
+                on_can(&node, ""),
+                on_can(&device, ""),
+                on_opcua(&device, ""),
+                on_text(&device, ""),
+            ];
             let refused: Vec<String> =
                 lines.iter().filter_map(|line| Some(line.as_ref().err()?.to_string())).collect();
             let loaded = lines.into_iter().find_map(Result::ok);

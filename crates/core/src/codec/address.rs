@@ -1,10 +1,12 @@
-//! Addresses of values: registers, CANopen objects, CAN frames, nodes of an OPC UA server, sensors of this computer.
+//! Addresses of values: registers, CANopen objects, CAN frames, nodes of an OPC UA server, sensors of this computer,
+//! and texts.
+//!
 //! Registers have two notations: `input:0` (protocol address, zero-based) and `30001` (Modicon number, one-based).
 
 use std::fmt;
 use std::str::FromStr;
 
-use super::{Field, Node, Object, PcSensor};
+use super::{Field, Node, Object, PcSensor, TextValue};
 
 /// Address of a value on a bus of any kind, or of a sensor of this computer.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -19,6 +21,8 @@ pub enum Address {
     Node(Node),
     /// Sensor of this computer.
     Sensor(PcSensor),
+    /// Number in a line of text.
+    Text(TextValue),
 }
 
 /// The four tables of a Modbus device.
@@ -103,6 +107,11 @@ impl Address {
         if let Address::Sensor(sensor) = self { Some(sensor) } else { None }
     }
 
+    /// Returns the value in a line of text. `None` for any other kind of address.
+    pub const fn text(&self) -> Option<&TextValue> {
+        if let Address::Text(text) = self { Some(text) } else { None }
+    }
+
     /// Returns whether the value arrives in CAN frames, without a request.
     pub const fn is_in_frames(&self) -> bool {
         matches!(self, Address::Frame(_))
@@ -174,7 +183,7 @@ impl fmt::Display for Register {
 }
 
 /// Formats the address for messages: `holding:104 (40105)`, `object 6150:01`, `0x20c, 32 bits from 0 up (Intel),
-/// signed`, `node ns=2;i=5`, `sensor w1:28-0316a2794f01`.
+/// signed`, `node ns=2;i=5`, `sensor w1:28-0316a2794f01`, `text "{number} mm"`.
 impl fmt::Display for Address {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -183,6 +192,7 @@ impl fmt::Display for Address {
             Address::Frame(field) => write!(f, "{field}"),
             Address::Node(node) => write!(f, "node {node}"),
             Address::Sensor(sensor) => write!(f, "sensor {sensor}"),
+            Address::Text(text) => write!(f, "{text}"),
         }
     }
 }

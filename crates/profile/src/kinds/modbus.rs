@@ -24,7 +24,7 @@ mod scale_from;
 pub(crate) mod serial;
 mod signal;
 
-/// Modbus over TCP, a serial port, or RTU frames over TCP.
+/// Modbus over TCP, and RTU or ASCII frames on a serial port or over TCP.
 pub(super) static KIND: BusKind = BusKind {
     types: &line::TYPES,
     line: line::resolve,
@@ -68,8 +68,8 @@ pub(super) static KIND: BusKind = BusKind {
 
 /// Checks the unit of a device.
 fn device(_: &Check<'_>, raw: &RawDevice, at: &KeyContext<'_>, line: Option<&Bus>) -> DeviceParts {
-    let over_rtu =
-        line.is_some_and(|line| matches!(line.transport, Transport::Serial(_) | Transport::RtuOverTcp));
+    // Lines with RTU or ASCII frames.
+    let over_rtu = line.is_some_and(|line| line.transport != Transport::Tcp);
     if over_rtu {
         at.key("quirks").not_applicable(&["gateway"], quirks::OF_TCP, quirks::WAITS);
     }
@@ -79,9 +79,9 @@ fn device(_: &Check<'_>, raw: &RawDevice, at: &KeyContext<'_>, line: Option<&Bus
     at.missing("`unit` is missing", help);
     if let Some(unit) = raw.unit.filter(|unit| over_rtu && !(1..=247).contains(unit)) {
         let message = if unit == 0 {
-            "unit 0 addresses all devices of an RTU line at once, and none of them answers".to_owned()
+            "unit 0 addresses all devices of a serial line at once, and none of them answers".to_owned()
         } else {
-            format!("an RTU line has no unit {unit}: 248 to 255 are reserved")
+            format!("a serial line has no unit {unit}: 248 to 255 are reserved")
         };
         at.invalid(message, "write the address set at the device, 1 to 247");
     }

@@ -6,13 +6,13 @@ use std::time::Duration;
 use crate::Profile;
 use crate::document::{Section, entries};
 use crate::wording::counted;
-use isotherm_core::codec::{Node, Object, PcSensor, Register};
+use isotherm_core::codec::{Node, Object, PcSensor, Quoted, Register, TextValue};
 use isotherm_core::reading::SignalId;
 
 /// Read request with the position of each signal in its answer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReadRequest {
-    /// Registers, object, nodes or sensors to read.
+    /// Registers, object, nodes, sensors or texts to read.
     pub asks: ReadTarget,
     /// Values and scales of signals in the answer. Never empty.
     pub fields: Vec<Field>,
@@ -36,6 +36,8 @@ pub enum ReadTarget {
     Subscription(Subscription),
     /// Sensors of this computer. Each is a field of the answer.
     Sensors(Vec<PcSensor>),
+    /// Values in lines of text, all with the same request. Each is a field of the answer.
+    Texts(Vec<TextValue>),
 }
 
 /// Nodes that an OPC UA server sends by itself. Each is a field of the answer.
@@ -102,12 +104,13 @@ impl ReadTarget {
                 (nodes.len(), "node")
             }
             ReadTarget::Sensors(sensors) => (sensors.len(), "sensor"),
+            ReadTarget::Texts(texts) => (texts.len(), "text"),
         }
     }
 }
 
 impl ReadRequest {
-    /// First register or bit, and their number. `None` for an object, nodes and sensors.
+    /// First register or bit, and their number. `None` for other targets.
     pub const fn span(&self) -> Option<(Register, u16)> {
         if let ReadTarget::Registers { from, count } = self.asks { Some((from, count)) } else { None }
     }
@@ -169,6 +172,14 @@ impl fmt::Display for ReadRequest {
             ReadTarget::Object(object) => return write!(f, "read {object}"),
             ReadTarget::Sensors(sensors) if sensors.len() == 1 => return write!(f, "read 1 sensor"),
             ReadTarget::Sensors(sensors) => return write!(f, "read {} sensors at once", sensors.len()),
+            ReadTarget::Texts(texts) => {
+                return match texts.first().map_or("", |text| text.request.as_str()) {
+                    "" => write!(f, "receive {}", counted(texts.len(), "text")),
+                    request => {
+                        write!(f, "send {}, receive {}", Quoted(request), counted(texts.len(), "text"))
+                    }
+                };
+            }
             ReadTarget::Nodes(nodes) => return write!(f, "read {}", counted(nodes.len(), "node")),
             ReadTarget::Subscription(Subscription { nodes, .. }) => {
                 return write!(f, "subscribe to {}", counted(nodes.len(), "node"));
@@ -194,7 +205,7 @@ pub fn summary(requests: &[ReadRequest]) -> String {
         let cells = requests.iter().map(|request| request.asks.cells());
         cells.filter(|(_, own)| *own == what).map(|(count, _)| count).sum()
     };
-    let cells: Vec<String> = ["register", "bit", "node", "sensor"]
+    let cells: Vec<String> = ["register", "bit", "node", "sensor", "text"]
         .into_iter()
         .map(|what| (touched(what), what))
         .filter(|(count, _)| *count > 0)

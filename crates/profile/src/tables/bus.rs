@@ -33,13 +33,14 @@ pub(crate) struct RawBus {
     pub(crate) kind: Option<BusType>,
     /// Address of the line. TCP lines: host and port, for example "192.168.0.10:502". With `tls` the default port is
     /// 802. OPC UA lines: URL of the server, for example "opc.tcp://192.168.214.241:4840". Sysfs lines: directory of
-    /// the kernel's sensors, default "/sys".
+    /// the kernel's sensors, default "/sys". Lines of the types serial-ascii and modbus-ascii have host
+    /// and port of a serial server, or `port`.
     pub(crate) address: Option<String>,
     /// Timeout of an answer. Default "500ms", or half the shortest period of reads and writes on the line if that is
-    /// less; "2s" on a sysfs line.
+    /// less; "2s" on a sysfs line, "1s" on a serial-ascii line.
     pub(crate) timeout: Option<Timespan>,
     /// Time during which a write without an answer may still arrive, from `timeout` to "10min". Default "30s"; on a
-    /// modbus-rtu line twice `timeout`, because no network delays the write.
+    /// serial port twice `timeout`, because no network delays the write.
     pub(crate) late: Option<Timespan>,
     /// Certificate files of a modbus-tcp line with Modbus/TCP Security.
     pub(crate) tls: Option<RawTls>,
@@ -49,16 +50,20 @@ pub(crate) struct RawBus {
     pub(crate) pipeline: Option<u8>,
     /// Quirks: special requirements of all devices on the line.
     pub(crate) quirks: Option<RawQuirks>,
-    /// Serial port of a modbus-rtu line, for example "/dev/serial/by-id/usb-…".
+    /// Serial port of a modbus-rtu, modbus-ascii or serial-ascii line, for example "/dev/serial/by-id/usb-…".
     pub(crate) port: Option<String>,
-    /// Baud rate of a modbus-rtu line, in bits per second. Required on such a line.
+    /// Baud rate of a serial port, in bits per second. Required with `port`.
     #[schemars(range(min = 300, max = 4_000_000))]
     pub(crate) baud: Option<u32>,
-    /// Parity of a modbus-rtu line. Default "none".
+    /// Parity of a serial port. Default "none"; on a modbus-ascii line "even".
     pub(crate) parity: Option<Parity>,
-    /// Stop bits of a modbus-rtu line, 1 or 2. Default 1.
+    /// Stop bits of a serial port, 1 or 2. Default 1.
     #[schemars(range(min = 1, max = 2))]
     pub(crate) stop_bits: Option<u8>,
+    /// Data bits of the serial port of a serial-ascii or modbus-ascii line, 7 or 8. Default 8; on a modbus-ascii line
+    /// 7. A modbus-rtu line always has 8.
+    #[schemars(range(min = 7, max = 8))]
+    pub(crate) data_bits: Option<u8>,
     /// Network interface of a CAN line, for example "can0".
     pub(crate) interface: Option<String>,
     /// SYNC that the gateway sends on a CAN line. Default: none.

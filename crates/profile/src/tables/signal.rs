@@ -55,6 +55,14 @@ pub(crate) struct RawSignal {
     /// Sensor of this computer: "w1:28-0316a2794f01", "hwmon:NAME/LABEL" or "iio:NAME/LABEL". If several chips have the
     /// same name: "hwmon:NAME@DEVICE/LABEL".
     pub(crate) sensor: Option<String>,
+    /// Serial-ascii: pattern of the line of text with the value, for example "{number} mm" or ">{skip 2}{number}{any}".
+    /// `{number.3}` requires three decimals, `{number 8}` eight characters, `{number,}` has a decimal comma, and `{sum}`
+    /// is the checksum of DCON.
+    pub(crate) text: Option<String>,
+    /// Serial-ascii: text that the gateway sends before each read, for example "#{unit}\r" or "\u0002". `{unit}` is the
+    /// `unit` of the device in two hexadecimal digits, `{sum}` the checksum of DCON. Default: nothing is sent, because
+    /// the device sends its text without a request.
+    pub(crate) request: Option<String>,
     /// Type of the value. Required for input and holding registers. For bits of a register, "i16" is a signed number;
     /// "u32" and "i32" are bits of two registers. For a node, its own type; by default any number is accepted.
     #[serde(rename = "type")]
@@ -191,21 +199,23 @@ impl Signal {
         let device = &device.name;
         let shown = labelled(name, &self.label);
         let sensor = self.address.sensor();
-        let mut line = match (self.address.is_in_frames(), sensor, self.address.node()) {
+        // A sensor and a text have a number with its unit, and no counts.
+        let is_number = sensor.is_some() || self.address.text().is_some();
+        let mut line = match (self.address.is_in_frames(), is_number, self.address.node()) {
             (true, ..) => format!("  {shown}: {register}, from {device}"),
-            (false, Some(_), _) => format!("  {shown}: {register} of {device}"),
-            (false, None, Some(node)) if node.data_type.is_none() => {
+            (false, true, _) => format!("  {shown}: {register} of {device}"),
+            (false, false, Some(node)) if node.data_type.is_none() => {
                 format!("  {shown}: {register} of {device}, the node's own type")
             }
-            (false, None, _) => format!("  {shown}: {register} of {device}, {data_type}"),
+            (false, false, _) => format!("  {shown}: {register} of {device}, {data_type}"),
         };
         let element = self.address.node().and_then(|node| node.element.as_ref()).map(ToString::to_string);
         line.extend(element.iter().map(|element| format!(", {element}")));
         let word_order = register::shown_order(&self.address, encoding);
         line.extend(word_order.iter().map(|order| format!(" {order}")));
-        if sensor.is_some() && (scale - 1.0).abs() > 0.0 {
+        if is_number && (scale - 1.0).abs() > 0.0 {
             line += &format!(", times {scale}");
-        } else if sensor.is_none() && data_type != "bool" {
+        } else if !is_number && data_type != "bool" {
             let unit = unit.to_string();
             let space = if unit.is_empty() { "" } else { " " };
             let each = register::one_of(&self.address);
@@ -249,6 +259,9 @@ impl Signal {
         if self.address.sensor().is_some_and(PcSensor::is_ds18b20) {
             doubts.push("at exactly 85 °C (power-on)".to_owned());
         }
+        if self.address.text().is_some() {
+            doubts.push("with any other text".to_owned());
+        }
         let bad = self.encoding.bad.iter().map(|bad| match bad.means {
             Reason::Sentinel => bad.raw.to_string(),
             means => format!("{} ({means})", bad.raw),
@@ -274,7 +287,7 @@ impl Signal {
 }
 
 /// Keys for the place of a signal.
-pub(crate) const PLACES: [&str; 7] = ["register", "dbc", "sdo", "pdo", "frame", "node", "sensor"];
+pub(crate) const PLACES: [&str; 8] = ["register", "dbc", "sdo", "pdo", "frame", "node", "sensor", "text"];
 
 /// Address and encoding of a signal.
 pub(crate) struct Located {

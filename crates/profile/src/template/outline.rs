@@ -24,19 +24,33 @@ pub struct Outline {
     pub has_heartbeat: bool,
     /// Whether the profile may state the first register of the device (key `base`).
     pub is_movable: bool,
+    /// Whether the device sends lines of text, and needs a serial-ascii line.
+    pub sends_text: bool,
 }
 
 /// Returns the shipped templates of Modbus devices.
 pub fn on_modbus() -> impl Iterator<Item = Outline> {
-    shipped::names().filter_map(|name| {
+    with_key("register")
+}
+
+/// Returns the shipped templates of devices that send lines of text.
+pub fn on_text() -> impl Iterator<Item = Outline> {
+    with_key("text")
+}
+
+/// Returns the shipped templates with this key in a channel or target, also of a variant.
+fn with_key(key: &'static str) -> impl Iterator<Item = Outline> {
+    shipped::names().filter_map(move |name| {
         let text: Table = shipped::text(name)?.parse().ok()?;
-        let groups = ["channel", "target"].map(|key| text.get(key).and_then(Value::as_table));
-        let mut groups = groups.into_iter().flatten().flat_map(Table::values);
-        groups.any(|group| group.get("register").is_some()).then(|| outline(name, &text))
+        let variants = text.get("variant").and_then(Value::as_table).into_iter().flat_map(Table::values);
+        let tables = std::iter::once(&text).chain(variants.filter_map(Value::as_table));
+        let groups = tables.flat_map(|table| ["channel", "target"].map(|kind| table.get(kind)));
+        let mut groups = groups.flatten().filter_map(Value::as_table).flat_map(Table::values);
+        groups.any(|group| group.get(key).is_some()).then(|| outline(name, &text, key))
     })
 }
 
-fn outline(name: &'static str, text: &Table) -> Outline {
+fn outline(name: &'static str, text: &Table, key: &str) -> Outline {
     let table = |key: &str| text.get(key).and_then(Value::as_table);
     let keys = |key: &str| -> Vec<String> { table(key).into_iter().flat_map(Table::keys).cloned().collect() };
     let targets = table("target").into_iter().flatten();
@@ -51,6 +65,7 @@ fn outline(name: &'static str, text: &Table) -> Outline {
         variants: keys("variant"),
         has_heartbeat: text.contains_key("heartbeat"),
         is_movable: text.get("movable").and_then(Value::as_bool) == Some(true),
+        sends_text: key == "text",
     }
 }
 
@@ -98,6 +113,9 @@ mod tests {
         assert_eq!((plc.targets, plc.temperatures), (["x", "y", "z"].map(str::to_owned).to_vec(), vec![]));
         assert!(of("advantech-adam-6018").variants.contains(&"K".to_owned()));
         assert!(on_modbus().all(|outline| outline.name != "axiomatic-axtc4co"), "it is on CAN");
+        let dcon = on_text().find(|outline| outline.name == "icp-das-i7018-dcon").unwrap();
+        assert_eq!((dcon.temperatures.len(), dcon.variants[0].as_str()), (8, "checksum-off"));
+        assert!(on_modbus().all(|outline| !outline.sends_text && outline.name != dcon.name));
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use super::ascii::AsciiPort;
 use super::rtu::Rtu;
 use super::tcp::ModbusTcp;
 use crate::fieldbus::connection::{Connection, Dial};
@@ -28,7 +29,13 @@ enum LineTransport {
     /// `None`: the files in `tls` are unusable, as [`tls::check`] reports.
     Tls(Option<Client>),
     RtuOverTcp,
+    AsciiOverTcp,
     Serial(Serial, PortHistory),
+    SerialAscii {
+        serial: Serial,
+        data_bits: u8,
+        history: PortHistory,
+    },
 }
 
 impl ModbusDial {
@@ -39,7 +46,13 @@ impl ModbusDial {
             (Transport::Tcp, None) => LineTransport::Tcp,
             (Transport::Tcp, Some(tls)) => LineTransport::Tls(Client::new(tls).ok()),
             (Transport::RtuOverTcp, _) => LineTransport::RtuOverTcp,
+            (Transport::ModbusAsciiOverTcp, _) => LineTransport::AsciiOverTcp,
             (Transport::Serial(serial), _) => LineTransport::Serial(*serial, PortHistory::default()),
+            (Transport::ModbusAscii { serial, data_bits }, _) => LineTransport::SerialAscii {
+                serial: *serial,
+                data_bits: *data_bits,
+                history: PortHistory::default(),
+            },
             _ => return None,
         };
         Some(ModbusDial { address: bus.address.clone(), timeout: bus.timeout, over })
@@ -52,12 +65,21 @@ impl ModbusDial {
             let port = opened.map_err(Fault::Link)?;
             return Ok(Connection::Modbus(Box::new(Rtu::new(port, Some(*serial), tap))));
         }
+        if let LineTransport::SerialAscii { serial, data_bits, history } = &mut self.over {
+            let opened = SerialPort::open_for_text(&self.address, *serial, *data_bits);
+            *history = history.and(opened.as_ref().ok().map(SerialPort::identity));
+            let port = AsciiPort::new(opened.map_err(Fault::Link)?);
+            return Ok(Connection::Modbus(Box::new(Rtu::new(port, Some(serial.for_ascii()), tap))));
+        }
         if matches!(self.over, LineTransport::Tls(None)) {
             return Err(Fault::Link(LinkFault::Tls(TlsFault::OurFiles)));
         }
         let stream = connected(&self.address, self.timeout).await?;
         Ok(match &self.over {
             LineTransport::RtuOverTcp => Connection::Modbus(Box::new(Rtu::new(stream, None, tap))),
+            LineTransport::AsciiOverTcp => {
+                Connection::Modbus(Box::new(Rtu::new(AsciiPort::new(stream), None, tap)))
+            }
             LineTransport::Tls(Some(client)) => {
                 Connection::ModbusTcp(ModbusTcp::new(client.secure(stream).await?, tap))
             }
@@ -84,8 +106,13 @@ impl Dial for ModbusDial {
     /// opened.
     fn resumes(&self) -> bool {
         match self.over {
-            LineTransport::Serial(_, history) => history.resumes(),
-            LineTransport::Tcp | LineTransport::Tls(_) | LineTransport::RtuOverTcp => true,
+            LineTransport::Serial(_, history) | LineTransport::SerialAscii { history, .. } => {
+                history.resumes()
+            }
+            LineTransport::Tcp
+            | LineTransport::Tls(_)
+            | LineTransport::RtuOverTcp
+            | LineTransport::AsciiOverTcp => true,
         }
     }
 

@@ -158,8 +158,9 @@ impl Sight {
                 "troubleshooting.md#read-a-register",
             ),
             Sight::ModbusAscii => (
-                "set the device, or the Modbus gateway in front of it, from Modbus ASCII to Modbus RTU",
-                None,
+                "write type = \"modbus-ascii\" at the bus; or set the device, or the Modbus gateway in front of it, from \
+                 Modbus ASCII to Modbus RTU",
+                Some("type"),
                 PROTOCOL,
             ),
             Sight::Dcon => (

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::host_port::host_and_port;
 use crate::kinds::modbus::quirks;
-use crate::kinds::modbus::serial::Serial;
+use crate::kinds::modbus::serial::{Parity, Serial};
 use crate::tables::bus::tls::TLS_PORT;
 use crate::tables::bus::transport::{BusType, Transport};
 use crate::tables::bus::{LineSettings, LineType, RawBus};
@@ -19,7 +19,7 @@ const USUAL: u16 = 502;
 const EXAMPLE: &str = "192.168.0.10:502";
 
 /// Types of Modbus lines.
-pub(super) static TYPES: [LineType; 3] = [
+pub(super) static TYPES: [LineType; 4] = [
     LineType {
         word: BusType::ModbusTcp,
         title: "Modbus TCP",
@@ -41,6 +41,13 @@ pub(super) static TYPES: [LineType; 3] = [
         exclusive: Some("address"),
         answer: ANSWER_THROUGH_SERVER,
     },
+    LineType {
+        word: BusType::ModbusAscii,
+        title: "Modbus ASCII",
+        keys: &["address", "late", "port", "baud", "parity", "stop_bits", "data_bits", "quirks"],
+        exclusive: Some("port"),
+        answer: ANSWER_THROUGH_SERVER,
+    },
 ];
 
 /// Resolves transport and address of a line of this type.
@@ -52,7 +59,18 @@ pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>, of: BusType) -> Option<
     if of == BusType::ModbusRtuOverTcp {
         return Some((Transport::RtuOverTcp, address(raw, at)));
     }
+    if of == BusType::ModbusAscii && at.key("address").is_written() {
+        let help = "remove this key: these settings are made at the serial server";
+        let settings = ["port", "baud", "parity", "stop_bits", "data_bits"];
+        at.not_applicable(&settings, "a serial port of this computer", help);
+        return Some((Transport::ModbusAsciiOverTcp, address(raw, at)));
+    }
     let (settings, port) = (serial(raw, at), port(raw, at));
+    if of == BusType::ModbusAscii {
+        // The usual settings of Modbus ASCII (Modbus over Serial Line V1.02, 2.5.2).
+        let serial = Serial { parity: raw.parity.unwrap_or(Parity::Even), ..settings? };
+        return Some((Transport::ModbusAscii { serial, data_bits: raw.data_bits.unwrap_or(7) }, port));
+    }
     Some((Transport::Serial(settings?), port))
 }
 
@@ -107,7 +125,7 @@ pub(super) fn address(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
     at.reject(format!("`{address}` is no host and port"), help)
 }
 
-/// Resolves the settings of a modbus-rtu line.
+/// Resolves the settings of a serial port.
 fn serial(raw: &RawBus, at: &KeyContext<'_>) -> Option<Serial> {
     let help = "write the baud rate that is set at the devices: 9600 and 19200 are usual";
     at.key("baud").missing("`baud` is missing: how fast is the line?", help);
@@ -115,7 +133,7 @@ fn serial(raw: &RawBus, at: &KeyContext<'_>) -> Option<Serial> {
     Some(Serial { baud: raw.baud?, parity, stop_bits })
 }
 
-/// Checks the serial port of a modbus-rtu line.
+/// Checks a serial port.
 fn port(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
     let at = at.key("port");
     let help = "write the port's path; `ls /dev/serial/by-id` shows the names that do not change when an \

@@ -7,6 +7,7 @@ use super::serial::Serial;
 use crate::document::{Section, entries};
 use crate::duration::ms;
 use crate::tables::Check;
+use crate::tables::bus::transport::Transport;
 use crate::tables::device::Device;
 use crate::tables::signal::Signal;
 use crate::{BusId, Profile};
@@ -32,9 +33,9 @@ pub(super) fn check(check: &Check<'_>) {
         };
         let load: f64 = check.devices.resolved.iter().enumerate().filter_map(load).sum();
         let message = format!(
-            "polling needs at least {:.0} % of the line's time at {serial}, without the answer times of the \
-             devices",
-            100.0 * load
+            "polling needs at least {:.0} % of the line's time at {}, without the answer times of the devices",
+            100.0 * load,
+            bus.transport.port_settings().unwrap_or_default()
         );
         let help = "poll less often (`every`), raise `baud` here and at the devices, or use a second line";
         let at = check.at("bus").key(&bus.name).key("baud");
@@ -75,11 +76,15 @@ fn least_time(serial: Serial, device: &Device, signals: &[&Signal]) -> f64 {
 
 /// Settings of a serial port, and the time of its polls without the answer times of the devices.
 pub(super) fn preview(profile: &Profile, id: BusId, serial: Serial) -> Section {
-    let (settings, character, silence) = (serial.to_string(), ms(serial.character()), ms(serial.silence()));
+    let transport = profile.bus(id).transport;
+    let settings = transport.port_settings();
+    // An ASCII frame has two characters for each byte.
+    let each = if matches!(transport, Transport::ModbusAscii { .. }) { "byte" } else { "character" };
+    let (settings, character, silence) =
+        (settings.unwrap_or_default(), ms(serial.character()), ms(serial.silence()));
     let mut section = Section::default();
-    section.line(format!(
-        "  {settings}: {character:.2} ms a character, {silence:.2} ms silence before a request"
-    ));
+    section
+        .line(format!("  {settings}: {character:.2} ms a {each}, {silence:.2} ms silence before a request"));
     entries!(section, settings, character_ms = character, silence_ms = silence);
     let mut loads: Vec<f64> = Vec::new();
     let polls = profile.devices_on(id).filter_map(|(id, device)| {

@@ -73,6 +73,12 @@ impl Serial {
         Duration::from_secs(1) * 77 / (2 * self.baud.max(1))
     }
 
+    /// Returns settings with which the times of RTU frames are at least those of ASCII frames with the same content. An
+    /// ASCII frame has two characters for each byte, and one more.
+    pub const fn for_ascii(self) -> Serial {
+        Serial { baud: self.baud / 5 * 2 + 1, ..self }
+    }
+
     /// Time for transferring this number of bytes.
     pub fn bytes(&self, count: usize) -> Duration {
         self.character() * u32::try_from(count).unwrap_or(u32::MAX)
@@ -114,5 +120,9 @@ mod tests {
         assert_eq!(serial(19_200, Parity::Even, 1).silence().as_micros(), 2005);
         assert_eq!(serial(38_400, Parity::Even, 1).silence().as_micros(), 1750);
         assert_eq!(slow.exchange(8, 21).as_micros(), 38_229);
+        for bytes in [8, 21, 255] {
+            let characters = serial(9600, Parity::Even, 1).bytes(2 * bytes + 1);
+            assert!(serial(9600, Parity::Even, 1).for_ascii().bytes(bytes) >= characters, "{bytes}");
+        }
     }
 }

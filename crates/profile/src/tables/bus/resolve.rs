@@ -11,10 +11,11 @@ use crate::tables::{Check, KeyContext};
 
 const LONGEST_LATE: Duration = Duration::from_mins(10);
 /// Keys that only some types of lines have, each group with its owner in messages.
-const OWNERS: [(&[&str], &str); 7] = [
+const OWNERS: [(&[&str], &str); 8] = [
     (&["address"], "a TCP line"),
     (&["late"], "a line with writes"),
-    (&["port", "baud", "parity", "stop_bits"], "a modbus-rtu line"),
+    (&["port", "baud", "parity", "stop_bits"], "a line with a serial port"),
+    (&["data_bits"], "a serial-ascii or modbus-ascii line"),
     (&["tls", "pipeline"], "a modbus-tcp line"),
     (&["interface", "sync"], "a can line"),
     (&["security", "user", "cert", "key", "trusted"], "an opcua line"),
@@ -123,9 +124,12 @@ pub(in crate::tables) fn one_owner_each(check: &Check<'_>) {
         check.buses.valid().filter_map(|bus| exclusive(bus).map(|key| (bus, key))).collect();
     for (place, (bus, key)) in lines.iter().enumerate() {
         if let Some((first, _)) = lines[..place].iter().find(|(first, _)| first.address == bus.address) {
+            let at = check.at("bus").key(&bus.name);
+            // A line with frames or text has a port, or the address of a serial server.
+            let key = if at.key("address").is_written() { "address" } else { *key };
             let message = format!("the bus `{}` has this {key} already", first.name);
             let help = "put all devices of one line on one bus; each has its own `every`";
-            check.at("bus").key(&bus.name).key(key).invalid(message, help);
+            at.key(key).invalid(message, help);
         }
     }
 }

@@ -17,10 +17,12 @@ pub(crate) enum BusType {
     ModbusTcp,
     ModbusRtu,
     ModbusRtuOverTcp,
+    ModbusAscii,
     Can,
     #[serde(rename = "opcua")]
     OpcUa,
     Sysfs,
+    SerialAscii,
 }
 
 /// Transport of a bus.
@@ -32,12 +34,30 @@ pub enum Transport {
     RtuOverTcp,
     /// Modbus RTU on a serial port of this computer.
     Serial(Serial),
+    /// Modbus ASCII on a serial port of this computer.
+    ModbusAscii {
+        /// Settings of the port.
+        serial: Serial,
+        /// Data bits of each character, 7 or 8.
+        data_bits: u8,
+    },
+    /// Frames of Modbus ASCII over a TCP connection.
+    ModbusAsciiOverTcp,
     /// A CAN interface of this computer.
     Can,
     /// An OPC UA server.
     OpcUa,
     /// Sensors of this computer, from its kernel.
     Sysfs,
+    /// Lines of text on a serial port of this computer.
+    Ascii {
+        /// Settings of the port.
+        serial: Serial,
+        /// Data bits of each character, 7 or 8.
+        data_bits: u8,
+    },
+    /// Lines of text through a TCP connection to a serial server.
+    AsciiOverTcp,
 }
 
 impl Transport {
@@ -46,9 +66,26 @@ impl Transport {
         matches!(self, Transport::Can)
     }
 
-    /// Settings of the serial port. `None` if the transport has none.
+    /// Settings of the serial port of a Modbus line, with the times of RTU frames. `None` if the transport has none.
     pub const fn serial(self) -> Option<Serial> {
-        if let Transport::Serial(serial) = self { Some(serial) } else { None }
+        match self {
+            Transport::Serial(serial) => Some(serial),
+            Transport::ModbusAscii { serial, .. } => Some(serial.for_ascii()),
+            _ => None,
+        }
+    }
+
+    /// Settings of a serial port, for example `9600 baud 7E2`. `None` if the transport has none.
+    pub fn port_settings(self) -> Option<String> {
+        let (serial, data_bits) = match self {
+            Transport::Serial(serial) => (serial, 8),
+            Transport::Ascii { serial, data_bits } | Transport::ModbusAscii { serial, data_bits } => {
+                (serial, data_bits)
+            }
+            _ => return None,
+        };
+        // `Serial` formats the eight data bits of Modbus RTU.
+        Some(serial.to_string().replacen(" 8", &format!(" {data_bits}"), 1))
     }
 
     /// Type of the lines with this transport.
@@ -57,9 +94,11 @@ impl Transport {
             Transport::Tcp => BusType::ModbusTcp,
             Transport::RtuOverTcp => BusType::ModbusRtuOverTcp,
             Transport::Serial(_) => BusType::ModbusRtu,
+            Transport::ModbusAscii { .. } | Transport::ModbusAsciiOverTcp => BusType::ModbusAscii,
             Transport::Can => BusType::Can,
             Transport::OpcUa => BusType::OpcUa,
             Transport::Sysfs => BusType::Sysfs,
+            Transport::Ascii { .. } | Transport::AsciiOverTcp => BusType::SerialAscii,
         }
     }
 
@@ -67,10 +106,14 @@ impl Transport {
     /// delay a write.
     pub fn late(self, timeout: Duration) -> Duration {
         match self {
-            Transport::Serial(_) => timeout.saturating_mul(LATE_TIMEOUTS),
-            // Nothing is written to a sysfs line.
-            Transport::Sysfs => timeout,
-            Transport::Tcp | Transport::RtuOverTcp | Transport::Can | Transport::OpcUa => LATE.max(timeout),
+            Transport::Serial(_) | Transport::ModbusAscii { .. } => timeout.saturating_mul(LATE_TIMEOUTS),
+            // Nothing is written to these lines.
+            Transport::Sysfs | Transport::Ascii { .. } | Transport::AsciiOverTcp => timeout,
+            Transport::Tcp
+            | Transport::RtuOverTcp
+            | Transport::ModbusAsciiOverTcp
+            | Transport::Can
+            | Transport::OpcUa => LATE.max(timeout),
         }
     }
 }

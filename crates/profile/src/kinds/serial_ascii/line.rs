@@ -1,0 +1,58 @@
+//! `[bus.*]` of lines with text: serial port, or address of a serial server.
+
+use crate::host_port::host_and_port;
+use crate::kinds::modbus::serial::Serial;
+use crate::tables::KeyContext;
+use crate::tables::bus::RawBus;
+use crate::tables::bus::transport::Transport;
+use crate::tables::bus_kind::TransportAddress;
+
+/// Usual port of serial servers in examples.
+const USUAL: u16 = 4001;
+
+/// Resolves transport and address of a line: those of a serial server if the line has an `address`.
+pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>) -> Option<TransportAddress> {
+    if at.key("address").is_written() {
+        let help = "remove this key: these settings are made at the serial server";
+        let settings = ["port", "baud", "parity", "stop_bits", "data_bits"];
+        at.not_applicable(&settings, "a serial port of this computer", help);
+        return Some((Transport::AsciiOverTcp, address(&at.key("address"), raw.address.as_ref())));
+    }
+    let help = "write the baud rate that is set at the device: 9600 and 4800 are usual";
+    at.key("baud").missing("`baud` is missing: how fast is the line?", help);
+    let port = port(&at.key("port"), raw.port.as_ref());
+    let (parity, stop_bits) = (raw.parity.unwrap_or_default(), raw.stop_bits.unwrap_or(1));
+    let serial = Serial { baud: raw.baud?, parity, stop_bits };
+    Some((Transport::Ascii { serial, data_bits: raw.data_bits.unwrap_or(8) }, port))
+}
+
+/// Checks the serial port.
+fn port(at: &KeyContext<'_>, port: Option<&String>) -> Option<String> {
+    let help = "write the port's path, as \"/dev/serial/by-id/usb-…\"; or, for a serial server, address = \
+                \"192.168.0.20:4001\"";
+    at.missing("`port` is missing: where is the line?", help);
+    let port = port?;
+    if !port.starts_with('/') {
+        let help = format!("write the whole path, as \"/dev/{port}\" or one of /dev/serial/by-id");
+        return at.reject(format!("`{port}` is no path of a port"), help);
+    }
+    if ["/dev/ttyUSB", "/dev/ttyACM"].iter().any(|numbered| port.starts_with(numbered)) {
+        let message = format!("`{port}` may be another adapter after a replug or a restart");
+        at.warn(message, "use the adapter's name below /dev/serial/by-id");
+    }
+    Some(port.clone())
+}
+
+/// Checks host and port of a serial server.
+fn address(at: &KeyContext<'_>, address: Option<&String>) -> Option<String> {
+    let address = address?;
+    let help = match host_and_port(address) {
+        Ok((_, Some(port))) if port > 0 => return Some(address.clone()),
+        Ok((host, _)) => format!("write host and port, as \"{host}:{USUAL}\""),
+        Err(why) => {
+            let help = why.help(USUAL, |meant| format!("\"{meant}\""));
+            help.unwrap_or_else(|| "write host and port, as \"192.168.0.20:4001\"".to_owned())
+        }
+    };
+    at.reject(format!("`{address}` is no host and port"), help)
+}

@@ -1,0 +1,111 @@
+//! Devices that send lines of text: readouts, gauges, and DCON modules. The lines are only read.
+//!
+//! - [`lines`] — lines of text from the bytes of a port. `search` — the values in the lines of one answer.
+//! - [`pending`] — requests whose answers may still arrive.
+//! - [`wire`] — sends a request and receives its lines. `port` is its port, and `dial` opens it.
+//! - `scan` — shows the text on a line, and searches for DCON modules.
+//!
+//! Some devices send without a request. Each read then discards what has arrived, and takes the next whole line. The
+//! value is therefore never older than the read.
+
+mod dial;
+pub mod lines;
+pub mod pending;
+mod port;
+pub mod request;
+mod scan;
+mod search;
+pub mod wire;
+
+use super::kind::{BusKind, LinePlace, ScanKind, VirtualLine};
+use super::target::{host, profile_lines, serial_with_data_bits};
+use crate::fieldbus::connection::Dial;
+use crate::fieldbus::error::{Fault, PeerFault};
+use crate::fieldbus::serial::place;
+use isotherm_profile::{Bus, Transport};
+
+/// Beginning of the address of a serial port.
+const SCHEME: &str = "ascii://";
+/// Beginning of the address of a serial server.
+const SCHEME_OVER_TCP: &str = "ascii+tcp://";
+
+/// Lines of text on a serial port of this computer.
+pub const SERIAL: BusKind = BusKind {
+    word: "serial-ascii",
+    address_key: "port",
+    settings: |transport| match transport {
+        Transport::Ascii { serial, data_bits } => profile_lines(serial, data_bits),
+        _ => String::new(),
+    },
+    example: Some("ascii:///dev/ttyUSB0?baud=9600&data_bits=7&parity=even"),
+    parse: |text| {
+        let found = serial_with_data_bits(text.strip_prefix(SCHEME)?, SCHEME, 8);
+        Some(found.map(|(serial, data_bits, path)| (Transport::Ascii { serial, data_bits }, path)))
+    },
+    shown: |transport, address| match transport.port_settings() {
+        Some(settings) => format!("{address} at {settings}"),
+        None => address.to_owned(),
+    },
+    dial,
+    hint,
+    place: |bus| LinePlace::Name(place(&bus.address)),
+    is_lossy: true,
+    scan: SCAN,
+    virtual_line: VirtualLine::Served("is the serial port"),
+    ..BusKind::PLAIN
+};
+
+/// Lines of text through a TCP connection to a serial server.
+pub const OVER_TCP: BusKind = BusKind {
+    word: "serial-ascii",
+    example: Some("ascii+tcp://192.168.0.20:4001"),
+    parse: |text| {
+        let host = host(text.strip_prefix(SCHEME_OVER_TCP)?, None);
+        let host = host.map_err(|why| why.replace("rtu+tcp://", SCHEME_OVER_TCP));
+        Some(host.map(|address| (Transport::AsciiOverTcp, address)))
+    },
+    shown: |_, address| format!("{SCHEME_OVER_TCP}{address}"),
+    dial,
+    hint,
+    place: |bus| LinePlace::Host(bus.address.clone()),
+    is_lossy: true,
+    scan: SCAN,
+    virtual_line: VirtualLine::Served("listens on"),
+    ..BusKind::PLAIN
+};
+
+const SCAN: ScanKind = ScanKind::Other {
+    is: "a line with text",
+    instead: "`isotherm scan` of this line shows the text that arrives, and DCON modules",
+    scan: Some(scan::report),
+};
+
+fn dial(bus: &Bus) -> Option<Box<dyn Dial>> {
+    Some(Box::new(dial::TextDial::new(bus)?))
+}
+
+/// Returns the remedy for a fault of a device that sends text.
+fn hint(fault: Fault) -> Option<&'static str> {
+    match fault {
+        Fault::Timeout => Some(
+            "is the device on and connected? Are baud rate, data bits and parity those of the device? Does `request` \
+             end as the device expects, often with \\r? A device that sends without a request needs a `timeout` \
+             longer than its interval",
+        ),
+        Fault::Peer(PeerFault::Malformed) => Some(
+            "the text differs from `text` of the signal: was the device switched to another unit, such as inch, or \
+             to another resolution? Are data bits and parity those of the device? `isotherm trace` shows its bytes",
+        ),
+        Fault::Peer(PeerFault::Unasked) => Some(
+            "the device sends without a request: remove `request` of its signals, or set the device to send on \
+             request",
+        ),
+        Fault::Peer(PeerFault::Echoed) => Some(
+            "the adapter returns the request, and the device does not answer: are its address and `request` right?",
+        ),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests;

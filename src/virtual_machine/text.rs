@@ -1,0 +1,21 @@
+//! Virtual devices that send lines of text: readouts, gauges, and DCON modules.
+//!
+//! The hardware of the virtual machine has registers. Each value of a text is therefore stored in registers, at an
+//! address of this module, and plant, faults and counters of requests apply to it as to any other value. The answer of
+//! the registers, with its fault, then becomes text.
+//!
+//! - `group` — values of one answer, and their registers. `answer` — their text, with its faults.
+//! - `line` — the conversation with a client. `server` and `terminal` — sockets and pseudo-terminals.
+
+mod answer;
+mod group;
+mod line;
+mod server;
+mod terminal;
+#[cfg(test)]
+mod tests;
+
+pub(super) use group::{TextGroup, in_registers};
+pub(super) use line::{Ask, TextLine};
+pub(super) use server::{Switch, serve};
+pub(super) use terminal::serve as serve_port;
