@@ -109,7 +109,7 @@ fn snapshot(second: u64, bed: Option<f64>) -> Snapshot {
 }
 
 fn node() -> Sparkplug {
-    Sparkplug::new(Address::new("shop", "grinder-3").unwrap(), 254, true)
+    Sparkplug::new(Address::new("shop", "grinder-3").unwrap(), Some(254), true)
 }
 
 /// The only metric with this name.
@@ -227,7 +227,7 @@ fn another_implementation_reads_a_gap_from_the_disk_as_historical_after_the_next
         }
         if second == 30 {
             // The program is restarted, and has only the data on disk.
-            node = Sparkplug::new(Address::new("shop", "grinder-3").unwrap(), node.bd_seq(), true);
+            node = Sparkplug::new(Address::new("shop", "grinder-3").unwrap(), Some(node.bd_seq()), true);
             store = Store::open(directory.path(), 1 << 20).unwrap();
         }
     }
