@@ -6,11 +6,12 @@
 
 use std::collections::{BTreeMap, VecDeque};
 use std::io;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use rumqttc::mqttbytes::Error as Unreadable;
-use rumqttc::mqttbytes::v4::{ConnectReturnCode, LastWill};
+use rumqttc::mqttbytes::v4::{ConnectReturnCode, LastWill, SubscribeReasonCode};
 use rumqttc::{
     AsyncClient, ConnectionError, Event, EventLoop, MqttOptions, Outgoing, Packet, QoS, StateError,
 };
@@ -18,7 +19,10 @@ use tokio::sync::{Notify, mpsc};
 use tokio::task::{JoinError, JoinHandle};
 use tokio_rustls::rustls::ClientConfig;
 
-use super::broker::{Broker, BrokerReport, Connection, Fault, ReceivedMessage};
+use super::broker::{
+    Broker, BrokerReport, ConnectPacket, Connection, FailedAttempt, Fault, ReceivedMessage,
+    SubscriptionAnswer,
+};
 use crate::clock::Clock;
 use crate::net::{ConnectError, Host};
 use crate::tls::TlsFault;
@@ -29,6 +33,8 @@ use isotherm_profile::{BrokerUrl, Mqtt};
 
 /// Timeout for name resolution, connection, handshake and the broker's answer together.
 const CONNECT_WITHIN: Duration = Duration::from_secs(10);
+/// Timeout for the answer to a subscription.
+const SUBSCRIBE_WITHIN: Duration = Duration::from_secs(10);
 /// MQTT keep-alive interval. If the client receives no data for twice this time, it closes the connection. If the
 /// broker receives none for one and a half times, it publishes the will message.
 const KEEP_ALIVE: Duration = Duration::from_secs(10);
@@ -45,6 +51,9 @@ const LARGEST_IN: usize = 1 << 20;
 const LARGEST_OUT: usize = 4 << 20;
 /// Timeout for disconnecting.
 const CLOSE_WITHIN: Duration = Duration::from_secs(1);
+/// Reason of a broker that does not speak MQTT 3.1.1.
+const MQTT_5_ONLY: &str =
+    "the broker speaks MQTT 5 only, and the gateway speaks MQTT 3.1.1: allow MQTT 3.1.1 at the broker";
 
 /// Broker, with the settings of the profile.
 #[derive(Clone)]
@@ -67,7 +76,9 @@ impl Client {
         Client { to, id, user, host, clock }
     }
 
-    fn options(&self, will: Option<Message>) -> MqttOptions {
+    /// Returns the options of the library. It sends the CONNECT packet as soon as the network connection is open, and
+    /// `is_open` is set.
+    fn options(&self, will: Option<Message>, is_open: &Arc<AtomicBool>) -> MqttOptions {
         let mut options = MqttOptions::new(self.id.clone(), (self.to.host.clone(), self.to.port));
         let seconds = u16::try_from(KEEP_ALIVE.as_secs()).unwrap_or(u16::MAX);
         options.set_keep_alive(seconds).set_max_packet_size(LARGEST_IN, LARGEST_OUT);
@@ -77,11 +88,14 @@ impl Client {
         if let Some((name, password)) = self.user.clone() {
             options.set_credentials(name, password);
         }
-        let host = self.host.clone();
+        let (host, is_open) = (self.host.clone(), is_open.clone());
         options.set_socket_connector(move |_, _| {
-            let host = host.clone();
-            // The library knows only I/O errors.
-            async move { host.open().await.map_err(io::Error::other) }
+            let (host, is_open) = (host.clone(), is_open.clone());
+            async move {
+                let opened = host.open().await.inspect(|_| is_open.store(true, Ordering::Relaxed));
+                // The library knows only I/O errors.
+                opened.map_err(io::Error::other)
+            }
         });
         options
     }
@@ -90,22 +104,29 @@ impl Client {
 impl Broker for Client {
     type Connection = Connected;
 
-    async fn connect(&self, will: Option<Message>) -> Result<Connected, Fault> {
-        let (client, mut turns) = AsyncClient::builder(self.options(will)).capacity(IN_LIBRARY).build();
+    async fn connect(&self, will: Option<Message>) -> Result<Connected, FailedAttempt> {
+        let is_open = Arc::<AtomicBool>::default();
+        let options = self.options(will, &is_open);
+        let (client, mut turns) = AsyncClient::builder(options).capacity(IN_LIBRARY).build();
         turns.network_options.set_connection_timeout(CONNECT_WITHIN.as_secs());
         let tally = Arc::new(Mutex::new(Tally { heard: self.clock.time_of_day(), ..Tally::default() }));
         let (news, inbox) = inbox();
         let turning = turn(turns, tally.clone(), news, self.clock.clone());
         let mut connected = Connected { client, tally, inbox, task: Some(tokio::spawn(turning)) };
-        match tokio::time::timeout(CONNECT_WITHIN, connected.next()).await {
-            Ok(BrokerReport::Room | BrokerReport::Arrived(_)) => Ok(connected),
+        let fault = match tokio::time::timeout(CONNECT_WITHIN, connected.next()).await {
+            Ok(BrokerReport::Room | BrokerReport::Arrived(_)) => return Ok(connected),
             // Brokers report a wrong password with either of two codes.
-            Ok(BrokerReport::Lost(Fault::NotAllowed)) if self.user.is_some() => Err(Fault::WrongUser),
+            Ok(BrokerReport::Lost(Fault::NotAllowed)) if self.user.is_some() => Fault::WrongUser,
             // A broker would answer an MQTT client before it closes the connection.
-            Ok(BrokerReport::Lost(Fault::Broken)) => Err(Fault::NoMqtt),
-            Ok(BrokerReport::Lost(fault)) => Err(fault),
-            Err(_) => Err(Fault::Silent),
-        }
+            Ok(BrokerReport::Lost(Fault::Broken)) => Fault::NoMqtt,
+            Ok(BrokerReport::Lost(fault)) => fault,
+            Err(_) => Fault::Silent,
+        };
+        let packet = match is_open.load(Ordering::Relaxed) {
+            true => ConnectPacket::Sent,
+            false => ConnectPacket::NotSent,
+        };
+        Err(FailedAttempt { fault, packet })
     }
 }
 
@@ -116,6 +137,8 @@ struct Tally {
     unwritten: VecDeque<Moment>,
     /// Times of the written messages that the broker has not acknowledged yet, by packet identifier.
     unacknowledged: BTreeMap<u16, Moment>,
+    /// Number of requested answers that the broker has not sent yet.
+    unanswered: usize,
     /// Time of the last ping. All messages that were made before this time had been written then.
     pinged: Option<Moment>,
     /// Returns the time up to which all messages have reached the broker.
@@ -129,6 +152,10 @@ impl Tally {
         if let Some(told) = told.filter(|_| id > 0) {
             self.unacknowledged.insert(id, told);
         }
+    }
+
+    fn is_answered(&mut self) {
+        self.unanswered = self.unanswered.saturating_sub(1);
     }
 
     /// Records an acknowledgement. A broker processes messages in order, so it also has all messages that were written
@@ -181,6 +208,15 @@ impl Connected {
     fn tally(&self) -> MutexGuard<'_, Tally> {
         self.tally.lock().unwrap_or_else(PoisonError::into_inner)
     }
+
+    /// Waits for the end of the connection, and returns its reason.
+    async fn lost(&mut self) -> Fault {
+        loop {
+            if let BrokerReport::Lost(fault) = self.next().await {
+                return fault;
+            }
+        }
+    }
 }
 
 impl Connection for Connected {
@@ -199,9 +235,31 @@ impl Connection for Connected {
         }
     }
 
-    fn subscribe(&mut self, subscription: &Subscription) -> Result<(), Fault> {
-        let asked = self.client.try_subscribe(subscription.filter.clone(), qos(subscription.qos));
-        asked.map_err(|error| Fault::Inside(error.to_string()))
+    async fn subscribe(&mut self, subscription: &Subscription) -> Result<SubscriptionAnswer, Fault> {
+        let filter = &subscription.filter;
+        let asked = self.client.try_subscribe_tracked(filter.clone(), qos(subscription.qos));
+        let answer = asked.map_err(|error| Fault::Inside(error.to_string()))?;
+        match tokio::time::timeout(SUBSCRIBE_WITHIN, answer.wait_async()).await {
+            Ok(Ok(answer)) if answer.return_codes.contains(&SubscribeReasonCode::Failure) => {
+                Ok(SubscriptionAnswer::Refused)
+            }
+            Ok(Ok(_)) => Ok(SubscriptionAnswer::Accepted),
+            // Some brokers close the connection instead of refusing the subscription.
+            Ok(Err(_)) => Err(match self.lost().await {
+                Fault::Broken => Fault::NotSubscribed(filter.clone()),
+                fault => fault,
+            }),
+            Err(_) => Err(Fault::Silent),
+        }
+    }
+
+    fn request_answer(&mut self, topic: &str) {
+        self.tally().unanswered += 1;
+        // The gateway subscribes to no topic to which it publishes. Brokers answer such a request nevertheless, after
+        // the message before it.
+        if self.client.try_unsubscribe(topic).is_err() {
+            self.tally().is_answered();
+        }
     }
 
     async fn next(&mut self) -> BrokerReport {
@@ -221,7 +279,7 @@ impl Connection for Connected {
 
     fn is_done(&self) -> bool {
         let tally = self.tally();
-        tally.unwritten.is_empty() && tally.unacknowledged.is_empty()
+        tally.unwritten.is_empty() && tally.unacknowledged.is_empty() && tally.unanswered == 0
     }
 
     async fn close(mut self) {
@@ -260,6 +318,10 @@ async fn turn(mut turns: EventLoop, tally: Arc<Mutex<Tally>>, news: ReportSender
             }
             Ok(Event::Incoming(Packet::PubAck(acknowledged))) => {
                 tally().acknowledged(acknowledged.pkid);
+                true
+            }
+            Ok(Event::Incoming(Packet::UnsubAck(_))) => {
+                tally().is_answered();
                 true
             }
             Ok(Event::Outgoing(Outgoing::Publish(id))) => {
@@ -313,6 +375,13 @@ fn fault(error: &ConnectionError) -> Fault {
             }
             ConnectReturnCode::Success => Fault::NoMqtt,
         },
+        ConnectionError::MqttState(StateError::Deserialization(Unreadable::InvalidConnectReturnCode(
+            code,
+        ))) => refusal_of_mqtt_5(*code),
+        // A CONNACK packet of MQTT 5 is longer than one of MQTT 3.1.1.
+        ConnectionError::MqttState(StateError::Deserialization(Unreadable::PayloadSizeIncorrect)) => {
+            Fault::Refused(MQTT_5_ONLY)
+        }
         ConnectionError::MqttState(StateError::Deserialization(Unreadable::PayloadSizeLimitExceeded(_))) => {
             Fault::TooLong(LARGEST_IN >> 20)
         }
@@ -320,6 +389,18 @@ fn fault(error: &ConnectionError) -> Fault {
             Fault::NoMqtt
         }
         _ => Fault::Broken,
+    }
+}
+
+/// Converts a reason code of MQTT 5, which some brokers send to clients of MQTT 3.1.1, to a fault.
+fn refusal_of_mqtt_5(code: u8) -> Fault {
+    match code {
+        0x84 => Fault::Refused(MQTT_5_ONLY),
+        0x85 => Fault::Refused("the broker rejects the client name of the gateway"),
+        0x86 => Fault::WrongUser,
+        0x87 => Fault::NotAllowed,
+        0x88 | 0x89 => Fault::Refused("the broker reports that it is not available"),
+        _ => Fault::NoMqtt,
     }
 }
 
@@ -372,24 +453,4 @@ fn qos(qos: Qos) -> QoS {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A broker acknowledges many messages while a command arrives.
-    #[tokio::test]
-    async fn a_message_that_arrives_beside_many_acknowledgements_is_not_lost() {
-        let (news, mut inbox) = inbox();
-        (0..10 * UNHEARD).for_each(|_| news.room.notify_one());
-        let arrived = ReceivedMessage {
-            topic: "t".to_owned(),
-            payload: Vec::new(),
-            retained: true,
-            redelivered: false,
-        };
-        assert!(news.heard.try_send(BrokerReport::Arrived(arrived)).is_ok());
-        assert!(matches!(inbox.next().await, Some(BrokerReport::Arrived(_))));
-        assert!(matches!(inbox.next().await, Some(BrokerReport::Room)));
-        drop(news);
-        assert!(inbox.next().await.is_none());
-    }
-}
+mod tests;

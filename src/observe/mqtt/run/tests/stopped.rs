@@ -5,7 +5,7 @@ use isotherm_plant::sparkplug::{Address, Sparkplug};
 
 /// A Sparkplug node and its queue, in this directory.
 fn node(directory: &std::path::Path) -> (Box<dyn Publisher>, RecordQueue) {
-    let node = Sparkplug::new(Address::new("g", "press").unwrap(), 0, false);
+    let node = Sparkplug::new(Address::new("g", "press").unwrap(), None, false);
     (Box::new(node), kept(directory))
 }
 
