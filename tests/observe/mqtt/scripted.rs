@@ -7,12 +7,23 @@ use std::sync::{Arc, Mutex, MutexGuard};
 /// Received packet.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Packet {
-    /// CONNECT, with the content of the will.
-    Connect(Vec<u8>),
+    /// CONNECT.
+    Connect(Connect),
     /// SUBSCRIBE to one topic, with its quality of service.
     Subscribe(String, u8),
     /// PUBLISH to this topic.
     Publish(String),
+}
+
+/// Content of a CONNECT packet.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Connect {
+    /// Flags: 2 is a clean session, 4 a will, 8 its quality of service 1, 32 its retain flag.
+    pub(crate) flags: u8,
+    /// Topic of the will; empty if there is none.
+    pub(crate) topic: String,
+    /// Content of the will.
+    pub(crate) will: Vec<u8>,
 }
 
 /// Answers of the broker.
@@ -77,15 +88,11 @@ impl Scripted {
         self.state().wire.clone()
     }
 
-    /// Number of CONNECT packets so far.
-    pub(crate) fn connects(&self) -> usize {
-        self.wire().iter().filter(|packet| matches!(packet, Packet::Connect(_))).count()
-    }
-
-    /// Contents of the wills so far.
-    pub(crate) fn wills(&self) -> Vec<Vec<u8>> {
-        let will = |packet: Packet| if let Packet::Connect(will) = packet { Some(will) } else { None };
-        self.wire().into_iter().filter_map(will).collect()
+    /// CONNECT packets so far.
+    pub(crate) fn connects(&self) -> Vec<Connect> {
+        let connect =
+            |packet: Packet| if let Packet::Connect(connect) = packet { Some(connect) } else { None };
+        self.wire().into_iter().filter_map(connect).collect()
     }
 
     /// Number of messages to this topic so far.
@@ -102,8 +109,7 @@ fn serve(mut stream: TcpStream, state: &Mutex<State>) -> std::io::Result<()> {
         let script = state.script.clone();
         match first >> 4 {
             1 => {
-                let connect = Connect::of(&body);
-                state.wire.push(Packet::Connect(connect.will));
+                state.wire.push(Packet::Connect(Connect::of(&body)));
                 stream.write_all(&[0x20, 2, 0, script.connack])?;
                 if script.connack != 0 {
                     return stream.shutdown(std::net::Shutdown::Both);
@@ -134,21 +140,17 @@ fn serve(mut stream: TcpStream, state: &Mutex<State>) -> std::io::Result<()> {
     }
 }
 
-/// Content of a CONNECT packet.
-struct Connect {
-    will: Vec<u8>,
-}
-
 impl Connect {
     fn of(body: &[u8]) -> Connect {
         // Name of the protocol, its level, flags and keep-alive, then the client's name.
         let flags = body[7];
-        let mut place = 10 + 2 + text(body, 10).len();
-        if flags & 0b100 == 0 {
-            return Connect { will: Vec::new() };
+        if flags & 4 == 0 {
+            return Connect { flags, topic: String::new(), will: Vec::new() };
         }
-        place += 2 + text(body, place).len();
-        Connect { will: bytes(body, place).to_vec() }
+        let place = 10 + 2 + text(body, 10).len();
+        let topic = text(body, place);
+        let will = bytes(body, place + 2 + topic.len()).to_vec();
+        Connect { flags, topic, will }
     }
 }
 
