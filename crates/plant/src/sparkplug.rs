@@ -91,6 +91,9 @@ pub struct Sparkplug {
     shift: Shift,
     published: PublishedMetrics,
     unconfirmed: Unconfirmed,
+    /// Stored records that were published last, with a primary host. They are on disk until the broker has them, but the
+    /// host may die before it has stored them.
+    forwarded: Unconfirmed,
     /// Whether a host has requested a birth that is not due yet. The node publishes no data before this birth.
     owes_birth: bool,
     /// Events since a host requested the birth; they are published after it.
@@ -131,6 +134,7 @@ impl Sparkplug {
             shift: Shift::default(),
             published: PublishedMetrics::default(),
             unconfirmed: Unconfirmed::default(),
+            forwarded: Unconfirmed::default(),
             owes_birth: false,
             waiting: Vec::new(),
             last_asked: None,
@@ -347,7 +351,12 @@ impl Publisher for Sparkplug {
     fn disconnected(&mut self, last_received: Moment) -> Vec<Record> {
         self.born = None;
         self.owes_birth = false;
-        let mut kept = self.unconfirmed.take(last_received);
+        let mut kept = self.forwarded.take(last_received);
+        if self.host() != PrimaryHost::Offline {
+            // The broker is lost. The gateway publishes them again, because they are still on disk.
+            kept.clear();
+        }
+        kept.extend(self.unconfirmed.take(last_received));
         let waiting = std::mem::take(&mut self.waiting);
         if let Some(last) = waiting.last().map(|event| event.at) {
             kept.extend(records(last, &self.published.happened(&waiting)));
@@ -363,6 +372,9 @@ impl Publisher for Sparkplug {
     fn forward(&mut self, now: Moment, records: &[Record]) -> Vec<Message> {
         if !self.may_forward() {
             return Vec::new();
+        }
+        if self.host.is_some() {
+            self.forwarded.keep(now, records.to_vec());
         }
         let mut metrics = Vec::new();
         for record in records {

@@ -7,7 +7,7 @@ use isotherm_plant::PrimaryHost;
 /// Time after which a host without any message about its state is reported. The broker sends a retained state at once.
 const UNKNOWN_FOR: Duration = Duration::from_secs(5);
 
-/// What was reported last.
+/// State that was reported last.
 #[derive(Debug, Default)]
 pub(super) enum HostReport {
     /// The host is online, or nothing was reported yet.

@@ -195,11 +195,11 @@ impl Runner {
         ticks: &mut Interval,
         stopped: &mut watch::Receiver<bool>,
     ) -> End {
-        let begins = async {
-            self.subscribed(&mut connection, ticks, stopped).await?;
-            self.awaited_host(&mut connection, ticks, stopped).await
+        let begun = match self.subscribed(&mut connection, ticks, stopped).await {
+            Ok(()) => self.awaited_host(&mut connection, ticks, stopped).await,
+            Err(end) => Err(end),
         };
-        match begins.await {
+        match begun {
             Ok(()) => {}
             Err(End::Stopped) => {
                 self.keep();

@@ -1,4 +1,4 @@
-//! The same with sparkplug-payload, the library of Sparkplug hosts in JavaScript, for example of Node-RED.
+//! Tests with sparkplug-payload, the library of Sparkplug hosts in JavaScript, for example of Node-RED.
 
 use super::*;
 

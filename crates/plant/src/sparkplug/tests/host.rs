@@ -125,6 +125,31 @@ fn what_was_published_before_the_host_was_known_to_be_offline_is_kept_too() {
     assert_eq!(times, (0..=20).chain(22..=30).collect::<Vec<_>>());
 }
 
+/// The host dies while it receives the values of a gap.
+#[test]
+fn stored_values_that_the_host_may_have_lost_are_kept_again_and_others_are_not() {
+    for (host, expected) in [(Some(false), vec![5, 6, 7]), (None, vec![])] {
+        let mut node = waiting();
+        let state_at = |second: u32| snapshot(Some(second.into()), true, at(u64::from(second) * 1000));
+        let kept: Vec<Record> = (5..8).flat_map(|second| node.absent(at(8_000), &state_at(second))).collect();
+        receives(&mut node, STATE, &state(true, 1));
+        node.connected(at(10_000), &state_at(7));
+        assert_eq!(rows(&node.forward(at(11_000), &kept)).len(), 4, "three temperatures, and a flag");
+        if let Some(online) = host {
+            receives(&mut node, STATE, &state(online, 1));
+        }
+        let again: Vec<u64> = node
+            .disconnected(Moment::default())
+            .iter()
+            .flat_map(|record| Payload::decode(record.0.as_slice()).unwrap().metrics)
+            .filter(|metric| metric.name.as_deref() == Some("signal/bed/value"))
+            .map(|metric| (metric.timestamp.unwrap() - ms(0).unwrap()) / 1000)
+            .collect();
+        assert_eq!(again, expected, "{host:?}");
+        assert_eq!(node.left_out(), LostValues::default());
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 

@@ -66,14 +66,14 @@ async fn a_host_that_goes_offline_costs_no_value_and_gets_them_as_historical() {
     let before = Mutex::new((0, 0));
     run_as((node(true), kept), &machine, &broker, async {
         broker.has_retained(STATE, &state(true, 1));
-        passes(20).await;
+        passes(10).await;
         let begun = machine.happened();
         broker.brings(STATE, &state(false, 1));
         passes(5).await;
         let taken = broker.0.lock().unwrap().taken.len();
         // The broker shows the retained state to each new connection.
         broker.has_retained(STATE, &state(false, 1));
-        passes(55).await;
+        passes(25).await;
         *before.lock().unwrap() = (begun, taken);
         assert_eq!(broker.0.lock().unwrap().taken.len(), taken, "nothing is published meanwhile");
         broker.brings(STATE, &state(true, 3));
@@ -95,7 +95,7 @@ async fn a_host_that_goes_offline_costs_no_value_and_gets_them_as_historical() {
     late.sort_unstable();
     late.dedup();
     // Events from before are repeated, because the host may have been dead for some time.
-    let missed: Vec<u64> = (begun..begun + 50).collect();
+    let missed: Vec<u64> = (begun..begun + 25).collect();
     assert!(missed.iter().all(|number| late.contains(number)), "{late:?}");
     assert!(late.contains(&0), "{late:?}");
     let said = machine.said();
