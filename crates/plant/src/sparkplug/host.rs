@@ -7,7 +7,8 @@
 //!
 //! A message with an older time than that of the last accepted message is ignored. Each connection begins without such
 //! a time: the retained message of the broker is the newest. Otherwise a host whose clock was once ahead would be
-//! ignored until the gateway is restarted.
+//! ignored until the gateway is restarted. If an offline host reports itself as online with an older time, the message
+//! is refused with a reason, because the node waits on.
 
 use serde::Deserialize;
 
@@ -53,9 +54,15 @@ impl HostWatch {
             return Err(format!("{} bytes are too many for the state of a host: {form}", payload.len()));
         }
         let state: State = serde_json::from_slice(payload).map_err(|error| format!("{form} ({error})"))?;
-        if self.last.is_none_or(|last| state.timestamp >= last.timestamp) {
-            self.last = Some(state);
+        if let Some(last) = self.last.filter(|last| state.timestamp < last.timestamp) {
+            if last.online || !state.online {
+                return Ok(());
+            }
+            let why = "the host is online with an older time than its offline state before: is the clock of the \
+                       host right? If so, restart the gateway, which then accepts the state";
+            return Err(why.to_owned());
         }
+        self.last = Some(state);
         Ok(())
     }
 
