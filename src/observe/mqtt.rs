@@ -191,7 +191,7 @@ pub async fn probe(profile: &Profile, mqtt: &Mqtt, trust: Trust) -> Result<(), F
     // A second client with the gateway's identifier would disconnect the running gateway.
     let id = format!("isotherm-{}-check-{}", profile.name, std::process::id());
     let client = Client::of(mqtt, id, trust, &Clock::wall());
-    let mut connection = client.connect(None).await.map_err(|attempt| attempt.fault)?;
+    let mut connection = client.connect(None).await?;
     let mut refused = None;
     for subscription in subscriptions(profile, mqtt) {
         if connection.subscribe(&subscription).await? == SubscriptionAnswer::Refused {

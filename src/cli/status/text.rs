@@ -68,9 +68,9 @@ fn broker(mqtt: &Value) -> String {
         (Some(0), Some(0)) => String::new(),
         (queued, dropped) => format!(", {} queued, {} dropped", queued.unwrap_or(0), dropped.unwrap_or(0)),
     };
-    let host = match word(&mqtt["primary_host"]) {
-        "" | "online" => String::new(),
-        state => format!(", waits for the primary host ({state})"),
+    let host = match (mqtt["connected"] == true, word(&mqtt["primary_host"])) {
+        (false, _) | (true, "" | "online") => String::new(),
+        (true, state) => format!(", waits for the primary host ({state})"),
     };
     let refused: Vec<&str> =
         mqtt["refused"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();

@@ -13,15 +13,10 @@ pub(super) trait Broker {
     type Connection: Connection;
 
     /// Connects to the broker. `will` is the message that the broker publishes when the connection breaks.
-    fn connect(&self, will: Option<Message>)
-    -> impl Future<Output = Result<Self::Connection, FailedAttempt>>;
-}
+    fn connect(&self, will: Option<Message>) -> impl Future<Output = Result<Self::Connection, Fault>>;
 
-/// Failed attempt to connect.
-#[derive(Debug)]
-pub(super) struct FailedAttempt {
-    pub(super) fault: Fault,
-    pub(super) packet: ConnectPacket,
+    /// Returns whether the last attempt has sent its CONNECT packet. The attempt may still be under way.
+    fn packet(&self) -> ConnectPacket;
 }
 
 /// CONNECT packet of an attempt. It contains the will, and follows when the network connection is open.

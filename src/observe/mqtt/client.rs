@@ -20,8 +20,7 @@ use tokio::task::{JoinError, JoinHandle};
 use tokio_rustls::rustls::ClientConfig;
 
 use super::broker::{
-    Broker, BrokerReport, ConnectPacket, Connection, FailedAttempt, Fault, ReceivedMessage,
-    SubscriptionAnswer,
+    Broker, BrokerReport, ConnectPacket, Connection, Fault, ReceivedMessage, SubscriptionAnswer,
 };
 use crate::clock::Clock;
 use crate::net::{ConnectError, Host};
@@ -63,6 +62,8 @@ pub(super) struct Client {
     user: Option<(String, Vec<u8>)>,
     host: Arc<Host>,
     clock: Clock,
+    /// Whether the network connection of the last attempt was opened.
+    is_open: Arc<AtomicBool>,
 }
 
 impl Client {
@@ -73,12 +74,12 @@ impl Client {
         });
         let (to, clock) = (mqtt.broker.clone(), clock.clone());
         let host = Arc::new(Host::new(&to.host, to.port, trust));
-        Client { to, id, user, host, clock }
+        Client { to, id, user, host, clock, is_open: Arc::default() }
     }
 
     /// Returns the options of the library. It sends the CONNECT packet as soon as the network connection is open, and
     /// `is_open` is set.
-    fn options(&self, will: Option<Message>, is_open: &Arc<AtomicBool>) -> MqttOptions {
+    fn options(&self, will: Option<Message>) -> MqttOptions {
         let mut options = MqttOptions::new(self.id.clone(), (self.to.host.clone(), self.to.port));
         let seconds = u16::try_from(KEEP_ALIVE.as_secs()).unwrap_or(u16::MAX);
         options.set_keep_alive(seconds).set_max_packet_size(LARGEST_IN, LARGEST_OUT);
@@ -88,7 +89,7 @@ impl Client {
         if let Some((name, password)) = self.user.clone() {
             options.set_credentials(name, password);
         }
-        let (host, is_open) = (self.host.clone(), is_open.clone());
+        let (host, is_open) = (self.host.clone(), self.is_open.clone());
         options.set_socket_connector(move |_, _| {
             let (host, is_open) = (host.clone(), is_open.clone());
             async move {
@@ -104,29 +105,31 @@ impl Client {
 impl Broker for Client {
     type Connection = Connected;
 
-    async fn connect(&self, will: Option<Message>) -> Result<Connected, FailedAttempt> {
-        let is_open = Arc::<AtomicBool>::default();
-        let options = self.options(will, &is_open);
+    async fn connect(&self, will: Option<Message>) -> Result<Connected, Fault> {
+        self.is_open.store(false, Ordering::Relaxed);
+        let options = self.options(will);
         let (client, mut turns) = AsyncClient::builder(options).capacity(IN_LIBRARY).build();
         turns.network_options.set_connection_timeout(CONNECT_WITHIN.as_secs());
         let tally = Arc::new(Mutex::new(Tally { heard: self.clock.time_of_day(), ..Tally::default() }));
         let (news, inbox) = inbox();
         let turning = turn(turns, tally.clone(), news, self.clock.clone());
         let mut connected = Connected { client, tally, inbox, task: Some(tokio::spawn(turning)) };
-        let fault = match tokio::time::timeout(CONNECT_WITHIN, connected.next()).await {
-            Ok(BrokerReport::Room | BrokerReport::Arrived(_)) => return Ok(connected),
+        match tokio::time::timeout(CONNECT_WITHIN, connected.next()).await {
+            Ok(BrokerReport::Room | BrokerReport::Arrived(_)) => Ok(connected),
             // Brokers report a wrong password with either of two codes.
-            Ok(BrokerReport::Lost(Fault::NotAllowed)) if self.user.is_some() => Fault::WrongUser,
+            Ok(BrokerReport::Lost(Fault::NotAllowed)) if self.user.is_some() => Err(Fault::WrongUser),
             // A broker would answer an MQTT client before it closes the connection.
-            Ok(BrokerReport::Lost(Fault::Broken)) => Fault::NoMqtt,
-            Ok(BrokerReport::Lost(fault)) => fault,
-            Err(_) => Fault::Silent,
-        };
-        let packet = match is_open.load(Ordering::Relaxed) {
+            Ok(BrokerReport::Lost(Fault::Broken)) => Err(Fault::NoMqtt),
+            Ok(BrokerReport::Lost(fault)) => Err(fault),
+            Err(_) => Err(Fault::Silent),
+        }
+    }
+
+    fn packet(&self) -> ConnectPacket {
+        match self.is_open.load(Ordering::Relaxed) {
             true => ConnectPacket::Sent,
             false => ConnectPacket::NotSent,
-        };
-        Err(FailedAttempt { fault, packet })
+        }
     }
 }
 

@@ -90,9 +90,10 @@ impl Denials {
         }
     }
 
-    /// Returns whether the broker may close the connection again, after a message to a suspected topic.
+    /// Returns whether the broker may close the connection again, after a message to a suspected topic. A connection
+    /// that has lasted for a while is usable, even if it had no message to this topic.
     pub(super) fn has_suspects(&self) -> bool {
-        !self.suspected.is_empty()
+        matches!(self.pace, Pace::Careful { .. }) && !self.suspected.is_empty()
     }
 
     /// Notes that no message waits. After a while, messages are no longer sent one by one.

@@ -10,8 +10,7 @@ use tokio::sync::watch;
 use tokio::time::{Interval, MissedTickBehavior, interval};
 
 use super::broker::{
-    Broker, BrokerReport, ConnectPacket, Connection, FailedAttempt, Fault, ReceivedMessage,
-    SubscriptionAnswer,
+    Broker, BrokerReport, ConnectPacket, Connection, Fault, ReceivedMessage, SubscriptionAnswer,
 };
 use super::commands::{self, Commands};
 use super::denials::Denials;
@@ -99,6 +98,7 @@ impl Runner {
         let mut chance = Pcg64Mcg::seed_from_u64(self.clock.time_of_day().as_nanos());
         loop {
             let will = self.publisher.will();
+            self.check_host(Duration::ZERO);
             self.memory.wills(self.publisher.as_ref());
             let mut connecting = std::pin::pin!(broker.connect(Some(will)));
             let connected = loop {
@@ -108,17 +108,12 @@ impl Runner {
                     () = ends(&mut stopped) => break None,
                 }
             };
-            // It is not known whether an attempt that the stop ends has sent the packet.
-            let packet = match &connected {
-                Some(Err(FailedAttempt { packet, .. })) => *packet,
-                Some(Ok(_)) | None => ConnectPacket::Sent,
-            };
-            if packet == ConnectPacket::Sent {
+            if broker.packet() == ConnectPacket::Sent {
                 self.publisher.connect_sent();
             }
             let fault = match connected {
                 None => return self.keep(),
-                Some(Err(attempt)) => Some(attempt.fault),
+                Some(Err(fault)) => Some(fault),
                 Some(Ok(connection)) => {
                     self.is_connected();
                     let since = self.clock.now();
@@ -160,10 +155,10 @@ impl Runner {
         if self.outage.failures == 0 {
             tracing::info!("connected to {}", self.address);
         }
-        self.report_up();
     }
 
-    /// Reports the end of an outage. While a topic is suspected, the broker may close the connection again.
+    /// Reports the end of an outage, when the broker has answered the subscriptions. While a topic is suspected, the
+    /// broker may close the connection again.
     fn report_up(&mut self) {
         if self.denials.has_suspects() {
             return;
@@ -196,7 +191,10 @@ impl Runner {
         stopped: &mut watch::Receiver<bool>,
     ) -> End {
         let begun = match self.subscribed(&mut connection, ticks, stopped).await {
-            Ok(()) => self.awaited_host(&mut connection, ticks, stopped).await,
+            Ok(()) => {
+                self.report_up();
+                self.awaited_host(&mut connection, ticks, stopped).await
+            }
             Err(end) => Err(end),
         };
         match begun {
@@ -401,8 +399,8 @@ impl Runner {
         // Messages in the outbox have not been sent at all.
         let waiting = self.outbox.front().map_or(last_received, |(told, _)| *told);
         self.outbox.clear();
-        self.kept.is_broken();
         self.kept.take_back(self.publisher.disconnected(last_received.min(waiting)));
+        self.kept.is_broken();
         self.count();
     }
 

@@ -25,6 +25,7 @@ fn client(port: u16) -> Client {
         user: None,
         host: Arc::new(Host::new("127.0.0.1", port, None)),
         clock: Clock::wall(),
+        is_open: Arc::default(),
     }
 }
 
@@ -45,7 +46,7 @@ async fn packet(stream: &mut TcpStream) -> (u8, Vec<u8>) {
 }
 
 /// Connects to a broker that answers the CONNECT packet with these bytes.
-async fn answered(answer: &'static [u8]) -> FailedAttempt {
+async fn answered(answer: &'static [u8]) -> Fault {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let client = client(listener.local_addr().unwrap().port());
     let broker = async {
@@ -53,9 +54,11 @@ async fn answered(answer: &'static [u8]) -> FailedAttempt {
         assert_eq!(packet(&mut stream).await.0, 0x10, "CONNECT");
         stream.write_all(answer).await.unwrap();
     };
-    match tokio::join!(client.connect(None), broker).0 {
+    let answered = tokio::join!(client.connect(None), broker).0;
+    assert_eq!(client.packet(), ConnectPacket::Sent, "{answer:?}");
+    match answered {
         Ok(_) => panic!("{answer:?} accepts"),
-        Err(attempt) => attempt,
+        Err(fault) => fault,
     }
 }
 
@@ -75,10 +78,8 @@ async fn a_broker_that_refuses_the_gateway_says_why() {
         (b"HTTP/1.1 400 Bad Request\r\n\r\n", "does not speak MQTT"),
     ];
     for (answer, words) in table {
-        let attempt = answered(answer).await;
-        let why = attempt.fault.to_string();
+        let why = answered(answer).await.to_string();
         assert!(why.contains(words), "{answer:?}: {why}");
-        assert_eq!(attempt.packet, ConnectPacket::Sent, "{answer:?}");
     }
 }
 
@@ -87,9 +88,27 @@ async fn a_computer_without_a_broker_gets_no_connect_packet() {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let port = listener.local_addr().unwrap().port();
     drop(listener);
-    let Err(attempt) = client(port).connect(None).await else { panic!("nothing listens") };
-    assert_eq!(attempt.packet, ConnectPacket::NotSent);
-    assert_eq!(attempt.fault.to_string(), "no program listens at this port");
+    let client = client(port);
+    let Err(fault) = client.connect(None).await else { panic!("nothing listens") };
+    assert_eq!(client.packet(), ConnectPacket::NotSent);
+    assert_eq!(fault.to_string(), "no program listens at this port");
+}
+
+/// The stop may end an attempt at any time.
+#[tokio::test]
+async fn an_attempt_that_is_under_way_tells_whether_its_packet_was_sent() {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let client = client(listener.local_addr().unwrap().port());
+    let broker = async {
+        let (mut stream, _) = listener.accept().await.unwrap();
+        packet(&mut stream).await;
+        client.packet()
+    };
+    let sent = tokio::select! {
+        sent = broker => sent,
+        _ = client.connect(None) => panic!("nothing answers"),
+    };
+    assert_eq!(sent, ConnectPacket::Sent);
 }
 
 /// Result of a subscription at a broker that answers with this code; `None` closes the connection.

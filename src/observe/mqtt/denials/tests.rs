@@ -124,6 +124,22 @@ fn only_one_message_is_without_an_answer_until_the_connection_has_lasted() {
     assert_eq!(denials.next(&mut waiting).unwrap().1.qos, Qos::AtMostOnce);
 }
 
+/// A topic may have no further message for hours.
+#[test]
+fn a_connection_that_has_lasted_is_usable_although_a_topic_was_suspected() {
+    let mut denials = Denials::default();
+    denials.ends(Fault::Broken, true);
+    denials.begins(at(1));
+    denials.is_sent("a");
+    denials.ends(Fault::Broken, false);
+    denials.begins(at(10));
+    assert!(denials.may_send(true) && denials.has_suspects());
+    denials.rests(at(69));
+    assert!(denials.has_suspects());
+    denials.rests(at(70));
+    assert!(!denials.has_suspects());
+}
+
 #[test]
 fn a_connection_that_breaks_for_another_reason_blames_no_topic() {
     for (fault, is_done) in [(Fault::Silent, false), (Fault::Broken, true)] {

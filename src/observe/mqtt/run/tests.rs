@@ -156,6 +156,8 @@ struct State {
     closing: Option<String>,
     /// Topics of which a subscription is refused.
     refuses: Vec<String>,
+    /// Topics of which a subscription closes the connection.
+    closes_on: Vec<String>,
     /// Subscriptions, each with the number of messages that came before it.
     subscribed: Vec<(String, usize)>,
     attempts: u64,
@@ -197,7 +199,7 @@ impl Fake {
 impl Broker for Fake {
     type Connection = Fake;
 
-    async fn connect(&self, _: Option<Message>) -> Result<Fake, FailedAttempt> {
+    async fn connect(&self, _: Option<Message>) -> Result<Fake, Fault> {
         if self.0.lock().unwrap().is_cut_off {
             std::future::pending::<()>().await;
         }
@@ -205,8 +207,16 @@ impl Broker for Fake {
         state.attempts += 1;
         state.closing = None;
         match state.is_away {
-            true => Err(FailedAttempt { fault: Fault::Silent, packet: ConnectPacket::NotSent }),
+            true => Err(Fault::Silent),
             false => Ok(self.clone()),
+        }
+    }
+
+    fn packet(&self) -> ConnectPacket {
+        let state = self.0.lock().unwrap();
+        match state.is_away || state.is_cut_off {
+            true => ConnectPacket::NotSent,
+            false => ConnectPacket::Sent,
         }
     }
 }
@@ -231,6 +241,9 @@ impl Connection for Fake {
         let mut state = self.0.lock().unwrap();
         let before = state.taken.len();
         state.subscribed.push((subscription.filter.clone(), before));
+        if state.closes_on.contains(&subscription.filter) {
+            return Err(Fault::NotSubscribed(subscription.filter.clone()));
+        }
         match state.refuses.contains(&subscription.filter) {
             true => Ok(SubscriptionAnswer::Refused),
             false => Ok(SubscriptionAnswer::Accepted),
@@ -273,6 +286,18 @@ async fn run(machine: &Arc<Machine>, broker: &Fake, day: impl Future<Output = ()
 
 /// Runs this publisher in the same way.
 async fn run_as(
+    publisher: (Box<dyn Publisher>, RecordQueue),
+    machine: &Arc<Machine>,
+    broker: &Fake,
+    day: impl Future<Output = ()>,
+) -> BrokerStatus {
+    // Without a file, it remembers nothing.
+    run_with(Memory::of_topics(Path::new("/not/there")), publisher, machine, broker, day).await
+}
+
+/// Runs this publisher with what it has published in earlier runs.
+async fn run_with(
+    memory: Memory,
     (publisher, kept): (Box<dyn Publisher>, RecordQueue),
     machine: &Arc<Machine>,
     broker: &Fake,
@@ -284,8 +309,7 @@ async fn run_as(
     let begun = tokio::time::Instant::now();
     let runner = Runner {
         publisher,
-        // Without a file, it remembers nothing.
-        memory: Memory::of_topics(Path::new("/not/there")),
+        memory,
         source,
         figures: figures.clone(),
         // Clock that follows the runtime's paused time.

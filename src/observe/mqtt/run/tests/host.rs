@@ -152,3 +152,25 @@ async fn a_gateway_that_stops_while_it_waits_keeps_everything() {
     let records = kept.next(Moment::default(), Moment::default());
     assert_eq!(records.iter().flat_map(|record| numbers(&record.0)).collect::<Vec<_>>(), [0, 1, 2]);
 }
+
+#[tokio::test(start_paused = true)]
+async fn without_a_connection_the_state_of_the_host_is_unknown() {
+    let (machine, broker) = (Arc::new(Machine::default()), Fake::default());
+    let known = Mutex::new(String::new());
+    let figures = |state: &BrokerStatus| (state.connected, state.primary_host.clone());
+    for is_away in [true, false] {
+        broker.0.lock().unwrap().is_away = is_away;
+        let went = run_as((node(true), RecordQueue::in_memory()), &machine, &broker, passes(3)).await;
+        assert_eq!(figures(&went), (!is_away, "unknown".to_owned()));
+    }
+    let went = run_as((node(true), RecordQueue::in_memory()), &machine, &broker, async {
+        broker.has_retained(STATE, &state(true, 1));
+        passes(5).await;
+        known.lock().unwrap().push_str(&kinds(&broker).join(" "));
+        broker.0.lock().unwrap().is_away = true;
+        passes(60).await;
+    })
+    .await;
+    assert!(known.lock().unwrap().starts_with("NBIRTH"), "{known:?}");
+    assert_eq!(figures(&went), (false, "unknown".to_owned()));
+}

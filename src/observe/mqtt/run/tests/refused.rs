@@ -90,3 +90,22 @@ async fn a_broker_that_denies_everything_is_tried_seldom_and_reported_as_that_on
     assert_eq!(count(&machine, "after the first message"), 1, "{:#?}", machine.said());
     assert!(machine.said().len() <= 3, "{:#?}", machine.said());
 }
+
+/// Some brokers close the connection instead of answering.
+#[tokio::test(start_paused = true)]
+async fn a_subscription_that_closes_the_connection_is_reported_once_until_it_is_accepted() {
+    let (machine, broker) = (Arc::new(Machine::default()), Fake::default());
+    broker.0.lock().unwrap().closes_on = vec!["g/press/command/+".into()];
+    let went = run_as((json(true), RecordQueue::in_memory()), &machine, &broker, async {
+        passes(3600).await;
+        assert_eq!(machine.said().len(), 1, "{:#?}", machine.said());
+        broker.0.lock().unwrap().closes_on.clear();
+        passes(60).await;
+    })
+    .await;
+    assert!(went.connected);
+    let said = machine.said();
+    assert_eq!(said.len(), 2, "{said:#?}");
+    assert!(said[0].contains("refuses the subscription to g/press/command/+"), "{said:#?}");
+    assert!(said[1].contains("connected after"), "{said:#?}");
+}
