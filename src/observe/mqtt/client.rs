@@ -15,6 +15,7 @@ use rumqttc::mqttbytes::v4::{ConnectReturnCode, LastWill, SubscribeReasonCode};
 use rumqttc::{
     AsyncClient, ConnectionError, Event, EventLoop, MqttOptions, Outgoing, Packet, QoS, StateError,
 };
+use tokio::sync::mpsc::error::TrySendError;
 use tokio::sync::{Notify, mpsc};
 use tokio::task::{JoinError, JoinHandle};
 use tokio_rustls::rustls::ClientConfig;
@@ -27,6 +28,7 @@ use crate::net::{ConnectError, Host};
 use crate::tls::TlsFault;
 use isotherm_core::border::panic_message;
 use isotherm_core::quantity::Moment;
+use isotherm_plant::sparkplug::Address;
 use isotherm_plant::{Message, Qos, Subscription};
 use isotherm_profile::{BrokerUrl, Mqtt};
 
@@ -41,7 +43,8 @@ const KEEP_ALIVE: Duration = Duration::from_secs(10);
 const MARGIN: Duration = Duration::from_secs(1);
 /// Maximum number of messages that the library holds at one time.
 const IN_LIBRARY: usize = 64;
-/// Maximum number of received messages that wait to be processed. Further messages are dropped.
+/// Maximum number of received messages that wait to be processed. Further messages are dropped, except the newest state
+/// of the primary host.
 const UNHEARD: usize = 16;
 /// Maximum size of a received packet, in bytes. A larger packet breaks the connection. Commands, the only accepted
 /// messages, are much smaller.
@@ -62,6 +65,8 @@ pub(super) struct Client {
     user: Option<(String, Vec<u8>)>,
     host: Arc<Host>,
     clock: Clock,
+    /// Topic of the state of the primary host; `None` if the profile names no host.
+    state_topic: Option<String>,
     /// Whether the network connection of the last attempt was opened.
     is_open: Arc<AtomicBool>,
 }
@@ -74,7 +79,8 @@ impl Client {
         });
         let (to, clock) = (mqtt.broker.clone(), clock.clone());
         let host = Arc::new(Host::new(&to.host, to.port, trust));
-        Client { to, id, user, host, clock, is_open: Arc::default() }
+        let state_topic = mqtt.primary_host.as_ref().and_then(|host| Address::state_topic(host).ok());
+        Client { to, id, user, host, clock, state_topic, is_open: Arc::default() }
     }
 
     /// Returns the options of the library. It sends the CONNECT packet as soon as the network connection is open, and
@@ -111,7 +117,7 @@ impl Broker for Client {
         let (client, mut turns) = AsyncClient::builder(options).capacity(IN_LIBRARY).build();
         turns.network_options.set_connection_timeout(CONNECT_WITHIN.as_secs());
         let tally = Arc::new(Mutex::new(Tally { heard: self.clock.time_of_day(), ..Tally::default() }));
-        let (news, inbox) = inbox();
+        let (news, inbox) = inbox(self.state_topic.clone());
         let turning = turn(turns, tally.clone(), news, self.clock.clone());
         let mut connected = Connected { client, tally, inbox, task: Some(tokio::spawn(turning)) };
         match tokio::time::timeout(CONNECT_WITHIN, connected.next()).await {
@@ -175,17 +181,45 @@ impl Tally {
 struct ReportSender {
     heard: mpsc::Sender<BrokerReport>,
     room: Arc<Notify>,
+    /// Topic whose newest message is kept if the queue is full.
+    state_topic: Option<String>,
+    kept: KeptMessage,
 }
 
 /// Receiver of reports from the task of the library.
 struct ReportReceiver {
     heard: mpsc::Receiver<BrokerReport>,
     room: Arc<Notify>,
+    kept: KeptMessage,
 }
 
-fn inbox() -> (ReportSender, ReportReceiver) {
-    let ((says, heard), room) = (mpsc::channel(UNHEARD), Arc::<Notify>::default());
-    (ReportSender { heard: says, room: room.clone() }, ReportReceiver { heard, room })
+/// Message for which the queue had no place.
+type KeptMessage = Arc<Mutex<Option<ReceivedMessage>>>;
+
+fn inbox(state_topic: Option<String>) -> (ReportSender, ReportReceiver) {
+    let ((says, heard), room, kept) =
+        (mpsc::channel(UNHEARD), Arc::<Notify>::default(), KeptMessage::default());
+    let sender = ReportSender { heard: says, room: room.clone(), state_topic, kept: kept.clone() };
+    (sender, ReportReceiver { heard, room, kept })
+}
+
+impl ReportSender {
+    /// Queues a received message. If the queue is full, the message is dropped. Of the state of the primary host, the
+    /// newest message is kept: the broker does not send it a second time.
+    fn arrived(&self, arrived: ReceivedMessage) {
+        let is_state = self.state_topic.as_deref() == Some(arrived.topic.as_str());
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        if is_state && kept.is_some() {
+            // A newer state must not overtake the kept one.
+            *kept = Some(arrived);
+        } else if let Err(TrySendError::Full(BrokerReport::Arrived(arrived))) =
+            self.heard.try_send(BrokerReport::Arrived(arrived))
+            && is_state
+        {
+            *kept = Some(arrived);
+            self.room.notify_one();
+        }
+    }
 }
 
 impl ReportReceiver {
@@ -194,7 +228,10 @@ impl ReportReceiver {
         tokio::select! {
             biased;
             heard = self.heard.recv() => heard,
-            () = self.room.notified() => Some(BrokerReport::Room),
+            () = self.room.notified() => {
+                let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner).take();
+                Some(kept.map_or(BrokerReport::Room, BrokerReport::Arrived))
+            }
         }
     }
 }
@@ -315,8 +352,7 @@ async fn turn(mut turns: EventLoop, tally: Arc<Mutex<Tally>>, news: ReportSender
                     retained: arrived.retain,
                     redelivered: arrived.dup,
                 };
-                // Further messages are dropped.
-                let _ = news.heard.try_send(BrokerReport::Arrived(arrived));
+                news.arrived(arrived);
                 false
             }
             Ok(Event::Incoming(Packet::PubAck(acknowledged))) => {
@@ -388,6 +424,10 @@ fn fault(error: &ConnectionError) -> Fault {
         ConnectionError::MqttState(StateError::Deserialization(Unreadable::PayloadSizeLimitExceeded(_))) => {
             Fault::TooLong(LARGEST_IN >> 20)
         }
+        // Some brokers refuse a subscription with a reason code of MQTT 5, which the library does not know.
+        ConnectionError::MqttState(StateError::Deserialization(Unreadable::InvalidSubscribeReasonCode(
+            _,
+        ))) => Fault::Broken,
         ConnectionError::NotConnAck(_) | ConnectionError::MqttState(StateError::Deserialization(_)) => {
             Fault::NoMqtt
         }

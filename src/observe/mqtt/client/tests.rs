@@ -7,7 +7,7 @@ use tokio::net::{TcpListener, TcpStream};
 /// A broker acknowledges many messages while a command arrives.
 #[tokio::test]
 async fn a_message_that_arrives_beside_many_acknowledgements_is_not_lost() {
-    let (news, mut inbox) = inbox();
+    let (news, mut inbox) = inbox(None);
     (0..10 * UNHEARD).for_each(|_| news.room.notify_one());
     let arrived =
         ReceivedMessage { topic: "t".to_owned(), payload: Vec::new(), retained: true, redelivered: false };
@@ -18,6 +18,31 @@ async fn a_message_that_arrives_beside_many_acknowledgements_is_not_lost() {
     assert!(inbox.next().await.is_none());
 }
 
+/// Anyone who may send commands could otherwise keep the state of the host from the gateway.
+#[tokio::test]
+async fn the_newest_state_of_the_host_outlasts_a_flood_of_other_messages() {
+    let (news, mut inbox) = inbox(Some("state".to_owned()));
+    let message = |topic: &str, number: u8| ReceivedMessage {
+        topic: topic.to_owned(),
+        payload: vec![number],
+        retained: false,
+        redelivered: false,
+    };
+    news.arrived(message("state", 1));
+    (0..2 * UNHEARD).for_each(|_| news.arrived(message("command", 0)));
+    (2..5).for_each(|number| news.arrived(message("state", number)));
+    let mut states = Vec::new();
+    for _ in 0..=UNHEARD {
+        let Some(BrokerReport::Arrived(arrived)) = inbox.next().await else { panic!("messages wait") };
+        if arrived.topic == "state" {
+            states.push(arrived.payload[0]);
+        }
+    }
+    assert_eq!(states, [1, 4], "the first had a place, and the last is the newest");
+    news.arrived(message("state", 5));
+    assert!(matches!(inbox.next().await, Some(BrokerReport::Arrived(last)) if last.payload == [5]));
+}
+
 fn client(port: u16) -> Client {
     Client {
         to: BrokerUrl { tls: false, host: "127.0.0.1".to_owned(), port },
@@ -25,6 +50,7 @@ fn client(port: u16) -> Client {
         user: None,
         host: Arc::new(Host::new("127.0.0.1", port, None)),
         clock: Clock::wall(),
+        state_topic: None,
         is_open: Arc::default(),
     }
 }
@@ -147,6 +173,7 @@ async fn the_answer_to_a_subscription_is_known() {
         (Some(0), Ok(SubscriptionAnswer::Accepted)),
         (Some(1), Ok(SubscriptionAnswer::Accepted)),
         (Some(0x80), Ok(SubscriptionAnswer::Refused)),
+        (Some(0x87), Err(Fault::NotSubscribed(refused.clone()))),
         (None, Err(Fault::NotSubscribed(refused))),
     ] {
         assert_eq!(subscribed(code).await, answer, "{code:?}");
