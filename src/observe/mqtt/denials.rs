@@ -19,6 +19,8 @@ use isotherm_plant::{Message, Qos};
 const CLOSED: u32 = 3;
 /// Minimum time of a connection until messages are no longer sent one by one.
 const CAREFUL_FOR: Duration = Duration::from_secs(60);
+/// Maximum wait for the answer to one message. A dead connection is found earlier. Some brokers do not answer at all.
+const ANSWERED_WITHIN: Duration = Duration::from_secs(30);
 /// First level of the topics of Home Assistant. Permissions are given for all of them together.
 const DISCOVERY: &str = "homeassistant/";
 
@@ -43,6 +45,8 @@ enum Pace {
         since: Moment,
         /// Topic of the message whose answer is awaited.
         awaited: Option<String>,
+        /// Time of the first [check](Denials::waits) at which this answer was missing.
+        missing: Option<Moment>,
         /// Number of messages that the broker has answered on this connection.
         answered: u64,
     },
@@ -52,7 +56,7 @@ impl Denials {
     /// Notes that a connection begins.
     pub(super) fn begins(&mut self, now: Moment) {
         if let Pace::Careful { .. } = self.pace {
-            self.pace = Pace::Careful { since: now, awaited: None, answered: 0 };
+            self.pace = Pace::Careful { since: now, awaited: None, missing: None, answered: 0 };
         }
     }
 
@@ -85,8 +89,19 @@ impl Denials {
 
     /// Notes that a message to this topic was sent, whose answer must be awaited.
     pub(super) fn is_sent(&mut self, topic: &str) {
-        if let Pace::Careful { awaited, .. } = &mut self.pace {
+        if let Pace::Careful { awaited, missing, .. } = &mut self.pace {
             *awaited = Some(scope(topic).to_owned());
+            *missing = None;
+        }
+    }
+
+    /// Checks how long an answer is missing. If the broker does not answer on an open connection, messages are no longer
+    /// sent one by one: otherwise nothing more would be published.
+    pub(super) fn waits(&mut self, now: Moment) {
+        let Pace::Careful { awaited: Some(_), missing, .. } = &mut self.pace else { return };
+        let since = *missing.get_or_insert(now);
+        if now.since(since) >= ANSWERED_WITHIN {
+            self.pace = Pace::Free;
         }
     }
 
@@ -113,7 +128,7 @@ impl Denials {
         if !matches!(fault, Fault::Broken | Fault::NoMqtt) {
             return (fault, None);
         }
-        self.pace = Pace::Careful { since: Moment::default(), awaited: None, answered: 0 };
+        self.pace = Pace::Careful { since: Moment::default(), awaited: None, missing: None, answered: 0 };
         let Pace::Careful { awaited: Some(topic), answered, .. } = pace else { return (fault, None) };
         let closed = self.suspected.entry(topic.clone()).or_default();
         *closed += 1;

@@ -335,13 +335,14 @@ impl Runner {
     /// events are queued.
     fn tell(&mut self, connection: &impl Connection) {
         self.report_up();
+        let now = self.clock.time_of_day();
+        self.denials.waits(now);
         if !self.outbox.is_empty() {
             // The broker is slow. It gets the newest state later, and only events are queued.
             self.sample();
             self.count();
             return;
         }
-        let now = self.clock.time_of_day();
         if self.kept.len() == 0 {
             self.denials.rests(now);
         }

@@ -124,6 +124,26 @@ fn only_one_message_is_without_an_answer_until_the_connection_has_lasted() {
     assert_eq!(denials.next(&mut waiting).unwrap().1.qos, Qos::AtMostOnce);
 }
 
+#[test]
+fn a_broker_that_does_not_answer_gets_its_messages_all_the_same() {
+    let mut denials = Denials::default();
+    denials.ends(Fault::Broken, true);
+    denials.begins(at(1));
+    for second in [100, 200, 300] {
+        // An answer that comes late begins the wait again.
+        denials.is_sent("a");
+        denials.waits(at(second));
+        denials.waits(at(second + 29));
+        assert!(!denials.may_send(false) && denials.may_send(true));
+    }
+    denials.is_sent("a");
+    denials.waits(at(400));
+    denials.waits(at(429));
+    assert!(!denials.may_send(false));
+    denials.waits(at(430));
+    assert!(denials.may_send(false) && !denials.has_suspects());
+}
+
 /// A topic may have no further message for hours.
 #[test]
 fn a_connection_that_has_lasted_is_usable_although_a_topic_was_suspected() {
