@@ -53,13 +53,14 @@ pub(super) fn publish(
     Publishing::start((profile, mqtt), trust, source, figures, state).map(Some)
 }
 
-/// Connects to the broker without publishing. Returns the result; `None` if the profile has no `[mqtt]`.
+/// Connects to the broker and subscribes, without publishing. Returns the result; `None` if the profile has no
+/// `[mqtt]`.
 #[cfg(feature = "mqtt")]
 pub(super) async fn test_connection(profile: &Profile) -> Option<ConnectionTest> {
     let mqtt = profile.mqtt.as_ref()?;
     // Errors in these files have been reported already.
     let trust = tls::broker(mqtt).unwrap_or_default();
     let fault = probe(profile, mqtt, trust).await.err();
-    let well = "accepts the gateway; nothing was published";
+    let well = "accepts the gateway and its subscriptions; nothing was published";
     Some(ConnectionTest::at("broker", mqtt.broker.to_string(), well, fault.map(|fault| fault.to_string())))
 }

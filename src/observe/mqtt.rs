@@ -7,8 +7,8 @@
 //! # Layout
 //! - `snapshot`, `event_queue`: the state and the events, as metrics.
 //! - `run`: connects, publishes and waits. `record_queue`: queue for an unreachable broker. `commands`: received
-//!   messages.
-//!   `memory`: what earlier runs have published.
+//!   messages. `memory`: what earlier runs have published. `denials`: topics that the broker refuses. `host_report`:
+//!   reports about the primary host.
 //! - `broker`: interface of a broker. `client`: its implementation.
 
 use std::collections::VecDeque;
@@ -23,22 +23,26 @@ use tokio_rustls::rustls::ClientConfig;
 use super::events::{Broker as BrokerEvent, Event};
 use super::status::{BrokerFigures, GatewayApi};
 use crate::clock::Clock;
-use broker::{Broker, Connection};
+use broker::{Broker, Connection, SubscriptionAnswer};
 use client::Client;
 use commands::Commands;
+use denials::Denials;
 use event_queue::EventQueue;
+use host_report::HostReport;
 use isotherm_core::quantity::Moment;
 use isotherm_plant::sparkplug::{Address, Sparkplug};
-use isotherm_plant::{Json, JsonSettings, Publisher};
+use isotherm_plant::{Json, JsonSettings, Publisher, Subscription};
 use isotherm_profile::{Mqtt, MqttFormat, Profile, stop};
 use memory::Memory;
 use record_queue::RecordQueue;
-use run::Runner;
+use run::{Outage, Runner};
 
 mod broker;
 mod client;
 mod commands;
+mod denials;
 mod event_queue;
+mod host_report;
 mod memory;
 mod record_queue;
 mod run;
@@ -93,6 +97,10 @@ impl Publishing {
             seen: Default::default(),
             kept,
             outbox: VecDeque::new(),
+            denials: Denials::default(),
+            outage: Outage::default(),
+            host: mqtt.primary_host.clone().unwrap_or_default(),
+            host_report: HostReport::default(),
         };
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
@@ -131,37 +139,67 @@ fn publisher(
     source: &dyn GatewayApi,
 ) -> (Box<dyn Publisher>, Memory, RecordQueue) {
     let directory = kept_in(state, &profile.name);
-    // The profile reader has rejected an invalid group.
-    if let (MqttFormat::SparkplugB, Ok(address)) = (mqtt.format, Address::new(&mqtt.group, &profile.name)) {
-        let kept = RecordQueue::on_disk(&directory, mqtt.buffer).unwrap_or_else(|error| {
-            let (broker, why) = (mqtt.broker.to_string(), error.to_string());
-            source.report(&Event::Broker(BrokerEvent::NotKept { broker, why }));
-            RecordQueue::in_memory()
-        });
+    if mqtt.format == MqttFormat::SparkplugB {
         let (memory, last) = Memory::of_deaths(&directory);
-        return (Box::new(Sparkplug::new(address, last, mqtt.takes_measured)), memory, kept);
+        if let Some(node) = sparkplug(profile, mqtt, last) {
+            return (Box::new(node), memory, on_disk(mqtt, &directory, source));
+        }
     }
-    let json = Json::new(JsonSettings {
+    (Box::new(json(profile, mqtt)), Memory::of_topics(&directory), RecordQueue::in_memory())
+}
+
+/// Creates the Sparkplug node. `last` is the death number of the last run. Returns `None` if a name cannot be part of a
+/// topic; the profile reader has rejected such names.
+fn sparkplug(profile: &Profile, mqtt: &Mqtt, last: Option<u8>) -> Option<Sparkplug> {
+    let address = Address::new(&mqtt.group, &profile.name).ok()?;
+    let node = Sparkplug::new(address, last, mqtt.takes_measured);
+    let Some(host) = &mqtt.primary_host else { return Some(node) };
+    Some(node.waiting_for(Address::state_topic(host).ok()?))
+}
+
+fn json(profile: &Profile, mqtt: &Mqtt) -> Json {
+    Json::new(JsonSettings {
         group: mqtt.group.clone(),
         machine: profile.name.clone(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         refresh: mqtt.refresh,
         takes_measured: mqtt.takes_measured,
         home_assistant: mqtt.home_assistant,
-    });
-    (Box::new(json), Memory::of_topics(&directory), RecordQueue::in_memory())
+    })
 }
 
-/// Connects to the broker and disconnects, without publishing.
+/// Opens the queue of unpublished records on disk. If this fails, the event reports it, and the queue is in memory.
+fn on_disk(mqtt: &Mqtt, directory: &Path, source: &dyn GatewayApi) -> RecordQueue {
+    RecordQueue::on_disk(directory, mqtt.buffer).unwrap_or_else(|error| {
+        let (broker, why) = (mqtt.broker.to_string(), error.to_string());
+        source.report(&Event::Broker(BrokerEvent::NotKept { broker, why }));
+        RecordQueue::in_memory()
+    })
+}
+
+/// Returns the subscriptions of the gateway with this profile.
+fn subscriptions(profile: &Profile, mqtt: &Mqtt) -> Vec<Subscription> {
+    let node = (mqtt.format == MqttFormat::SparkplugB).then(|| sparkplug(profile, mqtt, None)).flatten();
+    node.map_or_else(|| json(profile, mqtt).subscriptions(), |node| node.subscriptions())
+}
+
+/// Connects to the broker, subscribes to the topics of the gateway, and disconnects. Publishes nothing.
 ///
 /// # Errors
-/// The connection fails, or the broker does not accept the gateway.
+/// The connection fails, or the broker does not accept the gateway or one of its subscriptions.
 pub async fn probe(profile: &Profile, mqtt: &Mqtt, trust: Trust) -> Result<(), Fault> {
     // A second client with the gateway's identifier would disconnect the running gateway.
     let id = format!("isotherm-{}-check-{}", profile.name, std::process::id());
-    let connection = Client::of(mqtt, id, trust, &Clock::wall()).connect(None).await?;
+    let client = Client::of(mqtt, id, trust, &Clock::wall());
+    let mut connection = client.connect(None).await?;
+    let mut refused = None;
+    for subscription in subscriptions(profile, mqtt) {
+        if connection.subscribe(&subscription).await? == SubscriptionAnswer::Refused {
+            refused.get_or_insert(Fault::NotSubscribed(subscription.filter));
+        }
+    }
     connection.close().await;
-    Ok(())
+    refused.map_or(Ok(()), Err)
 }
 
 /// Returns the directory for the unpublished records of a machine.

@@ -31,7 +31,9 @@ use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
 use isotherm_identify::dataset::{Dataset, Split, every_column, explain, plain_log};
 use isotherm_plant::sparkplug::{Address as Node, Sparkplug};
-use isotherm_plant::{Command, Json, JsonSettings, Metric, Outcome, Publisher, Snapshot, Subject, Value};
+use isotherm_plant::{
+    Command, Json, JsonSettings, Metric, Outcome, PrimaryHost, Publisher, Snapshot, Subject, Value,
+};
 use isotherm_profile::plan::plan;
 use isotherm_profile::{Commands, Device, Profile, Quirks, Signal};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -378,7 +380,7 @@ pub(crate) fn command(data: &[u8]) {
         at: now,
     };
     let snapshot = Snapshot { metrics: vec![armed], ..Snapshot::default() };
-    let mut node = Sparkplug::new(Node::new("shop", "press").expect("an address"), 0, true);
+    let mut node = Sparkplug::new(Node::new("shop", "press").expect("an address"), None, true);
     node.will();
     node.connected(now, &snapshot);
     let topic = node.subscriptions()[0].filter.clone();
@@ -394,6 +396,14 @@ pub(crate) fn command(data: &[u8]) {
             assert!(!format!("{command}{why}").contains(char::is_control), "{command}: {why}");
         }
         None => {}
+    }
+    let state = Node::state_topic("scada").expect("a topic");
+    let mut waiting = node.waiting_for(state.clone());
+    match waiting.received(now, &snapshot, &state, data).outcome {
+        Some(Outcome::Refused { why, .. }) => {
+            assert!(!waiting.host().is_present() && !why.contains(char::is_control), "{why}");
+        }
+        outcome => assert!(outcome.is_none() && waiting.host() != PrimaryHost::Unknown, "{outcome:?}"),
     }
     let mut json = Json::new(JsonSettings {
         group: "shop".to_owned(),

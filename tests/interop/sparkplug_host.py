@@ -3,7 +3,8 @@
     sparkplug_host.py PORT GROUP NODE
 
 Each message becomes a line of JSON; what breaks a rule is a line that begins with "WRONG". A line `rebirth` on stdin asks for a birth,
-`measured AXIS ERROR` tells an axis's measured error, `write NAME VALUE` wants a metric changed.
+`measured AXIS ERROR` tells an axis's measured error, `write NAME VALUE` wants a metric changed. `state online` and `state offline` publish the
+state of the host, as a primary host does.
 """
 
 import json
@@ -14,6 +15,8 @@ import paho.mqtt.client as mqtt
 from pysparkplug import DataType, MessageType, Metric, NCmd, Topic
 
 port, group, node = int(sys.argv[1]), sys.argv[2], sys.argv[3]
+HOST = "scada"
+birth_time = int(time.time() * 1000)
 born = None
 last = None
 
@@ -57,6 +60,15 @@ def heard(client, userdata, message):
     print(json.dumps(said), flush=True)
 
 
+def state(word):
+    global birth_time
+    if word == "online":
+        birth_time = int(time.time() * 1000)
+    # The will of a host is made at its birth, and has the time of it.
+    payload = json.dumps({"online": word == "online", "timestamp": birth_time})
+    client.publish(f"spBv1.0/STATE/{HOST}", payload, qos=1, retain=True)
+
+
 def commands(name, value, kind):
     now = int(time.time() * 1000)
     metric = Metric(timestamp=now, name=name, datatype=kind, value=value)
@@ -78,5 +90,7 @@ for line in sys.stdin:
         commands("Node Control/Rebirth", True, DataType.BOOLEAN)
     elif words[0] == "measured":
         commands(f"axis/{words[1]}/measured_error_um", float(words[2]), DataType.DOUBLE)
+    elif words[0] == "state":
+        state(words[1])
     else:
         commands(words[1], words[2] == "true", DataType.BOOLEAN)

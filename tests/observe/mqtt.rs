@@ -15,5 +15,7 @@ mod broker;
 mod commands;
 mod machine;
 mod published;
+mod refused;
+mod scripted;
 mod secured;
 mod sparkplug;

@@ -19,11 +19,13 @@ fn what_is_not_said_has_its_usual_value() {
     assert_eq!((mqtt.format, mqtt.group.as_str()), (MqttFormat::Json, "isotherm"));
     assert_eq!((mqtt.every, mqtt.refresh), (Duration::from_secs(1), Duration::from_secs(60)));
     assert!(!mqtt.takes_measured && !mqtt.home_assistant && mqtt.user.is_none());
+    assert_eq!(mqtt.primary_host, None);
     let all = "broker = \"mqtt://localhost\"\nformat = \"sparkplug-b\"\ngroup = \"plant 1\"\nevery = \"100ms\"\nrefresh = \"10s\"\n\
-               buffer = \"10MB\"\ncommands = [\"measured\"]\nuser = { name = \"gw7\" }";
+               buffer = \"10MB\"\ncommands = [\"measured\"]\nuser = { name = \"gw7\" }\nprimary_host = \"SCADA 1\"";
     let mqtt = published(all).unwrap().profile.mqtt.unwrap();
     assert_eq!((mqtt.format, mqtt.buffer, mqtt.takes_measured), (MqttFormat::SparkplugB, 10_000_000, true));
     assert_eq!(mqtt.broker.to_string(), "mqtt://localhost:1883");
+    assert_eq!(mqtt.primary_host.as_deref(), Some("SCADA 1"));
 }
 
 #[test]
@@ -50,6 +52,17 @@ fn what_is_wrong_with_it_is_said_at_its_key() {
             "format = \"sparkplug-b\"\ngroup = \"a\"\nhome_assistant = true",
             "mqtt.home_assistant",
             "only for format = \"json\"",
+        ),
+        ("primary_host = \"scada\"", "mqtt.primary_host", "only for format = \"sparkplug-b\""),
+        (
+            "format = \"sparkplug-b\"\ngroup = \"a\"\nprimary_host = \"a/b\"",
+            "mqtt.primary_host",
+            "cannot be the name of a Sparkplug host",
+        ),
+        (
+            "format = \"sparkplug-b\"\ngroup = \"a\"\nprimary_host = \"\"",
+            "mqtt.primary_host",
+            "cannot be the name of a Sparkplug host",
         ),
         ("tls = { ca = \"ca.pem\" }", "mqtt.tls", "only for mqtts://"),
         ("user = { name = \"gw7\", password_file = \"none\" }", "mqtt.user.password_file", ""),
@@ -87,6 +100,7 @@ fn what_others_may_read_or_forge_is_warned_of() {
         (plain.to_owned(), 1),
         (format!("{plain}\ncommands = [\"measured\"]"), 2),
         ("broker = \"mqtts://broker.plant.example\"\ncommands = [\"measured\"]".to_owned(), 0),
+        (format!("{plain}\nformat = \"sparkplug-b\"\ngroup = \"a\"\nprimary_host = \"scada\""), 2),
         (format!("{HERE}\ncommands = [\"measured\"]"), 0),
     ] {
         let warnings = published(&lines).unwrap().warnings;

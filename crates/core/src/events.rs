@@ -420,6 +420,21 @@ catalogue! {
     /// Messages that the broker missed could not be saved on disk for later delivery.
     BrokerNotKept = warning("broker-not-kept")
         .hint("free space in the state directory, and allow the gateway to write to it");
+    /// The broker of `[mqtt]` does not let the gateway subscribe to a topic. No message of this topic arrives.
+    BrokerSubscriptionRefused = warning("broker-subscription-refused").raises("subscription to {topic} at {broker}")
+        .hint("allow the user of `[mqtt]` to subscribe to this topic at the broker");
+    /// The broker of `[mqtt]` accepts a subscription that it had refused.
+    BrokerSubscribed = info("broker-subscribed").ends(&["subscription to {topic} at {broker}"]);
+    /// The broker of `[mqtt]` closed the connection three times after a message to this topic. The gateway publishes
+    /// nothing to this topic until it is restarted.
+    BrokerPublishDenied = warning("broker-publish-denied").raises("publishing to {topic} at {broker}")
+        .hint("allow the user of `[mqtt]` to publish to this topic at the broker, then restart the gateway: \
+               `isotherm restart PROFILE --keep`");
+    /// The primary host of `[mqtt]` is offline. The gateway stores values and events on disk, and publishes nothing.
+    HostOffline = warning("host-offline").raises("primary host {host}")
+        .hint("does the host application run, is `primary_host` its host ID? The compensation continues");
+    /// The primary host of `[mqtt]` is online again. The gateway publishes what it has stored.
+    HostOnline = info("host-online").ends(&["primary host {host}"]);
     /// A command was carried out.
     Command = info("command");
     /// A command was refused.

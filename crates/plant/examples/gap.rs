@@ -34,7 +34,7 @@ fn snapshot(second: u32) -> Snapshot {
 fn main() -> Result<(), Box<dyn Error>> {
     let directory = tempfile::tempdir()?;
     let mut store = Store::open(directory.path(), 1 << 30)?;
-    let mut node = Sparkplug::new(Address::new("shop", "grinder-3")?, 0, false);
+    let mut node = Sparkplug::new(Address::new("shop", "grinder-3")?, None, false);
     for second in 0..SECONDS {
         for record in node.absent(at(second), &snapshot(second)) {
             store.push(&record)?;

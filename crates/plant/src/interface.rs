@@ -2,9 +2,11 @@
 
 use isotherm_core::quantity::Moment;
 
+mod host;
 mod message;
 mod snapshot;
 
+pub use host::PrimaryHost;
 pub use message::{Command, Message, Outcome, Qos, Reaction, Record, Subscription};
 pub use snapshot::{Importance, Metric, PlantEvent, Snapshot, Subject, Value};
 
@@ -13,9 +15,12 @@ pub use snapshot::{Importance, Metric, PlantEvent, Snapshot, Subject, Value};
 /// The gateway calls the functions in this order:
 ///
 /// - [`will`](Publisher::will) directly before each attempt to connect;
-/// - [`subscriptions`](Publisher::subscriptions) and [`connected`](Publisher::connected) when the broker has accepted
-///   the connection;
-/// - [`publish`](Publisher::publish) and [`received`](Publisher::received) while the connection is open;
+/// - [`connect_sent`](Publisher::connect_sent) when a CONNECT packet with this will was sent;
+/// - [`subscriptions`](Publisher::subscriptions) when the broker has accepted the connection;
+/// - [`connected`](Publisher::connected) when the broker has answered the subscriptions, and the
+///   [primary host](Publisher::host) is present. Until then, it calls [`absent`](Publisher::absent);
+/// - [`publish`](Publisher::publish) while the connection is open, and [`received`](Publisher::received) from the first
+///   subscription;
 /// - [`disconnected`](Publisher::disconnected) when the connection is lost, then [`absent`](Publisher::absent) until
 ///   the next connection;
 /// - [`farewell`](Publisher::farewell) at the end of the gateway's run.
@@ -28,8 +33,23 @@ pub trait Publisher: Send {
     /// Returns the will message, which the broker publishes when the connection is lost.
     fn will(&mut self) -> Message;
 
+    /// Notes that a CONNECT packet with the last will was sent, whether or not the broker has accepted the connection.
+    fn connect_sent(&mut self) {}
+
     /// Returns the subscriptions of this connection. They are empty if the gateway accepts no messages.
     fn subscriptions(&self) -> Vec<Subscription>;
+
+    /// Returns the state of the host that must be present before [`connected`](Publisher::connected) is called. If it
+    /// goes offline, the gateway publishes the [`farewell`](Publisher::farewell) and closes the connection.
+    fn host(&self) -> PrimaryHost {
+        PrimaryHost::NotNeeded
+    }
+
+    /// Returns whether a retained message on this topic is passed to [`received`](Publisher::received). Retained
+    /// commands are refused, because they may be old.
+    fn takes_retained(&self, _topic: &str) -> bool {
+        false
+    }
 
     /// Handles an accepted connection. Returns messages with the whole state, for subscribers that do not know it yet.
     fn connected(&mut self, now: Moment, snapshot: &Snapshot) -> Vec<Message>;
@@ -64,9 +84,15 @@ pub trait Publisher: Send {
         false
     }
 
-    /// Returns a number that the gateway must store for its next run: the death number (bdSeq) of a Sparkplug node.
-    /// Returns `None` if the format has no such number.
+    /// Returns the number of the last will, which the gateway stores before it sends a CONNECT packet. A Sparkplug node
+    /// has such a number, the death number (bdSeq). Returns `None` if the format has none.
     fn number_to_keep(&self) -> Option<u8> {
+        None
+    }
+
+    /// Returns the number in the last CONNECT packet that was sent. Returns `None` if none was ever sent, or the format
+    /// has no such number.
+    fn number_sent(&self) -> Option<u8> {
         None
     }
 

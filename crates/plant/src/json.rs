@@ -9,7 +9,8 @@
 //! ```
 //!
 //! The broker retains all messages except events. Documents have QoS 0, because the next document replaces a lost one.
-//! State, events and the discovery messages for Home Assistant have QoS 1.
+//! State, events and the discovery messages for Home Assistant have QoS 1. The state is published again after `refresh`
+//! as well, because another client may have replaced the retained message.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
@@ -52,6 +53,8 @@ pub struct Json {
     /// Topic prefix `GROUP/MACHINE`.
     root: String,
     published: BTreeMap<Subject, PublishedValues>,
+    /// Time at which `online` was published last on this connection.
+    online_at: Moment,
     /// Events that were published last, with the times of publication. After a lost connection, they may be
     /// undelivered.
     recent: VecDeque<(Moment, Record)>,
@@ -67,7 +70,13 @@ impl Json {
     /// Creates a publisher that has published nothing yet.
     pub fn new(settings: JsonSettings) -> Json {
         let root = format!("{}/{}", settings.group, settings.machine);
-        Json { settings, root, published: BTreeMap::new(), recent: VecDeque::new() }
+        Json {
+            settings,
+            root,
+            published: BTreeMap::new(),
+            online_at: Moment::default(),
+            recent: VecDeque::new(),
+        }
     }
 
     fn state(&self, word: &str) -> Message {
@@ -101,6 +110,7 @@ impl Publisher for Json {
 
     fn connected(&mut self, now: Moment, snapshot: &Snapshot) -> Vec<Message> {
         self.published.clear();
+        self.online_at = now;
         let mut messages = match self.settings.home_assistant {
             true => discovery::messages(&self.settings, snapshot),
             false => Vec::new(),
@@ -130,6 +140,11 @@ impl Publisher for Json {
             });
         }
         messages.extend(snapshot.events.iter().map(|event| self.event(now, record(event))));
+        // Another client may have published `offline` to this topic.
+        if now.since(self.online_at) >= self.settings.refresh {
+            self.online_at = now;
+            messages.push(self.state("online"));
+        }
         messages
     }
 

@@ -10,7 +10,7 @@ pub mod sparkplug;
 pub mod store;
 
 pub use interface::{
-    Command, Importance, Message, Metric, Outcome, PlantEvent, Publisher, Qos, Reaction, Record, Snapshot,
-    Subject, Subscription, Value,
+    Command, Importance, Message, Metric, Outcome, PlantEvent, PrimaryHost, Publisher, Qos, Reaction, Record,
+    Snapshot, Subject, Subscription, Value,
 };
 pub use json::{Json, JsonSettings};

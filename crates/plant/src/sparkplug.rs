@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! message   will ──► NBIRTH ──► NDATA …        ──► NDEATH
-//! number    bdSeq    bdSeq                         bdSeq     (one more for each connection)
+//! number    bdSeq    bdSeq                         bdSeq     (one more for each CONNECT packet)
 //! seq                0          1 … 255, 0 …
 //! ```
 //!
@@ -26,10 +26,11 @@
 //! **Commands.** `Node Control/Rebirth`, at most once per second, and the measured error of an axis if the profile
 //! allows it. All other commands are refused.
 //!
-//! **No primary host.** The specification lets a node wait for one host, and disconnect when a message says that this
-//! host is offline. Every client that may publish below `spBv1.0/STATE` could send such a message, and so disconnect
-//! the node from all other hosts. A host that was offline while the broker was available can get the missing values
-//! from the logs of the gateway.
+//! **Primary host.** If the profile names one, the node is born only while this host is online. When the host goes
+//! offline, the node publishes its death, and the gateway closes the connection. What happens until the host is back
+//! becomes stored records. So do the values of the last minutes before, because the broker reports a dead host only
+//! after a while. Without a host in the profile, the node ignores the state of every host: each client that may publish
+//! below `spBv1.0/STATE` could otherwise disconnect the node from all other hosts.
 //!
 //! **Quality of service 0** for births and data, as the specification requires: the broker does not acknowledge these
 //! messages. If the broker acknowledges a later packet on the same connection, they are delivered.
@@ -41,6 +42,8 @@ mod address;
 mod birth;
 mod command;
 mod datum;
+mod death_number;
+mod host;
 mod payload;
 mod published;
 mod unconfirmed;
@@ -54,10 +57,13 @@ pub use payload::{Metric, Payload, Property, PropertyRaw, PropertySet, Raw, Unre
 
 use self::birth::{BD_SEQ, BirthMetrics, milliseconds};
 use self::command::CommandResult;
+use self::death_number::DeathNumber;
+use self::host::HostWatch;
 use self::published::PublishedMetrics;
 use self::unconfirmed::Unconfirmed;
 use crate::interface::{
-    Command, Message, Outcome, PlantEvent, Publisher, Qos, Reaction, Record, Snapshot, Subscription,
+    Command, Message, Outcome, PlantEvent, PrimaryHost, Publisher, Qos, Reaction, Record, Snapshot,
+    Subscription,
 };
 
 /// Minimum time between two births. A host may request them more often.
@@ -74,7 +80,9 @@ const MOST_WAITING_EVENTS: usize = 256;
 pub struct Sparkplug {
     address: Address,
     takes_measured: bool,
-    bd_seq: u8,
+    /// Watch of the primary host; `None` if the node waits for no host.
+    host: Option<HostWatch>,
+    death_number: DeathNumber,
     seq: u8,
     /// Metrics in the birth of this connection; `None` before the birth, and without a connection.
     born: Option<BirthMetrics>,
@@ -83,6 +91,9 @@ pub struct Sparkplug {
     shift: Shift,
     published: PublishedMetrics,
     unconfirmed: Unconfirmed,
+    /// Stored records that were published last, with a primary host. They are on disk until the broker has them, but the
+    /// host may die before it has stored them.
+    forwarded: Unconfirmed,
     /// Whether a host has requested a birth that is not due yet. The node publishes no data before this birth.
     owes_birth: bool,
     /// Events since a host requested the birth; they are published after it.
@@ -109,19 +120,21 @@ pub struct LostValues {
 }
 
 impl Sparkplug {
-    /// Creates an edge node with this address. `bd_seq` is the last used death number; each connection uses the next
-    /// one. `takes_measured` states whether the profile lets hosts send measured errors.
-    pub fn new(address: Address, bd_seq: u8, takes_measured: bool) -> Sparkplug {
+    /// Creates an edge node with this address. `bd_seq` is the death number that the last run has sent; `None` if there
+    /// is no such run. `takes_measured` states whether the profile lets hosts send measured errors.
+    pub fn new(address: Address, bd_seq: Option<u8>, takes_measured: bool) -> Sparkplug {
         Sparkplug {
             address,
             takes_measured,
-            bd_seq,
+            host: None,
+            death_number: DeathNumber::after(bd_seq),
             seq: 0,
             born: None,
             born_at: Moment::default(),
             shift: Shift::default(),
             published: PublishedMetrics::default(),
             unconfirmed: Unconfirmed::default(),
+            forwarded: Unconfirmed::default(),
             owes_birth: false,
             waiting: Vec::new(),
             last_asked: None,
@@ -130,10 +143,16 @@ impl Sparkplug {
         }
     }
 
-    /// Returns the death number (bdSeq) of the last will and its births. The gateway stores the number for its next
-    /// run.
+    /// Makes the node wait for a primary host, which publishes its state to this topic. [`Address::state_topic`] makes
+    /// the topic from the name of the host.
+    #[must_use]
+    pub fn waiting_for(self, state_topic: String) -> Sparkplug {
+        Sparkplug { host: Some(HostWatch::at(state_topic)), ..self }
+    }
+
+    /// Returns the death number (bdSeq) of the last will and its births.
     pub fn bd_seq(&self) -> u8 {
-        self.bd_seq
+        self.death_number.current()
     }
 
     /// Returns the numbers of values, records and events that were lost since the start.
@@ -153,7 +172,7 @@ impl Sparkplug {
         self.unconfirmed.keep(now, records(stamp, &changes));
 
         let (born, mut metrics) = BirthMetrics::of(snapshot, stamp, self.takes_measured);
-        metrics.push(self.death_number(Some(stamp)));
+        metrics.push(self.death_metric(Some(stamp)));
         metrics.sort_by_key(|metric| metric.timestamp);
         let payload = Payload { timestamp: Some(milliseconds(stamp)), metrics, seq: Some(0) };
         let mut messages = vec![self.message(Verb::Birth, Qos::AtMostOnce, &payload)];
@@ -197,17 +216,17 @@ impl Sparkplug {
     }
 
     fn death(&self) -> Message {
-        let payload = Payload { timestamp: None, metrics: vec![self.death_number(None)], seq: None };
+        let payload = Payload { timestamp: None, metrics: vec![self.death_metric(None)], seq: None };
         self.message(Verb::Death, Qos::AtLeastOnce, &payload)
     }
 
-    fn death_number(&self, stamp: Option<Moment>) -> Metric {
+    fn death_metric(&self, stamp: Option<Moment>) -> Metric {
         let kind = DataType::Int64;
         Metric {
             name: Some(BD_SEQ.to_owned()),
             datatype: Some(kind.number()),
             timestamp: stamp.map(milliseconds),
-            value: kind.write(&Datum::Signed(self.bd_seq.into())),
+            value: kind.write(&Datum::Signed(self.bd_seq().into())),
             ..Metric::default()
         }
     }
@@ -253,12 +272,30 @@ fn records(stamp: Moment, metrics: &[Metric]) -> Vec<Record> {
 
 impl Publisher for Sparkplug {
     fn will(&mut self) -> Message {
-        self.bd_seq = self.bd_seq.wrapping_add(1);
+        self.death_number = self.death_number.next();
+        self.host.iter_mut().for_each(HostWatch::connects);
         self.death()
     }
 
+    fn connect_sent(&mut self) {
+        self.death_number.is_sent();
+    }
+
+    /// Returns the subscription to the state of the primary host after that to commands. The answer to the state may be
+    /// a birth, which must follow both.
     fn subscriptions(&self) -> Vec<Subscription> {
-        vec![Subscription { filter: self.address.topic(Verb::Command), qos: Qos::AtLeastOnce }]
+        let topics =
+            [Some(self.address.topic(Verb::Command)), self.host.as_ref().map(|host| host.topic().to_owned())];
+        topics.into_iter().flatten().map(|filter| Subscription { filter, qos: Qos::AtLeastOnce }).collect()
+    }
+
+    fn host(&self) -> PrimaryHost {
+        self.host.as_ref().map_or(PrimaryHost::NotNeeded, HostWatch::state)
+    }
+
+    /// Returns `true` for the state of the primary host, which the broker retains.
+    fn takes_retained(&self, topic: &str) -> bool {
+        self.host.as_ref().is_some_and(|host| host.topic() == topic)
     }
 
     fn connected(&mut self, now: Moment, snapshot: &Snapshot) -> Vec<Message> {
@@ -286,6 +323,10 @@ impl Publisher for Sparkplug {
     }
 
     fn received(&mut self, now: Moment, snapshot: &Snapshot, topic: &str, payload: &[u8]) -> Reaction {
+        if let Some(host) = self.host.as_mut().filter(|host| host.topic() == topic) {
+            let refused = |why| Outcome::Refused { command: "STATE".to_owned(), why };
+            return Reaction { messages: Vec::new(), outcome: host.receive(payload).err().map(refused) };
+        }
         let Some(born) = self.born.as_ref().filter(|_| topic == self.address.topic(Verb::Command)) else {
             return Reaction::default();
         };
@@ -310,7 +351,12 @@ impl Publisher for Sparkplug {
     fn disconnected(&mut self, last_received: Moment) -> Vec<Record> {
         self.born = None;
         self.owes_birth = false;
-        let mut kept = self.unconfirmed.take(last_received);
+        let mut kept = self.forwarded.take(last_received);
+        if self.host() != PrimaryHost::Offline {
+            // The broker is lost. The gateway publishes them again, because they are still on disk.
+            kept.clear();
+        }
+        kept.extend(self.unconfirmed.take(last_received));
         let waiting = std::mem::take(&mut self.waiting);
         if let Some(last) = waiting.last().map(|event| event.at) {
             kept.extend(records(last, &self.published.happened(&waiting)));
@@ -326,6 +372,9 @@ impl Publisher for Sparkplug {
     fn forward(&mut self, now: Moment, records: &[Record]) -> Vec<Message> {
         if !self.may_forward() {
             return Vec::new();
+        }
+        if self.host.is_some() {
+            self.forwarded.keep(now, records.to_vec());
         }
         let mut metrics = Vec::new();
         for record in records {
@@ -344,7 +393,11 @@ impl Publisher for Sparkplug {
     }
 
     fn number_to_keep(&self) -> Option<u8> {
-        Some(self.bd_seq)
+        Some(self.bd_seq())
+    }
+
+    fn number_sent(&self) -> Option<u8> {
+        self.death_number.sent()
     }
 
     fn left_out(&mut self) -> u64 {

@@ -68,7 +68,17 @@ fn broker(mqtt: &Value) -> String {
         (Some(0), Some(0)) => String::new(),
         (queued, dropped) => format!(", {} queued, {} dropped", queued.unwrap_or(0), dropped.unwrap_or(0)),
     };
-    format!("broker {}: {goes}{waits}\n", word(&mqtt["broker"]))
+    let host = match (mqtt["connected"] == true, word(&mqtt["primary_host"])) {
+        (false, _) | (true, "" | "online") => String::new(),
+        (true, state) => format!(", waits for the primary host ({state})"),
+    };
+    let refused: Vec<&str> =
+        mqtt["refused"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+    let refused = match refused.as_slice() {
+        [] => String::new(),
+        topics => format!(", refuses {}", topics.join(", ")),
+    };
+    format!("broker {}: {goes}{waits}{host}{refused}\n", word(&mqtt["broker"]))
 }
 
 fn alarm(alarm: &Value) -> String {

@@ -39,6 +39,44 @@ pub enum Broker {
         /// Error message of the system.
         why: String,
     },
+    /// The broker refused a subscription. The event is reported again only after the broker accepted it in between.
+    SubscriptionRefused {
+        /// Address of the broker.
+        broker: String,
+        /// Topic of the subscription.
+        topic: String,
+    },
+    /// The broker accepts a subscription that it had refused.
+    Subscribed {
+        /// Address of the broker.
+        broker: String,
+        /// Topic of the subscription.
+        topic: String,
+    },
+    /// The broker closed the connection again and again after messages to one topic. Nothing is published to this topic
+    /// any more.
+    PublishDenied {
+        /// Address of the broker.
+        broker: String,
+        /// Topic of the messages.
+        topic: String,
+    },
+    /// The primary host is offline.
+    HostOffline {
+        /// Address of the broker.
+        broker: String,
+        /// Name of the host.
+        host: String,
+        /// Reason as a sentence.
+        why: &'static str,
+    },
+    /// The primary host is online after it was reported as offline.
+    HostOnline {
+        /// Address of the broker.
+        broker: String,
+        /// Name of the host.
+        host: String,
+    },
 }
 
 impl Broker {
@@ -59,6 +97,29 @@ impl Broker {
             Broker::NotKept { broker, why } => {
                 caused(format!("messages for {broker} cannot be saved on disk"), why)
                     .of(EventKind::BrokerNotKept)
+            }
+            Broker::SubscriptionRefused { broker, topic } => {
+                caused(topic, format!("{broker} refuses this subscription, and no message of it arrives"))
+                    .of(EventKind::BrokerSubscriptionRefused)
+            }
+            Broker::Subscribed { broker, topic } => {
+                plain(format!("{topic}: {broker} accepts this subscription now"))
+                    .of(EventKind::BrokerSubscribed)
+            }
+            Broker::PublishDenied { broker, topic } => {
+                let why = format!(
+                    "{broker} closed the connection three times after a message to this topic; nothing more is \
+                     published to it"
+                );
+                caused(topic, why).of(EventKind::BrokerPublishDenied)
+            }
+            Broker::HostOffline { broker, host, why } => {
+                caused(format!("nothing is published to {broker} for the host {host}"), *why)
+                    .of(EventKind::HostOffline)
+            }
+            Broker::HostOnline { broker, host } => {
+                plain(format!("the host {host} at {broker} is online: stored values are published"))
+                    .of(EventKind::HostOnline)
             }
         }
     }

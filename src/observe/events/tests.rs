@@ -141,6 +141,9 @@ fn troubles() -> Vec<Event> {
         Event::Broker(Broker::Down { broker: name(), why: "no answer".into() }),
         Event::Broker(Broker::Dropped { broker: name(), count: 3 }),
         Event::Broker(Broker::NotKept { broker: name(), why: "the disk is full".into() }),
+        Event::Broker(Broker::SubscriptionRefused { broker: name(), topic: "t".into() }),
+        Event::Broker(Broker::PublishDenied { broker: name(), topic: "t".into() }),
+        Event::Broker(Broker::HostOffline { broker: name(), host: "scada".into(), why: "it is offline" }),
         Event::Delivery(Delivery::Failed { notify: name(), to: "b".into(), why: "no answer".into() }),
         Event::Delivery(Delivery::Dropped { notify: name(), to: "b".into(), count: 3 }),
     ];

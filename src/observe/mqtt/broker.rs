@@ -14,6 +14,23 @@ pub(super) trait Broker {
 
     /// Connects to the broker. `will` is the message that the broker publishes when the connection breaks.
     fn connect(&self, will: Option<Message>) -> impl Future<Output = Result<Self::Connection, Fault>>;
+
+    /// Returns whether the last attempt has sent its CONNECT packet. The attempt may still be under way.
+    fn packet(&self) -> ConnectPacket;
+}
+
+/// CONNECT packet of an attempt. It contains the will, and follows when the network connection is open.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum ConnectPacket {
+    NotSent,
+    Sent,
+}
+
+/// Answer of the broker to a subscription (SUBACK).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum SubscriptionAnswer {
+    Accepted,
+    Refused,
 }
 
 /// Connection to a broker. If it is dropped without [`Connection::close`], the broker publishes the will message.
@@ -22,8 +39,15 @@ pub(super) trait Connection {
     /// no room for it now.
     fn send(&mut self, message: Message, told: Moment) -> Result<(), Message>;
 
-    /// Subscribes to the topics that match a filter.
-    fn subscribe(&mut self, subscription: &Subscription) -> Result<(), Fault>;
+    /// Subscribes to the topics that match a filter, and waits for the answer of the broker.
+    fn subscribe(
+        &mut self,
+        subscription: &Subscription,
+    ) -> impl Future<Output = Result<SubscriptionAnswer, Fault>>;
+
+    /// Requests an answer to the message that was sent last, and that the broker does not acknowledge.
+    /// [`Connection::is_done`] then includes this answer. `topic` is the topic of the message.
+    fn request_answer(&mut self, topic: &str);
 
     /// Waits for the next report about the connection. If this future is dropped, no report is lost.
     fn next(&mut self) -> impl Future<Output = BrokerReport>;
@@ -75,6 +99,12 @@ pub enum Fault {
     WrongUser,
     /// The broker does not allow this user to connect.
     NotAllowed,
+    /// The broker does not allow the gateway to subscribe to this topic.
+    NotSubscribed(String),
+    /// The broker closes the connection after each message to this topic.
+    Denied(String),
+    /// The broker closes the connection after the first message, whatever its topic.
+    DeniesAll,
     /// The broker rejects the connection; contains the reason.
     Refused(&'static str),
     /// The server at this address does not speak MQTT.
@@ -103,6 +133,19 @@ impl fmt::Display for Fault {
             Fault::NotAllowed => f.write_str(
                 "the broker does not allow the gateway to connect: name a `user` that may connect, or a \
                  certificate in `tls`",
+            ),
+            Fault::NotSubscribed(topic) => write!(
+                f,
+                "the broker refuses the subscription to {topic}: allow the user of the gateway to subscribe to it"
+            ),
+            Fault::Denied(topic) => write!(
+                f,
+                "the broker closes the connection after a message to {topic}: may the user of the gateway publish \
+                 to it?"
+            ),
+            Fault::DeniesAll => f.write_str(
+                "the broker closes the connection after the first message: may the user of the gateway publish to \
+                 the topics that `isotherm check` lists?",
             ),
             Fault::Refused(why) => f.write_str(why),
             Fault::NoMqtt => {

@@ -6,29 +6,36 @@
 
 use std::collections::{BTreeMap, VecDeque};
 use std::io;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use rumqttc::mqttbytes::Error as Unreadable;
-use rumqttc::mqttbytes::v4::{ConnectReturnCode, LastWill};
+use rumqttc::mqttbytes::v4::{ConnectReturnCode, LastWill, SubscribeReasonCode};
 use rumqttc::{
     AsyncClient, ConnectionError, Event, EventLoop, MqttOptions, Outgoing, Packet, QoS, StateError,
 };
+use tokio::sync::mpsc::error::TrySendError;
 use tokio::sync::{Notify, mpsc};
 use tokio::task::{JoinError, JoinHandle};
 use tokio_rustls::rustls::ClientConfig;
 
-use super::broker::{Broker, BrokerReport, Connection, Fault, ReceivedMessage};
+use super::broker::{
+    Broker, BrokerReport, ConnectPacket, Connection, Fault, ReceivedMessage, SubscriptionAnswer,
+};
 use crate::clock::Clock;
 use crate::net::{ConnectError, Host};
 use crate::tls::TlsFault;
 use isotherm_core::border::panic_message;
 use isotherm_core::quantity::Moment;
+use isotherm_plant::sparkplug::Address;
 use isotherm_plant::{Message, Qos, Subscription};
 use isotherm_profile::{BrokerUrl, Mqtt};
 
 /// Timeout for name resolution, connection, handshake and the broker's answer together.
 const CONNECT_WITHIN: Duration = Duration::from_secs(10);
+/// Timeout for the answer to a subscription.
+const SUBSCRIBE_WITHIN: Duration = Duration::from_secs(10);
 /// MQTT keep-alive interval. If the client receives no data for twice this time, it closes the connection. If the
 /// broker receives none for one and a half times, it publishes the will message.
 const KEEP_ALIVE: Duration = Duration::from_secs(10);
@@ -36,7 +43,8 @@ const KEEP_ALIVE: Duration = Duration::from_secs(10);
 const MARGIN: Duration = Duration::from_secs(1);
 /// Maximum number of messages that the library holds at one time.
 const IN_LIBRARY: usize = 64;
-/// Maximum number of received messages that wait to be processed. Further messages are dropped.
+/// Maximum number of received messages that wait to be processed. Further messages are dropped, except the newest state
+/// of the primary host.
 const UNHEARD: usize = 16;
 /// Maximum size of a received packet, in bytes. A larger packet breaks the connection. Commands, the only accepted
 /// messages, are much smaller.
@@ -45,6 +53,9 @@ const LARGEST_IN: usize = 1 << 20;
 const LARGEST_OUT: usize = 4 << 20;
 /// Timeout for disconnecting.
 const CLOSE_WITHIN: Duration = Duration::from_secs(1);
+/// Reason of a broker that does not speak MQTT 3.1.1.
+const MQTT_5_ONLY: &str =
+    "the broker speaks MQTT 5 only, and the gateway speaks MQTT 3.1.1: allow MQTT 3.1.1 at the broker";
 
 /// Broker, with the settings of the profile.
 #[derive(Clone)]
@@ -54,6 +65,10 @@ pub(super) struct Client {
     user: Option<(String, Vec<u8>)>,
     host: Arc<Host>,
     clock: Clock,
+    /// Topic of the state of the primary host; `None` if the profile names no host.
+    state_topic: Option<String>,
+    /// Whether the network connection of the last attempt was opened.
+    is_open: Arc<AtomicBool>,
 }
 
 impl Client {
@@ -64,9 +79,12 @@ impl Client {
         });
         let (to, clock) = (mqtt.broker.clone(), clock.clone());
         let host = Arc::new(Host::new(&to.host, to.port, trust));
-        Client { to, id, user, host, clock }
+        let state_topic = mqtt.primary_host.as_ref().and_then(|host| Address::state_topic(host).ok());
+        Client { to, id, user, host, clock, state_topic, is_open: Arc::default() }
     }
 
+    /// Returns the options of the library. It sends the CONNECT packet as soon as the network connection is open, and
+    /// `is_open` is set.
     fn options(&self, will: Option<Message>) -> MqttOptions {
         let mut options = MqttOptions::new(self.id.clone(), (self.to.host.clone(), self.to.port));
         let seconds = u16::try_from(KEEP_ALIVE.as_secs()).unwrap_or(u16::MAX);
@@ -77,11 +95,14 @@ impl Client {
         if let Some((name, password)) = self.user.clone() {
             options.set_credentials(name, password);
         }
-        let host = self.host.clone();
+        let (host, is_open) = (self.host.clone(), self.is_open.clone());
         options.set_socket_connector(move |_, _| {
-            let host = host.clone();
-            // The library knows only I/O errors.
-            async move { host.open().await.map_err(io::Error::other) }
+            let (host, is_open) = (host.clone(), is_open.clone());
+            async move {
+                let opened = host.open().await.inspect(|_| is_open.store(true, Ordering::Relaxed));
+                // The library knows only I/O errors.
+                opened.map_err(io::Error::other)
+            }
         });
         options
     }
@@ -91,10 +112,12 @@ impl Broker for Client {
     type Connection = Connected;
 
     async fn connect(&self, will: Option<Message>) -> Result<Connected, Fault> {
-        let (client, mut turns) = AsyncClient::builder(self.options(will)).capacity(IN_LIBRARY).build();
+        self.is_open.store(false, Ordering::Relaxed);
+        let options = self.options(will);
+        let (client, mut turns) = AsyncClient::builder(options).capacity(IN_LIBRARY).build();
         turns.network_options.set_connection_timeout(CONNECT_WITHIN.as_secs());
         let tally = Arc::new(Mutex::new(Tally { heard: self.clock.time_of_day(), ..Tally::default() }));
-        let (news, inbox) = inbox();
+        let (news, inbox) = inbox(self.state_topic.clone());
         let turning = turn(turns, tally.clone(), news, self.clock.clone());
         let mut connected = Connected { client, tally, inbox, task: Some(tokio::spawn(turning)) };
         match tokio::time::timeout(CONNECT_WITHIN, connected.next()).await {
@@ -107,6 +130,13 @@ impl Broker for Client {
             Err(_) => Err(Fault::Silent),
         }
     }
+
+    fn packet(&self) -> ConnectPacket {
+        match self.is_open.load(Ordering::Relaxed) {
+            true => ConnectPacket::Sent,
+            false => ConnectPacket::NotSent,
+        }
+    }
 }
 
 /// Record of the messages that are known to have reached the broker.
@@ -116,6 +146,8 @@ struct Tally {
     unwritten: VecDeque<Moment>,
     /// Times of the written messages that the broker has not acknowledged yet, by packet identifier.
     unacknowledged: BTreeMap<u16, Moment>,
+    /// Number of requested answers that the broker has not sent yet.
+    unanswered: usize,
     /// Time of the last ping. All messages that were made before this time had been written then.
     pinged: Option<Moment>,
     /// Returns the time up to which all messages have reached the broker.
@@ -129,6 +161,10 @@ impl Tally {
         if let Some(told) = told.filter(|_| id > 0) {
             self.unacknowledged.insert(id, told);
         }
+    }
+
+    fn is_answered(&mut self) {
+        self.unanswered = self.unanswered.saturating_sub(1);
     }
 
     /// Records an acknowledgement. A broker processes messages in order, so it also has all messages that were written
@@ -145,17 +181,45 @@ impl Tally {
 struct ReportSender {
     heard: mpsc::Sender<BrokerReport>,
     room: Arc<Notify>,
+    /// Topic whose newest message is kept if the queue is full.
+    state_topic: Option<String>,
+    kept: KeptMessage,
 }
 
 /// Receiver of reports from the task of the library.
 struct ReportReceiver {
     heard: mpsc::Receiver<BrokerReport>,
     room: Arc<Notify>,
+    kept: KeptMessage,
 }
 
-fn inbox() -> (ReportSender, ReportReceiver) {
-    let ((says, heard), room) = (mpsc::channel(UNHEARD), Arc::<Notify>::default());
-    (ReportSender { heard: says, room: room.clone() }, ReportReceiver { heard, room })
+/// Message for which the queue had no place.
+type KeptMessage = Arc<Mutex<Option<ReceivedMessage>>>;
+
+fn inbox(state_topic: Option<String>) -> (ReportSender, ReportReceiver) {
+    let ((says, heard), room, kept) =
+        (mpsc::channel(UNHEARD), Arc::<Notify>::default(), KeptMessage::default());
+    let sender = ReportSender { heard: says, room: room.clone(), state_topic, kept: kept.clone() };
+    (sender, ReportReceiver { heard, room, kept })
+}
+
+impl ReportSender {
+    /// Queues a received message. If the queue is full, the message is dropped. Of the state of the primary host, the
+    /// newest message is kept: the broker does not send it a second time.
+    fn arrived(&self, arrived: ReceivedMessage) {
+        let is_state = self.state_topic.as_deref() == Some(arrived.topic.as_str());
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        if is_state && kept.is_some() {
+            // A newer state must not overtake the kept one.
+            *kept = Some(arrived);
+        } else if let Err(TrySendError::Full(BrokerReport::Arrived(arrived))) =
+            self.heard.try_send(BrokerReport::Arrived(arrived))
+            && is_state
+        {
+            *kept = Some(arrived);
+            self.room.notify_one();
+        }
+    }
 }
 
 impl ReportReceiver {
@@ -164,7 +228,10 @@ impl ReportReceiver {
         tokio::select! {
             biased;
             heard = self.heard.recv() => heard,
-            () = self.room.notified() => Some(BrokerReport::Room),
+            () = self.room.notified() => {
+                let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner).take();
+                Some(kept.map_or(BrokerReport::Room, BrokerReport::Arrived))
+            }
         }
     }
 }
@@ -180,6 +247,15 @@ pub(super) struct Connected {
 impl Connected {
     fn tally(&self) -> MutexGuard<'_, Tally> {
         self.tally.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits for the end of the connection, and returns its reason.
+    async fn lost(&mut self) -> Fault {
+        loop {
+            if let BrokerReport::Lost(fault) = self.next().await {
+                return fault;
+            }
+        }
     }
 }
 
@@ -199,9 +275,31 @@ impl Connection for Connected {
         }
     }
 
-    fn subscribe(&mut self, subscription: &Subscription) -> Result<(), Fault> {
-        let asked = self.client.try_subscribe(subscription.filter.clone(), qos(subscription.qos));
-        asked.map_err(|error| Fault::Inside(error.to_string()))
+    async fn subscribe(&mut self, subscription: &Subscription) -> Result<SubscriptionAnswer, Fault> {
+        let filter = &subscription.filter;
+        let asked = self.client.try_subscribe_tracked(filter.clone(), qos(subscription.qos));
+        let answer = asked.map_err(|error| Fault::Inside(error.to_string()))?;
+        match tokio::time::timeout(SUBSCRIBE_WITHIN, answer.wait_async()).await {
+            Ok(Ok(answer)) if answer.return_codes.contains(&SubscribeReasonCode::Failure) => {
+                Ok(SubscriptionAnswer::Refused)
+            }
+            Ok(Ok(_)) => Ok(SubscriptionAnswer::Accepted),
+            // Some brokers close the connection instead of refusing the subscription.
+            Ok(Err(_)) => Err(match self.lost().await {
+                Fault::Broken => Fault::NotSubscribed(filter.clone()),
+                fault => fault,
+            }),
+            Err(_) => Err(Fault::Silent),
+        }
+    }
+
+    fn request_answer(&mut self, topic: &str) {
+        self.tally().unanswered += 1;
+        // The gateway subscribes to no topic to which it publishes. Brokers answer such a request nevertheless, after
+        // the message before it.
+        if self.client.try_unsubscribe(topic).is_err() {
+            self.tally().is_answered();
+        }
     }
 
     async fn next(&mut self) -> BrokerReport {
@@ -221,7 +319,7 @@ impl Connection for Connected {
 
     fn is_done(&self) -> bool {
         let tally = self.tally();
-        tally.unwritten.is_empty() && tally.unacknowledged.is_empty()
+        tally.unwritten.is_empty() && tally.unacknowledged.is_empty() && tally.unanswered == 0
     }
 
     async fn close(mut self) {
@@ -254,12 +352,15 @@ async fn turn(mut turns: EventLoop, tally: Arc<Mutex<Tally>>, news: ReportSender
                     retained: arrived.retain,
                     redelivered: arrived.dup,
                 };
-                // Further messages are dropped.
-                let _ = news.heard.try_send(BrokerReport::Arrived(arrived));
+                news.arrived(arrived);
                 false
             }
             Ok(Event::Incoming(Packet::PubAck(acknowledged))) => {
                 tally().acknowledged(acknowledged.pkid);
+                true
+            }
+            Ok(Event::Incoming(Packet::UnsubAck(_))) => {
+                tally().is_answered();
                 true
             }
             Ok(Event::Outgoing(Outgoing::Publish(id))) => {
@@ -313,13 +414,36 @@ fn fault(error: &ConnectionError) -> Fault {
             }
             ConnectReturnCode::Success => Fault::NoMqtt,
         },
+        ConnectionError::MqttState(StateError::Deserialization(Unreadable::InvalidConnectReturnCode(
+            code,
+        ))) => refusal_of_mqtt_5(*code),
+        // A CONNACK packet of MQTT 5 is longer than one of MQTT 3.1.1.
+        ConnectionError::MqttState(StateError::Deserialization(Unreadable::PayloadSizeIncorrect)) => {
+            Fault::Refused(MQTT_5_ONLY)
+        }
         ConnectionError::MqttState(StateError::Deserialization(Unreadable::PayloadSizeLimitExceeded(_))) => {
             Fault::TooLong(LARGEST_IN >> 20)
         }
+        // Some brokers refuse a subscription with a reason code of MQTT 5, which the library does not know.
+        ConnectionError::MqttState(StateError::Deserialization(Unreadable::InvalidSubscribeReasonCode(
+            _,
+        ))) => Fault::Broken,
         ConnectionError::NotConnAck(_) | ConnectionError::MqttState(StateError::Deserialization(_)) => {
             Fault::NoMqtt
         }
         _ => Fault::Broken,
+    }
+}
+
+/// Converts a reason code of MQTT 5, which some brokers send to clients of MQTT 3.1.1, to a fault.
+fn refusal_of_mqtt_5(code: u8) -> Fault {
+    match code {
+        0x84 => Fault::Refused(MQTT_5_ONLY),
+        0x85 => Fault::Refused("the broker rejects the client name of the gateway"),
+        0x86 => Fault::WrongUser,
+        0x87 => Fault::NotAllowed,
+        0x88 | 0x89 => Fault::Refused("the broker reports that it is not available"),
+        _ => Fault::NoMqtt,
     }
 }
 
@@ -372,24 +496,4 @@ fn qos(qos: Qos) -> QoS {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A broker acknowledges many messages while a command arrives.
-    #[tokio::test]
-    async fn a_message_that_arrives_beside_many_acknowledgements_is_not_lost() {
-        let (news, mut inbox) = inbox();
-        (0..10 * UNHEARD).for_each(|_| news.room.notify_one());
-        let arrived = ReceivedMessage {
-            topic: "t".to_owned(),
-            payload: Vec::new(),
-            retained: true,
-            redelivered: false,
-        };
-        assert!(news.heard.try_send(BrokerReport::Arrived(arrived)).is_ok());
-        assert!(matches!(inbox.next().await, Some(BrokerReport::Arrived(_))));
-        assert!(matches!(inbox.next().await, Some(BrokerReport::Room)));
-        drop(news);
-        assert!(inbox.next().await.is_none());
-    }
-}
+mod tests;

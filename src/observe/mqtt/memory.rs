@@ -1,6 +1,6 @@
 //! Files that show what earlier runs have published.
 //!
-//! The death number (bdSeq) of a Sparkplug node must differ from that of the last run. For JSON messages, the broker
+//! The death number (bdSeq) of a Sparkplug node must follow that of the last run. For JSON messages, the broker
 //! retains the last message of each topic. If a topic is no longer published, its last message would look current
 //! forever. The topics are therefore saved, and the next run clears those that it does not publish.
 
@@ -21,8 +21,8 @@ const ARRIVED_AFTER: Duration = Duration::from_secs(60);
 
 /// Memory of what earlier runs have published.
 pub(super) enum Memory {
-    /// File with the death number of a Sparkplug node.
-    Deaths(NumberFile),
+    /// File with the death number of a Sparkplug node, and the number that it contains.
+    Deaths { file: NumberFile, kept: Option<u8> },
     /// Topics of JSON messages that the broker may have retained.
     Topics {
         file: TopicsFile,
@@ -34,12 +34,12 @@ pub(super) enum Memory {
 }
 
 impl Memory {
-    /// Reads the death number of the last run; 0 if there is none.
-    pub(super) fn of_deaths(directory: &Path) -> (Memory, u8) {
+    /// Reads the death number of the last run. `None` if there is none: the numbers begin at zero.
+    pub(super) fn of_deaths(directory: &Path) -> (Memory, Option<u8>) {
         let file = NumberFile::at(directory.join(DEATHS));
-        // Without a file the number begins at zero. A host accepts any number except the last one.
-        let last = file.read().ok().flatten().unwrap_or(0);
-        (Memory::Deaths(file), u8::try_from(last % 256).unwrap_or(0))
+        let last = file.read().ok().flatten();
+        let kept = last.map(|last| u8::try_from(last % 256).unwrap_or(0));
+        (Memory::Deaths { file, kept }, kept)
     }
 
     /// Reads the topics of earlier runs.
@@ -50,11 +50,29 @@ impl Memory {
         Memory::Topics { file, gone, told: (Moment::default(), BTreeSet::new()) }
     }
 
-    /// Saves the death number in the will message of the next connection.
-    pub(super) fn wills(&self, publisher: &dyn Publisher) {
-        if let (Memory::Deaths(file), Some(number)) = (self, publisher.number_to_keep()) {
-            // If the disk fails, the next run may use the same number again.
-            let _ = file.write(number.into());
+    /// Saves the death number in the will message of the next connection. The program may be killed as soon as the
+    /// CONNECT packet is sent.
+    pub(super) fn wills(&mut self, publisher: &dyn Publisher) {
+        self.keep_number(publisher.number_to_keep());
+    }
+
+    /// Saves the death number that was sent last, at the end of the run. The last will may never have been sent.
+    pub(super) fn ends(&mut self, publisher: &dyn Publisher) {
+        self.keep_number(publisher.number_sent());
+    }
+
+    fn keep_number(&mut self, number: Option<u8>) {
+        let Memory::Deaths { file, kept } = self else { return };
+        if *kept == number {
+            return;
+        }
+        // If the disk fails, the next run may use the same number again.
+        let written = match number {
+            Some(number) => file.write(number.into()),
+            None => file.clear(),
+        };
+        if written.is_ok() {
+            *kept = number;
         }
     }
 

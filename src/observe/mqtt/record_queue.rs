@@ -49,15 +49,20 @@ impl RecordQueue {
         }
     }
 
-    /// Puts back records that were published before the waiting ones, and may be undelivered.
+    /// Puts back records that were published before the waiting ones, and may be undelivered. Call this function before
+    /// [`is_broken`](RecordQueue::is_broken).
     pub(super) fn take_back(&mut self, told: Vec<Record>) {
         match self {
             RecordQueue::Memory { records, .. } => {
                 let behind = std::mem::take(records);
                 self.push(told.into_iter().chain(behind));
             }
-            // These records are not in the file: records from the file stay there until they arrive.
-            RecordQueue::Disk { .. } => self.push(told),
+            // Records of the last publication are still in the file, and would be in it twice.
+            RecordQueue::Disk { store, told: last } => {
+                let count = last.map_or(0, |(_, count)| count);
+                let stored = store.first(count).unwrap_or_default();
+                self.push(told.into_iter().filter(|record| !stored.contains(record)));
+            }
         }
     }
 
@@ -122,5 +127,39 @@ impl RecordQueue {
             DiskNews::Fails(why) => Some(why),
             DiskNews::Works { .. } => None,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(second: u64) -> Moment {
+        Moment::from_nanos(second * 1_000_000_000)
+    }
+
+    fn record(number: u8) -> Record {
+        Record(vec![number; 10])
+    }
+
+    /// A primary host that flaps must not fill the disk with repetitions.
+    #[test]
+    fn a_record_that_is_still_in_the_file_is_not_stored_a_second_time() {
+        let directory = tempfile::tempdir().unwrap();
+        let mut queue = RecordQueue::on_disk(directory.path(), 1 << 20).unwrap();
+        queue.push([1, 2, 3].map(record));
+        for round in 1..=5 {
+            assert_eq!(queue.next(at(round), at(0)).len(), 3);
+            queue.take_back([1, 2, 3].map(record).into());
+            queue.is_broken();
+        }
+        assert_eq!(queue.len(), 3);
+        // Record 4 was never in the file.
+        queue.take_back(vec![record(4)]);
+        assert_eq!(queue.next(at(10), at(0)), [1, 2, 3, 4].map(record));
+        // All have reached the broker, and are removed. The host may have lost one of them.
+        assert!(queue.next(at(12), at(11)).is_empty());
+        queue.take_back(vec![record(1)]);
+        assert_eq!(queue.next(at(13), at(11)), [record(1)]);
     }
 }

@@ -9,9 +9,13 @@ use rand_pcg::Pcg64Mcg;
 use tokio::sync::watch;
 use tokio::time::{Interval, MissedTickBehavior, interval};
 
-use super::broker::{Broker, BrokerReport, Connection, Fault, ReceivedMessage};
+use super::broker::{
+    Broker, BrokerReport, ConnectPacket, Connection, Fault, ReceivedMessage, SubscriptionAnswer,
+};
 use super::commands::{self, Commands};
+use super::denials::Denials;
 use super::event_queue::EventQueue;
+use super::host_report::{HostNews, HostReport};
 use super::memory::Memory;
 use super::moment;
 use super::record_queue::RecordQueue;
@@ -21,7 +25,7 @@ use crate::observe::events::{Broker as BrokerEvent, Event};
 use crate::observe::status::{BrokerFigures, GatewayApi};
 use isotherm_core::explained::Cause;
 use isotherm_core::quantity::{Moment, Shift};
-use isotherm_plant::{Message, Publisher, Snapshot};
+use isotherm_plant::{Message, Publisher, Qos, Snapshot};
 use isotherm_profile::stop;
 
 /// Number of consecutive failed attempts with a new reason after which the new reason is reported.
@@ -51,26 +55,50 @@ pub(super) struct Runner {
     pub(super) commands: Commands,
     /// Messages that wait until the connection has room, each with the time at which it was made.
     pub(super) outbox: VecDeque<(Moment, Message)>,
+    /// Topics to which the broker does not let the gateway publish.
+    pub(super) denials: Denials,
+    pub(super) outage: Outage,
+    /// Name of the primary host; empty if the profile names none.
+    pub(super) host: String,
+    pub(super) host_report: HostReport,
+}
+
+/// Time without a usable connection.
+#[derive(Default)]
+pub(super) struct Outage {
+    /// Number of failed attempts, and of connections that the broker closed after a denied message.
+    failures: u64,
+    /// Reported cause; `None` if the connection is usable.
+    cause: Option<Cause<String>>,
 }
 
 /// Reason why a connection has ended.
 enum End {
     Broken(Fault),
+    /// The primary host has gone offline.
+    HostOffline,
     /// The gateway has ended.
     Stopped,
 }
 
 impl Runner {
     /// Connects to the broker and publishes, again after each lost connection, until `stopped` is set.
-    pub(super) async fn run(mut self, broker: impl Broker, mut stopped: watch::Receiver<bool>) {
+    pub(super) async fn run(mut self, broker: impl Broker, stopped: watch::Receiver<bool>) {
+        self.publish_until(broker, stopped).await;
+        self.memory.ends(self.publisher.as_ref());
+        self.figures.note(|figures| figures.connected = false);
+    }
+
+    async fn publish_until(&mut self, broker: impl Broker, mut stopped: watch::Receiver<bool>) {
         let mut ticks = interval(self.every);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
         // The first connection usually succeeds soon. Its messages then make earlier records unnecessary.
         ticks.reset();
-        let (mut failures, mut pause, mut cause) = (0_u64, FIRST_PAUSE, None);
+        let mut pause = FIRST_PAUSE;
         let mut chance = Pcg64Mcg::seed_from_u64(self.clock.time_of_day().as_nanos());
         loop {
             let will = self.publisher.will();
+            self.check_host(Duration::ZERO);
             self.memory.wills(self.publisher.as_ref());
             let mut connecting = std::pin::pin!(broker.connect(Some(will)));
             let connected = loop {
@@ -80,12 +108,14 @@ impl Runner {
                     () = ends(&mut stopped) => break None,
                 }
             };
+            if broker.packet() == ConnectPacket::Sent {
+                self.publisher.connect_sent();
+            }
             let fault = match connected {
                 None => return self.keep(),
-                Some(Err(fault)) => fault,
+                Some(Err(fault)) => Some(fault),
                 Some(Ok(connection)) => {
-                    self.is_connected(std::mem::take(&mut failures));
-                    cause = None;
+                    self.is_connected();
                     let since = self.clock.now();
                     let end = self.published(connection, &mut ticks, &mut stopped).await;
                     if self.clock.now().since(since) > LONGEST_PAUSE {
@@ -93,12 +123,14 @@ impl Runner {
                     }
                     match end {
                         End::Stopped => return,
-                        End::Broken(fault) => fault,
+                        End::HostOffline => None,
+                        End::Broken(fault) => Some(fault),
                     }
                 }
             };
-            failures += 1;
-            self.is_away(&fault, &mut cause);
+            if let Some(fault) = fault {
+                self.is_away(&fault);
+            }
             // The pause is random, so that several gateways do not connect to a broker at the same time.
             let spread = pause.mul_f64(chance.random_range(0.5..1.0));
             pause = (pause * 2).min(LONGEST_PAUSE);
@@ -114,27 +146,38 @@ impl Runner {
         }
     }
 
-    fn is_connected(&mut self, failures: u64) {
+    fn is_connected(&mut self) {
         self.figures.note(|figures| {
             figures.connected = true;
             figures.fault.clear();
             figures.connections += 1;
         });
-        let broker = self.address.clone();
-        if failures > 0 {
-            self.source.report(&Event::Broker(BrokerEvent::Up { broker, attempts: failures }));
-        } else {
-            tracing::info!("connected to {broker}");
+        if self.outage.failures == 0 {
+            tracing::info!("connected to {}", self.address);
         }
     }
 
-    fn is_away(&mut self, fault: &Fault, cause: &mut Option<Cause<String>>) {
+    /// Reports the end of an outage, when the broker has answered the subscriptions. While a topic is suspected, the
+    /// broker may close the connection again.
+    fn report_up(&mut self) {
+        if self.denials.has_suspects() {
+            return;
+        }
+        let Outage { failures: attempts, .. } = std::mem::take(&mut self.outage);
+        if attempts > 0 {
+            let broker = self.address.clone();
+            self.source.report(&Event::Broker(BrokerEvent::Up { broker, attempts }));
+        }
+    }
+
+    fn is_away(&mut self, fault: &Fault) {
+        self.outage.failures += 1;
         let why = fault.to_string();
         self.figures.note(|figures| {
             figures.connected = false;
             figures.fault.clone_from(&why);
         });
-        if Cause::is_news(cause, why.clone(), CHANGED_AFTER) {
+        if Cause::is_news(&mut self.outage.cause, why.clone(), CHANGED_AFTER) {
             let broker = self.address.clone();
             self.source.report(&Event::Broker(BrokerEvent::Down { broker, why }));
         }
@@ -147,12 +190,24 @@ impl Runner {
         ticks: &mut Interval,
         stopped: &mut watch::Receiver<bool>,
     ) -> End {
-        for subscription in self.publisher.subscriptions() {
-            if let Err(fault) = connection.subscribe(&subscription) {
-                return End::Broken(fault);
+        let begun = match self.subscribed(&mut connection, ticks, stopped).await {
+            Ok(()) => {
+                self.report_up();
+                self.awaited_host(&mut connection, ticks, stopped).await
             }
+            Err(end) => Err(end),
+        };
+        match begun {
+            Ok(()) => {}
+            Err(End::Stopped) => {
+                self.keep();
+                self.leaves(connection).await;
+                return End::Stopped;
+            }
+            Err(end) => return end,
         }
         let now = self.clock.time_of_day();
+        self.denials.begins(now);
         let snapshot = self.snapshot_in_order(now);
         let mut messages = self.publisher.connected(now, &snapshot);
         self.memory.connects(now, &mut messages);
@@ -165,12 +220,17 @@ impl Runner {
                     BrokerReport::Room => continue,
                     BrokerReport::Arrived(arrived) => {
                         self.arrived(arrived);
-                        continue;
+                        if self.publisher.host().is_present() {
+                            continue;
+                        }
+                        self.check_host(Duration::ZERO);
+                        self.leaves(connection).await;
+                        return End::HostOffline;
                     }
                     BrokerReport::Lost(fault) => fault,
                 },
                 _ = ticks.tick() => {
-                    self.tell(connection.last_received());
+                    self.tell(&connection);
                     continue;
                 }
                 () = ends(stopped) => {
@@ -178,26 +238,119 @@ impl Runner {
                     return End::Stopped;
                 }
             };
+            let (fault, denied) = self.denials.ends(fault, connection.is_done());
+            if let Some(topic) = denied {
+                self.is_refused(&topic);
+                let broker = self.address.clone();
+                self.source.report(&Event::Broker(BrokerEvent::PublishDenied { broker, topic }));
+            }
             self.is_lost(connection.last_received());
             return End::Broken(fault);
         }
     }
 
+    /// Subscribes to the topics of commands and of the primary host. The broker has answered before the first message
+    /// is published, so that a command in reply to this message arrives.
+    async fn subscribed(
+        &mut self,
+        connection: &mut impl Connection,
+        ticks: &mut Interval,
+        stopped: &mut watch::Receiver<bool>,
+    ) -> Result<(), End> {
+        for subscription in self.publisher.subscriptions() {
+            let answer = {
+                let mut answering = std::pin::pin!(connection.subscribe(&subscription));
+                loop {
+                    tokio::select! {
+                        answer = &mut answering => break answer,
+                        _ = ticks.tick() => self.keep(),
+                        () = ends(stopped) => return Err(End::Stopped),
+                    }
+                }
+            };
+            self.is_answered(subscription.filter, answer.map_err(End::Broken)?);
+        }
+        Ok(())
+    }
+
+    /// Notes the answer of the broker to a subscription, and reports a change.
+    fn is_answered(&mut self, topic: String, answer: SubscriptionAnswer) {
+        let broker = self.address.clone();
+        let is_known = self.figures.read().refused.contains(&topic);
+        match answer {
+            SubscriptionAnswer::Refused if !is_known => {
+                self.is_refused(&topic);
+                self.source.report(&Event::Broker(BrokerEvent::SubscriptionRefused { broker, topic }));
+            }
+            SubscriptionAnswer::Accepted if is_known => {
+                self.figures.note(|figures| figures.refused.retain(|refused| *refused != topic));
+                self.source.report(&Event::Broker(BrokerEvent::Subscribed { broker, topic }));
+            }
+            SubscriptionAnswer::Refused | SubscriptionAnswer::Accepted => {}
+        }
+    }
+
+    fn is_refused(&self, topic: &str) {
+        self.figures.note(|figures| figures.refused.push(topic.to_owned()));
+    }
+
+    /// Waits until the primary host is online. Records of the state are stored meanwhile.
+    async fn awaited_host(
+        &mut self,
+        connection: &mut impl Connection,
+        ticks: &mut Interval,
+        stopped: &mut watch::Receiver<bool>,
+    ) -> Result<(), End> {
+        let since = self.clock.now();
+        loop {
+            self.check_host(self.clock.now().since(since));
+            if self.publisher.host().is_present() {
+                return Ok(());
+            }
+            tokio::select! {
+                report = connection.next() => match report {
+                    BrokerReport::Room => {}
+                    BrokerReport::Arrived(arrived) => self.arrived(arrived),
+                    BrokerReport::Lost(fault) => return Err(End::Broken(fault)),
+                },
+                _ = ticks.tick() => self.keep(),
+                () = ends(stopped) => return Err(End::Stopped),
+            }
+        }
+    }
+
+    /// Updates the state of the primary host in the status, `waited` after the subscription to it. Reports a change.
+    fn check_host(&mut self, waited: Duration) {
+        let host = self.publisher.host();
+        self.figures.note(|figures| host.name().clone_into(&mut figures.primary_host));
+        let Some(news) = self.host_report.check(host, waited) else { return };
+        let (broker, host) = (self.address.clone(), self.host.clone());
+        self.source.report(&Event::Broker(match news {
+            HostNews::Offline(why) => BrokerEvent::HostOffline { broker, host, why },
+            HostNews::Online => BrokerEvent::HostOnline { broker, host },
+        }));
+    }
+
     /// Makes messages from the changes of the state, and from stored records. If earlier messages still wait, only
     /// events are queued.
-    fn tell(&mut self, last_received: Moment) {
+    fn tell(&mut self, connection: &impl Connection) {
+        self.report_up();
+        let now = self.clock.time_of_day();
+        self.denials.waits(now);
         if !self.outbox.is_empty() {
             // The broker is slow. It gets the newest state later, and only events are queued.
             self.sample();
             self.count();
             return;
         }
-        let now = self.clock.time_of_day();
+        if self.kept.len() == 0 {
+            self.denials.rests(now);
+        }
         let snapshot = self.snapshot_in_order(now);
         self.memory.publishes(now);
         let mut messages = self.publisher.publish(now, &snapshot);
         if self.publisher.may_forward() {
-            let records = self.kept.next(now, last_received);
+            let records = self.kept.next(now, connection.last_received());
             messages.extend(self.publisher.forward(now, &records));
         }
         self.outbox.extend(messages.into_iter().map(|message| (now, message)));
@@ -231,7 +384,7 @@ impl Runner {
         snapshot
     }
 
-    /// Samples the state and stores its records, while there is no connection.
+    /// Samples the state and stores its records, while nothing is published.
     fn keep(&mut self) {
         let now = self.clock.time_of_day();
         let snapshot = self.snapshot();
@@ -247,14 +400,14 @@ impl Runner {
         // Messages in the outbox have not been sent at all.
         let waiting = self.outbox.front().map_or(last_received, |(told, _)| *told);
         self.outbox.clear();
-        self.kept.is_broken();
         self.kept.take_back(self.publisher.disconnected(last_received.min(waiting)));
+        self.kept.is_broken();
         self.count();
     }
 
     fn arrived(&mut self, arrived: ReceivedMessage) {
         let now = self.clock.time_of_day();
-        if arrived.retained {
+        if arrived.retained && !self.publisher.takes_retained(&arrived.topic) {
             self.commands.refuse_retained(now, &arrived.topic, self.source.as_ref());
             return;
         }
@@ -272,12 +425,18 @@ impl Runner {
 
     fn send(&mut self, connection: &mut impl Connection) {
         let mut sent = 0;
-        while let Some((told, message)) = self.outbox.pop_front() {
-            match connection.send(message, told) {
-                Ok(()) => sent += 1,
-                Err(message) => {
-                    self.outbox.push_front((told, message));
-                    break;
+        while self.denials.may_send(connection.is_done()) {
+            let Some((told, message)) = self.denials.next(&mut self.outbox) else { break };
+            let (awaited, qos) = (self.denials.awaits(&message), message.qos);
+            if let Err(message) = connection.send(message, told) {
+                self.outbox.push_front((told, message));
+                break;
+            }
+            sent += 1;
+            if let Some(topic) = awaited {
+                self.denials.is_sent(&topic);
+                if qos == Qos::AtMostOnce {
+                    connection.request_answer(&topic);
                 }
             }
         }
@@ -312,9 +471,20 @@ impl Runner {
         }
         messages.extend(self.publisher.farewell(now));
         self.outbox.extend(messages.into_iter().map(|message| (now, message)));
+        if self.delivers(&mut connection).await {
+            // Only records that no birth message has released are returned.
+            self.is_lost(Moment::END);
+            connection.close().await;
+        } else {
+            self.is_lost(connection.last_received());
+        }
+    }
+
+    /// Sends all messages of the outbox. Returns whether the broker has received them within [`LAST_PATIENCE`].
+    async fn delivers(&mut self, connection: &mut impl Connection) -> bool {
         let last = async {
             loop {
-                self.send(&mut connection);
+                self.send(connection);
                 if self.outbox.is_empty() && connection.is_done() {
                     break true;
                 }
@@ -323,12 +493,20 @@ impl Runner {
                 }
             }
         };
-        if tokio::time::timeout(LAST_PATIENCE, last).await == Ok(true) {
-            // Only records that no birth message has released are returned.
-            self.is_lost(Moment::END);
+        tokio::time::timeout(LAST_PATIENCE, last).await == Ok(true)
+    }
+
+    /// Publishes the end of the machine or node and closes the connection, because the primary host is offline or the
+    /// gateway stops. The values of the last minutes are stored again: the broker reports a host that has died only
+    /// after a while.
+    async fn leaves(&mut self, mut connection: impl Connection) {
+        self.outbox.clear();
+        let now = self.clock.time_of_day();
+        self.outbox.extend(self.publisher.farewell(now).into_iter().map(|message| (now, message)));
+        let is_delivered = self.delivers(&mut connection).await;
+        self.is_lost(Moment::default());
+        if is_delivered {
             connection.close().await;
-        } else {
-            self.is_lost(connection.last_received());
         }
         self.figures.note(|figures| figures.connected = false);
     }

@@ -13,6 +13,11 @@ pub struct BrokerStatus {
     pub connected: bool,
     /// Reason why there is no connection; empty if there is one, or before the first attempt.
     pub fault: String,
+    /// Topics that the broker refuses: the gateway may not subscribe or publish to them.
+    pub refused: Vec<String>,
+    /// State of the primary host: `online`, `offline`, or `unknown` without a message about it. Empty if the profile
+    /// names no primary host.
+    pub primary_host: String,
     /// Number of messages that wait for the broker.
     pub queued: u64,
     /// Number of messages that were sent to the broker.

@@ -125,7 +125,10 @@ fn check_says_what_is_published_and_online_whether_the_broker_is_there() {
     }
     let mut heard = broker.reads("isotherm/#", &[]);
     let (fits, said) = check(&["--online"]);
-    assert!(fits && said.contains("accepts the gateway; nothing was published"), "{said}");
+    assert!(
+        fits && said.contains("accepts the gateway and its subscriptions; nothing was published"),
+        "{said}"
+    );
     broker.tells("isotherm/after", "it", &[]);
     heard.receives("isotherm/after");
     let published = heard.so_far().iter().filter(|line| line.starts_with("0 isotherm/press"));

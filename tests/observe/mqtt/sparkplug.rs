@@ -48,6 +48,11 @@ impl Host {
         serde_json::from_str(&line).unwrap_or_else(|error| panic!("{error}: {line}"))
     }
 
+    /// Whether a message of this kind has come so far.
+    fn has(&mut self, kind: &str) -> bool {
+        self.0.so_far().iter().any(|line| line.starts_with(&format!("{{\"kind\": \"{kind}\"")))
+    }
+
     /// Every rule was held so far.
     #[track_caller]
     fn finds_nothing_wrong(&mut self) {
@@ -114,6 +119,80 @@ fn a_node_that_is_killed_is_dead_by_its_will_and_born_with_the_next_number() {
     assert_eq!(number(&host.receives("NBIRTH")), (number(&birth) + 1) % 256);
     host.finds_nothing_wrong();
     drop(again);
+}
+
+/// Whether the gateway waits for its primary host.
+fn waits(machine: &Machine) -> Result<(), String> {
+    let mqtt = machine.status()["mqtt"].clone();
+    if mqtt["connected"] == true && mqtt["primary_host"] != "online" { Ok(()) } else { Err(mqtt.to_string()) }
+}
+
+#[test]
+fn a_node_with_a_primary_host_lives_while_the_host_is_online_and_the_machine_always() {
+    let broker = Broker::open();
+    let mut host = Host::of(&broker);
+    let machine = Machine::with(&format!("{}primary_host = \"scada\"\n", mqtt(&broker)));
+    // The machine is compensated, although no host is there.
+    machine.is_active();
+    until("it waits for the host", || waits(&machine));
+    until("that is reported", || {
+        let said = machine.verb("events", &["--json"]);
+        if said.contains("\"host-offline\"") { Ok(()) } else { Err(said) }
+    });
+    assert!(!host.has("NBIRTH"), "{:?}", host.0.so_far());
+    let shown = machine.verb("status", &[]);
+    assert!(shown.contains("waits for the primary host (unknown)"), "{shown}");
+
+    host.asks("state online");
+    let first = host.receives("NBIRTH");
+    until("what was stored arrives", || {
+        let data = host.receives("NDATA");
+        if data["historical"].as_u64() > Some(0) { Ok(()) } else { Err(data.to_string()) }
+    });
+
+    host.asks("state offline");
+    assert_eq!(host.receives("NDEATH")["of_birth"], true);
+    until("it waits for the host again", || waits(&machine));
+    machine.is_active();
+    let polls = machine.late(0.0).1;
+    std::thread::sleep(Duration::from_secs(3));
+    assert!(machine.late(0.0).1 > polls, "the devices are polled meanwhile");
+    let waiting = machine.status()["mqtt"]["queued"].as_u64().unwrap();
+    assert!(waiting > 4, "{waiting} records wait");
+    host.finds_nothing_wrong();
+
+    host.asks("state online");
+    let second = host.receives("NBIRTH");
+    assert!(second["bd_seq"].as_u64() > first["bd_seq"].as_u64(), "another connection");
+    until("the gap arrives", || {
+        let data = host.receives("NDATA");
+        if data["historical"].as_u64() > Some(0) { Ok(()) } else { Err(data.to_string()) }
+    });
+    until("nothing waits any more", || {
+        let queued = machine.status()["mqtt"]["queued"].as_u64().unwrap();
+        if queued == 0 { Ok(()) } else { Err(queued.to_string()) }
+    });
+    assert_eq!(machine.status()["mqtt"]["dropped"], 0);
+    assert_eq!(machine.status()["mqtt"]["primary_host"], "online");
+    host.finds_nothing_wrong();
+}
+
+/// Anyone may publish the state of a host. Only the key of the profile makes it matter.
+#[test]
+fn without_a_primary_host_its_state_changes_nothing() {
+    let broker = Broker::open();
+    let mut host = Host::of(&broker);
+    let machine = Machine::with(&mqtt(&broker));
+    host.receives("NBIRTH");
+    for _ in 0..5 {
+        host.asks("state offline");
+        host.receives("NDATA");
+        host.asks("state online");
+        host.receives("NDATA");
+    }
+    assert!(!host.has("NDEATH"));
+    assert_eq!(machine.status()["mqtt"]["connections"], 1);
+    host.finds_nothing_wrong();
 }
 
 #[test]

@@ -71,7 +71,8 @@ fn everything_is_told_at_first_then_what_has_changed_and_after_a_minute_everythi
     assert_eq!(topics(&json.publish(at(13), &snapshot(Some(27.6), "holding"))), [all[0]]);
     let unknown = json.publish(at(14), &snapshot(None, "holding"));
     assert_eq!(text(&unknown[0]), r#"{"at":"1970-01-01T00:00:01Z","unit":"degC","value":null}"#);
-    assert_eq!(topics(&json.publish(at(73), &snapshot(None, "holding"))), [all[0]]);
+    let state = "plant/press/state";
+    assert_eq!(topics(&json.publish(at(73), &snapshot(None, "holding"))), [all[0], state]);
     assert_eq!(topics(&json.publish(at(74), &snapshot(None, "holding"))), [all[1]]);
     let anew = json.connected(at(75), &snapshot(None, "holding"));
     assert_eq!(topics(&anew), [all[0], all[1], "plant/press/state"], "whoever comes anew knows nothing");
@@ -97,6 +98,30 @@ fn an_event_is_told_once_and_again_where_it_may_not_have_arrived() {
     assert_eq!(words, ["two", "three"]);
     assert_eq!(json.disconnected(at(19)), kept, "the connection has broken again at once");
     assert_eq!(json.disconnected(at(19)), []);
+}
+
+/// Another client, for example a second gateway of this name, may replace the retained `online` by its `offline`.
+#[test]
+fn a_foreign_offline_is_replaced_after_the_time_of_refresh() {
+    let mut json = Json::new(settings());
+    let now = |second: u64| Snapshot {
+        metrics: vec![metric(Subject::Gateway, "ready", Some(Value::Flag(true)), 0.0)],
+        events: vec![happening(&second.to_string())],
+        ..Snapshot::default()
+    };
+    json.connected(at(1000), &now(1000));
+    let mut told = Vec::new();
+    for second in 1001..1200 {
+        let messages = json.publish(at(second), &now(second));
+        for message in messages.iter().filter(|message| message.topic == "plant/press/state") {
+            assert_eq!((text(message), message.retained, message.qos), ("online", true, Qos::AtLeastOnce));
+            told.push(second);
+        }
+    }
+    assert_eq!(told, [1060, 1120, 1180]);
+    // A new connection begins with the state, and counts from there.
+    assert!(topics(&json.connected(at(1200), &now(1200))).contains(&"plant/press/state"));
+    assert!(!topics(&json.publish(at(1240), &now(1240))).contains(&"plant/press/state"));
 }
 
 #[test]

@@ -10,6 +10,9 @@ pub struct Address {
     node: String,
 }
 
+/// Second level of the topics on which hosts publish their own state.
+const STATE: &str = "STATE";
+
 /// Kinds of messages that an edge node without devices sends or receives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verb {
@@ -29,18 +32,9 @@ impl Address {
     /// # Errors
     /// The group or the node contains a character that MQTT does not allow in a topic. The message names it.
     pub fn new(group: &str, node: &str) -> Result<Address, String> {
-        for (what, name) in [("group", group), ("node", node)] {
-            if name.is_empty() {
-                return Err(format!("the {what} of Sparkplug B has no name"));
-            }
-            if let Some(c) = name.chars().find(|c| matches!(c, '+' | '/' | '#') || c.is_control()) {
-                return Err(format!(
-                    "the {what} of Sparkplug B cannot be `{}`: {c:?} has a special meaning in topics of MQTT",
-                    name.escape_debug()
-                ));
-            }
-        }
-        if group == "STATE" {
+        is_level("group", group)?;
+        is_level("node", node)?;
+        if group == STATE {
             return Err(
                 "the group of Sparkplug B cannot be `STATE`: hosts publish their own state under this name"
                     .to_owned(),
@@ -49,9 +43,32 @@ impl Address {
         Ok(Address { group: group.to_owned(), node: node.to_owned() })
     }
 
+    /// Returns the topic on which the host of this name publishes its own state.
+    ///
+    /// # Errors
+    /// The name contains a character that MQTT does not allow in a topic. The message names it.
+    pub fn state_topic(host: &str) -> Result<String, String> {
+        is_level("primary host", host)?;
+        Ok(format!("{NAMESPACE}/{STATE}/{host}"))
+    }
+
     /// Returns the topic for messages of this kind.
     pub fn topic(&self, verb: Verb) -> String {
         format!("{NAMESPACE}/{}/{}/{}", self.group, verb.word(), self.node)
+    }
+}
+
+/// Checks that a name can be one level of a topic. `what` names its purpose in the error.
+fn is_level(what: &str, name: &str) -> Result<(), String> {
+    if name.is_empty() {
+        return Err(format!("the {what} of Sparkplug B has no name"));
+    }
+    match name.chars().find(|c| matches!(c, '+' | '/' | '#') || c.is_control()) {
+        None => Ok(()),
+        Some(c) => Err(format!(
+            "the {what} of Sparkplug B cannot be `{}`: {c:?} has a special meaning in topics of MQTT",
+            name.escape_debug()
+        )),
     }
 }
 
@@ -77,6 +94,15 @@ mod tests {
         let expected =
             ["NBIRTH", "NDATA", "NDEATH", "NCMD"].map(|verb| format!("spBv1.0/Plant 1/{verb}/grinder-3"));
         assert_eq!(topics, expected);
+    }
+
+    #[test]
+    fn the_state_of_a_host_has_a_topic_of_its_own() {
+        assert_eq!(Address::state_topic("SCADA 1"), Ok("spBv1.0/STATE/SCADA 1".to_owned()));
+        for host in ["", "a/b", "a+", "#"] {
+            let why = Address::state_topic(host).unwrap_err();
+            assert!(why.starts_with("the primary host of Sparkplug B"), "{why}");
+        }
     }
 
     #[test]

@@ -7,6 +7,7 @@ use crate::interface::{self, Command, Importance, Outcome, Subject, Value};
 mod births;
 mod commands;
 mod data;
+mod host;
 mod lost;
 mod wire;
 
@@ -20,7 +21,7 @@ pub(super) fn ms(milliseconds: u64) -> Option<u64> {
 }
 
 pub(super) fn node() -> Sparkplug {
-    Sparkplug::new(Address::new("shop", "grinder-3").unwrap(), 41, true)
+    Sparkplug::new(Address::new("shop", "grinder-3").unwrap(), Some(41), true)
 }
 
 /// Snapshot with a temperature, which may be unknown, and with a flag whether the axis is armed.

@@ -19,6 +19,8 @@ const MOST_BYTES: usize = 1024 * 1024;
 pub(super) struct Unconfirmed {
     published: VecDeque<(Moment, Record)>,
     bytes: usize,
+    /// Times and numbers of the records that were removed because the limit of memory was reached. Most have arrived.
+    removed: VecDeque<(Moment, u64)>,
     dropped: u64,
 }
 
@@ -33,9 +35,16 @@ impl Unconfirmed {
             if !is_old && self.bytes <= MOST_BYTES {
                 break;
             }
-            self.dropped += u64::from(!is_old);
+            match self.removed.back_mut() {
+                _ if is_old => {}
+                Some((last, count)) if last == at => *count += 1,
+                _ => self.removed.push_back((*at, 1)),
+            }
             self.bytes -= record.0.len();
             self.published.pop_front();
+        }
+        while self.removed.front().is_some_and(|(at, _)| now.since(*at) > KEPT_FOR) {
+            self.removed.pop_front();
         }
     }
 
@@ -44,6 +53,9 @@ impl Unconfirmed {
     pub(super) fn take(&mut self, last_received: Moment) -> Vec<Record> {
         let all = std::mem::take(&mut self.published);
         self.bytes = 0;
+        let removed = std::mem::take(&mut self.removed).into_iter();
+        let lost = removed.skip_while(|(at, _)| *at < last_received).map(|(_, count)| count);
+        self.dropped += lost.sum::<u64>();
         all.into_iter().skip_while(|(at, _)| *at < last_received).map(|(_, record)| record).collect()
     }
 
@@ -89,9 +101,13 @@ mod tests {
 
     #[test]
     fn what_has_no_room_is_dropped_from_the_oldest_on_and_counted() {
-        let mut unconfirmed = kept(1..=200, 10_000);
-        assert_eq!(unconfirmed.dropped(), 96);
-        assert_eq!(unconfirmed.take(at(0)).len(), 104);
+        for (last_received, lost) in [(0, 96), (90, 7), (97, 0)] {
+            let mut unconfirmed = kept(1..=200, 10_000);
+            assert_eq!(unconfirmed.dropped(), 0, "all may arrive");
+            assert_eq!(unconfirmed.take(at(last_received)).len(), 104);
+            assert_eq!(unconfirmed.dropped(), lost, "{last_received}");
+            assert_eq!((unconfirmed.take(at(0)).len(), unconfirmed.dropped()), (0, lost));
+        }
     }
 
     #[test]

@@ -43,6 +43,17 @@ impl NumberFile {
         file.write_all(&[&number[..], &checksum[..]].concat())?;
         fs::rename(&fresh, &self.path)
     }
+
+    /// Removes the file, so that the next run finds no number.
+    ///
+    /// # Errors
+    /// The file exists and cannot be removed.
+    pub fn clear(&self) -> io::Result<()> {
+        match fs::remove_file(&self.path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+            _ => Ok(()),
+        }
+    }
 }
 
 fn number(bytes: &[u8]) -> Option<u64> {

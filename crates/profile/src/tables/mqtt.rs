@@ -28,8 +28,8 @@ const SHORTEST: Duration = Duration::from_millis(100);
 const REFRESH: Duration = Duration::from_secs(60);
 /// Default size of the buffer on disk in bytes, while the broker is unreachable.
 const BUFFER: u64 = 100_000_000;
-/// Largest length of a group in bytes. The length is limited because every message contains its topic.
-const LONGEST_GROUP: usize = 100;
+/// Largest length of a group or host in bytes. The length is limited because every message contains its topic.
+const LONGEST_NAME: usize = 100;
 
 /// Publication to a broker.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -53,6 +53,9 @@ pub(crate) struct RawMqtt {
     refresh: Option<Timespan>,
     /// Size of the buffer on disk while the broker is unreachable, with format "sparkplug-b". Default "100MB".
     buffer: Option<Size>,
+    /// Name of the Sparkplug host that must be online before values are published, with format "sparkplug-b". While the
+    /// host is offline, values and events are stored, and published later. Default: the gateway waits for no host.
+    primary_host: Option<String>,
     /// Commands that are accepted from the broker: none, or "measured". No message can arm, disarm or move an axis.
     #[serde(default)]
     commands: Vec<MqttCommand>,
@@ -128,6 +131,8 @@ pub struct Mqtt {
     pub refresh: Duration,
     /// Size of the buffer on disk in bytes, while the broker is unreachable.
     pub buffer: u64,
+    /// Name of the Sparkplug host that must be online before values are published. `None` if there is none.
+    pub primary_host: Option<String>,
     /// Whether measured errors are accepted from the broker.
     pub takes_measured: bool,
     /// Whether discovery topics for Home Assistant are published.
@@ -179,7 +184,11 @@ impl RawMqtt {
             let help = "remove this key: after a lost connection only the newest values are published; \
                         events wait in memory";
             at.not_applicable(&["buffer"], "format = \"sparkplug-b\"", help);
+            let help = "remove this key: only Sparkplug hosts publish their state";
+            at.not_applicable(&["primary_host"], "format = \"sparkplug-b\"", help);
         }
+        let primary_host =
+            optional(self.primary_host.as_ref(), |host| primary_host(&at.key("primary_host"), host));
         let every = self.every(at);
         let refresh = at.key("refresh").duration(self.refresh).unwrap_or(REFRESH);
         if refresh < every {
@@ -204,6 +213,7 @@ impl RawMqtt {
             every,
             refresh,
             buffer,
+            primary_host: primary_host?,
             takes_measured: self.commands.contains(&MqttCommand::Measured),
             home_assistant: self.home_assistant.unwrap_or(false),
             table_at: at.report.spans.at_key(&at.path, "", None),
@@ -234,7 +244,7 @@ impl RawMqtt {
             return at.reject(message, "give the group another name");
         }
         let is_whole = !group.is_empty() && group.split('/').all(|part| !part.is_empty());
-        if !is_whole || group.contains(is_meant) || group.starts_with('$') || group.len() > LONGEST_GROUP {
+        if !is_whole || group.contains(is_meant) || group.starts_with('$') || group.len() > LONGEST_NAME {
             let slash = if is_sparkplug { "no `/`, " } else { "" };
             let help =
                 format!("write a short name, as \"plant-1\": {slash}no `+`, no `#`, no `$` at its beginning");
@@ -265,7 +275,22 @@ impl RawMqtt {
             let message = "every computer on the network can send measured errors";
             at.key("commands").warn(message, help);
         }
+        if self.primary_host.is_some() {
+            let message = "every computer on the network can report this host as offline, and so delay what is \
+                           published";
+            at.key("primary_host").warn(message, help);
+        }
     }
+}
+
+/// Checks the name of a Sparkplug host. Returns `None` if it cannot be one level of a topic.
+fn primary_host(at: &KeyContext<'_>, host: &str) -> Option<String> {
+    let is_special = |one: char| one.is_control() || matches!(one, '+' | '#' | '/');
+    if host.is_empty() || host.contains(is_special) || host.len() > LONGEST_NAME {
+        let help = "write the host ID as the host application shows it, as \"scada\": no `/`, no `+`, no `#`";
+        return at.reject(format!("`{host}` cannot be the name of a Sparkplug host"), help);
+    }
+    Some(host.to_owned())
 }
 
 impl RawMqttUser {

@@ -72,11 +72,33 @@ fn what_the_profile_has_no_more_is_cleared_until_that_has_arrived() {
 fn a_death_number_outlives_the_program() {
     use isotherm_plant::sparkplug::{Address, Sparkplug};
     let home = tempfile::tempdir().unwrap();
-    for begun in [0, 1] {
-        let (memory, last) = Memory::of_deaths(home.path());
+    for begun in [None, Some(0), Some(1)] {
+        let (mut memory, last) = Memory::of_deaths(home.path());
         assert_eq!(last, begun);
         let mut node = Sparkplug::new(Address::new("g", "press").unwrap(), last, false);
         node.will();
         memory.wills(&node);
+        // The program is killed.
     }
+}
+
+/// An orderly stop while the broker is away uses no number up.
+#[test]
+fn a_death_number_that_was_never_sent_is_used_by_the_next_run() {
+    use isotherm_plant::sparkplug::{Address, Sparkplug};
+    let home = tempfile::tempdir().unwrap();
+    for (is_sent, begun) in [(false, None), (false, None), (true, None), (false, Some(0)), (true, Some(0))] {
+        let (mut memory, last) = Memory::of_deaths(home.path());
+        assert_eq!(last, begun);
+        let mut node = Sparkplug::new(Address::new("g", "press").unwrap(), last, false);
+        for _ in 0..3 {
+            node.will();
+            memory.wills(&node);
+        }
+        if is_sent {
+            node.connect_sent();
+        }
+        memory.ends(&node);
+    }
+    assert_eq!(Memory::of_deaths(home.path()).1, Some(1));
 }

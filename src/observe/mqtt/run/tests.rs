@@ -14,6 +14,8 @@ use isotherm_plant::{Json, JsonSettings, Subscription};
 
 mod arrived;
 mod dated;
+mod host;
+mod refused;
 mod stopped;
 
 /// A gateway in which a set number of events happens between two samples of its status.
@@ -148,6 +150,16 @@ struct State {
     is_full: bool,
     /// No data passes in either direction.
     is_cut_off: bool,
+    /// Topics of which a message closes the connection.
+    denies: Vec<String>,
+    /// Topic of the denied message that closes the connection.
+    closing: Option<String>,
+    /// Topics of which a subscription is refused.
+    refuses: Vec<String>,
+    /// Topics of which a subscription closes the connection.
+    closes_on: Vec<String>,
+    /// Subscriptions, each with the number of messages that came before it.
+    subscribed: Vec<(String, usize)>,
     attempts: u64,
     taken: Vec<Message>,
     /// Time up to which all messages have arrived; `None` if all have.
@@ -171,6 +183,17 @@ impl Fake {
             ReceivedMessage { topic: topic.into(), payload: payload.into(), retained: false, redelivered };
         self.0.lock().unwrap().arrives.push_back(arrived);
     }
+
+    /// Queues a retained message.
+    fn has_retained(&self, topic: &str, payload: &[u8]) {
+        let arrived = ReceivedMessage {
+            topic: topic.into(),
+            payload: payload.into(),
+            retained: true,
+            redelivered: false,
+        };
+        self.0.lock().unwrap().arrives.push_back(arrived);
+    }
 }
 
 impl Broker for Fake {
@@ -182,7 +205,19 @@ impl Broker for Fake {
         }
         let mut state = self.0.lock().unwrap();
         state.attempts += 1;
-        if state.is_away { Err(Fault::Silent) } else { Ok(self.clone()) }
+        state.closing = None;
+        match state.is_away {
+            true => Err(Fault::Silent),
+            false => Ok(self.clone()),
+        }
+    }
+
+    fn packet(&self) -> ConnectPacket {
+        let state = self.0.lock().unwrap();
+        match state.is_away || state.is_cut_off {
+            true => ConnectPacket::NotSent,
+            false => ConnectPacket::Sent,
+        }
     }
 }
 
@@ -192,21 +227,36 @@ impl Connection for Fake {
         if state.is_full {
             return Err(message);
         }
-        if !state.is_cut_off {
+        if state.denies.contains(&message.topic) {
+            state.closing = Some(message.topic.clone());
+        }
+        if !state.is_cut_off && state.closing.is_none() {
             state.taken.push(message);
         }
         Ok(())
     }
 
-    fn subscribe(&mut self, _: &Subscription) -> Result<(), Fault> {
-        Ok(())
+    async fn subscribe(&mut self, subscription: &Subscription) -> Result<SubscriptionAnswer, Fault> {
+        tokio::time::sleep(Duration::from_millis(100)).await;
+        let mut state = self.0.lock().unwrap();
+        let before = state.taken.len();
+        state.subscribed.push((subscription.filter.clone(), before));
+        if state.closes_on.contains(&subscription.filter) {
+            return Err(Fault::NotSubscribed(subscription.filter.clone()));
+        }
+        match state.refuses.contains(&subscription.filter) {
+            true => Ok(SubscriptionAnswer::Refused),
+            false => Ok(SubscriptionAnswer::Accepted),
+        }
     }
+
+    fn request_answer(&mut self, _: &str) {}
 
     async fn next(&mut self) -> BrokerReport {
         loop {
             {
                 let mut state = self.0.lock().unwrap();
-                if state.is_away {
+                if state.is_away || state.closing.is_some() {
                     return BrokerReport::Lost(Fault::Broken);
                 }
                 if let Some(arrived) = state.arrives.pop_front() {
@@ -222,7 +272,8 @@ impl Connection for Fake {
     }
 
     fn is_done(&self) -> bool {
-        !self.0.lock().unwrap().is_cut_off
+        let state = self.0.lock().unwrap();
+        !state.is_cut_off && state.closing.is_none()
     }
 
     async fn close(self) {}
@@ -235,6 +286,18 @@ async fn run(machine: &Arc<Machine>, broker: &Fake, day: impl Future<Output = ()
 
 /// Runs this publisher in the same way.
 async fn run_as(
+    publisher: (Box<dyn Publisher>, RecordQueue),
+    machine: &Arc<Machine>,
+    broker: &Fake,
+    day: impl Future<Output = ()>,
+) -> BrokerStatus {
+    // Without a file, it remembers nothing.
+    run_with(Memory::of_topics(Path::new("/not/there")), publisher, machine, broker, day).await
+}
+
+/// Runs this publisher with what it has published in earlier runs.
+async fn run_with(
+    memory: Memory,
     (publisher, kept): (Box<dyn Publisher>, RecordQueue),
     machine: &Arc<Machine>,
     broker: &Fake,
@@ -246,8 +309,7 @@ async fn run_as(
     let begun = tokio::time::Instant::now();
     let runner = Runner {
         publisher,
-        // Without a file, it remembers nothing.
-        memory: Memory::of_topics(Path::new("/not/there")),
+        memory,
         source,
         figures: figures.clone(),
         // Clock that follows the runtime's paused time.
@@ -260,6 +322,10 @@ async fn run_as(
         seen: Default::default(),
         kept,
         outbox: VecDeque::new(),
+        denials: Denials::default(),
+        outage: Outage::default(),
+        host: "scada".into(),
+        host_report: HostReport::default(),
     };
     let (stop, stopped) = watch::channel(false);
     let day = async {

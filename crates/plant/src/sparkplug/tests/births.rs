@@ -65,19 +65,38 @@ fn a_will_is_a_death_of_the_next_number_and_so_is_the_farewell() {
 #[test]
 fn each_connection_has_the_next_number_from_255_on_0_again() {
     let state = snapshot(Some(1.0), true, at(0));
-    let mut node = Sparkplug::new(Address::new("shop", "grinder-3").unwrap(), 253, false);
+    let mut node = Sparkplug::new(Address::new("shop", "grinder-3").unwrap(), Some(253), false);
     let mut numbers = Vec::new();
     for round in 0..4 {
+        // Attempts that fail before a CONNECT packet is sent.
+        node.will();
+        node.will();
         let will = node.will();
+        node.connect_sent();
         let birth = node.connected(at(round * 10), &state);
         assert_eq!(death_number(&read(&will).1), death_number(&read(&birth[0]).1));
         numbers.push((node.bd_seq(), death_number(&read(&will).1)));
         node.disconnected(at(round * 10 + 5));
-        // An attempt to connect that fails.
-        node.will();
     }
     let number = |number: u8| (number, Some(Raw::Long(number.into())));
-    assert_eq!(numbers, [254, 0, 2, 4].map(number));
+    assert_eq!(numbers, [254, 255, 0, 1].map(number));
+    // The broker refuses this CONNECT packet, which has used its number nevertheless.
+    node.will();
+    node.connect_sent();
+    node.will();
+    assert_eq!((node.number_sent(), node.bd_seq()), (Some(2), 3));
+}
+
+#[test]
+fn the_first_connection_of_all_has_the_number_0() {
+    let mut node = Sparkplug::new(Address::new("shop", "grinder-3").unwrap(), None, false);
+    for _ in 0..3 {
+        assert_eq!(death_number(&read(&node.will()).1), Some(Raw::Long(0)));
+        assert_eq!((node.number_to_keep(), node.number_sent()), (Some(0), None));
+    }
+    node.connect_sent();
+    assert_eq!((node.number_to_keep(), node.number_sent()), (Some(0), Some(0)));
+    assert_eq!(death_number(&read(&node.will()).1), Some(Raw::Long(1)));
 }
 
 #[test]

@@ -19,7 +19,7 @@ fn named(name: &str, value: Raw) -> Metric {
 
 /// Number of messages and outcome of a command, directly after the birth of a node.
 fn outcome_of(payload: &[u8], takes_measured: bool) -> (usize, Option<Outcome>) {
-    let mut node = Sparkplug::new(Address::new("shop", "grinder-3").unwrap(), 0, takes_measured);
+    let mut node = Sparkplug::new(Address::new("shop", "grinder-3").unwrap(), None, takes_measured);
     node.will();
     let state = snapshot(Some(21.5), true, at(0));
     node.connected(at(0), &state);

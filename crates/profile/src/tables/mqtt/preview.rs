@@ -26,6 +26,11 @@ impl Mqtt {
             "  changed values at most every {every}, all values at least every {refresh}; each event once"
         ));
         section.lines("    ", &topics);
+        if let Some(host) = &self.primary_host {
+            section.line(format!(
+                "  waits for the host {host}: while it is offline, values are stored on disk, and published later"
+            ));
+        }
         let asked = self.asked(machine);
         let measured = "measured errors of axes with `probe`";
         section.line(match (&asked, self.format) {
@@ -43,6 +48,7 @@ impl Mqtt {
         });
         entries!(section, broker, format = self.format, user, trusts = self.ca.as_ref().map(|ca| &ca.name));
         entries!(section, shows, every, refresh, topics, takes = asked, home_assistant = self.home_assistant);
+        entries!(section, primary_host = &self.primary_host);
         section
     }
 

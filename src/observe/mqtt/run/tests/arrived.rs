@@ -11,7 +11,7 @@ fn rebirth() -> Vec<u8> {
 
 #[tokio::test(start_paused = true)]
 async fn no_message_that_arrives_takes_an_event_with_it() {
-    let sparkplug = || Sparkplug::new(Address::new("g", "press").unwrap(), 0, false);
+    let sparkplug = || Sparkplug::new(Address::new("g", "press").unwrap(), None, false);
     let measured = br#"{"axis":"z","error_um":3.5}"#.to_vec();
     let (command, node) = ("g/press/command/measured", "spBv1.0/g/NCMD/press");
     let cases: [(Box<dyn Publisher>, &str, Vec<u8>); 4] = [

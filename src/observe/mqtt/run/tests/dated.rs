@@ -11,7 +11,7 @@ fn now() -> u64 {
 #[tokio::test(start_paused = true)]
 async fn births_data_and_what_is_kept_have_the_time_that_the_gateway_has() {
     let (machine, broker) = (Arc::new(Machine::default()), Fake::default());
-    let node = Sparkplug::new(Address::new("g", "press").unwrap(), 0, true);
+    let node = Sparkplug::new(Address::new("g", "press").unwrap(), None, true);
     machine.is_busy(1);
     run_as((Box::new(node), RecordQueue::in_memory()), &machine, &broker, async {
         passes(5).await;

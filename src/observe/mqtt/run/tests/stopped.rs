@@ -5,7 +5,7 @@ use isotherm_plant::sparkplug::{Address, Sparkplug};
 
 /// A Sparkplug node and its queue, in this directory.
 fn node(directory: &std::path::Path) -> (Box<dyn Publisher>, RecordQueue) {
-    let node = Sparkplug::new(Address::new("g", "press").unwrap(), 0, false);
+    let node = Sparkplug::new(Address::new("g", "press").unwrap(), None, false);
     (Box::new(node), kept(directory))
 }
 
@@ -88,4 +88,17 @@ async fn what_waits_in_memory_is_told_before_the_farewell() {
     assert_eq!(events_of(&broker), all);
     let state = broker.0.lock().unwrap();
     assert_eq!(state.taken.last().unwrap().payload, b"offline");
+}
+
+/// A first number above 0 would show a host a connection that never was.
+#[tokio::test(start_paused = true)]
+async fn an_attempt_that_the_stop_ends_uses_its_number_only_if_the_packet_was_sent() {
+    for (is_cut_off, number) in [(true, None), (false, Some(0))] {
+        let (machine, broker) = (Arc::new(Machine::default()), Fake::default());
+        let directory = tempfile::tempdir().unwrap();
+        broker.0.lock().unwrap().is_cut_off = is_cut_off;
+        let (memory, _) = Memory::of_deaths(directory.path());
+        run_with(memory, node(directory.path()), &machine, &broker, passes(5)).await;
+        assert_eq!(Memory::of_deaths(directory.path()).1, number, "{is_cut_off}");
+    }
 }

@@ -1,12 +1,12 @@
-//! Tests of the edge node with pysparkplug, an independent implementation of Sparkplug B. It reads the messages of the
-//! node, and the node evaluates its commands. Without pysparkplug, the tests fail with a message; `tests/run interop`
-//! installs it.
+//! Tests of the edge node with pysparkplug and sparkplug-payload, independent implementations of Sparkplug B. They read
+//! the messages of the node, and the node evaluates their commands. Without them, the tests fail with a message;
+//! `tests/run interop` installs them.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use std::fmt::Write as _;
 use std::io::{BufRead, BufReader, Write as _};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
 use isotherm_core::quantity::Moment;
@@ -17,8 +17,11 @@ use isotherm_plant::{
 };
 use serde_json::{Value as Json, json};
 
-/// The process of pysparkplug, which answers each line with a line.
+mod payload;
+
+/// The process of another implementation, which answers each line with a line.
 struct Host {
+    name: &'static str,
     child: Child,
     says: ChildStdin,
     receives: BufReader<ChildStdout>,
@@ -26,23 +29,25 @@ struct Host {
 
 impl Host {
     fn start() -> Host {
-        let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap();
-        let python = target.join("tools/venv/bin/python");
+        let python = tools().join("venv/bin/python");
         let lacks = "pysparkplug is not installed: `tests/run interop` does it";
         assert!(python.exists(), "{}: {lacks}", python.display());
-        let mut command = Command::new(python);
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/host.py");
-        command.arg("-u").arg(script).stdin(Stdio::piped()).stdout(Stdio::piped());
-        let mut child = command.spawn().unwrap();
+        Host::of("pysparkplug", Command::new(python).arg("-u").arg(script))
+    }
+
+    fn of(name: &'static str, command: &mut Command) -> Host {
+        let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
         let (says, receives) = (child.stdin.take().unwrap(), BufReader::new(child.stdout.take().unwrap()));
-        Host { child, says, receives }
+        Host { name, child, says, receives }
     }
 
     fn ask(&mut self, line: &Json) -> Json {
         writeln!(self.says, "{line}").unwrap();
         let mut answer = String::new();
         self.receives.read_line(&mut answer).unwrap();
-        assert!(!answer.is_empty(), "pysparkplug refuses {line} (or is not installed: `tests/run interop`)");
+        let name = self.name;
+        assert!(!answer.is_empty(), "{name} refuses {line} (or is not installed: `tests/run interop`)");
         serde_json::from_str(&answer).unwrap()
     }
 
@@ -65,6 +70,11 @@ impl Host {
         let byte = |at: usize| u8::from_str_radix(&hex[at..at + 2], 16).unwrap();
         (answer["topic"].as_str().unwrap().to_owned(), (0..hex.len()).step_by(2).map(byte).collect())
     }
+}
+
+/// Directory of the programs that `tests/run` installs.
+fn tools() -> PathBuf {
+    Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap().join("tools")
 }
 
 impl Drop for Host {
@@ -109,7 +119,7 @@ fn snapshot(second: u64, bed: Option<f64>) -> Snapshot {
 }
 
 fn node() -> Sparkplug {
-    Sparkplug::new(Address::new("shop", "grinder-3").unwrap(), 254, true)
+    Sparkplug::new(Address::new("shop", "grinder-3").unwrap(), Some(254), true)
 }
 
 /// The only metric with this name.
@@ -227,7 +237,7 @@ fn another_implementation_reads_a_gap_from_the_disk_as_historical_after_the_next
         }
         if second == 30 {
             // The program is restarted, and has only the data on disk.
-            node = Sparkplug::new(Address::new("shop", "grinder-3").unwrap(), node.bd_seq(), true);
+            node = Sparkplug::new(Address::new("shop", "grinder-3").unwrap(), Some(node.bd_seq()), true);
             store = Store::open(directory.path(), 1 << 20).unwrap();
         }
     }

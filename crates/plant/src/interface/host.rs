@@ -1,0 +1,32 @@
+//! State of the primary host, for which a publisher may have to wait.
+
+/// State of the primary host.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PrimaryHost {
+    /// No host is needed.
+    #[default]
+    NotNeeded,
+    /// The broker has sent no state of the host on this connection.
+    Unknown,
+    /// The host is offline.
+    Offline,
+    /// The host is online.
+    Online,
+}
+
+impl PrimaryHost {
+    /// Returns whether messages may be published.
+    pub fn is_present(self) -> bool {
+        matches!(self, PrimaryHost::NotNeeded | PrimaryHost::Online)
+    }
+
+    /// Returns the name of the state in the status of the gateway; empty if no host is needed.
+    pub fn name(self) -> &'static str {
+        match self {
+            PrimaryHost::NotNeeded => "",
+            PrimaryHost::Unknown => "unknown",
+            PrimaryHost::Offline => "offline",
+            PrimaryHost::Online => "online",
+        }
+    }
+}

@@ -1,0 +1,76 @@
+//! State of the primary host, from its messages on `spBv1.0/STATE/HOST`.
+//!
+//! ```text
+//! { "online": true, "timestamp": 1800000000000 }     the host is online since this time, ms since 1970
+//! { "online": false, "timestamp": 1800000000000 }    the host is offline; its will has the time of its birth
+//! ```
+//!
+//! A message with an older time than that of the last accepted message is ignored. Each connection begins without such
+//! a time: the retained message of the broker is the newest. Otherwise a host whose clock was once ahead would be
+//! ignored until the gateway is restarted. If an offline host reports itself as online with an older time, the message
+//! is refused with a reason, because the node waits on.
+
+use serde::Deserialize;
+
+use crate::interface::PrimaryHost;
+
+/// Maximum length of a state message, in bytes.
+const LONGEST: usize = 1000;
+
+/// Watch of the state of one host.
+#[derive(Debug)]
+pub(super) struct HostWatch {
+    topic: String,
+    /// Last accepted state on this connection.
+    last: Option<State>,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+struct State {
+    online: bool,
+    /// Time of the state by the clock of the host, ms since 1970.
+    timestamp: u64,
+}
+
+impl HostWatch {
+    /// Creates the watch of the host that publishes to this topic.
+    pub(super) fn at(topic: String) -> HostWatch {
+        HostWatch { topic, last: None }
+    }
+
+    pub(super) fn topic(&self) -> &str {
+        &self.topic
+    }
+
+    /// Forgets the state, because a new connection begins.
+    pub(super) fn connects(&mut self) {
+        self.last = None;
+    }
+
+    /// Evaluates a state message from an untrusted sender. Returns the reason if it is invalid.
+    pub(super) fn receive(&mut self, payload: &[u8]) -> Result<(), String> {
+        let form = "send { \"online\": true, \"timestamp\": 1800000000000 }, as Sparkplug B 3.0 requires";
+        if payload.len() > LONGEST {
+            return Err(format!("{} bytes are too many for the state of a host: {form}", payload.len()));
+        }
+        let state: State = serde_json::from_slice(payload).map_err(|error| format!("{form} ({error})"))?;
+        if let Some(last) = self.last.filter(|last| state.timestamp < last.timestamp) {
+            if last.online || !state.online {
+                return Ok(());
+            }
+            let why = "the host is online with an older time than its offline state before: is the clock of the \
+                       host right? If so, restart the gateway, which then accepts the state";
+            return Err(why.to_owned());
+        }
+        self.last = Some(state);
+        Ok(())
+    }
+
+    pub(super) fn state(&self) -> PrimaryHost {
+        match self.last {
+            None => PrimaryHost::Unknown,
+            Some(State { online: true, .. }) => PrimaryHost::Online,
+            Some(State { online: false, .. }) => PrimaryHost::Offline,
+        }
+    }
+}

@@ -1,0 +1,163 @@
+//! Topics to which the broker does not let the gateway publish.
+//!
+//! MQTT 3.1.1 has no answer for a denied message. Some brokers discard it, others close the connection. After a closed
+//! connection, the gateway sends messages one by one for a while, and waits for an answer to each. If the broker closes
+//! the connection again, the message without an answer is suspected. After [`CLOSED`] such connections, nothing more is
+//! published to its topic.
+//!
+//! The documents of suspected topics are sent last, so that all others arrive before.
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::time::Duration;
+
+use super::broker::Fault;
+use isotherm_core::quantity::Moment;
+use isotherm_plant::{Message, Qos};
+
+/// Number of connections that the broker closes after messages to a topic, until the topic is denied. An answer to such
+/// a message begins the count again.
+const CLOSED: u32 = 3;
+/// Minimum time of a connection until messages are no longer sent one by one.
+const CAREFUL_FOR: Duration = Duration::from_secs(60);
+/// Maximum wait for the answer to one message. A dead connection is found earlier. Some brokers do not answer at all.
+const ANSWERED_WITHIN: Duration = Duration::from_secs(30);
+/// First level of the topics of Home Assistant. Permissions are given for all of them together.
+const DISCOVERY: &str = "homeassistant/";
+
+/// Denied topics, and the search for them.
+#[derive(Debug, Default)]
+pub(super) struct Denials {
+    pace: Pace,
+    /// Number of connections that were closed after messages to these topics.
+    suspected: BTreeMap<String, u32>,
+    denied: BTreeSet<String>,
+}
+
+/// Pace of the messages on the current connection.
+#[derive(Debug, Default)]
+enum Pace {
+    /// Messages are sent without waiting for answers.
+    #[default]
+    Free,
+    /// Messages are sent one by one.
+    Careful {
+        /// Begin of the connection.
+        since: Moment,
+        /// Topic of the message whose answer is awaited.
+        awaited: Option<String>,
+        /// Time of the first [check](Denials::waits) at which this answer was missing.
+        missing: Option<Moment>,
+        /// Number of messages that the broker has answered on this connection.
+        answered: u64,
+    },
+}
+
+impl Denials {
+    /// Notes that a connection begins.
+    pub(super) fn begins(&mut self, now: Moment) {
+        if let Pace::Careful { .. } = self.pace {
+            self.pace = Pace::Careful { since: now, awaited: None, missing: None, answered: 0 };
+        }
+    }
+
+    /// Returns whether the next message may be sent. `is_done` states whether the broker has answered all earlier ones.
+    pub(super) fn may_send(&mut self, is_done: bool) -> bool {
+        let Pace::Careful { awaited, answered, .. } = &mut self.pace else { return true };
+        if let Some(topic) = awaited.take_if(|_| is_done) {
+            self.suspected.remove(&topic);
+            *answered += 1;
+        }
+        awaited.is_none()
+    }
+
+    /// Removes and returns the message to send next. Messages to denied topics are removed and not returned.
+    pub(super) fn next(&self, outbox: &mut VecDeque<(Moment, Message)>) -> Option<(Moment, Message)> {
+        if !self.denied.is_empty() {
+            outbox.retain(|(_, message)| !self.denied.contains(scope(&message.topic)));
+        }
+        let Pace::Careful { .. } = self.pace else { return outbox.pop_front() };
+        let (told, message) = outbox.remove(self.first_unsuspected(outbox))?;
+        // A retained document may arrive twice. Sparkplug requires that births and data are not acknowledged.
+        let qos = if message.retained { Qos::AtLeastOnce } else { message.qos };
+        Some((told, Message { qos, ..message }))
+    }
+
+    /// Returns the topic of a message if its answer must be awaited.
+    pub(super) fn awaits(&self, message: &Message) -> Option<String> {
+        matches!(self.pace, Pace::Careful { .. }).then(|| message.topic.clone())
+    }
+
+    /// Notes that a message to this topic was sent, whose answer must be awaited.
+    pub(super) fn is_sent(&mut self, topic: &str) {
+        if let Pace::Careful { awaited, missing, .. } = &mut self.pace {
+            *awaited = Some(scope(topic).to_owned());
+            *missing = None;
+        }
+    }
+
+    /// Checks how long an answer is missing. If the broker does not answer on an open connection, messages are no longer
+    /// sent one by one: otherwise nothing more would be published.
+    pub(super) fn waits(&mut self, now: Moment) {
+        let Pace::Careful { awaited: Some(_), missing, .. } = &mut self.pace else { return };
+        let since = *missing.get_or_insert(now);
+        if now.since(since) >= ANSWERED_WITHIN {
+            self.pace = Pace::Free;
+        }
+    }
+
+    /// Returns whether the broker may close the connection again, after a message to a suspected topic. A connection
+    /// that has lasted for a while is usable, even if it had no message to this topic.
+    pub(super) fn has_suspects(&self) -> bool {
+        matches!(self.pace, Pace::Careful { .. }) && !self.suspected.is_empty()
+    }
+
+    /// Notes that no message waits. After a while, messages are no longer sent one by one.
+    pub(super) fn rests(&mut self, now: Moment) {
+        if let Pace::Careful { since, awaited: None, .. } = &self.pace
+            && now.since(*since) >= CAREFUL_FOR
+        {
+            self.pace = Pace::Free;
+        }
+    }
+
+    /// Evaluates the end of a connection. Returns the fault to report, and the topic that is denied from now on.
+    /// `is_done` states whether the broker had answered all messages.
+    pub(super) fn ends(&mut self, fault: Fault, is_done: bool) -> (Fault, Option<String>) {
+        self.may_send(is_done);
+        let pace = std::mem::take(&mut self.pace);
+        if !matches!(fault, Fault::Broken | Fault::NoMqtt) {
+            return (fault, None);
+        }
+        self.pace = Pace::Careful { since: Moment::default(), awaited: None, missing: None, answered: 0 };
+        let Pace::Careful { awaited: Some(topic), answered, .. } = pace else { return (fault, None) };
+        let closed = self.suspected.entry(topic.clone()).or_default();
+        *closed += 1;
+        match (answered, *closed >= CLOSED) {
+            // The other messages may be denied as well: nothing shows that the broker accepts any.
+            (0, _) => (Fault::DeniesAll, None),
+            (_, false) => (Fault::Denied(topic), None),
+            (_, true) => {
+                self.suspected.remove(&topic);
+                self.denied.insert(topic.clone());
+                (Fault::Denied(topic.clone()), Some(topic))
+            }
+        }
+    }
+
+    /// Returns the place of the first message that is not suspected. Only retained documents are passed over: they may
+    /// arrive in any order, but the births, data and events of a topic may not.
+    fn first_unsuspected(&self, outbox: &VecDeque<(Moment, Message)>) -> usize {
+        let is_next = |(_, message): &(Moment, Message)| {
+            !message.retained || !self.suspected.contains_key(scope(&message.topic))
+        };
+        outbox.iter().position(is_next).unwrap_or(0)
+    }
+}
+
+/// Returns the topic filter that is denied or accepted as a whole: the topic, or all topics of Home Assistant.
+fn scope(topic: &str) -> &str {
+    if topic.starts_with(DISCOVERY) { "homeassistant/#" } else { topic }
+}
+
+#[cfg(test)]
+mod tests;
