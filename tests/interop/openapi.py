@@ -118,7 +118,7 @@ if token is not None:
             if method == "post" and pattern not in [measured, "/api/logout"]:
                 checked("POST", pattern)
                 checked("POST", pattern, "?axis=nothing")
-    for body in [b'{"error_um": 1.5}', b'{"error_um": 1e6}', b"3.2", b"x" * 2000]:
+    for body in [b'{"error_um": 1.5}', b'{"error_um": 1e6}', b"3.2"]:
         checked("POST", measured, body=body)
     checked("DELETE", measured)
     checked("POST", "/api/logout")

@@ -47,7 +47,6 @@ async fn every_answer_is_as_the_description_of_the_api_says() {
         "POST /api/axes/z/measured 200",
         "POST /api/axes/z/measured 400",
         "POST /api/axes/z/measured 409",
-        "POST /api/axes/z/measured 413",
         "DELETE /api/axes/nothing/measured 404",
         "POST /api/logout 200",
     ] {
