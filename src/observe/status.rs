@@ -455,7 +455,7 @@ pub struct SubstitutedSensorStatus {
 /// State of one signal.
 #[derive(Clone, Debug, JsonSchema, Serialize)]
 pub struct SignalStatus {
-    /// Name of the axis in the profile.
+    /// Name of the signal in the profile.
     pub name: String,
     /// Displayed name; empty if the profile has none.
     pub label: String,
@@ -476,7 +476,7 @@ pub struct SignalStatus {
 /// State of one bus.
 #[derive(Clone, Debug, JsonSchema, Serialize)]
 pub struct BusStatus {
-    /// Name of the axis in the profile.
+    /// Name of the bus in the profile.
     pub name: String,
     /// Host and port, or the serial port or interface.
     pub address: String,
@@ -495,7 +495,7 @@ pub struct BusStatus {
 /// State of one device.
 #[derive(Clone, Debug, JsonSchema, Serialize)]
 pub struct DeviceStatus {
-    /// Name of the axis in the profile.
+    /// Name of the device in the profile.
     pub name: String,
     /// Displayed name; empty if the profile has none.
     pub label: String,
@@ -519,7 +519,7 @@ pub struct DeviceStatus {
 /// State of one output.
 #[derive(Clone, Debug, JsonSchema, Serialize)]
 pub struct OutputStatus {
-    /// Name of the axis in the profile.
+    /// Name of the output in the profile.
     pub name: String,
     /// Name of the axis in the profile.
     pub axis: String,
