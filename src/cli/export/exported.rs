@@ -14,7 +14,7 @@ use parquet::file::properties::EnabledStatistics;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{ColumnDescriptor, Type};
 
-use super::columns::Column;
+use super::columns::{Column, FIRST};
 use super::table::{Kind, field, properties};
 use isotherm_core::border::beyond;
 use isotherm_profile::safe_file;
@@ -40,21 +40,26 @@ fn day<'n>(name: &'n str, machine: &str) -> Option<&'n str> {
     day.parse::<Date>().ok().filter(|date| date.to_string() == day).map(|_| day)
 }
 
-/// Returns the columns of an exported file.
+/// Returns the columns of an exported file. The error is that of a file which no export has written.
 pub(super) fn columns(path: &Path) -> anyhow::Result<Vec<Column>> {
     let (_, metadata) = open(path)?;
     let columns = metadata.file_metadata().schema_descr().columns();
-    columns
-        .iter()
-        .map(|column| {
-            let kind = kind(column).with_context(|| unknown(path, column.name()))?;
-            Ok((column.name().to_owned(), kind))
-        })
-        .collect()
+    let mut found = Vec::with_capacity(columns.len());
+    for (place, column) in columns.iter().enumerate() {
+        let name = column.name();
+        // A column that no export writes would become one of all days.
+        let is_exported = |kind: &Kind| match FIRST.get(place) {
+            Some(first) => *first == (name, *kind),
+            None => *kind != Kind::Moment,
+        };
+        let kind = kind(column).filter(is_exported).with_context(|| unknown(path, name))?;
+        found.push((name.to_owned(), kind));
+    }
+    Ok(found)
 }
 
 fn unknown(path: &Path, column: &str) -> String {
-    format!("{} was not written by isotherm: the column {column} has another type", path.display())
+    format!("{} was not written by isotherm: no export has such a column {column}", path.display())
 }
 
 fn open(path: &Path) -> anyhow::Result<(File, ParquetMetaData)> {
@@ -91,8 +96,8 @@ pub(super) fn widen(path: &Path, columns: &[Column], to: &mut File) -> anyhow::R
             if kind(column) != Some(*wanted) {
                 let path = path.display();
                 bail!(
-                    "{path}: the column {name} has another type than on other days. Delete this file, to export the day \
-                     again from its logs"
+                    "{path}: the column {name} has another type than on other days. Move this file to another \
+                     directory. If the logs of the day are still there, the next export writes it again"
                 );
             }
             fields.push(column.self_type_ptr());
@@ -214,6 +219,24 @@ mod tests {
         let other = [("time".to_owned(), Kind::Moment), ("bed".to_owned(), Kind::Text)];
         let why = widen(&path, &other, &mut File::create(home.path().join("wide")).unwrap()).unwrap_err();
         assert!(why.to_string().contains("the column bed has another type"), "{why}");
+    }
+
+    #[test]
+    fn a_file_of_another_program_gives_no_columns_to_the_other_days() {
+        let home = tempfile::tempdir().unwrap();
+        let path = home.path().join("m-2026-01-31.parquet");
+        let [time, machine] = [("time", Kind::Moment), ("machine", Kind::Text)];
+        for (found, wrong) in [
+            (vec![("parts", Kind::Number)], "parts"),
+            (vec![("parts", Kind::Moment), machine], "parts"),
+            (vec![time, ("machine", Kind::Number)], "machine"),
+            (vec![time, machine, ("bed", Kind::Number), ("parts", Kind::Moment)], "parts"),
+        ] {
+            let found: Vec<Column> = found.into_iter().map(|(name, kind)| (name.to_owned(), kind)).collect();
+            Table::new(&mut File::create(&path).unwrap(), &found).unwrap().finish().unwrap();
+            let why = columns(&path).unwrap_err().to_string();
+            assert!(why.ends_with(&format!("no export has such a column {wrong}")), "{why}");
+        }
     }
 
     #[test]
