@@ -104,7 +104,8 @@ def of_ntfy(message):
 
 
 WORKFLOW = (
-    "/workflows/1/triggers/manual/paths/invoke?api-version=2016-06-01&sp=%2Ftriggers%2Fmanual%2Frun&sv=1.0&sig=secret"
+    "/powerautomate/automations/direct/workflows/1/triggers/manual/paths/invoke"
+    "?api-version=1&sp=%2Ftriggers%2Fmanual%2Frun&sv=1.0&sig=secret"
 )
 
 # Path, name, schema, code of success, and the text that is shown.

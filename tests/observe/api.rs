@@ -58,7 +58,7 @@ async fn every_answer_is_as_the_description_of_the_api_says() {
 fn the_answers_of_a_compensating_gateway_are_as_the_description_of_the_api_says() {
     let home = tempfile::tempdir().unwrap();
     let mut running = isotherm(home.path());
-    let day = ["--speed", "600", "--for", "24h"];
+    let day = ["--speed", "600", "--for", "240h"];
     let mut running = Running::start(running.args(["demo", "--listen", "127.0.0.1:0"]).args(day));
     let address = running.receives("page  http://").trim_start_matches("page  ").to_owned();
     let said = compared(&address, None);
