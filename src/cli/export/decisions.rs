@@ -71,7 +71,9 @@ fn open(path: &Path) -> anyhow::Result<(Reader<File>, Vec<Option<Column>>)> {
         let kind = if is_text(name, &names) { Kind::Text } else { Kind::Number };
         (!is_for_replay(name)).then(|| ((*name).to_owned(), kind))
     };
-    let columns = names.iter().skip(1).map(column).collect();
+    // A header that is cut off has no rows after it. Its last name is incomplete, and would be a column of all days.
+    let is_whole = reader.position().line() > 1;
+    let columns = names.iter().skip(1).filter(|_| is_whole).map(column).collect();
     Ok((reader, columns))
 }
 
@@ -141,4 +143,26 @@ impl Log<'_> {
 enum Cell<'r> {
     Number(Option<f64>),
     Text(Option<&'r str>),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_header_that_is_cut_off_gives_no_columns() {
+        let home = tempfile::tempdir().unwrap();
+        let path = home.path().join("m-2026-01-31.csv");
+        for (text, names) in [
+            ("time,bed,z_state,machine_memory\n", &["bed", "z_state"][..]),
+            ("time,bed,z_state\n2026-01-31T10:00:00Z,20.5,active\n", &["bed", "z_state"][..]),
+            ("time,bed,z_sta", &[][..]),
+            ("", &[][..]),
+        ] {
+            std::fs::write(&path, text).unwrap();
+            let found = columns(&path).unwrap();
+            let found: Vec<&str> = found.iter().map(|(name, _)| name.as_str()).collect();
+            assert_eq!(found, names, "{text}");
+        }
+    }
 }
