@@ -9,13 +9,13 @@ use jiff::civil::Date;
 use parquet::basic::Type as Physical;
 use parquet::column::writer::ColumnCloseResult;
 use parquet::data_type::{ByteArrayType, DoubleType, Int64Type};
-use parquet::file::metadata::{ParquetMetaData, ParquetMetaDataReader};
+use parquet::file::metadata::{ParquetMetaData, ParquetMetaDataReader, RowGroupMetaData};
 use parquet::file::properties::EnabledStatistics;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{ColumnDescriptor, Type};
 
 use super::columns::{Column, FIRST};
-use super::table::{Kind, field, properties};
+use super::table::{HELD, Kind, field, properties};
 use isotherm_core::border::beyond;
 use isotherm_profile::safe_file;
 
@@ -115,7 +115,7 @@ pub(super) fn widen(path: &Path, columns: &[Column], to: &mut File) -> anyhow::R
     let mut writer = SerializedFileWriter::new(to, schema, Arc::new(properties))?;
     for rows in metadata.row_groups() {
         let mut group = writer.next_row_group()?;
-        let count = usize::try_from(rows.num_rows())?;
+        let count = count(rows).with_context(|| path.display().to_string())?;
         for (source, kind) in &sources {
             let Some(column) = source.and_then(|source| rows.columns().get(source)) else {
                 empty(&mut group, *kind, count)?;
@@ -137,6 +137,12 @@ pub(super) fn widen(path: &Path, columns: &[Column], to: &mut File) -> anyhow::R
     Ok(())
 }
 
+/// Returns the number of rows in a part of an exported file. A damaged number must not fill the memory.
+fn count(rows: &RowGroupMetaData) -> anyhow::Result<usize> {
+    let count = usize::try_from(rows.num_rows()).ok().filter(|count| *count <= HELD);
+    count.with_context(|| format!("the file is damaged: a part of it has {} rows", rows.num_rows()))
+}
+
 /// Writes a column without values for this number of rows.
 fn empty(group: &mut SerializedRowGroupWriter<'_, &mut File>, kind: Kind, rows: usize) -> anyhow::Result<()> {
     let Some(mut column) = group.next_column()? else { bail!("the file has more columns than its schema") };
@@ -153,6 +159,7 @@ fn empty(group: &mut SerializedRowGroupWriter<'_, &mut File>, kind: Kind, rows: 
 #[cfg(test)]
 mod tests {
     use parquet::file::reader::{FileReader, SerializedFileReader};
+    use parquet::schema::types::SchemaDescriptor;
 
     use super::super::columns::Columns;
     use super::super::table::Table;
@@ -236,6 +243,16 @@ mod tests {
             Table::new(&mut File::create(&path).unwrap(), &found).unwrap().finish().unwrap();
             let why = columns(&path).unwrap_err().to_string();
             assert!(why.ends_with(&format!("no export has such a column {wrong}")), "{why}");
+        }
+    }
+
+    #[test]
+    fn a_damaged_number_of_rows_is_refused() {
+        let schema = Arc::new(Type::group_type_builder("log").build().unwrap());
+        let schema = Arc::new(SchemaDescriptor::new(schema));
+        for (rows, found) in [(0, Some(0)), (2_000_000, Some(2_000_000)), (2_000_001, None), (-1, None)] {
+            let group = RowGroupMetaData::builder(schema.clone()).set_num_rows(rows).build().unwrap();
+            assert_eq!(count(&group).ok(), found, "{rows}");
         }
     }
 

@@ -13,7 +13,7 @@ use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::Type;
 
 /// Maximum number of values that are collected in memory before a part of the table is written.
-const HELD: usize = 2_000_000;
+pub(super) const HELD: usize = 2_000_000;
 
 /// Type of a column of the exported table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
