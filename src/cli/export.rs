@@ -1,5 +1,6 @@
 //! `isotherm export`: logs and events of a gateway as Parquet files.
 
+use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
@@ -17,9 +18,13 @@ use crate::gateway::{log, make_directory};
 use crate::observe::events::file;
 use isotherm_profile::counted;
 
+mod columns;
 mod decisions;
 mod events;
+mod exported;
 mod table;
+
+use columns::{Column, Columns};
 
 /// Writes the logs of decisions and the events as Parquet, one file for each day. The files are
 /// DIR/decisions/NAME-2026-01-31.parquet and DIR/events/…. Each row has the machine's name. Times and days are UTC.
@@ -27,6 +32,9 @@ mod table;
 /// A day that has not changed since the last export is skipped. The verb may therefore run every night, for many
 /// machines with one directory. It never deletes an exported day, even if the gateway has deleted the day's logs
 /// ([history] keep). The gateway may run during the export.
+///
+/// Each day has the columns of all days. After a change of the profile, earlier days are written again with the new
+/// columns, without values.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm export my-machine.toml --parquet fleet\n  isotherm export my-machine.toml --parquet /mnt/fleet \
@@ -48,6 +56,16 @@ pub(super) struct Arguments {
     /// Prints one JSON document
     #[arg(long)]
     json: bool,
+}
+
+/// Day of a machine.
+struct Day {
+    /// Path of its exported file.
+    file: PathBuf,
+    /// Columns of the exported file; `None` if there is no such file.
+    found: Option<anyhow::Result<Vec<Column>>>,
+    /// Logs of the day that the gateway has not deleted.
+    logs: Vec<PathBuf>,
 }
 
 /// Number of days of logs or of events, by the result of their export.
@@ -78,13 +96,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         make_directory(&place).with_context(|| format!("{} cannot be made", place.display()))?;
         anyhow::Ok(place)
     };
-    let (mut decided, mut happened) = (Days::default(), Days::default());
-    let to = place("decisions")?;
-    for (day, logs) in log::days(&directory, machine) {
-        decided.take(&logs, &to.join(format!("{machine}-{day}.parquet")), |to| {
-            decisions::write(machine, &logs, to)
-        })?;
-    }
+    let decided = decided(&directory, machine, &place("decisions")?)?;
+    let mut happened = Days::default();
     let to = place("events")?;
     for day in days {
         let log = file::path(&directory, machine, &day);
@@ -105,29 +118,101 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// Exports the logs of decisions to this directory.
+fn decided(directory: &Path, machine: &str, to: &Path) -> anyhow::Result<Days> {
+    let days = all_days(directory, machine, to)?;
+    let mut columns = Columns::new();
+    for Day { found, logs, .. } in days.values() {
+        for (name, kind) in found.iter().flatten().flatten() {
+            columns.add_exported(name, *kind);
+        }
+        // If a log cannot be read, the export of its day fails, and prints the reason.
+        for (name, kind) in logs.iter().filter_map(|log| decisions::columns(log).ok()).flatten() {
+            columns.add(&name, kind);
+        }
+    }
+    let mut counted = Days::default();
+    for Day { file, found, logs } in days.values() {
+        let newest = newest(logs);
+        let from_logs = |to: &mut std::fs::File| decisions::write(machine, logs, &columns, to);
+        match (newest, found) {
+            (Some(newest), _) if modified(file) != Some(newest) => counted.write(file, newest, from_logs)?,
+            (Some(_), Some(Ok(found))) if found == columns.all() => counted.unchanged += 1,
+            (None, Some(Ok(found))) if found == columns.all() => {}
+            // Rows may be missing in the logs that are still there. The exported file has all of them.
+            (_, Some(Ok(_))) => {
+                let Some(time) = modified(file) else { continue };
+                let widen =
+                    |to: &mut std::fs::File| exported::widen(file, columns.all(), to).map(|()| Vec::new());
+                counted.write(file, time, widen)?;
+            }
+            (Some(newest), Some(Err(_))) => counted.write(file, newest, from_logs)?,
+            (None, Some(Err(why))) => {
+                say_beside!("{why:#}");
+                counted.failed += 1;
+            }
+            // The log was deleted a moment ago.
+            (_, None) => {}
+        }
+    }
+    Ok(counted)
+}
+
+/// Returns all days of a machine that were exported or still have logs, by date.
+fn all_days(directory: &Path, machine: &str, to: &Path) -> anyhow::Result<BTreeMap<String, Day>> {
+    let exported = exported::days(to, machine).with_context(|| format!("{} cannot be read", to.display()))?;
+    let day = |(day, file): (String, PathBuf)| {
+        let found = Some(exported::columns(&file));
+        (day, Day { file, found, logs: Vec::new() })
+    };
+    let mut days: BTreeMap<String, Day> = exported.into_iter().map(day).collect();
+    for (day, logs) in log::days(directory, machine) {
+        let file = to.join(format!("{machine}-{day}.parquet"));
+        days.entry(day).or_insert(Day { file, found: None, logs: Vec::new() }).logs = logs;
+    }
+    Ok(days)
+}
+
+/// Returns the time at which the newest of these logs has changed. `None` if none is there.
+fn newest(logs: &[PathBuf]) -> Option<i64> {
+    logs.iter().filter_map(|log| modified(log)).max()
+}
+
+/// Returns the time at which a file has changed, in microseconds. A file server may store it less exactly than the disk
+/// of the logs.
+fn modified(path: &Path) -> Option<i64> {
+    let modified = path.metadata().and_then(|about| about.modified()).ok()?;
+    Timestamp::try_from(modified).ok().map(Timestamp::as_microsecond)
+}
+
 impl Days {
-    /// Writes a day if its logs have changed since the last export. The file gets the modification time of the newest
-    /// log. If rows are logged during the export, the day is therefore exported again next time. An error in one day is
-    /// printed, and does not stop the export of the others.
+    /// Writes a day if its logs have changed since the last export.
     fn take(
         &mut self,
         logs: &[PathBuf],
         to: &Path,
         write: impl FnOnce(&mut std::fs::File) -> anyhow::Result<Vec<String>>,
     ) -> anyhow::Result<()> {
-        // Times are compared in microseconds, because a file server may store them less exactly than the disk of the
-        // logs.
-        let changed = |path: &Path| {
-            let modified = path.metadata().and_then(|about| about.modified()).ok()?;
-            Timestamp::try_from(modified).ok().map(Timestamp::as_microsecond)
-        };
-        let newest = logs.iter().filter_map(|log| changed(log)).max();
-        // The log was deleted a moment ago.
-        let Some(newest) = newest else { return Ok(()) };
-        if changed(to) == Some(newest) {
-            self.unchanged += 1;
-            return Ok(());
+        match newest(logs) {
+            Some(newest) if modified(to) == Some(newest) => {
+                self.unchanged += 1;
+                Ok(())
+            }
+            Some(newest) => self.write(to, newest, write),
+            // The log was deleted a moment ago.
+            None => Ok(()),
         }
+    }
+
+    /// Writes a file, and sets its modification time to that of the newest log. If rows are logged during the export,
+    /// the day is therefore exported again next time. An error in one day is printed, and does not stop the export of
+    /// the others.
+    fn write(
+        &mut self,
+        to: &Path,
+        newest: i64,
+        write: impl FnOnce(&mut std::fs::File) -> anyhow::Result<Vec<String>>,
+    ) -> anyhow::Result<()> {
         let part = to.with_extension("parquet.part");
         let shown = || format!("{} cannot be written", part.display());
         // The file may remain from an export that was killed, or may be a link that another user made.

@@ -15,7 +15,7 @@ use super::notices;
 use super::port::Port;
 use super::run_profile::{self, RunProfile};
 use super::services::{Services, Sockets};
-use super::signals::Signals;
+use super::signals::{Signals, survive_file_size_limit};
 use super::volume;
 use crate::cli::print::{say, say_beside};
 use crate::clock::Clock;
@@ -107,6 +107,11 @@ fn write_log(log: WorkerGuard) {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> {
     let program = Program::of_this_process();
+    let runtime = super::runtime::start()?;
+    {
+        let _inside = runtime.enter();
+        survive_file_size_limit()?;
+    }
     if let Some(socket) = &arguments.check_only {
         return check(arguments, socket).map(|()| None);
     }
@@ -169,7 +174,6 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
             tracing::info!("device {name}: {request}: {}", request.signals(&profile).join(", "));
         }
     }
-    let runtime = super::runtime::start()?;
     let outcome = runtime.block_on(async {
         let signals = Signals::listen()?.count();
         // An error would mean that the counting task has ended.

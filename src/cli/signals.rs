@@ -1,4 +1,5 @@
-//! Signals SIGTERM, SIGINT and SIGHUP. The first one requests an orderly stop, the second one an immediate end.
+//! Signals SIGTERM, SIGINT and SIGHUP. The first one requests an orderly stop, the second one an immediate end. SIGXFSZ
+//! ends nothing.
 
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::watch;
@@ -9,6 +10,12 @@ pub(super) struct Signals {
     term: Signal,
     interrupt: Signal,
     hangup: Signal,
+}
+
+/// Keeps the process alive when a file reaches the largest size that the process may write (SIGXFSZ). The write fails
+/// instead, and its error is reported. Must be called inside a tokio runtime; the effect lasts until the process ends.
+pub(super) fn survive_file_size_limit() -> std::io::Result<()> {
+    signal(SignalKind::from_raw(libc::SIGXFSZ)).map(drop)
 }
 
 impl Signals {

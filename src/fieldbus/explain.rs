@@ -192,6 +192,10 @@ pub fn explain_system(error: &Error) -> Explained {
             "`ip address` lists the addresses of this computer",
         ),
         ErrorKind::StorageFull => "the disk is full".into(),
+        ErrorKind::FileTooLarge => Explained::new(
+            "a file has reached the largest size that this process may write",
+            "raise the limit: `ulimit -f unlimited` in a shell, `LimitFSIZE=infinity` in a unit of systemd",
+        ),
         ErrorKind::ReadOnlyFilesystem => {
             Explained::new("the disk is read-only", "use another directory (`--state`)")
         }

@@ -12,6 +12,7 @@ use std::io;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use isotherm_core::quantity::Moment;
@@ -33,21 +34,30 @@ pub(super) struct Column {
 }
 
 /// Values of the requested log columns over time, for a chart.
-#[derive(Debug, Serialize)]
+#[derive(Debug, JsonSchema, Serialize)]
+#[schemars(rename = "History")]
 pub(super) struct Course {
     /// Times of the points, in seconds since 1970. At a gap between rows, every column is null.
     time: Vec<f64>,
+    /// Values of the columns.
     columns: Vec<Extremes>,
     /// Number of log rows in the time range.
     rows: u64,
 }
 
 /// Smallest and largest value of one log column at each point of the chart; null if there is none.
-#[derive(Debug, Serialize)]
+#[derive(Debug, JsonSchema, Serialize)]
+#[schemars(rename = "HistoryColumn")]
 struct Extremes {
+    /// Name of the column in the log.
     name: String,
+    /// Unit of its values.
     unit: &'static str,
+    /// Smallest value at each point.
+    #[schemars(with = "Vec<Option<f64>>")]
     min: Vec<f64>,
+    /// Largest value at each point.
+    #[schemars(with = "Vec<Option<f64>>")]
     max: Vec<f64>,
 }
 

@@ -1,10 +1,10 @@
 //! HTTP server of the gateway: web page, status, live stream, metrics, health and commands.
 //!
 //! ```text
-//! listener (limits) ──► request (one host) ──► access (permission) ──► request (complete) ──► route
-//!                                                                                             │
-//!                                                status and commands (GatewayApi)  ◄──────────┤
-//!                        live: one status a second, shared by every open page  ◄──────────────┘
+//! listener (limits) ──► request (one host) ──► access (method, permission) ──► request (complete) ──► route
+//!                                                                                                     │
+//!                                                        status and commands (GatewayApi)  ◄──────────┤
+//!                                live: one status a second, shared by every open page  ◄──────────────┘
 //! ```
 //!
 //! The tasks of the bus lines never wait for this server. A slow client delays only itself.
@@ -12,6 +12,7 @@
 mod access;
 mod admission;
 mod alarms;
+mod compression;
 mod connection;
 mod connection_limiter;
 mod events;
@@ -20,11 +21,13 @@ mod listener;
 mod live;
 mod login;
 mod measured;
+mod openapi;
 mod peer;
 mod refusal;
 mod refusals;
 mod reply;
 mod request;
+mod routes;
 mod sessions;
 mod state;
 mod tokens;
@@ -38,8 +41,8 @@ use std::time::Duration;
 
 use axum::extract::{ConnectInfo, Path, RawQuery, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
-use axum::response::{Html, IntoResponse, Json, Response};
-use axum::routing::{get, post};
+use axum::response::{IntoResponse, Json, Response};
+use axum::routing::{MethodRouter, get, post};
 use axum::{Extension, Router, middleware};
 use tokio::sync::{Semaphore, watch};
 
@@ -50,6 +53,7 @@ use self::access::{Access, Grant};
 use self::peer::Peer;
 use self::reply::answered;
 use self::request::{parameter, words};
+use self::routes::Route;
 use self::state::HttpState;
 use self::tokens::Role;
 use super::page::PageAction;
@@ -116,44 +120,49 @@ pub async fn serve(
 
 fn router(room: HttpState, body_within: Duration) -> Router {
     let guard = middleware::from_fn_with_state(room.clone(), access::check);
-    let commands = Command::ALL.into_iter().fold(Router::new(), |router, (name, command)| {
-        let take = move |State(room): State<HttpState>,
-                         ConnectInfo(peer): ConnectInfo<Peer>,
-                         RawQuery(query): RawQuery,
-                         headers: HeaderMap| async move {
-            take(&room, command, query.as_deref(), &room.requester(&peer, &headers))
-        };
-        router.route(&format!("/api/{name}"), post(take))
-    });
-    commands
-        .route("/", get(front))
-        .route("/login", get(login::show).post(login::begin))
-        .route(access::LOGOUT, post(login::end))
-        .route("/page/{file}", get(file))
-        .route("/api/status", get(status))
-        .route("/api/live", get(stream))
-        .route("/api/events", get(events::since))
-        .route("/api/history", get(history::course))
-        .route("/api/history.csv", get(history::download))
-        .route("/api/acknowledge", post(alarms::acknowledge))
-        .route("/api/axes/{axis}/measured", post(measured::learn).delete(measured::forget))
-        .route("/metrics", get(scrape))
-        .route("/healthz", get(|| async { "ok" }))
-        .route("/readyz", get(ready))
+    let add =
+        |router: Router<HttpState>, entry: &routes::Entry| router.route(&entry.path, handlers(entry.route));
+    routes::all()
+        .iter()
+        .fold(Router::new(), add)
         .fallback(|| async {
             (StatusCode::NOT_FOUND, "This address does not exist. The web page is at /.\n")
-        })
-        .method_not_allowed_fallback(|| async {
-            (
-                StatusCode::METHOD_NOT_ALLOWED,
-                "This address does not accept that method; see the Allow header.\n",
-            )
         })
         .layer(middleware::from_fn_with_state(body_within, request::whole))
         .layer(guard)
         .layer(middleware::from_fn(request::for_one_host))
         .layer(middleware::map_response(with_headers))
         .with_state(room)
+}
+
+/// Returns the handlers of a route, one for each of its methods.
+fn handlers(route: Route) -> MethodRouter<HttpState> {
+    match route {
+        Route::Front => get(front),
+        Route::File => get(file),
+        Route::Login => get(login::show).post(login::begin),
+        Route::Logout => post(login::end),
+        Route::Command(command) => {
+            let take = move |State(room): State<HttpState>,
+                             ConnectInfo(peer): ConnectInfo<Peer>,
+                             RawQuery(query): RawQuery,
+                             headers: HeaderMap| async move {
+                take(&room, command, query.as_deref(), &room.requester(&peer, &headers))
+            };
+            post(take)
+        }
+        Route::Acknowledge => post(alarms::acknowledge),
+        Route::Measured => post(measured::learn).delete(measured::forget),
+        Route::Status => get(status),
+        Route::Live => get(stream),
+        Route::Events => get(events::since),
+        Route::History => get(history::course),
+        Route::Download => get(history::download),
+        Route::OpenApi => get(openapi::show),
+        Route::Metrics => get(scrape),
+        Route::Healthy => get(|| async { "ok" }),
+        Route::Ready => get(ready),
+    }
 }
 
 async fn with_headers(mut response: Response) -> Response {
@@ -175,7 +184,7 @@ async fn front(
         Some("wall") => page::wall(words, &status),
         _ => page::front(words, &status, may(&room, &pass), pass.is_visit()),
     };
-    Html(shell.into_string()).into_response()
+    compression::page(&headers, shell.into_string()).await
 }
 
 /// Returns the actions that the web page offers to this client.
@@ -187,9 +196,9 @@ fn may(room: &HttpState, pass: &Grant) -> PageAction {
     }
 }
 
-async fn file(Path(name): Path<String>) -> Response {
+async fn file(Path(name): Path<String>, headers: HeaderMap) -> Response {
     match page::file(&name) {
-        Some((kind, text)) => ([(header::CONTENT_TYPE, kind)], text).into_response(),
+        Some((name, kind, text)) => compression::file(&headers, name, kind, text).await,
         None => (StatusCode::NOT_FOUND, "The web page has no such file.\n").into_response(),
     }
 }

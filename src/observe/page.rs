@@ -39,9 +39,9 @@ const FILES: [(&str, &str, &str); 21] = [
     ("icon.svg", "image/svg+xml", include_str!("page/icon.svg")),
 ];
 
-/// Returns content type and content of a file of the web page. `None` if there is no such file.
-pub(super) fn file(name: &str) -> Option<(&'static str, &'static str)> {
-    FILES.iter().find(|(known, ..)| *known == name).map(|(_, kind, text)| (*kind, *text))
+/// Returns name, content type and content of a file of the web page. `None` if there is no such file.
+pub(super) fn file(name: &str) -> Option<(&'static str, &'static str, &'static str)> {
+    FILES.into_iter().find(|(known, ..)| *known == name)
 }
 
 /// Actions that the web page offers to its user.

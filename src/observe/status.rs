@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use schemars::JsonSchema;
 use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 
@@ -20,6 +21,7 @@ mod broker;
 mod dial;
 mod former_registers;
 mod probe;
+mod schema;
 
 pub use broker::{BrokerFigures, BrokerStatus};
 pub use dial::DialDirection;
@@ -167,7 +169,7 @@ impl Command {
 }
 
 /// State of a gateway.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, JsonSchema, Serialize)]
 pub struct Status {
     /// Name of the machine.
     pub machine: String,
@@ -303,7 +305,7 @@ fn in_parts<S: Serializer>(why: &Explained, serializer: S) -> Result<S::Ok, S::E
 }
 
 /// State of one axis.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, JsonSchema, Serialize)]
 pub struct AxisStatus {
     /// Name of the axis in the profile.
     pub name: String,
@@ -314,12 +316,14 @@ pub struct AxisStatus {
     /// Displayed state, from the decision and the verified value. `shown` is one of the states in `state`, or
     /// unmodelled, sign-check or unreachable. `tone` is good, warn, bad or off.
     #[serde(flatten)]
+    #[schemars(schema_with = "schema::shown")]
     pub shown: Display,
     /// Whether the profile has a model for the axis. Without a model the axis stays off.
     pub has_model: bool,
     /// Condition for which the axis waits, or reason why the preferred model cannot be used. `why` is one sentence,
     /// empty if there is none; `cause` and `hint` are its parts.
     #[serde(flatten, serialize_with = "in_parts")]
+    #[schemars(schema_with = "schema::in_parts")]
     pub why: Explained,
     /// Waiting request to arm; `None` if there is none.
     pub waiting: Option<WaitingStatus>,
@@ -370,7 +374,7 @@ pub struct AxisStatus {
 }
 
 /// Arming state of one axis. Its fields are fields of the axis in JSON.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, JsonSchema, Serialize)]
 pub struct ArmingStatus {
     /// Whether the axis is armed, so that it may write.
     pub armed: bool,
@@ -382,7 +386,7 @@ pub struct ArmingStatus {
 }
 
 /// True error of an axis of a virtual machine.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, JsonSchema, Serialize)]
 pub struct TruthStatus {
     /// Reported error without compensation, µm.
     pub error_um: f64,
@@ -391,7 +395,7 @@ pub struct TruthStatus {
 }
 
 /// Running sign check of an axis.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, JsonSchema, Serialize)]
 pub struct SignStatus {
     /// Requester of the sign check, with its channel.
     pub asked: String,
@@ -406,7 +410,7 @@ pub struct SignStatus {
 }
 
 /// Request to arm that waits for a condition.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, JsonSchema, Serialize)]
 pub struct WaitingStatus {
     /// Requester, with its channel.
     pub asked: String,
@@ -415,7 +419,7 @@ pub struct WaitingStatus {
 }
 
 /// Position of a model's inputs outside the range on which the model was identified.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, JsonSchema, Serialize)]
 pub struct ExtrapolationStatus {
     /// Mahalanobis distance of all inputs together from the center of the range; `None` beyond the end of a guideway.
     pub distance: Option<f64>,
@@ -436,7 +440,7 @@ pub struct ExtrapolationStatus {
 }
 
 /// Sensor whose reading a stand-in replaces.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, JsonSchema, Serialize)]
 pub struct SubstitutedSensorStatus {
     /// Name of the signal.
     pub signal: String,
@@ -449,9 +453,9 @@ pub struct SubstitutedSensorStatus {
 }
 
 /// State of one signal.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, JsonSchema, Serialize)]
 pub struct SignalStatus {
-    /// Name of the axis in the profile.
+    /// Name of the signal in the profile.
     pub name: String,
     /// Displayed name; empty if the profile has none.
     pub label: String,
@@ -470,9 +474,9 @@ pub struct SignalStatus {
 }
 
 /// State of one bus.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, JsonSchema, Serialize)]
 pub struct BusStatus {
-    /// Name of the axis in the profile.
+    /// Name of the bus in the profile.
     pub name: String,
     /// Host and port, or the serial port or interface.
     pub address: String,
@@ -484,13 +488,14 @@ pub struct BusStatus {
     pub overruns: u64,
     /// Histogram of the delays of cycle starts: number of delays between the previous upper bound and this one, in
     /// milliseconds. The last bound is infinite, which JSON shows as null.
+    #[schemars(with = "Vec<(Option<f64>, u64)>")]
     pub jitter_ms: Vec<(f64, u64)>,
 }
 
 /// State of one device.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, JsonSchema, Serialize)]
 pub struct DeviceStatus {
-    /// Name of the axis in the profile.
+    /// Name of the device in the profile.
     pub name: String,
     /// Displayed name; empty if the profile has none.
     pub label: String,
@@ -512,9 +517,9 @@ pub struct DeviceStatus {
 }
 
 /// State of one output.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, JsonSchema, Serialize)]
 pub struct OutputStatus {
-    /// Name of the axis in the profile.
+    /// Name of the output in the profile.
     pub name: String,
     /// Name of the axis in the profile.
     pub axis: String,
@@ -547,7 +552,7 @@ pub struct OutputStatus {
 }
 
 /// Two parts of the value of a register that both the gateway and an operator write to.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, JsonSchema, Serialize)]
 pub struct SharesStatus {
     /// Operator offset: part of the value that the operator entered, in the unit of the output.
     pub base: f64,

@@ -19,7 +19,7 @@ use fake::{Door, Reply, VIEWER, status};
 const SECOND: Duration = Duration::from_secs(1);
 /// Time that a stop takes on a busy computer if it waits for no peer. A silent peer would take ten seconds.
 const SOON: Duration = Duration::from_secs(6);
-const OPERATOR: &str = "commands; \"and more\"";
+pub(super) const OPERATOR: &str = "commands; \"and more\"";
 const BEARER: &str = "Bearer commands; \"and more\"";
 
 #[tokio::test]
@@ -186,7 +186,7 @@ async fn a_long_body_is_refused_and_nothing_done() {
 }
 
 /// A row a second from 10:00 on, for two hours.
-fn log(directory: &std::path::Path) -> std::path::PathBuf {
+pub(super) fn log(directory: &std::path::Path) -> std::path::PathBuf {
     let path = directory.join("m-2026-07-02.csv");
     let rows = (0..7200).map(|second| {
         let (hour, minute) = (10 + second / 3600, second / 60 % 60);

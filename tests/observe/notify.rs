@@ -22,13 +22,16 @@ use crate::support::process;
 use certificates::{Authority, Signed, signs_itself};
 use process::{Running, file};
 
+mod chats;
+
 const NOW: (i32, i32) = (2020, 2099);
 const BODY: &str = "{\"text\":\"µ\"}";
 
 /// Server with this URL. `ca` contains the trusted certificates.
 fn to(url: &str, ca: Option<&str>) -> Server {
     let url = Url::parse(url).unwrap();
-    let notify = Notify { name: "notify[0]".into(), url, on: vec![ALARM], token_file: None, ca: None };
+    let notify =
+        Notify { name: "notify[0]".into(), url, on: vec![ALARM], token_file: None, ca: None, body: None };
     Server::of(&notify, tls::plant_client(ca.map(str::as_bytes)).map(Arc::new))
 }
 
@@ -175,7 +178,8 @@ async fn a_web_server_of_others_takes_it_with_the_token_beside_or_within_its_add
     ] {
         let url = Url::parse(&format!("https://localhost:{port}/{target}")).unwrap();
         let token_file = Some(token.clone());
-        let notify = Notify { name: "notify[0]".into(), url, on: vec![ALARM], token_file, ca: None };
+        let notify =
+            Notify { name: "notify[0]".into(), url, on: vec![ALARM], token_file, ca: None, body: None };
         let server = Server::of(&notify, tls::plant_client(Some(signed.cert.as_bytes())).map(Arc::new));
         assert_eq!(server.post(BODY).await, Ok(()));
         assert_eq!(python.receives("posted"), format!("posted {seen} application/json {BODY}"));
@@ -206,6 +210,7 @@ async fn a_server_whom_nobody_trusts_gets_no_message_and_it_is_said_why() {
             on: vec![ALARM],
             token_file: None,
             ca: None,
+            body: None,
         },
         Err("this computer has no trusted authorities".to_owned()),
     );

@@ -198,6 +198,103 @@ fn a_log_that_cannot_be_read_is_told_and_keeps_no_other_day_from_being_written()
     );
 }
 
+/// Runs a Python program in this directory. Returns its output.
+fn python(home: &Path, program: &str) -> String {
+    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap();
+    let python = target.join("tools/venv/bin/python");
+    let ended = Command::new(&python).args(["-c", program]).current_dir(home).output();
+    let ended =
+        ended.unwrap_or_else(|error| panic!("{}: {error}: `tests/run tools` makes it", python.display()));
+    let said = [ended.stdout, ended.stderr].map(|said| String::from_utf8_lossy(&said).into_owned()).concat();
+    assert!(ended.status.success(), "{said}\n{program} (without its packages: `tests/run tools`)");
+    said
+}
+
+/// Logs of a month: two days with two rows each. `bed` is 20.5 °C, and each of the `signals` is 30.5 °C.
+fn month(state: &Path, month: u32, signals: &[&str]) {
+    let names: String = signals.iter().map(|name| format!(",{name}")).collect();
+    let values = ",30.5".repeat(signals.len());
+    for day in [10, 11] {
+        let mut text = format!("time,bed{names},z_permit,z_raw_um,z_cz_um,z_model,z_state,machine_memory\n");
+        for hour in [8, 9] {
+            let _ =
+                writeln!(text, "2026-{month:02}-{day}T{hour:02}:00:00Z,20.5{values},armed,1,1.5,,active,");
+        }
+        file(state, &format!("mill-7-2026-{month:02}-{day}.csv"), &text);
+    }
+}
+
+#[test]
+fn months_over_a_changed_profile_are_read_by_the_programs_of_the_manual() {
+    let home = tempfile::tempdir().unwrap();
+    let (home, state) = (home.path(), home.path().join("state"));
+    let profile = profile(home, "mill-7", 1);
+    std::fs::create_dir(&state).unwrap();
+    month(&state, 1, &["old"]);
+    let (code, said) = export(home, &profile);
+    assert!(code == 0 && said.contains("decisions of 2 days written, 0 unchanged"), "{said}");
+    // The gateway has deleted the logs of January. The profile has got a signal, and has lost one.
+    files(&state).iter().for_each(|name| std::fs::remove_file(state.join(name)).unwrap());
+    month(&state, 2, &["head"]);
+    month(&state, 3, &["head", "oil"]);
+    let (code, said) = export(home, &profile);
+    assert!(code == 0 && said.contains("decisions of 6 days written, 0 unchanged"), "{said}");
+    let (code, said) = export(home, &profile);
+    assert!(code == 0 && said.contains("decisions of 0 days written, 4 unchanged"), "{said}");
+
+    let columns = "import glob, pyarrow.parquet as pq\nfor file in sorted(glob.glob('fleet/decisions/*')):\n    \
+                   print(','.join(pq.read_schema(file).names))";
+    let expected = "time,machine,bed,old,z_permit,z_raw_um,z_cz_um,z_model,z_state,head,oil";
+    assert_eq!(python(home, columns).lines().collect::<Vec<_>>(), [expected; 6]);
+    let dataset = "import pyarrow.dataset as ds\ntable = ds.dataset('fleet/decisions').to_table()\n\
+                   print(table.num_rows, [table.num_rows - table[name].null_count for name in ('bed', 'old', 'head', 'oil')])";
+    assert_eq!(python(home, dataset).trim(), "12 [12, 4, 8, 4]");
+
+    let chapter = include_str!("../../docs/fleet.md");
+    let recipes: Vec<&str> =
+        chapter.split("```python\n").skip(1).map(|rest| rest.split("```").next().unwrap()).collect();
+    let counts = [
+        "print('counts', len(log), [int(log[name].count()) for name in ('bed', 'old', 'head', 'oil')])",
+        "print('counts', log.select(pl.len()).collect().item(), [log.select(pl.col(name).count()).collect().item() \
+         for name in ('bed', 'old', 'head', 'oil')])",
+        "print('counts', len(log), list(duckdb.sql('SELECT count(bed), count(old), count(head), count(oil) FROM log')\
+         .fetchone()))",
+    ];
+    assert_eq!(recipes.len(), counts.len());
+    for (recipe, counts) in recipes.into_iter().zip(counts) {
+        let said = python(home, &format!("{}\n{counts}", recipe.replace("my-machine", "mill-7")));
+        for word in ["2026-01", "2026-02", "2026-03", "20.5", "1.5", "counts 12 [12, 4, 8, 4]"] {
+            assert!(said.contains(word), "{word} in {said}\n{recipe}");
+        }
+    }
+}
+
+#[test]
+fn an_exported_file_that_cannot_be_read_is_written_again_if_its_logs_are_there() {
+    let home = tempfile::tempdir().unwrap();
+    let (home, state) = (home.path(), home.path().join("state"));
+    let profile = profile(home, "mill-7", 1);
+    std::fs::create_dir(&state).unwrap();
+    month(&state, 1, &[]);
+    assert_eq!(export(home, &profile).0, 0);
+    let place = home.join("fleet/decisions");
+    let [first, second] = ["10", "11"].map(|day| place.join(format!("mill-7-2026-01-{day}.parquet")));
+    for path in [&first, &second] {
+        let modified = path.metadata().unwrap().modified().unwrap();
+        std::fs::write(path, "PAR1 and no more").unwrap();
+        std::fs::File::options().write(true).open(path).unwrap().set_modified(modified).unwrap();
+    }
+    std::fs::remove_file(state.join("mill-7-2026-01-11.csv")).unwrap();
+    let (code, said) = export(home, &profile);
+    assert_eq!(code, 1, "{said}");
+    for words in ["mill-7-2026-01-11.parquet cannot be read", "decisions of 1 day written", "not written: 1"]
+    {
+        assert!(said.contains(words), "{said}");
+    }
+    let rows = "SELECT count(*) FROM read_parquet('fleet/decisions/mill-7-2026-01-10.parquet')";
+    assert_eq!(ask(home, rows), json!([[2]]));
+}
+
 /// Logs of a machine over a year, with a row per hour. Cz swings by `swing` µm a day, and changes by `drift` µm in the
 /// year.
 fn year(state: &Path, machine: &str, axis: &str, (swing, drift): (f64, f64)) {

@@ -143,6 +143,18 @@ def the_unit_is_exposed_as_the_manual_says():
 
 
 @check
+def its_memory_stays_far_below_the_limit_of_the_unit():
+    """Also while another program replaces it, with both profiles in memory."""
+    begin()
+    computer.does(f"systemctl reload {UNIT}")
+    walks_to(350)
+    found = shown("MemoryMax", "ControlGroup")
+    peak = int(computer.does(f"cat /sys/fs/cgroup{found['ControlGroup']}/memory.peak"))
+    assert peak < int(found["MemoryMax"]) / 4, (peak, found)
+    return f"{peak / 1e6:.0f} MB at most, of {int(found['MemoryMax']) / 1e6:.0f} MB"
+
+
+@check
 def a_stop_at_40_um_ends_at_zero_and_is_no_kill():
     begin()
     begun = time.monotonic()

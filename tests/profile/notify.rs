@@ -138,3 +138,50 @@ fn what_makes_no_sense_together_is_refused_or_warned_of() {
     let keys: Vec<&str> = bare.iter().map(|error| error.key.as_str()).collect();
     assert_eq!(keys, ["notify[0].url", "notify[0].on"]);
 }
+
+#[test]
+fn a_body_of_several_lines_is_accepted_and_shown() {
+    let body = "body = '''\n{ \"text\": \"{machine}: {text}\",\n\t\"n\": 1 }'''\n";
+    let loaded = parse(&posts(&format!("{TABLE}{body}"))).unwrap_or_else(|errors| panic!("{errors}"));
+    assert_eq!(loaded.warnings, []);
+    let template = loaded.profile.notify[0].body.clone().unwrap();
+    let filled = template.fill(|field| format!("<{field:?}>"));
+    assert_eq!(filled, serde_json::json!({ "text": "<Machine>: <Text>", "n": 1 }));
+    let preview = Preview::of(&loaded.profile);
+    let line = "  notify[0] to https://hooks.example, trusting the authorities of this computer, in the form of \
+                `body`: alarm, device-lost\n";
+    assert!(preview.to_string().contains(line), "{preview}");
+    let json = serde_json::to_value(&preview).unwrap();
+    assert_eq!(json["notify"][0]["body"]["text"], "{machine}: {text}");
+    let whole = parse(&posts(TABLE)).unwrap_or_else(|errors| panic!("{errors}")).profile;
+    assert_eq!(
+        serde_json::to_value(Preview::of(&whole)).unwrap()["notify"][0]["body"],
+        serde_json::Value::Null
+    );
+}
+
+#[test]
+fn a_body_that_cannot_be_filled_is_rejected_with_a_hint() {
+    for (body, words, help) in [
+        ("'{machine}: {text}'", "this is no JSON", "inside quotation marks"),
+        ("'{\"text\": \"{mashine}\"}'", "a message has no field `mashine`", "did you mean `machine`?"),
+        ("'{\"{text}\": 1}'", "the key `{text}` has the place `{text}`", "only texts can have places"),
+    ] {
+        let error = only_error(&posts(&format!("{TABLE}body = {body}\n")), "notify[0].body", body);
+        assert!(error.message.contains(words), "{error}");
+        assert!(error.help.unwrap().contains(help), "{body}");
+    }
+    let same = parse(&posts(&format!("{TABLE}body = '{{\"text\": \"an alarm\"}}'\n")));
+    let warnings = same.unwrap_or_else(|errors| panic!("{errors}")).warnings;
+    assert_eq!(warnings.len(), 1, "{warnings:?}");
+    assert!(warnings[0].message.contains("every message would have the same body"), "{}", warnings[0]);
+    // Other texts of the table have one line.
+    let error = only_error(
+        &posts(
+            &TABLE.replace("on = [\"alarm\", \"device-lost\"]", "on = [\"alarm\"]\ntoken_file = '''a\nb'''"),
+        ),
+        "notify[0].token_file",
+        "'''a",
+    );
+    assert!(error.to_string().contains("a line break"), "{error}");
+}

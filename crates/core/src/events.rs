@@ -43,6 +43,18 @@ pub enum Level {
     Error,
 }
 
+impl Level {
+    /// Returns the word for programs.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Level::Info => "info",
+            Level::Warning => "warning",
+            Level::Error => "error",
+        }
+    }
+}
+
 /// Entry of the catalogue: the properties of one kind of event.
 #[derive(Clone, Copy)]
 struct Entry {

@@ -89,6 +89,7 @@ pub use tables::label::labelled;
 pub use tables::machine::{Arm, OnStop};
 pub use tables::mqtt::broker::BrokerUrl;
 pub use tables::mqtt::{Mqtt, MqttFormat, MqttUser};
+pub use tables::notify::body::{BodyTemplate, MessageField};
 pub use tables::notify::url::Url;
 pub use tables::notify::{ALARM, ALARM_OVER, AXIS_OFF, CLOCK, Notify, TRIGGERS, UNVERIFIED};
 pub use tables::output::applied::Applied;

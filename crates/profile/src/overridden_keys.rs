@@ -4,6 +4,7 @@
 use std::collections::BTreeSet;
 use std::fmt;
 
+use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value;
 
@@ -14,7 +15,7 @@ use crate::source_map::{SourceMap, child};
 const LONGEST: usize = 80;
 
 /// Key set by a layer above the profile.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, JsonSchema, Serialize)]
 pub struct Overridden {
     /// Path of the key, for example `axis.z.limit`. If a file sets a whole table that the profile does not have, the
     /// path of the table.

@@ -242,6 +242,9 @@ impl SchemaCheck<'_> {
     }
 }
 
+/// Mark of a text in the schema that may have line breaks and tabs.
+const LINES: &str = "x-lines";
+
 /// Part of the message about invisible characters. They could control a terminal or end a line, and so falsify the text
 /// after them.
 const UNSEEN: &str = "has invisible characters, or a line break";
@@ -249,7 +252,9 @@ const SEEN: &str = "write one line, with visible characters only";
 
 /// Returns the mistake in a text and its remedy. `None` if the text is allowed.
 fn wrong_text(schema: &Value, is_duration: bool, text: &str, beside: Scaling) -> Option<(String, String)> {
-    if text.contains(is_unseen) {
+    // A text that its reader parses, for example JSON, may have several lines.
+    let has_lines = schema.get(LINES).is_some();
+    if text.contains(|one: char| is_unseen(one) && !(has_lines && matches!(one, '\n' | '\r' | '\t'))) {
         return Some((format!("the text `{text}` {UNSEEN}"), SEEN.to_owned()));
     }
     let words = schema.get("enum").and_then(Value::as_array);

@@ -1,20 +1,17 @@
-//! Logs of the decisions of one day as one table. It has the columns `time` and `machine`, and those of the logs. Only
-//! `machine_memory` is left out, because nothing but a replay needs it.
+//! Logs of the decisions of one day as one table. It has the columns `time` and `machine`, and those of the logs of all
+//! days. Only `machine_memory` is left out, because nothing but a replay needs it.
 
-use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use csv::{ByteRecord, Reader, ReaderBuilder};
 
+use super::columns::{Column, Columns, FIRST};
 use super::table::{Kind, Table};
 use crate::gateway::log::{is_for_replay, is_text};
 use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::safe_file;
-
-/// Columns of the table before those of the logs.
-const FIRST: [(&str, Kind); 2] = [("time", Kind::Moment), ("machine", Kind::Text)];
 
 /// One log. For each of its columns it has the position of the column in the table.
 struct Log<'p> {
@@ -23,18 +20,31 @@ struct Log<'p> {
     places: Vec<Option<usize>>,
 }
 
-/// Writes the logs as a Parquet file. Returns a warning for each log from which rows were left out.
-pub(super) fn write(machine: &str, logs: &[PathBuf], to: &mut File) -> anyhow::Result<Vec<String>> {
-    let mut columns: Vec<(String, Kind)> = FIRST.map(|(name, kind)| (name.to_owned(), kind)).to_vec();
-    let mut known = BTreeMap::new();
+/// Writes the logs as a Parquet file with these columns. Returns a warning for each log from which rows were left out.
+pub(super) fn write(
+    machine: &str,
+    logs: &[PathBuf],
+    columns: &Columns,
+    to: &mut File,
+) -> anyhow::Result<Vec<String>> {
     let mut opened = Vec::new();
     for path in logs {
-        opened.push(open(path, &mut columns, &mut known)?);
+        let (reader, found) = open(path)?;
+        let place = |column: Option<Column>| {
+            let Some((name, kind)) = column else { return Ok(None) };
+            let place = columns.place(&name, kind);
+            let changed = || format!("{} has changed during the export: run it again", path.display());
+            place.map(Some).with_context(changed)
+        };
+        let places = found.into_iter().map(place).collect::<anyhow::Result<Vec<_>>>()?;
+        let places = std::iter::once(Some(0)).chain(places).collect();
+        opened.push(Log { path, reader, places });
     }
-    let mut table = Table::new(to, &columns)?;
+    let columns = columns.all();
+    let mut table = Table::new(to, columns)?;
     let mut warnings = Vec::new();
     for mut log in opened {
-        let left_out = log.copy(machine, &columns, &mut table)?;
+        let left_out = log.copy(machine, columns, &mut table)?;
         if left_out > 0 {
             let rows =
                 if left_out == 1 { "row is incomplete or damaged" } else { "rows are incomplete or damaged" };
@@ -45,30 +55,26 @@ pub(super) fn write(machine: &str, logs: &[PathBuf], to: &mut File) -> anyhow::R
     Ok(warnings)
 }
 
-fn open<'p>(
-    path: &'p Path,
-    columns: &mut Vec<(String, Kind)>,
-    known: &mut BTreeMap<String, usize>,
-) -> anyhow::Result<Log<'p>> {
+/// Returns the columns of a log that are exported, without its time.
+pub(super) fn columns(path: &Path) -> anyhow::Result<Vec<Column>> {
+    Ok(open(path)?.1.into_iter().flatten().collect())
+}
+
+/// Opens a log. Returns its columns after the time; `None` for one that only a replay needs.
+fn open(path: &Path) -> anyhow::Result<(Reader<File>, Vec<Option<Column>>)> {
     let shown = || format!("{} cannot be read", path.display());
     let file = safe_file::open(path).with_context(shown)?;
     let mut reader = ReaderBuilder::new().flexible(true).from_reader(file);
     let header = reader.headers().with_context(shown)?.clone();
     let names: Vec<&str> = header.iter().collect();
-    let mut place = |name: &&str| {
+    let column = |name: &&str| {
         let kind = if is_text(name, &names) { Kind::Text } else { Kind::Number };
-        let at = *known.entry((*name).to_owned()).or_insert_with(|| {
-            // A signal may have the name of a first column.
-            let is_taken = FIRST.iter().any(|(taken, _)| taken == name);
-            columns.push((if is_taken { format!("{name}_signal") } else { (*name).to_owned() }, kind));
-            columns.len() - 1
-        });
-        Some(at)
+        (!is_for_replay(name)).then(|| ((*name).to_owned(), kind))
     };
-    let wanted = names.iter().skip(1);
-    let places = wanted.map(|name| if is_for_replay(name) { None } else { place(name) });
-    let places = std::iter::once(Some(0)).chain(places).collect();
-    Ok(Log { path, reader, places })
+    // A header that is cut off has no rows after it. Its last name is incomplete, and would be a column of all days.
+    let is_whole = reader.position().line() > 1;
+    let columns = names.iter().skip(1).filter(|_| is_whole).map(column).collect();
+    Ok((reader, columns))
 }
 
 impl Log<'_> {
@@ -137,4 +143,26 @@ impl Log<'_> {
 enum Cell<'r> {
     Number(Option<f64>),
     Text(Option<&'r str>),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_header_that_is_cut_off_gives_no_columns() {
+        let home = tempfile::tempdir().unwrap();
+        let path = home.path().join("m-2026-01-31.csv");
+        for (text, names) in [
+            ("time,bed,z_state,machine_memory\n", &["bed", "z_state"][..]),
+            ("time,bed,z_state\n2026-01-31T10:00:00Z,20.5,active\n", &["bed", "z_state"][..]),
+            ("time,bed,z_sta", &[][..]),
+            ("", &[][..]),
+        ] {
+            std::fs::write(&path, text).unwrap();
+            let found = columns(&path).unwrap();
+            let found: Vec<&str> = found.iter().map(|(name, _)| name.as_str()).collect();
+            assert_eq!(found, names, "{text}");
+        }
+    }
 }

@@ -30,10 +30,14 @@ pub(super) fn write(machine: &str, log: &Path, to: &mut File) -> anyhow::Result<
                 return;
             };
             let data = (!entry.data.is_null()).then(|| entry.data.to_string());
-            let level = format!("{:?}", entry.level).to_lowercase();
             table.moment(0, at);
-            let texts =
-                [Some(machine), Some(&*entry.kind), Some(&*level), Some(&*entry.text), data.as_deref()];
+            let texts = [
+                Some(machine),
+                Some(&*entry.kind),
+                Some(entry.level.name()),
+                Some(&*entry.text),
+                data.as_deref(),
+            ];
             texts.into_iter().enumerate().for_each(|(place, text)| table.text(place + 1, text));
             if written.is_ok() {
                 written = table.end_row();

@@ -8,12 +8,12 @@ use isotherm_core::quantity::Moment;
 use parquet::basic::{Compression, LogicalType, Repetition, TimeUnit, Type as Physical, ZstdLevel};
 use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
 use parquet::errors::ParquetError;
-use parquet::file::properties::WriterProperties;
+use parquet::file::properties::{WriterProperties, WriterPropertiesBuilder};
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::Type;
 
 /// Maximum number of values that are collected in memory before a part of the table is written.
-const HELD: usize = 2_000_000;
+pub(super) const HELD: usize = 2_000_000;
 
 /// Type of a column of the exported table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,10 +46,7 @@ impl<'f> Table<'f> {
         let fields = columns.iter().map(|(name, kind)| field(name, *kind).map(Arc::new));
         let fields = fields.collect::<Result<Vec<_>, _>>()?;
         let schema = Arc::new(Type::group_type_builder("log").with_fields(fields).build()?);
-        let packed = Compression::ZSTD(ZstdLevel::default());
-        let by = concat!("isotherm ", env!("CARGO_PKG_VERSION")).to_owned();
-        let properties = WriterProperties::builder().set_compression(packed).set_created_by(by).build();
-        let writer = SerializedFileWriter::new(file, schema, Arc::new(properties))?;
+        let writer = SerializedFileWriter::new(file, schema, Arc::new(properties().build()))?;
         let columns = columns.iter().map(|(_, kind)| Cells::of(*kind)).collect();
         Ok(Table { writer, columns, rows: 0 })
     }
@@ -125,7 +122,15 @@ impl Cells {
     }
 }
 
-fn field(name: &str, kind: Kind) -> Result<Type, ParquetError> {
+/// Returns the properties of every exported file.
+pub(super) fn properties() -> WriterPropertiesBuilder {
+    let packed = Compression::ZSTD(ZstdLevel::default());
+    let by = concat!("isotherm ", env!("CARGO_PKG_VERSION")).to_owned();
+    WriterProperties::builder().set_compression(packed).set_created_by(by)
+}
+
+/// Returns the column of an exported file in its schema.
+pub(super) fn field(name: &str, kind: Kind) -> Result<Type, ParquetError> {
     let (physical, logical, repetition) = match kind {
         Kind::Moment => {
             let logical = LogicalType::timestamp(true, TimeUnit::MICROS);

@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 
+use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value;
 
@@ -12,13 +13,14 @@ use super::journal::Entry;
 use isotherm_core::events::{EventKind, Level};
 
 /// Alarm that was raised and has not ended.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, JsonSchema, Serialize)]
 pub struct Alarm {
     /// Subject of the alarm, by which it is acknowledged, for example `signal bed`.
     pub id: String,
     /// Kind of the event that raised the alarm.
     pub kind: String,
     /// Severity of the alarm.
+    #[schemars(schema_with = "super::data::level_schema")]
     pub level: Level,
     /// Time since which the alarm is active, RFC 3339.
     pub since: String,
@@ -35,7 +37,7 @@ pub struct Alarm {
 }
 
 /// Acknowledgement of an alarm.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, JsonSchema, Serialize)]
 pub struct Acknowledgement {
     /// Time of the acknowledgement, RFC 3339.
     pub at: String,

@@ -2,10 +2,12 @@
 
 use std::time::Duration;
 
+use schemars::{Schema, SchemaGenerator, json_schema};
 use serde::Serializer;
 use serde_json::Value;
 
 use crate::clock::Correction;
+use isotherm_core::events::Level;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::safe_file::cut;
 
@@ -26,6 +28,12 @@ pub(super) fn bound(data: &mut Value) {
         Value::Object(fields) => fields.values_mut().for_each(bound),
         _ => {}
     }
+}
+
+/// Schema of the level of an event.
+pub(super) fn level_schema(_: &mut SchemaGenerator) -> Schema {
+    let levels = [Level::Info, Level::Warning, Level::Error].map(Level::name);
+    json_schema!({ "type": "string", "enum": levels })
 }
 
 pub(super) fn in_text<S: Serializer>(moment: &Moment, serializer: S) -> Result<S::Ok, S::Error> {

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::alarms::{Acknowledgement, Alarm, Alarms, Change};
@@ -19,13 +20,15 @@ const SHOWN: usize = 200;
 const UNKEPT: usize = 10_000;
 
 /// Event with its time, in the form in which it is shown and stored.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
+#[schemars(rename = "Event")]
 pub struct Entry {
     /// Time as RFC 3339.
     pub at: String,
     /// Kind of the event: one word for programs, and label of the counter.
     pub kind: Cow<'static, str>,
     /// Severity of the event.
+    #[schemars(schema_with = "super::data::level_schema")]
     pub level: Level,
     /// Sentence for people.
     pub text: String,

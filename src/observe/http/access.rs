@@ -28,6 +28,7 @@ use super::admission::Admission;
 use super::peer::Peer;
 use super::refusal::{Counts, Refusal};
 use super::refusals::{Refusals, Reports, TokenReport};
+use super::routes;
 use super::sessions::{SessionKey, Sessions};
 use super::state::HttpState;
 use super::tokens::{Change, Role, Tokens, random};
@@ -42,7 +43,7 @@ const LOOK_EVERY: Duration = Duration::from_secs(1);
 const FOR_EVERYBODY: [&str; 4] = ["/healthz", "/login", "/page/login.css", "/page/icon.svg"];
 /// The only path that a scraper may read.
 const FOR_SCRAPERS: &str = "/metrics";
-pub(super) const LOGOUT: &str = "/api/logout";
+const LOGOUT: &str = "/api/logout";
 
 /// Role of a client, and how the client has authenticated.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -82,13 +83,17 @@ pub(super) struct Access {
     reports: Mutex<Reports>,
 }
 
-/// Passes an allowed request to `next`, or answers with the reason of the refusal.
+/// Passes an allowed request to `next`, or answers with the reason of the refusal. A method that the address does not
+/// accept is refused first, because no token would change that.
 pub(super) async fn check(
     State(room): State<HttpState>,
     ConnectInfo(peer): ConnectInfo<Peer>,
     mut request: Request,
     next: Next,
 ) -> Response {
+    if let Some(entry) = routes::at(request.uri().path()).filter(|entry| !entry.accepts(request.method())) {
+        return entry.wrong_method();
+    }
     if FOR_EVERYBODY.contains(&request.uri().path()) {
         return next.run(request).await;
     }

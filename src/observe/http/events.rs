@@ -8,6 +8,7 @@ use std::time::Duration;
 use axum::extract::{RawQuery, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Json, Response};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::history::CancelFlag;
@@ -26,8 +27,9 @@ const MOST: usize = 10_000;
 /// Maximum wait for the permit to read the events.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-#[derive(Default, Serialize)]
-struct Events {
+/// Events of a time range.
+#[derive(Default, JsonSchema, Serialize)]
+pub(super) struct Events {
     /// Events in the time range, oldest first.
     events: VecDeque<Entry>,
     /// Number of older events in the time range that were left out.

@@ -5,6 +5,7 @@ use axum::body::Bytes;
 use axum::extract::{ConnectInfo, Path, State};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::peer::Peer;
@@ -15,12 +16,15 @@ use isotherm_core::compensation::MeasuredReport;
 use isotherm_profile::one_line;
 use isotherm_profile::safe_file::quoted;
 
-#[derive(Deserialize)]
+/// Measured error of an axis.
+#[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-struct Measured {
+pub(super) struct Measured {
     /// Actual minus commanded position of the axis, measured while the compensation is active, in µm.
     error_um: f64,
+    /// Time of the measurement, RFC 3339.
     time: Option<String>,
+    /// Identifier of the measurement, with which it counts once.
     id: Option<String>,
 }
 

@@ -3,15 +3,18 @@
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Json, Response};
 use isotherm_profile::one_line;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::refusal::{Counts, TOO_OFTEN};
 use crate::observe::status::Answer;
 
-/// Answer to a command. `done` is `false` while the command waits for a condition.
-#[derive(Serialize)]
+/// Answer to a command.
+#[derive(JsonSchema, Serialize)]
 pub(super) struct CommandReply {
+    /// Whether the command was carried out. `false` if it waits for a condition, or was refused.
     pub(super) done: bool,
+    /// Sentence about the result.
     pub(super) answer: String,
 }
 

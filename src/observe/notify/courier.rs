@@ -77,7 +77,7 @@ pub(super) async fn carry(
         let mut attempt = 1;
         loop {
             let told = outbox.dropped();
-            let body = message.json(told).to_string();
+            let body = message.body(outbox.notify().body.as_ref(), told);
             let posted = tokio::select! {
                 biased;
                 // After a timeout, a stop does not wait for the server again.

@@ -180,7 +180,8 @@ mod tests {
 
     fn outbox(on: &[&'static str]) -> Outbox {
         let url = Url::parse("https://a.example/secret?key=1").unwrap();
-        let notify = Notify { name: "notify[0]".into(), url, on: on.to_vec(), token_file: None, ca: None };
+        let notify =
+            Notify { name: "notify[0]".into(), url, on: on.to_vec(), token_file: None, ca: None, body: None };
         Outbox::of(&notify, "press", false)
     }
 

@@ -67,7 +67,7 @@ fn meaning(code: u16) -> &'static str {
         404 | 410 => ": is the path in `url` right?",
         405 => ": the server accepts no POST at this path",
         408 | 425 | 429 => ": the server is overloaded",
-        400..500 => ": the server does not accept such a message",
+        400..500 => ": the server does not accept such a message; does it expect another form (`body`)?",
         502..505 => ": this server passes messages on, and the next server does not answer",
         500..600 => ": the server had an internal error",
         _ => ", which is not an expected answer",

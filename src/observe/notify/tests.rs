@@ -13,7 +13,8 @@ use isotherm_profile::Url;
 async fn where_another_program_takes_its_place_nobody_waits_and_what_did_not_arrive_is_told() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let url = Url::parse(&format!("http://{}", listener.local_addr().unwrap())).unwrap();
-    let notify = Notify { name: "notify[0]".into(), url, on: vec!["zeroed"], token_file: None, ca: None };
+    let notify =
+        Notify { name: "notify[0]".into(), url, on: vec!["zeroed"], token_file: None, ca: None, body: None };
     let outboxes = Outboxes(vec![Arc::new(Outbox::of(&notify, "press", false))]);
     let receives = outboxes.listener().unwrap();
     let told = Arc::new(Mutex::new(Vec::new()));

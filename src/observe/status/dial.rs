@@ -1,10 +1,11 @@
 //! Answer of the operator in a sign check with a dial gauge.
 
 use isotherm_core::explained::Explained;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Direction in which a dial gauge moved when Cz increased.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum DialDirection {
     /// The gauge moved in the plus direction, which is correct.

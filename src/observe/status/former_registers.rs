@@ -1,11 +1,12 @@
 //! Registers that outputs no longer use, but that still contain an offset of the gateway.
 
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use isotherm_core::explained::Explained;
 
 /// Register that outputs no longer use, but that still contains an offset of the gateway.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, JsonSchema, Serialize)]
 pub struct FormerRegisterStatus {
     /// Name of the output that used the register.
     pub output: String,
@@ -29,6 +30,7 @@ pub struct FormerRegisterStatus {
     /// Minimum time until the register reaches its base value, s.
     pub back_s: Option<f64>,
     /// Reason why the register cannot be released, with a remedy; `None` if it can.
+    #[schemars(with = "Option<String>")]
     pub obstacle: Option<Explained>,
 }
 
@@ -43,7 +45,7 @@ pub enum ReleaseRequest<'a> {
 }
 
 /// Progress of the release of a former register.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ReleaseProgress {
     /// No operator has requested the release.

@@ -1,9 +1,10 @@
 //! Correction of an axis from measured errors, and the comparison of its model with no compensation.
 
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// Correction of an axis from measured errors.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, JsonSchema, Serialize)]
 pub struct ProbeStatus {
     /// Present correction that is added to the model's Cz, µm.
     pub correction_um: f64,
@@ -24,7 +25,7 @@ pub struct ProbeStatus {
 }
 
 /// Figures of a model that is worse than no compensation.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, JsonSchema, Serialize)]
 pub struct WorseStatus {
     /// Number of probings in the comparison; 0 directly after a new datum (zero point of Cz).
     pub touches: usize,
@@ -37,7 +38,7 @@ pub struct WorseStatus {
 }
 
 /// Result of one probing: a measured error of the axis.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, JsonSchema, Serialize)]
 pub struct ProbedStatus {
     /// Time of the probing, RFC 3339.
     pub at: String,
@@ -52,7 +53,7 @@ pub struct ProbedStatus {
 }
 
 /// Change of one gain that results from probings.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, JsonSchema, Serialize)]
 pub struct GainStatus {
     /// Name of the model.
     pub model: String,

@@ -33,6 +33,37 @@ fn systemd_understands_every_line_of_the_unit() {
     assert!(String::from_utf8_lossy(&output.stderr).contains("WatchdogSecs"), "it finds what is wrong");
 }
 
+/// Values of the lines with this key in the unit.
+fn values(key: &str) -> Vec<String> {
+    let unit = std::fs::read_to_string(UNIT).unwrap();
+    unit.lines().filter_map(|line| line.strip_prefix(key)?.strip_prefix('=')).map(str::to_owned).collect()
+}
+
+#[test]
+fn the_unit_allows_the_serial_ports_that_the_manual_names() {
+    let allowed = values("DeviceAllow");
+    for port in ["ttyS", "ttyUSB", "ttyACM", "ttyXRUSB", "ttyr", "ttyAMA", "ttyO", "ttymxc"] {
+        assert!(allowed.contains(&format!("char-{port} rw")), "{port} in {allowed:?}");
+        let manual = include_str!("../../../docs/service.md");
+        assert!(manual.contains(&format!("`{port}`")), "{port}");
+    }
+    assert_eq!(allowed.len(), 8, "the manual names every port: {allowed:?}");
+}
+
+/// Memory of two gateways of 500 axes, the files of both profiles, and the reading of a profile, in MB.
+#[test]
+fn the_memory_limit_of_the_unit_is_above_what_a_gateway_may_need() {
+    const MEASURED: u64 = 34;
+    let manual = include_str!("../../../docs/developing.md");
+    let row =
+        manual.lines().find(|line| line.starts_with("| An axis and an offset for each device |")).unwrap();
+    assert!(row.contains(&format!("| {MEASURED} MB |")), "{row}");
+    let limit = values("MemoryMax");
+    let [limit] = limit.as_slice() else { panic!("{limit:?}") };
+    let limit: u64 = limit.strip_suffix('G').unwrap().parse().unwrap();
+    assert!(1024 * limit > 2 * MEASURED + 2 * 256 + 240, "{limit}");
+}
+
 #[test]
 fn each_protection_that_is_left_out_has_its_reason_in_the_manual() {
     let (_, said) = analyze(&["security", "--offline=true", "--no-pager"]);

@@ -45,7 +45,8 @@ fn a_name_that_nobody_answers_for_is_asked_for_once_however_often_a_message_is_t
     let home = tempfile::tempdir().unwrap();
     let count = nobody_answers(home.path());
     let url = Url::parse("http://alarms.plant.example/").unwrap();
-    let notify = Notify { name: "notify[0]".into(), url, on: vec![ALARM], token_file: None, ca: None };
+    let notify =
+        Notify { name: "notify[0]".into(), url, on: vec![ALARM], token_file: None, ca: None, body: None };
     let server = Server::of(&notify, Err("nobody is trusted".to_owned()));
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {

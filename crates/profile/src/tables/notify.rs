@@ -11,10 +11,12 @@ use super::{KeyContext, optional};
 use crate::document::{Section, entries};
 use crate::host_port::is_loopback;
 use crate::source_map::element;
+use body::BodyTemplate;
 use isotherm_core::events::EventKind;
 pub use isotherm_core::events::{CLOCK, UNVERIFIED};
 use url::Url;
 
+pub(crate) mod body;
 pub(crate) mod url;
 
 /// Maximum number of servers. Each has a queue and a connection.
@@ -64,6 +66,10 @@ pub(crate) struct RawNotify {
     /// PEM file next to the profile with the certificate of the authority that signed the server's certificate, or with
     /// the server's certificate itself. Default: the authorities that this computer trusts.
     ca: Option<String>,
+    /// Form of the posted JSON: a JSON text in which `{machine}`, `{text}` and other fields of a message stand inside
+    /// quotation marks. The fields are escaped as JSON. Default: a document with all fields.
+    #[schemars(extend("x-lines" = true))]
+    body: Option<String>,
 }
 
 /// Prints no address, because a part of it may be secret.
@@ -90,6 +96,8 @@ pub struct Notify {
     pub token_file: Option<PathBuf>,
     /// Trusted certificates; `None` means those that this computer trusts.
     pub ca: Option<NamedFile>,
+    /// Template of the posted JSON; `None` for the whole document.
+    pub body: Option<BodyTemplate>,
 }
 
 /// Resolves all servers. Reports every error.
@@ -125,8 +133,18 @@ impl RawNotify {
             at.key("token_file").warn("the token goes over the network in plain text", help);
         }
         let token_file = self.token_file.as_ref().map(|name| PathBuf::from(at.report.files.path(name)));
-        Some(Notify { name: element("notify", place), url: url?, on: on?, token_file, ca: ca? })
+        let body = optional(self.body.as_ref(), |text| template(&at.key("body"), text));
+        Some(Notify { name: element("notify", place), url: url?, on: on?, token_file, ca: ca?, body: body? })
     }
+}
+
+fn template(at: &KeyContext<'_>, text: &str) -> Option<BodyTemplate> {
+    let template = BodyTemplate::parse(text).map_err(|(message, help)| at.invalid(message, help)).ok()?;
+    if !template.has_fields() {
+        let help = "write a field of the message into it: body = '{\"text\": \"{machine}: {text}\"}'";
+        at.warn("every message would have the same body", help);
+    }
+    Some(template)
 }
 
 fn triggers(at: &KeyContext<'_>, written: &[String]) -> Option<Vec<&'static str>> {
@@ -163,9 +181,11 @@ impl Notify {
             (Some(ca), true) => format!(", trusting {}", ca.name),
             (None, true) => ", trusting the authorities of this computer".to_owned(),
         };
-        section.line(format!("  {} to {to}{with}{trusts}: {on}", self.name));
+        let form = self.body.as_ref().map_or("", |_| ", in the form of `body`");
+        section.line(format!("  {} to {to}{with}{trusts}{form}: {on}", self.name));
         entries!(section, name = &self.name, to, on = &self.on, token_file = token);
         entries!(section, trusts = self.ca.as_ref().map(|ca| &ca.name));
+        entries!(section, body = self.body.as_ref().map(BodyTemplate::json));
         section
     }
 }

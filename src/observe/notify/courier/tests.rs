@@ -50,7 +50,8 @@ impl Post for Fake {
 
 fn outbox() -> Outbox {
     let url = Url::parse("https://a.example/secret").unwrap();
-    let notify = Notify { name: "notify[0]".into(), url, on: vec!["zeroed"], token_file: None, ca: None };
+    let notify =
+        Notify { name: "notify[0]".into(), url, on: vec!["zeroed"], token_file: None, ca: None, body: None };
     Outbox::of(&notify, "press", false)
 }
 

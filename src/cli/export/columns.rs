@@ -1,0 +1,114 @@
+//! Columns of all days of a machine. Each exported day has all of them, so that programs that take the columns from one
+//! file read every day.
+
+use std::collections::BTreeMap;
+
+use super::table::Kind;
+
+/// Columns of every day, before those of the logs.
+pub(super) const FIRST: [(&str, Kind); 2] = [("time", Kind::Moment), ("machine", Kind::Text)];
+
+/// Name and type of a column.
+pub(super) type Column = (String, Kind);
+
+/// Columns of all days, in the order in which they were added.
+#[derive(Debug)]
+pub(super) struct Columns {
+    all: Vec<Column>,
+    places: BTreeMap<String, usize>,
+}
+
+impl Columns {
+    /// Creates the list with the columns of every day.
+    pub(super) fn new() -> Columns {
+        let mut columns = Columns { all: Vec::new(), places: BTreeMap::new() };
+        FIRST.into_iter().for_each(|(name, kind)| columns.push(name.to_owned(), kind));
+        columns
+    }
+
+    pub(super) fn all(&self) -> &[Column] {
+        &self.all
+    }
+
+    /// Adds a column of an exported file, which keeps its name.
+    pub(super) fn add_exported(&mut self, name: &str, kind: Kind) {
+        if !self.places.contains_key(name) {
+            self.push(name.to_owned(), kind);
+        }
+    }
+
+    /// Adds a column of a log.
+    pub(super) fn add(&mut self, name: &str, kind: Kind) {
+        if let Err(free) = self.find(name, kind) {
+            self.push(free, kind);
+        }
+    }
+
+    /// Returns the place of a column of a log. `None` if it was not added.
+    pub(super) fn place(&self, name: &str, kind: Kind) -> Option<usize> {
+        self.find(name, kind).ok()
+    }
+
+    /// Finds the place of a column of a log. The error is the name under which it can be added. A signal may have the
+    /// name of a first column, or the name that a column of another type has on other days.
+    fn find(&self, name: &str, kind: Kind) -> Result<usize, String> {
+        let ending = if kind == Kind::Number { "signal" } else { "axis" };
+        let mut name = name.to_owned();
+        while let Some(place) = self.places.get(&name) {
+            if *place >= FIRST.len() && self.all.get(*place).is_some_and(|(_, known)| *known == kind) {
+                return Ok(*place);
+            }
+            name = format!("{name}_{ending}");
+        }
+        Err(name)
+    }
+
+    fn push(&mut self, name: String, kind: Kind) {
+        self.places.insert(name.clone(), self.all.len());
+        self.all.push((name, kind));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(columns: &Columns) -> Vec<&str> {
+        columns.all().iter().map(|(name, _)| name.as_str()).collect()
+    }
+
+    #[test]
+    fn a_column_is_added_once_in_the_order_of_the_days() {
+        let mut columns = Columns::new();
+        for (name, kind) in [("bed", Kind::Number), ("z_state", Kind::Text), ("head", Kind::Number)] {
+            columns.add(name, kind);
+            columns.add(name, kind);
+        }
+        columns.add_exported("bed", Kind::Number);
+        columns.add_exported("old", Kind::Number);
+        assert_eq!(names(&columns), ["time", "machine", "bed", "z_state", "head", "old"]);
+        assert_eq!(columns.place("z_state", Kind::Text), Some(3));
+        assert_eq!(columns.place("old", Kind::Number), Some(5));
+        assert_eq!(columns.place("new", Kind::Number), None);
+    }
+
+    #[test]
+    fn a_signal_with_the_name_of_another_column_gets_an_ending() {
+        let mut columns = Columns::new();
+        columns.add("machine", Kind::Number);
+        columns.add("x_state", Kind::Number);
+        // The profile has got an axis x since.
+        columns.add("x_state", Kind::Text);
+        assert_eq!(names(&columns), ["time", "machine", "machine_signal", "x_state", "x_state_axis"]);
+        assert_eq!(columns.place("machine", Kind::Number), Some(2));
+        assert_eq!(columns.place("x_state", Kind::Number), Some(3));
+        assert_eq!(columns.place("x_state", Kind::Text), Some(4));
+        // After an export, the names are the same again.
+        let mut again = Columns::new();
+        columns.all().iter().skip(FIRST.len()).for_each(|(name, kind)| again.add_exported(name, *kind));
+        for (name, kind) in [("x_state", Kind::Text), ("machine", Kind::Number), ("x_state", Kind::Number)] {
+            again.add(name, kind);
+        }
+        assert_eq!(again.all(), columns.all());
+    }
+}
