@@ -13,7 +13,7 @@ mod access;
 mod admission;
 mod alarms;
 mod connection;
-mod connection_limiter;
+pub(in crate::observe) mod connection_limiter;
 mod events;
 mod history;
 mod listener;

@@ -415,6 +415,16 @@ catalogue! {
     /// Messages that the broker missed could not be saved on disk for later delivery.
     BrokerNotKept = warning("broker-not-kept")
         .hint("free space in the state directory, and allow the gateway to write to it");
+    /// The OPC UA server of `[opcua_server]` cannot listen at its address, or has failed.
+    OpcUaServerClosed = warning("opcua-server-closed").raises("OPC UA server at {listen}")
+        .hint("free the address, or name another one; the gateway tries again every ten seconds, and the compensation \
+               continues");
+    /// The OPC UA server of `[opcua_server]` listens at its address now.
+    OpcUaServerOpen = info("opcua-server-open").ends(&["OPC UA server at {listen}"]);
+    /// The OPC UA server of `[opcua_server]` has refused a client, because its certificate is not trusted.
+    OpcUaClientRefused = warning("opcua-client-refused")
+        .hint("if this client may log in, copy its certificate into the directory `trusted` of `[opcua_server]`, and \
+               run `isotherm restart PROFILE --keep`");
     /// A command was carried out.
     Command = info("command");
     /// A command was refused.

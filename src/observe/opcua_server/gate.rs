@@ -1,0 +1,212 @@
+//! Gate in front of the library: it accepts the connections of clients, limits them, and passes their bytes on to the
+//! library over a loopback connection.
+//!
+//! The library accepts any number of connections, and keeps any number of answers for a client that reads none. The gate
+//! therefore limits:
+//!
+//! - the connections, in total and for each client address, so that bus lines and files keep their file descriptors;
+//! - the bytes that a client may send in a second, and with them the processor time that it can use;
+//! - the time for which a client may read nothing. Meanwhile, nothing that it sends is passed on.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+use socket2::SockRef;
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::{Mutex, Notify};
+use tokio::task::JoinSet;
+
+use crate::observe::http::connection_limiter::ConnectionLimiter;
+
+/// Time for which a client may read nothing, before its connection is closed.
+const STALL: Duration = Duration::from_secs(10);
+/// Bytes that a client may send in a second.
+const RATE: f64 = 256.0 * 1024.0;
+/// Bytes that are passed on at once.
+const PIECE: usize = 16 * 1024;
+/// Size of the send buffer of a client's connection in the kernel, in bytes. It is the amount that a client may leave
+/// unread.
+const UNREAD: usize = 256 * 1024;
+/// Wait after a connection that could not be accepted, in which others may end and release file descriptors.
+const AGAIN: Duration = Duration::from_millis(200);
+
+/// Open connections of clients.
+#[derive(Debug, Default)]
+pub(super) struct Clients {
+    count: AtomicUsize,
+    /// Wakes the updates of the values when the first client connects.
+    pub(super) first: Notify,
+}
+
+impl Clients {
+    /// Number of open connections.
+    pub(super) fn count(&self) -> usize {
+        self.count.load(Ordering::Relaxed)
+    }
+
+    fn enter(self: &Arc<Clients>) -> Client {
+        if self.count.fetch_add(1, Ordering::Relaxed) == 0 {
+            self.first.notify_one();
+        }
+        Client(self.clone())
+    }
+}
+
+/// One open connection. Dropping it ends the count.
+struct Client(Arc<Clients>);
+
+impl Drop for Client {
+    fn drop(&mut self) {
+        self.0.count.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+/// Accepts connections without end. `inside` is the address at which the library listens.
+pub(super) async fn serve(
+    listener: TcpListener,
+    inside: SocketAddr,
+    limiter: Arc<ConnectionLimiter>,
+    clients: Arc<Clients>,
+) {
+    let mut open = JoinSet::new();
+    loop {
+        let accepted = tokio::select! {
+            accepted = listener.accept() => accepted,
+            Some(_) = open.join_next() => continue,
+        };
+        let (stream, address) = match accepted {
+            Ok(accepted) => accepted,
+            Err(error) => {
+                tracing::debug!("the OPC UA server cannot accept a connection: {error}");
+                tokio::time::sleep(AGAIN).await;
+                continue;
+            }
+        };
+        // A connection above the limit is closed at once.
+        let Some(permit) = limiter.admit(address.ip()) else { continue };
+        let client = clients.enter();
+        open.spawn(async move {
+            let _held = (permit, client);
+            pass_on(stream, inside).await;
+        });
+    }
+}
+
+/// Passes the bytes of one client on, until either end closes or the client stops reading.
+async fn pass_on(client: TcpStream, inside: SocketAddr) {
+    let Ok(server) = TcpStream::connect(inside).await else { return };
+    // Both directions consist of small messages that are answered at once.
+    let _ = (client.set_nodelay(true), server.set_nodelay(true));
+    let _ = SockRef::from(&client).set_send_buffer_size(UNREAD);
+    let (from_client, to_client) = client.into_split();
+    let (from_server, to_server) = server.into_split();
+    relay((from_client, to_client), (from_server, to_server)).await;
+}
+
+async fn relay(
+    (from_client, to_client): (impl AsyncRead + Unpin, impl AsyncWrite + Unpin),
+    (from_server, to_server): (impl AsyncRead + Unpin, impl AsyncWrite + Unpin),
+) {
+    let writing = Mutex::new(());
+    tokio::select! {
+        () = requests(from_client, to_server, &writing) => {}
+        () = answers(from_server, to_client, &writing) => {}
+    }
+}
+
+/// Passes requests on, at most [`RATE`] bytes a second, and none while an answer waits for the client.
+async fn requests(mut from: impl AsyncRead + Unpin, mut to: impl AsyncWrite + Unpin, writing: &Mutex<()>) {
+    let mut piece = vec![0; PIECE];
+    loop {
+        let Ok(length @ 1..) = from.read(&mut piece).await else { return };
+        drop(writing.lock().await);
+        if to.write_all(&piece[..length]).await.is_err() {
+            return;
+        }
+        let bytes = u32::try_from(length).map_or(RATE, f64::from);
+        tokio::time::sleep(Duration::from_secs_f64(bytes / RATE)).await;
+    }
+}
+
+/// Passes answers on, until the client accepts no byte for [`STALL`].
+async fn answers(mut from: impl AsyncRead + Unpin, mut to: impl AsyncWrite + Unpin, writing: &Mutex<()>) {
+    let mut piece = vec![0; PIECE];
+    loop {
+        let Ok(length @ 1..) = from.read(&mut piece).await else { return };
+        let _writing = writing.lock().await;
+        let mut rest = &piece[..length];
+        while !rest.is_empty() {
+            match tokio::time::timeout(STALL, to.write(rest)).await {
+                Ok(Ok(written @ 1..)) => rest = &rest[written..],
+                _ => return,
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tokio::io::duplex;
+    use tokio::time::timeout;
+
+    /// Starts a relay. Returns the client's end and the server's end of it.
+    fn between(buffer: usize) -> (tokio::io::DuplexStream, tokio::io::DuplexStream) {
+        let (client, outer) = duplex(buffer);
+        let (server, inner) = duplex(buffer);
+        let (outer, inner) = (tokio::io::split(outer), tokio::io::split(inner));
+        tokio::spawn(relay(outer, inner));
+        (client, server)
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn bytes_arrive_unchanged_in_both_directions_and_an_end_ends_both() {
+        let (mut client, mut server) = between(4096);
+        client.write_all(b"hello").await.unwrap();
+        let mut five = [0; 5];
+        server.read_exact(&mut five).await.unwrap();
+        assert_eq!(&five, b"hello");
+        server.write_all(b"there").await.unwrap();
+        client.read_exact(&mut five).await.unwrap();
+        assert_eq!(&five, b"there");
+        drop(server);
+        assert_eq!(client.read(&mut five).await.unwrap(), 0);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_client_that_reads_nothing_is_not_served_any_longer_and_closed_in_the_end() {
+        let (mut client, mut server) = between(1024);
+        let flood = async { while server.write_all(&[7; 512]).await.is_ok() {} };
+        assert!(timeout(STALL / 2, flood).await.is_err(), "it waits for the client");
+        client.write_all(b"more").await.unwrap();
+        let mut four = [0; 4];
+        assert!(timeout(STALL / 4, server.read_exact(&mut four)).await.is_err(), "no request is passed on");
+        let flood = async { while server.write_all(&[7; 512]).await.is_ok() {} };
+        assert!(timeout(STALL * 2, flood).await.is_ok(), "the connection is closed");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_client_sends_no_more_than_its_rate() {
+        let (mut client, mut server) = between(PIECE);
+        let sent = 8 * PIECE;
+        tokio::spawn(async move {
+            let _ = client.write_all(&vec![1; sent]).await;
+            tokio::time::sleep(Duration::from_secs(60)).await;
+        });
+        let mut all = vec![0; sent];
+        let least = Duration::from_secs_f64(6.0 * 16.0 * 1024.0 / RATE);
+        assert!(timeout(least, server.read_exact(&mut all)).await.is_err());
+    }
+
+    #[test]
+    fn the_first_client_wakes_the_updates_and_each_is_counted() {
+        let clients = Arc::new(Clients::default());
+        let (one, two) = (clients.enter(), clients.enter());
+        assert_eq!(clients.count(), 2);
+        drop((one, two));
+        assert_eq!(clients.count(), 0);
+    }
+}

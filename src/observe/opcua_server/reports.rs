@@ -1,0 +1,78 @@
+//! Reports about refused clients, at most one a minute of each kind.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::pki::RejectedClient;
+use super::refusals::Refusals;
+use crate::observe::events::{Event, OpcUaServerEvent};
+use crate::observe::requester::{Channel, Requester};
+use crate::observe::status::GatewayApi;
+
+/// Shortest time between two reports of one kind.
+const EVERY: Duration = Duration::from_secs(60);
+/// Interval at which refused clients are looked for.
+const LOOK_EVERY: Duration = Duration::from_secs(1);
+
+/// Reports about refused clients.
+#[derive(Debug, Default)]
+pub(super) struct Reports {
+    looked: Option<Duration>,
+    login: Option<Duration>,
+    client: Option<Duration>,
+    /// Refused clients that are not reported yet: the last one, and the number of the others.
+    waiting: Option<(RejectedClient, u64)>,
+}
+
+/// Returns whether the interval since the last time is over. The new time is then stored.
+fn is_due(last: &mut Option<Duration>, every: Duration, now: Duration) -> bool {
+    let is_due = last.is_none_or(|last| now >= last + every);
+    if is_due {
+        *last = Some(now);
+    }
+    is_due
+}
+
+impl Reports {
+    /// Returns whether refused clients are to be looked for. `now` is the time since the start of the computer.
+    pub(super) fn is_time_to_look(&mut self, now: Duration) -> bool {
+        is_due(&mut self.looked, LOOK_EVERY, now)
+    }
+
+    /// Reports the clients and logins that were refused.
+    pub(super) fn report(
+        &mut self,
+        now: Duration,
+        (rejected, refusals): (Vec<RejectedClient>, &Refusals),
+        source: &Arc<dyn GatewayApi>,
+    ) {
+        for client in rejected {
+            let others = self.waiting.take().map_or(0, |(_, others)| others + 1);
+            self.waiting = Some((client, others));
+        }
+        if self.waiting.is_some() && is_due(&mut self.client, EVERY, now) {
+            let refused = self.waiting.take().map(|(RejectedClient { subject, thumbprint }, others)| {
+                OpcUaServerEvent::ClientRefused { client: subject, thumbprint, others }
+            });
+            refused.into_iter().for_each(|refused| source.report(&Event::OpcUaServer(refused)));
+        }
+        if refusals.any() && is_due(&mut self.login, EVERY, now) {
+            let (count, name) = refusals.take();
+            let why = format!("wrong user, password or certificate: {count} since the last report");
+            source.turned_away("log in", &Requester::new(Channel::OpcUa, name), &why);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_many_refused_clients_one_a_minute_is_due() {
+        let mut last = None;
+        let second = Duration::from_secs(1);
+        let due = (0..200_u32).filter(|at| is_due(&mut last, EVERY, second * *at));
+        assert_eq!(due.collect::<Vec<_>>(), [0, 60, 120, 180]);
+    }
+}
