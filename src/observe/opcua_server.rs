@@ -4,8 +4,9 @@
 //! clients ─► gate (limits) ─► library (loopback) ─► nodes ◄─ updates ◄─ status of the gateway
 //! ```
 //!
-//! A separate thread with a low priority serves the clients. It reads the status that the web page shows. No bus line and
-//! no web page waits for it. Without a client, it does not read the status.
+//! A separate thread serves the clients. It reads the status that the web page shows. No bus line and no web page waits
+//! for it. Without a client, it does not read the status. Its priority is that of the other threads: a thread with a lower
+//! one could be interrupted for long while it holds the lock of the status.
 //!
 //! # Layout
 //! - `catalogue`, `tree`: the fields of the status, and the nodes made of them.
@@ -19,7 +20,6 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use rustix::process::setpriority_process;
 use tokio::sync::{oneshot, watch};
 
 use super::status::GatewayApi;
@@ -48,9 +48,6 @@ mod users;
 
 pub use files::{Login, OwnCertificate, Secret, ServerFiles};
 
-/// Priority of the thread (`nice`). The lines of the gateway have priority 0, and get nine times as much of a busy
-/// processor.
-const NICE: i32 = 10;
 /// Maximum number of threads that resolve host names.
 const LOOKUPS: usize = 1;
 /// Longest time for which the end of the gateway waits for the server.
@@ -104,8 +101,6 @@ impl Serving {
         let (stop, stopped) = watch::channel(false);
         let (over, ended) = oneshot::channel();
         let thread = std::thread::Builder::new().name("opcua".to_owned()).spawn(move || {
-            // On Linux, this is the priority of this thread alone. Without permission, it stays the same.
-            let _ = setpriority_process(None, NICE);
             runtime.block_on(runner.run(stopped));
             // A name lookup that has not ended must not delay the end.
             runtime.shutdown_background();

@@ -33,6 +33,8 @@ pub(super) struct Pki {
     directory: PathBuf,
     /// File names of the refused certificates that have been reported.
     reported: BTreeSet<String>,
+    /// Private key; `None` without security. The library reads it for each connection.
+    key: Option<KeyInMemory>,
 }
 
 /// Certificate of a refused client.
@@ -60,12 +62,11 @@ impl KeyInMemory {
 }
 
 impl Pki {
-    /// Makes the directory from the files of the profile. Returns it with the private key.
+    /// Makes the directory from the files of the profile.
     ///
     /// # Errors
     /// The directory cannot be written.
-    pub(super) fn make(directory: &Path, files: &ServerFiles) -> io::Result<(Pki, Option<KeyInMemory>)> {
-        let pki = Pki { directory: directory.to_owned(), reported: BTreeSet::new() };
+    pub(super) fn make(directory: &Path, files: &ServerFiles) -> io::Result<Pki> {
         make_directory(directory)?;
         for name in [TRUSTED, REJECTED, "own"] {
             let inside = directory.join(name);
@@ -78,14 +79,24 @@ impl Pki {
             let cert = X509::from_der(der).map_err(|_| io::Error::from(ErrorKind::InvalidData))?;
             write(&directory.join(TRUSTED).join(CertificateStore::cert_file_name(&cert)), der)?;
         }
-        let Some(own) = &files.own else { return Ok((pki, None)) };
-        write(&directory.join(OWN), &own.cert)?;
-        Ok((pki, Some(KeyInMemory::of(own)?)))
+        let key = match &files.own {
+            Some(own) => {
+                write(&directory.join(OWN), &own.cert)?;
+                Some(KeyInMemory::of(own)?)
+            }
+            None => None,
+        };
+        Ok(Pki { directory: directory.to_owned(), reported: BTreeSet::new(), key })
     }
 
     /// Path of the directory.
     pub(super) fn directory(&self) -> &Path {
         &self.directory
+    }
+
+    /// Private key; `None` without security.
+    pub(super) fn key(&self) -> Option<&KeyInMemory> {
+        self.key.as_ref()
     }
 
     /// Returns the clients that were refused since the last call, and removes the oldest certificates. A directory that
@@ -142,15 +153,15 @@ mod tests {
     fn of_many_refused_certificates_the_newest_are_kept_and_each_is_reported_once() {
         let home = tempfile::tempdir().unwrap();
         let directory = home.path().join("press-opcua");
-        let (mut pki, key) = Pki::make(&directory, &ServerFiles::default()).unwrap();
-        assert!(key.is_none() && pki.rejected().is_empty());
+        let mut pki = Pki::make(&directory, &ServerFiles::default()).unwrap();
+        assert!(pki.key().is_none() && pki.rejected().is_empty());
         let rejected = directory.join(REJECTED);
         for number in 0..50 {
             std::fs::write(rejected.join(format!("{number}.der")), "no certificate").unwrap();
         }
         assert!(pki.rejected().is_empty(), "they are no certificates");
         assert_eq!(std::fs::read_dir(&rejected).unwrap().count(), MOST_REJECTED);
-        let (mut pki, _) = Pki::make(&directory, &ServerFiles::default()).unwrap();
+        let mut pki = Pki::make(&directory, &ServerFiles::default()).unwrap();
         assert_eq!(std::fs::read_dir(&rejected).unwrap().count(), 0, "a start begins with none");
         assert!(pki.rejected().is_empty());
     }
@@ -160,8 +171,8 @@ mod tests {
         let home = tempfile::tempdir().unwrap();
         let own = OwnCertificate { cert: b"certificate".to_vec(), key: b"secret key".to_vec() };
         let files = ServerFiles { own: Some(own), ..ServerFiles::default() };
-        let (pki, key) = Pki::make(&home.path().join("press-opcua"), &files).unwrap();
-        assert_eq!(std::fs::read(key.unwrap().path()).unwrap(), b"secret key");
+        let pki = Pki::make(&home.path().join("press-opcua"), &files).unwrap();
+        assert_eq!(std::fs::read(pki.key().unwrap().path()).unwrap(), b"secret key");
         assert_eq!(std::fs::read(pki.directory().join(OWN)).unwrap(), b"certificate");
         let own: Vec<String> = std::fs::read_dir(pki.directory().join("own"))
             .unwrap()

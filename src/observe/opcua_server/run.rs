@@ -137,7 +137,7 @@ impl Runner {
 
     /// Makes the server of the library, and the updater of its nodes.
     fn library(&self, address: SocketAddr) -> Result<(::opcua::server::Server, Updates), String> {
-        let (pki, key) = Pki::make(&self.directory, &self.files).map_err(|error| {
+        let pki = Pki::make(&self.directory, &self.files).map_err(|error| {
             format!("{} cannot be written: {}", self.directory.display(), without_numbers(&error.to_string()))
         })?;
         let status = self.source.status();
@@ -155,7 +155,7 @@ impl Runner {
             shown: (host.as_str(), address.port()),
             connections: self.connections,
             directory: pki.directory().to_owned(),
-            key: key.as_ref(),
+            key: pki.key(),
         };
         let (server, handle) = setup.server(NodesBuilder { tree: tree.clone(), measured }, users)?;
         let manager = handle.node_managers().get_of_type::<Manager>();
