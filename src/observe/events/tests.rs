@@ -140,6 +140,12 @@ fn troubles() -> Vec<Event> {
         Event::Broker(Broker::Down { broker: name(), why: "no answer".into() }),
         Event::Broker(Broker::Dropped { broker: name(), count: 3 }),
         Event::Broker(Broker::NotKept { broker: name(), why: "the disk is full".into() }),
+        Event::OpcUaServer(OpcUaServerEvent::Closed { listen: "a:1".into(), why: "taken".into() }),
+        Event::OpcUaServer(OpcUaServerEvent::ClientRefused {
+            client: "CN=mes".into(),
+            thumbprint: "5f3a".into(),
+            others: 1,
+        }),
         Event::Delivery(Delivery::Failed { notify: name(), to: "b".into(), why: "no answer".into() }),
         Event::Delivery(Delivery::Dropped { notify: name(), to: "b".into(), count: 3 }),
     ];
@@ -164,6 +170,8 @@ fn troubles() -> Vec<Event> {
             (CertificateOwner::Gateway, true),
             (CertificateOwner::User, false),
             (CertificateOwner::Server, false),
+            (CertificateOwner::OwnServer, true),
+            (CertificateOwner::Client, false),
         ]
         .map(|(whose, is_over)| {
             let (bus, file) = (name(), "own.der".to_owned());

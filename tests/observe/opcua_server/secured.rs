@@ -83,6 +83,24 @@ fn who_is_not_known_is_refused_and_reported() {
 }
 
 #[test]
+fn the_expiry_of_the_certificate_of_the_server_or_of_a_client_is_warned_of() {
+    let home = tempfile::tempdir().unwrap();
+    certificates(home.path());
+    let soon = SECURED.replace("server.der", "soon.der").replace("server.pem", "soon.pem");
+    file(home.path(), "machine.toml", &profile(&nowhere(), 4840, &soon));
+    let done =
+        isotherm(home.path()).args(["check", "machine.toml"]).current_dir(home.path()).output().unwrap();
+    let said = String::from_utf8_lossy(&done.stderr);
+    for words in [
+        "the OPC UA server: the OPC UA server's certificate soon.der expires on",
+        "`isotherm opcua certificate PROFILE --server`",
+        "the OPC UA server: the client's certificate clients/old.der expired on",
+    ] {
+        assert!(said.contains(words), "{words}: {said}");
+    }
+}
+
+#[test]
 fn only_an_authorised_user_teaches_an_axis_and_no_other_command_is_there() {
     let machine = Machine::with(SECURED, certificates);
     let (reader, probe) = (["--user", "mes:hot-and-cold"], ["--user-cert", "user"]);
