@@ -116,7 +116,7 @@ impl Runner {
             tokio::select! {
                 () = &mut gate => {}
                 ended = &mut server => {
-                    let why = ended.map_or_else(|error| Err(error.to_string()), |ended| ended);
+                    let why = ended.unwrap_or_else(|error| Err(error.to_string()));
                     return Err(format!("the server has ended: {}", why.err().unwrap_or_default()));
                 }
                 () = clients.first.notified() => updates.refresh(),
