@@ -13,7 +13,7 @@
 //! - `sampler`, `convert`, `units`: values, qualities, times and units of the nodes.
 //! - `nodes`, `measured`: the address space of the library, and the only method.
 //! - `users`, `pki`, `files`: who may log in. `refusals`, `reports`: reports about those who may not.
-//! - `gate`: limits on connections. `setup`, `updates`, `event_feed`, `run`: start of the library, and its updates.
+//! - `gate`, `screen`: limits on connections and on messages. `setup`, `updates`, `event_feed`, `run`: start of the library, and its updates.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -40,6 +40,7 @@ mod refusals;
 mod reports;
 mod run;
 mod sampler;
+mod screen;
 mod setup;
 mod tree;
 mod units;

@@ -11,6 +11,7 @@ opcua_client.py URL [OPTIONS] many NUMBER SECONDS ID  the same with so many clie
 opcua_client.py URL [OPTIONS] events SECONDS     subscribes to the events of the server, prints `ready`, then the events
 opcua_client.py URL [OPTIONS] deaf SECONDS       subscribes to every signal, prints `ready`, and reads nothing any more
 opcua_client.py URL [OPTIONS] endpoints          prints the endpoints, without a login
+opcua_client.py URL [OPTIONS] sessions NUMBER    creates so many sessions without a login, on a channel without security
 
 A refusal is {"error": NAME OF THE STATUS}. Node identifiers are those in the namespace of the gateway."""
 
@@ -180,6 +181,13 @@ async def main():
     if given.does == "endpoints":
         found = await Client(given.url, timeout=10).connect_and_get_server_endpoints()
         return [[one.SecurityMode.name, one.SecurityPolicyUri.split("#")[1], one.EndpointUrl] for one in found]
+    if given.does == "sessions":
+        made = Client(given.url, timeout=10)
+        await made.connect_sessionless()
+        asks = ua.CreateSessionParameters(EndpointUrl=given.url, SessionName="many", RequestedSessionTimeout=60000)
+        for _ in range(int(given.more[0])):
+            await made.uaclient.create_session(asks)
+        return "created"
     if given.does == "many":
         return await many(int(given.more[0]), float(given.more[1]), given.more[2])
     async with await client() as server:

@@ -6,7 +6,8 @@
 //!
 //! - the connections, in total and for each client address, so that bus lines and files keep their file descriptors;
 //! - the bytes that a client may send in a second, and with them the processor time that it can use;
-//! - the time for which a client may read nothing. Meanwhile, nothing that it sends is passed on.
+//! - the time for which a client may read nothing. Meanwhile, nothing that it sends is passed on;
+//! - the messages to those that an endpoint offers ([`Screen`]).
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -19,6 +20,7 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{Mutex, Notify};
 use tokio::task::JoinSet;
 
+use super::screen::{Refusal, Rules, Screen, Then};
 use crate::observe::http::connection_limiter::ConnectionLimiter;
 
 /// Time for which a client may read nothing, before its connection is closed.
@@ -67,7 +69,7 @@ impl Drop for Client {
 /// Accepts connections without end. `inside` is the address at which the library listens.
 pub(super) async fn serve(
     listener: TcpListener,
-    inside: SocketAddr,
+    (inside, rules): (SocketAddr, Arc<Rules>),
     limiter: Arc<ConnectionLimiter>,
     clients: Arc<Clients>,
 ) {
@@ -88,43 +90,74 @@ pub(super) async fn serve(
         // A connection above the limit is closed at once.
         let Some(permit) = limiter.admit(address.ip()) else { continue };
         let client = clients.enter();
+        let screen = Screen::new(rules.clone());
         open.spawn(async move {
             let _held = (permit, client);
-            pass_on(stream, inside).await;
+            pass_on(stream, inside, screen).await;
         });
     }
 }
 
 /// Passes the bytes of one client on, until either end closes or the client stops reading.
-async fn pass_on(client: TcpStream, inside: SocketAddr) {
+async fn pass_on(client: TcpStream, inside: SocketAddr, screen: Screen) {
     let Ok(server) = TcpStream::connect(inside).await else { return };
     // Both directions consist of small messages that are answered at once.
     let _ = (client.set_nodelay(true), server.set_nodelay(true));
     let _ = SockRef::from(&client).set_send_buffer_size(UNREAD);
     let (from_client, to_client) = client.into_split();
     let (from_server, to_server) = server.into_split();
-    relay((from_client, to_client), (from_server, to_server)).await;
+    relay((from_client, to_client), (from_server, to_server), screen).await;
+}
+
+/// What both directions of a connection share.
+#[derive(Default)]
+struct Shared {
+    /// Held while an answer waits for the client.
+    writing: Mutex<()>,
+    /// Notified of each answer of the library.
+    answered: Notify,
 }
 
 async fn relay(
-    (from_client, to_client): (impl AsyncRead + Unpin, impl AsyncWrite + Unpin),
+    (from_client, mut to_client): (impl AsyncRead + Unpin, impl AsyncWrite + Unpin),
     (from_server, to_server): (impl AsyncRead + Unpin, impl AsyncWrite + Unpin),
+    screen: Screen,
 ) {
-    let writing = Mutex::new(());
-    tokio::select! {
-        () = requests(from_client, to_server, &writing) => {}
-        () = answers(from_server, to_client, &writing) => {}
+    let shared = Shared::default();
+    let refusal = tokio::select! {
+        refusal = requests(from_client, to_server, &shared, screen) => refusal,
+        () = answers(from_server, &mut to_client, &shared) => None,
+    };
+    if let Some(refusal) = refusal {
+        // The client may be gone already.
+        let _ = tokio::time::timeout(STALL, to_client.write_all(&refusal.message())).await;
     }
 }
 
-/// Passes requests on, at most [`RATE`] bytes a second, and none while an answer waits for the client.
-async fn requests(mut from: impl AsyncRead + Unpin, mut to: impl AsyncWrite + Unpin, writing: &Mutex<()>) {
-    let mut piece = vec![0; PIECE];
+/// Passes requests on, at most [`RATE`] bytes a second, and none while an answer waits for the client. Returns the reason
+/// if a message is refused, and `None` if either end is closed.
+async fn requests(
+    mut from: impl AsyncRead + Unpin,
+    mut to: impl AsyncWrite + Unpin,
+    Shared { writing, answered }: &Shared,
+    mut screen: Screen,
+) -> Option<Refusal> {
+    let (mut piece, mut passed) = (vec![0; PIECE], Vec::new());
     loop {
-        let Ok(length @ 1..) = from.read(&mut piece).await else { return };
-        drop(writing.lock().await);
-        if to.write_all(&piece[..length]).await.is_err() {
-            return;
+        let Ok(length @ 1..) = from.read(&mut piece).await else { return None };
+        let mut rest = &piece[..length];
+        while !rest.is_empty() {
+            drop(writing.lock().await);
+            passed.clear();
+            let (used, then) = match screen.pass(rest, &mut passed) {
+                Ok(found) => found,
+                Err(refusal) => return Some(refusal),
+            };
+            rest = &rest[used..];
+            to.write_all(&passed).await.ok()?;
+            if then == Then::Wait {
+                answered.notified().await;
+            }
         }
         let bytes = u32::try_from(length).map_or(RATE, f64::from);
         tokio::time::sleep(Duration::from_secs_f64(bytes / RATE)).await;
@@ -132,10 +165,15 @@ async fn requests(mut from: impl AsyncRead + Unpin, mut to: impl AsyncWrite + Un
 }
 
 /// Passes answers on, until the client accepts no byte for [`STALL`].
-async fn answers(mut from: impl AsyncRead + Unpin, mut to: impl AsyncWrite + Unpin, writing: &Mutex<()>) {
+async fn answers(
+    mut from: impl AsyncRead + Unpin,
+    mut to: impl AsyncWrite + Unpin,
+    Shared { writing, answered }: &Shared,
+) {
     let mut piece = vec![0; PIECE];
     loop {
         let Ok(length @ 1..) = from.read(&mut piece).await else { return };
+        answered.notify_one();
         let _writing = writing.lock().await;
         let mut rest = &piece[..length];
         while !rest.is_empty() {
@@ -149,31 +187,58 @@ async fn answers(mut from: impl AsyncRead + Unpin, mut to: impl AsyncWrite + Unp
 
 #[cfg(test)]
 mod tests {
+    use super::super::screen::tests::message;
     use super::*;
-    use tokio::io::duplex;
+    use isotherm_profile::Security;
+    use tokio::io::{DuplexStream, duplex};
     use tokio::time::timeout;
 
-    /// Starts a relay. Returns the client's end and the server's end of it.
-    fn between(buffer: usize) -> (tokio::io::DuplexStream, tokio::io::DuplexStream) {
+    /// Starts a relay to a server without security. Returns the client's end and the server's end of it.
+    fn between(buffer: usize) -> (DuplexStream, DuplexStream) {
         let (client, outer) = duplex(buffer);
         let (server, inner) = duplex(buffer);
         let (outer, inner) = (tokio::io::split(outer), tokio::io::split(inner));
-        tokio::spawn(relay(outer, inner));
+        tokio::spawn(relay(outer, inner, Screen::new(Arc::new(Rules::of(Security::None)))));
         (client, server)
+    }
+
+    async fn received(from: &mut DuplexStream, length: usize) -> Vec<u8> {
+        let mut bytes = vec![0; length];
+        from.read_exact(&mut bytes).await.unwrap();
+        bytes
     }
 
     #[tokio::test(start_paused = true)]
     async fn bytes_arrive_unchanged_in_both_directions_and_an_end_ends_both() {
         let (mut client, mut server) = between(4096);
-        client.write_all(b"hello").await.unwrap();
-        let mut five = [0; 5];
-        server.read_exact(&mut five).await.unwrap();
-        assert_eq!(&five, b"hello");
+        let hello = message("HELF", b"how are you");
+        client.write_all(&hello).await.unwrap();
+        assert_eq!(received(&mut server, hello.len()).await, hello);
         server.write_all(b"there").await.unwrap();
-        client.read_exact(&mut five).await.unwrap();
-        assert_eq!(&five, b"there");
+        assert_eq!(received(&mut client, 5).await, b"there");
         drop(server);
-        assert_eq!(client.read(&mut five).await.unwrap(), 0);
+        assert_eq!(client.read(&mut [0; 5]).await.unwrap(), 0);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn what_follows_a_hello_waits_for_the_answer_to_it() {
+        let (mut client, mut server) = between(4096);
+        let (hello, close) = (message("HELF", b"how are you"), message("CLOF", b"bye"));
+        client.write_all(&[hello.clone(), close.clone()].concat()).await.unwrap();
+        assert_eq!(received(&mut server, hello.len()).await, hello);
+        assert!(timeout(STALL, server.read(&mut [0; 1])).await.is_err(), "it waits for the answer");
+        server.write_all(b"well").await.unwrap();
+        assert_eq!(received(&mut server, close.len()).await, close);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn who_sends_no_message_of_opc_ua_gets_the_reason_and_the_server_nothing() {
+        let (mut client, mut server) = between(4096);
+        client.write_all(b"GET / HTTP/1.1\r\n\r\n").await.unwrap();
+        let mut answer = Vec::new();
+        client.read_to_end(&mut answer).await.unwrap();
+        assert_eq!(answer, Refusal::NoMessage.message());
+        assert_eq!(server.read(&mut [0; 1]).await.unwrap(), 0);
     }
 
     #[tokio::test(start_paused = true)]
@@ -181,7 +246,7 @@ mod tests {
         let (mut client, mut server) = between(1024);
         let flood = async { while server.write_all(&[7; 512]).await.is_ok() {} };
         assert!(timeout(STALL / 2, flood).await.is_err(), "it waits for the client");
-        client.write_all(b"more").await.unwrap();
+        client.write_all(&message("CLOF", b"more")).await.unwrap();
         let mut four = [0; 4];
         assert!(timeout(STALL / 4, server.read_exact(&mut four)).await.is_err(), "no request is passed on");
         let flood = async { while server.write_all(&[7; 512]).await.is_ok() {} };
@@ -191,12 +256,12 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn a_client_sends_no_more_than_its_rate() {
         let (mut client, mut server) = between(PIECE);
-        let sent = 8 * PIECE;
+        let long = message("CLOF", &vec![1; 8 * PIECE]);
+        let mut all = vec![0; long.len()];
         tokio::spawn(async move {
-            let _ = client.write_all(&vec![1; sent]).await;
+            let _ = client.write_all(&long).await;
             tokio::time::sleep(Duration::from_secs(60)).await;
         });
-        let mut all = vec![0; sent];
         let least = Duration::from_secs_f64(6.0 * 16.0 * 1024.0 / RATE);
         assert!(timeout(least, server.read_exact(&mut all)).await.is_err());
     }

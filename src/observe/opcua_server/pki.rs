@@ -77,7 +77,12 @@ impl Pki {
         }
         for der in &files.trusted {
             let cert = X509::from_der(der).map_err(|_| io::Error::from(ErrorKind::InvalidData))?;
-            write(&directory.join(TRUSTED).join(CertificateStore::cert_file_name(&cert)), der)?;
+            let path = directory.join(TRUSTED).join(CertificateStore::cert_file_name(&cert));
+            match write(&path, der) {
+                // The profile may name one certificate twice, for example in DER and in PEM form.
+                Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+                written => written?,
+            }
         }
         let key = match &files.own {
             Some(own) => {
@@ -164,6 +169,17 @@ mod tests {
         let mut pki = Pki::make(&directory, &ServerFiles::default()).unwrap();
         assert_eq!(std::fs::read_dir(&rejected).unwrap().count(), 0, "a start begins with none");
         assert!(pki.rejected().is_empty());
+    }
+
+    #[test]
+    fn a_certificate_that_two_files_contain_is_trusted_once() {
+        let cert = rcgen::generate_simple_self_signed(["mes".to_owned()]).unwrap().cert.der().to_vec();
+        let home = tempfile::tempdir().unwrap();
+        let files = ServerFiles { trusted: vec![cert.clone(), cert.clone()], ..ServerFiles::default() };
+        let pki = Pki::make(&home.path().join("press-opcua"), &files).unwrap();
+        let mut trusted = std::fs::read_dir(pki.directory().join(TRUSTED)).unwrap();
+        assert_eq!(std::fs::read(trusted.next().unwrap().unwrap().path()).unwrap(), cert);
+        assert!(trusted.next().is_none());
     }
 
     #[test]

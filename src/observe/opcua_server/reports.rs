@@ -11,13 +11,12 @@ use crate::observe::status::GatewayApi;
 
 /// Shortest time between two reports of one kind.
 const EVERY: Duration = Duration::from_secs(60);
-/// Interval at which refused clients are looked for.
-const LOOK_EVERY: Duration = Duration::from_secs(1);
+/// Interval at which refused clients are looked for. The library stores the certificate of each until then.
+pub(super) const LOOK_EVERY: Duration = Duration::from_secs(1);
 
 /// Reports about refused clients.
 #[derive(Debug, Default)]
 pub(super) struct Reports {
-    looked: Option<Duration>,
     login: Option<Duration>,
     client: Option<Duration>,
     /// Refused clients that are not reported yet: the last one, and the number of the others.
@@ -34,12 +33,7 @@ fn is_due(last: &mut Option<Duration>, every: Duration, now: Duration) -> bool {
 }
 
 impl Reports {
-    /// Returns whether refused clients are to be looked for. `now` is the time since the start of the computer.
-    pub(super) fn is_time_to_look(&mut self, now: Duration) -> bool {
-        is_due(&mut self.looked, LOOK_EVERY, now)
-    }
-
-    /// Reports the clients and logins that were refused.
+    /// Reports the clients and logins that were refused. `now` is the time since the start of the computer.
     pub(super) fn report(
         &mut self,
         now: Duration,

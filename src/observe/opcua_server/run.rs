@@ -17,6 +17,8 @@ use super::measured::Measured;
 use super::nodes::{Manager, NodesBuilder};
 use super::pki::Pki;
 use super::refusals::Refusals;
+use super::reports::LOOK_EVERY;
+use super::screen::Rules;
 use super::setup::Setup;
 use super::tree::Tree;
 use super::updates::{Library, Updates};
@@ -109,9 +111,14 @@ impl Runner {
         tracing::info!("OPC UA clients are served at opc.tcp://{}:{}", self.host(address), address.port());
         let clients = Arc::new(Clients::default());
         let limiter = Arc::new(ConnectionLimiter::new(Limits::of(self.connections)));
-        let mut gate = pin!(gate::serve(listener, inside_address, limiter, clients.clone()));
+        let library = (inside_address, Arc::new(Rules::of(self.settings.security)));
+        let mut gate = pin!(gate::serve(listener, library, limiter, clients.clone()));
         let mut ticks = interval(self.settings.every);
-        ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
+        // Refused certificates fill the disk meanwhile, however seldom the nodes are updated.
+        let mut looks = interval(LOOK_EVERY);
+        for each in [&mut ticks, &mut looks] {
+            each.set_missed_tick_behavior(MissedTickBehavior::Skip);
+        }
         loop {
             tokio::select! {
                 () = &mut gate => {}
@@ -125,8 +132,8 @@ impl Runner {
                     if clients.count() > 0 {
                         updates.refresh();
                     }
-                    updates.report();
                 }
+                _ = looks.tick() => updates.report(),
                 () = ends(stopped) => break,
             }
         }

@@ -16,10 +16,14 @@ use super::users::{Users, tokens};
 use isotherm_profile::{AnonymousClients, Security};
 
 /// Security policies, the strongest first. None uses SHA-1.
-const POLICIES: [SecurityPolicy; 3] =
+pub(super) const POLICIES: [SecurityPolicy; 3] =
     [SecurityPolicy::Aes256Sha256RsaPss, SecurityPolicy::Aes128Sha256RsaOaep, SecurityPolicy::Basic256Sha256];
 /// Maximum number of nodes in one call, and of entries in an array that a client sends.
 const MOST_NODES: usize = 10_000;
+/// Least number of nodes to which one subscription may subscribe.
+const FEW_NODES: usize = 1_000;
+/// Maximum number of subscriptions of one login.
+const MOST_SUBSCRIPTIONS: usize = 4;
 /// Maximum number of chunks of a message, each of 64 kB.
 const MOST_CHUNKS: usize = 32;
 const CHUNK: usize = 65_535;
@@ -52,6 +56,7 @@ impl Setup<'_> {
         users: Arc<Users>,
     ) -> Result<(Server, ServerHandle), String> {
         let (host, port) = self.shown;
+        let variables = nodes.tree.variables.len();
         let mut server = ServerBuilder::new()
             .application_name(format!("isotherm {}", self.machine))
             .application_uri(self.files.application.clone())
@@ -74,7 +79,7 @@ impl Setup<'_> {
         for (name, endpoint) in self.endpoints() {
             server = server.add_endpoint(name, endpoint);
         }
-        self.limit(server.limits_mut());
+        self.limit(server.limits_mut(), variables);
         server.build()
     }
 
@@ -98,7 +103,7 @@ impl Setup<'_> {
             .collect()
     }
 
-    fn limit(&self, limits: &mut Limits) {
+    fn limit(&self, limits: &mut Limits, variables: usize) {
         limits.max_array_length = MOST_NODES;
         limits.max_chunk_count = MOST_CHUNKS;
         limits.max_message_size = MOST_CHUNKS * CHUNK;
@@ -108,7 +113,9 @@ impl Setup<'_> {
         let subscriptions = &mut limits.subscriptions;
         subscriptions.min_sampling_interval_ms = every_ms;
         subscriptions.min_publishing_interval_ms = every_ms;
-        subscriptions.max_monitored_items_per_sub = MOST_NODES;
+        // Each one needs memory, so there are enough of them for each node, and no more.
+        subscriptions.max_monitored_items_per_sub = (2 * variables).clamp(FEW_NODES, MOST_NODES);
+        subscriptions.max_subscriptions_per_session = MOST_SUBSCRIPTIONS;
         limits.operational.max_monitored_items_per_call = MOST_NODES;
         limits.operational.max_nodes_per_translate_browse_paths_to_node_ids = MOST_NODES;
     }

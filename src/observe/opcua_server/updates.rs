@@ -87,11 +87,8 @@ impl Updates {
 
     /// Reports refused clients and logins.
     pub(super) fn report(&mut self) {
-        let now = BootClock::default().passed();
-        if self.reports.is_time_to_look(now) {
-            let rejected = self.pki.rejected();
-            self.reports.report(now, (rejected, &self.refusals), &self.source);
-        }
+        let rejected = self.pki.rejected();
+        self.reports.report(BootClock::default().passed(), (rejected, &self.refusals), &self.source);
     }
 
     fn set_values(&mut self, status: Status) {

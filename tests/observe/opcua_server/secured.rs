@@ -83,6 +83,25 @@ fn who_is_not_known_is_refused_and_reported() {
 }
 
 #[test]
+fn a_policy_that_no_endpoint_offers_is_refused_before_the_key_decrypts_anything() {
+    let machine = Machine::with(SECURED, certificates);
+    let options = with(&["--policy", "Basic128Rsa15", "--user", "mes:hot-and-cold"], &READ);
+    assert_eq!(machine.asks(&options)["error"], "BadSecurityPolicyRejected");
+}
+
+#[test]
+fn a_client_without_a_certificate_takes_no_session_from_others() {
+    let machine = Machine::with(SECURED, certificates);
+    for _ in 0..3 {
+        // More than the server keeps.
+        assert_eq!(machine.asks(&["sessions", "100"])["error"], "BadSecurityChecksFailed");
+    }
+    let read = machine.asks(&with(&["--user", "mes:hot-and-cold"], &READ));
+    assert_eq!(read["axis.z.state"]["value"], "active", "{read}");
+    assert_eq!(machine.asks(&["endpoints"]).as_array().map(Vec::len), Some(3));
+}
+
+#[test]
 fn the_expiry_of_the_certificate_of_the_server_or_of_a_client_is_warned_of() {
     let home = tempfile::tempdir().unwrap();
     certificates(home.path());
