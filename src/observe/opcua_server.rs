@@ -13,7 +13,8 @@
 //! - `sampler`, `convert`, `units`: values, qualities, times and units of the nodes.
 //! - `nodes`, `measured`: the address space of the library, and the only method.
 //! - `users`, `pki`, `files`: who may log in. `refusals`, `reports`: reports about those who may not.
-//! - `gate`, `screen`: limits on connections and on messages. `setup`, `updates`, `event_feed`, `run`: start of the library, and its updates.
+//! - `gate`, `screen`, `door`: limits on connections and on messages, which nobody can pass by.
+//! - `setup`, `updates`, `event_feed`, `run`: start of the library, and its updates.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -28,6 +29,7 @@ use run::Runner;
 
 mod catalogue;
 mod convert;
+mod door;
 mod event_feed;
 #[cfg(test)]
 mod example;

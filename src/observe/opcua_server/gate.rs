@@ -9,7 +9,6 @@
 //! - the time for which a client may read nothing. Meanwhile, nothing that it sends is passed on;
 //! - the messages to those that an endpoint offers ([`Screen`]).
 
-use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
@@ -20,6 +19,7 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{Mutex, Notify};
 use tokio::task::JoinSet;
 
+use super::door::Door;
 use super::screen::{Refusal, Rules, Screen, Then};
 use crate::observe::http::connection_limiter::ConnectionLimiter;
 
@@ -66,10 +66,10 @@ impl Drop for Client {
     }
 }
 
-/// Accepts connections without end. `inside` is the address at which the library listens.
+/// Accepts connections without end, and passes them on through the door of the library.
 pub(super) async fn serve(
     listener: TcpListener,
-    (inside, rules): (SocketAddr, Arc<Rules>),
+    (door, rules): (Arc<Door>, Arc<Rules>),
     limiter: Arc<ConnectionLimiter>,
     clients: Arc<Clients>,
 ) {
@@ -90,17 +90,17 @@ pub(super) async fn serve(
         // A connection above the limit is closed at once.
         let Some(permit) = limiter.admit(address.ip()) else { continue };
         let client = clients.enter();
-        let screen = Screen::new(rules.clone());
+        let (door, screen) = (door.clone(), Screen::new(rules.clone()));
         open.spawn(async move {
             let _held = (permit, client);
-            pass_on(stream, inside, screen).await;
+            pass_on(stream, &door, screen).await;
         });
     }
 }
 
 /// Passes the bytes of one client on, until either end closes or the client stops reading.
-async fn pass_on(client: TcpStream, inside: SocketAddr, screen: Screen) {
-    let Ok(server) = TcpStream::connect(inside).await else { return };
+async fn pass_on(client: TcpStream, door: &Door, screen: Screen) {
+    let Ok(server) = door.connect().await else { return };
     // Both directions consist of small messages that are answered at once.
     let _ = (client.set_nodelay(true), server.set_nodelay(true));
     let _ = SockRef::from(&client).set_send_buffer_size(UNREAD);

@@ -11,6 +11,7 @@ use tokio::net::TcpListener;
 use tokio::sync::watch;
 use tokio::time::{MissedTickBehavior, interval};
 
+use super::door::Door;
 use super::files::ServerFiles;
 use super::gate::{self, Clients};
 use super::measured::Measured;
@@ -95,7 +96,7 @@ impl Runner {
         let listener = TcpListener::bind(&self.settings.listen).await.map_err(system)?;
         let address = listener.local_addr().map_err(system)?;
         let inside = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await.map_err(system)?;
-        let inside_address = inside.local_addr().map_err(system)?;
+        let door = Arc::new(Door::of(&inside).map_err(system)?);
         let (server, mut updates) = self.library(address)?;
         let handle = updates.handle().clone();
         let mut server = tokio::spawn(server.run_with(inside));
@@ -111,7 +112,7 @@ impl Runner {
         tracing::info!("OPC UA clients are served at opc.tcp://{}:{}", self.host(address), address.port());
         let clients = Arc::new(Clients::default());
         let limiter = Arc::new(ConnectionLimiter::new(Limits::of(self.connections)));
-        let library = (inside_address, Arc::new(Rules::of(self.settings.security)));
+        let library = (door, Arc::new(Rules::of(self.settings.security)));
         let mut gate = pin!(gate::serve(listener, library, limiter, clients.clone()));
         let mut ticks = interval(self.settings.every);
         // Refused certificates fill the disk meanwhile, however seldom the nodes are updated.
