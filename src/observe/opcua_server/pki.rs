@@ -16,6 +16,7 @@ use ::opcua::crypto::{CertificateStore, X509};
 use rustix::fs::{MemfdFlags, memfd_create};
 
 use super::files::{OwnCertificate, ServerFiles};
+use isotherm_profile::safe_file::cut;
 
 /// Name of the certificate of the server. The library accepts no other ending.
 pub(super) const OWN: &str = "own/cert.der";
@@ -27,6 +28,8 @@ const FILE_MODE: u32 = 0o640;
 const MOST_REJECTED: usize = 10;
 /// Largest certificate, in bytes, that is read to report it.
 const LARGEST: u64 = 16 * 1024;
+/// Longest subject in characters that is reported. A client may write anything into its certificate.
+const LONGEST: usize = 100;
 
 /// Directory of the certificates.
 pub(super) struct Pki {
@@ -135,7 +138,9 @@ fn client(path: &Path) -> Option<RejectedClient> {
     let mut bytes = Vec::new();
     File::open(path).ok()?.take(LARGEST).read_to_end(&mut bytes).ok()?;
     let cert = X509::from_der(&bytes).ok()?;
-    Some(RejectedClient { subject: cert.subject_name(), thumbprint: cert.thumbprint().as_hex_string() })
+    // The thumbprint follows in the event, which is cut at its end.
+    let subject = cut(&cert.subject_name(), LONGEST).into_owned();
+    Some(RejectedClient { subject, thumbprint: cert.thumbprint().as_hex_string() })
 }
 
 fn make_directory(path: &Path) -> io::Result<()> {
@@ -180,6 +185,20 @@ mod tests {
         let mut trusted = std::fs::read_dir(pki.directory().join(TRUSTED)).unwrap();
         assert_eq!(std::fs::read(trusted.next().unwrap().unwrap().path()).unwrap(), cert);
         assert!(trusted.next().is_none());
+    }
+
+    #[test]
+    fn a_subject_of_any_length_is_reported_with_its_beginning() {
+        let home = tempfile::tempdir().unwrap();
+        let mut pki = Pki::make(home.path(), &ServerFiles::default()).unwrap();
+        let mut params = rcgen::CertificateParams::new(Vec::new()).unwrap();
+        params.distinguished_name.push(rcgen::DnType::OrganizationName, "x".repeat(5000));
+        let cert = params.self_signed(&rcgen::KeyPair::generate().unwrap()).unwrap();
+        std::fs::write(home.path().join(REJECTED).join("one.der"), cert.der()).unwrap();
+        let found = pki.rejected();
+        let [one] = found.as_slice() else { panic!("{found:?}") };
+        assert_eq!(one.subject.chars().count(), LONGEST + 1);
+        assert_eq!(one.thumbprint.len(), 40);
     }
 
     #[test]
