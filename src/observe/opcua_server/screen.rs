@@ -4,6 +4,7 @@
 //! The library opens a channel with every policy that it knows. It creates sessions before anyone has logged in, and
 //! ends a channel that it rejects only after it may have read further messages. Without the screen:
 //!
+//! - a client could announce a message of 4 GB, of which the library keeps all bytes until the last one has come;
 //! - a client without a certificate could take all sessions of a secured server, so that nobody else could log in;
 //! - anyone could let the key of the server decrypt with the padding of Basic128Rsa15, whose errors reveal the key's
 //!   results.
@@ -15,7 +16,7 @@ use std::sync::Arc;
 
 use ::opcua::crypto::SecurityPolicy;
 
-use super::setup::POLICIES;
+use super::setup::{CHUNK, POLICIES};
 use isotherm_profile::Security;
 
 /// Length of the header of a message: its type, whether it is the last part, and its size.
@@ -73,6 +74,8 @@ pub(super) enum Then {
 pub(super) enum Refusal {
     /// The bytes are no message of OPC UA.
     NoMessage,
+    /// A message is larger than the server has said that it may be.
+    TooLarge,
     /// No endpoint offers this policy.
     Policy,
     /// The request needs a channel with security.
@@ -84,6 +87,7 @@ impl Refusal {
     pub(super) fn message(self) -> Vec<u8> {
         let (status, why): (u32, &str) = match self {
             Refusal::NoMessage => (0x807E_0000, "the bytes are no message of OPC UA"),
+            Refusal::TooLarge => (0x8080_0000, "a part of a message is larger than agreed"),
             Refusal::Policy => (0x8055_0000, "no endpoint of this server offers this security policy"),
             Refusal::Plain => (0x8013_0000, "this server requires security: choose one of its endpoints"),
         };
@@ -144,6 +148,7 @@ impl Screen {
         let Some(size) = number(&self.head, SIZE_AT) else { return Ok(None) };
         let is_judged = match &self.head[..3] {
             _ if size < HEADER => return Err(Refusal::NoMessage),
+            b"HEL" | b"OPN" | b"MSG" | b"CLO" if size > CHUNK => return Err(Refusal::TooLarge),
             b"HEL" | b"CLO" => true,
             b"OPN" => self.opens()?,
             b"MSG" => self.asks()?,
@@ -264,6 +269,9 @@ pub(super) mod tests {
             (vec![b"GET / HTTP/1.1\r\n\r\n".to_vec()], Some(Refusal::NoMessage)),
             (vec![b"OPNF\x0a\0\0\0\0\0\0\0".to_vec()], Some(Refusal::NoMessage)),
             (vec![b"HELF\x07\0\0\0".to_vec()], Some(Refusal::NoMessage)),
+            (vec![message("CLOF", &vec![1; CHUNK - HEADER])], None),
+            (vec![message("CLOF", &vec![1; CHUNK - HEADER + 1])], Some(Refusal::TooLarge)),
+            (vec![b"HELF\xff\xff\xff\xff".to_vec()], Some(Refusal::TooLarge)),
         ] {
             let messages = [vec![hello()], messages].concat();
             let (found, why) = passed(Security::SignAndEncrypt, &messages, 4096);
@@ -300,7 +308,7 @@ pub(super) mod tests {
 
     #[test]
     fn a_refusal_is_a_message_with_its_size_and_its_reason() {
-        for refusal in [Refusal::NoMessage, Refusal::Policy, Refusal::Plain] {
+        for refusal in [Refusal::NoMessage, Refusal::TooLarge, Refusal::Policy, Refusal::Plain] {
             let message = refusal.message();
             assert_eq!(number(&message, SIZE_AT), Some(message.len()));
             assert_eq!(number(&message, LENGTH_AT), Some(message.len() - 16));

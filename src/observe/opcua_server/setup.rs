@@ -20,13 +20,17 @@ pub(super) const POLICIES: [SecurityPolicy; 3] =
     [SecurityPolicy::Aes256Sha256RsaPss, SecurityPolicy::Aes128Sha256RsaOaep, SecurityPolicy::Basic256Sha256];
 /// Maximum number of nodes in one call, and of entries in an array that a client sends.
 const MOST_NODES: usize = 10_000;
+/// Maximum number of nodes that are read in one call. The library keeps all values until it sends them, and a value may be
+/// an array of texts.
+const MOST_READ: usize = 2_000;
 /// Least number of nodes to which one subscription may subscribe.
 const FEW_NODES: usize = 1_000;
 /// Maximum number of subscriptions of one login.
 const MOST_SUBSCRIPTIONS: usize = 4;
 /// Maximum number of chunks of a message, each of 64 kB.
 const MOST_CHUNKS: usize = 32;
-const CHUNK: usize = 65_535;
+/// Maximum size of a chunk in bytes. Clients are told when they connect.
+pub(super) const CHUNK: usize = 65_535;
 /// Path of every endpoint.
 const PATH: &str = "/";
 
@@ -107,6 +111,7 @@ impl Setup<'_> {
         limits.max_array_length = MOST_NODES;
         limits.max_chunk_count = MOST_CHUNKS;
         limits.max_message_size = MOST_CHUNKS * CHUNK;
+        limits.receive_buffer_size = CHUNK;
         // A client that was cut off keeps its login for a minute, and logs in again meanwhile.
         limits.max_sessions = 2 * self.connections;
         let every_ms = 1000.0 * self.every.as_secs_f64();
@@ -116,6 +121,7 @@ impl Setup<'_> {
         // Each one needs memory, so there are enough of them for each node, and no more.
         subscriptions.max_monitored_items_per_sub = (2 * variables).clamp(FEW_NODES, MOST_NODES);
         subscriptions.max_subscriptions_per_session = MOST_SUBSCRIPTIONS;
+        limits.operational.max_nodes_per_read = MOST_READ;
         limits.operational.max_monitored_items_per_call = MOST_NODES;
         limits.operational.max_nodes_per_translate_browse_paths_to_node_ids = MOST_NODES;
     }
