@@ -7,7 +7,8 @@
 //! - the connections, in total and for each client address, so that bus lines and files keep their file descriptors;
 //! - the bytes that a client may send in a second, and with them the processor time that it can use;
 //! - the time for which a client may read nothing. Meanwhile, nothing that it sends is passed on;
-//! - the messages to those that an endpoint offers ([`Screen`]).
+//! - the messages to those that an endpoint offers ([`Screen`]);
+//! - the channels with security that are opened in a second, because the library decrypts and signs for each one.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -18,6 +19,7 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{Mutex, Notify};
 use tokio::task::JoinSet;
+use tokio::time::Instant;
 
 use super::door::Door;
 use super::screen::{Refusal, Rules, Screen, Then};
@@ -32,6 +34,9 @@ const PIECE: usize = 16 * 1024;
 /// Size of the send buffer of a client's connection in the kernel, in bytes. It is the amount that a client may leave
 /// unread.
 const UNREAD: usize = 256 * 1024;
+/// Shortest time between two channels with security. Sixteen clients that connect at a time are served within the time
+/// that the library waits for them.
+const OPENING: Duration = Duration::from_millis(200);
 /// Wait after a connection that could not be accepted, in which others may end and release file descriptors.
 const AGAIN: Duration = Duration::from_millis(200);
 
@@ -73,7 +78,7 @@ pub(super) async fn serve(
     limiter: Arc<ConnectionLimiter>,
     clients: Arc<Clients>,
 ) {
-    let mut open = JoinSet::new();
+    let (mut open, pace) = (JoinSet::new(), Arc::new(Pace::default()));
     loop {
         let accepted = tokio::select! {
             accepted = listener.accept() => accepted,
@@ -90,23 +95,41 @@ pub(super) async fn serve(
         // A connection above the limit is closed at once.
         let Some(permit) = limiter.admit(address.ip()) else { continue };
         let client = clients.enter();
-        let (door, screen) = (door.clone(), Screen::new(rules.clone()));
+        let (door, pace, screen) = (door.clone(), pace.clone(), Screen::new(rules.clone()));
         open.spawn(async move {
             let _held = (permit, client);
-            pass_on(stream, &door, screen).await;
+            pass_on(stream, &door, (screen, &pace)).await;
         });
     }
 }
 
 /// Passes the bytes of one client on, until either end closes or the client stops reading.
-async fn pass_on(client: TcpStream, door: &Door, screen: Screen) {
+async fn pass_on(client: TcpStream, door: &Door, limits: (Screen, &Pace)) {
     let Ok(server) = door.connect().await else { return };
     // Both directions consist of small messages that are answered at once.
     let _ = (client.set_nodelay(true), server.set_nodelay(true));
     let _ = SockRef::from(&client).set_send_buffer_size(UNREAD);
     let (from_client, to_client) = client.into_split();
     let (from_server, to_server) = server.into_split();
-    relay((from_client, to_client), (from_server, to_server), screen).await;
+    relay((from_client, to_client), (from_server, to_server), limits).await;
+}
+
+/// Pace at which channels with security are opened, over all connections.
+#[derive(Default)]
+struct Pace {
+    /// Time of the last one.
+    last: Mutex<Option<Instant>>,
+}
+
+impl Pace {
+    /// Waits until a channel may be opened.
+    async fn turn(&self) {
+        let mut last = self.last.lock().await;
+        if let Some(last) = *last {
+            tokio::time::sleep_until(last + OPENING).await;
+        }
+        *last = Some(Instant::now());
+    }
 }
 
 /// What both directions of a connection share.
@@ -121,11 +144,11 @@ struct Shared {
 async fn relay(
     (from_client, mut to_client): (impl AsyncRead + Unpin, impl AsyncWrite + Unpin),
     (from_server, to_server): (impl AsyncRead + Unpin, impl AsyncWrite + Unpin),
-    screen: Screen,
+    limits: (Screen, &Pace),
 ) {
     let shared = Shared::default();
     let refusal = tokio::select! {
-        refusal = requests(from_client, to_server, &shared, screen) => refusal,
+        refusal = requests(from_client, to_server, &shared, limits) => refusal,
         () = answers(from_server, &mut to_client, &shared) => None,
     };
     if let Some(refusal) = refusal {
@@ -140,7 +163,7 @@ async fn requests(
     mut from: impl AsyncRead + Unpin,
     mut to: impl AsyncWrite + Unpin,
     Shared { writing, answered }: &Shared,
-    mut screen: Screen,
+    (mut screen, pace): (Screen, &Pace),
 ) -> Option<Refusal> {
     let (mut piece, mut passed) = (vec![0; PIECE], Vec::new());
     loop {
@@ -154,8 +177,11 @@ async fn requests(
                 Err(refusal) => return Some(refusal),
             };
             rest = &rest[used..];
+            if then == Then::Open {
+                pace.turn().await;
+            }
             to.write_all(&passed).await.ok()?;
-            if then == Then::Wait {
+            if then != Then::GoOn {
                 answered.notified().await;
             }
         }
@@ -198,7 +224,10 @@ mod tests {
         let (client, outer) = duplex(buffer);
         let (server, inner) = duplex(buffer);
         let (outer, inner) = (tokio::io::split(outer), tokio::io::split(inner));
-        tokio::spawn(relay(outer, inner, Screen::new(Arc::new(Rules::of(Security::None)))));
+        tokio::spawn(async move {
+            let screen = Screen::new(Arc::new(Rules::of(Security::None)));
+            relay(outer, inner, (screen, &Pace::default())).await;
+        });
         (client, server)
     }
 
@@ -264,6 +293,17 @@ mod tests {
         });
         let least = Duration::from_secs_f64(6.0 * 16.0 * 1024.0 / RATE);
         assert!(timeout(least, server.read_exact(&mut all)).await.is_err());
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn channels_are_opened_one_after_the_other_however_many_clients_connect() {
+        let (pace, begin) = (Pace::default(), Instant::now());
+        tokio::join!(pace.turn(), pace.turn(), pace.turn());
+        assert!(begin.elapsed() >= OPENING * 2 && begin.elapsed() < OPENING * 3);
+        tokio::time::sleep(OPENING * 2).await;
+        let begin = Instant::now();
+        pace.turn().await;
+        assert!(begin.elapsed() < OPENING / 2);
     }
 
     #[test]

@@ -28,6 +28,9 @@ const POLICY_AT: usize = 16;
 const REQUEST_AT: usize = 24;
 /// Largest length of the URI of a policy, in bytes.
 const LONGEST: usize = 255;
+/// Maximum number of bytes after the client's certificate in a message that opens a channel. They are the digest of the
+/// server's certificate, and what the server must decrypt: two or three blocks of 256 or 512 bytes.
+const MOST_DECRYPTED: usize = 2_100;
 /// Identifiers of the requests FindServers and GetEndpoints, with which a client asks how it may connect.
 const DISCOVERY: [u16; 2] = [422, 428];
 
@@ -67,6 +70,8 @@ pub(super) enum Then {
     GoOn,
     /// The library must answer first.
     Wait,
+    /// The library must answer first, and needs much processor time for it.
+    Open,
 }
 
 /// Reason why a connection is closed.
@@ -135,8 +140,8 @@ impl Screen {
                 self.left = size - self.head.len();
                 passed.append(&mut self.head);
             }
-            if self.left == 0 && self.then == Then::Wait {
-                return Ok((bytes.len() - rest.len(), Then::Wait));
+            if self.left == 0 && self.then != Then::GoOn {
+                return Ok((bytes.len() - rest.len(), self.then));
             }
         }
         Ok((bytes.len(), Then::GoOn))
@@ -150,20 +155,23 @@ impl Screen {
             _ if size < HEADER => return Err(Refusal::NoMessage),
             b"HEL" | b"OPN" | b"MSG" | b"CLO" if size > CHUNK => return Err(Refusal::TooLarge),
             b"HEL" | b"CLO" => true,
-            b"OPN" => self.opens()?,
+            b"OPN" => self.opens(size)?,
             b"MSG" => self.asks()?,
             _ => return Err(Refusal::NoMessage),
         };
         if !is_judged {
             return if self.head.len() < size { Ok(None) } else { Err(Refusal::NoMessage) };
         }
-        let is_answered_first = matches!(&self.head[..3], b"HEL" | b"OPN");
-        self.then = if is_answered_first { Then::Wait } else { Then::GoOn };
+        self.then = match (&self.head[..3], self.channel) {
+            (b"OPN", Channel::Secured(_)) => Then::Open,
+            (b"OPN" | b"HEL", _) => Then::Wait,
+            _ => Then::GoOn,
+        };
         Ok(Some(size))
     }
 
-    /// Judges the policy of a channel. Returns `false` while it is not known as a whole.
-    fn opens(&mut self) -> Result<bool, Refusal> {
+    /// Judges a message of this size that opens a channel. Returns `false` while its policy is not known as a whole.
+    fn opens(&mut self, size: usize) -> Result<bool, Refusal> {
         let Some(length) = number(&self.head, LENGTH_AT) else { return Ok(false) };
         if length > LONGEST {
             return Err(Refusal::Policy);
@@ -175,6 +183,15 @@ impl Screen {
             None if uri == SecurityPolicy::None.to_uri().as_bytes() => Channel::Plain,
             None => return Err(Refusal::Policy),
         };
+        if known.is_some() {
+            let certificate_at = POLICY_AT + length + 4;
+            let Some(certificate) = number(&self.head, POLICY_AT + length) else { return Ok(false) };
+            match size.checked_sub(certificate_at).and_then(|left| left.checked_sub(certificate)) {
+                None => return Err(Refusal::NoMessage),
+                Some(MOST_DECRYPTED..) => return Err(Refusal::TooLarge),
+                Some(_) => {}
+            }
+        }
         // A channel keeps its policy when it is renewed.
         if self.channel != Channel::None && self.channel != channel {
             return Err(Refusal::Policy);
@@ -227,8 +244,15 @@ pub(super) mod tests {
     }
 
     fn opening(policy: &str) -> Vec<u8> {
+        opening_with(policy, 600)
+    }
+
+    /// Makes a message that opens a channel, with so many bytes after the certificate.
+    fn opening_with(policy: &str, encrypted: usize) -> Vec<u8> {
         let length = u32::try_from(policy.len()).unwrap().to_le_bytes();
-        message("OPNF", &[&[0; 4][..], &length[..], policy.as_bytes(), &[7; 40][..]].concat())
+        let certificate = 900_u32.to_le_bytes();
+        let plain = [&[0; 4][..], &length[..], policy.as_bytes(), &certificate[..], &[7; 900][..]].concat();
+        message("OPNF", &[plain, vec![8; encrypted]].concat())
     }
 
     fn request(kind: &str, number: u16) -> Vec<u8> {
@@ -265,6 +289,9 @@ pub(super) mod tests {
             (vec![opening("")], Some(Refusal::Policy)),
             (vec![opening(&"x".repeat(300))], Some(Refusal::Policy)),
             (vec![opening(NONE), opening(BASIC)], Some(Refusal::Policy)),
+            (vec![opening_with(BASIC, MOST_DECRYPTED - 1)], None),
+            (vec![opening_with(BASIC, MOST_DECRYPTED)], Some(Refusal::TooLarge)),
+            (vec![message("OPNF", &opening(BASIC)[HEADER..700])], Some(Refusal::NoMessage)),
             (vec![request("MSGF", create_session)], Some(Refusal::NoMessage)),
             (vec![b"GET / HTTP/1.1\r\n\r\n".to_vec()], Some(Refusal::NoMessage)),
             (vec![b"OPNF\x0a\0\0\0\0\0\0\0".to_vec()], Some(Refusal::NoMessage)),
@@ -303,7 +330,7 @@ pub(super) mod tests {
         }
         let requests = 2 * request("MSGF", 461).len();
         let (hello, opening) = (hello().len(), opening(BASIC).len());
-        assert_eq!(stops, [(hello, Then::Wait), (opening, Then::Wait), (requests, Then::GoOn)]);
+        assert_eq!(stops, [(hello, Then::Wait), (opening, Then::Open), (requests, Then::GoOn)]);
     }
 
     #[test]
