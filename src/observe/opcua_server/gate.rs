@@ -22,6 +22,7 @@ use tokio::task::JoinSet;
 use tokio::time::Instant;
 
 use super::door::Door;
+use super::refusals::Refusals;
 use super::screen::{Refusal, Rules, Screen, Then};
 use crate::observe::http::connection_limiter::ConnectionLimiter;
 
@@ -77,6 +78,7 @@ pub(super) async fn serve(
     (door, rules): (Arc<Door>, Arc<Rules>),
     limiter: Arc<ConnectionLimiter>,
     clients: Arc<Clients>,
+    refusals: Arc<Refusals>,
 ) {
     let (mut open, pace) = (JoinSet::new(), Arc::new(Pace::default()));
     loop {
@@ -96,22 +98,26 @@ pub(super) async fn serve(
         let Some(permit) = limiter.admit(address.ip()) else { continue };
         let client = clients.enter();
         let (door, pace, screen) = (door.clone(), pace.clone(), Screen::new(rules.clone()));
+        let refusals = refusals.clone();
         open.spawn(async move {
             let _held = (permit, client);
-            pass_on(stream, &door, (screen, &pace)).await;
+            if let Some(Refusal::Untrusted(certificate)) = pass_on(stream, &door, (screen, &pace)).await {
+                refusals.client(certificate);
+            }
         });
     }
 }
 
-/// Passes the bytes of one client on, until either end closes or the client stops reading.
-async fn pass_on(client: TcpStream, door: &Door, limits: (Screen, &Pace)) {
-    let Ok(server) = door.connect().await else { return };
+/// Passes the bytes of one client on, until either end closes or the client stops reading. Returns the reason if the
+/// client was refused.
+async fn pass_on(client: TcpStream, door: &Door, limits: (Screen, &Pace)) -> Option<Refusal> {
+    let server = door.connect().await.ok()?;
     // Both directions consist of small messages that are answered at once.
     let _ = (client.set_nodelay(true), server.set_nodelay(true));
     let _ = SockRef::from(&client).set_send_buffer_size(UNREAD);
     let (from_client, to_client) = client.into_split();
     let (from_server, to_server) = server.into_split();
-    relay((from_client, to_client), (from_server, to_server), limits).await;
+    relay((from_client, to_client), (from_server, to_server), limits).await
 }
 
 /// Pace at which channels with security are opened, over all connections.
@@ -145,20 +151,21 @@ async fn relay(
     (from_client, mut to_client): (impl AsyncRead + Unpin, impl AsyncWrite + Unpin),
     (from_server, to_server): (impl AsyncRead + Unpin, impl AsyncWrite + Unpin),
     limits: (Screen, &Pace),
-) {
+) -> Option<Refusal> {
     let shared = Shared::default();
     let refusal = tokio::select! {
         refusal = requests(from_client, to_server, &shared, limits) => refusal,
         () = answers(from_server, &mut to_client, &shared) => None,
     };
-    if let Some(refusal) = refusal {
+    if let Some(refusal) = &refusal {
         // The client may be gone already.
         let _ = tokio::time::timeout(STALL, to_client.write_all(&refusal.message())).await;
     }
+    refusal
 }
 
-/// Passes requests on, at most [`RATE`] bytes a second, and none while an answer waits for the client. Returns the reason
-/// if a message is refused, and `None` if either end is closed.
+/// Passes requests on, at most [`RATE`] bytes a second, and none while an answer waits for the client. Returns the
+/// reason if a message is refused, and `None` if either end is closed.
 async fn requests(
     mut from: impl AsyncRead + Unpin,
     mut to: impl AsyncWrite + Unpin,
@@ -225,7 +232,7 @@ mod tests {
         let (server, inner) = duplex(buffer);
         let (outer, inner) = (tokio::io::split(outer), tokio::io::split(inner));
         tokio::spawn(async move {
-            let screen = Screen::new(Arc::new(Rules::of(Security::None)));
+            let screen = Screen::new(Arc::new(Rules::of(Security::None, &[])));
             relay(outer, inner, (screen, &Pace::default())).await;
         });
         (client, server)

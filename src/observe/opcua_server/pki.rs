@@ -107,6 +107,14 @@ impl Pki {
         self.key.as_ref()
     }
 
+    /// Stores the certificate of a refused client, as the library does. Bytes that are no certificate are left out.
+    pub(super) fn reject(&self, certificate: &[u8]) {
+        let Ok(cert) = X509::from_der(certificate) else { return };
+        let path = self.directory.join(REJECTED).join(CertificateStore::cert_file_name(&cert));
+        // The file exists already, or it cannot be written.
+        let _ = write(&path, certificate);
+    }
+
     /// Returns the clients that were refused since the last call, and removes the oldest certificates. A directory that
     /// cannot be read has none.
     pub(super) fn rejected(&mut self) -> Vec<RejectedClient> {
@@ -194,7 +202,9 @@ mod tests {
         let mut params = rcgen::CertificateParams::new(Vec::new()).unwrap();
         params.distinguished_name.push(rcgen::DnType::OrganizationName, "x".repeat(5000));
         let cert = params.self_signed(&rcgen::KeyPair::generate().unwrap()).unwrap();
-        std::fs::write(home.path().join(REJECTED).join("one.der"), cert.der()).unwrap();
+        pki.reject(b"no certificate");
+        pki.reject(cert.der());
+        pki.reject(cert.der());
         let found = pki.rejected();
         let [one] = found.as_slice() else { panic!("{found:?}") };
         assert_eq!(one.subject.chars().count(), LONGEST + 1);

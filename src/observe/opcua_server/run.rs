@@ -112,8 +112,9 @@ impl Runner {
         tracing::info!("OPC UA clients are served at opc.tcp://{}:{}", self.host(address), address.port());
         let clients = Arc::new(Clients::default());
         let limiter = Arc::new(ConnectionLimiter::new(Limits::of(self.connections)));
-        let library = (door, Arc::new(Rules::of(self.settings.security)));
-        let mut gate = pin!(gate::serve(listener, library, limiter, clients.clone()));
+        let library = (door, Arc::new(Rules::of(self.settings.security, &self.files.trusted)));
+        let refusals = updates.refusals().clone();
+        let mut gate = pin!(gate::serve(listener, library, limiter, clients.clone(), refusals));
         let mut ticks = interval(self.settings.every);
         // Refused certificates fill the disk meanwhile, however seldom the nodes are updated.
         let mut looks = interval(LOOK_EVERY);

@@ -5,7 +5,8 @@
 //! ends a channel that it rejects only after it may have read further messages. Without the screen:
 //!
 //! - a client could announce a message of 4 GB, of which the library keeps all bytes until the last one has come;
-//! - a client without a certificate could take all sessions of a secured server, so that nobody else could log in;
+//! - a client that is not trusted could take all sessions of a secured server, so that nobody else could log in;
+//! - somebody between could renew the channel of a client with another certificate, and send messages over it;
 //! - anyone could let the key of the server decrypt with the padding of Basic128Rsa15, whose errors reveal the key's
 //!   results.
 //!
@@ -34,21 +35,24 @@ const MOST_DECRYPTED: usize = 2_100;
 /// Identifiers of the requests FindServers and GetEndpoints, with which a client asks how it may connect.
 const DISCOVERY: [u16; 2] = [422, 428];
 
-/// Policies that the endpoints of a server offer.
+/// Policies that the endpoints of a server offer, and the clients that it trusts.
 #[derive(Debug)]
 pub(super) struct Rules {
     /// URIs of the policies with security. Empty for a server without security.
     policies: Vec<&'static str>,
+    /// Certificates of the trusted clients in DER form.
+    trusted: Vec<Vec<u8>>,
 }
 
 impl Rules {
-    /// Returns the rules of a server with this protection.
-    pub(super) fn of(security: Security) -> Rules {
+    /// Returns the rules of a server with this protection, which trusts these clients.
+    pub(super) fn of(security: Security, trusted: &[Vec<u8>]) -> Rules {
         let policies: &[SecurityPolicy] = match security {
             Security::None => &[],
             Security::Sign | Security::SignAndEncrypt => &POLICIES,
         };
-        Rules { policies: policies.iter().map(SecurityPolicy::to_uri).collect() }
+        let policies = policies.iter().map(SecurityPolicy::to_uri).collect();
+        Rules { policies, trusted: trusted.to_vec() }
     }
 }
 
@@ -75,7 +79,7 @@ pub(super) enum Then {
 }
 
 /// Reason why a connection is closed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Refusal {
     /// The bytes are no message of OPC UA.
     NoMessage,
@@ -83,17 +87,22 @@ pub(super) enum Refusal {
     TooLarge,
     /// No endpoint offers this policy.
     Policy,
+    /// The client with this certificate is not trusted.
+    Untrusted(Vec<u8>),
     /// The request needs a channel with security.
     Plain,
 }
 
 impl Refusal {
     /// Message of OPC UA with this reason.
-    pub(super) fn message(self) -> Vec<u8> {
+    pub(super) fn message(&self) -> Vec<u8> {
         let (status, why): (u32, &str) = match self {
             Refusal::NoMessage => (0x807E_0000, "the bytes are no message of OPC UA"),
             Refusal::TooLarge => (0x8080_0000, "a part of a message is larger than agreed"),
             Refusal::Policy => (0x8055_0000, "no endpoint of this server offers this security policy"),
+            Refusal::Untrusted(_) => {
+                (0x801A_0000, "this server does not trust the certificate of the client")
+            }
             Refusal::Plain => (0x8013_0000, "this server requires security: choose one of its endpoints"),
         };
         let length = u32::try_from(why.len()).unwrap_or(u32::MAX);
@@ -170,7 +179,8 @@ impl Screen {
         Ok(Some(size))
     }
 
-    /// Judges a message of this size that opens a channel. Returns `false` while its policy is not known as a whole.
+    /// Judges a message of this size that opens a channel. Returns `false` while its policy or its certificate is not
+    /// known as a whole.
     fn opens(&mut self, size: usize) -> Result<bool, Refusal> {
         let Some(length) = number(&self.head, LENGTH_AT) else { return Ok(false) };
         if length > LONGEST {
@@ -190,6 +200,13 @@ impl Screen {
                 None => return Err(Refusal::NoMessage),
                 Some(MOST_DECRYPTED..) => return Err(Refusal::TooLarge),
                 Some(_) => {}
+            }
+            let Some(sender) = self.head.get(certificate_at..certificate_at + certificate) else {
+                return Ok(false);
+            };
+            // The certificates of authorities may follow.
+            if !self.rules.trusted.iter().any(|known| sender.starts_with(known)) {
+                return Err(Refusal::Untrusted(sender.to_vec()));
             }
         }
         // A channel keeps its policy when it is renewed.
@@ -243,16 +260,23 @@ pub(super) mod tests {
         message("HELF", &[0; 24])
     }
 
+    /// Certificate of a trusted client.
+    const OWN: [u8; 900] = [7; 900];
+
     fn opening(policy: &str) -> Vec<u8> {
-        opening_with(policy, 600)
+        opening_with(policy, &OWN, 600)
     }
 
-    /// Makes a message that opens a channel, with so many bytes after the certificate.
-    fn opening_with(policy: &str, encrypted: usize) -> Vec<u8> {
+    /// Makes a message that opens a channel, with this certificate, and so many bytes after it.
+    fn opening_with(policy: &str, certificate: &[u8], encrypted: usize) -> Vec<u8> {
         let length = u32::try_from(policy.len()).unwrap().to_le_bytes();
-        let certificate = 900_u32.to_le_bytes();
-        let plain = [&[0; 4][..], &length[..], policy.as_bytes(), &certificate[..], &[7; 900][..]].concat();
+        let size = u32::try_from(certificate.len()).unwrap().to_le_bytes();
+        let plain = [&[0; 4][..], &length[..], policy.as_bytes(), &size[..], certificate].concat();
         message("OPNF", &[plain, vec![8; encrypted]].concat())
+    }
+
+    fn screen(security: Security) -> Screen {
+        Screen::new(Arc::new(Rules::of(security, &[vec![1; 900], OWN.to_vec()])))
     }
 
     fn request(kind: &str, number: u16) -> Vec<u8> {
@@ -261,7 +285,7 @@ pub(super) mod tests {
 
     /// Passes messages on in pieces of this length. Returns what was passed on, and the refusal.
     fn passed(security: Security, messages: &[Vec<u8>], piece: usize) -> (Vec<u8>, Option<Refusal>) {
-        let mut screen = Screen::new(Arc::new(Rules::of(security)));
+        let mut screen = screen(security);
         let mut passed = Vec::new();
         for piece in messages.concat().chunks(piece) {
             let mut rest = piece;
@@ -277,7 +301,7 @@ pub(super) mod tests {
 
     #[test]
     fn a_secured_server_gets_what_its_endpoints_offer_and_questions_about_them_only() {
-        let (create_session, read) = (461, 631);
+        let (create_session, read, other) = (461, 631, vec![6; 900]);
         for (messages, refusal) in [
             (vec![opening(BASIC), request("MSGF", read), request("MSGC", 1), request("CLOF", 452)], None),
             (vec![opening(BASIC), request("MSGF", read), opening(BASIC)], None),
@@ -289,8 +313,12 @@ pub(super) mod tests {
             (vec![opening("")], Some(Refusal::Policy)),
             (vec![opening(&"x".repeat(300))], Some(Refusal::Policy)),
             (vec![opening(NONE), opening(BASIC)], Some(Refusal::Policy)),
-            (vec![opening_with(BASIC, MOST_DECRYPTED - 1)], None),
-            (vec![opening_with(BASIC, MOST_DECRYPTED)], Some(Refusal::TooLarge)),
+            (vec![opening_with(BASIC, &OWN, MOST_DECRYPTED - 1)], None),
+            (vec![opening_with(BASIC, &OWN, MOST_DECRYPTED)], Some(Refusal::TooLarge)),
+            (vec![opening_with(BASIC, &[7; 1200], 600)], None),
+            (vec![opening_with(BASIC, &other, 600)], Some(Refusal::Untrusted(other.clone()))),
+            (vec![opening_with(BASIC, &OWN[1..], 600)], Some(Refusal::Untrusted(OWN[1..].to_vec()))),
+            (vec![opening(BASIC), opening_with(BASIC, &other, 600)], Some(Refusal::Untrusted(other.clone()))),
             (vec![message("OPNF", &opening(BASIC)[HEADER..700])], Some(Refusal::NoMessage)),
             (vec![request("MSGF", create_session)], Some(Refusal::NoMessage)),
             (vec![b"GET / HTTP/1.1\r\n\r\n".to_vec()], Some(Refusal::NoMessage)),
@@ -318,7 +346,7 @@ pub(super) mod tests {
 
     #[test]
     fn nothing_follows_a_hello_or_an_opening_before_the_answer() {
-        let mut screen = Screen::new(Arc::new(Rules::of(Security::SignAndEncrypt)));
+        let mut screen = screen(Security::SignAndEncrypt);
         let all = [hello(), opening(BASIC), request("MSGF", 461), request("MSGF", 467)].concat();
         let (mut rest, mut stops) = (&all[..], Vec::new());
         while !rest.is_empty() {
@@ -335,7 +363,8 @@ pub(super) mod tests {
 
     #[test]
     fn a_refusal_is_a_message_with_its_size_and_its_reason() {
-        for refusal in [Refusal::NoMessage, Refusal::TooLarge, Refusal::Policy, Refusal::Plain] {
+        let untrusted = Refusal::Untrusted(OWN.to_vec());
+        for refusal in [Refusal::NoMessage, Refusal::TooLarge, Refusal::Policy, untrusted, Refusal::Plain] {
             let message = refusal.message();
             assert_eq!(number(&message, SIZE_AT), Some(message.len()));
             assert_eq!(number(&message, LENGTH_AT), Some(message.len() - 16));

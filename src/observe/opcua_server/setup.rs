@@ -20,8 +20,8 @@ pub(super) const POLICIES: [SecurityPolicy; 3] =
     [SecurityPolicy::Aes256Sha256RsaPss, SecurityPolicy::Aes128Sha256RsaOaep, SecurityPolicy::Basic256Sha256];
 /// Maximum number of nodes in one call, and of entries in an array that a client sends.
 const MOST_NODES: usize = 10_000;
-/// Maximum number of nodes that are read in one call. The library keeps all values until it sends them, and a value may be
-/// an array of texts.
+/// Maximum number of nodes that are read in one call. The library keeps all values until it sends them, and a value may
+/// be an array of texts.
 const MOST_READ: usize = 2_000;
 /// Least number of nodes to which one subscription may subscribe.
 const FEW_NODES: usize = 1_000;

@@ -78,6 +78,11 @@ impl Updates {
         &self.handle
     }
 
+    /// Refused clients and logins that are not reported yet.
+    pub(super) fn refusals(&self) -> &Arc<Refusals> {
+        &self.refusals
+    }
+
     /// Takes a sample of the status, sets the nodes that have changed, and sends new events.
     pub(super) fn refresh(&mut self) {
         let status = self.source.status();
@@ -87,6 +92,9 @@ impl Updates {
 
     /// Reports refused clients and logins.
     pub(super) fn report(&mut self) {
+        for certificate in self.refusals.take_clients() {
+            self.pki.reject(&certificate);
+        }
         let rejected = self.pki.rejected();
         self.reports.report(BootClock::default().passed(), (rejected, &self.refusals), &self.source);
     }
