@@ -24,7 +24,7 @@ pub(super) struct Reports {
 }
 
 /// Returns whether the interval since the last time is over. The new time is then stored.
-fn is_due(last: &mut Option<Duration>, every: Duration, now: Duration) -> bool {
+pub(super) fn is_due(last: &mut Option<Duration>, every: Duration, now: Duration) -> bool {
     let is_due = last.is_none_or(|last| now >= last + every);
     if is_due {
         *last = Some(now);
@@ -61,6 +61,14 @@ impl Reports {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn clients_that_come_and_go_do_not_make_the_state_be_copied_more_often() {
+        let mut refreshed = None;
+        let (every, step) = (Duration::from_millis(100), Duration::from_millis(1));
+        let due = (0..1000_u32).filter(|at| is_due(&mut refreshed, every, step * *at));
+        assert_eq!(due.count(), 10);
+    }
 
     #[test]
     fn of_many_refused_clients_one_a_minute_is_due() {

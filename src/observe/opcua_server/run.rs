@@ -128,7 +128,7 @@ impl Runner {
                     let why = ended.unwrap_or_else(|error| Err(error.to_string()));
                     return Err(format!("the server has ended: {}", why.err().unwrap_or_default()));
                 }
-                () = clients.first.notified() => updates.refresh(),
+                () = clients.first.notified() => updates.refresh_for_first(self.settings.every),
                 _ = ticks.tick() => {
                     // Without a client, nobody sees the values.
                     if clients.count() > 0 {

@@ -31,6 +31,8 @@ const MOST_SUBSCRIPTIONS: usize = 4;
 const MOST_CHUNKS: usize = 32;
 /// Maximum size of a chunk in bytes. Clients are told when they connect.
 pub(super) const CHUNK: usize = 65_535;
+/// Largest publishing interval that a client must accept, in milliseconds.
+const LONGEST_PUBLISHING_MS: f64 = 1000.0;
 /// Path of every endpoint.
 const PATH: &str = "/";
 
@@ -117,7 +119,8 @@ impl Setup<'_> {
         let every_ms = 1000.0 * self.every.as_secs_f64();
         let subscriptions = &mut limits.subscriptions;
         subscriptions.min_sampling_interval_ms = every_ms;
-        subscriptions.min_publishing_interval_ms = every_ms;
+        // A client also hears by these messages that the server is alive.
+        subscriptions.min_publishing_interval_ms = every_ms.min(LONGEST_PUBLISHING_MS);
         // Each one needs memory, so there are enough of them for each node, and no more.
         subscriptions.max_monitored_items_per_sub = (2 * variables).clamp(FEW_NODES, MOST_NODES);
         subscriptions.max_subscriptions_per_session = MOST_SUBSCRIPTIONS;

@@ -1,6 +1,7 @@
 //! Updates of the nodes: values that have changed, new events, and reports about refused clients.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use ::opcua::nodes::{BaseEventType, Event};
 use ::opcua::server::ServerHandle;
@@ -11,7 +12,7 @@ use super::event_feed::EventFeed;
 use super::nodes::{Manager, node};
 use super::pki::Pki;
 use super::refusals::Refusals;
-use super::reports::Reports;
+use super::reports::{Reports, is_due};
 use super::sampler::Sampler;
 use super::tree::{MACHINE, Tree};
 use crate::clock::{BootClock, Clock};
@@ -33,6 +34,8 @@ pub(super) struct Updates {
     pki: Pki,
     refusals: Arc<Refusals>,
     reports: Reports,
+    /// Time of the last sample, since the start of the computer.
+    refreshed: Option<Duration>,
 }
 
 /// Parts of the library that [`Updates`] changes.
@@ -68,6 +71,7 @@ impl Updates {
             pki,
             refusals,
             reports: Reports::default(),
+            refreshed: None,
         };
         updates.set_values(status);
         updates
@@ -85,9 +89,18 @@ impl Updates {
 
     /// Takes a sample of the status, sets the nodes that have changed, and sends new events.
     pub(super) fn refresh(&mut self) {
+        self.refreshed = Some(BootClock::default().passed());
         let status = self.source.status();
         self.send_events(&status);
         self.set_values(status);
+    }
+
+    /// Refreshes the nodes for the first client that connects, unless they are newer than `every`. Clients that come and
+    /// go must not make the state be copied more often.
+    pub(super) fn refresh_for_first(&mut self, every: Duration) {
+        if is_due(&mut self.refreshed, every, BootClock::default().passed()) {
+            self.refresh();
+        }
     }
 
     /// Reports refused clients and logins.
