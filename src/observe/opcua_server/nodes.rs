@@ -150,7 +150,8 @@ fn insert_variable(space: &mut AddressSpace, index: u16, variable: &Variable) {
     };
     let rank = if variable.kind == Kind::Texts { 1 } else { -1 };
     VariableBuilder::new(&id, name, LocalizedText::from(variable.name))
-        .description(LocalizedText::from(variable.about))
+        // The table of the manual escapes this character.
+        .description(LocalizedText::from(variable.about.replace("\\|", "|")))
         .component_of(node(index, &variable.parent))
         .has_type_definition(definition)
         .data_type(data_type(variable.kind))

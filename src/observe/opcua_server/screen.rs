@@ -160,7 +160,8 @@ impl Screen {
     /// its bytes are known. The size is never below the length of `head`.
     fn judge(&mut self) -> Result<Option<usize>, Refusal> {
         let Some(size) = number(&self.head, SIZE_AT) else { return Ok(None) };
-        let is_judged = match &self.head[..3] {
+        let kind: [u8; 3] = self.head.first_chunk().copied().unwrap_or_default();
+        let is_judged = match &kind {
             _ if size < HEADER => return Err(Refusal::NoMessage),
             b"HEL" | b"OPN" | b"MSG" | b"CLO" if size > CHUNK => return Err(Refusal::TooLarge),
             b"HEL" | b"CLO" => true,
@@ -171,7 +172,7 @@ impl Screen {
         if !is_judged {
             return if self.head.len() < size { Ok(None) } else { Err(Refusal::NoMessage) };
         }
-        self.then = match (&self.head[..3], self.channel) {
+        self.then = match (&kind, self.channel) {
             (b"OPN", Channel::Secured(_)) => Then::Open,
             (b"OPN" | b"HEL", _) => Then::Wait,
             _ => Then::GoOn,
