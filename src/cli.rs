@@ -46,6 +46,8 @@ mod new_file;
 mod notices;
 #[cfg(feature = "opcua")]
 mod opcua;
+#[cfg(feature = "opcua")]
+mod opcua_server;
 #[cfg(feature = "place")]
 mod place;
 mod port;

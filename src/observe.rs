@@ -7,6 +7,8 @@ pub mod http;
 #[cfg(feature = "mqtt")]
 pub mod mqtt;
 pub mod notify;
+#[cfg(feature = "opcua")]
+pub mod opcua_server;
 mod page;
 mod prometheus;
 pub mod requester;

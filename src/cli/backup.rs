@@ -192,6 +192,8 @@ fn secrets(profile: &Profile, beside: &Path) -> BTreeSet<String> {
     let mut secrets: BTreeSet<String> =
         tokens.chain(key).chain(posted).map(|path| name_in(path, beside)).collect();
     secrets.extend(profile.mqtt.iter().flat_map(|mqtt| mqtt.secrets()).map(|file| file.name.clone()));
+    let server = profile.opcua_server.iter();
+    secrets.extend(server.flat_map(|server| server.secrets()).map(|file| file.name.clone()));
     for bus in &profile.buses {
         secrets.extend(bus.tls.as_ref().map(|tls| tls.key.name.clone()));
         secrets.extend(bus.opcua.iter().flat_map(|opcua| opcua.secrets()).map(|file| file.name.clone()));

@@ -12,7 +12,8 @@ use isotherm_profile::one_line;
 const UNREAD: usize = 2048;
 /// Filter that disables the log of the OPC UA library, because that log may contain secrets. The gateway logs its own
 /// messages about OPC UA instead.
-const SILENT: &str = "opcua_client=off,opcua_core=off,opcua_crypto=off,opcua_types=off";
+const SILENT: &str = "opcua_client=off,opcua_core=off,opcua_crypto=off,opcua_nodes=off,opcua_server=off,\
+                      opcua_types=off";
 
 /// Starts the log on stderr, in the format of the system journal if stderr leads to the journal. A separate thread
 /// writes the lines, so that a slow reader of stderr does not block the program. When the returned value is dropped,

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::loading::{ProfileArguments, reported};
-use isotherm_profile::{Bus, NamedFile, OpcUa, Profile};
+use isotherm_profile::{Bus, Loaded, NamedFile, OpcUa, Profile};
 
 mod own;
 mod trust;
@@ -51,6 +51,20 @@ struct SecuredLine {
     beside: PathBuf,
 }
 
+/// Certificate and key of the gateway, on a line or for its OPC UA server.
+struct OwnFiles {
+    /// Owner in a sentence: `bus nck`, or `the OPC UA server`.
+    owner: String,
+    /// Name of the bus; `None` for the server.
+    bus: Option<String>,
+    machine: String,
+    cert: NamedFile,
+    key: NamedFile,
+    beside: PathBuf,
+    /// Sentence that says where the certificate must be trusted.
+    next: String,
+}
+
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     match &arguments.what {
         OpcuaVerb::Certificate(arguments) => own::run(arguments),
@@ -59,11 +73,43 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 impl LineArguments {
-    /// Returns the selected line. Its certificate files need not exist.
-    fn find(&self) -> anyhow::Result<SecuredLine> {
+    /// Loads the profile, whose certificate files need not exist.
+    fn load(&self) -> anyhow::Result<Loaded> {
         let ProfileArguments { path, set } = &self.profile;
         let loaded = isotherm_profile::load_before_certificates(path, set, &isotherm_profile::environment());
-        let profile = reported(loaded, self.json)?.profile;
+        reported(loaded, self.json)
+    }
+
+    /// Returns certificate and key of the selected line.
+    fn own_of_line(&self) -> anyhow::Result<OwnFiles> {
+        let SecuredLine { bus, machine, cert, key, beside, .. } = self.find()?;
+        let next = format!("The server at {} must trust this certificate", bus.address);
+        let owner = format!("bus {}", bus.name);
+        Ok(OwnFiles { owner, bus: Some(bus.name), machine, cert, key, beside, next })
+    }
+
+    /// Returns certificate and key of the OPC UA server of the profile.
+    fn own_of_server(&self) -> anyhow::Result<OwnFiles> {
+        let profile = self.load()?.profile;
+        let Some(server) = profile.opcua_server else {
+            anyhow::bail!("the profile has no [opcua_server]");
+        };
+        let Some((cert, key)) = server.own else {
+            anyhow::bail!(
+                "[opcua_server] uses no certificate: write security = \"sign-and-encrypt\", `cert`, `key` and \
+                 `trusted`"
+            );
+        };
+        let beside = self.profile.path.parent().unwrap_or(Path::new("")).to_owned();
+        let next = "Each client must trust this certificate".to_owned();
+        let (owner, machine) = ("the OPC UA server".to_owned(), profile.name);
+        Ok(OwnFiles { owner, bus: None, machine, cert, key, beside, next })
+    }
+
+    /// Returns the selected line. Its certificate files need not exist.
+    fn find(&self) -> anyhow::Result<SecuredLine> {
+        let path = &self.profile.path;
+        let profile = self.load()?.profile;
         let (bus, line) = self.line(&profile)?;
         let (Some((cert, key)), Some(trusted)) = (&line.own, &line.trusted_in) else {
             anyhow::bail!(

@@ -12,6 +12,8 @@ use tracing_appender::non_blocking::WorkerGuard;
 use super::broker;
 use super::loading::{ProfileArguments, warned};
 use super::notices;
+#[cfg(feature = "opcua")]
+use super::opcua_server;
 use super::port::Port;
 use super::run_profile::{self, RunProfile};
 use super::services::{Services, Sockets};
@@ -183,7 +185,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
         };
         let lines = profile.buses.len();
         let socket = control::path(&directory, &profile.name);
-        #[cfg(feature = "mqtt")]
+        #[cfg(any(feature = "mqtt", feature = "opcua"))]
         let published = profile.clone();
         let gateway = Gateway::new(profile, &Clock::wall(), options);
         let successor = program.as_ref().ok().map(|program| gateway.successor(program.clone(), socket));
@@ -196,9 +198,17 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
         }
         #[cfg(feature = "mqtt")]
         let publishing = broker::publish(&published, &source, figures.as_ref(), &directory)?;
+        #[cfg(feature = "opcua")]
+        let serving = opcua_server::serve(&published, &source, &directory)?;
         let report = Arc::new(move |delivery| source.report(&Event::Delivery(delivery)));
         let posting = outboxes.posted(report, Rules::default(), notices::trust)?;
         let outcome = gateway.run(after(1), after(2)).await;
+        #[cfg(feature = "opcua")]
+        if let Some(serving) = serving
+            && outcome.handover.is_none()
+        {
+            serving.finish().await;
+        }
         // Until the next program starts, no gateway controls the machine. Messages must not delay it.
         let patience = || after(if outcome.handover.is_some() { 0 } else { 2 });
         let posted = async {

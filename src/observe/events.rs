@@ -22,6 +22,7 @@ mod description;
 mod event;
 pub mod file;
 mod journal;
+mod opcua_server;
 mod page;
 mod stand_in;
 
@@ -36,6 +37,7 @@ pub use event::Event;
 pub use isotherm_core::events::Level;
 pub use isotherm_core::output::HandshakeFault;
 pub use journal::{Entry, EventListener, Journal, ReportedEvent};
+pub use opcua_server::OpcUaServerEvent;
 pub use page::{PagePort, PageToken};
 pub use stand_in::StandIn;
 pub(crate) use stand_in::others;

@@ -14,7 +14,7 @@ mod admission;
 mod alarms;
 mod compression;
 mod connection;
-mod connection_limiter;
+pub(in crate::observe) mod connection_limiter;
 mod events;
 mod history;
 mod listener;

@@ -33,6 +33,8 @@ pub enum Channel {
     Api,
     /// Message from the MQTT broker of `[mqtt]`.
     Broker,
+    /// Method call of a client of the OPC UA server of `[opcua_server]`.
+    OpcUa,
     /// Setting `arm = "auto"` of the profile, which arms without a command.
     Auto,
     /// State before a restart: an armed axis is armed again.
@@ -47,6 +49,7 @@ impl Channel {
             Channel::Socket => format!("by {who} over the command socket"),
             Channel::Api => format!("by {who} over the API"),
             Channel::Broker => format!("over the broker {who}"),
+            Channel::OpcUa => format!("by {who} over OPC UA"),
             Channel::Auto => format!("by itself ({who})"),
             Channel::Restart => format!("after a restart ({who})"),
         }

@@ -10,5 +10,7 @@ mod http;
 #[cfg(feature = "mqtt")]
 mod mqtt;
 mod notify;
+#[cfg(feature = "opcua")]
+mod opcua_server;
 mod page;
 mod prometheus;

@@ -29,6 +29,7 @@ mod models;
 mod mqtt;
 mod notify;
 mod opcua;
+mod opcua_server;
 mod preview;
 mod probe;
 mod registers;

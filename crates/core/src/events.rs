@@ -447,6 +447,16 @@ catalogue! {
         .hint("does the host application run, is `primary_host` its host ID? The compensation continues");
     /// The primary host of `[mqtt]` is online again. The gateway publishes what it has stored.
     HostOnline = info("host-online").ends(&["primary host {host}"]);
+    /// The OPC UA server of `[opcua_server]` cannot listen at its address, or has failed.
+    OpcUaServerClosed = warning("opcua-server-closed").raises("OPC UA server at {listen}")
+        .hint("free the address, or name another one; the gateway tries again every ten seconds, and the compensation \
+               continues");
+    /// The OPC UA server of `[opcua_server]` listens at its address now.
+    OpcUaServerOpen = info("opcua-server-open").ends(&["OPC UA server at {listen}"]);
+    /// The OPC UA server of `[opcua_server]` has refused a client, because its certificate is not trusted.
+    OpcUaClientRefused = warning("opcua-client-refused")
+        .hint("if this client may log in, copy its certificate into the directory `trusted` of `[opcua_server]`, and \
+               run `isotherm restart PROFILE --keep`");
     /// A command was carried out.
     Command = info("command");
     /// A command was refused.

@@ -92,6 +92,8 @@ pub use tables::mqtt::{Mqtt, MqttFormat, MqttUser};
 pub use tables::notify::body::{BodyTemplate, MessageField};
 pub use tables::notify::url::Url;
 pub use tables::notify::{ALARM, ALARM_OVER, AXIS_OFF, CLOCK, Notify, TRIGGERS, UNVERIFIED};
+pub use tables::opcua_server::user::{ServerLogin, ServerUser};
+pub use tables::opcua_server::{AnonymousClients, OpcUaServer};
 pub use tables::output::applied::Applied;
 pub use tables::output::display::{Display, ExtraWord, Shown, Stale};
 pub use tables::output::share::Share;

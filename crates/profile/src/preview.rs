@@ -114,6 +114,11 @@ impl Preview {
             section.line("publishes");
         }
         section.part("mqtt", profile.mqtt.as_ref().map(|mqtt| mqtt.preview(profile)));
+        if profile.opcua_server.is_some() {
+            section.line("");
+            section.line("serves");
+        }
+        section.part("opcua_server", profile.opcua_server.as_ref().map(|server| server.preview()));
         if !profile.notify.is_empty() {
             section.line("");
             section.line("posts");

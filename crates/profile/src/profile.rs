@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use crate::ids::{AxisId, BusId, DeviceId, OutputId, SetId};
 use crate::{
-    Arm, Axis, Bus, Device, Heartbeat, History, Mqtt, Notify, OnStop, Output, OutputSet, Overridden, Purpose,
-    Signal, Verify, Web,
+    Arm, Axis, Bus, Device, Heartbeat, History, Mqtt, Notify, OnStop, OpcUaServer, Output, OutputSet,
+    Overridden, Purpose, Signal, Verify, Web,
 };
 use isotherm_core::codec::{Address, Object};
 use isotherm_core::compensation::settings::MachineSettings;
@@ -51,6 +51,8 @@ pub struct Profile {
     pub web: Option<Web>,
     /// Publication to an MQTT broker.
     pub mqtt: Option<Mqtt>,
+    /// OPC UA server for clients of the plant.
+    pub opcua_server: Option<OpcUaServer>,
     /// Servers that receive messages about events.
     pub notify: Vec<Notify>,
     /// Directory of state and logs.

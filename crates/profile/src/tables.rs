@@ -45,6 +45,7 @@ pub(crate) mod label;
 pub(crate) mod machine;
 pub(crate) mod mqtt;
 pub(crate) mod notify;
+pub(crate) mod opcua_server;
 pub(crate) mod output;
 mod raw_profile;
 pub(crate) mod register;
@@ -117,6 +118,7 @@ impl Check<'_> {
         let heartbeat = raw.heartbeat.as_ref().and_then(|raw| raw.resolve(self, &self.at("heartbeat")));
         let web = raw.web.as_ref().map(|raw| raw.resolve(&self.at("web")));
         let mqtt = raw.mqtt.as_ref().and_then(|raw| raw.resolve(&self.at("mqtt")));
+        let opcua_server = opcua_server::resolve(&self.at("opcua_server"), raw.opcua_server.as_ref());
         let notify = notify::resolve(&self.at("notify"), &raw.notify);
         let history = raw.history.as_ref().map(|raw| raw.resolve(&self.at("history"))).unwrap_or_default();
         let kinds = self.kinds;
@@ -145,6 +147,7 @@ impl Check<'_> {
             heartbeat,
             web,
             mqtt,
+            opcua_server,
             notify,
             history,
             overridden: Vec::new(),

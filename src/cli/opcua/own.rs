@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use anyhow::Context;
 
-use super::{LineArguments, SecuredLine};
+use super::{LineArguments, OwnFiles};
 use crate::cli::backup::write_new;
 use crate::cli::port::hostname;
 use crate::cli::print::print_json;
@@ -18,36 +18,39 @@ const YEAR: Duration = Duration::from_hours(365 * 24);
 const OF_A_KEY: u32 = 0o600;
 const OF_A_CERTIFICATE: u32 = 0o644;
 
-/// Shows the gateway's own certificate of an OPC UA line: its subject, its thumbprint, and its validity.
+/// Shows the gateway's own certificate of an OPC UA line or of its OPC UA server: its subject, its thumbprint, and its validity.
 ///
 /// If neither certificate nor key exists, the verb creates both in the files that the profile names. The certificate is
 /// self-signed, has an RSA key of 2048 bits, and contains the URI of the application. Existing files are never
 /// overwritten.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  isotherm opcua certificate my-machine.toml\n  isotherm opcua certificate my-machine.toml --bus nck --years 5"
+    after_help = "Examples:\n  isotherm opcua certificate my-machine.toml\n  isotherm opcua certificate my-machine.toml --bus nck --years 5\n  isotherm opcua certificate my-machine.toml --server"
 )]
 pub(super) struct Arguments {
     #[command(flatten)]
     line: LineArguments,
+    /// Uses the certificate of the OPC UA server, which [opcua_server] names
+    #[arg(long, conflicts_with = "bus")]
+    server: bool,
     /// Validity of a new certificate in years
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=30))]
     years: u32,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let line = arguments.line.find()?;
-    let (cert, key) = (line.beside.join(&line.cert.name), line.beside.join(&line.key.name));
+    let own = if arguments.server { arguments.line.own_of_server() } else { arguments.line.own_of_line() }?;
+    let (cert, key) = (own.beside.join(&own.cert.name), own.beside.join(&own.key.name));
     let (shown_cert, shown_key) = (cert.display(), key.display());
     if cert == key && !cert.exists() {
         anyhow::bail!(
-            "`cert` and `key` of bus {} both name {shown_cert}: write another file for `key`",
-            line.bus.name
+            "`cert` and `key` of {} both name {shown_cert}: write another file for `key`",
+            own.owner
         );
     }
     let made = match (cert.exists(), key.exists()) {
         (true, true) => None,
-        (false, false) => Some(made(&line, &cert, &key, arguments.years)?),
+        (false, false) => Some(made(&own, &cert, &key, arguments.years)?),
         (true, false) => anyhow::bail!(
             "{shown_cert} exists, but its key {shown_key} is missing. Copy the key to this path, or move the \
              certificate away so that both are made"
@@ -57,33 +60,29 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
              to this path, or move the key away so that both are made"
         ),
     };
-    let (is_new, bytes) = (made.is_some(), made.unwrap_or(line.cert.bytes));
+    let (is_new, bytes) = (made.is_some(), made.unwrap_or(own.cert.bytes));
     let certificate = Certificate::read(&bytes)
         .with_context(|| format!("{shown_cert} is no certificate in DER or PEM form"))?;
     if arguments.line.json {
         return print_json(&serde_json::json!({
-            "bus": line.bus.name, "made": is_new, "cert": cert, "key": key, "certificate": certificate,
+            "bus": own.bus, "made": is_new, "cert": cert, "key": key, "certificate": certificate,
         }));
     }
     match is_new {
-        true => say!("made for bus {}: {shown_cert}, and its key {shown_key}", line.bus.name)?,
-        false => say!("bus {} uses {shown_cert}", line.bus.name)?,
+        true => say!("made for {}: {shown_cert}, and its key {shown_key}", own.owner)?,
+        false => say!("{} uses {shown_cert}", own.owner)?,
     }
     say_all!("{}", certificate.text(Clock::wall().time_of_day()))?;
-    let url = &line.bus.address;
-    say!(
-        "The server at {url} must trust this certificate: add {shown_cert} to its trusted certificates, as \
-         its manual describes"
-    )?;
+    say!("{}: add {shown_cert} to its trusted certificates, as its manual describes", own.next)?;
     Ok(())
 }
 
 /// Creates certificate and key, and returns the bytes of the certificate.
-fn made(line: &SecuredLine, cert: &Path, key: &Path, years: u32) -> anyhow::Result<Vec<u8>> {
+fn made(own: &OwnFiles, cert: &Path, key: &Path, years: u32) -> anyhow::Result<Vec<u8>> {
     let host: String =
         hostname().chars().filter(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '.')).collect();
     let (subject, application) =
-        (format!("isotherm {}", line.machine), format!("urn:{host}:isotherm:{}", line.machine));
+        (format!("isotherm {}", own.machine), format!("urn:{host}:isotherm:{}", own.machine));
     let now = Clock::wall().time_of_day();
     let NewCertificate { cert: bytes, key: secret } =
         make(&subject, &application, &host, now, YEAR * years).map_err(anyhow::Error::msg)?;

@@ -1,5 +1,5 @@
-//! Certificates of OPC UA lines. Their expiry is reported a month before it, and when they have expired. `check` also
-//! reports weak certificates.
+//! Certificates of OPC UA lines and of the OPC UA server. Their expiry is reported a month before it, and when they have
+//! expired. `check` also reports weak certificates.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -9,50 +9,60 @@ use crate::fieldbus::kinds::opcua::client::certificate::Certificate;
 use crate::gateway::shared::shared_state::Shared;
 use crate::observe::events::{CertificateOwner, Event, Expiry};
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{Bus, NamedFile, Profile, User};
+use isotherm_profile::{Bus, NamedFile, OpcUaServer, Profile, ServerLogin, User};
 
 /// Time before the expiry at which the expiry is reported. The user can replace the certificate in this time.
 const BEFORE: Duration = Duration::from_hours(30 * 24);
 const LOOK_EVERY: Duration = Duration::from_hours(1);
+/// Name of the OPC UA server in the place of a bus.
+const SERVER: &str = "opcua_server";
 
 /// Certificates of a profile that expire within 30 days of `now`, or have expired.
 pub fn expiring(profile: &Profile, now: Moment) -> Vec<Expiry> {
-    let lines = profile.buses.iter().flat_map(of_line);
-    let soon = lines.filter(|expiry| expiry.until <= now.after(BEFORE));
+    let all = used(profile).into_iter().map(|(bus, Used { file, whose, certificate })| {
+        let (bus, file) = (bus.to_owned(), file.name.clone());
+        Expiry { bus, file, whose, until: certificate.to, is_over: false }
+    });
+    let soon = all.filter(|expiry| expiry.until <= now.after(BEFORE));
     soon.map(|expiry| Expiry { is_over: expiry.until < now, ..expiry }).collect()
 }
 
 /// Returns a sentence for each certificate of a profile with a short key or a broken digest. The gateway uses these
 /// certificates.
 pub fn weak(profile: &Profile) -> Vec<String> {
-    let of_bus = |bus: &Bus| {
-        let weak = in_use(bus).into_iter().filter_map(|Used { file, whose, certificate }| {
-            let weakness = certificate.weakness()?;
-            let (owner, remedy) = match whose {
-                CertificateOwner::Gateway => (
-                    "gateway",
-                    "Move it and its key away, and make both again (`isotherm opcua certificate PROFILE`)",
-                ),
-                CertificateOwner::User => ("user", "Make a new one with 2048 bits and SHA-256"),
-                CertificateOwner::Server => (
-                    "server",
-                    "If the server can make one with 2048 bits and SHA-256, renew it there, then run `isotherm \
-                     opcua trust PROFILE`",
-                ),
-            };
-            let (bus, file) = (&bus.name, &file.name);
-            Some(format!(
-                "bus {bus}: the {owner}'s certificate {file} is weak: {weakness}. The gateway uses it. {remedy}"
-            ))
-        });
-        weak.collect::<Vec<_>>()
-    };
-    profile.buses.iter().flat_map(of_bus).collect()
+    let weak = used(profile).into_iter().filter_map(|(bus, Used { file, whose, certificate })| {
+        let weakness = certificate.weakness()?;
+        let (owner, remedy) = match whose {
+            CertificateOwner::Gateway => (
+                "gateway",
+                "Move it and its key away, and make both again (`isotherm opcua certificate PROFILE`)",
+            ),
+            CertificateOwner::User => ("user", "Make a new one with 2048 bits and SHA-256"),
+            CertificateOwner::Server => (
+                "server",
+                "If the server can make one with 2048 bits and SHA-256, renew it there, then run `isotherm \
+                 opcua trust PROFILE`",
+            ),
+            CertificateOwner::OwnServer => (
+                "OPC UA server",
+                "Move it and its key away, and make both again (`isotherm opcua certificate PROFILE --server`)",
+            ),
+            CertificateOwner::Client => {
+                ("client", "If the client can make one with 2048 bits and SHA-256, replace this file with it")
+            }
+        };
+        let about = if bus == SERVER { format!("[{bus}]") } else { format!("bus {bus}") };
+        let file = &file.name;
+        Some(format!(
+            "{about}: the {owner}'s certificate {file} is weak: {weakness}. The gateway uses it. {remedy}"
+        ))
+    });
+    weak.collect()
 }
 
 /// Returns whether the profile has a certificate that can expire.
 pub(in crate::gateway) fn has_some(profile: &Profile) -> bool {
-    profile.buses.iter().any(|bus| !in_use(bus).is_empty())
+    !used(profile).is_empty()
 }
 
 /// Reports each certificate once before its expiry and once after it, according to the clock of the computer.
@@ -75,12 +85,25 @@ struct Used<'b> {
     certificate: Certificate,
 }
 
-fn of_line(bus: &Bus) -> Vec<Expiry> {
-    let expiry = |Used { file, whose, certificate }: Used<'_>| {
-        let (bus, file) = (bus.name.clone(), file.name.clone());
-        Expiry { bus, file, whose, until: certificate.to, is_over: false }
-    };
-    in_use(bus).into_iter().map(expiry).collect()
+/// Returns the certificates that a profile uses, each with the name of its bus.
+fn used(profile: &Profile) -> Vec<(&str, Used<'_>)> {
+    let lines = profile.buses.iter();
+    let lines = lines.flat_map(|bus| in_use(bus).into_iter().map(move |used| (bus.name.as_str(), used)));
+    let server = profile.opcua_server.iter().flat_map(of_server);
+    lines.chain(server.map(|used| (SERVER, used))).collect()
+}
+
+/// Returns the certificates that the OPC UA server uses: its own, and those of clients and users.
+fn of_server(server: &OpcUaServer) -> Vec<Used<'_>> {
+    let own = server.own.iter().map(|(cert, _)| (cert, CertificateOwner::OwnServer));
+    let users = server.users.iter().filter_map(|user| match &user.login {
+        ServerLogin::Certificate(cert) => Some(cert),
+        ServerLogin::Password(_) => None,
+    });
+    let clients = server.trusted.iter().chain(users).map(|cert| (cert, CertificateOwner::Client));
+    let all = own.chain(clients);
+    all.filter_map(|(file, whose)| Some(Used { file, whose, certificate: Certificate::read(&file.bytes)? }))
+        .collect()
 }
 
 /// Returns the certificates that a line uses. A trusted certificate is left out if a newer one of the same name

@@ -1,4 +1,4 @@
-//! Events about the certificates of an OPC UA bus.
+//! Events about the certificates of an OPC UA bus, and of the OPC UA server of the gateway.
 
 use isotherm_core::quantity::Moment;
 use serde::Serialize;
@@ -11,7 +11,7 @@ use isotherm_core::explained::Explained;
 /// Certificate that has expired or expires soon.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Expiry {
-    /// Bus that uses the certificate.
+    /// Bus that uses the certificate; `opcua_server` for the OPC UA server of the gateway.
     pub bus: String,
     /// File name of the certificate, as in the profile.
     pub file: String,
@@ -34,6 +34,11 @@ pub enum CertificateOwner {
     User,
     /// Certificate of the server.
     Server,
+    /// Certificate of the gateway's own OPC UA server.
+    #[serde(rename = "opcua-server")]
+    OwnServer,
+    /// Certificate of a client of the gateway's own OPC UA server, or of its user.
+    Client,
 }
 
 impl Expiry {
@@ -63,6 +68,14 @@ impl Expiry {
                 "renew the certificate at the server, then run `isotherm opcua trust PROFILE`; if the server \
                  already has another certificate, remove this file",
             ),
+            CertificateOwner::OwnServer => (
+                "OPC UA server",
+                "move the certificate and its key away, make both again (`isotherm opcua certificate PROFILE \
+                 --server`), and trust the certificate at each client",
+            ),
+            CertificateOwner::Client => {
+                ("client", "renew the certificate at the client, and replace this file with it")
+            }
         };
         Explained::new(
             format!("the {owner}'s certificate {file} {expires} on {day} at {time} UTC"),
@@ -75,6 +88,10 @@ impl Expiry {
 
     pub(super) fn described(&self) -> EventDescription {
         let kind = if self.is_over { EventKind::CertificateExpired } else { EventKind::CertificateExpires };
-        caused(format!("bus {}", self.bus), self.explained()).of(kind)
+        let about = match self.whose {
+            CertificateOwner::OwnServer | CertificateOwner::Client => "the OPC UA server".to_owned(),
+            _ => format!("bus {}", self.bus),
+        };
+        caused(about, self.explained()).of(kind)
     }
 }

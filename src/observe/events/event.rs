@@ -12,6 +12,7 @@ use super::comparison::Comparison;
 use super::data::{both_in_text, in_seconds, in_text};
 use super::delivery::Delivery;
 use super::description::{EventDescription, Sentence, caused, hint_with, plain};
+use super::opcua_server::OpcUaServerEvent;
 use super::page::{PagePort, PageToken};
 use super::stand_in::StandIn;
 use crate::clock::Correction;
@@ -524,6 +525,7 @@ events! {
         Page(PagePort) as port => port.described();
         Token(PageToken) as token => token.described();
         Broker(Broker) as broker => broker.described();
+        OpcUaServer(OpcUaServerEvent) as server => server.described();
         Delivery(Delivery) as delivery => delivery.described();
         #[cfg(feature = "opcua")]
         Certificate(Expiry) as expiry => expiry.described();

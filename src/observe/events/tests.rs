@@ -144,6 +144,12 @@ fn troubles() -> Vec<Event> {
         Event::Broker(Broker::SubscriptionRefused { broker: name(), topic: "t".into() }),
         Event::Broker(Broker::PublishDenied { broker: name(), topic: "t".into() }),
         Event::Broker(Broker::HostOffline { broker: name(), host: "scada".into(), why: "it is offline" }),
+        Event::OpcUaServer(OpcUaServerEvent::Closed { listen: "a:1".into(), why: "taken".into() }),
+        Event::OpcUaServer(OpcUaServerEvent::ClientRefused {
+            client: "CN=mes".into(),
+            thumbprint: "5f3a".into(),
+            others: 1,
+        }),
         Event::Delivery(Delivery::Failed { notify: name(), to: "b".into(), why: "no answer".into() }),
         Event::Delivery(Delivery::Dropped { notify: name(), to: "b".into(), count: 3 }),
     ];
@@ -168,6 +174,8 @@ fn troubles() -> Vec<Event> {
             (CertificateOwner::Gateway, true),
             (CertificateOwner::User, false),
             (CertificateOwner::Server, false),
+            (CertificateOwner::OwnServer, true),
+            (CertificateOwner::Client, false),
         ]
         .map(|(whose, is_over)| {
             let (bus, file) = (name(), "own.der".to_owned());

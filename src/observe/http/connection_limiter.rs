@@ -47,25 +47,25 @@ impl Limits {
 
 /// Counter of the open connections of each client address.
 #[derive(Debug)]
-pub(super) struct ConnectionLimiter {
+pub(in crate::observe) struct ConnectionLimiter {
     limits: Limits,
     inside: Mutex<HashMap<IpAddr, usize>>,
 }
 
 /// Permit for one connection. When it is dropped, another connection may use it.
 #[derive(Debug)]
-pub(super) struct Permit {
+pub(in crate::observe) struct Permit {
     limiter: Arc<ConnectionLimiter>,
     address: IpAddr,
 }
 
 impl ConnectionLimiter {
-    pub(super) fn new(limits: Limits) -> ConnectionLimiter {
+    pub(in crate::observe) fn new(limits: Limits) -> ConnectionLimiter {
         ConnectionLimiter { limits, inside: Mutex::default() }
     }
 
     /// Returns a permit for a connection from this address. `None` if a limit is reached.
-    pub(super) fn admit(self: &Arc<ConnectionLimiter>, address: IpAddr) -> Option<Permit> {
+    pub(in crate::observe) fn admit(self: &Arc<ConnectionLimiter>, address: IpAddr) -> Option<Permit> {
         let address = counted(address);
         let mut inside = self.inside.lock().unwrap_or_else(PoisonError::into_inner);
         let (all, of_it) = (inside.values().sum::<usize>(), inside.get(&address).copied().unwrap_or(0));

@@ -118,6 +118,7 @@ pub(crate) fn profile() -> Profile {
         }),
         web: None,
         mqtt: None,
+        opcua_server: None,
         notify: Vec::new(),
         history: History { directory: None, keep: Duration::ZERO, max_size: u64::MAX },
         overridden: Vec::new(),

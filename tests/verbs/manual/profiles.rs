@@ -25,7 +25,15 @@ fn beside() -> Vec<(&'static str, Vec<u8>)> {
         "inputs": [{ "signal": "bearing", "mean": 24.1, "min": 20.0, "max": 30.5 }] }"#;
     let weights = vec![vec![0.5, -0.25, 0.1]];
     let network = onnx::network(&[20.0; 3], &[4.0; 3], &[(&weights, &[0.0], "Tanh")], Some(3));
-    let texts = [("module.dbc", DBC), ("column.json", MATRIX), ("spindle.envelope.json", ENVELOPE)];
+    let texts = [
+        ("module.dbc", DBC),
+        ("column.json", MATRIX),
+        ("spindle.envelope.json", ENVELOPE),
+        ("server.der", "certificate"),
+        ("server.pem", "key"),
+        ("mes.password", "password"),
+        ("probe.der", "certificate"),
+    ];
     let texts = texts.into_iter().map(|(name, text)| (name, text.as_bytes().to_vec()));
     let authority = Authority::new();
     let (gateway, page) = (authority.signs("gateway", (2020, 2090)), signs_itself("page", (2020, 2090)));

@@ -13,6 +13,7 @@ use super::history::RawHistory;
 use super::machine::RawMachine;
 use super::mqtt::RawMqtt;
 use super::notify::RawNotify;
+use super::opcua_server::RawOpcUaServer;
 use super::output::RawOutput;
 use super::set::RawSet;
 use super::signal::RawSignal;
@@ -58,6 +59,8 @@ pub(crate) struct RawProfile {
     pub(super) web: Option<RawWeb>,
     /// Publication of values and events to an MQTT broker.
     pub(super) mqtt: Option<RawMqtt>,
+    /// OPC UA server, from which clients read values and events.
+    pub(super) opcua_server: Option<RawOpcUaServer>,
     /// Servers that receive messages about events.
     #[serde(default)]
     pub(super) notify: Vec<RawNotify>,

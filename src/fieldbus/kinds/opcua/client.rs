@@ -59,6 +59,7 @@ pub mod offer;
 mod panic_guard;
 mod publishing;
 pub(super) mod scan;
+pub(super) mod server_files;
 mod session;
 mod status;
 mod subscription;

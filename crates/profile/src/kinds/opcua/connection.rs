@@ -15,8 +15,8 @@ use crate::tables::KeyContext;
 use crate::tables::bus::tls::{NamedFile, pair, password};
 
 /// Port registered for OPC UA by the OPC Foundation.
-pub(super) const PORT: u16 = 4840;
-pub(super) const SCHEME: &str = "opc.tcp://";
+pub(crate) const PORT: u16 = 4840;
+pub(crate) const SCHEME: &str = "opc.tcp://";
 
 /// Protection of the messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]

@@ -49,13 +49,7 @@ fn trusted(at: &KeyContext<'_>, directory: Option<&String>) -> Option<Vec<NamedF
     let fill = format!("{help}; `isotherm opcua trust PROFILE` makes and fills the directory");
     at.missing("`trusted` is missing: which certificates are accepted?", fill);
     let directory = directory?;
-    let mut found = Vec::new();
-    for end in [".der", ".crt", ".pem"] {
-        for name in at.report.files.names(directory, end) {
-            let name = format!("{directory}/{name}{end}");
-            found.push(NamedFile::read(&at, &name, help)?);
-        }
-    }
+    let found = NamedFile::read_all(&at, directory, help)?;
     if found.is_empty() {
         let help = format!("{help}; `isotherm opcua trust PROFILE` fetches a certificate");
         at.warn(format!("there is no certificate in {directory}: no server is trusted"), help);

@@ -90,6 +90,17 @@ impl NamedFile {
         Some(NamedFile { name: name.to_owned(), bytes, named_at })
     }
 
+    /// Reads the certificates in a directory: the files that end with .der, .crt or .pem.
+    pub(crate) fn read_all(at: &KeyContext<'_>, directory: &str, help: &str) -> Option<Vec<NamedFile>> {
+        let mut found = Vec::new();
+        for end in [".der", ".crt", ".pem"] {
+            for name in at.report.files.names(directory, end) {
+                found.push(NamedFile::read(at, &format!("{directory}/{name}{end}"), help)?);
+            }
+        }
+        Some(found)
+    }
+
     /// Creates an error about this file, with the place of its key in the profile.
     pub fn invalid(&self, why: &str) -> ProfileError {
         ProfileError { message: format!("{}: {why}", self.name), ..(*self.named_at).clone() }

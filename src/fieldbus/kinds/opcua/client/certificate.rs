@@ -36,6 +36,8 @@ const KEY_BITS: usize = 2048;
 const EARLIER: Duration = Duration::from_hours(24);
 /// Object identifier of the extended key usage "TLS client authentication", which OPC UA requires of a client.
 const OF_A_CLIENT: ObjectIdentifier = ObjectIdentifier::new_unwrap("1.3.6.1.5.5.7.3.2");
+/// Object identifier of the extended key usage "TLS server authentication", which OPC UA requires of a server.
+const OF_A_SERVER: ObjectIdentifier = ObjectIdentifier::new_unwrap("1.3.6.1.5.5.7.3.1");
 /// Shortest RSA key, in bits, that counts as safe. The security policies that the gateway supports also require this
 /// length.
 const SAFE_BITS: usize = 2048;
@@ -235,7 +237,7 @@ fn signed(
         | KeyUsages::DataEncipherment
         | KeyUsages::KeyCertSign;
     builder.add_extension(&KeyUsage(usages))?;
-    builder.add_extension(&ExtendedKeyUsage(vec![OF_A_CLIENT]))?;
+    builder.add_extension(&ExtendedKeyUsage(vec![OF_A_CLIENT, OF_A_SERVER]))?;
     builder.add_extension(&SubjectAltName(vec![
         GeneralName::UniformResourceIdentifier(Ia5String::new(application)?),
         GeneralName::DnsName(Ia5String::new(host)?),

@@ -108,7 +108,11 @@ fn in_its_time(cert: &X509) -> Result<(), OpcUaFault> {
 }
 
 /// Returns a certificate with its private key. Adds mistakes to `wrong`, and then returns `None`.
-fn pair(cert: &NamedFile, key: &NamedFile, wrong: &mut Vec<ProfileError>) -> Option<(X509, PrivateKey)> {
+pub(super) fn pair(
+    cert: &NamedFile,
+    key: &NamedFile,
+    wrong: &mut Vec<ProfileError>,
+) -> Option<(X509, PrivateKey)> {
     let parsed = certificate(&cert.bytes);
     if parsed.is_none() {
         wrong.push(cert.invalid("the file is no certificate in DER or PEM form"));

@@ -126,6 +126,7 @@ pub(crate) fn profile() -> Profile {
         heartbeat: None,
         web: None,
         mqtt: None,
+        opcua_server: None,
         notify: Vec::new(),
         history: History { directory: None, keep: Duration::from_secs(86_400), max_size: u64::MAX },
         overridden: Vec::new(),

@@ -1,0 +1,98 @@
+//! Conversion of samples to values of OPC UA.
+
+use ::opcua::types::{DataTypeId, DataValue, DateTime, StatusCode, UAString, Variant, VariantScalarTypeId};
+
+use super::catalogue::Kind;
+use super::sampler::{Quality, Sample, Value};
+use isotherm_core::quantity::Moment;
+
+/// Nanoseconds of one tick of OPC UA.
+const TICK: u64 = 100;
+/// Ticks from 1601, where OPC UA begins to count, to 1970.
+const TO_1970: i64 = 116_444_736_000_000_000;
+
+/// Returns the data type of a variable.
+pub(super) fn data_type(kind: Kind) -> DataTypeId {
+    match kind {
+        Kind::Number => DataTypeId::Double,
+        Kind::Count => DataTypeId::UInt64,
+        Kind::Flag => DataTypeId::Boolean,
+        Kind::Text | Kind::Texts | Kind::Object(_) => DataTypeId::String,
+    }
+}
+
+/// Returns a sample as value, status and source time. `now` is the time of the server.
+pub(super) fn data_value(sample: &Sample, now: DateTime) -> DataValue {
+    DataValue {
+        // Without a value, the library would not send the status.
+        value: Some(variant(&sample.value)),
+        status: Some(status(sample.quality)),
+        source_timestamp: Some(date_time(sample.at)),
+        source_picoseconds: None,
+        server_timestamp: Some(now),
+        server_picoseconds: None,
+    }
+}
+
+/// Returns a point in time in ticks.
+pub(super) fn date_time(at: Moment) -> DateTime {
+    let ticks = i64::try_from(at.as_nanos() / TICK).unwrap_or(i64::MAX - TO_1970);
+    DateTime::from(ticks.saturating_add(TO_1970))
+}
+
+fn variant(value: &Value) -> Variant {
+    match value {
+        Value::Null => Variant::Empty,
+        Value::Number(number) => Variant::Double(*number),
+        Value::Count(count) => Variant::UInt64(*count),
+        Value::Flag(flag) => Variant::Boolean(*flag),
+        Value::Text(text) => Variant::String(UAString::from(text)),
+        Value::Texts(texts) => {
+            let texts: Vec<Variant> =
+                texts.iter().map(|text| Variant::String(UAString::from(text))).collect();
+            Variant::from((VariantScalarTypeId::String, texts))
+        }
+    }
+}
+
+fn status(quality: Quality) -> StatusCode {
+    match quality {
+        Quality::Good => StatusCode::Good,
+        Quality::NoData => StatusCode::GoodNoData,
+        Quality::Waiting => StatusCode::BadWaitingForInitialData,
+        Quality::NoCommunication => StatusCode::BadNoCommunication,
+        Quality::SensorFailure => StatusCode::BadSensorFailure,
+        Quality::OutOfRange => StatusCode::BadOutOfRange,
+        Quality::OutOfService => StatusCode::BadOutOfService,
+        Quality::Configuration => StatusCode::BadConfigurationError,
+        Quality::DeviceFailure => StatusCode::BadDeviceFailure,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_time_is_the_same_in_both_counts() {
+        let at = Moment::from_nanos(1_900_000_000_123_456_700);
+        assert_eq!(date_time(at).to_rfc3339(), "2030-03-17T17:46:40.123Z");
+        assert_eq!(date_time(at).ticks() - TO_1970, 19_000_000_001_234_567);
+    }
+
+    #[test]
+    fn a_value_that_may_not_be_used_is_sent_as_empty_with_its_status() {
+        let sample = Sample { value: Value::Null, quality: Quality::SensorFailure, at: Moment::default() };
+        let sent = data_value(&sample, DateTime::null());
+        assert_eq!((sent.value, sent.status), (Some(Variant::Empty), Some(StatusCode::BadSensorFailure)));
+        let texts = Sample {
+            value: Value::Texts(vec!["a".to_owned(), "b".to_owned()]),
+            quality: Quality::Good,
+            at: Moment::default(),
+        };
+        let Some(Variant::Array(array)) = data_value(&texts, DateTime::null()).value else {
+            panic!("a list is an array")
+        };
+        assert_eq!(array.values.len(), 2);
+    }
+}

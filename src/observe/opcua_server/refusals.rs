@@ -1,0 +1,74 @@
+//! Refused clients and logins since the last report. An attacker can cause any number of them. So logins are counted,
+//! and one report a minute contains their number. Of clients, a few certificates are kept.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use isotherm_profile::safe_file::cut;
+
+/// Longest name in bytes that is reported. A client may send any name.
+const LONGEST: usize = 60;
+/// Maximum number of certificates that are kept until the next report.
+const MOST_CLIENTS: usize = 10;
+
+/// Refused clients and logins.
+#[derive(Debug, Default)]
+pub(super) struct Refusals {
+    /// Number of refused logins, and the name of the last one.
+    logins: Mutex<(u64, String)>,
+    /// Certificates of clients that are not trusted.
+    clients: Mutex<Vec<Vec<u8>>>,
+}
+
+impl Refusals {
+    /// Counts a refused login.
+    pub(super) fn login(&self, name: &str) {
+        let mut found = locked(&self.logins);
+        found.0 += 1;
+        found.1 = cut(name, LONGEST).into_owned();
+    }
+
+    /// Keeps the certificate of a client that is not trusted.
+    pub(super) fn client(&self, certificate: Vec<u8>) {
+        let mut clients = locked(&self.clients);
+        if clients.len() < MOST_CLIENTS && !clients.contains(&certificate) {
+            clients.push(certificate);
+        }
+    }
+
+    /// Returns the certificates of clients that were refused since the last call.
+    pub(super) fn take_clients(&self) -> Vec<Vec<u8>> {
+        std::mem::take(&mut *locked(&self.clients))
+    }
+
+    /// Returns the number of refused logins and the name of the last one, and begins to count again.
+    pub(super) fn take(&self) -> (u64, String) {
+        std::mem::take(&mut *locked(&self.logins))
+    }
+
+    /// Returns whether any login was refused since the last call of [`Refusals::take`].
+    pub(super) fn any(&self) -> bool {
+        locked(&self.logins).0 > 0
+    }
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_many_refused_clients_a_few_are_kept_and_each_once() {
+        let refusals = Refusals::default();
+        for number in 0..100 {
+            refusals.client(vec![number]);
+            refusals.client(vec![number]);
+        }
+        let kept: Vec<Vec<u8>> = (0..10).map(|number| vec![number]).collect();
+        assert_eq!(refusals.take_clients(), kept);
+        refusals.client(vec![7]);
+        assert_eq!(refusals.take_clients(), [vec![7]]);
+    }
+}

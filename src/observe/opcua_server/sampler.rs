@@ -1,0 +1,238 @@
+//! Values of the variables at one moment: value, quality and source time, from the status of the gateway.
+
+use std::time::Duration;
+
+use serde::Serialize;
+use serde_json::Value as Json;
+
+use super::catalogue::Kind;
+use super::tree::{List, Records, Source, Variable};
+use crate::observe::events::{Alarm, Entry};
+use crate::observe::status::{AxisStatus, DeviceStatus, OutputStatus, SignalStatus, Status};
+use isotherm_core::quantity::{Moment, time};
+
+/// Maximum number of entries in an array of records. The newest ones are shown.
+const MOST_RECORDS: usize = 50;
+
+/// Value of a variable.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Value {
+    /// The status has no value.
+    Null,
+    Number(f64),
+    Count(u64),
+    Flag(bool),
+    Text(String),
+    Texts(Vec<String>),
+}
+
+/// Quality of a value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Quality {
+    /// The value may be used.
+    Good,
+    /// The status has no value for this field now, which is no fault.
+    NoData,
+    /// The signal has not been read yet.
+    Waiting,
+    /// The device does not answer, or its last value is too old.
+    NoCommunication,
+    /// The sensor measures nothing.
+    SensorFailure,
+    /// The value is outside its limits.
+    OutOfRange,
+    /// The channel of the sensor is switched off.
+    OutOfService,
+    /// The profile does not fit the device.
+    Configuration,
+    /// The device refuses the value, or sends something else.
+    DeviceFailure,
+}
+
+/// Value of a variable with its quality and its time.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Sample {
+    pub(super) value: Value,
+    pub(super) quality: Quality,
+    /// Time of the measurement; for other values, the time at which they changed.
+    pub(super) at: Moment,
+}
+
+/// Last samples of all variables.
+#[derive(Debug, Default)]
+pub(super) struct Sampler {
+    last: Vec<Sample>,
+}
+
+/// Content of the status by lists.
+struct Lists {
+    machine: Json,
+    axes: Vec<AxisStatus>,
+    signals: Vec<SignalStatus>,
+    outputs: Vec<OutputStatus>,
+    devices: Vec<DeviceStatus>,
+    alarms: Vec<Alarm>,
+    events: Vec<Entry>,
+}
+
+/// Item that was converted to JSON last. The variables of one item follow each other.
+#[derive(Default)]
+struct Item {
+    of: Option<(List, usize)>,
+    json: Json,
+}
+
+impl Quality {
+    /// Returns the quality of a signal with this code.
+    fn of_code(code: &str) -> Quality {
+        match code {
+            "good" => Quality::Good,
+            "never-read" => Quality::Waiting,
+            "stale" | "timeout" | "link-down" | "bad-reply" => Quality::NoCommunication,
+            "sentinel" | "open-circuit" | "short-circuit" | "sensor-fault" | "not-a-number" | "checksum"
+            | "power-on-value" | "all-zero" | "fault-bit" => Quality::SensorFailure,
+            "above-range" | "below-range" | "out-of-range" | "too-fast" | "jumped" => Quality::OutOfRange,
+            "switched-off" => Quality::OutOfService,
+            "wrong-type" | "no-number" | "not-found" | "several-found" | "not-as-expected" => {
+                Quality::Configuration
+            }
+            _ => Quality::DeviceFailure,
+        }
+    }
+}
+
+impl Lists {
+    fn of(mut status: Status) -> Lists {
+        let (axes, signals) = (std::mem::take(&mut status.axes), std::mem::take(&mut status.signals));
+        let (outputs, devices) = (std::mem::take(&mut status.outputs), std::mem::take(&mut status.devices));
+        let (alarms, events) = (std::mem::take(&mut status.alarms), std::mem::take(&mut status.events));
+        status.buses.clear();
+        status.event_counts.clear();
+        Lists { machine: json(&status), axes, signals, outputs, devices, alarms, events }
+    }
+
+    fn item(&self, list: List, place: usize) -> Json {
+        match list {
+            List::Axes => json(&self.axes.get(place)),
+            List::Signals => json(&self.signals.get(place)),
+            List::Outputs => json(&self.outputs.get(place)),
+            List::Devices => json(&self.devices.get(place)),
+        }
+    }
+
+    fn records(&self, records: Records) -> Vec<Json> {
+        match records {
+            Records::Alarms => self.alarms.iter().take(MOST_RECORDS).map(json).collect(),
+            Records::Events => self.events.iter().rev().take(MOST_RECORDS).map(json).collect(),
+        }
+    }
+}
+
+/// Converts a part of the status. Numbers and texts always have a JSON form.
+fn json(part: &impl Serialize) -> Json {
+    serde_json::to_value(part).unwrap_or_default()
+}
+
+impl Sampler {
+    /// Takes a sample of all variables. Returns the places of those whose sample has changed.
+    pub(super) fn refresh(&mut self, variables: &[Variable], status: Status) -> Vec<usize> {
+        let now = time::parse(&status.now).unwrap_or_default();
+        let lists = Lists::of(status);
+        let records = [lists.records(Records::Alarms), lists.records(Records::Events)];
+        let (mut item, mut changed) = (Item::default(), Vec::new());
+        for (place, variable) in variables.iter().enumerate() {
+            let (value, quality, age) = match &variable.source {
+                Source::Fixed(text) => (Value::Text(text.clone()), None, None),
+                Source::Machine(name) => (value(variable.kind, lists.machine.get(*name)), None, None),
+                Source::Total(of) => (Value::Count(count(&records[of.place()])), None, None),
+                Source::Column(of, name) => (column(&records[of.place()], name), None, None),
+                Source::Item(list, of, path) => {
+                    if item.of != Some((*list, *of)) {
+                        item = Item { of: Some((*list, *of)), json: lists.item(*list, *of) };
+                    }
+                    let found = path.iter().try_fold(&item.json, |json, name| json.get(*name));
+                    let (quality, age) = quality_and_age(*list, path, &item.json);
+                    (value(variable.kind, found), quality, age)
+                }
+            };
+            let empty = if value == Value::Null { Quality::NoData } else { Quality::Good };
+            let quality = quality.unwrap_or(empty);
+            let last = self.last.get(place);
+            let is_same = |last: &&Sample| last.value == value && last.quality == quality;
+            let since = last.filter(is_same).map_or(now, |last| last.at);
+            let sample = Sample { at: age.map_or(since, |age| before(now, age)), value, quality };
+            if last == Some(&sample) {
+                continue;
+            }
+            changed.push(place);
+            match self.last.get_mut(place) {
+                Some(last) => *last = sample,
+                None => self.last.push(sample),
+            }
+        }
+        changed
+    }
+
+    /// Last sample of the variable at this place.
+    pub(super) fn sample(&self, place: usize) -> Option<&Sample> {
+        self.last.get(place)
+    }
+}
+
+impl Records {
+    fn place(self) -> usize {
+        match self {
+            Records::Alarms => 0,
+            Records::Events => 1,
+        }
+    }
+}
+
+/// Returns the quality of a field, and its age in seconds. `None` for a field that the gateway does not measure.
+fn quality_and_age(list: List, path: &[&str], item: &Json) -> (Option<Quality>, Option<f64>) {
+    let age = |name: &str| item.get(name).and_then(Json::as_f64);
+    match (list, path) {
+        (List::Signals, ["value"]) => {
+            let code = item.get("quality").and_then(Json::as_str);
+            (code.map(Quality::of_code), age("age_s"))
+        }
+        (List::Axes, ["verified_um"]) => (None, age("verified_age_s")),
+        (List::Outputs, ["value" | "applied"] | ["shares", _]) => (None, age("age_s")),
+        _ => (None, None),
+    }
+}
+
+/// Returns the time so many seconds before `now`, in whole milliseconds, so that rounding errors are no changes.
+fn before(now: Moment, age_s: f64) -> Moment {
+    const MS: u64 = 1_000_000;
+    let at = now.before(Duration::try_from_secs_f64(age_s).unwrap_or_default());
+    Moment::from_nanos((at.as_nanos() + MS / 2) / MS * MS)
+}
+
+fn value(kind: Kind, json: Option<&Json>) -> Value {
+    let Some(json) = json else { return Value::Null };
+    let found = match kind {
+        Kind::Number => json.as_f64().map(Value::Number),
+        Kind::Count => json.as_u64().map(Value::Count),
+        Kind::Flag => json.as_bool().map(Value::Flag),
+        Kind::Text => json.as_str().map(|text| Value::Text(text.to_owned())),
+        Kind::Texts => json.as_array().map(|list| Value::Texts(list.iter().map(text).collect())),
+        Kind::Object(_) => None,
+    };
+    found.unwrap_or(Value::Null)
+}
+
+fn column(records: &[Json], name: &str) -> Value {
+    Value::Texts(records.iter().map(|record| record.get(name).map(text).unwrap_or_default()).collect())
+}
+
+fn count(records: &[Json]) -> u64 {
+    u64::try_from(records.len()).unwrap_or(u64::MAX)
+}
+
+fn text(json: &Json) -> String {
+    json.as_str().unwrap_or_default().to_owned()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,388 @@
+//! Screen of the messages of a client: it reads the part of each message that is not encrypted, and refuses what no
+//! endpoint offers, before the library reads it.
+//!
+//! The library opens a channel with every policy that it knows. It creates sessions before anyone has logged in, and
+//! ends a channel that it rejects only after it may have read further messages. Without the screen:
+//!
+//! - a client could announce a message of 4 GB, of which the library keeps all bytes until the last one has come;
+//! - a client that is not trusted could take all sessions of a secured server, so that nobody else could log in;
+//! - somebody between could renew the channel of a client with another certificate, and send messages over it;
+//! - anyone could let the key of the server decrypt with the padding of Basic128Rsa15, whose errors reveal the key's
+//!   results.
+//!
+//! After the messages HEL and OPN, nothing is passed on before the library has answered. So a message never reaches the
+//! library with another policy than the one that it was judged by.
+
+use std::sync::Arc;
+
+use ::opcua::crypto::SecurityPolicy;
+
+use super::setup::{CHUNK, POLICIES};
+use isotherm_profile::Security;
+
+/// Length of the header of a message: its type, whether it is the last part, and its size.
+const HEADER: usize = 8;
+/// Places of the size, of the policy's length, of the policy, and of the identifier of a request.
+const SIZE_AT: usize = 4;
+const LENGTH_AT: usize = 12;
+const POLICY_AT: usize = 16;
+const REQUEST_AT: usize = 24;
+/// Largest length of the URI of a policy, in bytes.
+const LONGEST: usize = 255;
+/// Maximum number of bytes after the client's certificate in a message that opens a channel. They are the digest of the
+/// server's certificate, and what the server must decrypt: two or three blocks of 256 or 512 bytes.
+const MOST_DECRYPTED: usize = 2_100;
+/// Identifiers of the requests FindServers and GetEndpoints, with which a client asks how it may connect.
+const DISCOVERY: [u16; 2] = [422, 428];
+
+/// Policies that the endpoints of a server offer, and the clients that it trusts.
+#[derive(Debug)]
+pub(super) struct Rules {
+    /// URIs of the policies with security. Empty for a server without security.
+    policies: Vec<&'static str>,
+    /// Certificates of the trusted clients in DER form.
+    trusted: Vec<Vec<u8>>,
+}
+
+impl Rules {
+    /// Returns the rules of a server with this protection, which trusts these clients.
+    pub(super) fn of(security: Security, trusted: &[Vec<u8>]) -> Rules {
+        let policies: &[SecurityPolicy] = match security {
+            Security::None => &[],
+            Security::Sign | Security::SignAndEncrypt => &POLICIES,
+        };
+        let policies = policies.iter().map(SecurityPolicy::to_uri).collect();
+        Rules { policies, trusted: trusted.to_vec() }
+    }
+}
+
+/// Protection of a channel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Channel {
+    /// No channel is open yet.
+    None,
+    /// Messages are neither signed nor encrypted.
+    Plain,
+    /// Messages are at least signed, with this policy.
+    Secured(&'static str),
+}
+
+/// What follows the bytes that were passed on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Then {
+    /// Further bytes may be passed on.
+    GoOn,
+    /// The library must answer first.
+    Wait,
+    /// The library must answer first, and needs much processor time for it.
+    Open,
+}
+
+/// Reason why a connection is closed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Refusal {
+    /// The bytes are no message of OPC UA.
+    NoMessage,
+    /// A message is larger than the server has said that it may be.
+    TooLarge,
+    /// No endpoint offers this policy.
+    Policy,
+    /// The client with this certificate is not trusted.
+    Untrusted(Vec<u8>),
+    /// The request needs a channel with security.
+    Plain,
+}
+
+impl Refusal {
+    /// Message of OPC UA with this reason.
+    pub(super) fn message(&self) -> Vec<u8> {
+        let (status, why): (u32, &str) = match self {
+            Refusal::NoMessage => (0x807E_0000, "the bytes are no message of OPC UA"),
+            Refusal::TooLarge => (0x8080_0000, "a part of a message is larger than agreed"),
+            Refusal::Policy => (0x8055_0000, "no endpoint of this server offers this security policy"),
+            Refusal::Untrusted(_) => {
+                (0x801A_0000, "this server does not trust the certificate of the client")
+            }
+            Refusal::Plain => (0x8013_0000, "this server requires security: choose one of its endpoints"),
+        };
+        let length = u32::try_from(why.len()).unwrap_or(u32::MAX);
+        let size = length.saturating_add(16);
+        let numbers = [size, status, length].map(u32::to_le_bytes).concat();
+        [&b"ERRF"[..], &numbers[..], why.as_bytes()].concat()
+    }
+}
+
+/// Screen of the messages of one connection.
+#[derive(Debug)]
+pub(super) struct Screen {
+    rules: Arc<Rules>,
+    channel: Channel,
+    /// First bytes of a message that is not judged yet.
+    head: Vec<u8>,
+    /// Number of bytes that are still to come of a message that may be passed on.
+    left: usize,
+    /// What follows this message.
+    then: Then,
+}
+
+impl Screen {
+    pub(super) fn new(rules: Arc<Rules>) -> Screen {
+        Screen { rules, channel: Channel::None, head: Vec::new(), left: 0, then: Then::GoOn }
+    }
+
+    /// Appends the bytes that may be passed on to `passed`. Returns how many bytes were used, and what follows them.
+    ///
+    /// # Errors
+    /// The connection must be closed.
+    pub(super) fn pass(&mut self, bytes: &[u8], passed: &mut Vec<u8>) -> Result<(usize, Then), Refusal> {
+        let mut rest = bytes;
+        while let Some((first, later)) = rest.split_first() {
+            if self.left > 0 {
+                let (now, later) = rest.split_at(self.left.min(rest.len()));
+                passed.extend_from_slice(now);
+                self.left -= now.len();
+                rest = later;
+            } else {
+                self.head.push(*first);
+                rest = later;
+                let Some(size) = self.judge()? else { continue };
+                self.left = size - self.head.len();
+                passed.append(&mut self.head);
+            }
+            if self.left == 0 && self.then != Then::GoOn {
+                return Ok((bytes.len() - rest.len(), self.then));
+            }
+        }
+        Ok((bytes.len(), Then::GoOn))
+    }
+
+    /// Judges the message that begins with `head`. Returns its size if it may be passed on, and `None` while too few of
+    /// its bytes are known. The size is never below the length of `head`.
+    fn judge(&mut self) -> Result<Option<usize>, Refusal> {
+        let Some(size) = number(&self.head, SIZE_AT) else { return Ok(None) };
+        let kind: [u8; 3] = self.head.first_chunk().copied().unwrap_or_default();
+        let is_judged = match &kind {
+            _ if size < HEADER => return Err(Refusal::NoMessage),
+            b"HEL" | b"OPN" | b"MSG" | b"CLO" if size > CHUNK => return Err(Refusal::TooLarge),
+            b"HEL" | b"CLO" => true,
+            b"OPN" => self.opens(size)?,
+            b"MSG" => self.asks()?,
+            _ => return Err(Refusal::NoMessage),
+        };
+        if !is_judged {
+            return if self.head.len() < size { Ok(None) } else { Err(Refusal::NoMessage) };
+        }
+        self.then = match (&kind, self.channel) {
+            (b"OPN", Channel::Secured(_)) => Then::Open,
+            (b"OPN" | b"HEL", _) => Then::Wait,
+            _ => Then::GoOn,
+        };
+        Ok(Some(size))
+    }
+
+    /// Judges a message of this size that opens a channel. Returns `false` while its policy or its certificate is not
+    /// known as a whole.
+    fn opens(&mut self, size: usize) -> Result<bool, Refusal> {
+        let Some(length) = number(&self.head, LENGTH_AT) else { return Ok(false) };
+        if length > LONGEST {
+            return Err(Refusal::Policy);
+        }
+        let Some(uri) = self.head.get(POLICY_AT..POLICY_AT + length) else { return Ok(false) };
+        let known = self.rules.policies.iter().copied().find(|known| known.as_bytes() == uri);
+        let channel = match known {
+            Some(policy) => Channel::Secured(policy),
+            None if uri == SecurityPolicy::None.to_uri().as_bytes() => Channel::Plain,
+            None => return Err(Refusal::Policy),
+        };
+        if known.is_some() {
+            let certificate_at = POLICY_AT + length + 4;
+            let Some(certificate) = number(&self.head, POLICY_AT + length) else { return Ok(false) };
+            match size.checked_sub(certificate_at).and_then(|left| left.checked_sub(certificate)) {
+                None => return Err(Refusal::NoMessage),
+                Some(MOST_DECRYPTED..) => return Err(Refusal::TooLarge),
+                Some(_) => {}
+            }
+            let Some(sender) = self.head.get(certificate_at..certificate_at + certificate) else {
+                return Ok(false);
+            };
+            // The certificates of authorities may follow.
+            if !self.rules.trusted.iter().any(|known| sender.starts_with(known)) {
+                return Err(Refusal::Untrusted(sender.to_vec()));
+            }
+        }
+        // A channel keeps its policy when it is renewed.
+        if self.channel != Channel::None && self.channel != channel {
+            return Err(Refusal::Policy);
+        }
+        self.channel = channel;
+        Ok(true)
+    }
+
+    /// Judges a request. Returns `false` while it is not known which one it is.
+    fn asks(&self) -> Result<bool, Refusal> {
+        match self.channel {
+            Channel::None => Err(Refusal::NoMessage),
+            Channel::Secured(_) => Ok(true),
+            Channel::Plain if self.rules.policies.is_empty() => Ok(true),
+            // A request in several parts is longer than any of those that are allowed.
+            Channel::Plain if self.head[3] != b'F' => Err(Refusal::Plain),
+            Channel::Plain => match self.head.get(REQUEST_AT..REQUEST_AT + 4) {
+                // Two bytes are the form and the namespace of the identifier, two its number.
+                Some(&[1, 0, low, high]) if DISCOVERY.contains(&u16::from_le_bytes([low, high])) => Ok(true),
+                Some(_) => Err(Refusal::Plain),
+                None => Ok(false),
+            },
+        }
+    }
+}
+
+/// Returns the number at this place; `None` while not all of its bytes are known.
+fn number(bytes: &[u8], at: usize) -> Option<usize> {
+    let number = bytes.get(at..)?.first_chunk()?;
+    usize::try_from(u32::from_le_bytes(*number)).ok()
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const BASIC: &str = "http://opcfoundation.org/UA/SecurityPolicy#Basic256Sha256";
+    const SHA1: &str = "http://opcfoundation.org/UA/SecurityPolicy#Basic128Rsa15";
+    const NONE: &str = "http://opcfoundation.org/UA/SecurityPolicy#None";
+
+    /// Makes a message with this content after its header.
+    pub(in super::super) fn message(kind: &str, content: &[u8]) -> Vec<u8> {
+        let size = u32::try_from(HEADER + content.len()).unwrap().to_le_bytes();
+        [kind.as_bytes(), &size[..], content].concat()
+    }
+
+    fn hello() -> Vec<u8> {
+        message("HELF", &[0; 24])
+    }
+
+    /// Certificate of a trusted client.
+    const OWN: [u8; 900] = [7; 900];
+
+    fn opening(policy: &str) -> Vec<u8> {
+        opening_with(policy, &OWN, 600)
+    }
+
+    /// Makes a message that opens a channel, with this certificate, and so many bytes after it.
+    fn opening_with(policy: &str, certificate: &[u8], encrypted: usize) -> Vec<u8> {
+        let length = u32::try_from(policy.len()).unwrap().to_le_bytes();
+        let size = u32::try_from(certificate.len()).unwrap().to_le_bytes();
+        let plain = [&[0; 4][..], &length[..], policy.as_bytes(), &size[..], certificate].concat();
+        message("OPNF", &[plain, vec![8; encrypted]].concat())
+    }
+
+    fn screen(security: Security) -> Screen {
+        Screen::new(Arc::new(Rules::of(security, &[vec![1; 900], OWN.to_vec()])))
+    }
+
+    fn request(kind: &str, number: u16) -> Vec<u8> {
+        message(kind, &[&[5; 16][..], &[1, 0][..], &number.to_le_bytes()[..], &[9; 30][..]].concat())
+    }
+
+    /// Passes messages on in pieces of this length. Returns what was passed on, and the refusal.
+    fn passed(security: Security, messages: &[Vec<u8>], piece: usize) -> (Vec<u8>, Option<Refusal>) {
+        let mut screen = screen(security);
+        let mut passed = Vec::new();
+        for piece in messages.concat().chunks(piece) {
+            let mut rest = piece;
+            while !rest.is_empty() {
+                match screen.pass(rest, &mut passed) {
+                    Ok((used, _)) => rest = &rest[used..],
+                    Err(refusal) => return (passed, Some(refusal)),
+                }
+            }
+        }
+        (passed, None)
+    }
+
+    #[test]
+    fn a_secured_server_gets_what_its_endpoints_offer_and_questions_about_them_only() {
+        let (create_session, read, other) = (461, 631, vec![6; 900]);
+        for (messages, refusal) in [
+            (vec![opening(BASIC), request("MSGF", read), request("MSGC", 1), request("CLOF", 452)], None),
+            (vec![opening(BASIC), request("MSGF", read), opening(BASIC)], None),
+            (vec![opening(NONE), request("MSGF", 428), request("MSGF", 422), request("CLOF", 452)], None),
+            (vec![opening(NONE), request("MSGF", create_session)], Some(Refusal::Plain)),
+            (vec![opening(NONE), request("MSGC", 428)], Some(Refusal::Plain)),
+            (vec![opening(NONE), request("MSGF", read)], Some(Refusal::Plain)),
+            (vec![opening(SHA1)], Some(Refusal::Policy)),
+            (vec![opening("")], Some(Refusal::Policy)),
+            (vec![opening(&"x".repeat(300))], Some(Refusal::Policy)),
+            (vec![opening(NONE), opening(BASIC)], Some(Refusal::Policy)),
+            (vec![opening_with(BASIC, &OWN, MOST_DECRYPTED - 1)], None),
+            (vec![opening_with(BASIC, &OWN, MOST_DECRYPTED)], Some(Refusal::TooLarge)),
+            (vec![opening_with(BASIC, &[7; 1200], 600)], None),
+            (vec![opening_with(BASIC, &other, 600)], Some(Refusal::Untrusted(other.clone()))),
+            (vec![opening_with(BASIC, &OWN[1..], 600)], Some(Refusal::Untrusted(OWN[1..].to_vec()))),
+            (vec![opening(BASIC), opening_with(BASIC, &other, 600)], Some(Refusal::Untrusted(other.clone()))),
+            (vec![message("OPNF", &opening(BASIC)[HEADER..700])], Some(Refusal::NoMessage)),
+            (vec![request("MSGF", create_session)], Some(Refusal::NoMessage)),
+            (vec![b"GET / HTTP/1.1\r\n\r\n".to_vec()], Some(Refusal::NoMessage)),
+            (vec![b"OPNF\x0a\0\0\0\0\0\0\0".to_vec()], Some(Refusal::NoMessage)),
+            (vec![b"HELF\x07\0\0\0".to_vec()], Some(Refusal::NoMessage)),
+            (vec![message("CLOF", &vec![1; CHUNK - HEADER])], None),
+            (vec![message("CLOF", &vec![1; CHUNK - HEADER + 1])], Some(Refusal::TooLarge)),
+            (vec![b"HELF\xff\xff\xff\xff".to_vec()], Some(Refusal::TooLarge)),
+        ] {
+            let messages = [vec![hello()], messages].concat();
+            let (found, why) = passed(Security::SignAndEncrypt, &messages, 4096);
+            assert_eq!(why, refusal, "{messages:?}");
+            let allowed = if why.is_none() { messages.concat() } else { found.clone() };
+            assert_eq!(found, allowed);
+        }
+    }
+
+    #[test]
+    fn a_server_without_security_gets_every_request_and_no_other_policy() {
+        let all = [hello(), opening(NONE), request("MSGF", 461), request("MSGC", 631)];
+        assert_eq!(passed(Security::None, &all, 4096), (all.concat(), None));
+        let (_, why) = passed(Security::None, &[hello(), opening(BASIC)], 4096);
+        assert_eq!(why, Some(Refusal::Policy));
+    }
+
+    #[test]
+    fn nothing_follows_a_hello_or_an_opening_before_the_answer() {
+        let mut screen = screen(Security::SignAndEncrypt);
+        let all = [hello(), opening(BASIC), request("MSGF", 461), request("MSGF", 467)].concat();
+        let (mut rest, mut stops) = (&all[..], Vec::new());
+        while !rest.is_empty() {
+            let mut now = Vec::new();
+            let (used, then) = screen.pass(rest, &mut now).unwrap();
+            assert_eq!(now, &rest[..used]);
+            stops.push((used, then));
+            rest = &rest[used..];
+        }
+        let requests = 2 * request("MSGF", 461).len();
+        let (hello, opening) = (hello().len(), opening(BASIC).len());
+        assert_eq!(stops, [(hello, Then::Wait), (opening, Then::Open), (requests, Then::GoOn)]);
+    }
+
+    #[test]
+    fn a_refusal_is_a_message_with_its_size_and_its_reason() {
+        let untrusted = Refusal::Untrusted(OWN.to_vec());
+        for refusal in [Refusal::NoMessage, Refusal::TooLarge, Refusal::Policy, untrusted, Refusal::Plain] {
+            let message = refusal.message();
+            assert_eq!(number(&message, SIZE_AT), Some(message.len()));
+            assert_eq!(number(&message, LENGTH_AT), Some(message.len() - 16));
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn pieces_of_any_length_are_judged_alike(
+            piece in 1_usize..200,
+            bytes in any::<Vec<u8>>(),
+            policy in 0_usize..3,
+        ) {
+            let opening = opening([BASIC, SHA1, NONE][policy]);
+            let messages = [hello(), opening, request("MSGF", 428), bytes];
+            let whole = passed(Security::Sign, &messages, 4096);
+            prop_assert_eq!(passed(Security::Sign, &messages, piece), whole);
+        }
+    }
+}

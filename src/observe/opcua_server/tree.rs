@@ -1,0 +1,234 @@
+//! Tree of the nodes: objects and variables with their names, made from the catalogue of the status fields and from the
+//! names of the profile.
+//!
+//! An identifier is made of names only: `axis.z.cz_um`, `signal.bed.value`. It stays the same after a restart, and after
+//! a change of the profile that does not rename anything. The names of the folders are those of OPC 40001-1 (machinery)
+//! and OPC 40501-1 (machine tools).
+
+use super::catalogue::{self, Field, Kind};
+use crate::observe::status::Status;
+
+/// Root folder of all nodes.
+const MACHINES: &str = "Machines";
+/// Identifier of the object of the machine, which is the source of its events.
+pub(super) const MACHINE: &str = "machine";
+const IDENTIFICATION: &str = "Identification";
+const COMPONENTS: &str = "Components";
+const MONITORING: &str = "Monitoring";
+const NOTIFICATION: &str = "Notification";
+
+/// List of the status whose items are objects.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum List {
+    Axes,
+    Signals,
+    Outputs,
+    Devices,
+}
+
+/// List of the status whose items come and go. Each of its fields is one array.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Records {
+    Alarms,
+    Events,
+}
+
+/// Origin of the value of a variable.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Source {
+    /// Text that never changes.
+    Fixed(String),
+    /// Field of the status itself.
+    Machine(&'static str),
+    /// Field of an item: list, place in the list, and the names that lead to the field.
+    Item(List, usize, Vec<&'static str>),
+    /// Field of each record, as an array.
+    Column(Records, &'static str),
+    /// Number of records.
+    Total(Records),
+}
+
+/// Kind of an object node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Role {
+    /// Folder, which only contains other nodes.
+    Folder,
+    /// Object with variables.
+    Object,
+    /// Object that reports events.
+    EventSource,
+}
+
+/// Object node.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Object {
+    pub(super) id: String,
+    /// Identifier of the object that contains it; `None` for the folder of all objects of the server.
+    pub(super) parent: Option<String>,
+    pub(super) name: String,
+    /// Displayed name.
+    pub(super) label: String,
+    pub(super) role: Role,
+}
+
+/// Variable node.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Variable {
+    pub(super) id: String,
+    pub(super) parent: String,
+    pub(super) name: &'static str,
+    /// Type of the value. Never [`Kind::Object`].
+    pub(super) kind: Kind,
+    /// Unit, as in the status; empty if there is none.
+    pub(super) unit: String,
+    pub(super) about: &'static str,
+    pub(super) source: Source,
+}
+
+/// All nodes of a machine.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct Tree {
+    /// Objects. Each comes after the object that contains it.
+    pub(super) objects: Vec<Object>,
+    pub(super) variables: Vec<Variable>,
+    /// Names of the axes that accept measured errors.
+    pub(super) probed: Vec<String>,
+}
+
+/// Identifier of the object of an axis.
+pub(super) fn axis_id(axis: &str) -> String {
+    format!("axis.{axis}")
+}
+
+impl Tree {
+    /// Makes the nodes of a machine. Lists of the status keep their length and their order while the gateway runs.
+    pub(super) fn of(status: &Status) -> Tree {
+        let mut tree = Tree::default();
+        tree.folder(None, MACHINES);
+        let names = (status.machine.as_str(), status.label.as_str());
+        tree.object(Some(MACHINES), MACHINE, names, Role::EventSource);
+        for folder in [IDENTIFICATION, COMPONENTS, MONITORING, NOTIFICATION] {
+            tree.folder(Some(MACHINE), folder);
+        }
+        tree.identification(status);
+        for field in catalogue::fields(catalogue::MACHINE) {
+            let id = format!("{MACHINE}.{}", field.name);
+            tree.variable(id, MONITORING, field, String::new(), Source::Machine(field.name));
+        }
+        let axes = status.axes.iter().map(|axis| (axis.name.as_str(), axis.label.as_str(), ""));
+        tree.items((COMPONENTS, "Axes", "axis"), (catalogue::AXES, List::Axes), axes);
+        let outputs = status.outputs.iter().map(|output| (output.name.as_str(), "", output.unit()));
+        tree.items((COMPONENTS, "Outputs", "output"), (catalogue::OUTPUTS, List::Outputs), outputs);
+        let devices = status.devices.iter().map(|device| (device.name.as_str(), device.label.as_str(), ""));
+        tree.items((COMPONENTS, "Devices", "device"), (catalogue::DEVICES, List::Devices), devices);
+        let signals = status.signals.iter();
+        let signals = signals.map(|signal| (signal.name.as_str(), signal.label.as_str(), signal.unit));
+        tree.items((MONITORING, "Signals", "signal"), (catalogue::SIGNALS, List::Signals), signals);
+        tree.records("Alarms", "alarms", catalogue::ALARMS, Records::Alarms);
+        tree.records("Events", "events", catalogue::EVENTS, Records::Events);
+        let probed = status.axes.iter().filter(|axis| axis.probe.is_some());
+        tree.probed = probed.map(|axis| axis.name.clone()).collect();
+        tree
+    }
+
+    fn folder(&mut self, parent: Option<&str>, name: &str) {
+        self.object(parent, name, (name, ""), Role::Folder);
+    }
+
+    fn object(&mut self, parent: Option<&str>, id: &str, (name, label): (&str, &str), role: Role) {
+        let label = if label.is_empty() { name } else { label };
+        self.objects.push(Object {
+            id: id.to_owned(),
+            parent: parent.map(str::to_owned),
+            name: name.to_owned(),
+            label: label.to_owned(),
+            role,
+        });
+    }
+
+    fn variable(&mut self, id: String, parent: &str, field: Field, unit: String, source: Source) {
+        if matches!(field.kind, Kind::Object(_)) {
+            return;
+        }
+        let Field { name, kind, about, .. } = field;
+        let unit = if field.unit.is_empty() { unit } else { field.unit.to_owned() };
+        self.variables.push(Variable { id, parent: parent.to_owned(), name, kind, unit, about, source });
+    }
+
+    /// Adds the values by which OPC 40001-1 identifies a component.
+    fn identification(&mut self, status: &Status) {
+        let named = if status.label.is_empty() { &status.machine } else { &status.label };
+        for (name, text, about) in [
+            ("ComponentName", named.as_str(), "Displayed name of the machine."),
+            ("Model", "isotherm", "Program that serves these nodes."),
+            ("SoftwareRevision", status.version, "Version of the program."),
+        ] {
+            let field = Field { name, kind: Kind::Text, unit: "", about };
+            let source = Source::Fixed(text.to_owned());
+            self.variable(format!("{MACHINE}.{name}"), IDENTIFICATION, field, String::new(), source);
+        }
+    }
+
+    /// Adds a folder with one object for each item of a list. An item has a name, a label, and a unit.
+    fn items<'s>(
+        &mut self,
+        (parent, folder, word): (&str, &str, &str),
+        (section, list): (&str, List),
+        items: impl Iterator<Item = (&'s str, &'s str, &'s str)>,
+    ) {
+        self.folder(Some(parent), folder);
+        let fields = catalogue::fields(section);
+        let path: &[&'static str] = &[];
+        for (place, (name, label, unit)) in items.enumerate() {
+            let id = format!("{word}.{name}");
+            self.object(Some(folder), &id, (name, label), Role::Object);
+            self.fields(&id, &fields, unit, (list, place, path));
+        }
+    }
+
+    /// Adds the fields of an item, and the objects in it.
+    fn fields(
+        &mut self,
+        parent: &str,
+        fields: &[Field],
+        unit: &str,
+        (list, place, path): (List, usize, &[&'static str]),
+    ) {
+        for field in fields {
+            let id = format!("{parent}.{}", field.name);
+            let path: Vec<&'static str> = path.iter().copied().chain([field.name]).collect();
+            if let Kind::Object(section) = field.kind {
+                self.object(Some(parent), &id, (field.name, ""), Role::Object);
+                self.fields(&id, &catalogue::fields(section), unit, (list, place, path.as_slice()));
+                continue;
+            }
+            let own = if has_unit_of_item(list, &path) { unit.to_owned() } else { String::new() };
+            self.variable(id, parent, *field, own, Source::Item(list, place, path));
+        }
+    }
+
+    /// Adds an object with an array for each field of the records, and with their number.
+    fn records(&mut self, name: &str, id: &str, section: &str, records: Records) {
+        self.object(Some(NOTIFICATION), id, (name, ""), Role::Object);
+        let about = "Number of entries in each array.";
+        let count = Field { name: "count", kind: Kind::Count, unit: "", about };
+        self.variable(format!("{id}.count"), id, count, String::new(), Source::Total(records));
+        for field in catalogue::fields(section).into_iter().filter(|field| field.kind == Kind::Text) {
+            let column = Field { kind: Kind::Texts, ..field };
+            let source = Source::Column(records, field.name);
+            self.variable(format!("{id}.{}", field.name), id, column, String::new(), source);
+        }
+    }
+}
+
+/// Returns whether a field has the unit of its item: the value of a signal, and the values of an output.
+fn has_unit_of_item(list: List, path: &[&str]) -> bool {
+    match (list, path) {
+        (List::Signals, ["value"]) => true,
+        (List::Outputs, ["value" | "applied"] | ["shares", _]) => true,
+        _ => false,
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,119 @@
+//! Nodes that are browsed, read, subscribed to, written and called.
+
+use std::time::Duration;
+
+use serde_json::{Value, json};
+
+use super::process::until;
+use super::rig::{Machine, SIGNALS};
+
+#[test]
+fn axes_signals_outputs_alarms_and_events_are_browsed_and_read_with_unit_quality_and_time() {
+    let machine = Machine::open();
+    let nodes = machine.asks(&["browse"]);
+    for (id, name) in [
+        ("machine", "press"),
+        ("Identification", "Identification"),
+        ("axis.z", "z"),
+        ("axis.z.cz_um", "cz_um"),
+        ("axis.z.probe.correction_um", "correction_um"),
+        ("signal.bed7.value", "value"),
+        ("output.cnc_z.state", "state"),
+        ("device.cnc.state", "state"),
+        ("alarms.text", "text"),
+        ("events.text", "text"),
+    ] {
+        assert_eq!(nodes[id], name, "{id}");
+    }
+    let read = machine.asks(&[
+        "read",
+        "axis.z.verified_um",
+        "axis.z.state",
+        "signal.bed0.value",
+        "signal.bed0.quality",
+        "output.cnc_z.value",
+        "axis.z.warn_um",
+        "axis.z.armed",
+        "machine.SoftwareRevision",
+        "events.text",
+    ]);
+    for (id, value, status, unit) in [
+        ("axis.z.verified_um", json!(10.0), "Good", json!("µm")),
+        ("axis.z.state", json!("active"), "Good", Value::Null),
+        ("signal.bed0.value", json!(10.0), "Good", json!("°C")),
+        ("signal.bed0.quality", json!("good"), "Good", Value::Null),
+        ("output.cnc_z.value", json!(10.0), "Good", json!("µm")),
+        ("axis.z.warn_um", Value::Null, "GoodNoData", json!("µm")),
+        ("axis.z.armed", json!(true), "Good", Value::Null),
+        ("machine.SoftwareRevision", json!(env!("CARGO_PKG_VERSION")), "Good", Value::Null),
+    ] {
+        let found = &read[id];
+        assert_eq!((&found["value"], &found["unit"]), (&value, &unit), "{id}: {found}");
+        assert_eq!(found["status"], status, "{id}");
+        assert!(found["times"][0].as_str().is_some_and(|time| time.starts_with("20")), "{id}: {found}");
+    }
+    let events = read["events.text"]["value"].as_array().unwrap();
+    assert!(
+        events.iter().any(|text| text.as_str().is_some_and(|text| text.contains("axis z"))),
+        "{events:?}"
+    );
+}
+
+#[test]
+fn a_signal_without_a_value_is_bad_with_its_reason_and_an_alarm_and_an_event_say_so() {
+    let machine = Machine::open();
+    let mut listener = machine.watched_by(&["events", "20"]);
+    machine.answers(false);
+    until("the signal is bad", || {
+        let read = machine.asks(&["read", "signal.bed3.value", "signal.bed3.quality", "alarms.count"]);
+        let status = read["signal.bed3.value"]["status"].as_str().unwrap_or_default().to_owned();
+        let alarms = read["alarms.count"]["value"].as_u64().unwrap_or_default();
+        let is_bad = status.starts_with("Bad") && read["signal.bed3.value"]["value"].is_null();
+        if is_bad && alarms > 0 { Ok(()) } else { Err(read.to_string()) }
+    });
+    let said = listener.receives("signal bed");
+    let events: Vec<(String, u64, String)> = serde_json::from_str(&said).unwrap();
+    let found = events.iter().find(|(text, ..)| text.contains("signal bed3"));
+    let (_, severity, source) = found.unwrap_or_else(|| panic!("{said}"));
+    assert!(*severity >= 500 && source == "press", "{said}");
+}
+
+#[test]
+fn a_subscription_gets_every_change_and_nothing_that_did_not_change() {
+    let machine = Machine::open();
+    let mut watcher = machine.watched_by(&["watch-all", "10"]);
+    let said = watcher.receives("signal.bed7.value");
+    let counts: Value = serde_json::from_str(&said).unwrap();
+    let counts = counts.as_object().unwrap();
+    assert_eq!(counts.len(), SIGNALS, "{said}");
+    // All temperatures but one change ten times a second; the computer may be busy.
+    assert_eq!(counts["signal.bed0.value"], 1, "{said}");
+    let least = counts.iter().filter(|(name, _)| *name != "signal.bed0.value");
+    let least = least.filter_map(|(_, count)| count.as_u64()).min().unwrap();
+    assert!(least >= 30, "{least} changes in ten seconds");
+}
+
+#[test]
+fn identifiers_are_the_same_after_a_restart() {
+    let machine = Machine::open();
+    let before = machine.asks(&["browse"]);
+    let mut machine = machine.dies_and_begins();
+    assert_eq!(machine.asks(&["browse"]), before);
+    machine.running.signal("TERM");
+    assert!(machine.running.ends_within(Duration::from_secs(60)).success());
+}
+
+#[test]
+fn nothing_can_be_written_and_no_method_is_there_without_a_user_who_may_call_it() {
+    let machine = Machine::open();
+    for id in ["axis.z.cz_um", "signal.bed0.value", "axis.z.limit_um", "output.cnc_z.value"] {
+        let refused = machine.asks(&["write", id, "7"]);
+        assert!(
+            matches!(refused["error"].as_str(), Some("BadNotWritable" | "BadUserAccessDenied")),
+            "{refused}"
+        );
+    }
+    assert_eq!(machine.asks(&["methods"]), json!([]));
+    let axis = &machine.status()["axes"]["z"];
+    assert_eq!((&axis["armed"], &axis["limit_um"]), (&json!(true), &json!(40.0)));
+}
