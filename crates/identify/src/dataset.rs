@@ -30,6 +30,7 @@ mod tests;
 pub use error::BadLog;
 pub use kind::Kind;
 pub use run::Run;
+pub(crate) use run::{Datum, Errors, Origin};
 pub use split::Split;
 pub use table::{Uses, every_column};
 

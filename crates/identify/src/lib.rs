@@ -52,6 +52,7 @@ mod sensors;
 mod similarity;
 mod solve;
 mod statistics;
+mod touches;
 mod uncertainty;
 mod validate;
 mod wander;
@@ -59,4 +60,4 @@ mod whiten;
 
 pub use identified::{Identified, assessed_on_others, identify};
 pub use learn::Learned;
-pub use validate::RunScore;
+pub use validate::{OVER_TOUCHES, RunScore};

@@ -20,6 +20,7 @@ mod rig;
 mod runs;
 mod speed;
 mod stated;
+mod touched;
 mod trained;
 mod whitened;
 mod wrong;

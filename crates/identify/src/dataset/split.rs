@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use jiff::tz::TimeZone;
 
+use super::run::{Errors, Origin};
 use super::table::{Cells, Table};
 use super::{BadLog, Run};
 
@@ -106,6 +107,12 @@ fn parts(table: &Table, labels: Option<&Labels<'_>>, split: &Split) -> Result<Ve
 /// Creates the run of these rows. If the run is the whole table, the columns are moved out of the table instead of
 /// copied.
 fn run(table: &mut Table, names: &[String], name: String, rows: Range<usize>) -> Run {
+    let zeros = table.zeros.iter().filter(|(row, _)| rows.contains(row));
+    let origin = Origin {
+        zeros: zeros.map(|(row, axis)| (row - rows.start, axis.clone())).collect(),
+        continues: table.continues && rows.start == 0,
+        errors: Errors::Recorded,
+    };
     if rows.len() == table.times.len() {
         let mut columns: HashMap<String, Cells> = std::mem::take(&mut table.columns).into_iter().collect();
         let values = names.iter().map(|name| match columns.remove(name) {
@@ -113,14 +120,20 @@ fn run(table: &mut Table, names: &[String], name: String, rows: Range<usize>) ->
             _ => vec![f64::NAN; rows.len()],
         });
         let values = values.collect();
-        return Run { name, file: table.file.clone(), times: std::mem::take(&mut table.times), values };
+        return Run {
+            name,
+            file: table.file.clone(),
+            times: std::mem::take(&mut table.times),
+            values,
+            origin,
+        };
     }
     let of = |name: &String| match table.numbers(name) {
         Some(numbers) => numbers[rows.clone()].to_vec(),
         None => vec![f64::NAN; rows.len()],
     };
     let values = names.iter().map(of).collect();
-    Run { name, file: table.file.clone(), times: table.times[rows.clone()].to_vec(), values }
+    Run { name, file: table.file.clone(), times: table.times[rows.clone()].to_vec(), values, origin }
 }
 
 /// Value in each log row of the column by which a log is divided into runs.

@@ -40,6 +40,11 @@ pub(super) struct Table {
     pub(super) columns: Vec<(String, Cells)>,
     /// Names of the columns that contain the active Cz (Cz that acted during the measurement).
     pub(super) acted: Vec<String>,
+    /// Rows directly after a zero command, each with the axis of the command; `None` for all axes. Only a log of the
+    /// gateway contains them.
+    pub(super) zeros: Vec<(usize, Option<String>)>,
+    /// Whether the machine was already on before the first row, as the log of a gateway says.
+    pub(super) continues: bool,
 }
 
 /// Cells of a column.
@@ -189,7 +194,7 @@ impl Reader {
         };
         let time = names.iter().enumerate().find_map(|(place, name)| Some((place, unit(name)?)))?;
         let column = |(place, name): (usize, String)| {
-            let has_words = by == Some(name.as_str()) || active_cz::names_model_by_words(&name);
+            let has_words = by == Some(name.as_str()) || active_cz::needs_words(&name);
             let is_over = place == time.0 || name.is_empty();
             let is_used = has_words || active_cz::needs(&name) || uses(&name);
             Column { words: has_words.then(Words::default), is_used, is_over, name, ..Column::default() }
@@ -301,6 +306,7 @@ impl Reader {
             _ => match self.dialect.number(&text) {
                 Ok(pointed) => to_number(&pointed),
                 Err(_) if !self.columns[place].is_used => None,
+                Err(_) if active_cz::is_of_machine(&self.columns[place].name) => None,
                 Err(why) => {
                     let name = std::mem::take(&mut self.columns[place].name);
                     self.refuse(number, Some(&name), why);
