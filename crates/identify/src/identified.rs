@@ -11,6 +11,7 @@ use crate::dataset::{Column, Kind};
 use crate::expected::{Expected, expected, inside};
 use crate::faults::{Notes, Repaired, resolution};
 use crate::learn::Learned;
+use crate::method::whitened::check_prior;
 use crate::method::{Method, Settings};
 use crate::pruning::prune;
 use crate::region::Region;
@@ -166,6 +167,9 @@ pub fn identify(
     let learner = settings.method.prepare(campaign, settings)?;
     let (learner, bank) = (learner.as_ref(), learner.bank());
     bank.check_rows("every sensor", "the sensor")?;
+    if let Some(prior) = &settings.prior {
+        check_prior(campaign, bank, prior)?;
+    }
     let one_run_only = one_run_only(&campaign.dataset).filter(|_| settings.method != Method::Whitened);
     one_run_only.map_or(Ok(()), Err)?;
     check_count(bank, settings.method)?;
