@@ -330,6 +330,9 @@ pub struct AxisStatus {
     /// Expected residual error if the axis follows its model: one standard deviation, µm. `None` if the profile does
     /// not contain it, and outside the range on which the model was identified.
     pub expected_um: Option<f64>,
+    /// Number of probings by which the expected error is scaled, at most 24. 0 if it only follows from the
+    /// identification.
+    pub expected_touches: u32,
     /// Cz after the limits of the axis (limit, deadband, step, rate, rounding), µm. It is the target of the register.
     pub cz_um: f64,
     /// Last verified Cz in the register, µm; `None` if none was verified yet.

@@ -203,6 +203,7 @@ pub(crate) fn status() -> Status {
             model: None,
             raw_um: None,
             expected_um: Some(2.1),
+            expected_touches: 24,
             cz_um: 12.5,
             verified_um: Some(12.5),
             verified_age_s: Some(2.0),

@@ -116,7 +116,12 @@ fn axis_lines(name: &str, axis: &Value, dry_run: bool) -> String {
             axis["acted"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
         let guard = if acted.is_empty() { String::new() } else { format!("; guard: {}", acted.join(", ")) };
         let expected = axis["expected_um"].as_f64();
-        let expected = expected.map_or(String::new(), |um| format!(", expected within ±{um:.1} µm (1 σ)"));
+        let touches = match axis["expected_touches"].as_u64() {
+            None | Some(0) => String::new(),
+            Some(touches) => format!(", by {}", counted(touches, "touch")),
+        };
+        let expected =
+            expected.map_or(String::new(), |um| format!(", expected within ±{um:.1} µm (1 σ{touches})"));
         let _ = writeln!(text, "  model {model} requests {}{expected}{guard}", micron(&axis["raw_um"]));
     }
     if let outside @ Value::Object(_) = &axis["extrapolating"] {
@@ -231,6 +236,9 @@ mod tests {
             ),
             "{text}"
         );
+        axis["expected_touches"] = json!(24);
+        let text = axis_lines("z", &axis, false);
+        assert!(text.contains("expected within ±2.1 µm (1 σ, by 24 touches); guard: round\n"), "{text}");
         (axis["expected_um"], axis["probe"]["last"]["refused"]) = (Value::Null, Value::Null);
         let text = axis_lines("z", &axis, false);
         assert!(text.contains("requests -12.3 µm; guard: round\n") && !text.contains("probed"), "{text}");

@@ -196,6 +196,7 @@ fn axes(shared: &Shared, picture: &StatusSnapshot) -> Vec<AxisStatus> {
             .map(|model| model.name.clone()),
         raw_um: decision.raw.map(Micron::get),
         expected_um: decision.expected.map(Micron::get),
+        expected_touches: decision.expected_touches,
         cz_um: decision.cz.get(),
         verified_um: verified(picture, place).map(|(cz, _)| cz.get()),
         verified_age_s: verified(picture, place).map(|(_, at)| picture.now.since(at).as_secs_f64()),

@@ -62,6 +62,7 @@ impl Axis {
             at: Moment::default(),
             raw: None,
             expected: None,
+            expected_touches: 0,
             correction: Micron::ZERO,
             model: None,
             cz: Micron::ZERO,
@@ -208,10 +209,12 @@ impl Axis {
         if self.state == AxisState::Ramping && cz == Micron::ZERO && slope == Micron::ZERO {
             self.state = AxisState::Zeroed;
         }
+        let expected = chosen.and_then(|chosen| self.expected(&chosen, now, machine));
         self.decision = Decision {
             at: now,
             raw: chosen.map(|chosen| chosen.raw),
-            expected: chosen.and_then(|chosen| self.expected(&chosen, now, machine)),
+            expected: expected.map(|(expected, _)| expected),
+            expected_touches: expected.map_or(0, |(_, touches)| touches),
             correction: chosen.map_or(Micron::ZERO, |chosen| chosen.correction),
             model: chosen.map(|chosen| chosen.model),
             cz,

@@ -182,7 +182,8 @@ impl Axis {
             let residual = missing - learned.correction(model.parts(inputs), settings);
             if residual.abs() <= settings.max_error.get() {
                 let occasion = self.occasion(place, snapshot.now, machine);
-                learned.learn(missing, model.parts(inputs), settings, occasion);
+                let expected = self.expected_variance(place, learned, snapshot.now, machine);
+                learned.learn(missing, model.parts(inputs), settings, (occasion, expected));
             }
         }
         self.probe.models = models;
