@@ -12,7 +12,7 @@ const COLD_SHOP: f64 = 45.0;
 /// Minimum duration of a run with a measurable drift.
 pub(super) const SHORTEST_RUN: Duration = Duration::from_secs(20 * 60);
 /// Maximum duration of a run. A run of four hours is longer if its seconds are read as minutes.
-pub(super) const LONGEST_RUN: Duration = Duration::from_secs(10 * 24 * 3600);
+const LONGEST_RUN: Duration = Duration::from_secs(10 * 24 * 3600);
 /// Maximum range of the position of a probe that measures at one position, mm.
 const LONGEST_AT_ONE_PLACE: f64 = 1.0;
 /// Minimum range of an error, µm. A smaller one is noise or a column of zeros.

@@ -6,8 +6,9 @@
 //! ```
 //!
 //! - A run goes from datum to datum (zero point of Cz): from a machine start, or from a zero that the axis uses. The
-//!   error is zero at the datum.
-//! - Files of a gateway that follow each other are one record. A part without a datum counts from its first touch.
+//!   error is zero at the datum. A run also ends when the machine is switched off.
+//! - Files of a gateway that follow each other are one record. A part without a datum counts from its first touch, and
+//!   lasts a day at most.
 //! - After a zero, the rises also count from the datum. Such a run begins up to 12 hours earlier, so that the lags have
 //!   settled at its datum. The rows before the datum have no error.
 //! - A run whose errors were recorded row by row stays as it is.
@@ -18,7 +19,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use crate::applied::{self, Applied};
-use crate::checks::{LONGEST_RUN, SHORTEST_RUN};
+use crate::checks::SHORTEST_RUN;
 use crate::dataset::{BadLog, Column, Dataset, Datum, Errors, Kind, Origin, Run};
 use isotherm_core::compensation::model::Reference;
 use isotherm_core::compensation::settings;
@@ -28,6 +29,8 @@ use isotherm_profile::{Profile, counted};
 
 /// Longest time without a row between two files of one record.
 const LONGEST_PAUSE: Duration = Duration::from_hours(1);
+/// Longest time from the datum of a run to its end.
+const LONGEST: Duration = Duration::from_hours(24);
 /// Time before a datum from which a run begins, so that lags have settled. The longest usual time constant is 200 min.
 const LEAD_IN: Duration = Duration::from_hours(12);
 
@@ -174,20 +177,21 @@ impl<'a> Datums<'a> {
         Datums { axis, on: column(profile.machine.on), zero: column(profile.machine.zero), uses_zeros }
     }
 
-    /// Returns the rows at which a datum begins, ascending.
-    fn rows(&self, record: &Run) -> Vec<(usize, Datum)> {
-        let mut rows: Vec<(usize, Datum)> = Vec::new();
+    /// Returns the rows at which a datum begins, ascending; `None` in place of the datum if the machine is switched off.
+    fn rows(&self, record: &Run) -> Vec<(usize, Option<Datum>)> {
+        let mut rows: Vec<(usize, Option<Datum>)> = Vec::new();
         if let Some(on) = self.on {
-            rows.extend(rising(&record.values[on]).map(|row| (row, Datum::Start)));
+            rows.extend(edges(&record.values[on], true).map(|row| (row, Some(Datum::Start))));
+            rows.extend(edges(&record.values[on], false).map(|row| (row, None)));
         }
         if self.uses_zeros {
             let own = |axis: &Option<String>| axis.as_ref().is_none_or(|axis| axis == self.axis);
             let commands = record.origin.zeros.iter().filter(|(_, axis)| own(axis)).map(|(row, _)| *row);
-            let edges = self.zero.into_iter().flat_map(|zero| rising(&record.values[zero]));
-            rows.extend(commands.chain(edges).map(|row| (row, Datum::Zero(row))));
+            let edges = self.zero.into_iter().flat_map(|zero| edges(&record.values[zero], true));
+            rows.extend(commands.chain(edges).map(|row| (row, Some(Datum::Zero(row)))));
         }
         // A machine start goes before a zero in the same row, which then is the datum.
-        rows.sort_by_key(|(row, datum)| (*row, matches!(datum, Datum::Zero(_))));
+        rows.sort_by_key(|(row, datum)| (*row, matches!(datum, Some(Datum::Zero(_)))));
         rows
     }
 
@@ -202,14 +206,14 @@ impl<'a> Datums<'a> {
     }
 }
 
-/// Returns the rows in which a signal changes from off to on. Missing values are skipped.
-fn rising(levels: &[f64]) -> impl Iterator<Item = usize> + '_ {
+/// Returns the rows in which a signal changes to on (`to` is `true`) or to off. Missing values are skipped.
+fn edges(levels: &[f64], to: bool) -> impl Iterator<Item = usize> + '_ {
     let mut was_on = None;
-    let is_rising = move |(_, level): &(usize, &f64)| {
+    let is_edge = move |(_, level): &(usize, &f64)| {
         let is_on = **level >= 0.5;
-        was_on.replace(is_on) == Some(false) && is_on
+        was_on.replace(is_on) == Some(!to) && is_on == to
     };
-    levels.iter().enumerate().filter(|(_, level)| level.is_finite()).filter(is_rising).map(|(row, _)| row)
+    levels.iter().enumerate().filter(|(_, level)| level.is_finite()).filter(is_edge).map(|(row, _)| row)
 }
 
 /// Joined files of one gateway, or one file of another source.
@@ -258,23 +262,23 @@ fn divide(dataset: &mut Dataset, is_touched: &[bool], datums: &Datums<'_>, error
 /// Returns the rows and the datum of each part of a record.
 fn parts(record: &Run, datums: &Datums<'_>) -> Vec<(Range<usize>, Datum)> {
     let rows = record.times.len();
-    let begins = datums.first(record).map(|datum| (0, datum)).into_iter().chain(datums.rows(record));
-    let begins: Vec<(usize, Datum)> = begins.collect();
+    let begins: Vec<(usize, Option<Datum>)> =
+        std::iter::once((0, datums.first(record))).chain(datums.rows(record)).collect();
     let ends = begins.iter().skip(1).map(|(row, _)| *row).chain([rows]);
     let mut parts = Vec::new();
     for ((begin, datum), end) in begins.iter().copied().zip(ends) {
-        parts.extend(not_too_long(record, begin..end, datum));
+        if let Some(datum) = datum {
+            parts.extend(not_too_long(record, begin..end, datum));
+        }
     }
     parts
 }
 
 /// Divides rows with one datum, if they are longer than a run may be. The later parts count from their first touch.
 fn not_too_long(record: &Run, mut rows: Range<usize>, datum: Datum) -> Vec<(Range<usize>, Datum)> {
-    // The lead-in is part of a run.
-    let longest = LONGEST_RUN.saturating_sub(LEAD_IN);
     let (mut parts, mut datum) = (Vec::new(), datum);
     while !rows.is_empty() {
-        let last = record.times[rows.start].after(longest);
+        let last = record.times[rows.start].after(LONGEST);
         let end = record.times.partition_point(|time| *time <= last).clamp(rows.start + 1, rows.end);
         parts.push((rows.start..end, datum));
         (rows.start, datum) = (end, Datum::FirstTouch);
@@ -338,7 +342,8 @@ impl Record {
         let number = names.entry(name.clone()).or_default();
         *number += 1;
         let name = if *number > 1 { format!("{name} ({number})") } else { name.clone() };
-        let origin = Origin { errors: Errors::Touched(datum), ..Origin::default() };
+        let is_open = rows.end == record.times.len();
+        let origin = Origin { errors: Errors::Touched(datum), is_open, ..Origin::default() };
         Some(Run { name, file: file.clone(), times: record.times[begin..rows.end].to_vec(), values, origin })
     }
 }

@@ -198,8 +198,8 @@ fn files_of_one_gateway_are_one_record_which_each_machine_start_divides() {
     let profile = rig::parsed(std::path::Path::new("bench.toml"), &machine);
     let dataset = read(&profile, &texts, &Applied::AsLogged).unwrap();
     let rows: Vec<usize> = dataset.runs.iter().map(|run| run.times.len()).collect();
-    // Each day begins with 30 rows in which the machine is off. They belong to the day before.
-    assert_eq!(rows, [420, 420, 390], "{:?}", dataset.runs.iter().map(|run| &run.name).collect::<Vec<_>>());
+    // Each day begins with 30 rows in which the machine is off. They belong to no run.
+    assert_eq!(rows, [390, 390, 390], "{:?}", dataset.runs.iter().map(|run| &run.name).collect::<Vec<_>>());
     let whole = read(&profile, &[text], &Applied::AsLogged).unwrap();
     for (joined, whole) in dataset.runs.iter().zip(&whole.runs) {
         assert_eq!((&joined.times, joined.values.len()), (&whole.times, whole.values.len()));

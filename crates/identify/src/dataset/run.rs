@@ -33,6 +33,8 @@ pub(crate) struct Origin {
     pub(crate) continues: bool,
     /// Source of the errors.
     pub(crate) errors: Errors,
+    /// Whether the record of touches ends with this run, so that the run may go on.
+    pub(crate) is_open: bool,
 }
 
 /// Source of the measured errors of a run.

@@ -112,6 +112,7 @@ fn run(table: &mut Table, names: &[String], name: String, rows: Range<usize>) ->
         zeros: zeros.map(|(row, axis)| (row - rows.start, axis.clone())).collect(),
         continues: table.continues && rows.start == 0,
         errors: Errors::Recorded,
+        is_open: false,
     };
     if rows.len() == table.times.len() {
         let mut columns: HashMap<String, Cells> = std::mem::take(&mut table.columns).into_iter().collect();
