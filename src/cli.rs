@@ -32,6 +32,8 @@ mod extra_files;
 mod identify;
 mod init;
 mod journal_stream;
+#[cfg(feature = "identify")]
+mod learn;
 mod loading;
 mod log_rate_limit;
 mod logs;
@@ -122,6 +124,9 @@ enum Verb {
     /// Identify the model of an axis from logs with its measured error, tested on runs that were not used to find it
     #[cfg(feature = "identify")]
     Identify(Box<identify::Arguments>),
+    /// Learn the model of an axis from the touches of its probe, and judge it against the model in use
+    #[cfg(feature = "identify")]
+    Learn(Box<learn::Arguments>),
     /// Select the temperature points to keep, from logs with a measured error
     #[cfg(feature = "identify")]
     Select(select::Arguments),
@@ -198,8 +203,9 @@ impl Arguments {
 }
 
 /// Verbs that need a feature of the build: name of the verb, and name of the feature.
-const FEATURE_OF_VERB: [(&str, &str); 6] = [
+const FEATURE_OF_VERB: [(&str, &str); 7] = [
     ("identify", "identify"),
+    ("learn", "identify"),
     ("select", "identify"),
     ("report", "identify"),
     ("place", "place"),
@@ -244,6 +250,8 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Replay(arguments) => replay::run(&arguments),
         #[cfg(feature = "identify")]
         Verb::Identify(arguments) => identify::run(&arguments),
+        #[cfg(feature = "identify")]
+        Verb::Learn(arguments) => learn::run(&arguments),
         #[cfg(feature = "identify")]
         Verb::Select(arguments) => select::run(&arguments),
         #[cfg(feature = "place")]

@@ -25,6 +25,7 @@ pub(super) const VERBS: &[&str] = &[
     "record",
     "replay",
     "identify",
+    "learn",
     "select",
     "place",
     "report",

@@ -8,7 +8,7 @@ use super::cli::{Ended, VERBS, ended, machine};
 use crate::support::process::{file, isotherm};
 
 /// Calls of every verb. The files that they need are in the directory.
-const CALLS: [&[&str]; 35] = [
+const CALLS: [&[&str]; 36] = [
     &["--help"],
     &["demo", "--for", "10min", "--speed", "100000", "--listen", "127.0.0.1:0"],
     &["demo", "--for", "10min", "--speed", "100000", "--listen", "127.0.0.1:0", "--json"],
@@ -25,6 +25,7 @@ const CALLS: [&[&str]; 35] = [
     &["replay", "machine.toml", "day.csv", "--json"],
     &["identify", "machine.toml", "day.csv", "--axis", "z", "--error", "z_error_um"],
     &["identify", "--balls", "day.csv", "--out", "balls.csv"],
+    &["learn", "machine.toml", "--axis", "z", "--state", "state"],
     &["select", "day.csv", "--error", "z_error_um"],
     &["place", "--example", "column"],
     &["report", "day.csv"],

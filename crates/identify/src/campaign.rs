@@ -244,8 +244,7 @@ impl Campaign<'_> {
         let errors = &run.values[self.error];
         let first = match datum {
             TouchDatum::Start => self.start(run).map(|start| run.times.partition_point(|time| *time < start)),
-            TouchDatum::Zero(row) => Some(row),
-            TouchDatum::FirstTouch => Some(0),
+            TouchDatum::Zero(row) | TouchDatum::Touch(row) => Some(row),
         };
         let mut readings = Vec::new();
         let mut is_complete = |row: usize| {
@@ -253,7 +252,8 @@ impl Campaign<'_> {
             let value = |input: &Input| readings.get(input.signal.0).and_then(Reading::usable);
             self.inputs.iter().all(|input| value(input).is_some())
         };
-        let may_be_zero = |row: &usize| datum != TouchDatum::FirstTouch || errors[*row].is_finite();
+        let counts_from_touch = matches!(datum, TouchDatum::Touch(_));
+        let may_be_zero = |row: &usize| !counts_from_touch || errors[*row].is_finite();
         let zero =
             first.and_then(|first| (first..errors.len()).filter(may_be_zero).find(|row| is_complete(*row)));
         let Some(zero) = zero else { return vec![Target::UNKNOWN; errors.len()] };

@@ -7,8 +7,8 @@
 //!
 //! - A run goes from datum to datum (zero point of Cz): from a machine start, or from a zero that the axis uses. The
 //!   error is zero at the datum. A run also ends when the machine is switched off.
-//! - Files of a gateway that follow each other are one record. A part without a datum counts from its first touch, and
-//!   lasts a day at most.
+//! - Files of a gateway that follow each other are one record. A part without a datum counts from its first touch.
+//! - A long run ends at midnight (UTC), at least 12 hours after its datum. The rest counts from its first touch.
 //! - After a zero, the rises also count from the datum. Such a run begins up to 12 hours earlier, so that the lags have
 //!   settled at its datum. The rows before the datum have no error.
 //! - A run whose errors were recorded row by row stays as it is.
@@ -29,8 +29,9 @@ use isotherm_profile::{Profile, counted};
 
 /// Longest time without a row between two files of one record.
 const LONGEST_PAUSE: Duration = Duration::from_hours(1);
-/// Longest time from the datum of a run to its end.
-const LONGEST: Duration = Duration::from_hours(24);
+/// Time after a datum from which on a run ends at midnight.
+const ENDS_AFTER: Duration = Duration::from_hours(12);
+const DAY: Duration = Duration::from_hours(24);
 /// Time before a datum from which a run begins, so that lags have settled. The longest usual time constant is 200 min.
 const LEAD_IN: Duration = Duration::from_hours(12);
 
@@ -200,7 +201,7 @@ impl<'a> Datums<'a> {
         let level = self.on.and_then(|on| record.values[on].iter().find(|level| level.is_finite()));
         match level {
             Some(level) if *level < 0.5 => None,
-            _ if record.origin.continues => Some(Datum::FirstTouch),
+            _ if record.origin.continues => Some(Datum::Touch(0)),
             _ => Some(Datum::Start),
         }
     }
@@ -274,16 +275,25 @@ fn parts(record: &Run, datums: &Datums<'_>) -> Vec<(Range<usize>, Datum)> {
     parts
 }
 
-/// Divides rows with one datum, if they are longer than a run may be. The later parts count from their first touch.
+/// Divides rows with one datum at midnight. The later parts count from their first touch. Their ends do not depend on
+/// the files that are read together.
 fn not_too_long(record: &Run, mut rows: Range<usize>, datum: Datum) -> Vec<(Range<usize>, Datum)> {
     let (mut parts, mut datum) = (Vec::new(), datum);
     while !rows.is_empty() {
-        let last = record.times[rows.start].after(LONGEST);
-        let end = record.times.partition_point(|time| *time <= last).clamp(rows.start + 1, rows.end);
+        let first = record.times[rows.start];
+        let least = if matches!(datum, Datum::Touch(_)) { first } else { first.after(ENDS_AFTER) };
+        let midnight = next_midnight(least);
+        let end = record.times.partition_point(|time| *time < midnight).clamp(rows.start + 1, rows.end);
         parts.push((rows.start..end, datum));
-        (rows.start, datum) = (end, Datum::FirstTouch);
+        (rows.start, datum) = (end, Datum::Touch(end));
     }
     parts
+}
+
+/// Returns the first midnight (UTC) after a time.
+fn next_midnight(time: Moment) -> Moment {
+    let day = u64::try_from(DAY.as_nanos()).unwrap_or(u64::MAX);
+    Moment::from_nanos((time.as_nanos() / day).saturating_add(1).saturating_mul(day))
 }
 
 impl Record {
@@ -317,14 +327,14 @@ impl Record {
     ) -> Option<Run> {
         let record = &self.run;
         let touches = record.values[error][rows.clone()].iter().filter(|error| error.is_finite()).count();
-        let needed = if datum == Datum::FirstTouch { 2 } else { 1 };
+        let needed = if matches!(datum, Datum::Touch(_)) { 2 } else { 1 };
         let lasts = record.times[rows.end - 1].since(record.times[rows.start]);
         if touches < needed || lasts < SHORTEST_RUN {
             return None;
         }
         let begin = match datum {
             Datum::Start => rows.start,
-            Datum::Zero(_) | Datum::FirstTouch => {
+            Datum::Zero(_) | Datum::Touch(_) => {
                 let lead_in = record.times[rows.start].before(LEAD_IN);
                 record.times.partition_point(|time| *time < lead_in)
             }
@@ -335,7 +345,8 @@ impl Record {
         values[error][..before].fill(f64::NAN);
         let datum = match datum {
             Datum::Zero(_) => Datum::Zero(before),
-            Datum::Start | Datum::FirstTouch => datum,
+            Datum::Touch(_) => Datum::Touch(before),
+            Datum::Start => Datum::Start,
         };
         let source = self.sources.partition_point(|(first, ..)| *first <= rows.start);
         let (_, name, file) = &self.sources[source.saturating_sub(1)];

@@ -118,7 +118,7 @@ fn axis_lines(name: &str, axis: &Value, dry_run: bool) -> String {
         let expected = axis["expected_um"].as_f64();
         let touches = match axis["expected_touches"].as_u64() {
             None | Some(0) => String::new(),
-            Some(touches) => format!(", by {}", counted(touches, "touch")),
+            Some(touches) => format!(", touches: {touches}"),
         };
         let expected =
             expected.map_or(String::new(), |um| format!(", expected within ±{um:.1} µm (1 σ{touches})"));
@@ -238,7 +238,7 @@ mod tests {
         );
         axis["expected_touches"] = json!(24);
         let text = axis_lines("z", &axis, false);
-        assert!(text.contains("expected within ±2.1 µm (1 σ, by 24 touches); guard: round\n"), "{text}");
+        assert!(text.contains("expected within ±2.1 µm (1 σ, touches: 24); guard: round\n"), "{text}");
         (axis["expected_um"], axis["probe"]["last"]["refused"]) = (Value::Null, Value::Null);
         let text = axis_lines("z", &axis, false);
         assert!(text.contains("requests -12.3 µm; guard: round\n") && !text.contains("probed"), "{text}");

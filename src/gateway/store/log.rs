@@ -38,7 +38,7 @@
 //! A log from elsewhere requires `time` and at least one signal. `z_error_um` is the measured error of axis z.
 
 pub(super) mod columns;
-#[cfg(feature = "parquet")]
+#[cfg(any(feature = "identify", feature = "parquet"))]
 mod days;
 pub mod outputs;
 mod reader;
@@ -46,7 +46,7 @@ mod recorder;
 #[cfg(test)]
 mod tests;
 
-#[cfg(feature = "parquet")]
+#[cfg(any(feature = "identify", feature = "parquet"))]
 pub use days::{days, is_for_replay, is_text};
 pub use reader::{LogError, LogReader, LogRow, LoggedDecision};
 pub use recorder::{Recorder, number};

@@ -54,11 +54,16 @@ pub(crate) enum Datum {
     Start,
     /// Zero command directly before this row. The rises count from this row, too.
     Zero(usize),
-    /// First touch, because no datum is in the log. The rises count from that row, too.
-    FirstTouch,
+    /// First touch from this row on, because no datum is in the log. The rises count from the row of that touch, too.
+    Touch(usize),
 }
 
 impl Run {
+    /// Creates a run whose errors were measured row by row. `values` are by log column and row.
+    pub fn recorded(name: String, file: PathBuf, times: Vec<Moment>, values: Vec<Vec<f64>>) -> Run {
+        Run { name, file, times, values, origin: Origin::default() }
+    }
+
     /// Returns the time of each row, in hours since the first row of the run.
     pub(crate) fn hours(&self) -> impl Iterator<Item = f64> + '_ {
         self.seconds().map(|second| second / 3600.0)
@@ -73,6 +78,15 @@ impl Run {
     /// Returns the range (maximum minus minimum) of a log column in this run; 0 if the column has no values.
     pub(crate) fn range(&self, column: usize) -> f64 {
         range(&self.values[column])
+    }
+
+    /// Returns the first row of the run that may be its datum, if it was measured by touches.
+    pub(crate) fn datum(&self) -> Option<usize> {
+        match self.origin.errors {
+            Errors::Recorded => None,
+            Errors::Touched(Datum::Start) => Some(0),
+            Errors::Touched(Datum::Zero(row) | Datum::Touch(row)) => Some(row),
+        }
     }
 
     /// Returns whether the errors of the run are touches of a probe.

@@ -101,7 +101,7 @@ pub(crate) fn check_prior(campaign: &Campaign<'_>, bank: &Bank, prior: &[PriorTe
 }
 
 /// Returns the terms of an existing model as candidates of this campaign.
-fn known(campaign: &Campaign<'_>, prior: &[PriorTerm]) -> Result<Vec<(Candidate, f64)>, String> {
+pub(crate) fn known(campaign: &Campaign<'_>, prior: &[PriorTerm]) -> Result<Vec<(Candidate, f64)>, String> {
     let input = |term: &PriorTerm| campaign.inputs.iter().position(|input| input.name == term.signal);
     let mut foreign: Vec<&str> =
         prior.iter().filter(|term| input(term).is_none()).map(|term| term.signal.as_str()).collect();

@@ -1,0 +1,265 @@
+//! `isotherm learn`: from the touches in the logs of a gateway to a candidate for the model of an axis.
+
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use serde::Serialize;
+
+use super::loading::load_quietly;
+use super::logs::LogZone;
+use super::print::print_json;
+use super::progress::Progress;
+use super::running;
+use super::values::key_and_value;
+use crate::clock::Clock;
+use crate::gateway::{Disk, Files, log, make_directory};
+use isotherm_core::candidate::Gain;
+use isotherm_core::quantity::Moment;
+use isotherm_identify::applied::Applied;
+use isotherm_identify::dataset::{Dataset, Split};
+use isotherm_identify::learning::{InUse, Learning, TakenRun, choice};
+use isotherm_identify::setup::{Choice, units};
+use isotherm_identify::uses;
+use isotherm_profile::{Profile, safe_file};
+
+mod text;
+
+/// Number of days of logs that are read together: the longest run of touches, and the hours before its datum.
+const TOGETHER: usize = 3;
+/// Largest size of a stored file, in bytes.
+const LARGEST: u64 = 16 * 1024 * 1024;
+
+/// Learns the model of each axis with a probe from its touches, run by run. A touch is the result of one probing.
+///
+/// The touches are in the logs of the state directory. The products of each run are stored next to the state, in
+/// NAME.products. They remain when the gateway deletes the logs ([history] keep). Therefore the verb reads only new
+/// logs, and may run every night. The gateway may run at the same time.
+///
+/// Each day is judged before it is learned from: its touches measure the model in use, and the candidate from the days
+/// before. The candidate is proposed if it leaves less over the last five judged days. No axis moves, and the profile
+/// does not change. `--write` writes the candidate as a block for the profile.
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  isotherm learn my-machine.toml\n  isotherm learn my-machine.toml campaign/ --axis z\n  isotherm learn my-machine.toml --axis z --write z-model.toml"
+)]
+pub(super) struct Arguments {
+    /// The machine's profile, or the name of a shipped one
+    #[arg(value_name = "PROFILE")]
+    profile: PathBuf,
+    /// Logs of the commissioning with a measured error in each row, in addition to those of the state directory. Name
+    /// them once: they are stored as well
+    #[arg(value_name = "LOG")]
+    logs: Vec<PathBuf>,
+    /// Overrides one key, may be repeated: `--set bus.cell.address=10.0.0.7:502`
+    #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value)]
+    set: Vec<(String, String)>,
+    /// The axis [default: every axis with a probe]
+    #[arg(long, value_name = "NAME")]
+    axis: Option<String>,
+    /// Signals that the candidate must not use. They must be the same for all runs
+    #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
+    without: Vec<String>,
+    /// The state directory with which the gateway was started
+    #[arg(long, value_name = "DIR")]
+    state: Option<PathBuf>,
+    #[command(flatten)]
+    zone: LogZone,
+    /// Writes the candidate as an [[axis.…model]] block to this file, if it is better than the model in use
+    #[arg(long, value_name = "MODEL.toml", requires = "axis")]
+    write: Option<PathBuf>,
+    /// Also writes a candidate that is not better, or not judged
+    #[arg(long, requires = "write")]
+    force: bool,
+    /// Prints one JSON document
+    #[arg(long)]
+    json: bool,
+}
+
+/// Result for one axis.
+#[derive(Debug, Serialize)]
+struct AxisResult {
+    axis: String,
+    /// Runs of the logs that were new.
+    new: Vec<TakenRun>,
+    /// Number of runs from which the candidate was learned.
+    runs: usize,
+    /// Residual errors over the last judged days; `None` if no day was judged.
+    gain: Option<GainShown>,
+    /// Whether the candidate is better than the model in use.
+    proposed: bool,
+    /// Remarks, for example about files that cannot be used.
+    remarks: Vec<String>,
+    /// Candidate as a block for the profile; `None` without a run.
+    block: Option<String>,
+}
+
+/// Residual errors of both models, as root mean squares in µm.
+#[derive(Clone, Copy, Debug, Serialize)]
+struct GainShown {
+    /// Time of the first judged day, in nanoseconds since the Unix epoch.
+    since: Moment,
+    days: usize,
+    touches: u32,
+    in_use_um: f64,
+    candidate_um: f64,
+}
+
+impl From<Gain> for GainShown {
+    fn from(gain: Gain) -> GainShown {
+        let Gain { since, days, touches, in_use, candidate } = gain;
+        GainShown { since, days, touches, in_use_um: in_use.get(), candidate_um: candidate.get() }
+    }
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let profile = load_quietly(&arguments.profile, &arguments.set, arguments.json)?.profile;
+    let directory = running::directory(arguments.state.as_deref(), &profile)?;
+    let axes = axes(&profile, arguments.axis.as_deref())?;
+    let progress = Progress::begin("learning");
+    let results = axes.iter().map(|axis| of_axis(arguments, &profile, &directory, axis));
+    let results = results.collect::<anyhow::Result<Vec<AxisResult>>>()?;
+    drop(progress);
+    if arguments.json {
+        print_json(&serde_json::json!({ "machine": profile.name, "axes": results }))?;
+    } else {
+        results.iter().try_for_each(text::render)?;
+    }
+    let (Some(path), [result]) = (&arguments.write, results.as_slice()) else { return Ok(()) };
+    let Some(block) = &result.block else {
+        anyhow::bail!("{} is not written: there is no run to learn from", path.display());
+    };
+    anyhow::ensure!(
+        result.proposed || arguments.force,
+        "{} is not written: the candidate is not better than the model in use. --force writes it in spite of this",
+        path.display()
+    );
+    std::fs::write(path, block).with_context(|| format!("{} cannot be written", path.display()))
+}
+
+/// Returns the axes to learn: the named one, or every axis with a probe.
+fn axes(profile: &Profile, named: Option<&str>) -> anyhow::Result<Vec<String>> {
+    let all = || profile.axes.iter().map(|axis| &axis.settings);
+    if let Some(named) = named {
+        let names: Vec<&str> = all().map(|axis| axis.name.as_str()).collect();
+        anyhow::ensure!(
+            names.contains(&named),
+            "the profile has no axis {named}; there are {}",
+            names.join(", ")
+        );
+        return Ok(vec![named.to_owned()]);
+    }
+    let probed: Vec<String> =
+        all().filter(|axis| axis.probe.is_some()).map(|axis| axis.name.clone()).collect();
+    anyhow::ensure!(!probed.is_empty(), "no axis of the profile has a probe: name an axis with --axis");
+    Ok(probed)
+}
+
+/// Learns one axis from the new logs, and stores the new products.
+fn of_axis(
+    arguments: &Arguments,
+    profile: &Profile,
+    directory: &Path,
+    axis: &str,
+) -> anyhow::Result<AxisResult> {
+    let place = directory.join(format!("{}.products", profile.name));
+    let (mut learning, known, mut remarks) = stored(&place, axis)?;
+    let choice = choice(profile, axis, &arguments.without);
+    let in_use = InUse::of(profile, axis).map_err(|why| remarks.push(why)).ok();
+    learning.compare_with(in_use.as_ref());
+    let mut new = Vec::new();
+    let now = Clock::wall().time_of_day();
+    if !arguments.logs.is_empty() {
+        let dataset = read(profile, &arguments.logs, &choice, &arguments.zone)?;
+        new.extend(learning.take(profile, dataset, (&choice, in_use.as_ref()), Some(now))?);
+    }
+    let first_day = learning.first_day();
+    let days: Vec<(String, Vec<PathBuf>)> = log::days(directory, &profile.name);
+    for (number, (day, _)) in (1..).zip(&days).filter(|(_, (day, _))| *day >= first_day) {
+        let together = days.iter().take(number).skip(number.saturating_sub(TOGETHER));
+        let files: Vec<PathBuf> = together.flat_map(|(_, files)| files.iter().cloned()).collect();
+        let until = (number == days.len()).then_some(now);
+        let taken = read(profile, &files, &choice, &arguments.zone)
+            .and_then(|dataset| Ok(learning.take(profile, dataset, (&choice, in_use.as_ref()), until)?));
+        match taken {
+            // A run that is not used is found again in the logs of the next days.
+            Ok(taken) => {
+                let is_new = |run: &TakenRun| new.iter().all(|known: &TakenRun| known.run != run.run);
+                let taken: Vec<TakenRun> = taken.into_iter().filter(is_new).collect();
+                new.extend(taken);
+            }
+            // One unusable log does not prevent learning from the others.
+            Err(why) => remarks.push(format!("logs up to {day}: {why:#}")),
+        }
+    }
+    if learning.runs() > 0 {
+        store(&place, axis, &learning, &known)?;
+    }
+    if learning.unlike() > 0 {
+        remarks.push(format!(
+            "runs with other signals than the newest, which are not used: {}",
+            learning.unlike()
+        ));
+    }
+    let candidate = learning.candidate();
+    Ok(AxisResult {
+        axis: axis.to_owned(),
+        new,
+        runs: candidate.as_ref().map_or(0, |candidate| candidate.from_runs),
+        gain: learning.judgement().gain().map(GainShown::from),
+        proposed: learning.judgement().is_better(),
+        remarks,
+        block: candidate.map(|candidate| learning.block(&candidate, in_use.as_ref())),
+    })
+}
+
+/// Reads the columns of these logs that are used.
+fn read(profile: &Profile, files: &[PathBuf], choice: &Choice, zone: &LogZone) -> anyhow::Result<Dataset> {
+    let applied = Applied::AsLogged;
+    let uses = uses::of_identify(profile, choice, &applied);
+    let split = Split { zone: Some(zone.of_the_log()), ..Split::default() };
+    Ok(Dataset::read(files, &split, &units(profile), &uses)?)
+}
+
+/// Reads the stored runs of an axis. Also returns the names of their files, and remarks about unusable files.
+fn stored(place: &Path, axis: &str) -> anyhow::Result<(Learning, Vec<String>, Vec<String>)> {
+    let entries = match std::fs::read_dir(place) {
+        Ok(entries) => entries.collect::<Result<Vec<_>, _>>(),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(Vec::new()),
+        Err(error) => Err(error),
+    };
+    let entries = entries.with_context(|| format!("{} cannot be read", place.display()))?;
+    let names = entries.iter().filter_map(|entry| entry.file_name().into_string().ok());
+    let mut files = Vec::new();
+    for name in names.filter(|name| Learning::is_run(axis, name)) {
+        let path = place.join(&name);
+        let bytes = safe_file::read(&path, LARGEST);
+        files.push((name, bytes.with_context(|| format!("{} cannot be read", path.display()))?));
+    }
+    let known = files.iter().map(|(name, _)| name.clone()).collect();
+    let record = match Files.read(&place.join(Learning::record_name(axis))) {
+        Ok(bytes) => Some(bytes),
+        Err(error) if error.kind() == ErrorKind::NotFound => None,
+        Err(error) => return Err(error).with_context(|| format!("{} cannot be read", place.display())),
+    };
+    let (learning, remarks) = Learning::restore(axis, files, record.as_deref());
+    Ok((learning, known, remarks))
+}
+
+/// Stores the new runs and the learning record. The record is written last: after a power cut, the runs that it does not
+/// know are found by their names.
+fn store(place: &Path, axis: &str, learning: &Learning, known: &[String]) -> anyhow::Result<()> {
+    let shown = |path: &Path| format!("{} cannot be written", path.display());
+    let new = learning.new_files(known).map_err(anyhow::Error::msg)?;
+    let record = learning.record().map_err(anyhow::Error::msg)?;
+    make_directory(place).with_context(|| shown(place))?;
+    for (name, text) in &new {
+        let path = place.join(name);
+        Files.replace(&path, text.as_bytes()).with_context(|| shown(&path))?;
+    }
+    for name in learning.superfluous() {
+        Files.forget(&place.join(name));
+    }
+    let path = place.join(Learning::record_name(axis));
+    Files.replace(&path, record.as_bytes()).with_context(|| shown(&path))
+}
