@@ -4,7 +4,6 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use serde::Serialize;
 
 use super::loading::load_quietly;
 use super::logs::LogZone;
@@ -14,7 +13,6 @@ use super::running;
 use super::values::key_and_value;
 use crate::clock::Clock;
 use crate::gateway::{Disk, Files, log, make_directory};
-use isotherm_core::candidate::Gain;
 use isotherm_core::quantity::Moment;
 use isotherm_identify::applied::Applied;
 use isotherm_identify::dataset::{Dataset, Split};
@@ -23,7 +21,10 @@ use isotherm_identify::setup::{Choice, units};
 use isotherm_identify::uses;
 use isotherm_profile::{Profile, safe_file};
 
+mod result;
 mod text;
+
+use result::{AxisResult, GainShown};
 
 /// Number of days of logs that are read together: the longest run of touches, and the hours before its datum.
 const TOGETHER: usize = 3;
@@ -74,42 +75,6 @@ pub(super) struct Arguments {
     /// Prints one JSON document
     #[arg(long)]
     json: bool,
-}
-
-/// Result for one axis.
-#[derive(Debug, Serialize)]
-struct AxisResult {
-    axis: String,
-    /// Runs of the logs that were new.
-    new: Vec<TakenRun>,
-    /// Number of runs from which the candidate was learned.
-    runs: usize,
-    /// Residual errors over the last judged days; `None` if no day was judged.
-    gain: Option<GainShown>,
-    /// Whether the candidate is better than the model in use.
-    proposed: bool,
-    /// Remarks, for example about files that cannot be used.
-    remarks: Vec<String>,
-    /// Candidate as a block for the profile; `None` without a run.
-    block: Option<String>,
-}
-
-/// Residual errors of both models, as root mean squares in µm.
-#[derive(Clone, Copy, Debug, Serialize)]
-struct GainShown {
-    /// Time of the first judged day, in nanoseconds since the Unix epoch.
-    since: Moment,
-    days: usize,
-    touches: u32,
-    in_use_um: f64,
-    candidate_um: f64,
-}
-
-impl From<Gain> for GainShown {
-    fn from(gain: Gain) -> GainShown {
-        let Gain { since, days, touches, in_use, candidate } = gain;
-        GainShown { since, days, touches, in_use_um: in_use.get(), candidate_um: candidate.get() }
-    }
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -221,7 +186,8 @@ fn read(profile: &Profile, files: &[PathBuf], choice: &Choice, zone: &LogZone) -
     Ok(Dataset::read(files, &split, &units(profile), &uses)?)
 }
 
-/// Reads the stored runs of an axis. Also returns the names of their files, and remarks about unusable files.
+/// Reads the stored runs of an axis. Also returns the names of their files, and remarks about unusable files. A run of an
+/// unusable file is stored again if its logs still exist.
 fn stored(place: &Path, axis: &str) -> anyhow::Result<(Learning, Vec<String>, Vec<String>)> {
     let entries = match std::fs::read_dir(place) {
         Ok(entries) => entries.collect::<Result<Vec<_>, _>>(),
@@ -236,13 +202,13 @@ fn stored(place: &Path, axis: &str) -> anyhow::Result<(Learning, Vec<String>, Ve
         let bytes = safe_file::read(&path, LARGEST);
         files.push((name, bytes.with_context(|| format!("{} cannot be read", path.display()))?));
     }
-    let known = files.iter().map(|(name, _)| name.clone()).collect();
     let record = match Files.read(&place.join(Learning::record_name(axis))) {
         Ok(bytes) => Some(bytes),
         Err(error) if error.kind() == ErrorKind::NotFound => None,
         Err(error) => return Err(error).with_context(|| format!("{} cannot be read", place.display())),
     };
     let (learning, remarks) = Learning::restore(axis, files, record.as_deref());
+    let known = learning.names();
     Ok((learning, known, remarks))
 }
 

@@ -53,6 +53,7 @@ fn a_probe_becomes_final_types_and_is_explained_in_words() {
          changes",
         "A positive error lowers the model's Cz by 0.5 of the error, in all by at most 10 µm",
         "beyond ±5 µm the gateway warns; the gains of linear models are adjusted by up to ±20.000 % each",
+        "`isotherm learn` learns a model from them",
     ] {
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
@@ -105,6 +106,16 @@ fn errors_may_come_by_command_only_and_a_diameter_is_halved() {
     assert!((machine.axes[0].probe_input.unwrap().micron - 500.0).abs() < 1e-9);
     let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
     assert!(reported.contains("actual minus commanded, on the diameter"), "{reported}");
+}
+
+#[test]
+fn a_probe_says_that_it_scales_the_expected_error_if_a_model_has_one() {
+    for (expected, is_said) in [("", false), ("expected = { since_datum = [0.9, 1.1] }\n", true)] {
+        let text = probed(WHOLE).replacen("kind = \"linear\"", &format!("{expected}kind = \"linear\""), 1);
+        let machine = parse(&text).unwrap_or_else(|errors| panic!("{errors}")).profile;
+        let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
+        assert_eq!(reported.contains("measured errors scale the expected error"), is_said, "{reported}");
+    }
 }
 
 #[test]

@@ -16,25 +16,27 @@
 
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use crate::applied::Applied;
-use crate::bank::Bank;
-use crate::campaign::Campaign;
 use crate::dataset::{BadLog, Dataset, Run};
-use crate::faults::is_constant;
 use crate::fleet::{FleetModel, RunProducts};
-use crate::learn::Learned;
-use crate::method::whitened::known;
-use crate::method::{PriorTerm, Settings};
-use crate::setup::{Choice, Ready, ready, without_cz};
+use crate::method::Settings;
+use crate::setup::{Choice, without_cz};
 use isotherm_core::candidate::{Gain, JudgedDay, Judgement};
-use isotherm_core::compensation::model::{Expected, Growth, Kind, Linear};
-use isotherm_core::compensation::settings::{AxisSettings, Filter};
+use isotherm_core::compensation::model::{Expected, Growth};
 use isotherm_core::quantity::{Moment, time};
-use isotherm_profile::{Profile, counted, sha256};
+use isotherm_profile::{Profile, counted};
+use judged::{prepared, touches};
+use record::{Record, read_record};
 
 pub mod doubt;
+mod in_use;
+mod judged;
+mod record;
+
+pub use in_use::InUse;
+pub use judged::{ModelRows, rows};
 
 /// Factor by which the weight of each older run is multiplied after a run.
 pub const FORGETTING: f64 = 0.9;
@@ -42,13 +44,8 @@ pub const FORGETTING: f64 = 0.9;
 pub const MOST_RUNS: usize = 400;
 /// Time after the last row of an open run at which the run counts as complete.
 const OVER: Duration = Duration::from_hours(1);
-/// Growth of the variance of a correction per hour if the profile does not name it, µm²/h.
-const USUAL_WALK: f64 = 4.0;
 /// Averaging time of log rows.
 const RESAMPLE: Duration = Duration::from_mins(1);
-
-const FORMAT: &str = "isotherm-learning";
-const VERSION: u64 = 1;
 
 /// Runs from which the model of one axis is learned, and the judgement of the candidate.
 #[derive(Clone, Debug)]
@@ -64,27 +61,6 @@ pub struct Learning {
 struct LearnedRun {
     name: String,
     products: RunProducts,
-}
-
-/// Progress of the learning: judged days, and the model that they judged.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Record {
-    /// SHA-256 of the model in use when the days were judged.
-    in_use: String,
-    judgement: Judgement,
-    /// Time of the last row that was used.
-    until: Moment,
-}
-
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct File {
-    format: String,
-    version: u64,
-    /// SHA-256 of `record` as JSON without spaces.
-    sha256: String,
-    record: Record,
 }
 
 /// Result for one run of the logs.
@@ -109,45 +85,6 @@ pub struct JudgedRun {
     pub in_use_um: f64,
     /// Residual error with the candidate.
     pub candidate_um: f64,
-}
-
-/// Model in use, as far as it can be compared with a candidate.
-#[derive(Clone, Debug, PartialEq)]
-pub struct InUse {
-    terms: Vec<PriorTerm>,
-    expected: Option<Expected>,
-}
-
-impl InUse {
-    /// Returns the first model of an axis. An axis without a model has no term.
-    ///
-    /// # Errors
-    /// The model is no sum of terms. The message says so.
-    pub fn of(profile: &Profile, axis: &str) -> Result<InUse, String> {
-        let Some(model) = settings(profile, axis).and_then(|own| own.models.first()) else {
-            return Ok(InUse { terms: Vec::new(), expected: None });
-        };
-        let Kind::Linear(Linear { terms, slope: None, .. }) = &model.kind else {
-            return Err(format!(
-                "model {} of axis {axis} is not a sum of terms without a slope: the candidate is not compared with it",
-                model.name
-            ));
-        };
-        let term = |term: &isotherm_core::compensation::model::Term| {
-            let signal = profile.signals.get(term.input.signal.0)?;
-            Some(PriorTerm {
-                signal: signal.name.clone(),
-                lag: term.input.time_constant(),
-                squared: term.input.squared,
-                gain: term.gain.get(),
-            })
-        };
-        Ok(InUse { terms: terms.iter().filter_map(term).collect(), expected: model.expected })
-    }
-
-    fn fingerprint(&self) -> String {
-        sha256(format!("{:?}", self.terms).as_bytes())
-    }
 }
 
 /// Returns the columns from which a model is learned: every temperature and every speed of the profile, except those in
@@ -200,6 +137,11 @@ impl Learning {
         stamp(self.record.until).chars().take_while(|c| *c != 'T').collect()
     }
 
+    /// Returns the names of the files of the runs.
+    pub fn names(&self) -> Vec<String> {
+        self.runs.iter().map(|run| run.name.clone()).collect()
+    }
+
     /// Returns the number of runs.
     pub fn runs(&self) -> usize {
         self.runs.len()
@@ -212,6 +154,12 @@ impl Learning {
             self.record.judgement.clear();
             self.record.in_use = fingerprint;
         }
+    }
+
+    /// Records that the candidate is the model in use now. The days that judged it remain.
+    pub fn adopted(&mut self, candidate: &InUse) {
+        self.record.judgement.adopted();
+        self.record.in_use = candidate.fingerprint();
     }
 
     /// Judges and learns each complete run of these logs that is not known yet, in the order of time. `now`: present
@@ -352,9 +300,7 @@ impl Learning {
     /// # Errors
     /// Returns a message if a number cannot be written as JSON.
     pub fn record(&self) -> Result<String, String> {
-        let record = self.record.clone();
-        let file = File { format: FORMAT.to_owned(), version: VERSION, sha256: seal(&record)?, record };
-        serde_json::to_string(&file).map_err(|why| why.to_string())
+        self.record.to_json()
     }
 
     /// Returns the candidate as a block for a profile. It contains the expected error of the model in use, which the
@@ -399,116 +345,6 @@ impl Learning {
     }
 }
 
-/// Touches of one run, with the model that judged them.
-struct JudgedTouches {
-    /// Numbers of the averaging windows of touches that are left out.
-    rejected: Vec<u128>,
-    /// Number of touches with those that are left out.
-    all: usize,
-    /// Mean square of the residual error with the model in use, µm²; `None` without a model in use to compare.
-    left: Option<f64>,
-    error: usize,
-}
-
-impl JudgedTouches {
-    fn accepted(&self) -> usize {
-        self.all - self.rejected.len()
-    }
-
-    /// Removes the rejected touches from the error of the run.
-    fn reject(&self, single: &mut Dataset, choice: &Choice) {
-        for run in &mut single.runs {
-            let first = run.times.first().copied().unwrap_or_default();
-            let window = |at: &Moment| at.since(first).as_nanos() / choice.resample.as_nanos().max(1);
-            let errors = run.values[self.error].iter_mut().zip(&run.times);
-            errors
-                .filter(|(_, at)| self.rejected.contains(&window(at)))
-                .for_each(|(error, _)| *error = f64::NAN);
-        }
-    }
-}
-
-/// Judges the touches of a single run by the model in use, or by the candidate if there is no model to compare.
-fn touches(
-    profile: &Profile,
-    single: &Dataset,
-    choice: &Choice,
-    in_use: Option<&InUse>,
-    candidate: Option<&FleetModel>,
-) -> Result<JudgedTouches, String> {
-    let ready = prepared(profile, single, choice)?;
-    let campaign = &ready.campaign;
-    let terms = match (in_use, candidate) {
-        (Some(in_use), _) if !in_use.terms.is_empty() => in_use.terms.clone(),
-        (_, Some(candidate)) => candidate.prior(),
-        (_, None) => Vec::new(),
-    };
-    let is_input = |name: &str| campaign.inputs.iter().any(|input| input.name == name);
-    if let Some(term) = terms.iter().find(|term| !is_input(&term.signal)) {
-        return Err(format!("the model in use needs {}, which is no input of the candidate", term.signal));
-    }
-    let (bank, residuals) = residuals(campaign, &terms)?;
-    let own = in_use.map(|in_use| residuals_of(campaign, &bank, &in_use.terms)).transpose()?;
-    let run = bank.runs.first().ok_or("the run has no row")?;
-    let hours: Vec<f64> = run.seconds.iter().map(|second| second / 3600.0).collect();
-    // Without any model, the residual is the whole drift, and nothing can be doubted.
-    let accepted = match terms.is_empty() {
-        true => vec![true; residuals.len()],
-        false => doubt::accepted(&hours, &residuals, scatter(profile, choice)),
-    };
-    let rejected = accepted.iter().zip(&run.windows).filter(|(accepted, _)| !**accepted);
-    let rejected: Vec<u128> = rejected.map(|(_, window)| *window).collect();
-    // The first row is the datum.
-    let all = residuals.len().saturating_sub(1);
-    let touches = u32::try_from(all.saturating_sub(rejected.len())).unwrap_or(u32::MAX);
-    let left = own.filter(|_| touches > 0).map(|own| {
-        let squares = own.iter().zip(&accepted).filter(|(_, accepted)| **accepted);
-        squares.map(|(left, _)| left * left).sum::<f64>() / f64::from(touches)
-    });
-    Ok(JudgedTouches { rejected, all, left, error: campaign.error })
-}
-
-/// Returns the rows of the only run of a campaign, and the residual error of a model in each.
-fn residuals(campaign: &Campaign<'_>, terms: &[PriorTerm]) -> Result<(Bank, Vec<f64>), String> {
-    let candidates = known(campaign, terms)?.iter().map(|(candidate, _)| *candidate).collect();
-    let bank = Bank::new(campaign, candidates);
-    let left = residuals_of(campaign, &bank, terms)?;
-    Ok((bank, left))
-}
-
-/// Returns the residual error of a model in each row of the only run of a campaign.
-fn residuals_of(campaign: &Campaign<'_>, bank: &Bank, terms: &[PriorTerm]) -> Result<Vec<f64>, String> {
-    let model = Learned::Sum(known(campaign, terms)?);
-    let run = bank.runs.first().ok_or("the run has no row")?;
-    Ok(run.error().iter().zip(model.predict(campaign, bank, 0)).map(|(error, cz)| error + cz).collect())
-}
-
-/// Checks a single run. A constant sensor is used: it has no effect. A run with another faulty sensor is refused,
-/// because nothing in it shows the true reading.
-fn prepared<'a>(profile: &Profile, single: &'a Dataset, choice: &Choice) -> Result<Ready<'a>, String> {
-    let in_words = |wrong: BadLog| wrong.0.join("; ");
-    let constant = |name: &&String| single.column(name).is_some_and(|column| is_constant(single, column));
-    let keep = choice.inputs.iter().filter(constant).cloned().collect();
-    let ready = ready(profile, single, &Choice { keep, ..choice.clone() }).map_err(in_words)?;
-    match ready.notes.excluded.first() {
-        None => Ok(ready),
-        Some(faulty) => Err(format!("{}: {}", faulty.signal, faulty.reason)),
-    }
-}
-
-fn settings<'a>(profile: &'a Profile, axis: &str) -> Option<&'a AxisSettings> {
-    profile.axes.iter().map(|axis| &axis.settings).find(|own| own.name == axis)
-}
-
-/// Returns the standard deviation of a probing, µm, and the growth of the variance of a correction per hour, µm²/h.
-fn scatter(profile: &Profile, choice: &Choice) -> (f64, f64) {
-    let axis = choice.axis.as_deref().unwrap_or_default();
-    match settings(profile, axis).and_then(|own| own.probe).map(|probe| probe.filter) {
-        Some(Filter::Weighed { repeat, walk }) => (repeat, walk),
-        Some(Filter::Share(_)) | None => (Filter::REPEAT, USUAL_WALK),
-    }
-}
-
 /// Returns the time of the datum of a run; its first row if it was measured row by row.
 fn datum(run: &Run) -> Moment {
     let row = run.datum().unwrap_or_default();
@@ -527,19 +363,4 @@ fn stamp(at: Moment) -> String {
     let text = String::from_utf8_lossy(&text).into_owned();
     let seconds = text.split_once('.').map_or(text.trim_end_matches('Z'), |(seconds, _)| seconds);
     format!("{seconds}Z")
-}
-
-fn seal(record: &Record) -> Result<String, String> {
-    serde_json::to_vec(record).map(|bytes| sha256(&bytes)).map_err(|why| why.to_string())
-}
-
-fn read_record(bytes: &[u8]) -> Result<Record, String> {
-    let file: File = serde_json::from_slice(bytes).map_err(|why| format!("no learning record: {why}"))?;
-    if file.format != FORMAT || file.version != VERSION {
-        return Err(format!("no learning record of version {VERSION}"));
-    }
-    if file.sha256 != seal(&file.record)? {
-        return Err("the checksum is wrong: the file was changed or damaged".to_owned());
-    }
-    Ok(file.record)
 }

@@ -22,7 +22,6 @@ use crate::applied::{self, Applied};
 use crate::checks::SHORTEST_RUN;
 use crate::dataset::{BadLog, Column, Dataset, Datum, Errors, Kind, Origin, Run};
 use isotherm_core::compensation::model::Reference;
-use isotherm_core::compensation::settings;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{Profile, counted};
@@ -170,11 +169,8 @@ fn remove(dataset: &mut Dataset, name: &str) {
 impl<'a> Datums<'a> {
     fn of(profile: &Profile, dataset: &Dataset, axis: &'a str) -> Datums<'a> {
         let column = |signal: Option<SignalId>| dataset.column(&profile.signals.get(signal?.0)?.name);
-        let own = profile.axes.iter().map(|axis| &axis.settings).find(|own| own.name == axis);
-        let uses_zeros = own.is_some_and(|own| {
-            let mut references = own.models.iter().flat_map(|model| model.references());
-            own.datum == settings::Datum::Zero || references.any(|reference| reference == Reference::Zero)
-        });
+        let own = profile.axes.iter().find(|own| own.settings.name == axis);
+        let uses_zeros = own.is_some_and(|own| own.counts_from(Reference::Zero));
         Datums { axis, on: column(profile.machine.on), zero: column(profile.machine.zero), uses_zeros }
     }
 

@@ -1,6 +1,6 @@
 //! Result of the learning of one axis as text for the terminal.
 
-use super::AxisResult;
+use super::result::AxisResult;
 use crate::cli::print::say;
 use isotherm_identify::learning::TakenRun;
 use isotherm_profile::counted;

@@ -226,6 +226,10 @@ pub(super) fn preview(signals: &[Signal], axis: &Axis, settings: &ProbeSettings)
     if settings.worse == OnWorse::Ramp {
         text.push_str("; while probings show that a model is worse than no compensation, Cz goes to zero");
     }
+    if axis.says_how_wrong() {
+        text.push_str("; the last 24 measured errors scale the expected error");
+    }
+    text.push_str("; `isotherm learn` learns a model from them");
     text
 }
 
