@@ -28,6 +28,9 @@ use isotherm_profile::duration_text;
 use isotherm_profile::sha256;
 
 const FORMAT: &str = "isotherm-products";
+/// Comment of a block: what products cannot give.
+pub(crate) const NO_VALUES: &str =
+    "# No envelope and no stand-ins: products do not contain the values of the inputs.\n";
 const VERSION: u64 = 1;
 
 /// Gram products (X'X, X'y, y'y) of the runs of one or more machines, with the settings under which they were
@@ -470,10 +473,7 @@ impl FleetModel {
     #[must_use]
     pub fn block(&self) -> String {
         let runs = self.from_runs;
-        let head = format!(
-            "# Cz = −e, identified from the products of {runs} runs.\n\
-             # No envelope and no stand-ins: products do not contain the values of the inputs.\n"
-        );
+        let head = format!("# Cz = −e, identified from the products of {runs} runs.\n{NO_VALUES}");
         self.block_of("fleet", &head, "")
     }
 

@@ -20,7 +20,7 @@ use serde::Serialize;
 
 use crate::applied::Applied;
 use crate::dataset::{BadLog, Dataset, Run};
-use crate::fleet::{FleetModel, RunProducts};
+use crate::fleet::{FleetModel, NO_VALUES, RunProducts};
 use crate::method::Settings;
 use crate::setup::{Choice, without_cz};
 use isotherm_core::candidate::{Gain, JudgedDay, Judgement};
@@ -314,12 +314,12 @@ impl Learning {
                 gain.in_use.get()
             )
         });
-        let head = format!(
-            "# Cz = −e, learned from {}, the newest with the largest weight.\n{}\
-             # No envelope and no stand-ins: products do not contain the values of the inputs.\n",
-            counted(model.from_runs, "run"),
-            judged.unwrap_or_default()
+        let mut head = format!(
+            "# Cz = −e, learned from {}, the newest with the largest weight.\n",
+            counted(model.from_runs, "run")
         );
+        head += &judged.unwrap_or_default();
+        head += NO_VALUES;
         let pair = |growth: Growth| format!("[{:?}, {:?}]", growth.per_hour(), growth.at_once());
         let keys = match in_use.and_then(|in_use| in_use.expected) {
             None => "# No expected error: the model in use has none.\n".to_owned(),
