@@ -110,7 +110,8 @@ fn run(table: &mut Table, names: &[String], name: String, rows: Range<usize>) ->
     let zeros = table.zeros.iter().filter(|(row, _)| rows.contains(row));
     let origin = Origin {
         zeros: zeros.map(|(row, axis)| (row - rows.start, axis.clone())).collect(),
-        continues: table.continues && rows.start == 0,
+        // The machine may be on at the beginning of a later part of a log of the gateway.
+        continues: if rows.start == 0 { table.continues } else { !table.acted.is_empty() },
         errors: Errors::Recorded,
         is_open: false,
     };

@@ -15,9 +15,6 @@ use isotherm_core::compensation::settings::Filter;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::Profile;
 
-/// Growth of the variance of a correction per hour if the profile does not name it, µm²/h.
-const USUAL_WALK: f64 = 4.0;
-
 /// Rows of one run with a model: time, measured error without compensation, and Cz of the model.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ModelRows {
@@ -162,6 +159,6 @@ fn scatter(profile: &Profile, choice: &Choice) -> (f64, f64) {
     let axis = choice.axis.as_deref().unwrap_or_default();
     match settings(profile, axis).and_then(|own| own.probe).map(|probe| probe.filter) {
         Some(Filter::Weighed { repeat, walk }) => (repeat, walk),
-        Some(Filter::Share(_)) | None => (Filter::REPEAT, USUAL_WALK),
+        Some(Filter::Share(_)) | None => (Filter::REPEAT, Filter::WALK),
     }
 }
