@@ -170,7 +170,7 @@ fn campaign() -> Dataset {
     let sensors = (0..SENSORS).map(|place| Column { name: format!("t{place}"), kind: Kind::Temperature });
     let errors =
         ["y_error_um", "z_error_um"].map(|name| Column { name: name.to_owned(), kind: Kind::Displacement });
-    Dataset { columns: sensors.chain(errors).collect(), unread: Vec::new(), runs, remarks: Vec::new() }
+    Dataset { columns: sensors.chain(errors).collect(), runs, ..Dataset::default() }
 }
 
 /// Peak memory of this process, in MB.

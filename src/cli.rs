@@ -17,6 +17,8 @@ mod backup;
 mod broker;
 mod certificate;
 mod check;
+#[cfg(feature = "identify")]
+mod columns;
 mod command;
 mod confirm;
 mod connection_test;
@@ -24,6 +26,8 @@ mod demo;
 mod descriptors;
 mod diagnostics;
 mod events;
+#[cfg(feature = "identify")]
+mod explain;
 #[cfg(feature = "parquet")]
 mod export;
 #[cfg(any(feature = "identify", feature = "place"))]
@@ -136,6 +140,9 @@ enum Verb {
     /// Report the drift in logs, in the terms of ISO 230-3
     #[cfg(feature = "identify")]
     Report(report::Arguments),
+    /// Show how logs of other programs are understood
+    #[cfg(feature = "identify")]
+    Logs(explain::Arguments),
     /// Replace the running gateway by another program or profile; no axis moves
     Restart(restart::Arguments),
     /// Save the files of a machine in one file: profile, models, templates, and saved state
@@ -203,11 +210,12 @@ impl Arguments {
 }
 
 /// Verbs that need a feature of the build: name of the verb, and name of the feature.
-const FEATURE_OF_VERB: [(&str, &str); 7] = [
+const FEATURE_OF_VERB: [(&str, &str); 8] = [
     ("identify", "identify"),
     ("learn", "identify"),
     ("select", "identify"),
     ("report", "identify"),
+    ("logs", "identify"),
     ("place", "place"),
     ("export", "parquet"),
     ("opcua", "opcua"),
@@ -258,6 +266,8 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Place(arguments) => place::run(&arguments),
         #[cfg(feature = "identify")]
         Verb::Report(arguments) => report::run(&arguments),
+        #[cfg(feature = "identify")]
+        Verb::Logs(arguments) => explain::run(&arguments),
         Verb::Arm(arguments) => command::arm(&arguments),
         Verb::Disarm(arguments) => command::run(&arguments, Command::Disarm),
         Verb::Zero(arguments) => command::run(&arguments, Command::Zero),

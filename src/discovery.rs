@@ -6,7 +6,7 @@
 //! - [`can`] — state of the CAN interfaces of a profile, as the kernel reports it.
 //! - [`sysfs`] — temperature sensors of this computer, and sensors of a profile that this computer does not have.
 //! - `opcua` — endpoints, certificate and nodes of an OPC UA server. This module requires the feature `opcua`.
-//! - [`merged_reads`] — quirks with which a device serves a read of several values that fails.
+//! - [`merged_reads`] — test of reads of several values that fail: quirks with which the device serves the values.
 //! - [`mod@pipeline`] — whether a device supports two requests at a time.
 //! - [`new_connection`] — whether a device that does not answer needs a pause after connecting, or loses the first
 //!   request.

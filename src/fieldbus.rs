@@ -6,8 +6,8 @@
 //! - [`trace`] — log of the frames on a line, written while a listener subscribes to it.
 //! - [`serial`] — serial ports; [`tcp`] — sockets without send delay; [`tls`] — Modbus TCP inside TLS. [`port`] is the
 //!   interface of all of them.
-//! - [`mod@error`] — faults, by their cause; [`mod@explain`] — their explanations and advice for users, which depend on
-//!   what was [`seen`] of a request.
+//! - [`mod@error`] — faults, by their cause; [`mod@explain`] — their explanations and advice for users. The advice
+//!   depends on the description of the failed request ([`seen`]).
 //! - [`mod@line`] — sends requests to devices: one at a time, with timeout, send deadline, back-off and reconnection.
 
 pub mod backoff;

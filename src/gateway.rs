@@ -63,8 +63,8 @@ pub use store::disk::{Disk, Files, make_directory};
 pub use store::{backup, log, templates};
 
 /// Reason shown for an axis that stays off because the saved state was rejected, or was restored from a backup.
-const NOT_BELIEVED: &str = "the saved state was rejected (see the events) or was restored from a backup, and \
-                            the operator has not armed since";
+const IN_QUESTION: &str = "the saved state was rejected (see the events) or was restored from a backup, and \
+                           the operator has not armed since";
 /// Maximum time that the end of a run waits until the state is on disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
 
@@ -157,7 +157,7 @@ impl Gateway {
                 handover.go_on(&mut core, clock.now());
             }
             if is_in_question {
-                (0..core.arming.len()).for_each(|axis| core.disarm(AxisId(axis), NOT_BELIEVED));
+                (0..core.arming.len()).for_each(|axis| core.disarm(AxisId(axis), IN_QUESTION));
             }
             for (axis, why) in core.places.barred(&core.given.profile) {
                 // An axis that was off before keeps its reason, also for the next program.

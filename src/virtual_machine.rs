@@ -1,8 +1,8 @@
 //! Virtual machine: simulated hardware that serves the devices of a profile.
 //!
-//! It serves the Modbus devices of a profile on real sockets and pseudo-terminals, and the CAN devices on their
-//! interface. A simulated machine (the plant) warms up, drifts and bends by its own model, and its true error is known.
-//! Offsets that a client writes act on the plant as on a real machine, so that a run shows the effect of the
+//! The virtual machine serves the Modbus devices of a profile on real sockets and pseudo-terminals, and the CAN devices
+//! on their interface. A simulated machine (the plant) warms up, drifts and bends by its own model, and its true error
+//! is known. Offsets that a client writes act on the plant as on a real machine, so that a run shows the effect of the
 //! compensation. A fault script causes faults of answers, sensors, connections and memories.
 //!
 //! # Layout

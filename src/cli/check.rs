@@ -143,7 +143,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     unfit.map_or(Ok(()), |unfit| Err(anyhow::anyhow!("{unfit}: remove `pipeline` from its bus")))
 }
 
-/// Returns the devices of which a signal has no good value.
+/// Returns the devices that have a signal without a good value.
 fn unread(profile: &Profile, status: &Status) -> Vec<DeviceId> {
     let is_unread =
         |name: &str| status.signals.iter().any(|signal| signal.device == name && signal.quality != "good");

@@ -3,22 +3,25 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::builder::TypedValueParser;
 
+use super::columns::ColumnTable;
 use super::extra_files::ExtraFiles;
 use super::loading::load_quietly;
 use super::print::print_json;
 use super::progress::Progress;
 use super::runs::Runs;
+use super::values::one_of;
 use crate::cli::print::Out;
 use crate::clock::Clock;
 use isotherm_core::compensation::model::Outside;
 use isotherm_identify::applied::Applied;
+use isotherm_identify::dataset::Column;
 use isotherm_identify::facts::document;
 use isotherm_identify::method::{Method, Settings};
 use isotherm_identify::repaired_runs::repaired_files;
 use isotherm_identify::report::{self, Subject};
-use isotherm_identify::setup::{Choice, ready, units, without_cz};
+use isotherm_identify::setup::{Choice, ready, units, without_cz, without_incomplete};
 use isotherm_identify::written::written;
 use isotherm_identify::{Identified, identify, uses};
 use isotherm_profile::Profile;
@@ -30,11 +33,11 @@ mod text;
 /// Finds the model of an axis from logs: its coefficients with their uncertainty, and the remaining error on days that
 /// were not used for it.
 ///
-/// A log is CSV or Parquet with a column `time`, `time_s` or `time_min`. `time` is in seconds, RFC 3339, or `05.01.2026
-/// 06:00:10` by the clock of --zone. The other columns are the signals of the profile, and the measured displacement
-/// error in µm. One file is one run: a warm-up that begins with a cold machine. Faulty sensors are reported, and their
-/// readings are mended (repaired) or left out. Each run is once held out, that is, used only to test the model from the
-/// other runs.
+/// A log is CSV or Parquet with a column `time`, `time_s` or `time_min`. The column may also have a name of a logger,
+/// such as `Zeit [min]`, `timestamp`, or `Date` and `Time`. `time` is in seconds, RFC 3339, or `05.01.2026 06:00:10` by
+/// the clock of --zone. The other columns are the signals of the profile, and the measured displacement error in µm. One
+/// file is one run: a warm-up that begins with a cold machine. Faulty sensors are reported, and their readings are
+/// mended (repaired) or left out. Each run is once held out, that is, used only to test the model from the other runs.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm identify my-machine.toml mon.csv tue.csv wed.csv --axis z --error z_error_um\n  isotherm identify my-machine.toml week.parquet --gap 2h --axis z --write z-model.toml --report z.html\n  isotherm identify --balls touches.csv --recorded mon.csv --out mon-drift.csv"
@@ -146,17 +149,6 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-/// Returns a parser that accepts one of these values by its name, and shows the help text of each.
-pub(super) fn one_of<T: Copy + Send + Sync + 'static, const N: usize>(
-    all: [(T, &'static str, &'static str); N],
-) -> impl TypedValueParser<Value = T> {
-    let values = all.map(|(_, name, help)| PossibleValue::new(name).help(help));
-    PossibleValuesParser::new(values).try_map(move |given| {
-        let found = all.iter().find(|(_, name, _)| *name == given);
-        found.map(|(value, ..)| *value).ok_or("no such value")
-    })
-}
-
 fn methods() -> impl TypedValueParser<Value = Method> {
     one_of(Method::ALL)
 }
@@ -182,7 +174,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let profile = load_quietly(path, &arguments.set, arguments.json)?.profile;
     let mut beside = ExtraFiles::default();
-    let (found, document) = find(arguments, &profile, &mut beside)?;
+    let (found, document, columns) = find(arguments, &profile, &mut beside)?;
     if let Some(path) = &arguments.write {
         match found.refusal().filter(|_| !arguments.force) {
             Some(why) => beside.refuse(format!("{} is not written: {why}", path.display())),
@@ -191,17 +183,20 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     match document {
         Some(document) => print_json(&document)?,
-        None => text::render(&mut Out, &found, arguments.probe)?,
+        None => {
+            text::render(&mut Out, &found, arguments.probe)?;
+            columns.render(&mut Out)?;
+        }
     }
     beside.end(arguments.json)
 }
 
-/// Identifies the model. Also returns the JSON document, if it was requested.
+/// Identifies the model. Also returns the JSON document, if it was requested, and the use of the columns.
 fn find(
     arguments: &Arguments,
     profile: &Profile,
     beside: &mut ExtraFiles,
-) -> anyhow::Result<(Identified, Option<serde_json::Value>)> {
+) -> anyhow::Result<(Identified, Option<serde_json::Value>, ColumnTable)> {
     let choice = Choice {
         axis: arguments.axis.clone(),
         error: arguments.error.clone(),
@@ -215,8 +210,9 @@ fn find(
     let error = choice.error_column(profile);
     let applied = arguments.cz.as_deref().map(Applied::named).unwrap_or_default();
     let uses = uses::of_identify(profile, &choice, &applied);
-    let mut dataset = arguments.runs.read(&arguments.logs, &error, &units(profile), &uses)?;
+    let mut dataset = arguments.runs.read(&arguments.logs, (&error, &[]), &units(profile), &uses)?;
     without_cz(profile, &mut dataset, &choice, &applied)?;
+    without_incomplete(profile, &mut dataset, &choice);
     let ready = ready(profile, &dataset, &choice)?;
     if let Some(directory) = &arguments.mended {
         write_mended(directory, &repaired_files(&ready), beside);
@@ -251,7 +247,12 @@ fn find(
     }
     let document = || document(profile, &ready, &found, Clock::wall().now());
     let document = arguments.json.then(document).transpose()?;
-    Ok((found, document))
+    let is_used = |column: &Column| {
+        let shown = found.columns.iter().find(|shown| shown.name == column.name);
+        shown.is_some_and(|shown| shown.used != "not used")
+    };
+    let columns = ColumnTable::new(&dataset, &is_used);
+    Ok((found, document, columns))
 }
 
 /// Writes a file for each of these runs into the directory, which is created if it does not exist.

@@ -1,5 +1,5 @@
 //! Log format for the system journal on standard error. Each line begins with its priority (`<4>`) as in sd-daemon(3).
-//! It has no time, because the system journal adds one.
+//! The lines contain no time, because the system journal adds one.
 
 use std::fmt;
 

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 
 use super::loading::load_quietly;
-use super::logs::LogZone;
+use super::logs::LogFormat;
 use super::print::print_json;
 use super::progress::Progress;
 use super::running;
@@ -65,7 +65,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
     #[command(flatten)]
-    zone: LogZone,
+    format: LogFormat,
     /// Writes the candidate as an [[axis.…model]] block to this file, if it is better than the model in use
     #[arg(long, value_name = "MODEL.toml", requires = "axis")]
     write: Option<PathBuf>,
@@ -135,7 +135,11 @@ fn of_axis(
     let mut new = Vec::new();
     let now = Clock::wall().time_of_day();
     if !arguments.logs.is_empty() {
-        let dataset = read(profile, &arguments.logs, &choice, &arguments.zone)?;
+        let LogFormat { decimal, dates, time_unit, .. } = arguments.format;
+        let zone = Some(arguments.format.zone());
+        let split = Split { zone, decimal, dates, time_unit, ..Split::default() };
+        let dataset = read(profile, &arguments.logs, &choice, &split)?;
+        anyhow::ensure!(dataset.repeats.is_empty(), "{}", dataset.repeats.join("; "));
         new.extend(learning.take(profile, dataset, (&choice, in_use.as_ref()), Some(now))?);
     }
     let first_day = learning.first_day();
@@ -144,7 +148,7 @@ fn of_axis(
         let together = days.iter().take(number).skip(number.saturating_sub(TOGETHER));
         let files: Vec<PathBuf> = together.flat_map(|(_, files)| files.iter().cloned()).collect();
         let until = (number == days.len()).then_some(now);
-        let taken = read(profile, &files, &choice, &arguments.zone)
+        let taken = read(profile, &files, &choice, &Split::default())
             .and_then(|dataset| Ok(learning.take(profile, dataset, (&choice, in_use.as_ref()), until)?));
         match taken {
             // A run that is not used is found again in the logs of the next days.
@@ -179,11 +183,10 @@ fn of_axis(
 }
 
 /// Reads the columns of these logs that are used.
-fn read(profile: &Profile, files: &[PathBuf], choice: &Choice, zone: &LogZone) -> anyhow::Result<Dataset> {
+fn read(profile: &Profile, files: &[PathBuf], choice: &Choice, split: &Split) -> anyhow::Result<Dataset> {
     let applied = Applied::AsLogged;
     let uses = uses::of_identify(profile, choice, &applied);
-    let split = Split { zone: Some(zone.of_the_log()), ..Split::default() };
-    Ok(Dataset::read(files, &split, &units(profile), &uses)?)
+    Ok(Dataset::read(files, split, &units(profile), &uses)?)
 }
 
 /// Reads the stored runs of an axis. Also returns the names of their files, and remarks about unusable files. A run of an

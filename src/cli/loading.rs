@@ -12,7 +12,7 @@ use super::{broker, machines};
 use crate::fieldbus::kinds::opcua::check as opcua_check;
 use crate::fieldbus::tls;
 use crate::gateway::how_to_find_a_model;
-use isotherm_profile::{Axis, Errors, Loaded, Profile};
+use isotherm_profile::{Axis, Errors, FileKind, Loaded, Profile};
 
 /// Profile, and keys that are overridden on the command line.
 #[derive(Args, Clone, Debug)]
@@ -115,4 +115,10 @@ pub(super) fn reported(loaded: Result<Loaded, Errors>, json: bool) -> anyhow::Re
         }
         Err(WrongProfile.into())
     })
+}
+
+/// Returns the error for a file that cannot be read as the kind `wanted`: its own kind if that is known, otherwise `why`.
+pub(super) fn of_other_kind(path: &Path, wanted: FileKind, why: impl Into<anyhow::Error>) -> anyhow::Error {
+    let other = FileKind::of_file(path).and_then(|kind| kind.instead_of(wanted));
+    other.map_or_else(|| why.into(), |other| anyhow::Error::msg(other.line(path)))
 }

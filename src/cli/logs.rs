@@ -1,20 +1,58 @@
-//! Time zone for times in a log that have none.
+//! Options that say how a log is read: time zone, decimal mark, order of dates, and unit of times.
 
+use clap::builder::TypedValueParser;
 use jiff::tz::TimeZone;
 
-/// Time zone for times that have none.
+use super::values::one_of;
+use isotherm_core::quantity::{DateOrder, DecimalMark, TimeUnit};
+
+/// Properties of logs that their files may not contain.
 #[derive(clap::Args, Clone, Debug)]
-pub(super) struct LogZone {
+pub(super) struct LogFormat {
     /// Time zone for times without one, such as 05.01.2026 06:00:10. Write Europe/Berlin, UTC, or +01:00 for a clock
     /// without daylight saving time [default: this computer's]
     #[arg(long, value_name = "ZONE", value_parser = zone)]
     zone: Option<TimeZone>,
+    /// Decimal mark of the numbers in CSV logs [default: the one that the numbers show]
+    #[arg(long, value_name = "MARK", value_parser = marks())]
+    pub(super) decimal: Option<DecimalMark>,
+    /// Order of day and month in dates such as 01/05/2026 [default: the one that the dates show]
+    #[arg(long, value_name = "ORDER", value_parser = orders())]
+    pub(super) dates: Option<DateOrder>,
+    /// Unit of times that are numbers [default: the one in the name of the column, else seconds]
+    #[arg(long, value_name = "UNIT", value_parser = time_units())]
+    pub(super) time_unit: Option<TimeUnit>,
 }
 
-impl LogZone {
-    pub(super) fn of_the_log(&self) -> TimeZone {
+impl LogFormat {
+    pub(super) fn zone(&self) -> TimeZone {
         self.zone.clone().unwrap_or_else(TimeZone::system)
     }
+}
+
+fn marks() -> impl TypedValueParser<Value = DecimalMark> {
+    one_of([
+        (DecimalMark::Point, "point", "12.5; commas separate thousands"),
+        (DecimalMark::Comma, "comma", "12,5; points separate thousands"),
+    ])
+}
+
+fn orders() -> impl TypedValueParser<Value = DateOrder> {
+    one_of([
+        (DateOrder::DayFirst, "day-first", "31/01/2026"),
+        (DateOrder::MonthFirst, "month-first", "01/31/2026"),
+    ])
+}
+
+fn time_units() -> impl TypedValueParser<Value = TimeUnit> {
+    one_of([
+        (TimeUnit::Milliseconds, "ms", "Milliseconds"),
+        (TimeUnit::Seconds, "s", "Seconds"),
+        (TimeUnit::Minutes, "min", "Minutes"),
+        (TimeUnit::Hours, "h", "Hours"),
+        (TimeUnit::Days, "d", "Days since the start of the log"),
+        (TimeUnit::ExcelDays, "excel", "Days as spreadsheets store dates: 46090.25 is 2026-03-09 06:00"),
+    ])
 }
 
 fn zone(text: &str) -> Result<TimeZone, String> {

@@ -46,9 +46,9 @@ pub(super) struct Arguments {
     /// The node set of the guideway with the displacement to compensate
     #[arg(long, value_name = "SET", default_value = "GUIDE")]
     guide: String,
-    /// The node set that is fixed in x, y and z
-    #[arg(long, value_name = "SET", default_value = "BASE")]
-    fixed: String,
+    /// The node set that is fixed in x, y and z [default: the supports of the files (*BOUNDARY); without any, BASE]
+    #[arg(long, value_name = "SET")]
+    fixed: Option<String>,
     /// A plane that divides all blocks that it crosses, or only the block after the colon: `z=450`, `x=0:BLK3`; may be
     /// repeated
     #[arg(long, value_name = "PLANE")]
@@ -157,7 +157,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let shown = Progress::begin("reading");
     let progress = |what: &str, done, all| shown.note(what, done, all);
     let plant = arguments.plant.as_deref().map(|path| plant::read(path, arguments.engine)).transpose()?;
-    let study = structure::study(arguments, plant.as_ref(), &progress)?;
+    let (study, fixed) = structure::study(arguments, plant.as_ref(), &progress)?;
     let case = arguments.case.as_ref().map(|name| {
         study.loads.iter().position(|load| load.name == *name).ok_or_else(|| {
             let names: Vec<&str> = study.loads.iter().map(|load| load.name.as_str()).collect();
@@ -172,8 +172,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         tolerance: Tolerance { noise: arguments.noise, enough: arguments.enough },
         misplaced: arguments.misplaced,
     };
-    let placement =
+    let mut placement =
         place(&study, &criteria, &progress).map_err(|wrong| anyhow::anyhow!("{}", wrong.join("\n")))?;
+    placement.remarks.push(fixed);
     let line = GuideLine::new(&placement.guide_xyz, arguments.along.map(|axis| axis as usize));
     let mut files = ExtraFiles::default();
     if let Some(path) = &arguments.write {

@@ -75,7 +75,8 @@ fn is_complete(source: &Arc<dyn GatewayApi>) -> bool {
         && status.outputs.iter().all(|output| output.writes != "offset" || output.value.is_some())
 }
 
-/// Tests the devices of a bus on which none has answered, see [`new_connection`].
+/// Tests each Modbus bus on which no device answers, see [`new_connection`]. Tests nothing if all devices have
+/// answered.
 pub(super) fn examined(profile: &Profile, status: &Status) -> anyhow::Result<Vec<NewConnectionAdvice>> {
     let is_silent = |device: &DeviceStatus| device.state != "ok" && device.requests > 0;
     if !status.devices.iter().any(is_silent) {

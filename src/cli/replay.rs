@@ -17,22 +17,21 @@
 //!   that the log of an earlier version gives the same decisions. `max_rate`, `max_age` and `fault_when` are not applied
 //!   either, because each row counts as a new reading.
 
-use std::io::{BufRead, BufReader, Read, Write};
-
 use std::fs::File;
+use std::io::{BufRead, BufReader, Read, Write};
 use std::path::PathBuf;
 
 use anyhow::Context;
-use jiff::tz::TimeZone;
 
-use super::loading::{ProfileArguments, load_modelled};
-use super::logs::LogZone;
+use super::loading::{ProfileArguments, load_modelled, of_other_kind};
+use super::logs::LogFormat;
 use super::print::print_json;
 use crate::cli::print::{say_all, say_beside};
+pub use crate::gateway::log::Recording;
 use crate::gateway::log::{LogReader, LogRow, number};
 use isotherm_core::compensation::{Compensation, Decision, Remembered, Snapshot};
 use isotherm_core::quantity::Micron;
-use isotherm_profile::{Axis, Profile, safe_file};
+use isotherm_profile::{Axis, FileKind, Profile, safe_file};
 
 mod findings;
 mod outputs;
@@ -40,6 +39,7 @@ mod spans;
 mod summary;
 #[cfg(test)]
 mod tests;
+mod whole_file;
 
 use findings::Findings;
 pub use findings::{Hold, SensorFault, StandIn, Suspicion};
@@ -47,6 +47,7 @@ pub use outputs::{OutputsSummary, replay_outputs};
 pub use spans::{AxisSpans, OmittedSpans, Span};
 use summary::Tally;
 pub use summary::{AxisSummary, Difference, ErrorSummary, Range, Reproduced, Summary};
+use whole_file::WholeFile;
 
 /// Repeats the decisions of a recorded log with the code of the gateway, and compares them.
 ///
@@ -57,9 +58,9 @@ pub use summary::{AxisSummary, Difference, ErrorSummary, Range, Reproduced, Summ
 /// also says when and why an axis was on hold.
 ///
 /// A log is CSV with a column `time` and one column for each signal in its unit. `time` is in seconds, RFC 3339, or
-/// `05.01.2026 06:00:10` by the clock of --zone. `<axis>_error_um` is the measured error, if there is one. Missing
-/// values are empty. A log of outputs (`NAME-DATE.outputs.csv`) is replayed with the log of the decisions in the same
-/// directory, or alone.
+/// `05.01.2026 06:00:10` by the clock of --zone. Logs of loggers and spreadsheets are read as `isotherm identify` reads
+/// them. `<axis>_error_um` is the measured error, if there is one. Missing values are empty. A log of outputs
+/// (`NAME-DATE.outputs.csv`) is replayed with the log of the decisions in the same directory, or alone.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Example:\n  isotherm replay my-machine.toml monday.csv --out replayed.csv")]
 pub(super) struct Arguments {
@@ -69,7 +70,7 @@ pub(super) struct Arguments {
     #[arg(value_name = "LOG.csv")]
     recording: PathBuf,
     #[command(flatten)]
-    zone: LogZone,
+    format: LogFormat,
     /// Writes the replayed rows to this file
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
@@ -88,19 +89,65 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if outputs::is_of_outputs(first) {
         return run_outputs(arguments, log, &name);
     }
-    let mut out = match &arguments.out {
-        Some(path) => Some(File::create(path).with_context(|| format!("cannot write {}", path.display()))?),
-        None => None,
-    };
-    let out = out.as_mut().map(|file| file as &mut dyn Write);
-    let recording = Recording { name: &name, zone: Some(arguments.zone.of_the_log()) };
-    let mut summary = replay(&profile, log, recording, out)?;
+    let of_another_kind = |why: anyhow::Error| of_other_kind(&arguments.recording, FileKind::Log, why);
+    let (log, recording) = opened(arguments, &profile, log, &name).map_err(of_another_kind)?;
+    let begin = |path: &PathBuf| WholeFile::begin(path, &arguments.recording);
+    let mut out = arguments.out.as_ref().map(begin).transpose()?;
+    let mut summary = replay(&profile, log, recording, out.as_mut().map(|file| file as &mut dyn Write))
+        .map_err(of_another_kind)?;
     summary.outputs = outputs::beside(&arguments.recording)?;
+    if let Some(out) = out {
+        out.end()?;
+    }
     if arguments.json {
         return print_json(&summary);
     }
     say_all!("{summary}")?;
     Ok(())
+}
+
+/// Opens the log for the reader of rows. The log may be in any encoding of a logger, with lines around the names of the
+/// columns, or another file with a table.
+#[cfg(feature = "identify")]
+fn opened<'a>(
+    arguments: &Arguments,
+    profile: &Profile,
+    log: BufReader<File>,
+    name: &'a str,
+) -> anyhow::Result<(Box<dyn Read>, Recording<'a>)> {
+    use isotherm_identify::dataset::{Split, plain_log};
+    let errors: Vec<String> =
+        profile.axes.iter().map(|axis| format!("{}_error_um", axis.settings.name)).collect();
+    let uses = |column: &str| {
+        profile.signals.iter().any(|signal| signal.name == column)
+            || errors.iter().any(|error| error == column)
+    };
+    let LogFormat { decimal, dates, time_unit, .. } = arguments.format;
+    let split = Split { zone: Some(arguments.format.zone()), decimal, dates, time_unit, ..Split::default() };
+    let log = plain_log(&arguments.recording, log, &split, &uses)?;
+    let recording = match log.is_csv {
+        true => {
+            Recording { first_rows: log.first_rows, left_out: log.left_out, ..recording(arguments, name) }
+        }
+        false => Recording::from(name),
+    };
+    Ok((log.input, recording))
+}
+
+/// Opens the log for the reader of rows. Without `identify`, it is CSV in UTF-8 that begins with the column names.
+#[cfg(not(feature = "identify"))]
+fn opened<'a>(
+    arguments: &Arguments,
+    _: &Profile,
+    log: BufReader<File>,
+    name: &'a str,
+) -> anyhow::Result<(Box<dyn Read>, Recording<'a>)> {
+    Ok((Box::new(log), recording(arguments, name)))
+}
+
+fn recording<'a>(arguments: &Arguments, name: &'a str) -> Recording<'a> {
+    let LogFormat { decimal, dates, time_unit, .. } = arguments.format;
+    Recording { name, zone: Some(arguments.format.zone()), decimal, dates, time_unit, ..Recording::default() }
 }
 
 fn run_outputs(arguments: &Arguments, log: impl Read, name: &str) -> anyhow::Result<()> {
@@ -133,21 +180,6 @@ struct Outcome<'a> {
     error: Option<f64>,
 }
 
-/// Properties of a log that its file does not contain.
-#[derive(Clone, Debug)]
-pub struct Recording<'a> {
-    /// Name of the log, as messages show it.
-    pub name: &'a str,
-    /// Time zone of times without an offset from UTC; `None` rejects such times.
-    pub zone: Option<TimeZone>,
-}
-
-impl<'a> From<&'a str> for Recording<'a> {
-    fn from(name: &'a str) -> Recording<'a> {
-        Recording { name, zone: None }
-    }
-}
-
 /// Replays a log. Writes a row to `out` for each row of the log, and returns a summary.
 ///
 /// # Errors
@@ -158,8 +190,9 @@ pub fn replay<'a>(
     recording: impl Into<Recording<'a>>,
     out: Option<&mut dyn Write>,
 ) -> anyhow::Result<Summary> {
-    let Recording { name, zone } = recording.into();
-    let mut reader = LogReader::open(profile, log, (name, zone))?;
+    let recording = recording.into();
+    let name = recording.name;
+    let mut reader = LogReader::open(profile, log, recording)?;
     let mut table = out.map(csv::Writer::from_writer);
     if let Some(table) = &mut table {
         table.write_record(header(profile, &reader))?;

@@ -5,16 +5,18 @@ use std::path::PathBuf;
 
 use clap::builder::TypedValueParser;
 
+use super::columns::ColumnTable;
 use super::extra_files::ExtraFiles;
-use super::identify::one_of;
 use super::loading::load_with;
 use super::print::print_json;
 use super::progress::Progress;
 use super::runs::Runs;
+use super::values::one_of;
 use crate::cli::print::Out;
 use crate::clock::Clock;
 use isotherm_identify::applied::{Applied, add_without_cz};
-use isotherm_identify::drift::{Test, drift};
+use isotherm_identify::dataset::{Column, Kind};
+use isotherm_identify::drift::{Drift, Test, drift};
 use isotherm_identify::setup::units;
 use isotherm_identify::{report, uses};
 
@@ -76,7 +78,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let unit = |name: &str| profile.as_ref().and_then(|profile| units(profile)(name));
     let applied = arguments.cz.as_deref().map(Applied::named).unwrap_or_default();
     let uses = uses::of_report(&arguments.displacement, &applied, &unit);
-    let mut dataset = arguments.runs.read(&arguments.logs, "gauge_um", &unit, &uses)?;
+    let mut dataset =
+        arguments.runs.read(&arguments.logs, ("gauge_um", &arguments.displacement), &unit, &uses)?;
     let mut displacements = arguments.displacement.clone();
     add_without_cz(&mut dataset, profile.as_ref(), &mut displacements, &applied)?;
     let working = Progress::begin("calculating the drift of each run");
@@ -87,8 +90,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let page = report::drift_page(&dataset, &drifts, profile.as_ref(), Clock::wall().time_of_day());
         beside.write("the report", path, page);
     }
+    let is_used = |column: &Column| {
+        let of_run = |drift: &Drift| drift.displacements.iter().any(|moved| moved.name == column.name);
+        // Angles move a rotary axis.
+        column.kind != Kind::Other || column.name.ends_with("_deg") || drifts.iter().any(of_run)
+    };
+    let columns = ColumnTable::new(&dataset, &is_used);
     if arguments.json {
-        print_json(&serde_json::json!({ "runs": drifts }))?;
+        print_json(&serde_json::json!({ "runs": drifts, "columns": columns }))?;
         return beside.end(true);
     }
     let mut out = Out;
@@ -98,6 +107,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         text::render(&mut out, drift)?;
     }
+    columns.render(&mut out)?;
     if arguments.report.is_some() {
         writeln!(out)?;
     }

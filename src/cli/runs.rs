@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::logs::LogZone;
+use super::logs::LogFormat;
 use super::progress::Progress;
 use isotherm_identify::dataset::{BadLog, Dataset, Split, Units, Uses};
 
@@ -17,7 +17,7 @@ pub(super) struct Runs {
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
     gap: Option<Duration>,
     #[command(flatten)]
-    zone: LogZone,
+    format: LogFormat,
     /// Readings of a dial gauge, as a file with the columns time and error in µm (or error_mm). Each reading is added
     /// to the log row that is nearest in time
     #[arg(long, value_name = "FILE")]
@@ -28,20 +28,29 @@ pub(super) struct Runs {
 }
 
 impl Runs {
-    /// Reads the columns of the logs that are used. Readings of a dial gauge become the column `error`.
+    /// Reads the columns of the logs that are used. Readings of a dial gauge become the column `error`. `displacements` are
+    /// further columns in µm.
     pub(super) fn read(
         &self,
         logs: &[PathBuf],
-        error: &str,
+        (error, displacements): (&str, &[String]),
         units: Units<'_>,
         uses: Uses<'_>,
     ) -> Result<Dataset, BadLog> {
         let _reading = Progress::begin("reading the logs");
-        let zone = Some(self.zone.of_the_log());
-        let split = Split { column: self.run_column.clone(), gap: self.gap, zone };
+        let LogFormat { decimal, dates, time_unit, .. } = self.format;
+        let split = Split {
+            column: self.run_column.clone(),
+            gap: self.gap,
+            zone: Some(self.format.zone()),
+            decimal,
+            dates,
+            time_unit,
+            displacements: displacements.iter().cloned().chain([error.to_owned()]).collect(),
+        };
         let mut dataset = Dataset::read(logs, &split, units, uses)?;
         if let Some(gauge) = &self.gauge {
-            dataset.add_gauge(gauge, (error, self.within), split.zone)?;
+            dataset.add_gauge(gauge, (error, self.within), &split)?;
         }
         Ok(dataset)
     }

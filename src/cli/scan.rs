@@ -166,7 +166,8 @@ struct ScanResults {
     /// Faults that show something about a line, but no unit. Each is in the list once.
     noticed: Vec<(LineAddress, Fault)>,
     ranges: Vec<(u8, RegisterRange)>,
-    /// Unit that answers only with another setting; `None` if there is none, or if units have answered.
+    /// Unit that answers only with another setting, and its behaviour. `None` if there is no such unit, or if units
+    /// have answered without one.
     needs: Option<(u8, NewConnection)>,
     /// Number of requests sent. `questions` is the number of all planned requests.
     asked: usize,

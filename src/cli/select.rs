@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use super::columns::ColumnTable;
 use super::extra_files::ExtraFiles;
 use super::print::print_json;
 use super::progress::Progress;
@@ -10,7 +11,8 @@ use super::runs::Runs;
 use crate::cli::print::Out;
 use crate::clock::Clock;
 use isotherm_identify::applied::{Applied, without_cz};
-use isotherm_identify::select::{Selected, Settings, points, select};
+use isotherm_identify::dataset::{Column, Kind};
+use isotherm_identify::select::{Selected, Settings, points, select, without_incomplete};
 use isotherm_identify::setup::Choice;
 use isotherm_identify::{report, uses};
 
@@ -71,6 +73,14 @@ pub(super) struct Arguments {
     json: bool,
 }
 
+/// JSON document of the verb.
+#[derive(serde::Serialize)]
+struct Document<'a> {
+    #[serde(flatten)]
+    found: &'a Selected,
+    columns: ColumnTable,
+}
+
 fn correlation(text: &str) -> Result<f64, String> {
     let value: f64 = text.trim().parse().map_err(|_| "write correlations as 0.9,0.7".to_owned())?;
     if (0.0..=1.0).contains(&value) {
@@ -91,8 +101,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         ..Choice::default()
     };
     let uses = uses::of_select(&choice, &applied);
-    let mut dataset = arguments.runs.read(&arguments.logs, &arguments.error, &|_| None, &uses)?;
+    let mut dataset = arguments.runs.read(&arguments.logs, (&arguments.error, &[]), &|_| None, &uses)?;
     without_cz(&mut dataset, &arguments.error, None, None, &applied)?;
+    without_incomplete(&mut dataset, &choice);
     let pointed = points(&dataset, &choice)?;
     let mut settings = Settings {
         groups: arguments.group.clone(),
@@ -112,9 +123,18 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let page = report::selection_page(&pointed, &found, Clock::wall().time_of_day());
         beside.write("the report", path, page);
     }
-    match arguments.json {
-        true => print_json(&found)?,
-        false => text::render(&mut Out, &found)?,
+    let is_used = |column: &Column| {
+        found.points.iter().any(|point| point.name == column.name)
+            || found.error == column.name
+            || matches!(column.kind, Kind::Speed | Kind::Compensation)
+            || found.notes.excluded.iter().any(|faulty| faulty.signal == column.name)
+    };
+    let columns = ColumnTable::new(&dataset, &is_used);
+    if arguments.json {
+        print_json(&Document { found: &found, columns })?;
+    } else {
+        text::render(&mut Out, &found)?;
+        columns.render(&mut Out)?;
     }
     beside.end(arguments.json)
 }

@@ -5,13 +5,13 @@ use std::time::Duration;
 
 use anyhow::Context;
 
-use super::loading::{ProfileArguments, load};
+use super::loading::{ProfileArguments, load, of_other_kind};
 use super::signals::Signals;
 use crate::cli::print::say;
 use crate::clock::Clock;
 use crate::discovery::bus::{LineAddress, VirtualLine};
 use crate::virtual_machine::{FaultScript, PlantSpec, Setup, VirtualMachine};
-use isotherm_profile::{Device, Profile, safe_file};
+use isotherm_profile::{Device, FileKind, Profile, safe_file};
 
 /// Serves the devices of a profile as virtual hardware. These are Modbus servers at the addresses and serial ports of
 /// the profile, and nodes on its CAN interfaces.
@@ -47,8 +47,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         Some(path) => {
             let text = safe_file::read_text(path)
                 .with_context(|| format!("the fault script {} cannot be read", path.display()))?;
-            FaultScript::parse(&text, &profile)
-                .map_err(|error| anyhow::anyhow!("{}: {error}", path.display()))?
+            FaultScript::parse(&text, &profile).map_err(|error| {
+                let why = anyhow::anyhow!("{}: {error}", path.display());
+                of_other_kind(path, FileKind::FaultScript, why)
+            })?
         }
         None => FaultScript::default(),
     };
@@ -112,7 +114,10 @@ fn plant(path: &Path, profile: &Profile) -> anyhow::Result<Option<PlantSpec>> {
             .with_context(|| format!("the plant {} cannot be read", beside.display()))?;
         let home = beside.parent().unwrap_or(Path::new(""));
         let plant = PlantSpec::parse_with(&text, &|name| safe_file::read_text(&home.join(name)).ok())
-            .map_err(|error| anyhow::anyhow!("{}: {error}", beside.display()))?;
+            .map_err(|error| {
+                let why = anyhow::anyhow!("{}: {error}", beside.display());
+                of_other_kind(&beside, FileKind::Plant, why)
+            })?;
         return Ok(Some(plant));
     }
     Ok(PlantSpec::shipped(&profile.name).transpose()?)

@@ -3,6 +3,8 @@
 use std::io::BufRead;
 use std::time::Duration;
 
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+
 /// Arguments that exclude or require each other. The program reports them as clap reports a single wrong argument.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
@@ -11,6 +13,17 @@ pub(super) struct WrongArguments(String);
 /// Returns the error for arguments that exclude or require each other.
 pub(super) fn wrong_arguments(why: impl Into<String>) -> anyhow::Error {
     WrongArguments(why.into()).into()
+}
+
+/// Returns a parser that accepts one of these values by its name, and shows the help text of each.
+pub(super) fn one_of<T: Copy + Send + Sync + 'static, const N: usize>(
+    all: [(T, &'static str, &'static str); N],
+) -> impl TypedValueParser<Value = T> {
+    let values = all.map(|(_, name, help)| PossibleValue::new(name).help(help));
+    PossibleValuesParser::new(values).try_map(move |given| {
+        let found = all.iter().find(|(_, name, _)| *name == given);
+        found.map(|(value, ..)| *value).ok_or("no such value")
+    })
 }
 
 /// Reads a line from stdin; `None` at its end.

@@ -2,7 +2,7 @@
 //! `rtu:///dev/ttyUSB0?baud=9600&parity=none`, `rtu+tcp://192.168.0.11:4001`, `opc.tcp://192.168.0.12:4840`. `/sys`
 //! stands for this computer's own sensors.
 //!
-//! The type of line may be missing. `/dev/ttyUSB0` is a serial port, `192.168.0.10` and `192.168.0.10:1502` are Modbus
+//! Users may omit the type of line. `/dev/ttyUSB0` is a serial port, `192.168.0.10` and `192.168.0.10:1502` are Modbus
 //! TCP, and a host with the port 4840 is an OPC UA server.
 
 use std::fmt;

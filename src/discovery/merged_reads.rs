@@ -1,5 +1,5 @@
-//! Reads of several values that fail: whether the device serves the values by other reads, and which quirk leads to
-//! those reads. Only reads.
+//! Test of reads of several values that fail: whether the device serves the values by other reads, and which quirks
+//! lead to those reads. The test writes nothing.
 
 use serde::Serialize;
 
@@ -11,7 +11,7 @@ use crate::fieldbus::seen::{Asked, Others, Seen};
 use isotherm_profile::plan::{ReadRequest, plan};
 use isotherm_profile::{Device, DeviceId, Profile, Quirks};
 
-/// Smaller lengths of a read that are tried, in registers.
+/// Lengths of a read that are tried if a longer read fails, in registers.
 const LENGTHS: [u16; 7] = [64, 32, 16, 8, 4, 2, 1];
 
 /// Device that does not serve a planned read, but serves its values with other quirks.
@@ -27,8 +27,8 @@ pub struct MergedReadTest {
     pub quirks: String,
 }
 
-/// Tests the planned reads of these devices. For each device that serves its values with other quirks only, returns the
-/// first such quirks: with the fewest reads.
+/// Tests the planned reads of these devices. Returns each device that serves its values only with other quirks, with
+/// the first quirks that help. Reads without gaps are tried first, then shorter reads, then one read for each value.
 pub async fn tried(profile: &Profile, devices: &[DeviceId]) -> Vec<MergedReadTest> {
     let mut found = Vec::new();
     for id in devices {
@@ -99,8 +99,8 @@ fn is_single(read: &ReadRequest) -> bool {
     read.fields.len() < 2
 }
 
-/// Removes the gap from the extent of a read if `max_gap` does not help. The advice must not name a key that was tried
-/// without success.
+/// Removes the gap from the extent of a read if `max_gap` does not help. Otherwise the advice would name a key that was
+/// tried without success.
 fn without_wrong_gap(asked: Asked, helps: &str) -> Asked {
     match asked {
         Asked::Read { values, .. } if !helps.contains("max_gap") => Asked::Read { values, gap: 0 },
@@ -114,8 +114,8 @@ fn may_depend_on_quirks(fault: Fault) -> bool {
     is_refused || matches!(fault, Fault::Timeout | Fault::Peer(PeerFault::Length))
 }
 
-/// Returns quirks to try, with their text in a profile: those with the fewest reads first. A read is at least as long as
-/// the `longest` value, because a value is never divided.
+/// Returns quirks to try, with their text in a profile: reads without gaps first, then shorter reads, then both. A read
+/// is at least as long as the `longest` value, because a value is never divided.
 fn variants(quirks: Quirks, longest: u16) -> Vec<(Quirks, String)> {
     let without_gaps = Quirks { max_gap: 0, ..quirks };
     let mut variants = vec![(without_gaps, "max_gap = 0".to_owned())];

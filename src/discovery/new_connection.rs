@@ -16,15 +16,15 @@ use isotherm_profile::{Bus, BusId, Profile, Quirks, duration_text};
 const PAUSES: [Duration; 2] = [Duration::from_millis(500), LONGEST_PAUSE];
 /// Longest pause after connecting that is tried.
 pub const LONGEST_PAUSE: Duration = Duration::from_secs(2);
-/// Number of devices of a bus of which one must answer. Otherwise the first one is tested.
+/// Largest number of devices of a bus that are asked before a test. If none of them answers, the first one is tested.
 const DEVICES: usize = 4;
 
 /// Behaviour of a device on a new connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NewConnection {
-    /// It answers only after this pause.
+    /// Device that answers only after this pause.
     Deaf(Duration),
-    /// It loses the first request.
+    /// Device that loses the first request.
     LosesFirst,
 }
 
@@ -64,7 +64,7 @@ pub async fn examine(
     unit: u8,
     read: (Register, u16),
 ) -> Option<NewConnection> {
-    // A single lost answer is chance.
+    // A single lost answer shows nothing about the device.
     if is_answered(line, bus, quirks, unit, read).await {
         return None;
     }
@@ -79,7 +79,7 @@ pub async fn examine(
             NewConnection::LosesFirst => !quirks.loses_first_request,
         };
         if is_new && is_answered(line, bus, changed, unit, read).await {
-            // A device that answers only now and then needs no setting.
+            // A device that sometimes answers without the setting does not need it.
             let is_needed = !is_answered(line, bus, quirks, unit, read).await;
             return is_needed.then_some(found);
         }
@@ -87,7 +87,7 @@ pub async fn examine(
     None
 }
 
-/// Sends a read on a connection of its own. Returns whether the unit answers, with data or with a refusal.
+/// Sends a read on a new connection. Returns whether the unit answers, with data or with a refusal.
 async fn is_answered(
     line: &LineAddress,
     bus: &Bus,
@@ -101,7 +101,7 @@ async fn is_answered(
     }
 }
 
-/// Tests the Modbus buses of a profile on which no device answers.
+/// Tests the Modbus buses of a profile on which no device answers. Returns the devices that need a setting.
 pub async fn examined(profile: &Profile) -> Vec<NewConnectionAdvice> {
     let mut found = Vec::new();
     for (place, bus) in profile.buses.iter().enumerate() {

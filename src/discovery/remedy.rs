@@ -69,7 +69,7 @@ pub fn remedy(fault: Fault, question: Question<'_>) -> String {
     }
 }
 
-/// Returns the advice to read fewer values, if there are several.
+/// Returns the advice to read fewer values, if the request has several.
 fn fewer(values: u16) -> &'static str {
     if values > 1 { ". Try a smaller --count" } else { "" }
 }

@@ -17,7 +17,7 @@ use isotherm_profile::{Bus, Quirks, Transport};
 /// Length in bytes of an RTU frame that reads one register. `ANSWER` is the length of its answer.
 const REQUEST: usize = 8;
 const ANSWER: usize = 7;
-/// Number of units that are tested with a pause after connecting, if no unit has answered.
+/// Largest number of units that are tested with a pause after connecting, if no unit has answered.
 const UNITS: usize = 8;
 
 /// Settings of a scan.
@@ -132,10 +132,11 @@ impl Scan {
     }
 
     /// Tests whether the devices on the first line need a pause after connecting, or lose the first request of each
-    /// connection. It is of use if no unit has answered. Returns such a unit and its behaviour.
+    /// connection. The caller has received no answer from any unit. Returns the first unit with such a behaviour.
     pub async fn examine(&self) -> Option<(u8, NewConnection)> {
         let (line, register) = (self.lines.first()?, *self.registers.first()?);
-        // One connection is enough for all units if the answers of absent units cannot be confused with others.
+        // Over Modbus TCP, transaction numbers distinguish the answers of the units, so one connection is enough for
+        // all.
         let most = if line.transport == Transport::Tcp { UNITS } else { 1 };
         let pause = self.quirks.pause_after_connect.max(LONGEST_PAUSE);
         let quirks = Quirks { pause_after_connect: pause, loses_first_request: true, ..self.quirks };
@@ -214,7 +215,7 @@ mod tests {
     const TCP: Transport = Transport::Tcp;
     const RTU: Transport = Transport::RtuOverTcp;
 
-    /// Rows: answer, kind of line, whether it is noticed, and the kind of answer of the unit.
+    /// Rows: answer, kind of line, whether the answer is noticed, and the kind of answer of the unit.
     #[test]
     fn only_an_answer_of_the_unit_shows_that_the_unit_exists() {
         let peer = |fault| Err(Fault::Peer(fault));

@@ -69,8 +69,8 @@ impl UnitReader {
         UnitReader { line, trace: trace.and_then(|show| Some((tap.listen(None).ok()?, show))) }
     }
 
-    /// Keeps the connection after a timeout, as the gateway does. A reader closes it otherwise, because most of the
-    /// units that a scan queries do not exist.
+    /// Keeps the connection after a timeout, as the gateway does. Without this call, a reader closes the connection,
+    /// because most of the units that a scan queries do not exist.
     pub fn keeping(mut self) -> UnitReader {
         self.line = self.line.map(DeviceLine::kept_after_timeouts);
         self

@@ -34,8 +34,8 @@ pub trait Dial: Send {
         None
     }
 
-    /// Returns the shortest pause before the next attempt, after an attempt that failed with this fault. Without such a
-    /// pause, only the back-off of the line applies.
+    /// Returns the shortest pause before the next attempt to connect, after an attempt has failed with this fault. If
+    /// it is zero, only the back-off of the line applies.
     fn pause_after(&self, _fault: Fault) -> Duration {
         Duration::ZERO
     }

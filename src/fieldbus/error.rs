@@ -167,7 +167,8 @@ pub enum PeerFault {
     /// master.
     #[error("reply of another transaction or unit")]
     Foreign,
-    /// Reply to this request with this unit number instead of the requested one, over TCP.
+    /// Reply over TCP that has the transaction number of the request, but this unit number instead of the requested
+    /// one.
     #[error("the reply names unit {0}, which was not requested")]
     Unit(u8),
     /// Reply with another function code.
@@ -185,7 +186,7 @@ pub enum PeerFault {
     /// OPC UA node whose type differs from the profile.
     #[error("the node has another type than the profile says")]
     Type,
-    /// OPC UA node whose value is not a number, if the profile states no type for it.
+    /// OPC UA node whose value is not a number, although the profile states no type for it.
     #[error("the value of the node is not a number")]
     NotANumber,
     /// OPC UA node for which the server sends no value.
@@ -271,7 +272,7 @@ impl Fault {
         }
     }
 
-    /// Returns the code of a Modbus exception, also of one with surplus bytes.
+    /// Returns the code of a Modbus exception, with or without surplus bytes.
     pub const fn exception_code(self) -> Option<u8> {
         match self {
             Fault::Exception(code) | Fault::Peer(PeerFault::LongException(code)) => Some(code),
@@ -279,8 +280,8 @@ impl Fault {
         }
     }
 
-    /// Returns whether the unit gave no answer: none in time, or only data that another unit or a program of another
-    /// protocol may have sent.
+    /// Returns whether the unit has not answered: nothing arrived in time, or only data that another unit or another
+    /// program may have sent.
     pub(super) const fn is_missing_answer(self) -> bool {
         match self {
             Fault::Timeout => true,

@@ -2,7 +2,7 @@
 //! page take them from here.
 //!
 //! The `Display` text of a [`Fault`] is its cause. [`remedy`] returns what the user can do, and [`explain`] joins the
-//! two. The advice is more specific if more is known about a failed request than its fault, see [`Seen`].
+//! two. The advice is more specific if more is known about the failed request, see [`Seen`].
 
 use std::borrow::Cow;
 use std::io::{Error, ErrorKind};
@@ -20,8 +20,8 @@ use super::seen::{Advice, Seen};
 const NOT_A_NUMBER: &str = "write another node: `isotherm read --browse` shows which nodes hold a number. A text, a \
                             date or an array is no number";
 
-/// Returns what the user can do about a fault; `None` if the text of its cause is sufficient, or if the fault is one of
-/// those of the table in `kinds/modbus/hint.rs`.
+/// Returns what the user can do about a fault. `None` if the text of its cause is sufficient, or if only the table in
+/// `kinds/modbus/hint.rs` has advice on it.
 pub const fn remedy(fault: Fault) -> Option<&'static str> {
     Some(match fault {
         Fault::Timeout => modbus::hint::SILENT,
@@ -80,7 +80,7 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
         }
         Fault::Peer(PeerFault::NotANumber) => NOT_A_NUMBER,
         Fault::Peer(PeerFault::NoValue) => {
-            "has the server a value for this node now? `isotherm read --browse` shows it"
+            "does the server have a value for this node now? `isotherm read --browse` shows it"
         }
         Fault::Status(status) | Fault::Part { status, .. } => opcua::status_hint(status),
         Fault::Unreadable { reason, .. } => return remedy(Fault::of_a_node(reason)),
@@ -136,7 +136,8 @@ pub const fn remedy_of_a_reading(reason: Reason) -> &'static str {
     }
 }
 
-/// Returns cause and remedy of a failed request in one sentence. Faults that only Modbus has get the advice for Modbus.
+/// Returns cause and remedy of a failed request as one text. The advice for Modbus applies to faults that only Modbus
+/// has.
 pub fn explain(seen: impl Into<Seen>) -> String {
     let seen = seen.into();
     let general = || remedy(seen.fault).map(Cow::Borrowed);

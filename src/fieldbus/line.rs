@@ -13,11 +13,13 @@
 //!
 //! After a wrong answer the line drops the connection. Otherwise every later request on the connection could get the
 //! answer to the request before. After a timeout over TCP the line keeps the connection: a late answer has the
-//! transaction number of its request, and is discarded. The line drops the connection after several timeouts in a row,
-//! and after each timeout if a Modbus gateway returned a wrong transaction number before, see `line/settle.rs`. On RTU,
-//! answers have no transaction number, and a new connection does not help, because a late answer may also arrive on it.
-//! On such a line the unit gets no request, under any device name, until [`GRACE`] further timeouts have passed. Input
-//! that arrives until then is discarded. A unit that is known to answer promptly waits less, see
+//! transaction number of its request, and is discarded. The line drops the connection after several timeouts in a row.
+//! If a Modbus gateway has returned a wrong transaction number before, it drops the connection after each timeout, see
+//! `line/settle.rs`.
+//!
+//! On RTU, answers have no transaction number, and a new connection does not help, because a late answer may also
+//! arrive on it. On such a line the unit gets no request, under any device name, until [`GRACE`] further timeouts have
+//! passed. Input that arrives until then is discarded. A unit that is known to answer promptly waits less, see
 //! [`super::kinds::modbus::pending_replies`].
 //!
 //! An answer that arrives even later cannot be distinguished from the answer to the next request. The timeout must
@@ -115,12 +117,12 @@ pub struct DeviceLine {
     connections: u64,
 }
 
-/// What a line does with a connection whose late answers it could discard, after a timeout.
+/// Treatment of a connection after a timeout, if the line could recognise and discard a late answer on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum AfterTimeout {
-    /// It keeps the connection.
+    /// The line keeps the connection.
     Keep,
-    /// It drops the connection. The units are not known, so nothing waits for the Modbus gateway in front of them.
+    /// The line drops the connection. Most of the units may not exist, so the line never waits for a Modbus gateway.
     Renew,
 }
 
@@ -133,7 +135,7 @@ struct ConnectionHistory {
     needs_pause: bool,
     /// Whether at least one request on this connection was completed.
     has_answered: bool,
-    /// Whether the first request was sent that the device may lose.
+    /// Whether the first request, which the device may lose, was sent on the connection.
     is_opened: bool,
     /// Number of complete answers on the connection.
     answers: u32,
@@ -220,15 +222,15 @@ impl DeviceLine {
         self
     }
 
-    /// Sets the age at which the readings of each device are too old. While a unit behind a Modbus gateway is dead, the
-    /// line asks it only if the readings of the other units do not become too old.
+    /// Sets the age at which the readings of each device are too old. A dead unit behind a Modbus gateway gets a
+    /// request only if the readings of the other units do not become too old meanwhile.
     pub fn with_ages(mut self, max_age_of: impl Fn(DeviceId) -> Duration) -> DeviceLine {
         self.units.set_ages(max_age_of);
         self
     }
 
-    /// Drops the connection after each timeout, and never waits for a Modbus gateway. A scan uses this, because most of
-    /// the units that it asks do not exist.
+    /// Makes the line drop the connection after each timeout, and never wait for a Modbus gateway. A scan uses this,
+    /// because most of the units that it asks do not exist.
     pub fn renewed_after_timeouts(mut self) -> DeviceLine {
         self.after_timeout = AfterTimeout::Renew;
         self
@@ -288,8 +290,7 @@ impl DeviceLine {
 
     /// Returns whether this device backs off after a failure, or is dead and gets no request now.
     pub fn is_backing_off(&self, device: DeviceId, now: Moment) -> bool {
-        let is_resting = |place| !self.units.at(place).breaker.allows(now) || !self.may_try(place, now);
-        self.units.place(device).is_some_and(is_resting)
+        self.units.place(device).is_some_and(|place| !self.may_try(place, now))
     }
 
     /// Returns the moment at which an exchange would end if a request were sent now. Reads that are due by then may be
@@ -303,16 +304,15 @@ impl DeviceLine {
     pub fn set_follow_up(&mut self, read: Option<(DeviceId, Request<'static>)>) {
         let now = self.send_guard.last_sample();
         let allowed = |device: DeviceId, request: Request<'_>| {
-            let unit = self.units.get(device)?;
+            let place = self.units.place(device)?;
+            let unit = self.units.at(place);
             let is_to_wait = |pending: &PendingReplies| {
                 pending.has_pending() || pending.order.control(request, |_| true).is_some()
             };
             let is_to_wait = self.units.pending.get(unit.number).is_some_and(is_to_wait)
                 || self.gateway.occupied().is_some();
-            let must_wait = (unit.is_behind_gateway && is_to_wait)
-                || self.units.place(device).is_none_or(|place| !self.may_try(place, now));
-            (unit.functions.allow(request.function()) && unit.breaker.allows(now) && !must_wait)
-                .then_some(unit.number)
+            let must_wait = (unit.is_behind_gateway && is_to_wait) || !self.may_try(place, now);
+            (unit.functions.allow(request.function()) && !must_wait).then_some(unit.number)
         };
         let read = read.and_then(|(device, request)| Some((allowed(device, request)?, request)));
         self.pipeline.ask(read);
@@ -369,7 +369,7 @@ impl DeviceLine {
             return Err(Fault::Caller(CallerFault::Extent));
         }
         let mut now = self.send_guard.sample();
-        if !unit.breaker.allows(now) || !self.may_try(place, now) {
+        if !self.may_try(place, now) {
             return Err(unit.last_fault);
         }
         if matches!(leave, SendDeadline::OnConnection(_)) && !self.is_connected() {

@@ -1,5 +1,5 @@
-//! Failed request as a user can see it: its fault, its extent, and whether the device answers other requests. The
-//! advice to the user depends on it.
+//! Description of a failed request: its fault, its extent, and whether the device answers other requests. The advice to
+//! the user depends on it.
 
 use std::borrow::Cow;
 
@@ -20,7 +20,7 @@ pub struct Seen {
 /// Extent of a request to a Modbus unit, as far as the advice depends on it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Asked {
-    /// Any request.
+    /// Request whose extent does not change the advice.
     #[default]
     Any,
     /// Read of registers or bits.
@@ -47,7 +47,7 @@ pub enum Others {
 /// Advice on a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Advice {
-    /// What to do.
+    /// Instruction to the user.
     pub hint: &'static str,
     /// Key of the profile that helps; `None` if a setting of the device or of another program helps.
     pub key: Option<&'static str>,
@@ -65,7 +65,8 @@ impl Advice {
 }
 
 impl Seen {
-    /// Returns what is known if only the fault and the extent are known.
+    /// Creates the description of a failed request with this extent. Whether the device answers other requests is not
+    /// known.
     pub const fn of(fault: Fault, asked: Asked) -> Seen {
         Seen { fault, asked, others: Others::Unknown }
     }
@@ -78,7 +79,7 @@ impl From<Fault> for Seen {
 }
 
 impl Asked {
-    /// Returns the extent of a planned read. [`Asked::Any`] for reads that are not of registers.
+    /// Returns the extent of a planned read. [`Asked::Any`] for a read that is not of registers.
     pub fn of(request: &ReadRequest) -> Asked {
         if request.span().is_none() {
             return Asked::Any;

@@ -121,7 +121,7 @@ impl SendGuard {
         }
     }
 
-    /// Returns whether the time of the clock passes only while all tasks sleep.
+    /// Returns whether the clock is virtual: its time passes only while all tasks sleep.
     pub(super) fn is_virtual(&self) -> bool {
         self.clock.is_virtual()
     }
@@ -138,7 +138,7 @@ impl SendGuard {
         now
     }
 
-    /// Returns the present moment while an answer is awaited. It is no clock sample: the announced time of the wait
+    /// Returns the present moment while an answer is awaited. This is no clock sample: the announced time of the wait
     /// still applies.
     pub(super) fn now(&self) -> Moment {
         self.clock.now()

@@ -10,6 +10,7 @@
 //! at the same moment, the one with the lower random number continues.
 
 use std::collections::BTreeSet;
+use std::hash::{BuildHasher, RandomState};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -65,7 +66,7 @@ impl Claim {
         });
         Claim {
             process: std::process::id(),
-            order: sockets::random(),
+            order: random(),
             machine: profile.name.clone(),
             state: directory.to_owned(),
             is_held: false,
@@ -171,6 +172,12 @@ fn compare_with_others(own: &Claim, is_ignored: impl Fn(&Claim) -> bool) -> Resu
 fn is_same_gateway(own: &Claim, other: &Claim) -> bool {
     let socket = control::path(&own.state, &own.machine);
     socket == control::path(&other.state, &other.machine) && control::presence(&socket) != Presence::Absent
+}
+
+/// Returns a random number.
+fn random() -> u32 {
+    let [a, b, c, d, ..] = RandomState::new().hash_one(0).to_be_bytes();
+    u32::from_be_bytes([a, b, c, d])
 }
 
 fn refusal(place: &str, other: &Claim) -> String {

@@ -19,7 +19,6 @@ mod set_io;
 mod set_modbus;
 mod set_opcua;
 mod single;
-mod strobe;
 mod turn;
 
 pub(super) use position::Position;

@@ -8,7 +8,7 @@ pub(super) mod dependents;
 pub(super) mod device_health;
 pub(super) mod dirty_vec;
 pub(super) mod extrapolation;
-pub(super) mod failed_reads;
+mod failed_reads;
 pub(super) mod output;
 pub(super) mod output_faults;
 pub(super) mod pause;

@@ -71,7 +71,7 @@ pub trait GatewayApi: Send + Sync + 'static {
     /// Acknowledges an alarm, or all active alarms if `alarm` is `None`. The answer contains a sentence.
     ///
     /// # Errors
-    /// There is no such alarm; the error is a sentence.
+    /// No such alarm exists; the error is a sentence.
     fn acknowledge(&self, alarm: Option<&str>, requester: &Requester) -> Result<Answer, String>;
 
     /// Accepts a device that differs from its earlier state, because the operator has checked it. The answer contains a

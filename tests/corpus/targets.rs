@@ -29,7 +29,7 @@ use isotherm_core::codec::{
 };
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
-use isotherm_identify::dataset::{Dataset, Split, every_column};
+use isotherm_identify::dataset::{Dataset, Split, every_column, explain, plain_log};
 use isotherm_plant::sparkplug::{Address as Node, Sparkplug};
 use isotherm_plant::{Command, Json, JsonSettings, Metric, Outcome, Publisher, Snapshot, Subject, Value};
 use isotherm_profile::plan::plan;
@@ -46,7 +46,7 @@ use peer::{Peer, RTU};
 pub(crate) type Target = (&'static str, fn(&[u8]));
 
 /// All targets.
-pub(crate) const TARGETS: [Target; 15] = [
+pub(crate) const TARGETS: [Target; 16] = [
     ("codec", codec),
     ("plan", planner),
     ("profile", profile_text),
@@ -56,6 +56,7 @@ pub(crate) const TARGETS: [Target; 15] = [
     ("dbc", dbc),
     ("csv", csv),
     ("parquet", parquet),
+    ("tables", tables),
     ("deck", deck),
     ("client", client),
     ("server", server),
@@ -255,12 +256,31 @@ fn in_a_file(name: &str, data: &[u8], read: impl FnOnce(&Path)) {
 
 /// Reads a CSV log for identification, and replays it with the gateway's own steps.
 pub(crate) fn csv(data: &[u8]) {
-    in_a_file("fuzz.csv", data, learn);
+    in_a_file("fuzz.csv", data, |path| {
+        learn(path);
+        if let Ok(explanation) = explain(path, &Split::default()) {
+            assert!(!explanation.to_string().is_empty());
+        }
+    });
     if let Err(why) = isotherm::cli::replay::replay(&USUAL, data, "fuzz.csv", None) {
         assert!(!why.to_string().is_empty());
     }
+    in_a_file("fuzz.csv", data, replay_as_identify_reads);
     if let Err(why) = isotherm::cli::replay::replay_outputs(data, "fuzz.outputs.csv") {
         assert!(!why.to_string().is_empty());
+    }
+}
+
+/// Replays a log in any encoding, and below the lines of a logger.
+fn replay_as_identify_reads(path: &Path) {
+    use isotherm::cli::replay::{Recording, replay};
+    let file = std::fs::File::open(path).expect("a file");
+    if let Ok(log) = plain_log(path, file, &Split::default(), &every_column) {
+        let (first_rows, left_out) = (log.first_rows, log.left_out);
+        let recording = Recording { name: "fuzz.csv", first_rows, left_out, ..Recording::default() };
+        if let Err(why) = replay(&USUAL, log.input, recording, None) {
+            assert!(!why.to_string().is_empty());
+        }
     }
 }
 
@@ -269,8 +289,14 @@ pub(crate) fn parquet(data: &[u8]) {
     in_a_file("fuzz.parquet", data, learn);
 }
 
+/// Reads a log in a workbook, and in a compressed file.
+pub(crate) fn tables(data: &[u8]) {
+    in_a_file("fuzz.xlsx", data, learn);
+    in_a_file("fuzz.csv.gz", data, learn);
+}
+
 fn learn(path: &Path) {
-    let split = Split { column: None, gap: Some(Duration::from_secs(3600)), zone: None };
+    let split = Split { gap: Some(Duration::from_secs(3600)), ..Split::default() };
     // The log is read with all columns, and with some of them.
     let some = |name: &str| name.len().is_multiple_of(2);
     for uses in [&every_column as &dyn Fn(&str) -> bool, &some] {

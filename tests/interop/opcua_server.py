@@ -338,7 +338,7 @@ async def main():
         if arguments.most and len(params.ItemsToCreate) > arguments.most:
             raise ua.uaerrors.BadTooManyOperations()
         if arguments.unsaid and len(params.ItemsToCreate) > arguments.unsaid and "Response" in arguments.refusal:
-            # It is done, and only the answer is too long.
+            # The call is executed, and only its answer is too long.
             await monitor(params)
         refuse_large(len(params.ItemsToCreate))
         return await monitor(params)

@@ -11,6 +11,10 @@ mod end_to_end;
 #[cfg(feature = "parquet")]
 mod export;
 mod identify;
+#[cfg(all(feature = "parquet", feature = "tables"))]
+mod logs;
+#[cfg(feature = "onnx")]
+mod onnx;
 mod place;
 mod placement;
 mod report;

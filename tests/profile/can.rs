@@ -157,6 +157,18 @@ fn keys_of_one_kind_of_line_are_refused_on_the_other() {
 }
 
 #[test]
+fn a_misspelt_key_of_a_can_device_is_one_error() {
+    for (from, to, key) in [
+        ("node      = 5", "noed      = 5", "device.axtc.noed"),
+        ("type      = \"can\"", "tyep      = \"can\"", "bus.field.tyep"),
+        ("dbc = \"module.dbc\"", "dcb = \"module.dbc\"", "device.canmod.dcb"),
+        ("sdo    = \"6150:01\"", "sod    = \"6150:01\"", "signal.column_status.sod"),
+    ] {
+        wrong(from, to, key, &["did you mean"]);
+    }
+}
+
+#[test]
 fn what_only_a_node_has_needs_a_node_number() {
     let text = changed("node      = 5\n", "");
     let found = errors(lathe(&text));

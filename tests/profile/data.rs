@@ -96,6 +96,10 @@ fn a_matrix_that_does_not_fit_is_refused_with_the_names_of_both() {
         (with("\"version\": 1", "\"version\": 2"), &["the version of the file is 2"]),
         (with("isotherm-matrix", "isotherm-network"), &["the format is \"isotherm-network\""]),
         (MATRIX[..100].to_owned(), &["not JSON in a format of isotherm"]),
+        (
+            "time,bed\n0,20.0\n60,20.1\n".to_owned(),
+            &["this is a log, not a JSON document", "\"isotherm-matrix\" is required"],
+        ),
         (with("0.001", "1e999"), &["out of range"]),
     ] {
         refused_at(MATRIX_KEYS, &[("c.json", file.as_bytes())], ".file", &[&["c.json: "], words].concat());
@@ -250,6 +254,92 @@ fn an_onnx_file_is_found_beside_its_profile_and_must_fit_it() {
     std::fs::write(directory.path().join("nets/n.onnx"), &file[..file.len() / 2]).unwrap();
     let cut = errors(load(&keys)).remove(0).to_string();
     assert!(cut.contains("nets/n.onnx: this is no ONNX file, or the file is incomplete"), "{cut}");
+}
+
+/// File with the network `0.5·bed − 0.25·wheelhead`, whose numbers are in `w.data`, and the bytes of that file.
+#[cfg(feature = "onnx")]
+fn in_two_files() -> (Vec<u8>, Vec<u8>) {
+    use encode::{field, model, node, number};
+    let mut location = Vec::new();
+    field(&mut location, 1, b"location");
+    field(&mut location, 2, b"w.data");
+    let mut tensor = Vec::new();
+    [2, 1].into_iter().for_each(|size| number(&mut tensor, 1, size));
+    number(&mut tensor, 2, 1);
+    field(&mut tensor, 8, b"w");
+    field(&mut tensor, 13, &location);
+    number(&mut tensor, 14, 1);
+    let data = [0.5_f32, -0.25].iter().flat_map(|number| number.to_le_bytes()).collect();
+    (model(&[node("MatMul", &["x", "w"], "y")], &[tensor], Some(2)), data)
+}
+
+#[cfg(feature = "onnx")]
+#[test]
+fn external_data_of_an_onnx_file_is_read_from_its_directory() {
+    let (network, data) = in_two_files();
+    let keys = NETWORK_KEYS.replace("n.json", "nets/n.onnx");
+    let files: [File<'_>; 2] = [("nets/n.onnx", network.as_slice()), ("nets/w.data", data.as_slice())];
+    let loaded = machine(&keys, &files).unwrap();
+    let Kind::Network(found) = &loaded.profile.axes[0].settings.models[0].kind else { panic!("a network") };
+    assert!((found.net().output(&[4.0, 2.0]) - 1.5).abs() < 1e-6);
+    refused_at(&keys, &files[..1], ".file", &["nets/w.data is not among the files of this profile"]);
+    let short: [File<'_>; 2] = [files[0], ("nets/w.data", &data[..4])];
+    refused_at(&keys, &short, ".file", &["nets/n.onnx: "]);
+    // From the disk, the file is found too, and a change of it is a change of the profile.
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("machine.toml");
+    std::fs::create_dir(directory.path().join("nets")).unwrap();
+    std::fs::write(&path, grinder(&keys)).unwrap();
+    for (name, bytes) in files {
+        std::fs::write(directory.path().join(name), bytes).unwrap();
+    }
+    let load = || isotherm_profile::load(&path, &[], &[]).unwrap();
+    let loaded = load();
+    assert_eq!(loaded, load());
+    std::fs::write(directory.path().join("nets/w.data"), [0_u8; 8]).unwrap();
+    assert_ne!(loaded, load());
+}
+
+#[cfg(feature = "onnx")]
+#[test]
+fn a_seal_of_an_onnx_file_with_external_data_is_refused() {
+    let (network, data) = in_two_files();
+    let keys = NETWORK_KEYS.replace("n.json", "n.onnx");
+    let keys = format!("{keys}\nsha256.file = \"{}\"", isotherm_profile::sha256(&network));
+    let files: [File<'_>; 2] = [("n.onnx", network.as_slice()), ("w.data", data.as_slice())];
+    let words = "n.onnx: `sha256.file` does not include w.data, which contains numbers of this network";
+    refused_at(&keys, &files, ".file", &[words]);
+}
+
+#[cfg(feature = "onnx")]
+#[test]
+fn names_of_the_input_tensors_are_compared_with_the_model() {
+    use encode::{field, node, number, value};
+    // The sum of both inputs.
+    let nodes = [node("Concat", &["wheelhead", "bed"], "all"), node("ReduceSum", &["all"], "y")];
+    let mut graph = Vec::new();
+    nodes.iter().for_each(|node| field(&mut graph, 1, node));
+    ["wheelhead", "bed"].into_iter().for_each(|name| field(&mut graph, 11, &value(name, 1, Some(1))));
+    field(&mut graph, 12, &value("y", 1, Some(1)));
+    let mut opset = Vec::new();
+    number(&mut opset, 2, 17);
+    let mut file = Vec::new();
+    number(&mut file, 1, 8);
+    field(&mut file, 7, &graph);
+    field(&mut file, 8, &opset);
+    let keys = NETWORK_KEYS.replace("n.json", "n.onnx");
+    let files: [File<'_>; 1] = [("n.onnx", file.as_slice())];
+    let words = "the inputs of the file are wheelhead, bed, but the model names them in another order: bed, wheelhead";
+    refused_at(&keys, &files, ".file", &[words]);
+    let turned = keys.replace("[\"bed\", \"wheelhead\"]", "[\"wheelhead\", \"bed\"]");
+    assert_ne!(turned, keys);
+    assert!(machine(&turned, &files).is_ok());
+    refused_at(
+        &keys.replace(", \"wheelhead\"", ""),
+        &files,
+        ".file",
+        &["the file has 2 inputs (wheelhead, bed), but the model names 1: bed"],
+    );
 }
 
 #[test]

@@ -103,6 +103,43 @@ fn a_key_that_is_missing_is_reported_at_its_table() {
 }
 
 #[test]
+fn a_misspelt_key_is_one_error_also_if_it_is_required() {
+    refused("limit = 40.0", "limt = 40.0", "axis.z.limt", "limt", &["did you mean `limit`?"]);
+    refused("unit = 3\n", "unti = 3\n", "device.readout.unti", "unti", &["did you mean `unit`?"]);
+    refused("[device.module]", "[devices.module]", "devices", "devices", &["did you mean `device`?"]);
+    refused("[signal.bed]", "[signals.bed]", "signals", "signals", &["did you mean `signal`?"]);
+    // The models below this table still belong to axis `z`, whose other keys are then not missing.
+    refused("[axis.z]", "[axes.z]", "axes", "axes", &["did you mean `axis`?"]);
+    // A condition uses this signal.
+    refused("[signal.cnc_on]", "[singal.cnc_on]", "singal", "singal", &["did you mean `signal`?"]);
+    // The names in the formula are those of the misspelt table.
+    refused("inputs = { A", "inptus = { A", "axis.z.model[1].inptus", "inptus", &["did you mean `inputs`?"]);
+}
+
+#[test]
+fn a_table_that_several_keys_name_is_one_error_if_it_does_not_exist() {
+    let found = errors(with("[device.module]", "[device.modul]"));
+    assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
+    let keys = GRINDER.matches("device = \"module\"").count();
+    let message = format!("there is no device named `module` ({keys} keys name it)");
+    assert!(found[0].message == message && keys > 1, "{}", found[0]);
+    assert!(found[0].help.as_ref().unwrap().contains("did you mean `modul`?"), "{}", found[0]);
+}
+
+#[test]
+fn a_table_that_occurs_twice_or_a_bracket_without_an_end_is_one_error() {
+    let bed = GRINDER.find("[signal.bed]").unwrap();
+    let twice = format!("{GRINDER}\n{}", GRINDER[bed..].split("\n\n").next().unwrap());
+    let found = errors(parse(&twice));
+    assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
+    assert_eq!(found[0].line, Some(GRINDER.lines().count() + 2), "{}", found[0]);
+    assert!(found[0].to_string().contains("give one of the two tables another name"), "{}", found[0]);
+    let found = errors(with("{ action = \"ramp\", after = \"60s\" }", "{ action = \"ramp\""));
+    assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
+    assert!(found[0].to_string().contains("close the list or inline table"), "{}", found[0]);
+}
+
+#[test]
 fn a_name_that_nobody_has_is_reported_with_the_nearest_one() {
     refused("bus = \"cell\"", "bus = \"cel\"", "device.module.bus", "\"cel\"", &["`cell`"]);
     refused(

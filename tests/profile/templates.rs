@@ -50,6 +50,22 @@ fn wrong(from: &str, to: &str, key: &str, at: &str, words: &[&str]) {
 }
 
 #[test]
+fn a_misspelt_key_of_a_template_is_one_error() {
+    for (from, to, key) in [
+        ("template = \"icp-das-m7019r\"", "templaet = \"icp-das-m7019r\"", "device.module.templaet"),
+        ("template = \"plc-block\"", "templaet = \"plc-block\"", "device.cnc.templaet"),
+        ("template = \"plc-block\"", "template = 7", "device.cnc.template"),
+        ("channel = 0", "channle = 0", "signal.bed.channle"),
+        ("device = \"cnc\"", "deviec = \"cnc\"", "output.cnc_z.deviec"),
+        ("channel = \"z\"", "channle = \"z\"", "output.cnc_z.channle"),
+    ] {
+        let found = errors(machine(from, to));
+        assert_eq!(found.len(), 1, "{to}: {}", Errors(found.clone()));
+        assert_eq!(found[0].key, key);
+    }
+}
+
+#[test]
 fn a_profile_that_names_channels_is_taken_without_a_word() {
     let loaded = parse(MACHINE).unwrap_or_else(|errors| panic!("{errors}"));
     assert_eq!(loaded.warnings, []);

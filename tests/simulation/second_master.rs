@@ -1,8 +1,8 @@
 //! Another master on the line of the thermocouple module, and its signs for the gateway.
 //!
-//! It reads other registers of the same unit, with the same function and length as the gateway. The gateway receives
-//! its replies, and on some days its requests. The line carries one request and its reply at a time. A request of the
-//! gateway that begins meanwhile is destroyed, or is answered later.
+//! The other master reads other registers of the same unit, with the same function and length as the gateway. The
+//! gateway receives its replies, and on some days its requests. The line carries one request and its reply at a time. A
+//! request of the gateway that begins meanwhile is destroyed, or is answered later.
 //!
 //! Law: no register moves on a value of the other registers, except before the first sign of the other master.
 //! [`Signs`] determines from the frames that a gateway has read whether there was a sign. By `docs/serial.md`, these

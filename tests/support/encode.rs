@@ -84,7 +84,7 @@ pub(crate) fn tensor(name: &str, shape: &[usize], values: &[f64]) -> Vec<u8> {
 }
 
 /// Declares a tensor with one row. `kind`: 1 for single precision, 7 for integers.
-fn value(name: &str, kind: u64, columns: Option<u64>) -> Vec<u8> {
+pub(crate) fn value(name: &str, kind: u64, columns: Option<u64>) -> Vec<u8> {
     let (mut rows, mut width) = (Vec::new(), Vec::new());
     number(&mut rows, 1, 1);
     match columns {
@@ -105,12 +105,12 @@ fn value(name: &str, kind: u64, columns: Option<u64>) -> Vec<u8> {
     value
 }
 
-fn number(message: &mut Vec<u8>, tag: u64, value: u64) {
+pub(crate) fn number(message: &mut Vec<u8>, tag: u64, value: u64) {
     varint(message, tag << 3);
     varint(message, value);
 }
 
-fn field(message: &mut Vec<u8>, tag: u64, bytes: &[u8]) {
+pub(crate) fn field(message: &mut Vec<u8>, tag: u64, bytes: &[u8]) {
     varint(message, tag << 3 | 2);
     varint(message, bytes.len() as u64);
     message.extend_from_slice(bytes);

@@ -102,12 +102,17 @@ fn tcp(address: SocketAddr) -> String {
     format!("type = \"modbus-tcp\"\naddress = \"{address}\"")
 }
 
-/// Output of `check --online` and `read` with this profile.
+/// Output of `check --online` and `read` with this profile. A verb that has read nothing in its time is repeated: the
+/// computer ran other programs.
 fn online(home: &Path, text: &str) -> [(&'static str, String); 2] {
     let profile = file(home, "machine.toml", text);
+    let repeated = |run: &dyn Fn() -> String| {
+        let mut all = (0..20).map(|_| run());
+        all.find(|output| !output.contains("never read")).unwrap()
+    };
     [
-        ("check --online", said(isotherm(home).arg("check").arg(&profile).arg("--online"))),
-        ("read", said(isotherm(home).arg("read").arg(&profile))),
+        ("check --online", repeated(&|| said(isotherm(home).arg("check").arg(&profile).arg("--online")))),
+        ("read", repeated(&|| said(isotherm(home).arg("read").arg(&profile)))),
     ]
 }
 

@@ -29,6 +29,7 @@ pub(super) const VERBS: &[&str] = &[
     "select",
     "place",
     "report",
+    "logs",
     "arm",
     "disarm",
     "zero",

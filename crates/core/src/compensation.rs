@@ -177,8 +177,8 @@ impl Compensation {
         Some((chosen.model, chosen.raw))
     }
 
-    /// Returns the contributions of the signals to the Cz of an axis's model in use, the largest first. Returns an empty
-    /// list if no model is in use.
+    /// Returns the contributions of the signals to the Cz of the model that an axis uses, the largest first. Returns an
+    /// empty list if the axis uses no model.
     pub fn contributions(&self, axis: usize, snapshot: &Snapshot<'_>) -> Vec<Contribution> {
         let axis = self.axes.get(axis);
         let found = axis.and_then(|axis| axis.model(axis.decision.model?, snapshot, &self.machine));

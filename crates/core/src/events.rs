@@ -198,9 +198,9 @@ catalogue! {
     /// The model of an axis has requested more Cz than the limit of the axis for more than five minutes. The event names
     /// the signals with the largest contributions.
     LimitLasts = warning("limit-lasts").raises("limit of axis {axis}")
-        .hint("look at the sensors with the largest contributions, and at their references. If all are right, raise \
+        .hint("check the sensors with the largest contributions, and their references. If all are right, raise \
                `limit` of the axis");
-    /// An axis is no longer held at its limit: its model requests less, or the axis is off or at zero.
+    /// Cz of an axis is no longer at its limit: the model requests less, or the axis is off or at zero.
     LimitOver = info("limit-over").ends(&["limit of axis {axis}"]);
     /// The absolute value of an axis's Cz is above the warning level.
     Warned = warning("warned").raises("level of axis {axis}")
@@ -338,8 +338,8 @@ catalogue! {
     /// The Modbus gateway of a bus waits for a silent unit for longer than `timeout`. Meanwhile it answers for no other
     /// unit. The gateway asks silent units so seldom that the readings of the others do not become too old.
     GatewayTimeout = warning("gateway-timeout")
-        .hint("set a shorter timeout in the Modbus gateway, write a longer `timeout` of the bus, or take units that do \
-               not exist out of the profile");
+        .hint("set a shorter timeout in the Modbus gateway, write a longer `timeout` of the bus, or remove units that \
+               do not exist from the profile");
     /// A server does not support a requested subscription, or supports it only with other settings.
     Subscription = warning("subscription")
         .hint("set the server to send values as often as `every` demands, or write a longer `every`");
@@ -355,8 +355,8 @@ catalogue! {
     /// A device template of the profile differs from the one of the last run.
     TemplateChanged = warning("template-changed")
         .hint("check the settings that `isotherm check` prints, before the machine makes parts");
-    /// Readings of some temperatures are rejected by limits that an earlier version of the program did not have, because
-    /// the profile states none. Each limit is reported once.
+    /// Some temperatures have default limits that the last run did not apply. The gateway rejects readings beyond these
+    /// limits, because neither the profile nor its template states any. Each limit is reported once.
     DefaultLimits = warning("default-limits")
         .hint("write `range` and `max_rate` for each sensor, or \"none\"; for a difference of temperatures, write \
                `difference = true`");

@@ -19,7 +19,21 @@ const LONGEST_AT_ONE_PLACE: f64 = 1.0;
 const STANDS_STILL: f64 = 1e-6;
 
 pub(super) fn check_runs(dataset: &Dataset, wrong: &mut Vec<String>) {
+    wrong.extend(dataset.repeats.iter().cloned());
     wrong.extend(dataset.runs.iter().filter_map(odd_length));
+}
+
+/// Adds a message for each of these columns that has too many values that no sensor measured.
+pub(super) fn check_plausible(
+    dataset: &Dataset,
+    columns: impl Iterator<Item = usize>,
+    wrong: &mut Vec<String>,
+) {
+    for column in columns {
+        let name = &dataset.columns[column].name;
+        let own = dataset.implausible.iter().filter(|refusal| refusal.column == *name);
+        wrong.extend(own.map(|refusal| refusal.message.clone()));
+    }
 }
 
 /// Returns a message if there is only one run, because then a model cannot be tested; `None` with more runs.
@@ -36,10 +50,11 @@ pub(super) fn one_run_only(dataset: &Dataset) -> Option<String> {
 pub(super) fn odd_length(run: &Run) -> Option<String> {
     let odd = match run.lasts() {
         lasts if lasts < SHORTEST_RUN => {
-            "too short to show a thermal drift; if the log counts minutes, name the column time_min"
+            "too short to show a thermal drift. Numbers without a unit in the name of their column are seconds; state \
+             another unit with --time-unit min, h, d or excel"
         }
         lasts if lasts > LONGEST_RUN => {
-            "if the log counts seconds, name the column time; otherwise split the log with --gap 1h"
+            "if the times have another unit, state it with --time-unit; otherwise split the log with --gap 1h"
         }
         _ => return None,
     };
@@ -72,6 +87,9 @@ pub(super) fn check_error(dataset: &Dataset, error: usize, wrong: &mut Vec<Strin
     }
     let ranges: Vec<f64> = dataset.runs.iter().map(|run| run.range(error)).collect();
     let widest = ranges.iter().copied().fold(0.0, f64::max);
+    if dataset.columns[error].kind == Kind::Position {
+        wrong.push(format!("{name} is in mm by its name or unit, and the error is needed in µm: write µm"));
+    }
     if widest < STANDS_STILL {
         wrong.push(format!(
             "{name} is constant in every run: there is nothing to compensate, or the probe was not connected"
@@ -103,11 +121,21 @@ pub(super) fn unused_position(dataset: &Dataset, error: usize) -> Option<String>
     })
 }
 
+/// Returns the reason why a column of this name was not used, as the end of a sentence; empty if no log has it.
+pub(super) fn why_lost(dataset: &Dataset, name: &str) -> String {
+    let lost = dataset.lost.iter().find(|lost| lost.column == name);
+    lost.map(|lost| format!(": {}", lost.message)).unwrap_or_default()
+}
+
 /// Returns the log column of this name. If the column is missing, adds a message to `wrong` and returns `None`.
 pub(super) fn column_of(dataset: &Dataset, name: &str, wrong: &mut Vec<String>) -> Option<usize> {
     let found = dataset.column(name);
     if found.is_none() {
-        wrong.push(format!("no log has a column of numbers `{name}`{}", nearest(name, &dataset.names())));
+        let why = match why_lost(dataset, name) {
+            why if why.is_empty() => nearest(name, &dataset.names()),
+            why => why,
+        };
+        wrong.push(format!("no log has a column of numbers `{name}`{why}"));
     }
     found
 }

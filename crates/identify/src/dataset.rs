@@ -4,37 +4,57 @@
 //! file ── table (cells by column) ── split ── runs        kinds guessed from names, units and values
 //! ```
 //! A log is a CSV file with any separator of a spreadsheet, or a Parquet file. Its time column is the first one named
-//! `time`, `time_s` or `time_min`. `time` is in seconds, in RFC 3339, or date and time of the time zone. Every other
-//! column has one number per row (NaN if missing), or text.
+//! `time`, `time_s` or `time_min`, or with a similar name of a logger. `time` is in seconds, in RFC 3339, or date and
+//! time of the time zone. Every other column has one number per row (NaN if missing), or text. Values that no sensor
+//! measured are left out, and named with file, line and value.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use jiff::tz::TimeZone;
-
 mod active_cz;
 mod csv;
+mod decode;
 mod error;
+mod explain;
 mod files;
+mod formats;
 mod gauge;
+#[cfg(feature = "tables")]
+mod gzip;
+mod head;
+mod implausible;
 mod kind;
 #[cfg(feature = "parquet")]
 mod parquet;
+mod plain;
+mod repeats;
 mod run;
 mod split;
 mod table;
 #[cfg(test)]
 mod tests;
+mod tidy;
+mod unit;
+#[cfg(feature = "tables")]
+mod workbook;
 
-pub use error::BadLog;
+pub use error::{BadLog, Refusal};
+pub use explain::{CsvLayout, ExplainedColumn, ExplainedRow, Explanation, TimeLayout, explain};
 pub use kind::Kind;
+pub use plain::{PlainLog, plain_log};
 pub use run::Run;
 pub(crate) use run::{Datum, Errors, Origin};
 pub use split::Split;
 pub use table::{Uses, every_column};
 
+use formats::read_table;
+use split::Divided;
 use table::Table;
+
+/// Reason why a column of another quantity is not used.
+const UNKNOWN_QUANTITY: &str = "no temperature, displacement, speed or position by its unit, name and values. If it is \
+                                one, let the name end with its unit, such as _c or _um";
 
 /// Several runs with the same columns.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -47,6 +67,23 @@ pub struct Dataset {
     pub runs: Vec<Run>,
     /// Remarks about unusual data that could be read nevertheless.
     pub remarks: Vec<String>,
+    /// Used columns without any number in a log, with file and reason.
+    pub lost: Vec<Refusal>,
+    /// Unused columns without any number in a log, with file and reason.
+    pub texts: Vec<Refusal>,
+    /// Columns with too many values that no sensor measured. A verb that uses one of them must refuse the logs.
+    pub implausible: Vec<Refusal>,
+    /// Sentences about runs that contain the same minutes. Such runs must not be used to test a model.
+    pub repeats: Vec<String>,
+}
+
+/// Log column that a verb does not use.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct UnusedColumn {
+    /// Name of the column.
+    pub name: String,
+    /// Reason why the verb does not use it.
+    pub why: String,
 }
 
 /// Log column of numbers.
@@ -95,9 +132,9 @@ impl Dataset {
         &mut self,
         file: &Path,
         (error, within): (&str, Duration),
-        zone: Option<TimeZone>,
+        split: &Split,
     ) -> Result<(), BadLog> {
-        gauge::add(self, file, (error, within), zone)
+        gauge::add(self, file, (error, within), split)
     }
 
     fn from_tables(tables: Vec<Table>, split: &Split, units: Units<'_>) -> Result<Dataset, BadLog> {
@@ -108,28 +145,54 @@ impl Dataset {
                 names.push(name.to_owned());
             }
         }
-        let lacks = |table: &Table| {
-            let own: HashSet<&str> = table.names_of_numbers().collect();
-            let lacking = names.iter().map(String::as_str).filter(|name| !own.contains(name));
-            let lacking: Vec<&str> = lacking.collect();
-            let remark = format!("{} has no column {}", table.file.display(), lacking.join(", "));
-            (!lacking.is_empty()).then_some(remark)
-        };
-        let remarks = tables.iter().filter_map(lacks).collect();
+        let mut remarks: Vec<String> = tables.iter().filter_map(|table| lacking(table, &names)).collect();
         let acted: HashSet<String> = tables.iter().flat_map(|table| table.acted.iter().cloned()).collect();
-        let unread = unread(&tables, units);
-        let runs = split::runs(tables, &names, split)?;
+        let logged = logged_units(&tables);
+        let unit = |name: &str| units(name).or_else(|| logged.get(name).copied());
+        let unread = unread(&tables, &unit);
+        let lost: Vec<Refusal> = tables.iter().flat_map(|table| refusals(table, &table.lost)).collect();
+        let texts = tables.iter().flat_map(|table| refusals(table, &table.texts)).collect();
+        remarks.extend(not_used(&lost));
+        let guess = |name: &str, values: &[f64]| match Kind::of_name(name, unit(name)) {
+            None if split.displacements.iter().any(|known| known == name) => Kind::Displacement,
+            _ => Kind::guess(name, unit(name), std::iter::once(values)),
+        };
+        let foreign: Vec<Refusal> = tables.iter().flat_map(|table| foreign(table, units)).collect();
+        let Divided { runs, remarks: left_out, refused: mut implausible } =
+            split::runs(tables, &names, split, &guess)?;
+        implausible.extend(foreign);
+        remarks.extend(left_out);
         let column = |(place, name): (usize, String)| {
             let kind = match acted.contains(&name) {
                 true => Kind::Compensation,
-                false => {
-                    Kind::guess(&name, units(&name), runs.iter().map(|run| run.values[place].as_slice()))
-                }
+                false => Kind::guess(&name, unit(&name), runs.iter().map(|run| run.values[place].as_slice())),
             };
             Column { name, kind }
         };
-        let columns = names.into_iter().enumerate().map(column).collect();
-        Ok(Dataset { columns, unread, remarks, runs })
+        let columns: Vec<Column> = names.into_iter().enumerate().map(column).collect();
+        let is_measured = |place: usize| {
+            matches!(columns[place].kind, Kind::Temperature | Kind::Displacement | Kind::Other)
+        };
+        let repeats = repeats::find(&runs, &is_measured);
+        Ok(Dataset { columns, unread, remarks, runs, lost, texts, implausible, repeats })
+    }
+
+    /// Returns the columns that a verb does not use, with the reason. `is_used` returns whether the verb uses a column.
+    pub fn unused(&self, is_used: &dyn Fn(&Column) -> bool) -> Vec<UnusedColumn> {
+        // The touches of a probe are used, although their columns are not kept.
+        let read = self.columns.iter().chain(&self.unread).filter(|column| !is_used(column));
+        let why = |column: &Column| match column.kind {
+            Kind::Other => UNKNOWN_QUANTITY.to_owned(),
+            kind => format!("{kind}, which was not asked for"),
+        };
+        let mut found: Vec<UnusedColumn> =
+            read.map(|column| UnusedColumn { name: column.name.clone(), why: why(column) }).collect();
+        for lost in self.lost.iter().chain(&self.texts) {
+            if !found.iter().any(|known| known.name == lost.column) && self.column(&lost.column).is_none() {
+                found.push(UnusedColumn { name: lost.column.clone(), why: lost.message.clone() });
+            }
+        }
+        found
     }
 
     /// Returns the names of the used log columns, then of the unused ones.
@@ -153,6 +216,64 @@ impl Dataset {
     }
 }
 
+/// Returns the unit of each column that states one in a log, in the words of a profile.
+fn logged_units(tables: &[Table]) -> HashMap<String, &'static str> {
+    let units = tables.iter().flat_map(|table| &table.units);
+    units.filter_map(|(name, unit)| Some((name.clone(), unit::of_profile(name, unit)?))).collect()
+}
+
+/// Returns the columns of a file that state a unit of another quantity than the profile.
+fn foreign(table: &Table, units: Units<'_>) -> Vec<Refusal> {
+    let refusal = |(name, logged): (&String, &String)| {
+        let (expected, stated) = (units(name)?, unit::of_profile(name, logged)?);
+        let [own, other] = [expected, stated].map(|unit| Kind::of_name(name, Some(unit)));
+        let is_foreign = own? != other? || (own == Some(Kind::Speed) && expected != stated);
+        let message = format!(
+            "{}, column {name}: its unit is `{logged}`, but the signal of the profile is in {expected}: name another \
+             column",
+            table.file.display()
+        );
+        is_foreign.then(|| Refusal { column: name.clone(), message })
+    };
+    let mut found: Vec<Refusal> = table.units.iter().filter_map(refusal).collect();
+    found.sort_by(|one, other| one.column.cmp(&other.column));
+    found
+}
+
+/// Returns a remark about the columns of other files that this file does not have; `None` if it has all of them.
+fn lacking(table: &Table, names: &[String]) -> Option<String> {
+    let own: HashSet<&str> = table.names_of_numbers().collect();
+    let lacking: Vec<&str> = names.iter().map(String::as_str).filter(|name| !own.contains(name)).collect();
+    let is_there = |name: &&str| table.cells(name).is_some();
+    let (without_numbers, missing): (Vec<&str>, Vec<&str>) = lacking.into_iter().partition(is_there);
+    let file = table.file.display();
+    let mut parts = Vec::new();
+    if !missing.is_empty() {
+        parts.push(format!("{file} has no column {}", missing.join(", ")));
+    }
+    if !without_numbers.is_empty() {
+        parts.push(format!("{file} has no numbers in {}", without_numbers.join(", ")));
+    }
+    (!parts.is_empty()).then(|| parts.join("; "))
+}
+
+/// Returns these columns of a file, with the reason why they cannot be used.
+fn refusals(table: &Table, columns: &[(String, String)]) -> Vec<Refusal> {
+    let refusal = |(name, why): &(String, String)| Refusal {
+        column: name.clone(),
+        message: format!("{}, {why}", table.file.display()),
+    };
+    columns.iter().map(refusal).collect()
+}
+
+/// Returns a remark that names each of these columns once; `None` if there is none.
+fn not_used(lost: &[Refusal]) -> Option<String> {
+    let mut seen = HashSet::new();
+    let first = lost.iter().filter(|lost| seen.insert(lost.column.as_str()));
+    let named: Vec<String> = first.map(|lost| format!("{} ({})", lost.column, lost.message)).collect();
+    (!named.is_empty()).then(|| format!("columns without numbers, which are not used: {}", named.join("; ")))
+}
+
 /// Returns the unused columns of all files, each once, in the order of their first occurrence.
 fn unread(tables: &[Table], units: Units<'_>) -> Vec<Column> {
     let mut found: Vec<Column> = Vec::new();
@@ -164,19 +285,4 @@ fn unread(tables: &[Table], units: Units<'_>) -> Vec<Column> {
         }
     }
     found
-}
-
-fn read_table(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, BadLog> {
-    let ending = file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
-    if !ending.eq_ignore_ascii_case("parquet") {
-        return csv::read(file, split, uses);
-    }
-    #[cfg(feature = "parquet")]
-    return parquet::read(file, split, uses);
-    #[cfg(not(feature = "parquet"))]
-    return Err(BadLog(vec![format!(
-        "{}: this program was built without Parquet: write CSV, use a packaged program, or build one with \
-         Parquet: `cargo build --release --features parquet`",
-        file.display()
-    )]));
 }

@@ -4,7 +4,7 @@
 use serde::Serialize;
 
 use crate::checks;
-use crate::dataset::{BadLog, Dataset, Kind, Run, Units};
+use crate::dataset::{BadLog, Dataset, Kind, Refusal, Run, Units};
 use crate::minutes::Minutes;
 use crate::statistics::range;
 use activity::Mover;
@@ -131,6 +131,7 @@ pub fn drift(
              --displacement; there are {all}"
         ));
     }
+    checks::check_plausible(dataset, columns.iter().copied(), &mut wrong);
     for run in &dataset.runs {
         let is_empty = |column: &&usize| !run.values[**column].iter().any(|value| value.is_finite());
         wrong.extend(
@@ -156,6 +157,10 @@ pub fn drift(
 
 fn of_run(dataset: &Dataset, run: &Run, columns: &[usize], asked: Option<Test>, movers: &[Mover]) -> Drift {
     let mut remarks = dataset.remarks.clone();
+    remarks.extend(dataset.repeats.iter().cloned());
+    let is_of_another =
+        |refusal: &&Refusal| !columns.iter().any(|column| dataset.columns[*column].name == refusal.column);
+    remarks.extend(dataset.implausible.iter().filter(is_of_another).map(|refusal| refusal.message.clone()));
     remarks.extend(checks::odd_length(run));
     let is_other =
         |column: &usize| !columns.contains(column) && !movers.iter().any(|mover| mover.column == *column);

@@ -203,7 +203,14 @@ impl Learning {
             if is_touched {
                 self.record.until = now.map_or(last, |now| last.min(now)).max(self.record.until);
             }
-            let single = Dataset { runs: vec![run], remarks: Vec::new(), ..dataset.clone() };
+            // The other runs of these logs say nothing about this run.
+            let single = Dataset {
+                runs: vec![run],
+                remarks: Vec::new(),
+                implausible: Vec::new(),
+                repeats: Vec::new(),
+                ..dataset.clone()
+            };
             taken.push(self.digest(profile, single, file, (choice, in_use)));
         }
         Ok(taken)

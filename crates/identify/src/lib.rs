@@ -43,6 +43,7 @@ mod collinear;
 mod coverage;
 mod folds;
 mod gram;
+mod incomplete;
 mod learn;
 mod minutes;
 mod omission;

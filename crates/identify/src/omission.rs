@@ -44,9 +44,21 @@ pub(crate) fn cost(campaign: &Campaign<'_>, input: &Input) -> Option<Omission> {
     Some(Omission { signal: input.name.clone(), with_um: left[0], without_um: left[1] })
 }
 
+/// Returns the root mean square of the residual error on these runs, each held out, µm. `None` if a model with all inputs
+/// cannot be tested.
+pub(crate) fn left_in(campaign: &Campaign<'_>, runs: &[usize]) -> Option<f64> {
+    let held = held_out(campaign, &[Vec::new()])?.pop()?;
+    Some(root_mean_square(runs.iter().filter_map(|run| held.get(*run))))
+}
+
 /// Returns the root mean square of the residual error on held-out rows, µm, for each list of inputs that are left out.
 /// `None` if the models cannot be tested.
 fn left_without(campaign: &Campaign<'_>, without: &[Vec<usize>]) -> Option<Vec<f64>> {
+    Some(held_out(campaign, without)?.iter().map(root_mean_square).collect())
+}
+
+/// Returns the held-out runs for each list of inputs that are left out. `None` if the models cannot be tested.
+fn held_out(campaign: &Campaign<'_>, without: &[Vec<usize>]) -> Option<Vec<Vec<HeldOut>>> {
     if campaign.dataset.runs.len() < 2 {
         return None;
     }
@@ -54,11 +66,11 @@ fn left_without(campaign: &Campaign<'_>, without: &[Vec<usize>]) -> Option<Vec<f
     let learner = settings.method.prepare(campaign, &settings).ok()?;
     learner.bank().check_rows("every sensor", "the sensor").ok()?;
     let each = leave_one_run_out(campaign, learner.as_ref(), &settings, without, None, &|_, _| {});
-    each.into_iter().map(|held| Some(root_mean_square(&held.ok()?))).collect()
+    each.into_iter().map(Result::ok).collect()
 }
 
 /// Returns the root mean square over the rows of all runs, µm.
-fn root_mean_square(held_out: &[HeldOut]) -> f64 {
+fn root_mean_square<'a>(held_out: impl IntoIterator<Item = &'a HeldOut>) -> f64 {
     let (mut sum, mut rows) = (0.0, 0);
     for held in held_out {
         let left = held.residual(None);

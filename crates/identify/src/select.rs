@@ -27,7 +27,7 @@ mod steps;
 
 pub use point_counts::Counted;
 pub(crate) use point_counts::point_counts;
-pub use points::{Pointed, points};
+pub use points::{Pointed, points, without_incomplete};
 pub use steps::{Step, Steps};
 
 /// Assessment of the points. Serialized, it is the JSON of `select`.

@@ -4,11 +4,14 @@ use std::time::Duration;
 
 use crate::ambient;
 use crate::applied::{self, Applied};
-use crate::campaign::{Campaign, Input, Position, temperatures_of};
-use crate::checks::{check_error, check_runs, fahrenheit, nearest, unused_position};
+use crate::campaign::{Campaign, Input, Position, temperatures_of, without};
+use crate::checks::{
+    check_error, check_plausible, check_runs, fahrenheit, nearest, unused_position, why_lost,
+};
 use crate::dataset::{BadLog, Dataset, Kind, Run};
+use crate::faults::mend::{Mended, mend};
 use crate::faults::{self, Notes, Repaired};
-use crate::touches;
+use crate::{incomplete, omission, touches};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{Profile, Signal};
 use sound_sensors::{SoundSensors, examine};
@@ -79,6 +82,37 @@ pub fn without_cz(
     applied::without_cz(dataset, &error, Some(&axis), moves, applied)
 }
 
+/// Leaves out the runs that lack an input that other runs have, if that leaves less error than leaving out the input. A
+/// remark of the dataset states the choice.
+pub fn without_incomplete(profile: &Profile, dataset: &mut Dataset, choice: &Choice) {
+    let Some(error) = dataset.column(&choice.error_column(profile)) else { return };
+    // `ready` refuses copies. With a moving axis, the error must first be separated by place.
+    if !dataset.repeats.is_empty() || choice.position.is_some() {
+        return;
+    }
+    let inputs_of = |dataset: &Dataset| inputs(profile, dataset, choice, &mut Vec::new(), &mut Vec::new());
+    let mut columns: Vec<usize> = inputs_of(dataset).iter().map(|input| input.column).collect();
+    if choice.speeds && choice.inputs.is_empty() {
+        let names = profile.signals.iter().filter(|signal| signal.unit.0 == "rpm").map(|signal| &signal.name);
+        columns.extend(
+            names.filter(|name| !choice.without.contains(name)).filter_map(|name| dataset.column(name)),
+        );
+    }
+    let left = |dataset: &Dataset, tested: &[usize]| {
+        let all = inputs_of(dataset);
+        let mut assessed = temperatures_of(dataset, &all);
+        assessed.retain(|column| !choice.keep.contains(&dataset.columns[*column].name));
+        let Mended { mending, excluded, .. } = mend(dataset, &assessed, &[]);
+        let good = without(&all, &excluded);
+        if good.is_empty() {
+            return None;
+        }
+        let campaign = Campaign::new(profile, dataset, error, good, choice.resample).with_mending(mending);
+        omission::left_in(&campaign, tested)
+    };
+    incomplete::leave_out(dataset, &columns, &left);
+}
+
 impl Choice {
     /// Returns the log column with the measured error: the named one, or `<axis>_error_um`.
     #[must_use]
@@ -116,9 +150,12 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
             let name = name.clone().unwrap_or_else(|| choice.error_of(axis.as_deref().unwrap_or_default()));
             let found = dataset.column(&name);
             if found.is_none() {
+                let why = match why_lost(dataset, &name) {
+                    why if why.is_empty() => nearest(&name, &dataset.names()),
+                    why => why,
+                };
                 wrong.push(format!(
-                    "no log has a column `{name}` with the measured error in µm{}; name it with --error",
-                    nearest(&name, &dataset.names())
+                    "no log has a column `{name}` with the measured error in µm{why}; name it with --error"
                 ));
             }
             found
@@ -128,6 +165,7 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
     let mut remarks = dataset.remarks.clone();
     let inputs = inputs(profile, dataset, choice, &mut wrong, &mut remarks);
     let temperatures = temperatures_of(dataset, &inputs);
+    check_plausible(dataset, inputs.iter().map(|input| input.column).chain(error), &mut wrong);
     wrong.extend(fahrenheit(dataset, &temperatures));
     let position = choice.position.as_ref().and_then(|(name, reference)| {
         let input = input(profile, dataset, name, " with the position of the axis", &mut wrong)?;
@@ -199,7 +237,7 @@ fn input(
     let signal = signal(profile, name, wrong)?;
     let column = dataset.column(name);
     if column.is_none() {
-        wrong.push(format!("no log has a column `{name}`{what}"));
+        wrong.push(format!("no log has a column `{name}`{what}{}", why_lost(dataset, name)));
     }
     let unit = profile.signals[signal.0].unit;
     Some(Input { name: name.to_owned(), signal, column: column?, unit })

@@ -54,7 +54,7 @@ const WHOLE: &str = "BLK";
 /// without such sets is one part.
 ///
 /// # Errors
-/// There are no blocks, a cut divides no block, or nodes are not in exactly one part. The messages contain the node
+/// The mesh has no blocks, a cut divides no block, or a node is not in exactly one part. The messages contain the node
 /// numbers.
 pub fn parts(mesh: &Mesh, prefix: &str, cuts: &[Cut]) -> Result<Vec<Part>, Vec<String>> {
     let prefix = prefix.to_uppercase();

@@ -2,9 +2,11 @@
 //! CalculiX input that Gmsh and PrePoMax write.
 //!
 //! ```text
+//! foreign ── files in other formats, which are refused with the command that converts them
 //! card ───── cards of the files: keyword, parameters, lines, with their locations
+//! assembly ─ the cards of an Abaqus part and its instance, at its position, become those of a file without parts
 //! keywords ─ known cards, and the order in which they are read: each after all that it may name
-//! reader ─── data read so far; mesh, material and load read their cards into it
+//! reader ─── data read so far; mesh, material and load read their cards into it, with temperatures in °C
 //! ```
 //! A Gmsh mesh names surfaces by flat elements (`CPS3`, `CPS6`). The nodes of such a set can be used as a node set. The
 //! faces of the set can be used in `*FILM` and `*DFLUX`, with the side `F` or `S` without a number.
@@ -17,14 +19,18 @@ use std::path::{Path, PathBuf};
 use crate::body::Progress;
 use crate::parallel::each;
 
+mod assembly;
 mod card;
 mod contents;
 mod fault;
+mod foreign;
 mod keywords;
 mod load;
 mod material;
 mod mesh;
+mod position;
 mod reader;
+mod temperature;
 
 #[cfg(test)]
 mod tests;
@@ -42,7 +48,7 @@ pub fn read(path: &Path) -> Result<FeInput, Faults> {
     if cards.is_empty() && faults.is_empty() {
         faults.push(Fault::of_file(path, "the FE input file is empty"));
     }
-    keywords::read(path, &cards, faults)
+    keywords::read(path, cards, faults)
 }
 
 /// Reads several files in parallel.

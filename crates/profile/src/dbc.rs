@@ -8,10 +8,34 @@ use can_dbc::{
     MultiplexIndicator, Signal, SignalExtendedValueType, ValueType,
 };
 
-use crate::Unit;
-use crate::error::allowed;
+use crate::file_kind::{self, FileKind};
 use isotherm_core::border::beyond;
 use isotherm_core::codec::{BitField, BitKind, ByteOrder, CanId, CanMatch, Field, Selector};
+
+mod names;
+mod unit;
+
+pub(crate) use unit::FileUnit;
+
+/// Frame formats by their number in `VFrameFormat`. Files that declare this attribute as a number contain no list.
+const FORMATS: [&str; 16] = [
+    "StandardCAN",
+    "ExtendedCAN",
+    "reserved",
+    "J1939PG",
+    "reserved",
+    "reserved",
+    "reserved",
+    "reserved",
+    "reserved",
+    "reserved",
+    "reserved",
+    "reserved",
+    "reserved",
+    "reserved",
+    "StandardCAN_FD",
+    "ExtendedCAN_FD",
+];
 
 /// Largest depth of nested multiplexers. A multiplexer is a CAN signal whose value selects the other signals of a
 /// frame.
@@ -34,8 +58,8 @@ pub(crate) struct Described {
     pub(crate) field: Field,
     pub(crate) scale: f64,
     pub(crate) offset: f64,
-    /// Unit of the signal. `None` if it is dimensionless, or if no unit of a profile means the same.
-    pub(crate) unit: Option<Unit>,
+    /// Unit of the value after scale and offset.
+    pub(crate) unit: FileUnit,
 }
 
 /// Error in a DBC file, or in the name of a signal. Only an error in the file itself has a position.
@@ -55,14 +79,27 @@ impl Wrong {
 }
 
 impl DbcFile {
-    /// Parses the bytes of a DBC file in UTF-8. Other bytes are read as Latin-1, which many DBC editors write.
+    /// Parses the bytes of a DBC file in UTF-8, or in UTF-16 with a byte order mark. Other bytes are read as Latin-1,
+    /// which many DBC editors write.
     ///
     /// # Errors
-    /// The file is not a DBC file. The error states the position of the first invalid line.
+    /// The file is not a DBC file. The error names the kind of the file if it is known. Otherwise it states the position
+    /// of the first invalid line.
     pub(crate) fn read(bytes: Vec<u8>) -> Result<DbcFile, Wrong> {
-        let text = match String::from_utf8(bytes) {
-            Ok(text) => text,
-            Err(other) => other.as_bytes().iter().map(|byte| char::from(*byte)).collect(),
+        let other = FileKind::of(&bytes).and_then(|kind| kind.instead_of(FileKind::Dbc));
+        let other = other.map(|other| Wrong::about(other.message, other.help));
+        match (DbcFile::parse(bytes), other) {
+            (Ok(file), Some(other)) if file.dbc.messages.is_empty() => Err(other),
+            (Err(_), Some(other)) => Err(other),
+            (read, _) => read,
+        }
+    }
+
+    fn parse(bytes: Vec<u8>) -> Result<DbcFile, Wrong> {
+        let latin = |bytes: &[u8]| bytes.iter().map(|byte| char::from(*byte)).collect();
+        let text = match file_kind::wide(&bytes) {
+            Some(text) => text,
+            None => String::from_utf8(bytes).unwrap_or_else(|other| latin(other.as_bytes())),
         };
         let text = text.trim_start_matches('\u{feff}').to_owned();
         let panicked = |_| {
@@ -90,19 +127,12 @@ impl DbcFile {
     /// The signal does not exist, or CAN does not allow its identifier or its bits.
     pub(crate) fn signal(&self, name: &str, source: Option<u8>) -> Result<Described, Wrong> {
         let Some((message_name, signal_name)) = name.split_once('.') else {
-            let help = format!("write \"Message.Signal\"; messages: {}", names(&self.dbc.messages));
+            let help = format!("write \"Message.Signal\"; messages: {}", self.message_names().join(", "));
             return Err(Wrong::about(format!("`{name}` is not the name of a message and a signal"), help));
         };
-        let Some(message) = self.dbc.messages.iter().find(|message| message.name == message_name) else {
-            let known = self.dbc.messages.iter().map(|message| message.name.as_str());
-            let help = allowed(message_name, known);
-            return Err(Wrong::about(format!("the DBC file has no message `{message_name}`"), help));
-        };
-        let Some(signal) = message.signals.iter().find(|signal| signal.name == signal_name) else {
-            let help = allowed(signal_name, message.signals.iter().map(|signal| signal.name.as_str()));
-            let what = format!("message `{message_name}` of the DBC file has no signal `{signal_name}`");
-            return Err(Wrong::about(what, help));
-        };
+        let message = self.message(message_name)?;
+        let signal = self.signal_in(message, signal_name)?;
+        let signal_name = signal.name.as_str();
         let frames = self.frames(message, source)?;
         let size = usize::try_from(message.size).unwrap_or(usize::MAX);
         let field = Field {
@@ -112,10 +142,14 @@ impl DbcFile {
             multiplex: self.selectors(message, signal, DEEPEST)?,
         };
         if field.bits.bytes() > size {
-            let message = format!("`{signal_name}` ends beyond the {size} bytes of its message");
-            return Err(self.at(&format!("SG_ {signal_name} "), Some(&message_name), message));
+            let what = format!("`{signal_name}` ends beyond the {size} bytes of its message");
+            return Err(self.at(&format!("SG_ {signal_name} "), Some(&message.name.as_str()), what));
         }
-        Ok(Described { field, scale: signal.factor, offset: signal.offset, unit: unit(&signal.unit) })
+        if !signal.factor.is_finite() || !signal.offset.is_finite() {
+            let what = format!("scale or offset of `{signal_name}` is too large");
+            return Err(self.at(&format!("SG_ {signal_name} "), Some(&message.name.as_str()), what));
+        }
+        Ok(Described { field, scale: signal.factor, offset: signal.offset, unit: unit::of(&signal.unit) })
     }
 
     fn frames(&self, message: &Message, source: Option<u8>) -> Result<CanMatch, Wrong> {
@@ -149,8 +183,8 @@ impl DbcFile {
         }
     }
 
-    /// Returns the frame format of a message, for example `J1939PG`. Editors store it in the attribute `VFrameFormat`.
-    /// `None` if the file does not state it.
+    /// Returns the frame format of a message, for example `J1939PG`. Editors store it in the attribute `VFrameFormat`, as
+    /// a word, as the number of a word in its list, or as a plain number. `None` if the file does not state it.
     fn format(&self, id: MessageId) -> Option<&str> {
         const NAME: &str = "VFrameFormat";
         let words = self.dbc.attribute_definitions.iter().find_map(|definition| match definition {
@@ -159,9 +193,18 @@ impl DbcFile {
             }
             _ => None,
         });
-        let nth = |place: u64| words?.get(usize::try_from(place).ok()?).map(String::as_str);
+        let nth = |place: u64| {
+            let place = usize::try_from(place).ok()?;
+            match words {
+                Some(words) => words.get(place).map(String::as_str),
+                None => FORMATS.get(place).copied(),
+            }
+        };
         match self.dbc.resolved_message_attribute(id, NAME)? {
-            AttributeValue::String(word) => Some(word),
+            AttributeValue::String(word) => match word.parse() {
+                Ok(place) => nth(place),
+                Err(_) => Some(word),
+            },
             AttributeValue::Uint(place) => nth(*place),
             AttributeValue::Int(place) => nth(u64::try_from(*place).ok()?),
             AttributeValue::Double(_) => None,
@@ -254,11 +297,6 @@ pub(crate) fn shown(text: &str, line: usize) -> Option<&str> {
     ENTRIES.iter().any(|entry| line.trim_start().starts_with(entry)).then_some(line)
 }
 
-fn names(messages: &[Message]) -> String {
-    let names: Vec<&str> = messages.iter().map(|message| message.name.as_str()).collect();
-    names.join(", ")
-}
-
 /// Parses line and column from the parser's message, which contains for example ` --> 10:16`.
 fn place(why: &str) -> Option<(usize, usize)> {
     let (line, column) = why.split_once("--> ")?.1.lines().next()?.split_once(':')?;
@@ -277,19 +315,6 @@ fn expected(why: &str) -> String {
               Node` is expected"
             .to_owned(),
     }
-}
-
-/// Returns the profile's unit for a unit in a DBC file, for example "degC" for "deg C". `None` if it is unknown or
-/// dimensionless.
-fn unit(text: &str) -> Option<Unit> {
-    let name = match text.trim() {
-        "°C" | "degC" | "deg C" | "DegC" | "C" | "℃" | "Celsius" | "celsius" => "degC",
-        "µm" | "μm" | "um" => "um",
-        "1/min" | "RPM" | "rpm" | "min-1" => "rpm",
-        "%" => "percent",
-        other => other,
-    };
-    Unit::named(name).filter(|unit| unit.0 != "1")
 }
 
 #[cfg(test)]

@@ -81,6 +81,18 @@ impl Findings {
         self.described.len() >= MOST_DESCRIBED
     }
 
+    /// Returns the index of the next error that is described.
+    pub(crate) fn next_index(&self) -> usize {
+        self.described.len()
+    }
+
+    /// Appends a text to the message of the error with this index.
+    pub(crate) fn append_to_message(&mut self, index: usize, text: &str) {
+        if let Some(error) = self.described.get_mut(index) {
+            error.message.push_str(text);
+        }
+    }
+
     /// Counts an error without storing a description of it.
     pub(crate) fn count(&mut self) {
         self.more += 1;

@@ -5,6 +5,7 @@ use std::io::{Error, ErrorKind};
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
+use crate::file_kind::FileKind;
 use crate::safe_file;
 use crate::sources::{FileState, Sources, is_open_to_all, layer_name, names_in};
 
@@ -183,6 +184,15 @@ impl Files<'_> {
                 let names = files.iter().filter_map(|(name, _)| inside(name));
                 names.filter_map(|name| Some(name.strip_suffix(end)?.to_owned())).collect()
             }
+        }
+    }
+
+    /// Recognises the kind of a file that cannot be read as what it should be, for example because it is too large.
+    /// `None` if it is none of the known kinds, or if the files are not on disk.
+    pub(crate) fn kind(&self, name: &str) -> Option<FileKind> {
+        match self {
+            Files::Beside(disk) => FileKind::of_file(&disk.directory.join(name)),
+            Files::Kept(..) | Files::Inside(_) => None,
         }
     }
 

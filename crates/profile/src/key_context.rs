@@ -1,6 +1,7 @@
 //! Keys of a profile that is being checked, with functions for their errors and warnings.
 //!
-//! It knows the names of the tables, but not the tables. A check that needs another table gets it as an argument.
+//! A key context contains the names of the tables, but not the tables. A check that needs another table gets it as an
+//! argument.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, HashMap};
@@ -12,6 +13,7 @@ use crate::error::{Findings, ProfileError, allowed};
 use crate::files::Files;
 use crate::source_map::{SourceMap, child, element};
 use crate::tables::signal::unit::Unit;
+use crate::wording::counted;
 use isotherm_core::reading::SignalId;
 
 /// Shortest allowed period of reads, writes and decisions. A period of a microsecond would send 66,000 requests per
@@ -36,6 +38,9 @@ pub(crate) struct Report<'a> {
     used: RefCell<Vec<bool>>,
     /// Unit of each signal, by its index. Empty before the signals are resolved.
     units: RefCell<Vec<Option<Unit>>>,
+    /// Tables that do not exist, by path: the index of the error about the table, and the number of other keys that name
+    /// it.
+    absent: RefCell<BTreeMap<String, (usize, usize)>>,
 }
 
 /// Key of the profile that is being checked, with functions for its errors and warnings.
@@ -75,7 +80,7 @@ impl<'a> Report<'a> {
     pub(crate) fn new(spans: &'a SourceMap, files: &'a Files<'a>, signals: Names) -> Report<'a> {
         let used = RefCell::new(vec![false; signals.len()]);
         let (errors, warnings, units) = (RefCell::default(), RefCell::default(), RefCell::default());
-        Report { spans, files, signals, errors, warnings, used, units }
+        Report { spans, files, signals, errors, warnings, used, units, absent: RefCell::default() }
     }
 
     /// Stores the units of the resolved signals. `None` for a signal with errors.
@@ -90,7 +95,11 @@ impl<'a> Report<'a> {
 
     /// Returns the errors and the warnings.
     pub(crate) fn into_findings(self) -> (Findings, Findings) {
-        (self.errors.into_inner(), self.warnings.into_inner())
+        let mut errors = self.errors.into_inner();
+        for (index, others) in self.absent.into_inner().into_values().filter(|(_, others)| *others > 0) {
+            errors.append_to_message(index, &format!(" ({} name it)", counted(others + 1, "key")));
+        }
+        (errors, self.warnings.into_inner())
     }
 
     /// Returns a key at the top of the profile.
@@ -123,6 +132,13 @@ impl<'c> KeyContext<'c> {
     /// Returns whether this key has been written, with a correct or a wrong value.
     pub(crate) fn is_written(&self) -> bool {
         self.report.spans.contains(&self.path)
+    }
+
+    /// Returns whether this key is missing, and no error about it has been reported. Then it has not been written, no
+    /// template has set it, and no misspelt key probably means it.
+    pub(crate) fn is_left_out(&self) -> bool {
+        let spans = self.report.spans;
+        !self.is_written() && !spans.is_right(&self.path) && !spans.is_meant(&self.path)
     }
 
     /// Returns the place for messages, for example `profiles/x.toml:41`.
@@ -165,7 +181,7 @@ impl<'c> KeyContext<'c> {
     /// Reports a key that this combination requires, if it is missing. If it has a wrong value, that has been reported
     /// already.
     pub(crate) fn missing(&self, message: impl Into<String>, help: impl Into<String>) {
-        if !self.is_written() && !self.report.spans.is_right(&self.path) {
+        if self.is_left_out() {
             self.wrong_key(message, help);
         }
     }
@@ -206,16 +222,25 @@ impl<'c> KeyContext<'c> {
     /// Returns the index of the table with this name.
     pub(crate) fn named(&self, names: &Names, name: Option<&String>) -> Option<usize> {
         let name = name?;
-        let found = names.place(name);
-        // If the table exists but has errors, these have been reported.
-        if found.is_none() && !self.report.spans.contains(&child(names.kind, name)) {
-            if self.is_enough() {
-                return None;
-            }
-            let help = allowed(name, names.iter().map(String::as_str));
-            self.invalid(format!("there is no {} named `{name}`", names.kind), help);
+        if let Some(found) = names.place(name) {
+            return Some(found);
         }
-        found
+        // If the table exists but has errors, or is below a misspelt name, this has been reported.
+        let (spans, path) = (self.report.spans, child(names.kind, name));
+        if spans.contains(&path) || spans.is_meant(&path) {
+            return None;
+        }
+        let mut absent = self.report.absent.borrow_mut();
+        if let Some((_, others)) = absent.get_mut(&path) {
+            *others += 1;
+            return None;
+        }
+        if self.is_enough() {
+            return None;
+        }
+        absent.insert(path, (self.report.errors.borrow().next_index(), 0));
+        let help = allowed(name, names.iter().map(String::as_str));
+        self.reject(format!("there is no {} named `{name}`", names.kind), help)
     }
 
     /// Returns the signal with this name, and marks it as used.

@@ -7,7 +7,9 @@
 //! # Layout
 //! - `load`, `merge`, `schema_check`, `source_map`: reading the layers, merging them, checking them against the schema,
 //!   and the place of each key.
+//! - `syntax_errors`: the mistakes of a file that is no valid TOML, without their consequences.
 //! - `overridden_keys`, `protected_keys`: keys that the layers change, and keys that they must not change.
+//! - `file_kind`: kinds of files by their content, to name a file in the place of another.
 //! - `files`, `sources`: files that a profile names, and the record of everything that was read.
 //! - [`host_and_port`]: addresses. [`safe_file`]: files named by a user. `control_chars`: safe display of foreign
 //!   texts.
@@ -16,6 +18,7 @@
 //! - `kinds`: one folder or file for each kind of bus: its keys, addresses, read requests and preview.
 //! - `ids`, `profile`: indices of tables, and the resolved [`Profile`].
 //! - `tables`: one file for each table of the profile: its keys, checks, resolved form, and preview.
+//! - [`log_columns`]: names of the columns of a log, which no signal may have.
 //! - `written_places`: the registers, nodes, objects and frames that the gateway writes.
 //! - [`plan`], [`preview`]: read requests of a device; the document of `isotherm check`.
 
@@ -25,12 +28,14 @@ mod digest;
 mod document;
 mod duration;
 mod error;
+mod file_kind;
 mod files;
 mod host_port;
 mod ids;
 mod key_context;
 mod kinds;
 mod load;
+pub mod log_columns;
 mod merge;
 mod overridden_keys;
 pub mod plan;
@@ -44,6 +49,7 @@ mod size;
 mod source_map;
 mod sources;
 pub mod stop;
+mod syntax_errors;
 mod tables;
 pub mod template;
 mod wording;
@@ -52,6 +58,7 @@ mod written_places;
 pub use control_chars::{lines, one_line};
 pub use digest::{sha256, sha256_of};
 pub use error::{Errors, ProfileError, allowed, nearest};
+pub use file_kind::{FileKind, Misplaced};
 pub use host_port::{NoPlace, host_and_port};
 pub use ids::{AxisId, BusId, DeviceId, OutputId, SetId};
 pub use kinds::can::emergency::Emergency;

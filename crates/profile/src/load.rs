@@ -1,5 +1,6 @@
 //! Loading of a profile: converts its layers, which are texts, into a [`Profile`] or into all their errors.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
@@ -8,6 +9,7 @@ use toml::Spanned;
 use toml::de::DeValue;
 
 use crate::error::{Errors, Findings, ProfileError, allowed};
+use crate::file_kind::FileKind;
 use crate::files::{Certificates, Disk, Files, Reads};
 use crate::kinds::KINDS;
 use crate::overridden_keys::Above;
@@ -28,6 +30,8 @@ const PREFIX: &str = "ISOTHERM__";
 const FAMILY: &str = "ISOTHERM_";
 /// Environment variable that sets the log level. It begins with `ISOTHERM_`, but is no layer.
 const LOG: &str = "ISOTHERM_LOG";
+/// End of the name of a local file.
+const LOCAL: &str = ".local.toml";
 /// Largest number of environment variables that a warning names.
 const NAMED: usize = 5;
 /// Size in bytes from which a profile is read in a separate thread, which returns its memory to the system.
@@ -112,13 +116,17 @@ fn read_layers(
     environment: &Pairs,
     files: &Files<'_>,
 ) -> Result<Loaded, Errors> {
-    let text =
-        files.layer(path).map_err(|why| Errors(vec![unreadable(&path.display().to_string(), &why)]))?;
+    let text = files.layer(path).map_err(|why| {
+        // A log may be too large for a profile, and a workbook is no text.
+        let other = matches!(why.kind(), ErrorKind::InvalidData | ErrorKind::FileTooLarge);
+        let kind = (other && matches!(files, Files::Beside(_))).then(|| FileKind::of_file(path)).flatten();
+        misplaced(path, kind).unwrap_or_else(|| Errors(vec![unreadable(&path.display().to_string(), &why)]))
+    })?;
     let mut layers = vec![(path.to_owned(), text)];
     let local = local_beside(path);
     match files.layer(&local) {
         Ok(text) => layers.push((local, text)),
-        Err(why) if why.kind() == std::io::ErrorKind::NotFound => {}
+        Err(why) if why.kind() == ErrorKind::NotFound => {}
         Err(why) => return Err(Errors(vec![unreadable(&local.display().to_string(), &why)])),
     }
     let mut loaded = layered(&layers, files, settings, environment)?;
@@ -187,9 +195,9 @@ fn strangers(environment: &Pairs) -> Option<ProfileError> {
 
 fn unreadable(name: &str, why: &std::io::Error) -> ProfileError {
     let help = match why.kind() {
-        std::io::ErrorKind::NotFound => "give the path of a profile, as `profiles/surface-grinder.toml`",
-        std::io::ErrorKind::InvalidData => "a profile is a TOML file in UTF-8",
-        std::io::ErrorKind::FileTooLarge => "is it a profile?",
+        ErrorKind::NotFound => "give the path of a profile, as `profiles/surface-grinder.toml`",
+        ErrorKind::InvalidData => "a profile is a TOML file in UTF-8",
+        ErrorKind::FileTooLarge => "is it a profile?",
         _ => "is it a file, and does this user have permission to read it?",
     };
     ProfileError::about(
@@ -197,6 +205,26 @@ fn unreadable(name: &str, why: &std::io::Error) -> ProfileError {
         format!("the profile cannot be read: {}", without_numbers(&why.to_string())),
         Some(help.to_owned()),
     )
+}
+
+/// Returns the only error of a file that is given in the place of a profile. `None` if it may be a profile.
+fn misplaced(path: &Path, kind: Option<FileKind>) -> Option<Errors> {
+    let other = kind?.instead_of(FileKind::Profile)?;
+    Some(Errors(vec![other.error(path.display().to_string())]))
+}
+
+/// Returns the only error if the first layer of a wrong profile is another kind of file. All keys of such a file would
+/// be unknown. `None` if it may be a profile.
+fn other_file(layers: &[(PathBuf, String)], errors: &Errors) -> Option<Errors> {
+    let (path, text) = layers.first()?;
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let lacks_machine = errors.0.iter().any(|error| error.key == "machine");
+    if let Some(stem) = name.strip_suffix(LOCAL).filter(|_| lacks_machine) {
+        let message = "this is the local file of a profile, not the profile";
+        let help = format!("give the profile: {stem}.toml; the local file next to it is read with it");
+        return Some(Errors(vec![ProfileError::about(path.display().to_string(), message, Some(help))]));
+    }
+    misplaced(path, FileKind::of(text.as_bytes()))
 }
 
 fn local_beside(path: &Path) -> PathBuf {
@@ -214,7 +242,10 @@ fn layered(
 ) -> Result<Loaded, Errors> {
     // The schema stays in use, so it must not be in the memory of the thread.
     schema();
-    let read = || merged_and_checked(layers, files, settings, environment);
+    let read = || {
+        let read = merged_and_checked(layers, files, settings, environment);
+        read.map_err(|errors| other_file(layers, &errors).unwrap_or(errors))
+    };
     if layers.iter().map(|(_, text)| text.len()).sum::<usize>() < LARGE {
         return read();
     }

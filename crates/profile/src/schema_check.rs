@@ -7,8 +7,9 @@ use toml::de::{DeArray, DeTable, DeValue};
 
 use crate::control_chars::is_unseen;
 use crate::duration::Timespan;
-use crate::error::{Findings, allowed};
+use crate::error::{Findings, allowed, nearest};
 use crate::source_map::{SourceMap, child, element};
+use crate::syntax_errors::{SyntaxError, independent};
 use crate::tables::signal::unit::{Scaling, Unit};
 
 /// Largest number of entries in a list. The limit bounds the duration of a step, which computes every term of a model.
@@ -45,13 +46,12 @@ impl SchemaCheck<'_> {
     /// valid.
     pub(crate) fn parsed<'t>(&mut self, text: &'t str) -> (DeTable<'t>, bool) {
         let (table, problems) = DeTable::parse_recoverable(text);
-        for problem in &problems {
+        for SyntaxError { at, message, help } in independent(text, &problems) {
             if self.errors.is_full() {
                 self.errors.count();
                 continue;
             }
-            let at = problem.span().map_or(0, |span| span.start);
-            self.error(at, "", problem.message(), decimal_comma(text, at));
+            self.error(at, "", message, decimal_comma(text, at).or(help.map(str::to_owned)));
         }
         (table.into_inner(), problems.is_empty())
     }
@@ -64,6 +64,7 @@ impl SchemaCheck<'_> {
         let mut entries: Vec<_> = table.into_iter().collect();
         entries.sort_by_key(|(key, _)| key.span().start);
         let mut right = Map::new();
+        let parent = path;
         let beside = Scaling::among(&entries, self.layer);
         for (key, value) in entries {
             self.beside = beside;
@@ -77,7 +78,11 @@ impl SchemaCheck<'_> {
             self.spans.record(self.layer, &path, key.span(), value.span());
             let at = key.span().start;
             let Some(inner) = inner else {
-                let words = known.into_iter().flat_map(Map::keys).map(String::as_str);
+                let words: Vec<&str> = known.into_iter().flat_map(Map::keys).map(String::as_str).collect();
+                // One misspelt key is one error: the key that was meant is not missing too.
+                if let Some(meant) = nearest(name, &words) {
+                    self.mark_meant(child(parent, meant), value.get_ref());
+                }
                 self.error(at, &path, format!("unknown key `{name}`"), Some(allowed(name, words)));
                 continue;
             };
@@ -90,6 +95,16 @@ impl SchemaCheck<'_> {
             }
         }
         Value::Object(right)
+    }
+
+    /// Records the known key that an unknown key probably means, and the keys of its table.
+    fn mark_meant(&mut self, path: String, value: &DeValue<'_>) {
+        if let DeValue::Table(table) = value {
+            for (key, value) in table.iter() {
+                self.mark_meant(child(&path, key.get_ref()), value.get_ref());
+            }
+        }
+        self.spans.mark_meant(path);
     }
 
     /// Returns the value if the schema allows it. Otherwise reports the mistake.
@@ -193,7 +208,8 @@ impl SchemaCheck<'_> {
                 let required = schema.get("required").and_then(Value::as_array).into_iter().flatten();
                 for key in required.filter_map(Value::as_str) {
                     let path = child(path, key);
-                    if !table.contains_key(key) && !self.spans.contains(&path) {
+                    let is_reported = self.spans.contains(&path) || self.spans.is_meant(&path);
+                    if !table.contains_key(key) && !is_reported {
                         let described =
                             |schema: &Value| Some(schema.get("description")?.as_str()?.replace('\n', " "));
                         let what = property(key)

@@ -88,6 +88,8 @@ pub(crate) struct SourceMap {
     by_path: BTreeMap<Box<str>, Span>,
     /// Valid keys without a place, which a template added.
     brought: BTreeSet<String>,
+    /// Known keys that an unknown key probably means, and that are therefore not reported as missing.
+    meant: BTreeSet<String>,
     /// Texts that describe the origin of values that no layer contains, by the path of the key.
     notes: BTreeMap<String, String>,
 }
@@ -114,6 +116,16 @@ impl SourceMap {
         };
         self.layers.push(Layer { name: name.to_owned(), text: text.map(lines) });
         self.layers.len() - 1
+    }
+
+    /// Records that an unknown key, which has been reported, probably means this known key.
+    pub(crate) fn mark_meant(&mut self, path: String) {
+        self.meant.insert(path);
+    }
+
+    /// Returns whether an unknown key that has been reported probably means this key.
+    pub(crate) fn is_meant(&self, path: &str) -> bool {
+        self.meant.contains(path)
     }
 
     pub(crate) fn record(&mut self, layer: usize, path: &str, key: Range<usize>, value: Range<usize>) {

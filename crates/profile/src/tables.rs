@@ -12,6 +12,7 @@ use crate::Profile;
 use crate::error::Findings;
 use crate::files::Files;
 use crate::key_context::{Names, Report};
+use crate::log_columns::{Clash, clashes};
 use crate::protected_keys::guarded_keys;
 use crate::source_map::SourceMap;
 use crate::template::Templates;
@@ -33,6 +34,7 @@ pub(crate) mod bus;
 pub(crate) mod bus_kind;
 mod check;
 mod claims;
+mod default_limits;
 pub(crate) mod device;
 mod expression;
 pub(crate) mod handshake;
@@ -106,7 +108,7 @@ impl Check<'_> {
         let settle = raw.machine.as_ref().and_then(|machine| machine.settle);
         self.axes.resolved =
             self.each(&self.axes, &raw.axis, |raw, _, at, name| raw.resolve(settle, at, name));
-        signal::limits::set_defaults(self);
+        default_limits::set_default_limits(self);
         self.outputs.resolved = self.each(&self.outputs, &raw.output, RawOutput::resolve);
         axis::intercept_slope::resolve(self);
         output::range::note_counts(self);
@@ -194,9 +196,24 @@ impl Check<'_> {
                 self.at(kind).key(name).wrong_key(format!("`{name}` cannot be a name"), help);
             }
         }
-        if self.signals.names.place("time").is_some() {
-            let message = "`time` is the first column of every log";
-            self.at("signal").key("time").wrong_key(message, "give the signal another name");
+        for clash in clashes(&self.signals.names, &self.axes.names) {
+            let (kind, name, message) = match clash {
+                Clash::OfMachine { signal } => {
+                    let message = format!("`{signal}` is a column of every log");
+                    ("signal", signal, message)
+                }
+                Clash::OfAxis { signal, axis } => {
+                    let message = format!("`{signal}` is a column of axis `{axis}` in the log");
+                    ("signal", signal, message)
+                }
+                Clash::Axes { axis, other, column } => {
+                    let message =
+                        format!("axes `{other}` and `{axis}` would both have the column `{column}`");
+                    ("axis", axis, message)
+                }
+            };
+            let help = format!("give the {kind} another name: two columns of one name make a log unreadable");
+            self.at(kind).key(&name).wrong_key(message, help);
         }
     }
 }

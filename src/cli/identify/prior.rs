@@ -5,7 +5,9 @@ use std::path::Path;
 use anyhow::{Context, anyhow};
 use serde::Deserialize;
 
+use crate::cli::loading::of_other_kind;
 use isotherm_identify::method::PriorTerm;
+use isotherm_profile::FileKind;
 
 #[derive(Deserialize)]
 struct File {
@@ -37,17 +39,19 @@ pub(super) fn terms(path: &Path, axis: &str) -> anyhow::Result<Vec<PriorTerm>> {
     let shown = path.display();
     let text = std::fs::read_to_string(path).with_context(|| format!("{shown} cannot be read"))?;
     let file: File = toml::from_str(&text).map_err(|why| {
-        anyhow!(
+        let why = anyhow!(
             "{shown} cannot be read as TOML with [[axis.{axis}.model]] and terms of `signal` and `gain`: \
                  {why}"
-        )
+        );
+        of_other_kind(path, FileKind::ModelBlock, why)
     })?;
     let found = file.axis.get(axis).and_then(|axis| axis.model.iter().find(|model| !model.terms.is_empty()));
     let model = found.ok_or_else(|| {
-        anyhow!(
+        let why = anyhow!(
             "{shown} has no linear model of axis {axis}; --prior needs a model that `isotherm identify \
              --write` wrote"
-        )
+        );
+        of_other_kind(path, FileKind::ModelBlock, why)
     })?;
     let term = |term: &Term| {
         let lag = term.lag.as_deref().map(humantime::parse_duration).transpose();

@@ -22,10 +22,6 @@ pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Dur
     if !touches.is_empty() {
         writeln!(out, "  touches {touches}")?;
     }
-    let unused = columns("not used");
-    if !unused.is_empty() {
-        writeln!(out, "  unused  {unused}")?;
-    }
     for faulty in &found.notes.excluded {
         writeln!(out, "  left out: {} {}", faulty.signal, faulty.reason)?;
     }

@@ -15,21 +15,20 @@ use isotherm_placement::structure::{Adjoint, guideway_and_temperatures};
 use isotherm_placement::study::{Study, rows};
 use isotherm_placement::views::outside;
 
-/// Reads the FE input files, and calculates temperatures, displacements and the matrix P.
+/// Reads the FE input files, and calculates temperatures, displacements and the matrix P. The second result is a remark
+/// on the nodes that are fixed.
 pub(super) fn study(
     arguments: &Arguments,
     plant: Option<&FeInput>,
     progress: Progress<'_>,
-) -> anyhow::Result<Study> {
+) -> anyhow::Result<(Study, String)> {
     let mut inputs = read(&arguments.inputs, plant, progress)?;
     let mut wrong = Vec::new();
-    let first = &inputs[0];
-    let mesh = &first.mesh;
+    let mesh = &inputs[0].mesh;
     let guide = set(mesh, &arguments.guide, "--guide", &mut wrong);
-    let fixed = match mesh.node_sets.get(&arguments.fixed.to_uppercase()) {
-        None if !first.supports.is_empty() => first.supports.clone(),
-        _ => set(mesh, &arguments.fixed, "--fixed", &mut wrong),
-    };
+    let stated: Vec<&FeInput> =
+        inputs.iter().chain(plant).filter(|input| !input.supports.is_empty()).collect();
+    let (fixed, remark) = fixed(mesh, arguments.fixed.as_deref(), &stated, &mut wrong);
     let parts = parts(mesh, &arguments.blocks, &arguments.cut).unwrap_or_else(|why| {
         wrong.extend(why);
         Vec::new()
@@ -47,7 +46,65 @@ pub(super) fn study(
         Engine::Ccx => calculix(&inputs, &fixed, &guide, &parts, progress),
     }?;
     let reach = Reach { margin: arguments.margin, allowed };
-    Ok(Study { mesh: inputs.swap_remove(0).mesh, guide, p, adjoint, parts, reach, loads })
+    Ok((Study { mesh: inputs.swap_remove(0).mesh, guide, p, adjoint, parts, reach, loads }, remark))
+}
+
+/// Node set that is fixed if neither an option nor an FE input file states what is fixed.
+const BASE: &str = "BASE";
+
+/// Returns the fixed nodes, and a remark that names their source: the set `option`, or the supports of the FE input
+/// files. `stated` contains the files with supports, which must all be the same. Without supports, the set `BASE` is
+/// fixed.
+fn fixed(
+    mesh: &Mesh,
+    option: Option<&str>,
+    stated: &[&FeInput],
+    wrong: &mut Vec<String>,
+) -> (Vec<usize>, String) {
+    let names = || stated.iter().map(|input| input.name.as_str()).collect::<Vec<_>>().join(", ");
+    match (option, stated) {
+        (Some(name), []) => {
+            let nodes = set(mesh, name, "--fixed", wrong);
+            let remark =
+                format!("The {} nodes of the node set {} are fixed.", nodes.len(), name.to_uppercase());
+            (nodes, remark)
+        }
+        (Some(name), _) => {
+            let nodes = set(mesh, name, "--fixed", wrong);
+            let remark = format!(
+                "The {} nodes of the node set {} are fixed. --fixed replaces the supports of *BOUNDARY in {}.",
+                nodes.len(),
+                name.to_uppercase(),
+                names()
+            );
+            (nodes, remark)
+        }
+        (None, []) => {
+            let remedy =
+                "--fixed, or write the supports in the FE input files: *BOUNDARY, with the directions 1 to 3";
+            let nodes = set(mesh, BASE, remedy, wrong);
+            let remark = format!(
+                "The {} nodes of the node set {BASE} are fixed, because no FE input file has supports (*BOUNDARY).",
+                nodes.len()
+            );
+            (nodes, remark)
+        }
+        (None, [first, others @ ..]) => {
+            let differing = others.iter().filter(|other| other.supports != first.supports);
+            wrong.extend(differing.map(|other| {
+                format!(
+                    "{} and {} fix different nodes ({} and {} nodes). Every load case must have the same supports: \
+                     write the same *BOUNDARY in both, or name the fixed node set with --fixed",
+                    first.name,
+                    other.name,
+                    first.supports.len(),
+                    other.supports.len()
+                )
+            }));
+            let remark = format!("The {} nodes of *BOUNDARY in {} are fixed.", first.supports.len(), names());
+            (first.supports.clone(), remark)
+        }
+    }
 }
 
 /// Results of a finite-element program.

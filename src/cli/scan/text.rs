@@ -121,7 +121,7 @@ fn profile_lines(found: &[&(LineAddress, Responder)], known: Option<(&Profile, B
     if text.is_empty() { text } else { format!("\n# for a profile:\n{text}") }
 }
 
-/// Describes what was noticed about a line, with its remedy.
+/// Describes a fault that shows something about a line, with its remedy.
 pub(super) fn noticed((line, fault): &(LineAddress, Fault)) -> String {
     format!("{line}: {}", explain_on(line.transport, *fault))
 }
@@ -132,7 +132,7 @@ pub(super) fn nobody(scan: &Scan, noticed: &[(LineAddress, Fault)]) -> String {
         _ => None,
     });
     if let Some(unit) = other {
-        return format!("no unit answered with its number. Try --units {unit}");
+        return format!("no requested unit answered, but unit {unit} did. Try --units {unit}");
     }
     match scan.lines[0].kind().scan {
         ScanKind::Units { unanswered, .. } => format!("no unit answered. {unanswered}"),

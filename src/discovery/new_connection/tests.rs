@@ -13,11 +13,11 @@ const READ: (Register, u16) = (Register { table: Table::Holding, offset: 0 }, 1)
 /// Behaviour of the peer.
 #[derive(Clone, Copy, Debug)]
 enum Peer {
-    /// It ignores the requests on a connection before this time.
+    /// Ignores the requests on a connection before this time.
     Deaf(Duration),
-    /// It ignores this number of requests on each connection.
+    /// Ignores this number of requests on each connection.
     Loses(u32),
-    /// It ignores the first request of each of the first connections, of this number.
+    /// Ignores the first request of each connection, for this number of connections.
     LosesAtFirst(usize),
 }
 
@@ -60,7 +60,7 @@ fn serve(peer: Peer) -> String {
 async fn found(peer: Peer, quirks: Quirks) -> Option<NewConnection> {
     let line: LineAddress = format!("tcp://{}", serve(peer)).parse().unwrap();
     let bus = line.bus(TIMEOUT);
-    // The read of the verb.
+    // `isotherm read` has sent this read before the test.
     assert!(!is_answered(&line, &bus, Quirks::default(), 1, READ).await, "{peer:?}");
     examine(&line, &bus, quirks, 1, READ).await
 }

@@ -27,11 +27,13 @@ pub struct BusKind {
     pub dial: fn(&Bus) -> Option<Box<dyn Dial>>,
     /// Returns what to do about a fault, if the advice for other types does not fit.
     pub hint: fn(Fault) -> Option<&'static str>,
-    /// Returns the advice on a failed request, if more is known about it than its fault. It precedes `hint`.
+    /// Returns the advice on a failed request, if more is known about it than its fault. This advice replaces that of
+    /// `hint`.
     pub advice: fn(Seen) -> Option<Advice>,
     /// Returns the place of a line, by which two addresses of one line are recognised.
     pub place: fn(&Bus) -> LinePlace,
-    /// Whether single answers get lost on a line without a fault of a device.
+    /// Whether answers may be missing without a fault of a device: single ones get lost, or the line finds out only by
+    /// missing answers that its connection is lost.
     pub is_lossy: bool,
     /// Whether a server has namespaces, which identify its devices.
     pub has_namespaces: bool,

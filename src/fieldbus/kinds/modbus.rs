@@ -44,6 +44,7 @@ pub const TCP: BusKind = BusKind {
     dial,
     advice: hint::advice,
     place: |bus| LinePlace::Host(bus.address.clone()),
+    is_lossy: true,
     scan: ScanKind::Units {
         unanswered: "Try another port, or another --register. If the units are behind a Modbus gateway, check its \
                      baud rate, parity and wiring",

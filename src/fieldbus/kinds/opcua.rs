@@ -110,7 +110,7 @@ pub(in crate::fieldbus) const fn status_hint(status: Status) -> &'static str {
             || status.is(Status::RESPONSE_TOO_LARGE)
             || status.is(Status::ENCODING_LIMITS) =>
         {
-            "the call is too large for the server, also in its smallest form: set the server to accept more nodes \
+            "the call is too large for the server, even in its smallest form: set the server to accept more nodes \
              and longer messages. A set is written in one call: make it smaller"
         }
         _ if status.is(Status::OUT_OF_RANGE) => {

@@ -1,12 +1,12 @@
 //! Detection of a server that closes each connection after one answer.
 //!
-//! Such a server is no sign of another client, and its connections need no back-off. The line then closes each
-//! connection itself, as with `quirks.close_after_each`. Otherwise it would send each request on a connection that is
-//! already closed, and could never send a write on the connection of the read before it.
+//! An orderly close after each answer is no sign of another client, and the next connection needs no back-off. The line
+//! closes each connection to such a server itself, as with `quirks.close_after_each`. Otherwise it would send each
+//! request on a connection that is already closed. A write could then never follow a read on the same connection.
 
 use crate::fieldbus::wire::Ending;
 
-/// Number of connections in a row, closed after one answer each, that show a habit of the server.
+/// Number of connections in a row that the server must close after one answer each, before this counts as its habit.
 const IN_A_ROW: u32 = 3;
 
 /// Number of the last connections in a row that the server closed in an orderly way after one answer.
@@ -22,7 +22,7 @@ impl ClosingHabit {
         is_orderly
     }
 
-    /// Records that the server does not accept a connection. It may be another server afterwards.
+    /// Records that the server does not accept a connection. Another server may answer afterwards.
     pub(super) fn refused(&mut self) {
         self.0 = 0;
     }

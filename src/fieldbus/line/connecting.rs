@@ -51,7 +51,7 @@ impl DeviceLine {
         let _ = self.patience.within(self.timeout, connection.wire().close()).await;
     }
 
-    /// Returns how the present connection has ended, as far as its wire knows it.
+    /// Returns how the present connection has ended, as far as its wire can tell.
     pub(super) fn end_of_connection(&mut self) -> Ending {
         self.wire.as_mut().map_or(Ending::Lost, |connection| connection.wire().ending())
     }
@@ -74,8 +74,9 @@ impl DeviceLine {
         is_contested
     }
 
-    /// Sends a read on a new connection, if a device loses the first request (`quirks.loses_first_request`). The read
-    /// may be answered or not. It has the table of `request`, and is not a write, whose outcome would be unknown.
+    /// Sends a read on a new connection, because a device loses the first request (`quirks.loses_first_request`). An
+    /// answer is not required. The read has the table of `request`. A write is never sent first, because its outcome
+    /// would be unknown.
     pub(super) async fn send_opening_read(
         &mut self,
         place: usize,

@@ -1,5 +1,5 @@
-//! Turns of the units behind a Modbus gateway (from TCP to a serial line): when each may be asked, and waiting for the
-//! Modbus gateway before and during a request. See `modbus_gateway`.
+//! Turns of the units behind a Modbus gateway (from TCP to a serial line): the earliest request to each unit, and
+//! waiting for the Modbus gateway. See `modbus_gateway`.
 
 use std::time::Duration;
 
@@ -12,10 +12,13 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::DeviceId;
 
 impl DeviceLine {
-    /// Returns whether the unit may get a request now. A dead unit behind a Modbus gateway is asked seldom, because the
-    /// other units wait meanwhile.
+    /// Returns whether the unit may get a request now. A unit that backs off after a failure gets none. A dead unit
+    /// behind a Modbus gateway is asked seldom, because the other units wait meanwhile.
     pub(super) fn may_try(&self, place: usize, now: Moment) -> bool {
         let unit = self.units.at(place);
+        if !unit.breaker.allows(now) {
+            return false;
+        }
         if !unit.is_behind_gateway || self.after_timeout == AfterTimeout::Renew || !self.units.is_dead(place)
         {
             return true;
@@ -32,9 +35,11 @@ impl DeviceLine {
         }
     }
 
-    /// Returns the device to be asked next, after a unit behind a Modbus gateway has not answered: the one that
-    /// answered last, because it most probably still does. Otherwise several units that die together would occupy the
-    /// Modbus gateway one after another. `None`: any device may be next.
+    /// Returns the device to be asked next, after a unit behind a Modbus gateway has not answered. `None`: any device
+    /// may be next.
+    ///
+    /// The result is the device that answered last, because it most probably still answers. Otherwise several units
+    /// that fail together would occupy the Modbus gateway one after another.
     pub fn first_after_miss(&self, now: Moment) -> Option<DeviceId> {
         if !self.gateway.awaits_proof(now) {
             return None;
@@ -43,8 +48,8 @@ impl DeviceLine {
         first.breaker.allows(now).then_some(first.device)
     }
 
-    /// Returns the time until which a request to the device would wait, because a Modbus gateway whose own timeout is
-    /// known waits for a silent unit. `None`: the request would not wait, or the time is not known.
+    /// Returns the time until which a request to the device would wait for a Modbus gateway that waits for a silent
+    /// unit. `None`: the request would not wait, or the own timeout of the Modbus gateway is not known.
     pub fn occupied_until(&self, device: DeviceId, now: Moment) -> Option<Moment> {
         let until = self.gateway.occupied_until().filter(|until| *until > now)?;
         // Under a virtual clock, requests do not wait.
@@ -52,14 +57,14 @@ impl DeviceLine {
         (waits && self.units.get(device)?.is_behind_gateway).then_some(until)
     }
 
-    /// Returns whether the line has waited for a Modbus gateway since `due`. A request that was due then is late,
-    /// although the line has not too much to do.
+    /// Returns whether the line has waited for a Modbus gateway since `due`. A request that was due at that time is
+    /// then late, although the line is not overloaded.
     pub fn has_waited_since(&self, due: Moment) -> bool {
         self.gateway.occupied_until().max(Some(self.gateway.waited_until())) > Some(due)
     }
 
-    /// Waits until the Modbus gateway has given up the unit before, if it may still wait for that unit. If the line
-    /// cannot know when this is, it opens another connection.
+    /// Waits until the Modbus gateway has given up the silent unit, if it may still wait for that unit. If the line
+    /// cannot know that time, it opens another connection.
     pub(super) async fn wait_for_gateway(&mut self, place: usize) -> Result<(), Fault> {
         let unit = self.units.at(place);
         let (number, is_behind_gateway) = (unit.number, unit.is_behind_gateway);
@@ -88,7 +93,7 @@ impl DeviceLine {
             Wait::Renew => return self.renew(now).await,
             Wait::Until(until) => until,
         };
-        // Virtual time does not pass while a task waits, so that the wait would never be over.
+        // Virtual time does not pass while a task waits, so the wait would never end.
         let span = if self.send_guard.is_virtual() { Duration::ZERO } else { until.since(now) };
         let received = self.listen_for_late(silent, expects_late, span).await;
         let now = self.send_guard.sample();
@@ -120,8 +125,8 @@ impl DeviceLine {
         }
     }
 
-    /// Returns the latest time until which the line waits for a Modbus gateway that it does not know, after a request
-    /// at `asked`. Meanwhile no reading becomes too old, if possible.
+    /// Returns the latest end of a wait for a Modbus gateway whose own timeout is not known, after a request at
+    /// `asked`. No reading becomes too old until then, if this is possible.
     fn latest_wait(&self, asked: Moment) -> Moment {
         let usable = self.units.live().map(|unit| unit.read_since().after(unit.max_age));
         let latest = usable.min().map(|usable| usable.before(self.timeout));
@@ -129,7 +134,7 @@ impl DeviceLine {
         latest.min(asked.after(LONGEST_WAIT.max(2 * self.timeout)))
     }
 
-    /// Replaces the connection after this fault of input that arrived before a request. The fault does not concern the
+    /// Replaces the connection, because input with this fault arrived before a request. The fault does not concern the
     /// unit of the request.
     ///
     /// # Errors
@@ -151,8 +156,8 @@ impl DeviceLine {
         connected
     }
 
-    /// Returns for how much longer than `timeout` the line waits for the answer of a unit. A unit that does not answer
-    /// anyway gets no more time.
+    /// Returns for how much longer than `timeout` the line waits for the answer of a unit. A unit that has not answered
+    /// its last request gets no additional time.
     pub(super) fn patience_for(&self, place: usize) -> Duration {
         let unit = self.units.at(place);
         let is_waited_for = unit.is_behind_gateway && self.after_timeout == AfterTimeout::Keep;
@@ -194,7 +199,7 @@ impl DeviceLine {
         }
     }
 
-    /// Records that a unit behind the Modbus gateway has not answered, which this fault shows.
+    /// Records that a unit behind the Modbus gateway has not answered. `fault` is the result of the request.
     pub(super) fn note_gateway_miss(&mut self, place: usize, fault: Fault) {
         let Some(asked) = self.send_guard.asked() else { return };
         let (number, was_dead) = (self.units.at(place).number, self.units.is_dead(place));
@@ -212,7 +217,7 @@ impl DeviceLine {
     fn take_late_replies(&mut self) {
         let replies = self.wire.as_mut().and_then(Connection::modbus).map(|modbus| modbus.late_replies());
         for late in replies.into_iter().flatten() {
-            // The connection is not lost, although answers are missing.
+            // The connection works, although answers are missing.
             self.misses = 0;
             self.gateway.received_late(&late);
             if !late.is_of_a_gateway {

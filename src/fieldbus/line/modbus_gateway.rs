@@ -1,4 +1,4 @@
-//! What a line knows of the Modbus gateway (from TCP to a serial line) in front of its units.
+//! Knowledge of a line about the Modbus gateway (from TCP to a serial line) in front of its units.
 //!
 //! A Modbus gateway has one request at a time on its serial line. While it waits for a silent unit, it answers no other
 //! request. Its own timeout may be longer than `timeout`:
@@ -8,9 +8,9 @@
 //! Modbus gateway:   waits for 1 ······································ exception 11 of 1 ── answer of 2
 //! ```
 //!
-//! The line therefore learns that timeout, and waits for its end before it asks another unit. Some Modbus gateways send
-//! an exception after it, with the transaction number of the given up request. Others send nothing: the timeout then
-//! shows only in the answer of the next unit.
+//! The line therefore learns that timeout, and waits for its end before it sends a request to another unit. Some Modbus
+//! gateways send an exception at the end of their timeout, with the transaction number of the given up request. Others
+//! send nothing: the line then learns the timeout from the answer of the next unit.
 //!
 //! Waiting also keeps requests apart: while the late answer of one unit may arrive, no request to another unit is open
 //! on the connection. A Modbus gateway that gives an answer the transaction number of the newest request then gives it
@@ -34,12 +34,12 @@ const LONGEST_OWN: Duration = Duration::from_secs(10);
 pub const LONGEST_GATEWAY_WAIT: Duration = Duration::from_secs(16);
 /// Additional time in which an exception of the Modbus gateway may arrive.
 const LATER: Duration = Duration::from_millis(100);
-/// Longest time between two requests to a dead unit.
+/// Time after which a dead unit gets a request, even if readings of other units become too old.
 const SELDOM: Duration = Duration::from_secs(300);
-/// Time after a missing answer within which another unit must answer before a dead unit is asked. Afterwards, no unit
-/// may be left that answers.
+/// After a missing answer, a dead unit gets no request for this time, unless another unit answers. After this time,
+/// probably no other unit can answer.
 const PROOF: Duration = Duration::from_secs(30);
-/// Dead units get requests for at most this part of the time.
+/// Dead units occupy the line for at most 1/`SHARE` of the time.
 const SHARE: u32 = 4;
 
 /// State of the Modbus gateway of one line.
@@ -58,14 +58,14 @@ pub(super) struct ModbusGateway {
     waited_until: Moment,
 }
 
-/// What the Modbus gateway does if a unit is silent for longer than `timeout`, and its own timeout.
+/// Behaviour of the Modbus gateway if a unit is silent for longer than `timeout`, and its own timeout.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum GivingUp {
     #[default]
     Unknown,
-    /// It sends an exception after this time.
+    /// The Modbus gateway sends an exception after this time.
     WithException(Duration),
-    /// It sends nothing.
+    /// The Modbus gateway sends nothing.
     Silently(SilentTimeout),
 }
 
@@ -73,9 +73,9 @@ enum GivingUp {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum SilentTimeout {
     Unknown,
-    /// Another unit has answered in time, when this time had passed.
+    /// Upper limit: another unit has answered in time, when this time had passed.
     AtMost(Duration),
-    /// Another unit has answered after its timeout, when this time had passed.
+    /// Approximate value: another unit has answered after its timeout, when this time had passed.
     About(Duration),
 }
 
@@ -93,7 +93,7 @@ enum TransactionNumbers {
 enum Renewal {
     #[default]
     Accepted,
-    /// It accepts one client, and frees its place late.
+    /// The Modbus gateway accepts one client, and frees its place late.
     Refused,
 }
 
@@ -116,14 +116,14 @@ enum Proof {
     AwaitedSince(Moment),
 }
 
-/// What the line does before it sends a request.
+/// Action of the line before it sends a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Wait {
-    /// It sends the request.
+    /// The line sends the request at once.
     None,
-    /// It waits until the Modbus gateway answers the silent request, at most until this time.
+    /// The line waits until the Modbus gateway answers the silent request, at most until this time.
     Until(Moment),
-    /// It opens another connection first.
+    /// The line opens another connection first.
     Renew,
 }
 
@@ -138,8 +138,8 @@ impl ModbusGateway {
         self.numbers = TransactionNumbers::Wrong;
     }
 
-    /// Records that the Modbus gateway has not accepted a connection, or has closed it before an answer. It does not
-    /// matter unless the line has opened the connection because of a silent unit.
+    /// Records that the Modbus gateway has not accepted a connection, or has closed it before an answer. This has an
+    /// effect only if the line has opened the connection because of a silent unit.
     pub(super) fn refuses_connection(&mut self) {
         if self.occupied.is_some() {
             self.renewal = Renewal::Refused;
@@ -190,7 +190,7 @@ impl ModbusGateway {
 
     /// Records that a request to the unit, sent at `asked`, was not answered in time.
     pub(super) fn missed(&mut self, unit: u8, asked: Moment, now: Moment) {
-        // The line has waited for the Modbus gateway, so what it knows of its timeout is not right any more.
+        // The line has waited for the Modbus gateway, so the learnt timeout is no longer correct.
         if self.occupied.is_some_and(|silent| silent.unit != unit) {
             self.giving_up = match self.giving_up {
                 GivingUp::Silently(_) => GivingUp::Silently(SilentTimeout::Unknown),
@@ -222,10 +222,9 @@ impl ModbusGateway {
         let Some(silent) = self.occupied.take().filter(|silent| silent.unit != unit) else { return };
         let passed = now.since(silent.asked);
         let learns = match self.giving_up {
-            GivingUp::Unknown => is_after_timeout,
             GivingUp::WithException(_) => false,
             GivingUp::Silently(SilentTimeout::Unknown) => is_after_timeout || !silent.was_awaited,
-            GivingUp::Silently(_) => is_after_timeout,
+            GivingUp::Unknown | GivingUp::Silently(_) => is_after_timeout,
         };
         if learns && passed <= LONGEST_OWN {
             let own =
@@ -271,8 +270,8 @@ impl ModbusGateway {
         }
     }
 
-    /// Returns whether the line opens another connection before it sends a request to the unit, because the answer to
-    /// the silent request has not arrived in the time for it.
+    /// Returns whether the line opens another connection before it sends a request to the unit. The answer to the
+    /// silent request has not arrived in the time for it.
     fn is_to_renew(&self, silent: SilentRequest, unit: u8, expects_late: bool) -> bool {
         self.renewal == Renewal::Accepted && expects_late && silent.unit != unit
     }
@@ -299,8 +298,8 @@ impl ModbusGateway {
         is_renewed
     }
 
-    /// Returns for how much longer than `timeout` the line waits for the answer of a unit, because the Modbus gateway
-    /// may still wait for another unit.
+    /// Returns for how much longer than `timeout` the line waits for the answer of a unit. During this time, the Modbus
+    /// gateway may still wait for another unit.
     pub(super) fn patience(&self, unit: u8, now: Moment) -> Duration {
         let Some(silent) = self.occupied.filter(|silent| silent.unit != unit) else { return Duration::ZERO };
         let longest = self.own_timeout().map_or(LONGEST_WAIT, |own| own + own / 2 + LATER);
@@ -312,11 +311,12 @@ impl ModbusGateway {
         matches!(self.proof, Proof::AwaitedSince(since) if now.since(since) < PROOF)
     }
 
-    /// Returns whether a dead unit gets a request that was last asked at `tried`. `live`: for each unit that answers,
-    /// the time of its readings and the age at which they are too old.
+    /// Returns whether a dead unit gets a request. The last request to it was sent at `tried`. `live`: for each unit
+    /// that answers, the time of its readings and the age at which they are too old.
     ///
-    /// A dead unit is asked only after another unit has answered, for a part of the time, and if meanwhile no reading
-    /// becomes too old. It is asked every five minutes in any case.
+    /// A dead unit gets a request only after another unit has answered, or after [`PROOF`]. It gets at most a part of
+    /// the time, and no request if a reading would become too old meanwhile. The last two conditions end after
+    /// [`SELDOM`].
     pub(super) fn may_try_dead(
         &self,
         tried: Moment,
@@ -331,7 +331,7 @@ impl ModbusGateway {
         if self.awaits_proof(now) {
             return false;
         }
-        // Afterwards the other unit must still answer.
+        // After the request to the dead unit, there must be time for the answer of the other unit.
         let until = now.after(self.waiting_time().unwrap_or_default().max(timeout) + timeout);
         now.since(tried) >= SELDOM
             || (now >= self.dead_not_before

@@ -1,15 +1,16 @@
 //! Effects of a result on the connection and on the unit: whether the connection is kept, and how long the unit backs
 //! off.
 //!
-//! A timeout of a read over TCP leaves the connection open, because a new connection may not help: some Modbus gateways
+//! A timeout of a read over TCP leaves the connection open, because a new connection may not help. Some Modbus gateways
 //! accept one client, and do not accept the next one for seconds. The line drops the connection if:
 //!
 //! - the request was a write: the operating system may still hold its bytes;
-//! - the wire could not recognise the late answer, because a part of a frame was sent or received, or because a second
-//!   request is unanswered;
+//! - the wire could not recognise the late answer: a part of a frame was sent or received, or a second request is
+//!   unanswered;
 //! - the answer may have belonged to an earlier attempt;
 //! - a Modbus gateway has answered a request with the answer to an earlier request before;
-//! - all units of the line have missed answers in a row, because the other end may have lost the connection.
+//! - more answers in a row are missing than the line has devices, and at least two: the other end may have lost the
+//!   connection.
 
 use std::time::Duration;
 
@@ -67,7 +68,7 @@ impl DeviceLine {
                 let may_keep = may_keep && request.is_read() && *fault == Fault::Timeout;
                 let is_kept = has_ids && may_keep && self.keeps_connection();
                 let is_renewed = if has_ids { !is_kept } else { is_lost || self.misses >= MISSES };
-                // The device may answer on another connection, after timeouts on one that has worked before.
+                // After timeouts on a connection that has worked before, the device may answer on another connection.
                 let is_worn_out =
                     *fault == Fault::Timeout && is_renewed && self.misses > 1 && self.history.answers > 0;
                 if is_renewed {

@@ -125,16 +125,15 @@ impl Units {
     /// Returns whether the unit has answered its last request.
     pub(super) fn is_live(&self, place: usize) -> bool {
         let unit = self.at(place);
-        let has_missed = self.pending.get(unit.number).is_some_and(|pending| pending.missed() > 0);
-        unit.received != Moment::default() && unit.breaker.failures() == 0 && !has_missed
+        let is_answering = unit.breaker.failures() == 0 && self.missed(unit.number) == 0;
+        unit.received != Moment::default() && is_answering
     }
 
     /// Returns whether the unit counts as dead: it has never answered, or has missed two answers in a row. A single
     /// missing answer may be chance.
     pub(super) fn is_dead(&self, place: usize) -> bool {
         let unit = self.at(place);
-        let has_missed = self.pending.get(unit.number).is_some_and(|pending| pending.missed() >= DEAD);
-        unit.breaker.failures() > 0 || has_missed
+        unit.breaker.failures() > 0 || self.missed(unit.number) >= DEAD
     }
 
     /// Returns the devices behind the Modbus gateway that have answered their last requests.
@@ -154,8 +153,13 @@ impl Units {
 
     /// Returns whether the last request to the unit with this number was not answered in time.
     pub(super) fn has_timed_out(&self, number: u8) -> bool {
-        let has_missed = self.pending.get(number).is_some_and(|pending| pending.missed() > 0);
-        has_missed && self.all.iter().any(|unit| unit.number == number && unit.last_fault == Fault::Timeout)
+        self.missed(number) > 0
+            && self.all.iter().any(|unit| unit.number == number && unit.last_fault == Fault::Timeout)
+    }
+
+    /// Returns the number of answers in a row that the unit with this number has missed.
+    fn missed(&self, number: u8) -> u32 {
+        self.pending.get(number).map_or(0, PendingReplies::missed)
     }
 
     /// Ends the back-off of a device. `None` ends the back-off of all devices.

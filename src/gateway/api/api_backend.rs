@@ -4,11 +4,10 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::command_handle::{CommandHandle, one};
+use super::command_handle::CommandHandle;
 use super::status::status;
 use crate::gateway::shared::carry_out::reported;
 use crate::gateway::shared::shared_state::Shared;
-use crate::gateway::shared::signing;
 use crate::gateway::store::storage::retention::of_decisions;
 use crate::observe::events::file::{self, FileItem};
 use crate::observe::events::{Entry, Event};
@@ -58,10 +57,7 @@ impl GatewayApi for ApiBackend {
     }
 
     fn signing(&self, axis: Option<&str>) -> Result<Answer, String> {
-        let axis = one(&self.commands.chosen(axis)?)?;
-        let mut core = self.commands.0.core();
-        signing::follow(&mut core, self.commands.0.clock.now());
-        signing::progress(&core, axis).map_err(|why| why.to_string())
+        self.commands.signing(axis)
     }
 
     fn measured(

@@ -37,7 +37,7 @@ fn about<E>(axes: Result<&[usize], E>) -> Vec<RateSubject> {
 }
 
 /// Returns the index of the only chosen axis. The error is a message that asks for the name of an axis.
-pub(super) fn one(chosen: &[usize]) -> Result<usize, String> {
+fn one(chosen: &[usize]) -> Result<usize, String> {
     match chosen {
         [one] => Ok(*one),
         _ => Err("there are several axes: name the one that is meant (--axis)".to_owned()),
@@ -167,7 +167,7 @@ impl CommandHandle {
 
     /// Returns the indices of the chosen axes. Axes that return a released register to its base value are left out,
     /// because only `isotherm release` moves them.
-    pub(super) fn chosen(&self, axis: Option<&str>) -> Result<Vec<usize>, String> {
+    fn chosen(&self, axis: Option<&str>) -> Result<Vec<usize>, String> {
         let mut places = self.named(axis)?;
         places.retain(|place| !self.0.profile.is_release(AxisId(*place)));
         match axis {
@@ -215,6 +215,14 @@ impl CommandHandle {
             }
         }
         self.progress(core, axis)
+    }
+
+    /// Returns the progress of the sign check of the chosen axis.
+    pub(super) fn signing(&self, axis: Option<&str>) -> Result<Answer, String> {
+        let axis = one(&self.chosen(axis)?)?;
+        let mut core = self.0.core();
+        signing::follow(&mut core, self.0.clock.now());
+        signing::progress(&core, axis).map_err(|why| why.to_string())
     }
 
     pub(super) fn arming(&self, axis: Option<&str>) -> Result<Answer, Explained> {

@@ -53,7 +53,6 @@ use isotherm_profile::{counted, one_line};
 use silent_connections::{Closed, SilentConnections};
 
 mod client;
-mod process;
 mod restart;
 mod silent_connections;
 mod sockets;

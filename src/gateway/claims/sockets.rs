@@ -3,7 +3,6 @@
 //! its claim.
 
 use std::collections::BTreeSet;
-use std::hash::{BuildHasher, RandomState};
 use std::io::{self, Read, Write};
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixListener, UnixStream};
@@ -137,12 +136,6 @@ impl Other {
     }
 }
 
-/// Returns a random number.
-pub(super) fn random() -> u32 {
-    let [a, b, c, d, ..] = RandomState::new().hash_one(0).to_be_bytes();
-    u32::from_be_bytes([a, b, c, d])
-}
-
 /// Returns a hash of each canonical name of each bus in the claim.
 fn hashes(claim: &Claim) -> BTreeSet<String> {
     // FNV: the same in every version.
@@ -162,7 +155,7 @@ fn joined(hashes: &BTreeSet<String>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gateway::claims::Line;
+    use crate::gateway::claims::{Line, random};
 
     fn claim(order: u32, names: impl Iterator<Item = String>) -> Claim {
         let line = |name: String| Line { address: name.clone(), names: vec![name], places: BTreeSet::new() };

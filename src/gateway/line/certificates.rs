@@ -31,18 +31,18 @@ pub fn weak(profile: &Profile) -> Vec<String> {
             let (owner, remedy) = match whose {
                 CertificateOwner::Gateway => (
                     "gateway",
-                    "move it and its key away, and make both again (`isotherm opcua certificate PROFILE`)",
+                    "Move it and its key away, and make both again (`isotherm opcua certificate PROFILE`)",
                 ),
-                CertificateOwner::User => ("user", "make a new one with 2048 bits and SHA-256"),
+                CertificateOwner::User => ("user", "Make a new one with 2048 bits and SHA-256"),
                 CertificateOwner::Server => (
                     "server",
-                    "if the server can make one with 2048 bits and SHA-256, renew it there, then run `isotherm \
+                    "If the server can make one with 2048 bits and SHA-256, renew it there, then run `isotherm \
                      opcua trust PROFILE`",
                 ),
             };
             let (bus, file) = (&bus.name, &file.name);
             Some(format!(
-                "bus {bus}: the {owner}'s certificate {file} is weak: {weakness}. It works, but {remedy}"
+                "bus {bus}: the {owner}'s certificate {file} is weak: {weakness}. The gateway uses it. {remedy}"
             ))
         });
         weak.collect::<Vec<_>>()
@@ -83,7 +83,8 @@ fn of_line(bus: &Bus) -> Vec<Expiry> {
     in_use(bus).into_iter().map(expiry).collect()
 }
 
-/// Returns the certificates that a line uses, except trusted ones that a newer one of the same name replaces.
+/// Returns the certificates that a line uses. A trusted certificate is left out if a newer one of the same name
+/// replaces it.
 fn in_use(bus: &Bus) -> Vec<Used<'_>> {
     let Some(line) = &bus.opcua else { return Vec::new() };
     let read = |file: &NamedFile| Certificate::read(&file.bytes);

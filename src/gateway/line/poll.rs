@@ -10,8 +10,8 @@
 //! ```
 //!
 //! After a unit behind a Modbus gateway has not answered, the device that answered last is read before the others, see
-//! [`DeviceLine::first_after_miss`]. While the Modbus gateway waits for such a unit, no device behind it is read, and
-//! the axes are stepped without waiting for these reads, see [`DeviceLine::occupied_until`].
+//! [`DeviceLine::first_after_miss`]. While the Modbus gateway waits for such a unit, no device behind it is read, see
+//! [`DeviceLine::occupied_until`]. The axes are then stepped without waiting for these reads.
 //!
 //! No series of writes makes a sensor stale. A device whose readings have reached half of their `max_age` is read
 //! before every output, a limited number of times in a row. No slow device delays a corrected position, or an axis that
@@ -20,7 +20,6 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use self::captures::Captures;
 use self::outputs::OutputTask;
 use self::read::Poll;
 use super::can::{Can, CanListener};
@@ -37,7 +36,6 @@ use isotherm_core::compensation::model::Model;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, DeviceId, Profile};
 
-mod captures;
 mod heartbeat_task;
 mod outputs;
 mod read;
@@ -153,7 +151,7 @@ impl LineTask {
             heartbeat_task: HeartbeatTask::of(profile, bus, start),
             steps_axes,
             feeds_others,
-            step_due: Some(start),
+            step_due: steps_axes.then_some(start),
             pending: Pending { has_news: true, wakes_others: false, inspects: true },
             work: LineWork::All,
             news: 0,
@@ -363,11 +361,11 @@ impl LineTask {
     /// for its inputs. The axis does not wait for a slow device, or for a device that is due again as soon as it has
     /// been read.
     fn may_step(&self, now: Moment) -> bool {
-        // The line has nothing else to do until a read may begin that is put off.
+        // Reads that must wait for the Modbus gateway do not delay the axes.
         let is_outstanding = |by: Moment| {
             self.reads_due(now).any(|(due, _, place)| due <= by && self.polls[place].is_outstanding(by))
         };
-        let is_due = self.step_due.filter(|due| self.steps_axes && *due <= now);
+        let is_due = self.step_due.filter(|due| *due <= now);
         let is_late =
             |due: &Moment| now.since(*due) >= SLOW && self.polls.iter().all(|poll| poll.has_been_read);
         is_due.is_some_and(|due| !is_outstanding(due) || is_late(&due))
@@ -386,8 +384,8 @@ impl LineTask {
         pressing.map(|(place, poll)| (!poll.reads_position, poll.due(), place)).min().map(|(.., place)| place)
     }
 
-    /// Returns the time at which each device may be read, whether it waits for another device to be read before it, and
-    /// its index. The time is that at which the device is due, or later.
+    /// Returns, for each device, the time at which it may be read, whether another device is read before it, and its
+    /// index. The time is that at which the device is due, or later.
     fn reads_due(&self, now: Moment) -> impl Iterator<Item = (Moment, bool, usize)> {
         let may_begin = move |poll: &Poll| {
             let occupied_until = self.line.occupied_until(poll.device, now);
@@ -395,12 +393,16 @@ impl LineTask {
         };
         let first = self.line.first_after_miss(now);
         let first = first.and_then(|device| self.polls.iter().find(|poll| poll.device == device));
-        let first = first.map(|poll| (poll.device, poll.due(), may_begin(poll)));
-        self.polls.iter().enumerate().map(move |(place, poll)| match first {
-            Some((device, due, begins)) if poll.device != device && poll.may_wait_until(due) => {
-                (may_begin(poll).max(begins), true, place)
+        let first = first.map(|poll| (poll.device, may_begin(poll)));
+        self.polls.iter().enumerate().map(move |(place, poll)| {
+            let begins = may_begin(poll);
+            match first {
+                // The device waits for at most one period.
+                Some((device, other)) if poll.device != device && other <= begins.after(poll.every) => {
+                    (begins.max(other), true, place)
+                }
+                _ => (begins, false, place),
             }
-            _ => (may_begin(poll), false, place),
         })
     }
 
@@ -409,8 +411,7 @@ impl LineTask {
         let polls = self.reads_due(now).map(|(due, ..)| due);
         let jobs = self.working_jobs().map(|(_, job)| job.due);
         let heartbeat_task = self.heartbeat_task.iter().map(|heartbeat_task| heartbeat_task.due);
-        let step = self.step_due.filter(|_| self.steps_axes);
-        polls.chain(jobs).chain(heartbeat_task).chain(step).min().unwrap_or(Moment::END)
+        polls.chain(jobs).chain(heartbeat_task).chain(self.step_due).min().unwrap_or(Moment::END)
     }
 
     /// Counts a sleep that ended late by `late`, and the late polls before the sleep.

@@ -29,7 +29,7 @@ impl WireLog {
     /// Traces the frames of the device with this name until the returned value is dropped.
     ///
     /// # Errors
-    /// There is no such device, or too many clients trace its line. The error is a sentence.
+    /// No such device exists, or too many clients trace its line. The error is a sentence.
     pub fn listen(&self, device: &str) -> Result<ExchangeReceiver, String> {
         let Some(place) = self.0.devices.iter().position(|(name, _)| name == device) else {
             let known: Vec<&str> = self.0.devices.iter().map(|(name, _)| name.as_str()).collect();

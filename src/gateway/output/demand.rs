@@ -2,9 +2,9 @@
 
 use crate::gateway::shared::line_handle::LineHandle;
 use crate::gateway::shared::state::GatewayState;
-use crate::gateway::state::units::{part, target};
+use crate::gateway::state::units::{Units, part, target};
 use isotherm_core::compensation::AxisState;
-use isotherm_core::output::{Condition, Mode, Who};
+use isotherm_core::output::{Condition, Demand, Mode, OutputDecision, PositionDecision, Who};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{OutputId, Writes};
@@ -13,14 +13,14 @@ use isotherm_profile::{OutputId, Writes};
 pub(super) struct OutputDemand {
     /// Cz. For an output that writes a slope: the effect of the slope at the axis's largest distance from the reference
     /// position.
-    pub(super) cz: Micron,
+    cz: Micron,
     /// Target that `cz` approaches.
-    pub(super) target: Micron,
+    target: Micron,
     /// Time at which the axis decided.
-    pub(super) decided: Moment,
+    decided: Moment,
     /// Who armed the axis. `None` if it is off.
-    pub(super) armed: Option<Who>,
-    pub(super) decision: Decision,
+    armed: Option<Who>,
+    decision: Decision,
     /// The position to be corrected, if it is usable.
     pub(super) position: Option<f64>,
     /// Latest moment at which a change may be sent. After it, the readings of the change are too old.
@@ -28,14 +28,14 @@ pub(super) struct OutputDemand {
     /// Condition of the interlock.
     pub(super) interlock: Condition,
     /// Number of restarts of the control so far.
-    pub(super) restarts: u64,
+    restarts: u64,
     /// Number of pauses of the computer so far.
-    pub(super) pauses: u64,
+    pauses: u64,
 }
 
 /// Whether the decision of an axis is written to an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Decision {
+enum Decision {
     /// Nothing is written: the axis is off, or has not decided since it was armed.
     Off,
     /// Nothing is written yet: the axis must first resume from the register value.
@@ -89,5 +89,42 @@ impl OutputDemand {
             restarts: core.restarts.of(id),
             pauses: core.pauses.count(),
         }
+    }
+
+    /// Returns whether nothing is written, because the axis is off or has not decided since it was armed.
+    pub(super) fn is_off(&self) -> bool {
+        self.decision == Decision::Off
+    }
+
+    /// Converts the demand from µm to counts, for the controller of the output's register.
+    pub(super) fn in_counts(&self, shared: &LineHandle, id: OutputId, units: &Units) -> Demand {
+        let output = shared.profile.output(id);
+        let decision = match self.decision {
+            Decision::Off | Decision::Outdated => None,
+            Decision::Current(mode) => Some(mode),
+        };
+        let decision = decision.map(|mode| {
+            let (offset, target) =
+                match (output.writes, shared.profile.axis(output.axis).settings.intercept_slope) {
+                    // A reference position is no correction, and is written without steps.
+                    (Writes::Reference, Some(line)) => (units.counts(line.reference.get()), None),
+                    (Writes::Reference, None) => (units.offset(self.cz), None),
+                    _ => (units.offset(self.cz), Some(units.offset(self.target))),
+                };
+            OutputDecision { offset, target, at: self.decided, not_after: self.not_after, mode }
+        });
+        Demand {
+            armed: self.armed.filter(|_| !shared.dry_run),
+            interlock: self.interlock,
+            decision,
+            restarts: self.restarts,
+            pauses: self.pauses,
+        }
+    }
+
+    /// Returns the decision about the Cz in a corrected position. `None` if nothing is written.
+    pub(super) fn of_position(&self) -> Option<PositionDecision> {
+        let decision = PositionDecision { cz: self.cz, target: self.target, at: self.decided };
+        (!self.is_off()).then_some(decision)
     }
 }

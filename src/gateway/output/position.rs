@@ -2,10 +2,10 @@
 
 use std::fmt::Display;
 
-use super::demand::{Decision, OutputDemand};
+use super::demand::OutputDemand;
 use super::failures::{Failures, RequestKind};
 use super::report;
-use super::set_modbus::{self, Cells};
+use super::set_modbus;
 use super::turn::LineTurn;
 use crate::fieldbus::error::{CallerFault, Fault, Outcome};
 use crate::fieldbus::explain::advised_on;
@@ -22,12 +22,12 @@ use crate::observe::events::Event;
 use isotherm_core::codec::{ControlView, Encoded};
 use isotherm_core::compensation::AxisState;
 use isotherm_core::output::{
-    Condition, Fact, Input, PositionAction, PositionController, PositionDecision, PositionDemand,
-    PositionEvent, PositionResult, PositionTurn, Trouble,
+    Condition, Fact, Input, PositionAction, PositionController, PositionDemand, PositionEvent,
+    PositionResult, PositionTurn, Trouble,
 };
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::SignalId;
-use isotherm_profile::{Arm, Output, OutputId, Shown, Stretch};
+use isotherm_profile::{Arm, Output, OutputId, Shown};
 
 #[derive(Debug)]
 pub(in crate::gateway) struct Position {
@@ -68,15 +68,13 @@ impl Position {
             }
             (read_at, OutputDemand::of(shared, &core, self.id, now))
         };
-        let OutputDemand { cz, target, decided: at, interlock, position, .. } = demand;
-        let is_driven = demand.decision != Decision::Off && !shared.dry_run;
         // With manual arming, the gateway does not write the display before the first arming.
         let is_ours = !shared.dry_run && (shared.profile.arm == Arm::Auto || shared.core().was_armed);
         let asked = PositionDemand {
             read_at,
-            is_usable: position.is_some(),
-            decision: is_driven.then_some(PositionDecision { cz, target, at }),
-            interlock,
+            is_usable: demand.position.is_some(),
+            decision: demand.of_position().filter(|_| !shared.dry_run),
+            interlock: demand.interlock,
             backs_off: turn.line.is_backing_off(output.device, now),
             may_show_dashes: has_dashes && is_ours,
         };
@@ -84,7 +82,7 @@ impl Position {
         let (action, event) = self.controller.next(&asked, step, now);
         self.report(shared, output, event);
         let mut sent = None;
-        let result = match (action, position) {
+        let result = match (action, demand.position) {
             (PositionAction::Correct(cz), Some(position)) => {
                 sent = self.correct(turn, output, (position, cz), demand.not_after).await;
                 sent.as_ref().map(PositionWrite::result)
@@ -246,8 +244,8 @@ impl Position {
         let text = (stale.register..).zip(stale.words.iter().copied());
         let beside = output.display.beside.iter().map(|beside| (beside.register, beside.word(Shown::Fault)));
         // Failed requests are reported with the health of the device.
-        send(turn, output, beside.collect(), SendDeadline::None).await.ok()?;
-        send(turn, output, text.collect(), SendDeadline::None).await.ok()?;
+        set_modbus::write(turn, output.device, &beside.collect(), SendDeadline::None).await.ok()?;
+        set_modbus::write(turn, output.device, &text.collect(), SendDeadline::None).await.ok()?;
         Some(PositionResult::Written)
     }
 }
@@ -295,7 +293,8 @@ async fn write(
     } else {
         let shown = shown(turn.shared, output);
         let beside = output.display.beside.iter().map(|beside| (beside.register, beside.word(shown)));
-        send(turn, output, output.cells(target.registers()).chain(beside).collect(), leave).await?;
+        let cells = output.cells(target.registers()).chain(beside).collect();
+        set_modbus::write(turn, output.device, &cells, leave).await?;
     }
     if !output.verify.reads() {
         return Ok(None);
@@ -316,16 +315,4 @@ fn shown(shared: &LineHandle, output: &Output) -> Shown {
         Some(AxisState::Degraded) => Shown::Degraded,
         _ => Shown::Fault,
     }
-}
-
-/// Writes registers. Adjacent registers share a request.
-async fn send(
-    turn: &mut LineTurn<'_>,
-    output: &Output,
-    cells: Cells,
-    leave: SendDeadline,
-) -> Result<(), (Fault, Outcome)> {
-    let longest = turn.shared.profile.device(output.device).longest_request();
-    let stretches = Stretch::joined(cells.keys().map(|register| (*register, 1)).collect(), longest);
-    set_modbus::write(turn, output.device, &stretches, &cells, leave).await
 }

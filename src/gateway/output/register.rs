@@ -3,16 +3,17 @@
 
 use std::time::Duration;
 
-use super::demand::{Decision, OutputDemand};
+use super::demand::OutputDemand;
 use super::failures::{Failures, RequestKind};
 use super::report;
-use super::turn::{DISK_PATIENCE, LineTurn, REMEMBERED};
+use super::turn::LineTurn;
 use crate::fieldbus::error::{CallerFault, Fault, Outcome};
 use crate::fieldbus::explain::advised_on;
 use crate::fieldbus::seen::Seen;
 use crate::fieldbus::wire::Request;
 use crate::gateway::shared::line_handle::LineHandle;
-use crate::gateway::state::output::RegisterHealth;
+use crate::gateway::shared::state::GatewayState;
+use crate::gateway::state::output::{OutputState, RegisterHealth};
 use crate::gateway::state::output_faults::{of_an_output, read_of, write_of};
 use crate::gateway::state::units::Units;
 use crate::gateway::store::documents::WHAT;
@@ -22,11 +23,16 @@ use crate::observe::requester::Channel;
 use isotherm_core::codec::Encoded;
 use isotherm_core::explained::Explained;
 use isotherm_core::output::{
-    self, AppliedSettings, Cause, Controller, Demand, Fact, InFlightWrites, Input, OutputAnswer,
-    OutputDecision, Rules, Settings, State, Trouble, Verify, WriteResult,
+    self, AppliedSettings, Cause, Controller, Fact, InFlightWrites, Input, OutputAnswer, OutputHealth, Rules,
+    Settings, State, Trouble, Verify, WriteResult,
 };
-use isotherm_core::quantity::{Counts, Moment};
+use isotherm_core::quantity::{Counts, Micron, Moment};
 use isotherm_profile::{Output, OutputId, Share, Writes};
+
+/// Time for which an unanswered write is still recognised in the register, as a multiple of `late`.
+const REMEMBERED: u32 = 10;
+/// Longest time for saving the state of an output to disk. A longer time is reported as a fault of the disk.
+const DISK_PATIENCE: Duration = Duration::from_secs(5);
 
 /// Register of one output. It executes the actions of the output's controller, and reports its events.
 #[derive(Debug)]
@@ -73,32 +79,6 @@ impl OutputRegister {
         (OutputRegister { id, units, settings, failures, failures_applied, on_disk, keeping }, controller)
     }
 
-    /// Converts the demand on the output from µm to counts.
-    pub(super) fn demand(&self, shared: &LineHandle, demand: &OutputDemand) -> Demand {
-        let output = shared.profile.output(self.id);
-        let decision = match demand.decision {
-            Decision::Off | Decision::Outdated => None,
-            Decision::Current(mode) => Some(mode),
-        };
-        let decision = decision.map(|mode| {
-            let (offset, target) =
-                match (output.writes, shared.profile.axis(output.axis).settings.intercept_slope) {
-                    // A reference position is no correction, and is written without steps.
-                    (Writes::Reference, Some(line)) => (self.units.counts(line.reference.get()), None),
-                    (Writes::Reference, None) => (self.units.offset(demand.cz), None),
-                    _ => (self.units.offset(demand.cz), Some(self.units.offset(demand.target))),
-                };
-            OutputDecision { offset, target, at: demand.decided, not_after: demand.not_after, mode }
-        });
-        Demand {
-            armed: demand.armed.filter(|_| !shared.dry_run),
-            interlock: demand.interlock,
-            decision,
-            restarts: demand.restarts,
-            pauses: demand.pauses,
-        }
-    }
-
     /// Reports the events of the controller. Returns the cause if the axis must resume from the register value.
     pub(super) fn report_events(
         &mut self,
@@ -119,7 +99,7 @@ impl OutputRegister {
             match *event {
                 output::Event::CncRestarted { .. } => has_restarted = true,
                 output::Event::ForeignValue { expected, found } => {
-                    shared.core().disarm(output.axis, report::why_foreign(self, output, expected, found));
+                    shared.core().disarm(output.axis, self.why_foreign(output, expected, found));
                 }
                 output::Event::Late { not_after } => shared.order_lapsed(self.id, not_after),
                 output::Event::Written => shared.core().outputs[self.id.0].writes += 1,
@@ -128,7 +108,7 @@ impl OutputRegister {
                     self.failures.raise();
                 }
                 output::Event::NotApplied => {
-                    report::not_applied(of, shared, output);
+                    self.not_applied(shared, controller, output);
                     self.failures.raise();
                 }
                 output::Event::Question if !shared.dry_run => {
@@ -248,7 +228,7 @@ impl OutputRegister {
         let state = controller.state();
         let output = shared.profile.output(self.id);
         let copies = *state.copies();
-        let is_open = report::has_unanswered(state) || copies.expired().next().is_some();
+        let is_open = has_unanswered(state) || copies.expired().next().is_some();
         let open = is_open.then_some(copies);
         let is_known = state.shown(&self.settings).verified.is_some();
         if is_known && std::mem::replace(&mut self.on_disk, open) != open {
@@ -256,8 +236,8 @@ impl OutputRegister {
             let _ = shared.ledger.keep(output, state.kept(), false);
         }
         let mut core = shared.core();
-        let Some(cz) = report::show((self, controller), demand, &mut core.outputs[self.id.0]) else { return };
-        report::note_place((self, controller), output, &mut core);
+        let Some(cz) = self.show(controller, demand, &mut core.outputs[self.id.0]) else { return };
+        self.note_place(controller, output, &mut core);
         if core.outputs[self.id.0].standing == RegisterHealth::Verified
             && core.arming[output.axis.0].is_armed()
         {
@@ -323,6 +303,94 @@ impl OutputRegister {
         }
         Some(OutputAnswer::NotKept)
     }
+
+    /// Returns cause and hint for an axis that is switched off because another client wrote the value `found`.
+    fn why_foreign(&self, output: &Output, expected: Counts, found: Counts) -> Explained {
+        let settings = &self.settings;
+        let (name, at, holds) = (&output.name, &output.address, self.units.in_text(found));
+        if found.abs_diff(settings.bias) > settings.limit.unsigned_abs() {
+            Explained::new(
+                format!("the register of output {name} ({at}) holds {holds}, beyond its limit"),
+                "correct the value at the control, then arm the axis",
+            )
+        } else {
+            let is_like_ours = found.abs_diff(expected) <= settings.step.unsigned_abs();
+            let hint = match is_like_ours {
+                true => {
+                    "the change is as small as a step of the gateway: does a second gateway write to the \
+                     register? Correct the value at the control, then arm the axis"
+                }
+                false => "correct the value at the control, then arm the axis",
+            };
+            Explained::new(
+                format!(
+                    "the register of output {name} ({at}) holds {holds}, which this gateway did not write"
+                ),
+                hint,
+            )
+        }
+    }
+
+    /// Reports that the control does not apply the register value within the time `settle`.
+    fn not_applied(&self, shared: &LineHandle, controller: &Controller, output: &Output) {
+        let unit = output.writes.unit();
+        let text = |value: f64| format!("{value:.1} {unit}");
+        let address = output.applied.as_ref().map(|applied| applied.address);
+        let found = shared.core().outputs[self.id.0].applied;
+        shared.report(&Event::NotApplied {
+            output: output.name.clone(),
+            stands: text(self.units.value(controller.held(&self.settings))),
+            applies: found.map_or("no number".to_owned(), |(found, _)| text(found)),
+            register: address.map_or(String::new(), |address| address.to_string()),
+        });
+    }
+
+    /// Reports the value of the register at its first read, if it is in doubt whether the output wrote to this register
+    /// before.
+    fn note_place(&self, controller: &Controller, output: &Output, core: &mut GatewayState) {
+        let shown = controller.state().shown(&self.settings);
+        let Some(seen) = shown.verified.filter(|_| !shown.is_only_acknowledged) else { return };
+        let holds = || self.units.in_text(seen.value);
+        let Some((event, why)) = core.places.read(self.id, &output.name, holds) else { return };
+        core.events.push(event);
+        let place = output.axis.0;
+        let axis = &core.given.profile.axes[place].settings.name;
+        let is_why = core.arming[place].is_latched() && core.places.is_why(axis, &core.arming[place].why);
+        if is_why {
+            core.arming[place].why = why;
+        }
+    }
+
+    /// Publishes the state of a register to axes and web page. Returns the Cz in the register, if it is known.
+    fn show(&self, controller: &Controller, demand: &OutputDemand, seen: &mut OutputState) -> Option<Micron> {
+        let OutputRegister { units, settings, .. } = self;
+        let state = controller.state();
+        let shown = state.shown(settings);
+        let waits = has_unanswered(state) || shown.waits_until.is_some();
+        seen.waits_until = state.waits_until(settings).filter(|_| waits);
+        seen.is_waiting = shown.waits_until.is_some();
+        seen.is_only_acknowledged = shown.is_only_acknowledged;
+        let verified = shown.verified?;
+        let share = shown.account.map_or(Counts::ZERO, |account| account.share) + settings.bias;
+        let cz = units.cz(if settings.is_shared { share } else { verified.value });
+        let account = shown.account.filter(|account| account.doubt.is_none());
+        seen.cz = Some(cz);
+        seen.shares = account.map(|account| (units.value(account.base), units.value(share)));
+        seen.value = Some(units.value(verified.value));
+        seen.verified_at = Some(verified.asked);
+        seen.standing = match controller.health(settings, demand.interlock)? {
+            OutputHealth::Verified => RegisterHealth::Verified,
+            OutputHealth::Unverified => RegisterHealth::Unverified,
+            OutputHealth::Interlocked => RegisterHealth::Interlocked,
+            OutputHealth::Foreign => RegisterHealth::Foreign,
+        };
+        Some(cz)
+    }
+}
+
+/// Returns whether a write was sent that was not answered and may still arrive.
+fn has_unanswered(state: &State) -> bool {
+    state.copies().under_way().any(|sent| sent.answered.is_none())
 }
 
 /// Converts the fault of a write that was not confirmed to a result for the controller.

@@ -1,16 +1,13 @@
-//! Reports about the register of an output, for the log, the axes and the web page.
+//! Reports about the register of an output, for the log and the axes.
 
-use super::demand::OutputDemand;
 use super::register::OutputRegister;
 use crate::clock::Clock;
 use crate::gateway::shared::line_handle::LineHandle;
-use crate::gateway::shared::state::GatewayState;
-use crate::gateway::state::output::{OutputState, RegisterHealth};
 use crate::observe::events::Event;
 use isotherm_core::codec::Inadmissible;
 use isotherm_core::explained::Explained;
-use isotherm_core::output::{self, Account, Controller, OutputHealth, State};
-use isotherm_core::quantity::{Counts, Micron};
+use isotherm_core::output::{self, Account, Controller};
+use isotherm_core::quantity::Counts;
 use isotherm_profile::{Output, OutputId};
 
 /// Converts an event of an output controller to an event of the gateway's event journal. Returns `None` if other code
@@ -75,36 +72,6 @@ pub(super) fn event(
     })
 }
 
-/// Returns cause and hint for an axis that is switched off because another client wrote the value `found`.
-pub(super) fn why_foreign(
-    register: &OutputRegister,
-    output: &Output,
-    expected: Counts,
-    found: Counts,
-) -> Explained {
-    let settings = &register.settings;
-    let (name, at, holds) = (&output.name, &output.address, register.units.in_text(found));
-    if found.abs_diff(settings.bias) > settings.limit.unsigned_abs() {
-        Explained::new(
-            format!("the register of output {name} ({at}) holds {holds}, beyond its limit"),
-            "correct the value at the control, then arm the axis",
-        )
-    } else {
-        let is_like_ours = found.abs_diff(expected) <= settings.step.unsigned_abs();
-        let hint = match is_like_ours {
-            true => {
-                "the change is as small as a step of the gateway: does a second gateway write to the \
-                 register? Correct the value at the control, then arm the axis"
-            }
-            false => "correct the value at the control, then arm the axis",
-        };
-        Explained::new(
-            format!("the register of output {name} ({at}) holds {holds}, which this gateway did not write"),
-            hint,
-        )
-    }
-}
-
 /// Disarms the axis of this output, because the control would read another value than the one to be sent, or one beyond
 /// the limit.
 pub(super) fn not_sent(shared: &LineHandle, id: OutputId, why: Inadmissible) {
@@ -119,24 +86,6 @@ pub(super) fn not_sent(shared: &LineHandle, id: OutputId, why: Inadmissible) {
         ),
     );
     shared.core().disarm(output.axis, why);
-}
-
-/// Reports that the control does not apply the register value within the time `settle`.
-pub(super) fn not_applied(
-    (register, controller): (&OutputRegister, &Controller),
-    shared: &LineHandle,
-    output: &Output,
-) {
-    let unit = output.writes.unit();
-    let text = |value: f64| format!("{value:.1} {unit}");
-    let address = output.applied.as_ref().map(|applied| applied.address);
-    let found = shared.core().outputs[register.id.0].applied;
-    shared.report(&Event::NotApplied {
-        output: output.name.clone(),
-        stands: text(register.units.value(controller.held(&register.settings))),
-        applies: found.map_or("no number".to_owned(), |(found, _)| text(found)),
-        register: address.map_or(String::new(), |address| address.to_string()),
-    });
 }
 
 /// Returns the question to the operator which part of the register value is the operator offset, and which part the
@@ -167,59 +116,4 @@ pub(super) fn question((register, controller): (&OutputRegister, &Controller), o
 
 fn share_in_text(register: &OutputRegister, share: Counts) -> String {
     register.units.in_text(share + register.settings.bias)
-}
-
-/// Reports the value of the register at its first read, if it is in doubt whether the output wrote to this register
-/// before.
-pub(super) fn note_place(
-    (register, controller): (&OutputRegister, &Controller),
-    output: &Output,
-    core: &mut GatewayState,
-) {
-    let shown = controller.state().shown(&register.settings);
-    let Some(seen) = shown.verified.filter(|_| !shown.is_only_acknowledged) else { return };
-    let holds = || register.units.in_text(seen.value);
-    let Some((event, why)) = core.places.read(register.id, &output.name, holds) else { return };
-    core.events.push(event);
-    let place = output.axis.0;
-    let axis = &core.given.profile.axes[place].settings.name;
-    let is_why = core.arming[place].is_latched() && core.places.is_why(axis, &core.arming[place].why);
-    if is_why {
-        core.arming[place].why = why;
-    }
-}
-
-/// Returns whether a write was sent that was not answered and may still arrive.
-pub(super) fn has_unanswered(state: &State) -> bool {
-    state.copies().under_way().any(|sent| sent.answered.is_none())
-}
-
-/// Publishes the state of a register to axes and web page. Returns the Cz in the register, if it is known.
-pub(super) fn show(
-    (register, controller): (&OutputRegister, &Controller),
-    demand: &OutputDemand,
-    seen: &mut OutputState,
-) -> Option<Micron> {
-    let OutputRegister { units, settings, .. } = register;
-    let state = controller.state();
-    let shown = state.shown(settings);
-    let waits = has_unanswered(state) || shown.waits_until.is_some();
-    seen.waits_until = state.waits_until(settings).filter(|_| waits);
-    seen.is_waiting = shown.waits_until.is_some();
-    seen.is_only_acknowledged = shown.is_only_acknowledged;
-    let verified = shown.verified?;
-    let share = shown.account.map_or(Counts::ZERO, |account| account.share) + settings.bias;
-    let cz = units.cz(if settings.is_shared { share } else { verified.value });
-    let account = shown.account.filter(|account| account.doubt.is_none());
-    seen.cz = Some(cz);
-    seen.shares = account.map(|account| (units.value(account.base), units.value(share)));
-    seen.value = Some(units.value(verified.value));
-    seen.verified_at = Some(verified.asked);
-    seen.standing = match controller.health(settings, demand.interlock)? {
-        OutputHealth::Verified => RegisterHealth::Verified,
-        OutputHealth::Unverified => RegisterHealth::Unverified,
-        OutputHealth::Interlocked => RegisterHealth::Interlocked,
-        OutputHealth::Foreign => RegisterHealth::Foreign,
-    };
-    Some(cz)
 }

@@ -1,13 +1,16 @@
 //! Executes the actions of the controller of an output set, and gives it the results.
 
-use super::demand::{Decision, OutputDemand};
+use std::slice::from_ref;
+
+use super::demand::OutputDemand;
 use super::failures::RequestKind;
 use super::register::{OutputRegister, not_done};
 use super::set_io::{self, SetReadings};
+use super::set_modbus;
 use super::turn::{LineTurn, MOST_EXCHANGES};
-use super::{set_modbus, strobe};
 use crate::fieldbus::error::{Fault, Outcome};
 use crate::fieldbus::send_guard::SendDeadline;
+use crate::fieldbus::wire::{Answer, Request};
 use crate::gateway::shared::line_handle::LineHandle;
 use crate::gateway::shared::state::GatewayState;
 use crate::gateway::state::output::HandshakeStatus;
@@ -22,7 +25,7 @@ use isotherm_core::output::{
     StrobeResult, WriteResult,
 };
 use isotherm_core::quantity::{Counts, Moment};
-use isotherm_profile::{Handshake, OutputSet, Profile, SetId};
+use isotherm_profile::{Bit, DeviceId, Handshake, OutputSet, Profile, SetId};
 
 /// Executor of one output set (outputs that are written together), with its strobe signal.
 #[derive(Debug)]
@@ -119,8 +122,8 @@ impl Set {
         let (control, is_leaving) = (self.control(shared, &core), core.phase.is_leaving());
         drop(core);
         let members = self.registers.iter().zip(&demands).map(|(register, demand)| MemberDemand {
-            demand: register.demand(shared, demand),
-            again_until: (demand.decision != Decision::Off).then_some(demand.not_after),
+            demand: demand.in_counts(shared, register.id, &register.units),
+            again_until: (!demand.is_off()).then_some(demand.not_after),
         });
         let members = members.collect();
         (demands, SetDemand { members, control, beat, is_leaving })
@@ -301,7 +304,7 @@ impl Set {
         let Some(Handshake { acknowledge, timeout, .. }) = &set.handshake else {
             return self.result(turn, &SetInput::Acknowledge(None));
         };
-        let read = strobe::read(turn, set.device, acknowledge).await;
+        let read = read_acknowledge(turn, set.device, acknowledge).await;
         self.cause = match &read {
             Ok(_) => format!("within {} ms", timeout.as_millis()),
             Err(fault) => fault.to_string(),
@@ -312,7 +315,7 @@ impl Set {
     async fn strobe(&mut self, turn: &mut LineTurn<'_>, up: bool) -> SetAction {
         let set = turn.shared.profile.set(self.id);
         let written = match &set.handshake {
-            Some(Handshake { strobe, .. }) => strobe::write(turn, set.device, strobe, up).await,
+            Some(Handshake { strobe, .. }) => write_strobe(turn, set.device, strobe, up).await,
             None => Ok(()),
         };
         let result = match &written {
@@ -326,6 +329,44 @@ impl Set {
         }
         self.result(turn, &SetInput::Strobe(result))
     }
+}
+
+/// Raises or drops the strobe signal.
+async fn write_strobe(
+    turn: &mut LineTurn<'_>,
+    device: DeviceId,
+    strobe: &Bit,
+    up: bool,
+) -> Result<(), Fault> {
+    let functions = turn.shared.profile.device(device).functions;
+    let content = match strobe {
+        Bit::Flag(flag) => Encoded::of(&[if up { flag.raised() } else { 0 }]),
+        Bit::Node(node) => node.word(u16::from(up)),
+    };
+    let request = match strobe {
+        Bit::Flag(flag) if flag.address.table.is_bits() => Request::write_coil(flag.address.offset, up),
+        Bit::Flag(flag) => Request::write_holding(flag.address.offset, content.registers(), functions),
+        Bit::Node(node) => Request::write_nodes(from_ref(node), content.registers()),
+    };
+    turn.line.request(device, request, SendDeadline::None).await.map(|_| ())
+}
+
+/// Reads the acknowledge signal of the control. Returns true if it is up.
+async fn read_acknowledge(
+    turn: &mut LineTurn<'_>,
+    device: DeviceId,
+    acknowledge: &Bit,
+) -> Result<bool, Fault> {
+    let request = match acknowledge {
+        Bit::Flag(flag) => Request::read_registers(flag.address, 1),
+        Bit::Node(node) => Request::read_nodes(from_ref(node)),
+    };
+    let answered = turn.line.read_confirmed(device, request).await?;
+    Ok(match (answered.answer.accepted()?, acknowledge) {
+        (Answer::Bits(bits), _) => bits.first().copied().unwrap_or_default(),
+        (answer, Bit::Flag(flag)) => answer.registers().first().is_some_and(|register| flag.is_up(*register)),
+        (answer, Bit::Node(_)) => answer.registers().iter().any(|word| *word != 0),
+    })
 }
 
 fn settings(profile: &Profile, set: &OutputSet, registers: &[OutputRegister]) -> SetSettings {

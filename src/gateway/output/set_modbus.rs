@@ -13,7 +13,7 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::{DeviceId, Output, OutputSet, Profile, Stretch};
 
 /// Register values, by the address offset of each register.
-pub(super) type Cells = BTreeMap<u16, u16>;
+type Cells = BTreeMap<u16, u16>;
 
 /// Returns the values of all registers of the output set. `values` contains the value of each output, and `own` the
 /// number, the heartbeat and the control word of the set.
@@ -96,23 +96,32 @@ pub(super) async fn write_all(
 ) -> Written {
     let profile = &turn.shared.profile;
     let (cells, stretches) = (cells(profile, set, values, own), stretches(profile, set));
-    write(turn, set.device, &stretches, &cells, leave).await
+    write_stretches(turn, set.device, &stretches, &cells, leave).await
 }
 
 /// Writes only the heartbeat and the control word.
 pub(super) async fn write_own(turn: &mut LineTurn<'_>, set: &OutputSet, own: OwnWords) -> Written {
     let words = [(&set.heartbeat, own.beat), (&set.control, own.control)];
     let words = words.into_iter().filter_map(|(at, word)| Some((register(at.as_ref())?.offset, word)));
-    let cells: Cells = words.collect();
-    let longest = turn.shared.profile.device(set.device).longest_request();
+    write(turn, set.device, &words.collect(), SendDeadline::None).await
+}
+
+/// Writes these register values. Adjacent registers share a request. An error contains the outcome for all values.
+pub(super) async fn write(
+    turn: &mut LineTurn<'_>,
+    device: DeviceId,
+    cells: &Cells,
+    leave: SendDeadline,
+) -> Written {
+    let longest = turn.shared.profile.device(device).longest_request();
     let stretches = Stretch::joined(cells.keys().map(|offset| (*offset, 1)).collect(), longest);
-    write(turn, set.device, &stretches, &cells, SendDeadline::None).await
+    write_stretches(turn, device, &stretches, cells, leave).await
 }
 
 /// Writes these register values, with one request for each range of consecutive registers. Only the first request must
 /// be sent within the deadline `leave`, because the others complete it. An error contains the outcome for all values:
 /// after the first request, some have arrived.
-pub(super) async fn write(
+async fn write_stretches(
     turn: &mut LineTurn<'_>,
     device: DeviceId,
     stretches: &[Stretch],

@@ -37,7 +37,8 @@ impl Single {
     pub(in crate::gateway) async fn turn(&mut self, turn: &mut LineTurn<'_>) {
         let (shared, now) = (turn.shared, turn.now);
         let demand = OutputDemand::of(shared, &shared.core(), self.register.id, now);
-        self.step(shared, Input::Demand(self.register.demand(shared, &demand)), now);
+        let asked = demand.in_counts(shared, self.register.id, &self.register.units);
+        self.step(shared, Input::Demand(asked), now);
         for _ in 0..MOST_EXCHANGES {
             let result = match self.controller.action() {
                 Action::Nothing { until } => {

@@ -57,8 +57,9 @@ impl LineHandle {
             core.day_due = now.after(DAY_EVERY);
         }
         drop(core);
-        if looks_at_day {
-            self.check_time_of_day();
+        // Only time stamps depend on the time of day.
+        if looks_at_day && let Some(correction) = self.clock.check_time_of_day() {
+            self.report(&Event::ClockSet(correction));
         }
         if stepped && self.profile.buses.len() > 1 {
             self.wake_others(self.bus);

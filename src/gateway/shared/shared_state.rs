@@ -189,12 +189,6 @@ impl Shared {
         self.core().pauses.count()
     }
 
-    /// Checks whether the computer's clock was set, and reports it. Only time stamps depend on this clock.
-    pub(super) fn check_time_of_day(&self) {
-        let Some(correction) = self.clock.check_time_of_day() else { return };
-        self.report(&Event::ClockSet(correction));
-    }
-
     /// Handles a pause of the computer since the moment `since`. Each task detects the pause by itself; only the first
     /// call reports it.
     pub(in crate::gateway) fn stalled_at(&self, since: Moment) {

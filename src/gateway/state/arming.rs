@@ -11,7 +11,7 @@ use isotherm_profile::{Arm, Output, Profile, Share, Writes};
 
 use super::output::{OutputState, Outputs, RegisterHealth};
 use super::sign::SignCheck;
-use super::units::is_beyond_limit;
+use super::units::cz_factor;
 use crate::observe::requester::Requester;
 
 /// Reason for an axis that an operator switched off.
@@ -257,6 +257,19 @@ impl Arming {
         }
         permit
     }
+}
+
+/// Returns whether the Cz in a register is beyond the limit of its axis. Rounding between counts and µm must not decide
+/// this: the limit plus half a count still counts as the limit. The reference position P0 is no correction and has no
+/// limit.
+fn is_beyond_limit(profile: &Profile, output: &Output, cz: Micron) -> bool {
+    let limit = profile.axis(output.axis).settings.guard.limit.get();
+    let slack = match output.encoding.data_type.integer_range() {
+        Some(_) => 0.5 * output.encoding.scale.get().abs() / cz_factor(profile, output),
+        // Rounding error of a number in the 24 bits of a float.
+        None => limit * f64::from(f32::EPSILON),
+    };
+    output.writes != Writes::Reference && cz.abs().get() > limit + slack
 }
 
 /// Returns whether the register of an output that writes the reference position P0 contains that position, to half a

@@ -18,21 +18,24 @@ use isotherm_profile::{BusId, Device, DeviceId, OutputId, Profile};
 use super::failed_reads::{FailedReads, PlannedReads};
 use super::output_faults;
 
-/// Consecutive failures after which a device is reported as lost. A single lost answer is only counted. More are
-/// allowed on an RTU line, which loses an answer now and then and repeats the request at once.
+/// Consecutive failures after which a device is reported as lost. A single lost answer is only counted.
 const REPORTED_AFTER: u64 = 2;
-const REPORTED_AFTER_RTU: u64 = 3;
+/// This number for a device on a lossy line. An RTU line loses an answer now and then, and repeats the request at once. A
+/// TCP line replaces its connection after the second missing answer. A dead unit behind a Modbus gateway is asked too
+/// seldom for this number.
+const REPORTED_AFTER_LOSSES: u64 = 3;
 
 /// A lost device has returned when it has answered for this time. A device with repeated short losses is therefore
 /// reported once.
-const BELIEVED_AFTER: Duration = Duration::from_secs(10);
+const RETURNED_AFTER: Duration = Duration::from_secs(10);
 
 /// Late cycles of a line are reported again if no cycle was late for this long.
 const REPORTED_AGAIN: Duration = Duration::from_secs(600);
 /// Shortest delay of a cycle that is reported. An operator can do nothing about shorter ones, which are only counted.
 const WORTH_A_WORD: Duration = Duration::from_millis(10);
 
-/// Hint for a reading that the default `range` of a temperature rejects: the profile has no key that could be wrong.
+/// Hint for a reading that the default `range` of a temperature rejects. The profile states no `range` that could be
+/// wrong.
 const BEYOND_DEFAULT_RANGE: &str = "is the sensor broken, or are `scale` or `word_order` wrong? If the value is \
                                     right, write `range`; for a difference of temperatures, write \
                                     `difference = true`";
@@ -142,7 +145,7 @@ impl DeviceHealth {
         let lost = device.lost.as_ref().filter(|lost| !lost.fault.cause.is_empty());
         let seen = self.reads.of_signal(&device.failed, (id, signal.device));
         let seen = seen.filter(|seen| seen.fault.reason() == reason);
-        // The device answers other requests, so the fault concerns this read.
+        // If the device answers other requests, the fault concerns this read.
         let own = seen.filter(|seen| lost.is_none() || seen.others == Others::Answered);
         match (reason, lost, own) {
             (Reason::Timeout | Reason::BadReply, _, Some(seen)) => self.explained(signal.device, seen),
@@ -202,7 +205,7 @@ impl DeviceHealth {
         explain_on(self.profile.bus(self.profile.device(id).bus).transport, seen)
     }
 
-    /// Records the result of a request, for the advice of later messages. Returns what is known about the request if it
+    /// Records the result of a request, for the advice in later messages. Returns the description of the request if it
     /// has failed.
     pub(in crate::gateway) fn record(
         &mut self,
@@ -222,7 +225,7 @@ impl DeviceHealth {
         count.answered = true;
         let has_returned = match &mut count.lost {
             Some(lost) if lost.reported.is_some() => {
-                now.since(*lost.answers_since.get_or_insert(now)) >= BELIEVED_AFTER
+                now.since(*lost.answers_since.get_or_insert(now)) >= RETURNED_AFTER
             }
             _ => true,
         };
@@ -261,8 +264,8 @@ impl DeviceHealth {
         let explained = self.explained(id, seen);
         let count = &mut self.devices[id.0];
         let bus = self.profile.bus(self.profile.device(id).bus);
-        let is_lossy = kinds::of(bus.transport).is_lossy && count.answered;
-        let reported_after = if is_lossy { REPORTED_AFTER_RTU } else { REPORTED_AFTER };
+        let is_lossy = kinds::of(bus.transport).is_lossy && !self.profile.is_behind_gateway(id);
+        let reported_after = if is_lossy && count.answered { REPORTED_AFTER_LOSSES } else { REPORTED_AFTER };
         let lost = count.misses(explained);
         if lost.missed >= reported_after && lost.has_news() {
             events.push(lost.report(self.profile.device(id)));

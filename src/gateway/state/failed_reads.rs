@@ -1,5 +1,5 @@
-//! Reads of a device that failed last. Their extent, and whether the device answers other requests, decide which advice
-//! a message gives.
+//! Reads of a device whose last attempt failed. The advice in a message depends on their extent, and on whether the
+//! device answers other requests.
 
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::seen::{Asked, Others, Seen};
@@ -7,8 +7,8 @@ use crate::fieldbus::wire::Request;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{DeviceId, Profile};
 
-/// Failures of a read in a row, without an answer to another request between them, after which it is no longer known
-/// that the device answers others: it may be lost since then.
+/// Number of failures of a read in a row, without an answer to another request between them. Afterwards it is not known
+/// any more that the device answers others: the device may be lost.
 const OTHERS_UNKNOWN_AFTER: u8 = 3;
 
 /// Planned reads of registers of all devices.
@@ -27,7 +27,7 @@ struct PlannedRead {
     asked: Asked,
 }
 
-/// Reads of one device that failed last. Empty if the last attempt of each read was answered with data.
+/// Reads of one device whose last attempt failed. Empty if the last attempt of each read was answered with data.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(in crate::gateway) struct FailedReads(Vec<FailedRead>);
 
@@ -37,7 +37,7 @@ struct FailedRead {
     place: usize,
     fault: Fault,
     others: Others,
-    /// Number of failures since the device has last answered another request.
+    /// Number of failures in a row since the device last answered another request.
     failures: u8,
 }
 
@@ -64,7 +64,7 @@ impl PlannedReads {
         self.of_device[device.0].iter().position(|read| read.request == request)
     }
 
-    /// Records the result of a request to a device. Returns what is known about the request if it has failed.
+    /// Records the result of a request to a device. Returns the description of the request if it has failed.
     pub(in crate::gateway) fn record(
         &self,
         failed: &mut FailedReads,
@@ -87,7 +87,7 @@ impl PlannedReads {
                 Some(Seen::of(fault, if is_write { Asked::Write(request.function()) } else { Asked::Any }))
             }
             (Err(fault), Some(place)) => {
-                // Another fault begins again, because the device may be lost since then.
+                // After another fault the count begins again, because the device may be lost.
                 let before = failed.0.iter().find(|read| read.place == place && read.fault == fault);
                 let failures = before.map_or(1, |read| read.failures.saturating_add(1));
                 let others = before.filter(|_| failures < OTHERS_UNKNOWN_AFTER);
@@ -99,7 +99,7 @@ impl PlannedReads {
         }
     }
 
-    /// Returns what is known about the read of a signal, if its last attempt has failed.
+    /// Returns the description of the read of a signal, if its last attempt has failed.
     pub(in crate::gateway) fn of_signal(
         &self,
         failed: &FailedReads,

@@ -36,7 +36,7 @@ struct Levels {
     tripped: bool,
 }
 
-/// Position of an axis at its limit.
+/// State of an axis with respect to its limit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum LimitState {
     /// The axis is within its limit.
@@ -44,12 +44,12 @@ enum LimitState {
     Within,
     /// The model has requested more than the limit since this moment.
     Reached(Moment),
-    /// The model requests more than the limit for so long that an alarm was reported.
+    /// The model has requested more than the limit for so long that the alarm was reported.
     Lasting,
 }
 
-/// Fraction of a level below which the value ends a report about the level. A value that fluctuates at the level causes
-/// one report.
+/// Fraction of a level. Below it, a value ends a report about the level, so that a value that fluctuates at the level
+/// causes one report.
 const ENDS_AT: f64 = 0.95;
 /// Time at the limit after which an alarm is reported.
 const LIMIT_LASTS_AFTER: Duration = Duration::from_secs(5 * 60);
@@ -57,12 +57,8 @@ const LIMIT_LASTS_AFTER: Duration = Duration::from_secs(5 * 60);
 const SHOWN_CONTRIBUTIONS: usize = 3;
 
 impl Levels {
-    fn is_warned(&self) -> bool {
-        self.warned
-    }
-
-    /// Adds the events of this decision about the limit of the axis: one when the model requests more, one when this
-    /// lasts, and one when it is over after it has lasted.
+    /// Adds the events of this decision about the limit of the axis: the limit is reached, this has lasted for long, or
+    /// it is over after it has lasted.
     fn report_limit(
         &mut self,
         (profile, axis): (&Profile, &AxisSettings),
@@ -72,8 +68,8 @@ impl Levels {
     ) {
         let (name, limit) = (|| axis.name.clone(), axis.guard.limit);
         let at_limit = decision.acted.contains(Stages::LIMIT);
-        // The limit applies to the slope too. Without a value of the model, it is not known whether the axis would leave
-        // its limit, unless a fault action has reached zero.
+        // The limit applies to the slope too. Without a value of the model, it is not known whether the axis would
+        // leave its limit. At zero after a fault action, and off, the axis has left it.
         let slope = decision.slope_target.abs().get();
         let is_over = !at_limit
             && (matches!(decision.state, AxisState::Off | AxisState::Zeroed)
@@ -122,7 +118,7 @@ impl Levels {
 
 impl ReportedConditions {
     pub(in crate::gateway) fn is_warned(&self) -> bool {
-        self.levels.is_warned()
+        self.levels.warned
     }
 
     /// Adds the events of this decision. `why` returns why the axis does not follow its preferred model.

@@ -144,9 +144,9 @@ impl SignalTable {
         };
     }
 
-    /// Stores a value that may be the answer to a request of another master. It is used only if it agrees with the
-    /// value read before it: within the `max_rate` of the profile, or exactly if the profile states none. The default is
-    /// too wide to distinguish two masters. Otherwise the last good value is used until it is stale.
+    /// Stores a value that may be the answer to a request of another master. The value is used only if it agrees with
+    /// the value read before it: within the `max_rate` of the profile, or exactly if there is none. The default is too
+    /// wide to distinguish two masters. Otherwise the last good value is used until it is stale.
     pub(in crate::gateway) fn store_ambiguous(
         &mut self,
         id: SignalId,

@@ -195,19 +195,6 @@ pub(in crate::gateway) fn cz_factor(profile: &Profile, output: &Output) -> f64 {
     }
 }
 
-/// Returns whether the Cz in a register is beyond the limit of its axis. Rounding between counts and µm must not decide
-/// this: the limit plus half a count still counts as the limit. The reference position P0 is no correction and has no
-/// limit.
-pub(super) fn is_beyond_limit(profile: &Profile, output: &Output, cz: Micron) -> bool {
-    let limit = profile.axis(output.axis).settings.guard.limit.get();
-    let slack = match output.encoding.data_type.integer_range() {
-        Some(_) => 0.5 * output.encoding.scale.get().abs() / cz_factor(profile, output),
-        // Rounding error of a number in the 24 bits of a float.
-        None => limit * f64::from(f32::EPSILON),
-    };
-    output.writes != Writes::Reference && cz.abs().get() > limit + slack
-}
-
 /// Formats the value of these registers of an output.
 pub(in crate::gateway) fn registers_in_text(output: &Output, registers: &[u16]) -> String {
     match output.encoding.decode(registers) {

@@ -1,5 +1,5 @@
-//! Default limits of temperatures, as the last run applied them. A limit that is new, for example after an upgrade of
-//! isotherm, is reported once.
+//! Default limits of temperatures, as the last run applied them. A new limit is reported once, for example after an
+//! upgrade of isotherm or a change of the profile.
 
 use std::collections::BTreeMap;
 

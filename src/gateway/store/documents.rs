@@ -32,7 +32,6 @@
 //!
 //! If both files were replaced by an older pair, this program cannot detect the replacement.
 
-use std::collections::BTreeMap;
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -173,19 +172,10 @@ pub(in crate::gateway) fn open(
     let found =
         found.map_err(|why| format!("the saved state {} is rejected: {why}{kept}", document.display()));
     let earlier = is_earlier.then(|| (layout, format!("the earlier files are kept as {names}")));
-    let file = StoreFile {
-        disk: Arc::clone(disk),
-        document,
-        number: number::path(directory, machine),
-        seal,
-        question: OpenQuestion(Arc::new(AtomicBool::new(is_in_question))),
-        state: Vec::new(),
-        outputs: BTreeMap::new(),
-        aside,
-        former: if is_earlier { earlier::ledgers(directory, machine).to_vec() } else { Vec::new() },
-        is_number_due: true,
-        is_of_a_later_version,
-    };
+    let former = if is_earlier { earlier::ledgers(directory, machine).to_vec() } else { Vec::new() };
+    let paths = (document, number::path(directory, machine));
+    let doubts = (is_in_question, is_of_a_later_version);
+    let file = StoreFile::new(Arc::clone(disk), paths, seal, (aside, former), doubts);
     Opened { found, earlier, is_first, file }
 }
 

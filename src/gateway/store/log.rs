@@ -48,7 +48,7 @@ mod tests;
 
 #[cfg(any(feature = "identify", feature = "parquet"))]
 pub use days::{days, is_for_replay, is_text};
-pub use reader::{LogError, LogReader, LogRow, LoggedDecision};
+pub use reader::{LogError, LogReader, LogRow, LoggedDecision, Recording};
 pub use recorder::{Recorder, number};
 #[cfg(test)]
 pub(crate) use tests::sample;

@@ -137,10 +137,9 @@ impl Memory {
             let mut remembered: Remembered = serde_json::from_value(state.machine)?;
             let SavedState { at, verified_um, signs, places, mut values, mut limits, .. } = state;
             let now = Places::of(profile);
-            let places = places.named_as(&now);
+            let (places, names) = places.under_names_of(&now);
             let mut moved = places.moved_signals(&now);
-            let names = places.new_names(&now);
-            let (places, verified_um) = (places.renamed(&names), renamed(verified_um, &names));
+            let verified_um = renamed(verified_um, &names);
             let axes: Vec<AxisSettings> = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
             values.retain(|name, _| !moved.contains_key(name));
             let new_names = places.new_names_of_signals(&now);

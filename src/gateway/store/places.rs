@@ -150,7 +150,7 @@ impl Places {
 
     /// Replaces the node names by those of this profile, if both mean the same node, as `ns=2;s=offset` and
     /// `nsu=urn:mill;s=offset`.
-    pub(super) fn named_as(mut self, now: &Places) -> Places {
+    fn named_as(mut self, now: &Places) -> Places {
         let known = Places { namespaces: self.namespaces.clone(), ..Places::default() };
         if known.namespaces.is_empty() {
             return self;
@@ -219,9 +219,12 @@ impl Places {
         moved.collect()
     }
 
-    /// Returns the outputs that were renamed in this profile, with the same register: old name and new name.
-    pub(super) fn new_names(&self, now: &Places) -> BTreeMap<String, String> {
-        new_names(&self.outputs, &now.outputs)
+    /// Replaces old names of nodes and outputs by those of this profile. Also returns the outputs that were renamed,
+    /// with the same register: old name and new name.
+    pub(super) fn under_names_of(self, now: &Places) -> (Places, BTreeMap<String, String>) {
+        let places = self.named_as(now);
+        let names = new_names(&places.outputs, &now.outputs);
+        (places.renamed(&names), names)
     }
 
     /// Returns the signals that were renamed in this profile, with the same address: old name and new name.
@@ -230,7 +233,7 @@ impl Places {
     }
 
     /// Replaces the old names of outputs by the new names.
-    pub(super) fn renamed(self, names: &BTreeMap<String, String>) -> Places {
+    fn renamed(self, names: &BTreeMap<String, String>) -> Places {
         let (outputs, bounds) = (renamed(self.outputs, names), renamed(self.bounds, names));
         let former = self.former.into_iter().map(|former| former.renamed(names)).collect();
         let new = |name: String| names.get(&name).cloned().unwrap_or(name);

@@ -13,7 +13,6 @@ use jiff::civil::Date;
 use super::default_limits;
 use super::documents::Writer;
 use super::log::Recorder;
-use super::log::outputs::ENDING;
 use super::memory::{Memory, UnchangedParts};
 use super::places::{Places, remembers_cz};
 use crate::clock::{Clock, Correction};
@@ -87,14 +86,8 @@ pub(in crate::gateway) fn clock_correction(now: Moment, last: Option<Moment>) ->
 /// Returns the newest time stamp in the logs of this machine. Logs from before a large correction of the clock are
 /// ignored. `None` if there is no log.
 pub(in crate::gateway) fn newest_stamp(directory: &Path, machine: &str, now: Moment) -> Option<Moment> {
-    let logs = retention::logs(directory, machine);
-    let set = retention::breaks(directory, &logs);
-    let of_decisions = |log: &&retention::DayLog| log.name.ends_with(".csv") && !log.name.ends_with(ENDING);
-    let logs = retention::of_these_days(&logs, retention::day(now), &set).filter(of_decisions);
-    let newest = logs.clone().map(|log| log.day).max()?;
-    logs.filter(|log| log.day == newest)
-        .filter_map(|log| thread::last_stamp(&directory.join(&log.name)))
-        .max()
+    let newest = retention::newest_of_decisions(directory, machine, now);
+    newest.iter().filter_map(|log| thread::last_stamp(log)).max()
 }
 
 #[derive(Debug)]

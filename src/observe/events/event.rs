@@ -223,12 +223,13 @@ events! {
             caused(
                 format!("axis {axis}"),
                 format!(
-                    "the model requests {wanted}, held at its limit of ±{limit} for more than five minutes; {parts}"
+                    "the model requests {wanted}, and Cz has been at its limit of ±{limit} for more than five minutes; \
+                     {parts}"
                 )
             )
         };
         LimitOver { axis: String } =>
-            plain(format!("axis {axis}: Cz is no longer held at its limit"));
+            plain(format!("axis {axis}: Cz is no longer at its limit"));
         Warned {
             axis: String,
             #[serde(rename = "cz_um")]

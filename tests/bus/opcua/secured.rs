@@ -155,7 +155,7 @@ async fn a_server_with_a_short_key_is_read_and_check_warns_of_its_certificate() 
     let weak = weak[0].as_str();
     assert!(
         weak.contains(
-            "the server's certificate trusted/short.der is weak: the key has 1024 bits. It works, but"
+            "the server's certificate trusted/short.der is weak: the key has 1024 bits. The gateway uses it."
         ),
         "{weak}"
     );

@@ -1,8 +1,8 @@
 //! Test of a gateway with a server that is killed, loses sessions, stops answering and sends wrong times.
 //!
-//! It runs for as long as `TEST_OPCUA_SECONDS` says. The gateway also reads 500 more nodes ten times a second. A judge
-//! knows only the journal of the server: values, requests and times. It checks every write against the rules of an
-//! output.
+//! The test runs for as long as `TEST_OPCUA_SECONDS` says. The gateway also reads 500 more nodes ten times a second. A
+//! judge knows only the journal of the server: values, requests and times. The judge checks every write against the
+//! rules of an output.
 
 use std::fmt::Write as _;
 use std::path::Path;

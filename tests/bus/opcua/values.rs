@@ -133,7 +133,7 @@ async fn a_text_contradicts_a_type_in_the_profile_and_is_no_number_without_one()
     let fault = line.asks(request).await.unwrap().answer.accepted().unwrap_err();
     assert_eq!(fault, Fault::Peer(PeerFault::NotANumber));
     let said = isotherm::fieldbus::explain::explain(fault);
-    assert!(said.contains("not a number: write another node") && !said.contains("type"), "{said}");
+    assert!(said.contains("not a number; write another node") && !said.contains("type"), "{said}");
 }
 
 /// Status codes of the server itself, without a script.

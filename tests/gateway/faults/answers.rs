@@ -213,11 +213,11 @@ fn a_connection_that_is_closed_instead_of_an_answer_is_no_reading() {
 }
 
 #[test]
-fn a_half_open_connection_is_given_up_after_one_timeout_and_costs_no_reading() {
+fn a_half_open_connection_is_given_up_after_two_timeouts_and_costs_no_reading() {
     let trace = thermocouples("kind = \"half-open\"\nfor = 1");
     others_went_on(&trace);
     assert_eq!(trace.qualities("bed", 5, 300), ["good"], "{}", trace.lines());
-    // An RTU line is opened again at the second miss. That is one less than is reported.
+    // The line connects again at the second miss. That is one less than is reported.
     assert_eq!((trace.reported("device-lost"), trace.reported("link-down")), (0, 0), "{}", trace.lines());
 }
 

@@ -84,6 +84,34 @@ fn replay_reads_a_german_spreadsheet_and_keeps_its_times() {
 }
 
 #[test]
+fn replay_reads_below_the_lines_of_a_logger_and_leaves_no_part_of_its_output() {
+    let home = tempfile::tempdir().unwrap();
+    let model = "[[axis.z.model]]\nname = \"m\"\nkind = \"linear\"\nterms = [ { signal = \"bearing\", gain = -2.0, reference = \
+                 20.0 } ]\n";
+    let profile =
+        crate::end_to_end::process::file(home.path(), "plant.toml", &format!("{PROFILE}{model}{OUTPUT}"));
+    let verb = ["replay", profile.to_str().unwrap()];
+    let out = home.path().join("out.csv");
+    let replayed = |log: String| {
+        let options = ["--json", "--out", "out.csv", "--zone", "Europe/Berlin"];
+        asked(home.path(), &verb, &[("day.csv", log)], &options)
+    };
+    let log = german(1).trim_start_matches('\u{feff}').to_owned();
+    let plain = replayed(log.clone());
+    assert!(plain.code == Some(0) && out.exists(), "{}", plain.said);
+    let below = replayed(format!("Logger 34970A\nSerial: 1234\n\n{log}"));
+    assert_eq!(below.out, plain.out, "{}", below.said);
+    std::fs::remove_file(&out).unwrap();
+    let wrong = replayed(format!("Logger\n{log}yesterday{}\n", ";1".repeat(HEADER.len() - 1)));
+    assert_eq!(wrong.code, Some(1), "{}", wrong.out);
+    let line = log.lines().count() + 2;
+    assert!(wrong.said.contains(&format!("day.csv, line {line}, column time")), "{}", wrong.said);
+    let names = std::fs::read_dir(home.path()).unwrap().map(|entry| entry.unwrap().file_name());
+    let parts: Vec<_> = names.filter(|name| name.to_string_lossy().starts_with("out.csv")).collect();
+    assert!(parts.is_empty(), "{parts:?}");
+}
+
+#[test]
 fn what_is_wrong_in_a_spreadsheet_is_named_with_its_own_line() {
     let home = tempfile::tempdir().unwrap();
     let said = |from: &str, to: &str| {

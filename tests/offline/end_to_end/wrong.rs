@@ -49,14 +49,59 @@ fn a_log_that_is_no_such_csv_is_reported_with_what_to_write() {
 }
 
 #[test]
-fn a_file_in_another_encoding_is_refused_with_the_reason() {
+fn a_file_in_utf_16_is_read_as_one_in_utf_8() {
     let home = tempfile::tempdir().unwrap();
     let wide: Vec<u8> =
         std::iter::once(0xFEFF).chain(day(1).encode_utf16()).flat_map(u16::to_le_bytes).collect();
-    std::fs::write(home.path().join("wide.csv"), wide).unwrap();
-    let answer = asked(home.path(), &["report", "wide.csv"], &[], &[]);
-    assert_eq!(answer.code, Some(1));
-    assert!(answer.said.contains("wide.csv, line 1: this is not UTF-8 text"), "{}", answer.said);
+    std::fs::write(home.path().join("day.csv"), wide).unwrap();
+    let wide = asked(home.path(), &["report", "day.csv"], &[], &[]);
+    assert_eq!(wide.code, Some(0), "{}", wide.said);
+    let plain = asked(home.path(), &["report"], &[("day.csv", day(1))], &[]);
+    assert_eq!(wide.out, plain.out);
+}
+
+#[test]
+fn a_copy_of_a_day_is_refused_where_a_model_is_tested() {
+    let home = tempfile::tempdir().unwrap();
+    let logs = [("one.csv", day(1)), ("two.csv", day(2)), ("two - Copy.csv", day(2))];
+    for answer in [
+        identify(home.path(), PROFILE, &logs, &[]),
+        asked(home.path(), &["select", "--error", "z_error_um"], &logs, &[]),
+    ] {
+        assert_eq!(answer.code, Some(1), "{}", answer.said);
+        assert!(answer.said.contains("contains the same rows as"), "{}", answer.said);
+    }
+    let report = asked(home.path(), &["report"], &logs, &[]);
+    assert_eq!(report.code, Some(0), "{}", report.said);
+    assert!(report.out.contains("contains the same rows as"), "{}", report.out);
+}
+
+#[test]
+fn overloads_are_named_by_all_verbs_and_too_many_are_refused() {
+    let home = tempfile::tempdir().unwrap();
+    let overloaded = |every: usize| {
+        let line = |(number, line): (usize, &str)| match line.rsplit_once(',') {
+            Some((rest, _)) if number > 10 && number % every == 0 => format!("{rest},9.9E+37\n"),
+            _ => format!("{line}\n"),
+        };
+        day(1).lines().enumerate().map(line).collect::<String>()
+    };
+    let answers = |every: usize| {
+        let logs = [("one.csv", overloaded(every)), ("two.csv", day(2)), ("three.csv", day(3))];
+        [
+            identify(home.path(), PROFILE, &logs, &[]),
+            asked(home.path(), &["select", "--error", "z_error_um"], &logs, &[]),
+            asked(home.path(), &["report"], &logs, &[]),
+        ]
+    };
+    for answer in answers(100) {
+        assert_eq!(answer.code, Some(0), "{}", answer.said);
+        assert!(answer.out.contains("one.csv, line 101, column z_error_um: `9.9e37`"), "{}", answer.out);
+    }
+    for answer in answers(10) {
+        assert_eq!(answer.code, Some(1), "{}", answer.out);
+        assert!(answer.said.contains("more than 5 % of the values"), "{}", answer.said);
+    }
 }
 
 #[test]
@@ -112,6 +157,55 @@ fn files_that_are_not_there_directories_and_the_same_file_twice_are_reported() {
 }
 
 #[test]
+fn a_file_in_the_place_of_another_is_one_error_that_names_both_kinds() {
+    let home = tempfile::tempdir().unwrap();
+    let template =
+        "title = \"ours\"\nsource = \"its manual\"\n[channel.t]\nregister = \"input:0\"\ntype = \"i16\"\n";
+    let (one, two) = (day(1), day(2));
+    for (name, text) in [
+        ("machine.toml", PROFILE),
+        ("module.toml", template),
+        ("block.toml", "[[axis.z.model]]\nname = \"a\"\nkind = \"linear\"\n"),
+        ("module.dbc", "VERSION \"\"\nBU_: A\nBO_ 2 Top: 8 A\n"),
+        ("one.csv", one.as_str()),
+        ("two.csv", two.as_str()),
+    ] {
+        file(home.path(), name, text);
+    }
+    let cases: [(&[&str], i32, &str); 11] = [
+        (&["identify", "machine.toml", "machine.toml"], 1, "machine.toml: this is a profile, not a log"),
+        (&["report", "module.dbc"], 1, "module.dbc: this is a DBC file, not a log"),
+        (
+            &["select", "--error", "z_error_um", "block.toml"],
+            1,
+            "block.toml: this is a model block, not a log",
+        ),
+        (
+            &["identify", "machine.toml", "one.csv", "--error", "error", "--gauge", "module.toml"],
+            1,
+            "module.toml: this is a device template, not a log",
+        ),
+        (&["replay", "surface-grinder", "machine.toml"], 1, "machine.toml: this is a profile, not a log"),
+        (&["replay", "one.csv", "machine.toml"], 64, "one.csv: this is a log, not a profile"),
+        (&["check", "one.csv"], 64, "one.csv: this is a log, not a profile"),
+        (&["check", "module.toml"], 64, "module.toml: this is a device template, not a profile"),
+        (&["check", "block.toml"], 64, "block.toml: this is a model block, not a profile"),
+        (&["virtual", "surface-grinder", "--faults", "one.csv"], 1, "this is a log, not a fault script"),
+        (
+            &["identify", "machine.toml", "one.csv", "two.csv", "--prior", "module.toml"],
+            1,
+            "this is a device template, not a model block",
+        ),
+    ];
+    for (arguments, code, words) in cases {
+        let answer = asked(home.path(), arguments, &[], &[]);
+        assert_eq!(answer.code, Some(code), "{arguments:?}: {}", answer.said);
+        assert_eq!(answer.said.matches(words).count(), 1, "{arguments:?}: {}", answer.said);
+        assert!(answer.said.lines().count() <= 4, "{arguments:?}: {}", answer.said);
+    }
+}
+
+#[test]
 fn what_cannot_be_learnt_from_is_reported_by_identify_and_select() {
     let home = tempfile::tempdir().unwrap();
     let of = |log: fn(u32) -> String| -> Logs { vec![("one.csv", log(1)), ("two.csv", log(2))] };
@@ -123,7 +217,7 @@ fn what_cannot_be_learnt_from_is_reported_by_identify_and_select() {
     let cases: [(Logs, &[&str]); 5] = [
         (of(fahrenheit), &["°F", "(F − 32) / 1.8"]),
         (of(|number| with_column(number, 5, |_| 1.0)), &["z_error_um is constant in every run"]),
-        (of(|number| with_column(number, 0, |second| second / 60.0)), &["name the column time_min"]),
+        (of(|number| with_column(number, 0, |second| second / 60.0)), &["--time-unit min"]),
         (of(|number| day(number).replace(",z_error_um", ",left_um")), &["z_error_um", "left_um"]),
         (
             vec![("one.csv", day(1)), ("two.csv", day(2).replace(",z_error_um", ",left_um"))],
@@ -170,6 +264,16 @@ fn logs_with_different_columns_are_taken_with_a_word() {
         "{}",
         answer.out
     );
+    let select = asked(home.path(), &["select", "--error", "z_error_um"], &logs, &[]);
+    for answer in [answer, select] {
+        assert_eq!(answer.code, Some(0), "{}", answer.said);
+        let note = answer.out.lines().find(|line| line.contains("The error of held-out runs is"));
+        assert!(
+            note.is_some_and(|note| note.contains("left out: ") && note.contains("oil")),
+            "{}",
+            answer.out
+        );
+    }
 }
 
 #[test]
@@ -198,7 +302,7 @@ fn a_drift_report_remarks_what_cannot_be_meant() {
     assert_eq!(answer.code, Some(0), "{}", answer.said);
     for words in [
         "note: short lasts 4m 59s",
-        "name the column time_min",
+        "--time-unit min",
         "note: long lasts 12 days",
         "name the column time;",
         "note: z_error_um is constant: was the probe connected?",

@@ -51,17 +51,14 @@ fn fahrenheit_is_recognised_by_its_numbers() {
 #[test]
 fn minutes_that_are_called_seconds_and_seconds_that_are_called_minutes_are_reported() {
     let logs_of_minutes = each(|log| cells(log, 0, |time| time / 60.0));
-    says(
-        &refused(2, &logs_of_minutes, &choice()),
-        &["day0 lasts 4m 59s (300 rows)", "name the column time_min"],
-    );
+    says(&refused(2, &logs_of_minutes, &choice()), &["day0 lasts 4m 59s (300 rows)", "--time-unit min"]);
     let longer = logs()
         .iter()
         .map(|log| log.replace("time,", "time_min,").replace("\n60,", "\n2700000,"))
         .collect::<Vec<_>>();
     says(&refused(2, &longer, &choice()), &["line 4: time runs back"]);
     let seconds = each(|log| cells(log, 0, |time| time * 3.0).replace("time,", "time_min,"));
-    says(&refused(2, &seconds, &choice()), &["name the column time;"]);
+    says(&refused(2, &seconds, &choice()), &["state it with --time-unit"]);
 }
 
 #[test]

@@ -109,6 +109,53 @@ fn rows_come_in_the_order_in_which_the_file_names_the_guideway() {
     }
 }
 
+/// Writes the load case `air` under this name, with these lines of `*BOUNDARY`.
+fn write_supported(home: &std::path::Path, name: &str, lines: &str) {
+    let input = std::fs::read_to_string(home.join("air.inp")).unwrap();
+    let (include, rest) = input.split_once('\n').unwrap();
+    file(home, &format!("{name}.inp"), &format!("{include}\n*BOUNDARY\n{lines}\n{rest}"));
+}
+
+#[test]
+fn the_supports_of_the_files_hold_also_if_a_set_is_named_base() {
+    let home = tempfile::tempdir().unwrap();
+    write_inputs(home.path(), &CASES[..1]);
+    // Ten nodes at the top are held, instead of the foot.
+    let mesh = std::fs::read_to_string(home.path().join("structure.inc")).unwrap();
+    let (_, top) = mesh.split_once("*NSET, NSET=BLK4\n").unwrap();
+    let nodes = top.lines().next().unwrap().split(',').map(str::trim).filter(|node| !node.is_empty());
+    let lines: Vec<String> = nodes.map(|node| format!("{node}, 1, 3")).collect();
+    write_supported(home.path(), "held", &lines.join("\n"));
+    let found = |arguments: &[&str]| -> (String, Value) {
+        let answer = place(home.path(), &[arguments, &["--json"]].concat());
+        assert_eq!(answer.code, Some(0), "{}", answer.said);
+        let found = serde_json::from_str(&answer.out).unwrap();
+        (answer.out, found)
+    };
+    let largest = |found: &Value, case: &str| number(&found["cases"][case]["largest_um"]);
+    let remarks = |found: &Value| found["remarks"].to_string();
+    let (_, on_base) = found(&["air.inp"]);
+    assert!(
+        remarks(&on_base).contains("of the node set BASE are fixed, because no FE input file has supports")
+    );
+    let (out, held) = found(&["held.inp"]);
+    assert!(remarks(&held).contains("nodes of *BOUNDARY in held are fixed"), "{}", remarks(&held));
+    let (one, other) = (largest(&on_base, "air"), largest(&held, "held"));
+    assert!((one - other).abs() > 0.05 * one, "other supports, another displacement: {one}, {other}");
+    // The supports of the second file hold for the first one too, which has none.
+    let (_, both) = found(&["air.inp", "held.inp"]);
+    for case in ["air", "held"] {
+        assert!((largest(&both, case) - other).abs() < 1e-9 * other, "{case}");
+    }
+    // An option replaces them, and the output says so.
+    let (_, by_option) = found(&["held.inp", "--fixed", "base"]);
+    assert!((largest(&by_option, "held") - one).abs() < 1e-9 * one);
+    assert!(remarks(&by_option).contains("--fixed replaces the supports of *BOUNDARY in held"));
+    // The name of the set changes nothing.
+    changed(home.path(), |text| text.replace("NSET=BASE", "NSET=FOOT"));
+    assert_eq!(found(&["held.inp"]).0, out);
+}
+
 #[test]
 fn the_same_files_give_the_same_sensors() {
     let home = tempfile::tempdir().unwrap();

@@ -4,6 +4,8 @@
 
 use crate::support::calculix;
 mod column;
+mod converted;
+mod decks;
 mod found;
 use crate::support::process;
 mod wrong;

@@ -31,6 +31,13 @@ fn a_set_that_is_not_there_is_reported_with_those_that_are() {
 }
 
 #[test]
+fn a_structure_that_nothing_fixes_is_reported_with_both_ways_to_fix_it() {
+    let home = home();
+    changed(home.path(), |text| text.replace("NSET=BASE", "NSET=FOOT"));
+    refused(home.path(), &["air.inp"], &["no node set BASE", "FOOT", "--fixed", "*BOUNDARY"]);
+}
+
+#[test]
 fn a_cut_that_is_none_is_reported_with_what_would_be_one() {
     let home = home();
     refused(home.path(), &["air.inp", "--cut", "height=3"], &["is no cut", "z=450"]);
@@ -91,6 +98,40 @@ fn files_of_other_structures_or_of_one_name_are_reported() {
         &["no such load case", "air"],
     );
     refused(home.path(), &["nowhere.inp"], &["nowhere.inp"]);
+}
+
+#[test]
+fn files_with_different_supports_are_refused() {
+    let home = home();
+    let input = std::fs::read_to_string(home.path().join("air.inp")).unwrap();
+    let (include, rest) = input.split_once('\n').unwrap();
+    for (name, set) in [("foot", "BASE"), ("back", "BLK1")] {
+        file(home.path(), &format!("{name}.inp"), &format!("{include}\n*BOUNDARY\n{set}, 1, 3\n{rest}"));
+    }
+    let words = ["foot and back fix different nodes", "the same *BOUNDARY in both", "--fixed"];
+    refused(home.path(), &["foot.inp", "back.inp"], &words);
+    refused(home.path(), &["air.inp", "foot.inp", "back.inp"], &words);
+    let plant = ["foot.inp", "--plant", "back.inp", "--modes", "modes.json"];
+    refused(home.path(), &plant, &words);
+}
+
+#[test]
+fn kelvin_and_celsius_in_one_file_are_refused() {
+    let home = home();
+    let input = std::fs::read_to_string(home.path().join("air.inp")).unwrap();
+    let kelvin = input.replace(", F1, 20, ", ", F1, 293.15, ");
+    assert_ne!(input, kelvin);
+    file(home.path(), "kelvin.inp", &kelvin);
+    let words = ["kelvin.inp:", "*FILM: the sink temperature is 293.15", "plausible in kelvin only"];
+    refused(home.path(), &["kelvin.inp"], &words);
+}
+
+#[test]
+fn a_mesh_of_another_format_is_named_with_its_command() {
+    let home = home();
+    file(home.path(), "column.msh", "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n");
+    let words = ["column.msh is a Gmsh mesh", "`gmsh column.msh -save ", "*INCLUDE, INPUT=column.inp"];
+    refused(home.path(), &["column.msh"], &words);
 }
 
 #[test]

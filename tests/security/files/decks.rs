@@ -20,6 +20,22 @@ fn a_set_of_four_thousand_million_nodes_is_refused() {
 }
 
 #[test]
+fn a_set_with_a_card_for_each_of_its_members_is_read_in_time() {
+    let home = Home::new();
+    let (mut nodes, mut elements, mut sets) = (String::new(), String::new(), String::new());
+    for element in 0..15_000 {
+        let (first, x) = (4 * element + 1, 200 * element);
+        writeln!(nodes, "{first}, {x}, 0, 0\n{}, {}, 0, 0", first + 1, x + 100).unwrap();
+        writeln!(nodes, "{}, {x}, 100, 0\n{}, {x}, 0, 100", first + 2, first + 3).unwrap();
+        writeln!(elements, "{}, {first}, {}, {}, {}", element + 1, first + 1, first + 2, first + 3).unwrap();
+        (first..first + 4).for_each(|node| writeln!(sets, "*NSET, NSET=ALL\n{node}").unwrap());
+    }
+    let text = format!("*NODE\n{nodes}*ELEMENT, TYPE=C3D4, ELSET=BODY\n{elements}{sets}");
+    let path = home.write("cards.inp", text);
+    isotherm(&["place"], &path).is_refused(size(&path), &["cards.inp:", "the file ends without a step"]);
+}
+
+#[test]
 fn includes_of_devices_and_without_end_are_refused_at_their_card() {
     let home = Home::new();
     let itself = "*INCLUDE, INPUT=itself.inp\n".repeat(20);

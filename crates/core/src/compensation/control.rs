@@ -10,10 +10,11 @@ use crate::quantity::Micron;
 pub struct Control {
     /// Whether the axis may decide and write.
     pub permit: Permit,
-    /// Cz in the register, from which the axis resumes. It is set when the axis is armed, and when an output recovers.
+    /// Cz in the register, from which the axis resumes. This field is set when the axis is armed, and when an output
+    /// recovers.
     pub take_over: Option<Micron>,
     /// Effect of the slope, at the axis's largest distance from the reference position, from which the slope resumes.
-    /// It is set only if the control applies the slope itself.
+    /// This field is set only if the control applies the slope itself.
     pub take_over_slope: Option<Micron>,
     /// Whether the axis discards its correction from probings.
     pub forget: bool,

@@ -1,35 +1,142 @@
-//! Format of a log from another program: separator of columns, decimal mark, and time zone. For example, a spreadsheet
-//! set to German has semicolons between columns, commas in numbers, and local times.
+//! Format of a log from another program: separator of columns, decimal mark, order of dates, and time zone. For example,
+//! a spreadsheet set to German has semicolons between columns, commas in numbers, and local times.
 
 use std::borrow::Cow;
 
-use jiff::civil::{Date, DateTime, Time};
-use jiff::tz::{AmbiguousOffset, TimeZone};
+use jiff::tz::TimeZone;
 
+use super::cell::{Cell, number_and_unit, word};
+use super::time_column::TimeUnit;
+use super::wall::{self, DateOrder, Wall};
 use super::{Moment, time};
 
-/// Format of one log file: separator of columns, decimal mark, and time zone.
+/// Decimal mark of the numbers in a log.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DecimalMark {
+    /// `12.5`; commas separate thousands.
+    Point,
+    /// `12,5`; points separate thousands.
+    Comma,
+}
+
+impl DecimalMark {
+    fn sign(self) -> char {
+        match self {
+            DecimalMark::Point => '.',
+            DecimalMark::Comma => ',',
+        }
+    }
+
+    fn other(self) -> DecimalMark {
+        match self {
+            DecimalMark::Point => DecimalMark::Comma,
+            DecimalMark::Comma => DecimalMark::Point,
+        }
+    }
+}
+
+/// Format of one log file: separator of columns, decimal mark, order of dates, and time zone.
 #[derive(Clone, Debug)]
 pub struct Dialect {
     separator: u8,
     /// Time zone of times without an offset from UTC. If `None`, such times are rejected.
     zone: Option<TimeZone>,
+    /// Decimal mark that the operator has stated; `None` if the numbers decide.
+    stated: Option<DecimalMark>,
     /// Decimal mark of the first number that has one, and this number as text. All later numbers must have the same
     /// mark.
-    first: Option<(char, String)>,
+    first: Option<(DecimalMark, String)>,
+    /// Whether a number of the file has both marks, so that one of them separates thousands.
+    has_thousands: bool,
+    /// Whether the first rows do not show if a mark before three digits is a decimal mark.
+    is_unclear: bool,
+    /// Order of day and month; `None` if it is not known.
+    dates: Option<DateOrder>,
+    wall: Wall,
 }
 
 impl Dialect {
     /// Detects the format from the header line. Comma, semicolon or tab separates the columns: the one that occurs most
-    /// often outside quotes.
+    /// often outside quotes. Commas are also common inside names.
     #[must_use]
     pub fn of(header: &str, zone: Option<TimeZone>) -> Dialect {
         // Every other part is inside quotes.
         let open = || header.split('"').step_by(2).flat_map(str::bytes);
         let count = |separator: u8| open().filter(|byte| *byte == separator).count();
-        // `max_by_key` returns the last maximum: a comma if there is no separator.
-        let separator = [b'\t', b';', b','].into_iter().max_by_key(|separator| count(*separator));
-        Dialect { separator: separator.unwrap_or(b','), zone, first: None }
+        // `max_by_key` returns the last maximum.
+        let there = [b',', b';', b'\t'].into_iter().filter(|separator| count(*separator) > 0);
+        let separator = there.max_by_key(|separator| count(*separator));
+        Dialect {
+            separator: separator.unwrap_or(b','),
+            zone,
+            stated: None,
+            first: None,
+            has_thousands: false,
+            is_unclear: false,
+            dates: None,
+            wall: Wall::default(),
+        }
+    }
+
+    /// Sets the decimal mark and the order of dates, if they are known.
+    #[must_use]
+    pub fn with(self, decimal: Option<DecimalMark>, dates: Option<DateOrder>) -> Dialect {
+        Dialect { stated: decimal, dates, ..self }
+    }
+
+    /// Learns the order of day and month from a time, if that time has only one reading. The first such time counts.
+    pub fn learn_dates(&mut self, text: &str) {
+        self.dates = self.dates.or_else(|| wall::order(text));
+    }
+
+    /// Reads times without an offset from UTC as times in UTC.
+    #[must_use]
+    pub fn in_utc(self) -> Dialect {
+        Dialect { zone: Some(TimeZone::UTC), ..self }
+    }
+
+    /// Returns the decimal mark: the stated one, or else that of the numbers so far.
+    #[must_use]
+    pub fn decimal(&self) -> Option<DecimalMark> {
+        self.stated.or_else(|| self.first.as_ref().map(|(mark, _)| *mark))
+    }
+
+    /// Returns the order of day and month, if it is known.
+    #[must_use]
+    pub fn dates(&self) -> Option<DateOrder> {
+        self.dates
+    }
+
+    /// Learns from the cells of the first rows, by column, whether a mark before three digits separates thousands. In a
+    /// column with `900` and `1.200`, it may do so, unless another number such as `20.5` shows the decimal mark.
+    pub fn learn_marks<'a>(&mut self, rows: impl Iterator<Item = Vec<&'a str>>) {
+        if self.separator == b',' || self.stated.is_some() {
+            return;
+        }
+        let (mut has_groups_only, mut has_whole) = (Vec::new(), Vec::new());
+        for cells in rows {
+            for (column, cell) in cells.into_iter().enumerate() {
+                if column >= has_whole.len() {
+                    has_groups_only.push(false);
+                    has_whole.push(false);
+                }
+                let Some((number, _)) = number_and_unit(cell) else { continue };
+                let marks = number.matches([',', '.']).count();
+                let is_date =
+                    |sign: char| number.matches(sign).count() == marks && !has_groups(&number, sign);
+                if marks > 1 && (is_date(',') || is_date('.')) {
+                    continue;
+                }
+                if marks == 1 && [',', '.'].iter().any(|sign| has_groups(&number, *sign)) {
+                    has_groups_only[column] = true;
+                } else if marks > 0 {
+                    return;
+                } else {
+                    has_whole[column] |= !number.trim_start_matches(['+', '-', '0']).is_empty();
+                }
+            }
+        }
+        self.is_unclear = has_groups_only.iter().zip(&has_whole).any(|(groups, whole)| *groups && *whole);
     }
 
     /// Returns the separator of columns.
@@ -38,39 +145,104 @@ impl Dialect {
         self.separator
     }
 
-    /// Replaces the decimal comma of a number by a point, unless commas separate columns. Any other text is returned
-    /// unchanged.
+    /// Writes a number with a decimal point and without separators of thousands. Any other text is returned unchanged.
     ///
     /// # Errors
-    /// Returns a message if the number has separators of thousands, or another decimal mark than an earlier number of
-    /// the file.
+    /// Returns a message if the number can be read in two ways, or if it has another decimal mark than an earlier number
+    /// of the file.
     pub fn number<'a>(&mut self, text: &'a str) -> Result<Cow<'a, str>, String> {
-        let is_number = |text: &str| text.parse::<f64>().is_ok();
-        let (mark, pointed) = match (text.contains(','), text.contains('.')) {
-            _ if self.separator == b',' => return Ok(Cow::Borrowed(text)),
-            (true, true) => {
-                let (thousands, decimal) =
-                    if text.rfind(',') > text.rfind('.') { ('.', ',') } else { (',', '.') };
-                let plain = text.replace(thousands, "");
-                return match is_number(&plain.replace(decimal, ".")) {
-                    true => Err(format!("`{text}` has separators of thousands; write {plain}")),
-                    false => Ok(Cow::Borrowed(text)),
-                };
-            }
-            (true, false) => (',', Cow::Owned(text.replace(',', "."))),
-            (false, true) => ('.', Cow::Borrowed(text)),
-            (false, false) => return Ok(Cow::Borrowed(text)),
-        };
-        if !is_number(&pointed) {
+        if self.separator == b',' && self.stated.is_none() && !text.contains(',') {
             return Ok(Cow::Borrowed(text));
         }
-        let (known, first) = self.first.get_or_insert_with(|| (mark, text.to_owned()));
-        if *known != mark {
-            return Err(format!(
-                "`{text}` and `{first}`: decimal commas and points in one file; use only one of them"
-            ));
+        if let Some(stated) = self.stated {
+            return by_mark(text, stated);
         }
-        Ok(pointed)
+        match (text.contains(','), text.contains('.')) {
+            (false, false) => Ok(Cow::Borrowed(text)),
+            (true, true) => {
+                let mark = match text.rfind(',') > text.rfind('.') {
+                    true => DecimalMark::Comma,
+                    false => DecimalMark::Point,
+                };
+                let read = by_mark(text, mark)?;
+                if is_number(&read) {
+                    self.agrees(text, mark)?;
+                    self.has_thousands = true;
+                }
+                Ok(read)
+            }
+            (is_comma, _) => {
+                let mark = if is_comma { DecimalMark::Comma } else { DecimalMark::Point };
+                self.with_one_mark(text, mark)
+            }
+        }
+    }
+
+    /// Reads a number with one kind of mark, which is a decimal mark or separates thousands.
+    fn with_one_mark<'a>(&mut self, text: &'a str, mark: DecimalMark) -> Result<Cow<'a, str>, String> {
+        let sign = mark.sign();
+        let (decimal, whole) = (text.replace(sign, "."), text.replace(sign, ""));
+        if text.matches(sign).count() > 1 {
+            if has_groups(text, sign) && is_number(&whole) {
+                self.agrees(text, mark.other())?;
+                self.has_thousands = true;
+                return Ok(Cow::Owned(whole));
+            }
+            return Ok(Cow::Borrowed(text));
+        }
+        if !is_number(&decimal) {
+            return Ok(Cow::Borrowed(text));
+        }
+        let known = self.first.as_ref().map(|(mark, _)| *mark);
+        let can_be_thousands = has_groups(text, sign);
+        if can_be_thousands && self.has_thousands && known == Some(mark.other()) {
+            return Ok(Cow::Owned(whole));
+        }
+        if self.separator == b',' {
+            // Commas separate the columns, so a comma in a cell was quoted.
+            return Err(match can_be_thousands {
+                true => two_readings(text, mark, (&whole, &decimal)),
+                false => format!("`{text}` has a decimal comma; write {decimal}"),
+            });
+        }
+        let is_unclear = self.is_unclear && known.is_none();
+        if can_be_thousands
+            && (is_unclear || (mark == DecimalMark::Comma && known == Some(DecimalMark::Point)))
+        {
+            return Err(two_readings(text, mark, (&whole, &decimal)));
+        }
+        self.agrees(text, mark)?;
+        Ok(if mark == DecimalMark::Point { Cow::Borrowed(text) } else { Cow::Owned(decimal) })
+    }
+
+    /// Checks the decimal mark of a number against the one of the first number that had one.
+    fn agrees(&mut self, text: &str, mark: DecimalMark) -> Result<(), String> {
+        let (known, first) = self.first.get_or_insert_with(|| (mark, text.to_owned()));
+        match *known == mark {
+            true => Ok(()),
+            false => Err(format!(
+                "`{text}` and `{first}`: decimal commas and points in one file; use only one of them, or state the \
+                 decimal mark with --decimal"
+            )),
+        }
+    }
+
+    /// Returns the meaning of a cell.
+    ///
+    /// # Errors
+    /// Those of [`Dialect::number`].
+    pub fn cell<'a>(&mut self, text: &'a str) -> Result<Cell<'a>, String> {
+        let text = text.trim();
+        // Most cells of most logs are plain numbers.
+        if self.separator == b','
+            && self.stated.is_none()
+            && let Ok(value) = text.parse::<f64>()
+        {
+            return Ok(finite(value, ""));
+        }
+        let Some((number, unit)) = number_and_unit(text) else { return Ok(word(text)) };
+        let read = self.number(&number)?.parse::<f64>();
+        Ok(read.map_or(Cell::Text, |value| finite(value, unit)))
     }
 
     /// Parses a time: seconds, RFC 3339, or a local time such as `2026-01-05 06:00:10` or `05.01.2026 06:00:10`. `last`
@@ -80,158 +252,120 @@ impl Dialect {
     /// # Errors
     /// Returns a message that says how to write the time.
     pub fn moment(&mut self, text: &str, last: Option<Moment>) -> Result<Moment, String> {
+        self.moment_in(TimeUnit::Seconds, text, last)
+    }
+
+    /// Parses a time as [`Dialect::moment`] does. A time that is a number is in this unit.
+    ///
+    /// # Errors
+    /// Returns a message that says how to write the time.
+    pub fn moment_in(&mut self, unit: TimeUnit, text: &str, last: Option<Moment>) -> Result<Moment, String> {
         let text = text.trim();
         if !text.contains(':') {
-            return time::parse(&self.number(text)?);
+            let found = number_and_unit(text);
+            let own = found.as_ref().and_then(|(_, unit)| TimeUnit::of(unit));
+            let number = match &found {
+                Some((number, unit)) if unit.is_empty() || own.is_some() => self.number(number)?.into_owned(),
+                _ => text.to_owned(),
+            };
+            // `60 s` has a unit of its own.
+            let unit = own.unwrap_or(unit);
+            if unit.of_a_count().is_none()
+                && self.zone.is_some()
+                && !is_number(&number)
+                && let Some(date) = wall::midnight(text, self.dates)
+            {
+                return self.wall.in_zone(date?, self.zone.as_ref(), last);
+            }
+            return match unit {
+                TimeUnit::ExcelDays => {
+                    self.wall.in_zone(wall::excel(&number, text)?, self.zone.as_ref(), last)
+                }
+                unit => unit.moment(&number),
+            };
+        }
+        if let Some(name) = unit.of_a_count() {
+            return Err(format!("`{text}` is a date, and this column counts {name}; name the column `time`"));
         }
         let read = time::parse(text);
-        match (&self.zone, read.is_ok(), by_the_wall(text)) {
-            (Some(zone), false, Some(wall)) => in_zone(wall?, zone, last),
-            _ => read,
+        if read.is_ok() {
+            return read;
+        }
+        match wall::read(text, self.dates) {
+            None => read,
+            Some(Ok(wall::Read::Date(_) | wall::Read::Assumed(_))) if self.zone.is_none() => read,
+            Some(found) => match found? {
+                wall::Read::Date(wall) => self.wall.in_zone(wall, self.zone.as_ref(), last),
+                wall::Read::Assumed(wall) => {
+                    self.wall.follows(wall, text)?;
+                    self.wall.in_zone(wall, self.zone.as_ref(), last)
+                }
+                wall::Read::OfDay(nanos) => self.wall.of_day(nanos, last),
+            },
         }
     }
 }
 
-/// Parses a date and a time without a time zone. `None` if the text has another format; a message if the date is
-/// ambiguous.
-fn by_the_wall(text: &str) -> Option<Result<DateTime, String>> {
-    let (date, time) = text.split_once([' ', 'T'])?;
-    let date = date.trim_end_matches(',');
-    if date.contains('/') {
-        return Some(Err(format!("`{text}`: day and month are ambiguous; write 2026-01-31 12:00:00")));
+fn finite(value: f64, unit: &str) -> Cell<'_> {
+    match value {
+        value if value.is_finite() => Cell::Number(value, unit),
+        value if value.is_nan() => Cell::Absent,
+        _ => Cell::Failed,
     }
-    let date = match date.contains('.') {
-        true => {
-            let parts: Vec<&str> = date.split('.').collect();
-            let [day, month, year] = parts.as_slice() else { return None };
-            if year.len() != 4 {
-                return Some(Err(format!("`{text}`: write the year with four digits")));
-            }
-            Date::new(year.parse().ok()?, month.parse().ok()?, day.parse().ok()?).ok()?
-        }
-        false => date.parse().ok()?,
+}
+
+fn is_number(text: &str) -> bool {
+    text.parse::<f64>().is_ok()
+}
+
+/// Returns whether this sign separates the digits before the decimal mark into groups of three: `1,020`, `12.345.678`.
+fn has_groups(text: &str, sign: char) -> bool {
+    let mut groups = text.trim_start_matches(['+', '-']).split(sign);
+    let is_group = |group: &str, lengths: std::ops::RangeInclusive<usize>| {
+        lengths.contains(&group.len()) && group.bytes().all(|byte| byte.is_ascii_digit())
     };
-    Some(Ok(date.to_datetime(of_day(time.trim())?)))
+    // `0.123` is no thousand.
+    let first = groups.next().unwrap_or_default();
+    is_group(first, 1..=3) && !first.starts_with('0') && groups.all(|group| is_group(group, 3..=3))
 }
 
-/// Parses a time of day: `6:00`, `06:00:10` or `06:00:10,25`. `None` for any other text.
-fn of_day(text: &str) -> Option<Time> {
-    let (text, fraction) = text.split_once(['.', ',']).unwrap_or((text, ""));
-    let mut parts = text.split(':').map(|part| part.parse::<i8>().ok());
-    let (hour, minute) = (parts.next()??, parts.next()??);
-    let second = parts.next().unwrap_or(Some(0))?;
-    if parts.next().is_some() || fraction.len() > 9 || !fraction.bytes().all(|byte| byte.is_ascii_digit()) {
-        return None;
+/// Reads a number by its decimal mark. The other mark must separate groups of three digits.
+fn by_mark(text: &str, mark: DecimalMark) -> Result<Cow<'_, str>, String> {
+    let (decimal, thousands) = (mark.sign(), mark.other().sign());
+    if !text.contains([',', '.']) {
+        return Ok(Cow::Borrowed(text));
     }
-    let nanos = format!("{fraction:0<9}").parse().ok()?;
-    Time::new(hour, minute, second, nanos).ok()
-}
-
-fn in_zone(wall: DateTime, zone: &TimeZone, last: Option<Moment>) -> Result<Moment, String> {
-    let at = |offset: jiff::tz::Offset| {
-        let nanos =
-            offset.to_timestamp(wall).ok().and_then(|stamp| u64::try_from(stamp.as_nanosecond()).ok());
-        nanos.map(Moment::from_nanos).ok_or_else(|| format!("{wall} lies before 1970"))
+    let (whole, fraction) =
+        text.split_once(decimal).map_or((text, None), |(whole, rest)| (whole, Some(rest)));
+    let plain = whole.replace(thousands, "");
+    let read = match fraction {
+        Some(fraction) => format!("{plain}.{fraction}"),
+        None => plain,
     };
-    match zone.to_ambiguous_timestamp(wall).offset() {
-        AmbiguousOffset::Unambiguous { offset } => at(offset),
-        AmbiguousOffset::Fold { before, after } => {
-            let first = at(before)?;
-            if last.is_some_and(|last| last > first) { at(after) } else { Ok(first) }
-        }
-        AmbiguousOffset::Gap { .. } => Err(format!(
-            "{} has no {wall}: the clocks of this zone were set forward over this time. Is this the zone of \
-             the log? For a clock without summer time, write --zone +01:00",
-            zone.iana_name().unwrap_or("the zone")
-        )),
+    if !is_number(&read) {
+        return Ok(Cow::Borrowed(text));
     }
+    if whole.contains(thousands) && !has_groups(whole, thousands) {
+        let name = match mark {
+            DecimalMark::Point => "point",
+            DecimalMark::Comma => "comma",
+        };
+        return Err(format!("`{text}` is no number with a decimal {name} and groups of three digits"));
+    }
+    Ok(Cow::Owned(read))
+}
+
+/// Returns the message about a number whose mark, before three digits, is a decimal mark or separates thousands.
+fn two_readings(text: &str, mark: DecimalMark, (whole, decimal): (&str, &str)) -> String {
+    let (point, comma) = match mark {
+        DecimalMark::Point => (decimal, whole),
+        DecimalMark::Comma => (whole, decimal),
+    };
+    format!(
+        "`{text}` can be {whole} or {decimal}: state the decimal mark with --decimal point ({point}) or --decimal comma \
+         ({comma})"
+    )
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn german() -> Dialect {
-        Dialect::of("Zeit;bed;column", TimeZone::get("Europe/Berlin").ok())
-    }
-
-    fn utc(text: &str) -> Result<Moment, String> {
-        Ok(time::parse(text).unwrap())
-    }
-
-    #[test]
-    fn columns_are_separated_by_what_the_first_line_has_most_of() {
-        for (header, separator) in [
-            ("time,a,b", b','),
-            ("time;a;b", b';'),
-            ("time\ta\tb", b'\t'),
-            ("time", b','),
-            ("time;\"a,b,c,d\";e", b';'),
-            ("time,\"a;b;c;d\",e", b','),
-            ("", b','),
-        ] {
-            assert_eq!(Dialect::of(header, None).separator(), separator, "{header}");
-        }
-    }
-
-    #[test]
-    fn a_decimal_comma_is_a_point_where_commas_separate_nothing() {
-        let mut german = german();
-        for (text, read) in
-            [("12,5", "12.5"), ("-0,25", "-0.25"), ("1,5e-3", "1.5e-3"), ("12", "12"), ("A,B", "A,B")]
-        {
-            assert_eq!(german.number(text).as_deref(), Ok(read), "{text}");
-        }
-        let mixed = german.number("1.234").unwrap_err();
-        assert_eq!(mixed, "`1.234` and `12,5`: decimal commas and points in one file; use only one of them");
-        let thousands = german.number("1.234,5").unwrap_err();
-        assert_eq!(thousands, "`1.234,5` has separators of thousands; write 1234,5");
-        let mut english = Dialect::of("time,a", None);
-        assert_eq!(english.number("12,5").as_deref(), Ok("12,5"), "what reads it says what to write");
-    }
-
-    #[test]
-    fn times_by_the_clock_on_the_wall_are_those_of_the_zone() {
-        for (text, read) in [
-            ("05.01.2026 06:00:10", "2026-01-05T05:00:10Z"),
-            ("5.1.2026 6:00", "2026-01-05T05:00:00Z"),
-            ("2026-01-05 06:00:10", "2026-01-05T05:00:10Z"),
-            ("2026-07-05T06:00:10", "2026-07-05T04:00:10Z"),
-            ("05.07.2026 06:00:10,250", "2026-07-05T04:00:10.25Z"),
-            ("2026-01-05 06:00:10+03:00", "2026-01-05T03:00:10Z"),
-            ("2026-01-05T06:00:10Z", "2026-01-05T06:00:10Z"),
-        ] {
-            assert_eq!(german().moment(text, None), utc(read), "{text}");
-        }
-        assert_eq!(german().moment("12,5", None), utc("12.5"));
-    }
-
-    #[test]
-    fn the_hour_that_comes_twice_goes_by_the_row_before() {
-        let mut german = german();
-        let first = german.moment("25.10.2026 02:30:00", utc("2026-10-25T00:29:00Z").ok());
-        assert_eq!(first, utc("2026-10-25T00:30:00Z"));
-        let again = german.moment("25.10.2026 02:00:00", utc("2026-10-25T00:59:00Z").ok());
-        assert_eq!(again, utc("2026-10-25T01:00:00Z"));
-    }
-
-    #[test]
-    fn what_is_no_time_of_the_zone_says_what_to_write() {
-        for (text, says) in [
-            (
-                "29.03.2026 02:30:00",
-                "Europe/Berlin has no 2026-03-29T02:30:00: the clocks of this zone were set forward",
-            ),
-            ("01/05/2026 06:00:00", "day and month are ambiguous"),
-            ("05.01.26 06:00:10", "write the year with four digits"),
-            ("31.02.2026 06:00:10", "`31.02.2026 06:00:10` is no time"),
-            ("05.01.2026 25:00:10", "is no time"),
-            ("05.01.2026 6 Uhr: frueh", "is no time"),
-        ] {
-            let said = german().moment(text, None).unwrap_err();
-            assert!(said.contains(says), "{text}: {said}");
-        }
-        let without = Dialect::of("time;a", None).moment("2026-01-05 06:00:10", None).unwrap_err();
-        assert!(without.contains("with Z or the offset"), "{without}");
-    }
-}
+mod tests;

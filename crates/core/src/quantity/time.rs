@@ -17,12 +17,23 @@ pub fn parse(text: &str) -> Result<Moment, String> {
         return stamp(text);
     }
     if text.contains(',') {
-        return Err(format!("`{text}` has a decimal comma; write {}", text.replace(',', ".")));
+        return Err(format!(
+            "`{text}` has a comma; write seconds with a decimal point, and without separators of thousands"
+        ));
     }
     if text.starts_with('-') {
         return Err(format!("`{text}` is negative; write seconds since the start of the log, or since 1970"));
     }
-    seconds(text).ok_or_else(|| format!("`{text}` is no time; write seconds or 2026-01-31T12:00:00Z"))
+    parse_scaled(text, 0)
+}
+
+/// Parses a number of seconds times a power of ten, for example milliseconds with the power −3.
+///
+/// # Errors
+/// Returns a sentence that says how to write the time.
+pub(super) fn parse_scaled(text: &str, power: i32) -> Result<Moment, String> {
+    let wrong = || format!("`{text}` is no time; write seconds or 2026-01-31T12:00:00Z");
+    seconds(text, power).ok_or_else(wrong)
 }
 
 fn stamp(text: &str) -> Result<Moment, String> {
@@ -33,9 +44,9 @@ fn stamp(text: &str) -> Result<Moment, String> {
     nanos.map(Moment::from_nanos).map_err(|_| format!("`{text}` lies before 1970"))
 }
 
-/// Parses seconds digit by digit, because a conversion through floating point would lose nanoseconds. `None` if the
-/// text is no such number, or the time is too late for a [`Moment`].
-fn seconds(text: &str) -> Option<Moment> {
+/// Parses seconds times a power of ten digit by digit, because a conversion through floating point would lose
+/// nanoseconds. `None` if the text is no such number, or the time is too late for a [`Moment`].
+fn seconds(text: &str, shift: i32) -> Option<Moment> {
     let (mantissa, exponent) = text.split_once(['e', 'E']).unwrap_or((text, "0"));
     let exponent: i32 = exponent.parse().ok()?;
     let mantissa = mantissa.strip_prefix('+').unwrap_or(mantissa);
@@ -49,7 +60,7 @@ fn seconds(text: &str) -> Option<Moment> {
         .bytes()
         .chain(fraction.bytes())
         .try_fold(0u128, |sum, byte| sum.checked_mul(10)?.checked_add(u128::from(byte - b'0')))?;
-    let power = exponent.checked_add(9)?.checked_sub(i32::try_from(fraction.len()).ok()?)?;
+    let power = exponent.checked_add(9 + shift)?.checked_sub(i32::try_from(fraction.len()).ok()?)?;
     let scale = 10u128.checked_pow(power.unsigned_abs());
     let nanos = match (scale, power >= 0) {
         (Some(scale), true) => digits.checked_mul(scale)?,

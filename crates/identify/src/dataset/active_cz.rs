@@ -26,6 +26,13 @@ pub(super) fn is_of_machine(column: &str) -> bool {
     [MEMORY, ZERO].contains(&column)
 }
 
+/// Returns whether this column of a log of the gateway contains touches, or the Cz that acted during each. Most of its
+/// cells are empty. `acted`: the columns with the active Cz.
+pub(super) fn is_of_touches(column: &str, acted: &[String]) -> bool {
+    let axis = ["_measured_um", "_acting_um"].iter().find_map(|end| column.strip_suffix(end));
+    axis.is_some_and(|axis| acted.contains(&format!("{axis}_cz_um")))
+}
+
 /// Returns whether this log column is needed to determine the active Cz (Cz that acted during the measurement).
 pub(super) fn needs(column: &str) -> bool {
     ["_permit", "_cz_um", "_slope_um", "_from_um"].iter().any(|end| column.ends_with(end))

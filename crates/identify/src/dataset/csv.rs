@@ -2,9 +2,11 @@
 
 use std::path::Path;
 
+use super::head;
 use super::table::{Reader, Table, TooMuch};
-use super::{BadLog, Split, Uses, files};
-use isotherm_core::quantity::Dialect;
+use super::tidy::Tidy;
+use super::{BadLog, Split, Uses, decode, files};
+use isotherm_core::quantity::{Dialect, with_date};
 use isotherm_profile::safe_file::{self, quoted};
 
 /// Maximum number of columns. A file with more is not a log of a machine.
@@ -22,24 +24,40 @@ pub(super) fn from_text(
     split: &Split,
     uses: Uses<'_>,
 ) -> Result<Table, BadLog> {
-    let (first, input) = safe_file::first_line(input).map_err(|why| files::cannot_be_read(file, &why))?;
-    let dialect = Dialect::of(&first, split.zone.clone());
-    let header_is_wrong = |why: String| BadLog(vec![format!("{}, line 1: {why}", file.display())]);
-    let mut reader =
-        csv::ReaderBuilder::new().flexible(true).delimiter(dialect.separator()).from_reader(input);
+    let unreadable = |why: std::io::Error| files::cannot_be_read(file, &why);
+    let (decoded, encoding) = decode::utf8(input).map_err(unreadable)?;
+    let (head, input) = head::start(decoded).map_err(unreadable)?;
+    let (first, input) = safe_file::first_line(input).map_err(unreadable)?;
+    let dialect = Dialect::of(&first, split.zone.clone()).with(split.decimal, split.dates);
+    let (skipped, after) = (head.skipped, head.after);
+    let separator = dialect.separator();
+    let header_is_wrong = |why: String| {
+        let hint = encoding.map(|encoding| format!(" (read as {encoding})")).unwrap_or_default();
+        BadLog(vec![format!("{}, line {}: {why}{hint}", file.display(), skipped + 1)])
+    };
+    let mut reader = csv::ReaderBuilder::new().flexible(true).delimiter(separator).from_reader(input);
     let header = reader.headers().map_err(|why| header_is_wrong(message(&why)))?;
-    let names: Vec<String> =
-        header.iter().map(|name| name.trim().trim_start_matches('\u{feff}').to_owned()).collect();
+    let mut names: Vec<String> = header.iter().map(|name| name.trim().to_owned()).collect();
+    if let Some(first) = names.first_mut() {
+        *first = head::uncommented(first).to_owned();
+    }
     check_header(&names).map_err(header_is_wrong)?;
     reader.get_mut().row_is_over();
     let width = names.len();
+    let unnamed = names.iter().rev().take_while(|name| name.is_empty()).count();
+    let names = with_units(names, &head.units);
+    if let Some(tidy) = Tidy::find(&names, split) {
+        return tidy.read((file, names.as_slice(), &head), &mut reader, dialect, (split, uses));
+    }
     let no_time = format!(
         "there is no column time (seconds or 2026-01-31T12:00:00Z), time_s or time_min; there are {}",
         quoted(&names.join(", "))
     );
     let by = split.column.as_deref();
-    let rows = Reader::new(file, names, ("line", dialect), by, uses);
+    let rows = Reader::new(file, names, ("line", dialect), (by, split.time_unit), uses);
     let mut rows = rows.ok_or_else(|| header_is_wrong(no_time))?;
+    let (time, date) = (rows.time_at(), rows.date_at());
+    rows.learn(head.rows.iter().map(|line| head::cells(line, separator)));
     let read: Vec<usize> = (0..width).filter(|place| rows.reads(*place)).collect();
     // One message covers all such lines, because a decimal comma occurs in every line.
     let mut uneven: Option<(u64, usize, u64)> = None;
@@ -48,23 +66,24 @@ pub(super) fn from_text(
         match reader.read_record(&mut record) {
             Ok(false) => break,
             Err(why) => {
-                let line = why.position().map_or_else(|| reader.position().line(), csv::Position::line);
+                let line =
+                    why.position().map_or_else(|| reader.position().line(), csv::Position::line) + skipped;
                 rows.refuse(line, None, message(&why));
                 if why.is_io_error() {
                     break;
                 }
             }
             Ok(true) => {
-                // `record.position()` is the end of the record before, and therefore wrong after empty lines.
-                let inside = record.as_slice().bytes().filter(|byte| *byte == b'\n').count();
-                let line = reader.position().line().saturating_sub(1 + inside as u64);
-                if record.iter().all(|cell| cell.trim().is_empty()) {
-                    // Spreadsheets end with thousands of empty lines.
-                } else if record.len() == width {
-                    match rows.begin(line, &record[rows.time_at()]) {
+                let own_line = own_line(&reader, &record);
+                let line = own_line + skipped;
+                if record.iter().all(|cell| cell.trim().is_empty()) || own_line <= 1 + after {
+                    // Spreadsheets end with thousands of empty lines. Lines with units follow the names.
+                } else if fits(&record, width, unnamed) {
+                    let cell = |place: usize| record.get(place).unwrap_or_default();
+                    match rows.begin(line, &with_date(cell(time), date.map(cell))) {
                         Ok(true) => read.iter().for_each(|place| {
                             if rows.reads(*place) {
-                                rows.text(*place, line, &record[*place]);
+                                rows.text(*place, line, cell(*place));
                             }
                         }),
                         Ok(false) => {}
@@ -78,17 +97,50 @@ pub(super) fn from_text(
         reader.get_mut().row_is_over();
     }
     if let Some((line, cells, lines)) = uneven {
-        let hint = match cells > width {
-            true => "if these are decimal commas, write points; a comma only separates columns",
-            false => "an empty cell also needs its comma",
-        };
         let more = if lines > 1 { format!(", also in {} more lines", lines - 1) } else { String::new() };
-        rows.refuse(line, None, format!("{cells} cells under {width} column names{more}: {hint}"));
+        rows.refuse(line, None, uneven_row(cells, width, &more));
     }
-    rows.finish((2, "there are no rows under the header"))
+    rows.finish((2 + skipped + after, "there are no rows under the header"))
 }
 
-fn check_header(names: &[String]) -> Result<(), String> {
+/// Returns the line in which a record begins that was just read.
+pub(super) fn own_line<R: std::io::Read>(reader: &csv::Reader<R>, record: &csv::StringRecord) -> u64 {
+    // `record.position()` is the end of the record before, and therefore wrong after empty lines.
+    let inside = record.as_slice().bytes().filter(|byte| *byte == b'\n').count();
+    reader.position().line().saturating_sub(1 + inside as u64)
+}
+
+/// Returns the message about a row with more or fewer cells than names.
+pub(super) fn uneven_row(cells: usize, width: usize, more: &str) -> String {
+    let hint = match cells > width {
+        true => "if these are decimal commas, write points; a comma only separates columns",
+        false => "an empty cell also needs its separator",
+    };
+    format!("{cells} cells under {width} column names{more}: {hint}")
+}
+
+/// Returns whether a row has a cell for each name. Empty cells at its end may be missing under empty names, and may be
+/// more than the names.
+pub(super) fn fits(record: &csv::StringRecord, width: usize, unnamed: usize) -> bool {
+    let cells = record.len();
+    cells == width
+        || (cells < width && cells + unnamed >= width)
+        || (cells > width && record.iter().skip(width).all(|cell| cell.trim().is_empty()))
+}
+
+/// Adds the units of a second line to the names of the columns.
+fn with_units(names: Vec<String>, units: &[String]) -> Vec<String> {
+    let mut names = names;
+    for (name, unit) in names.iter_mut().zip(units) {
+        if !name.is_empty() && !unit.is_empty() {
+            *name = format!("{name} [{unit}]");
+        }
+    }
+    names
+}
+
+/// Checks the names of the columns.
+pub(super) fn check_header(names: &[String]) -> Result<(), String> {
     if names.iter().all(String::is_empty) {
         return Err("the log is empty; its first line names the columns".to_owned());
     }
@@ -102,7 +154,7 @@ fn check_header(names: &[String]) -> Result<(), String> {
     }
 }
 
-fn message(why: &csv::Error) -> String {
+pub(super) fn message(why: &csv::Error) -> String {
     match why.kind() {
         csv::ErrorKind::Utf8 { .. } => {
             "this is not UTF-8 text; save it again as UTF-8 (\"CSV UTF-8\" in a spreadsheet)".to_owned()

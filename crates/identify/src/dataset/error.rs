@@ -11,3 +11,12 @@ impl BadLog {
         if wrong.is_empty() { Ok(good) } else { Err(BadLog(wrong)) }
     }
 }
+
+/// Reason why a column cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Refusal {
+    /// Name of the column.
+    pub column: String,
+    /// Message with file, line and value.
+    pub message: String,
+}

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use super::BadLog;
 use isotherm_profile::safe_file;
 
-/// Returns the log files in the order of `named`. A directory is replaced by its .csv and .parquet files, sorted by
-/// name, except logs of outputs.
+/// Returns the log files in the order of `named`. A directory is replaced by its .csv and .parquet files, and by those of
+/// the feature `tables`, sorted by name, except logs of outputs.
 pub(super) fn logs(named: &[PathBuf], wrong: &mut Vec<String>) -> Vec<PathBuf> {
     if named.is_empty() {
         wrong.push("no log is named: give one or more CSV or Parquet files".to_owned());
@@ -43,13 +43,16 @@ pub(super) fn logs(named: &[PathBuf], wrong: &mut Vec<String>) -> Vec<PathBuf> {
 /// Returns whether this file is a log of outputs, which the gateway writes next to the log of its decisions. Such a
 /// file contains no measurement.
 fn is_of_outputs(path: &Path) -> bool {
-    path.to_str().is_some_and(|path| path.ends_with(".outputs.csv"))
+    path.to_str().is_some_and(|path| path.ends_with(".outputs.csv") || path.ends_with(".outputs.csv.gz"))
 }
 
 fn inside(directory: &Path, wrong: &mut Vec<String>) -> Vec<PathBuf> {
     let is_log = |path: &PathBuf| {
-        let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
-        !is_of_outputs(path) && ["csv", "parquet"].iter().any(|known| ending.eq_ignore_ascii_case(known))
+        let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default().to_ascii_lowercase();
+        // A spreadsheet writes the second name while a workbook is open.
+        let is_workbook = name.ends_with(".xlsx") && !name.starts_with("~$");
+        let is_of_tables = cfg!(feature = "tables") && (name.ends_with(".csv.gz") || is_workbook);
+        !is_of_outputs(path) && (name.ends_with(".csv") || name.ends_with(".parquet") || is_of_tables)
     };
     let mut files: Vec<PathBuf> = match std::fs::read_dir(directory) {
         Ok(entries) => entries.flatten().map(|entry| entry.path()).filter(is_log).collect(),

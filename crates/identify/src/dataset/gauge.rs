@@ -3,10 +3,12 @@
 use std::path::Path;
 use std::time::Duration;
 
-use isotherm_core::quantity::{Moment, time};
-use jiff::tz::TimeZone;
+use isotherm_core::quantity::{Conversion, Moment, time};
 
-use super::{BadLog, Column, Dataset, Kind, Run, Split, every_column, read_table};
+use super::formats::read_table;
+use super::implausible::leave_out;
+use super::table::Cells;
+use super::{BadLog, Column, Dataset, Kind, Run, Split, every_column};
 use isotherm_profile::duration_text;
 
 /// Adds the readings of a dial gauge; see [`Dataset::add_gauge`].
@@ -14,14 +16,15 @@ pub(super) fn add(
     dataset: &mut Dataset,
     file: &Path,
     (error, within): (&str, Duration),
-    zone: Option<TimeZone>,
+    split: &Split,
 ) -> Result<(), BadLog> {
     let refused = |why: String| BadLog(vec![format!("{}: {why}", file.display())]);
     if dataset.column(error).is_some() {
         let why = "already: leave --gauge out, or name another column with --error";
         return Err(refused(format!("the logs have a column {error} {why}")));
     }
-    let gauge = read_table(file, &Split { zone, ..Split::default() }, &every_column)?;
+    let split = Split { column: None, gap: None, ..split.clone() };
+    let mut gauge = read_table(file, &split, &every_column)?;
     let columns: Vec<&str> = gauge.names_of_numbers().collect();
     let [column] = columns.as_slice() else {
         let there = if columns.is_empty() { "no column of numbers".to_owned() } else { columns.join(", ") };
@@ -34,10 +37,20 @@ pub(super) fn add(
              logs, or logs with dates"
         )));
     }
-    let per_unit = if column.ends_with("_mm") { 1000.0 } else { 1.0 };
+    let column = (*column).to_owned();
+    let states_mm = gauge.units.get(&column).is_some_and(|unit| unit.eq_ignore_ascii_case("mm"));
+    let is_in_mm = (column.ends_with("_mm") || states_mm) && !gauge.conversions.contains_key(&column);
+    if is_in_mm && let Some(Cells::Numbers(values)) = gauge.cells_mut(&column) {
+        values.iter_mut().for_each(|value| *value *= 1000.0);
+        gauge.conversions.insert(column.clone(), Conversion::Factor(1000.0));
+    }
+    let rows = 0..gauge.times.len();
+    let (left_out, implausible) =
+        leave_out(&mut gauge, std::slice::from_ref(&rows), &|_, _| Kind::Displacement);
+    BadLog::unless(implausible.into_iter().map(|refusal| refusal.message).collect(), ())?;
     let mut added: Vec<Vec<f64>> = dataset.runs.iter().map(|run| vec![f64::NAN; run.times.len()]).collect();
     let (mut read, mut far) = (0, Vec::new());
-    let values = gauge.numbers(column).unwrap_or_default();
+    let values = gauge.numbers(&column).unwrap_or_default();
     for (place, (at, value)) in gauge.times.iter().zip(values).enumerate() {
         if !value.is_finite() {
             continue;
@@ -45,7 +58,7 @@ pub(super) fn add(
         read += 1;
         match nearest_row(&dataset.runs, *at, within) {
             // If two readings belong to one row, the later one is used.
-            Some((run, row)) => added[run][row] = value * per_unit,
+            Some((run, row)) => added[run][row] = *value,
             None => far.push(gauge.lines.of(place)),
         }
     }
@@ -67,6 +80,7 @@ pub(super) fn add(
         );
         dataset.remarks.push(remark);
     }
+    dataset.remarks.extend(left_out);
     dataset.columns.push(Column { name: error.to_owned(), kind: Kind::Displacement });
     dataset.runs.iter_mut().zip(added).for_each(|(run, column)| run.values.push(column));
     Ok(())

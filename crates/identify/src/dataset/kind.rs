@@ -41,8 +41,19 @@ impl Kind {
             name.strip_prefix(word).is_some_and(|rest| rest.bytes().all(|b| !b.is_ascii_alphabetic()))
         });
         // Range of the temperatures of a shop, its machine and its coolant. A column outside it is something else, or
-        // in another unit.
-        let is_plausible = numbers().all(|value| (-40.0..=150.0).contains(&value));
+        // in another unit. Some overloads of a logger do not make another quantity of a temperature.
+        let (mut all, mut outside, mut is_plausible, mut is_of_any) = (0usize, 0usize, true, true);
+        for value in numbers() {
+            all += 1;
+            if !(-40.0..=150.0).contains(&value) {
+                outside += 1;
+                is_plausible &= is_suspicious(Kind::Temperature, value);
+                // The values of a speed are those that loggers write instead of any quantity.
+                is_of_any &= is_suspicious(Kind::Speed, value);
+            }
+        }
+        // Many overloads are refused by name, so the column must still be known as a temperature.
+        let is_plausible = is_plausible && (20 * outside <= all || (is_of_any && 2 * outside < all));
         if is_named || is_plausible { Kind::Temperature } else { Kind::Other }
     }
 
@@ -56,8 +67,71 @@ impl Kind {
         if name.contains("_per_") {
             return Some(Kind::Other);
         }
-        name.rsplit('_').next().filter(|ending| ending.len() < name.len()).and_then(of_unit)
+        let by_ending = name.rsplit('_').next().filter(|ending| ending.len() < name.len()).and_then(of_unit);
+        by_ending.or_else(|| names_another_quantity(&name).then_some(Kind::Other))
     }
+}
+
+/// Values that loggers write instead of any quantity, with both signs.
+const OF_ANY: [f64; 19] = [
+    999.0, 999.9, 999.99, 9999.0, 9999.9, 99_999.0, 888.8, 8888.0, 777.7, 327.67, 327.68, 3276.7, 3276.8,
+    32_767.0, 32_768.0, 655.35, 6553.5, 65_535.0, 99_999.9,
+];
+/// Values that modules and sensors give instead of a temperature, °C.
+const OF_TEMPERATURES: [f64; 22] = [
+    0.0, 85.0, 125.0, 127.0, -127.0, 128.0, 150.0, 400.0, 600.0, 650.0, 760.0, 800.0, 850.0, 988.79, 1000.0,
+    1200.0, 1300.0, 1370.0, 1372.0, 1768.0, 1820.0, -242.02,
+];
+/// Ends of the ranges of sensors, °C.
+const COLDEST: [f64; 5] = [-40.0, -50.0, -200.0, -270.0, -273.15];
+
+/// Size of a value that no temperature, displacement or speed of a machine reaches.
+pub(super) const HUGE: f64 = 1e6;
+
+/// Returns whether a logger may write this number instead of a value of this kind.
+pub(super) fn is_suspicious(kind: Kind, value: f64) -> bool {
+    let is = |known: &f64| (value - known).abs() < 0.004;
+    let is_of_any = value.abs() >= HUGE || OF_ANY.iter().any(|known| is(known) || is(&-known));
+    match kind {
+        Kind::Temperature => is_of_any || OF_TEMPERATURES.iter().chain(&COLDEST).any(is),
+        Kind::Displacement => is_of_any || is(&0.0),
+        Kind::Speed => is_of_any,
+        Kind::Position | Kind::Compensation | Kind::Switch | Kind::Other => false,
+    }
+}
+
+/// Words in the names of quantities whose values may look like temperatures.
+const OTHER_QUANTITIES: [&str; 22] = [
+    "humidity",
+    "rh",
+    "feuchte",
+    "luftfeuchte",
+    "pressure",
+    "druck",
+    "oeldruck",
+    "flow",
+    "durchfluss",
+    "power",
+    "leistung",
+    "load",
+    "last",
+    "current",
+    "strom",
+    "voltage",
+    "spannung",
+    "torque",
+    "drehmoment",
+    "vibration",
+    "battery",
+    "record",
+];
+
+/// Returns whether a word of the name is another quantity than a temperature, a length or a speed. A word for a
+/// temperature has precedence: `power_supply_temp`.
+fn names_another_quantity(name: &str) -> bool {
+    let words = || name.split(|letter: char| !letter.is_alphabetic());
+    let is_temperature = words().any(|word| word.starts_with("temp"));
+    !is_temperature && words().any(|word| OTHER_QUANTITIES.contains(&word))
 }
 
 fn of_unit(unit: &str) -> Option<Kind> {
@@ -67,9 +141,8 @@ fn of_unit(unit: &str) -> Option<Kind> {
         "mm" => Kind::Position,
         "um" | "µm" => Kind::Displacement,
         "bool" | "on" => Kind::Switch,
-        "percent" | "l/min" | "bar" | "v" | "mv" | "a" | "ma" | "w" | "kw" | "n" | "nm" | "s" | "count" => {
-            Kind::Other
-        }
+        "percent" | "%" | "l/min" | "bar" | "v" | "mv" | "a" | "ma" | "w" | "kw" | "n" | "nm" | "s"
+        | "count" => Kind::Other,
         _ => return None,
     })
 }

@@ -9,7 +9,7 @@
 use std::fs::File;
 use std::path::Path;
 
-use parquet::basic::Type;
+use parquet::basic::{LogicalType, TimeUnit, Type};
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::DataType;
 use parquet::errors::ParquetError;
@@ -18,11 +18,11 @@ use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
 use parquet::schema::types::ColumnDescPtr;
 
-use super::csv::MOST_COLUMNS;
+use super::csv::{MOST_COLUMNS, check_header};
 use super::table::{Reader, Table, TooMuch};
 use super::{BadLog, Split, Uses, files};
 use isotherm_core::border::beyond;
-use isotherm_core::quantity::Dialect;
+use isotherm_core::quantity::{Dialect, with_date};
 use isotherm_profile::safe_file::quoted;
 
 mod pages;
@@ -32,6 +32,8 @@ mod thrift;
 const PER_BYTE: u64 = 10;
 /// Memory for the numbers that is always allowed, in addition to the multiple of the file size, bytes.
 const AT_LEAST: u64 = 96_000_000;
+/// Maximum number of changes of the date in a file: more than two hundred years of days.
+const MOST_DATES: usize = 100_000;
 /// Number of values that are decoded at a time.
 const BATCH: usize = 8192;
 
@@ -61,10 +63,12 @@ fn from_file(path: &Path, file: File, split: &Split, uses: Uses<'_>) -> Result<T
         )));
     }
     let names: Vec<String> = columns.iter().map(name).collect();
+    check_header(&names).map_err(refused)?;
     let there_are = names.join(", ");
     let no_time = format!("there is no column time, time_s or time_min; there are {}", quoted(&there_are));
-    let dialect = Dialect::of("", split.zone.clone());
-    let table = Reader::new(path, names, ("row", dialect), split.column.as_deref(), uses);
+    let dialect = Dialect::of("", split.zone.clone()).with(split.decimal, split.dates);
+    let choice = (split.column.as_deref(), split.time_unit);
+    let table = Reader::new(path, names, ("row", dialect), choice, uses);
     let mut table = table.ok_or_else(|| refused(no_time))?;
     let file = Opened { reader, again, length };
     file.check_size(&table).map_err(refused)?;
@@ -76,7 +80,11 @@ fn from_file(path: &Path, file: File, split: &Split, uses: Uses<'_>) -> Result<T
             continue;
         }
         let wrong = |why: String| refused(format!("column {}: {why}", columns[place].name()));
-        match file.read(&columns[place], place, &mut table) {
+        // The date of a row completes a time of day.
+        let date = table.date_at().filter(|_| place == time);
+        let dates = date.map(|date| file.dates(&columns[date], date)).transpose();
+        let read = dates.and_then(|dates| file.read(&columns[place], (place, dates), &mut table));
+        match read {
             Ok(()) => {}
             Err(Stopped::Told) => break,
             Err(Stopped::Wrong(why)) => return Err(wrong(why)),
@@ -142,14 +150,20 @@ impl Opened {
         Ok(())
     }
 
-    /// Reads one column of all row groups into the table.
-    fn read(&self, column: &ColumnDescPtr, place: usize, table: &mut Reader) -> Result<(), Stopped> {
+    /// Reads one column of all row groups into the table. `dates` contains the dates of the rows, if the column is the
+    /// time and another one is the date.
+    fn read(
+        &self,
+        column: &ColumnDescPtr,
+        (place, dates): (usize, Option<Dates>),
+        table: &mut Reader,
+    ) -> Result<(), Stopped> {
         let is_time = place == table.time_at();
         if !is_plain(column) {
             if is_time {
                 return Err(Stopped::Wrong("this column needs one value in each row".to_owned()));
             }
-            table.is_text(place);
+            table.is_text(place, "its values are nested, and one value in each row is needed");
             return Ok(());
         }
         let mut number = 0;
@@ -157,17 +171,15 @@ impl Opened {
             if !is_time && !table.reads(place) {
                 break;
             }
-            let chunk = metadata.columns().get(place).ok_or_else(|| {
-                Stopped::Wrong("this column is missing in a row group: write the file again".to_owned())
-            })?;
-            let looked = pages::check_pages(&self.again, self.length, chunk).map_err(Stopped::Wrong)?;
-            if looked.has_deltas_of_texts && column.physical_type() == Type::BYTE_ARRAY {
+            // The column of an empty row group may have no page.
+            if metadata.num_rows() == 0 {
+                continue;
+            }
+            if self.has_deltas_of_texts(column, (place, metadata))? {
                 if is_time || table.needs_words(place) {
-                    let why = "the texts of this column are stored as differences, which is not supported: \
-                               write them plain or with a dictionary";
-                    return Err(Stopped::Wrong(why.to_owned()));
+                    return Err(Stopped::Wrong(DELTAS.to_owned()));
                 }
-                table.is_text(place);
+                table.is_text(place, "it contains delta-encoded texts, which are not supported");
                 return Ok(());
             }
             let rows = usize::try_from(metadata.num_rows()).unwrap_or(usize::MAX);
@@ -176,20 +188,96 @@ impl Opened {
             let cells = Cells { column, rows, is_optional: column.max_def_level() > 0 };
             cells.read(group.get_column_reader(place)?, &mut |value| {
                 number += 1;
-                take(table, (place, number), value)
+                take(table, (place, number), (value, dates.as_ref()))
             })?;
         }
         Ok(())
     }
+
+    /// Reads the dates of all rows.
+    fn dates(&self, column: &ColumnDescPtr, place: usize) -> Result<Dates, Stopped> {
+        let mut dates = Dates::default();
+        if !is_plain(column) {
+            return Err(Stopped::Wrong("this column needs one date in each row".to_owned()));
+        }
+        let mut number = 0;
+        for (group, metadata) in self.groups().iter().enumerate() {
+            if metadata.num_rows() == 0 {
+                continue;
+            }
+            if self.has_deltas_of_texts(column, (place, metadata))? {
+                return Err(Stopped::Wrong(DELTAS.to_owned()));
+            }
+            let rows = usize::try_from(metadata.num_rows()).unwrap_or(usize::MAX);
+            let group = self.reader.get_row_group(group)?;
+            let cells = Cells { column, rows, is_optional: column.max_def_level() > 0 };
+            cells.read(group.get_column_reader(place)?, &mut |value| {
+                number += 1;
+                dates.push(number, &value);
+                match dates.changes.len() > MOST_DATES {
+                    true => Err(Stopped::Wrong(format!(
+                        "more than {MOST_DATES} dates: is this a column of dates?"
+                    ))),
+                    false => Ok(()),
+                }
+            })?;
+        }
+        Ok(dates)
+    }
+
+    /// Checks the pages of a column in a row group. Returns whether it contains delta-encoded texts.
+    fn has_deltas_of_texts(
+        &self,
+        column: &ColumnDescPtr,
+        (place, metadata): (usize, &RowGroupMetaData),
+    ) -> Result<bool, Stopped> {
+        let chunk = metadata.columns().get(place).ok_or_else(|| {
+            Stopped::Wrong("this column is missing in a row group: write the file again".to_owned())
+        })?;
+        let looked = pages::check_pages(&self.again, self.length, chunk).map_err(Stopped::Wrong)?;
+        Ok(looked.has_deltas_of_texts && column.physical_type() == Type::BYTE_ARRAY)
+    }
 }
 
-/// Stores a value in the table.
-fn take(table: &mut Reader, (place, row): (usize, u64), value: Value<'_>) -> Result<(), Stopped> {
+/// Message about delta-encoded texts in a column that is needed.
+const DELTAS: &str = "the texts of this column are stored as differences, which is not supported: write them plain or with a \
+                      dictionary";
+
+/// Dates of the rows of a file. A date is stored only where it changes.
+#[derive(Debug, Default)]
+struct Dates {
+    changes: Vec<(u64, String)>,
+}
+
+impl Dates {
+    fn push(&mut self, row: u64, value: &Value<'_>) {
+        let text = match value {
+            Value::Text(text) => text.split('T').next().unwrap_or_default(),
+            Value::Number(_) => "",
+        };
+        if self.changes.last().is_none_or(|(_, last)| last != text) {
+            self.changes.push((row, text.to_owned()));
+        }
+    }
+
+    fn of(&self, row: u64) -> Option<&str> {
+        let behind = self.changes.partition_point(|(first, _)| *first <= row);
+        self.changes.get(behind.checked_sub(1)?).map(|(_, date)| date.as_str())
+    }
+}
+
+/// Stores a value in the table. `dates` completes times of a day.
+fn take(
+    table: &mut Reader,
+    (place, row): (usize, u64),
+    (value, dates): (Value<'_>, Option<&Dates>),
+) -> Result<(), Stopped> {
     if place == table.time_at() {
+        let date = dates.and_then(|dates| dates.of(row));
         let begun = match value {
             Value::Number(number) if number.is_nan() => table.begin(row, ""),
             Value::Number(number) => table.begin(row, &number.to_string()),
-            Value::Text(text) => table.begin(row, text),
+            Value::Text(text) => table.begin(row, &with_date(text, date)),
         };
         return begun.map(drop).map_err(|TooMuch| Stopped::Told);
     }
@@ -233,12 +321,20 @@ impl Cells<'_> {
             ColumnReader::FloatColumnReader(reader) => {
                 self.fields(reader, take, |value| Ok(Field::convert_float(column, *value)))
             }
-            ColumnReader::Int32ColumnReader(reader) => {
-                self.fields(reader, take, |value| Ok(Field::convert_int32(column, *value)))
-            }
-            ColumnReader::Int64ColumnReader(reader) => {
-                self.fields(reader, take, |value| Ok(Field::convert_int64(column, *value)))
-            }
+            ColumnReader::Int32ColumnReader(reader) => match Stamps::of(column) {
+                Some(stamps) => self.each(reader, &mut |value| match value {
+                    None => take(Value::Number(f64::NAN)),
+                    Some(value) => take(Value::Text(&stamps.text(i64::from(*value)))),
+                }),
+                None => self.fields(reader, take, |value| Ok(Field::convert_int32(column, *value))),
+            },
+            ColumnReader::Int64ColumnReader(reader) => match Stamps::of(column) {
+                Some(stamps) => self.each(reader, &mut |value| match value {
+                    None => take(Value::Number(f64::NAN)),
+                    Some(value) => take(Value::Text(&stamps.text(*value))),
+                }),
+                None => self.fields(reader, take, |value| Ok(Field::convert_int64(column, *value))),
+            },
             ColumnReader::Int96ColumnReader(reader) => {
                 self.fields(reader, take, |value| Ok(Field::convert_int96(column, *value)))
             }
@@ -311,7 +407,85 @@ fn text(field: &Field) -> String {
     }
 }
 
+/// Times of a column that states their unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Stamps {
+    /// Nanoseconds of one unit.
+    unit: i64,
+    kind: StampKind,
+}
+
+/// Meaning of the times of a column.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum StampKind {
+    /// Dates and times in UTC.
+    Utc,
+    /// Dates and times of the clock on the wall.
+    Wall,
+    /// Times of a day without a date.
+    OfDay,
+}
+
+impl Stamps {
+    fn of(column: &ColumnDescPtr) -> Option<Stamps> {
+        let (stamp, kind) = match column.logical_type_ref()? {
+            LogicalType::Timestamp(stamp) if stamp.is_adjusted_to_u_t_c => (stamp, StampKind::Utc),
+            LogicalType::Timestamp(stamp) => (stamp, StampKind::Wall),
+            LogicalType::Time(stamp) => (stamp, StampKind::OfDay),
+            _ => return None,
+        };
+        let unit = match stamp.unit {
+            TimeUnit::MILLIS => 1_000_000,
+            TimeUnit::MICROS => 1000,
+            TimeUnit::NANOS => 1,
+        };
+        Some(Stamps { unit, kind })
+    }
+
+    /// Returns a time as the text that CSV would contain; empty if it is no time.
+    fn text(self, stamp: i64) -> String {
+        let nanos = stamp.checked_mul(self.unit);
+        match self.kind {
+            StampKind::Utc => stamp_text(nanos),
+            StampKind::Wall => stamp_text(nanos).trim_end_matches('Z').to_owned(),
+            StampKind::OfDay => nanos.filter(|nanos| *nanos >= 0).map(of_day_text).unwrap_or_default(),
+        }
+    }
+}
+
+fn of_day_text(nanos: i64) -> String {
+    let (seconds, nanos) = (nanos / 1_000_000_000, nanos % 1_000_000_000);
+    format!("{:02}:{:02}:{:02}.{nanos:09}", seconds / 3600, seconds / 60 % 60, seconds % 60)
+}
+
 fn stamp_text(nanos: Option<i64>) -> String {
     let stamp = nanos.and_then(|nanos| jiff::Timestamp::from_nanosecond(i128::from(nanos)).ok());
     stamp.map(|stamp| stamp.to_string()).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn time_stamps_are_texts_with_their_zone() {
+        let text = |unit, kind, stamp| Stamps { unit, kind }.text(stamp);
+        assert_eq!(text(1, StampKind::Utc, 1_773_036_000_000_000_000), "2026-03-09T06:00:00Z");
+        assert_eq!(text(1000, StampKind::Wall, 1_773_036_000_500_000), "2026-03-09T06:00:00.5");
+        assert_eq!(text(1_000_000, StampKind::Utc, i64::MAX), "");
+        assert_eq!(text(1, StampKind::OfDay, 21_610_500_000_000), "06:00:10.500000000");
+        assert_eq!(text(1, StampKind::OfDay, -1), "");
+    }
+
+    #[test]
+    fn a_date_holds_until_the_next_one() {
+        let mut dates = Dates::default();
+        for (row, text) in [(1, "2026-03-09"), (2, "2026-03-09"), (3, "2026-03-10T00:00:00")] {
+            dates.push(row, &Value::Text(text));
+        }
+        assert_eq!(dates.changes.len(), 2);
+        let found: Vec<Option<&str>> = [0, 1, 2, 3, 9].map(|row| dates.of(row)).to_vec();
+        let day = Some("2026-03-09");
+        assert_eq!(found, [None, day, day, Some("2026-03-10"), Some("2026-03-10")]);
+    }
 }

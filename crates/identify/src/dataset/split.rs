@@ -6,9 +6,11 @@ use std::time::Duration;
 
 use jiff::tz::TimeZone;
 
+use super::implausible::leave_out;
 use super::run::{Errors, Origin};
 use super::table::{Cells, Table};
-use super::{BadLog, Run};
+use super::{BadLog, Kind, Refusal, Run};
+use isotherm_core::quantity::{DateOrder, DecimalMark, TimeUnit};
 
 /// Maximum number of runs. A column with more changes does not identify runs.
 const MOST_RUNS: usize = 10_000;
@@ -22,30 +24,60 @@ pub struct Split {
     pub gap: Option<Duration>,
     /// Time zone of times without an offset from UTC. Without a time zone, such times are rejected.
     pub zone: Option<TimeZone>,
+    /// Decimal mark of the numbers; `None` if the numbers decide.
+    pub decimal: Option<DecimalMark>,
+    /// Order of day and month in dates with slashes; `None` if the dates decide.
+    pub dates: Option<DateOrder>,
+    /// Unit of times that are numbers; `None` if the name of the time column decides.
+    pub time_unit: Option<TimeUnit>,
+    /// Columns that are displacements, also if their names and units do not say so.
+    pub displacements: Vec<String>,
+}
+
+/// Function that returns the kind of a column from its name and its values in one file.
+pub(super) type KindOf<'a> = &'a dyn Fn(&str, &[f64]) -> Kind;
+
+/// Runs of all files, without the values that no sensor measured.
+#[derive(Debug, Default)]
+pub(super) struct Divided {
+    pub(super) runs: Vec<Run>,
+    /// Sentences about the values that were left out.
+    pub(super) remarks: Vec<String>,
+    /// Columns with too many of these values.
+    pub(super) refused: Vec<Refusal>,
 }
 
 /// Divides all tables into runs. Each run has the columns `names`, in this order.
-pub(super) fn runs(tables: Vec<Table>, names: &[String], split: &Split) -> Result<Vec<Run>, BadLog> {
-    let (mut runs, mut wrong) = (Vec::new(), Vec::new());
+pub(super) fn runs(
+    tables: Vec<Table>,
+    names: &[String],
+    split: &Split,
+    kind: KindOf<'_>,
+) -> Result<Divided, BadLog> {
+    let (mut divided, mut wrong) = (Divided::default(), Vec::new());
     for table in tables {
-        match of_table(table, names, split) {
-            Ok(own) => runs.extend(own),
+        match of_table(table, names, split, kind) {
+            Ok(own) => {
+                divided.runs.extend(own.runs);
+                divided.remarks.extend(own.remarks);
+                divided.refused.extend(own.refused);
+            }
             Err(BadLog(why)) => wrong.extend(why),
         }
     }
     // Files with the same name in different directories are different runs.
     let mut alike: HashMap<String, usize> = HashMap::new();
-    for run in &mut runs {
+    for run in &mut divided.runs {
         let number = alike.entry(run.name.clone()).or_default();
         *number += 1;
         if *number > 1 {
             run.name = format!("{} ({number})", run.name);
         }
     }
-    BadLog::unless(wrong, runs)
+    BadLog::unless(wrong, divided)
 }
 
-fn of_table(mut table: Table, names: &[String], split: &Split) -> Result<Vec<Run>, BadLog> {
+fn of_table(mut table: Table, names: &[String], split: &Split, kind: KindOf<'_>) -> Result<Divided, BadLog> {
     let labels = split.column.as_ref().map(|name| labels(&table, name)).transpose()?;
     let parts = parts(&table, labels.as_ref(), split)?;
     let label = |rows: &Range<usize>| labels.as_ref().map(|labels| labels.of(rows.start));
@@ -54,6 +86,8 @@ fn of_table(mut table: Table, names: &[String], split: &Split) -> Result<Vec<Run
         *alike.entry(label(rows)).or_default() += 1;
     }
     let stem = table.file.file_stem().and_then(|stem| stem.to_str()).unwrap_or("run");
+    // A compressed log is named day.csv.gz.
+    let stem = stem.strip_suffix(".csv").unwrap_or(stem);
     let (mut named, mut wrong) = (Vec::new(), Vec::new());
     for (number, rows) in (1..).zip(parts.iter().cloned()) {
         let label = label(&rows);
@@ -78,7 +112,9 @@ fn of_table(mut table: Table, names: &[String], split: &Split) -> Result<Vec<Run
         named.push((name, rows));
     }
     BadLog::unless(wrong, ())?;
-    Ok(named.into_iter().map(|(name, rows)| run(&mut table, names, name, rows)).collect())
+    let (remarks, refused) = leave_out(&mut table, &parts, kind);
+    let runs = named.into_iter().map(|(name, rows)| run(&mut table, names, name, rows)).collect();
+    Ok(Divided { runs, remarks, refused })
 }
 
 /// Returns the range of rows of each run, in order.

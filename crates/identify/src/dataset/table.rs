@@ -4,8 +4,12 @@ use std::collections::HashMap;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
+use super::unit::are_alike;
 use super::{BadLog, active_cz};
-use isotherm_core::quantity::{Dialect, Moment, time};
+use isotherm_core::quantity::{
+    Cell, Conversion, DateOrder, DecimalMark, Dialect, Moment, TimeColumns, TimeUnit, names_and_units,
+};
+use isotherm_profile::counted;
 use isotherm_profile::safe_file::quoted;
 
 /// Maximum number of rows of a file: those of seven months with one row per second. More rows would take too long to
@@ -37,7 +41,19 @@ pub(super) struct Table {
     pub(super) times: Vec<Moment>,
     /// Line or row number of each row in the file.
     pub(super) lines: Numbering,
+    /// Word for a row in messages: line or row.
+    pub(super) row: &'static str,
     pub(super) columns: Vec<(String, Cells)>,
+    /// Unit of each column that states one in its header or cells, by the name of the column.
+    pub(super) units: HashMap<String, String>,
+    /// Conversion of the values of each column that is not in the unit of the program.
+    pub(super) conversions: HashMap<String, Conversion>,
+    /// Used columns without any number, with the reason.
+    pub(super) lost: Vec<(String, String)>,
+    /// Unused columns without any number, with the reason.
+    pub(super) texts: Vec<(String, String)>,
+    /// Messages of a logger instead of values, by the name of the column.
+    failed: HashMap<String, Failed>,
     /// Names of the columns that contain the active Cz (Cz that acted during the measurement).
     pub(super) acted: Vec<String>,
     /// Rows directly after a zero command, each with the axis of the command; `None` for all axes. Only a log of the
@@ -45,6 +61,39 @@ pub(super) struct Table {
     pub(super) zeros: Vec<(usize, Option<String>)>,
     /// Whether the machine was already on before the first row, as the log of a gateway says.
     pub(super) continues: bool,
+    pub(super) understood: Understood,
+}
+
+/// Properties of a file by which its times and numbers were read.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Understood {
+    /// Names of the columns with the time and with the date.
+    pub(super) time: String,
+    pub(super) date: Option<String>,
+    /// Unit of the times, if they are numbers.
+    pub(super) unit: TimeUnit,
+    /// Whether the name of the time column states that its times are in UTC.
+    pub(super) is_in_utc: bool,
+    pub(super) decimal: Option<DecimalMark>,
+    pub(super) dates: Option<DateOrder>,
+}
+
+/// Rows of a column with a message of the logger, such as `OL` or `---`, instead of a value.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+struct Failed {
+    rows: Vec<u32>,
+    /// First of these messages.
+    first: String,
+}
+
+impl Failed {
+    fn push(&mut self, row: usize, text: &str) {
+        if self.rows.is_empty() {
+            text.clone_into(&mut self.first);
+        }
+        // The number of rows is limited to [`MOST_ROWS`].
+        self.rows.extend(u32::try_from(row));
+    }
 }
 
 /// Cells of a column.
@@ -119,6 +168,10 @@ impl Table {
         self.columns.iter().find(|(known, _)| known == name).map(|(_, cells)| cells)
     }
 
+    pub(super) fn cells_mut(&mut self, name: &str) -> Option<&mut Cells> {
+        self.columns.iter_mut().find(|(known, _)| known == name).map(|(_, cells)| cells)
+    }
+
     pub(super) fn numbers(&self, name: &str) -> Option<&[f64]> {
         match self.cells(name)? {
             Cells::Numbers(numbers) => Some(numbers),
@@ -131,6 +184,16 @@ impl Table {
         numbers.map(|(name, _)| name.as_str())
     }
 
+    /// Returns the rows of this column with a message of the logger instead of a value.
+    pub(super) fn failed_rows(&self, name: &str) -> impl Iterator<Item = usize> {
+        self.failed.get(name).into_iter().flat_map(|failed| &failed.rows).map(|row| *row as usize)
+    }
+
+    /// Returns the first message of the logger in this column; empty if there is none.
+    pub(super) fn failed_word(&self, name: &str) -> String {
+        self.failed.get(name).map(|failed| failed.first.clone()).unwrap_or_default()
+    }
+
     /// Returns the unused columns, with their first numbers.
     pub(super) fn unread(&self) -> impl Iterator<Item = (&str, &[f64])> {
         self.columns.iter().filter_map(|(name, cells)| match cells {
@@ -139,9 +202,6 @@ impl Table {
         })
     }
 }
-
-/// Parser of a time cell; the last argument is the time of the row before.
-type ReadTime = fn(&mut Dialect, &str, Option<Moment>) -> Result<Moment, String>;
 
 /// A column while the file is read.
 #[derive(Debug, Default)]
@@ -154,6 +214,10 @@ struct Column {
     has_numbers: bool,
     /// Line and text of the first cell that is not a number.
     text: Option<(u64, String)>,
+    /// Unit in the header or in the first cell with a unit; empty if there is none.
+    unit: String,
+    conversion: Conversion,
+    failed: Failed,
     /// Whether the column is used. Only the first cells of an unused column are read.
     is_used: bool,
     /// Whether reading of the column has ended, because it is not needed or an error has been reported.
@@ -164,49 +228,53 @@ struct Column {
 pub(super) struct Reader {
     table: Table,
     columns: Vec<Column>,
-    /// Index of the time column, and the parser of its cells.
-    time: (usize, ReadTime),
+    /// Columns with the time of a row.
+    time: TimeColumns,
+    /// Unit of the times that are numbers; `None` before the first row.
+    unit: Option<TimeUnit>,
     /// Number of columns that are read completely, without the time.
     kept: usize,
     /// Word for a row in messages: line or row.
     row: &'static str,
     dialect: Dialect,
+    /// Row and message of the first invalid time, and the number of further ones.
+    untimed: Option<(u64, String, u64)>,
     listed: Vec<String>,
     unlisted: usize,
 }
 
 impl Reader {
     /// Creates a reader; `None` if no column contains the time. `by` is the column that divides runs. `uses` selects
-    /// the columns.
+    /// the columns. `stated` is the unit of times that are numbers, if the operator has stated it.
     pub(super) fn new(
         file: &Path,
         names: Vec<String>,
         (row, dialect): (&'static str, Dialect),
-        by: Option<&str>,
+        (by, stated): (Option<&str>, Option<TimeUnit>),
         uses: Uses<'_>,
     ) -> Option<Reader> {
-        let unit = |name: &str| -> Option<ReadTime> {
-            match name {
-                "time" | "time_s" => Some(Dialect::moment),
-                "time_min" => Some(minutes),
-                _ => None,
-            }
-        };
-        let time = names.iter().enumerate().find_map(|(place, name)| Some((place, unit(name)?)))?;
-        let column = |(place, name): (usize, String)| {
+        let time = TimeColumns::find(&names, stated)?;
+        let dialect = if time.is_in_utc { dialect.in_utc() } else { dialect };
+        let plain = names_and_units(&names);
+        let column = |(place, (name, unit)): (usize, (String, String))| {
             let has_words = by == Some(name.as_str()) || active_cz::needs_words(&name);
-            let is_over = place == time.0 || name.is_empty();
+            let is_date = time.date == Some(place) && !has_words;
+            let is_over = place == time.time || is_date || name.is_empty();
             let is_used = has_words || active_cz::needs(&name) || uses(&name);
-            Column { words: has_words.then(Words::default), is_used, is_over, name, ..Column::default() }
+            let conversion = Conversion::of(&name, &unit);
+            let words = has_words.then(Words::default);
+            Column { words, is_used, is_over, name, unit, conversion, ..Column::default() }
         };
-        let columns: Vec<Column> = names.into_iter().enumerate().map(column).collect();
+        let columns: Vec<Column> = plain.into_iter().enumerate().map(column).collect();
         Some(Reader {
-            table: Table { file: file.to_owned(), ..Table::default() },
+            table: Table { file: file.to_owned(), row, ..Table::default() },
             time,
+            unit: None,
             kept: columns.iter().filter(|column| column.is_used && !column.is_over).count(),
             columns,
             row,
             dialect,
+            untimed: None,
             listed: Vec::new(),
             unlisted: 0,
         })
@@ -228,7 +296,23 @@ impl Reader {
 
     /// Returns the index of the time column.
     pub(super) fn time_at(&self) -> usize {
-        self.time.0
+        self.time.time
+    }
+
+    /// Returns the index of the column with the date; `None` if the time column has the date.
+    pub(super) fn date_at(&self) -> Option<usize> {
+        self.time.date
+    }
+
+    /// Learns the order of day and month, and what a mark before three digits means, from rows that are read later.
+    pub(super) fn learn<'a>(&mut self, rows: impl Iterator<Item = Vec<&'a str>> + Clone) {
+        let dated = self.time.date.unwrap_or(self.time.time);
+        for cells in rows.clone() {
+            if let Some(text) = cells.get(dated) {
+                self.dialect.learn_dates(text);
+            }
+        }
+        self.dialect.learn_marks(rows);
     }
 
     /// Returns whether the next cell of this column must be read.
@@ -261,9 +345,12 @@ impl Reader {
 
     /// Marks a column whose cells are texts that nothing needs, so that they are not stored.
     #[cfg(feature = "parquet")]
-    pub(super) fn is_text(&mut self, place: usize) {
-        self.columns[place].is_over = true;
-        self.columns[place].text = Some((0, String::new()));
+    pub(super) fn is_text(&mut self, place: usize, why: &str) {
+        let column = &mut self.columns[place];
+        column.is_over = true;
+        column.text = Some((0, String::new()));
+        let list = if column.is_used { &mut self.table.lost } else { &mut self.table.texts };
+        list.push((column.name.clone(), why.to_owned()));
     }
 
     /// Begins a row with its time. Returns `false` if the time is invalid, and adds the error. Returns `Err` if the
@@ -282,17 +369,18 @@ impl Reader {
             );
             return Err(TooMuch);
         }
-        let (place, read) = self.time;
+        let place = self.time.time;
         let last = self.table.times.last().copied();
-        match read(&mut self.dialect, &quoted(time), last) {
+        let unit = *self.unit.get_or_insert_with(|| self.time.unit_of(&self.columns[place].name, time));
+        match self.dialect.moment_in(unit, &quoted(time), last) {
             Ok(moment) => {
                 self.table.times.push(moment);
                 self.table.lines.push(number);
                 Ok(true)
             }
             Err(why) => {
-                let name = self.columns[place].name.clone();
-                self.refuse(number, Some(&name), why);
+                // One mistake is often in every row.
+                self.untimed.get_or_insert((number, why, 0)).2 += 1;
                 Ok(false)
             }
         }
@@ -301,36 +389,50 @@ impl Reader {
     /// Adds a cell of the current row as text.
     pub(super) fn text(&mut self, place: usize, number: u64, text: &str) {
         let text = quoted(text.trim());
-        let read = match self.dialect.separator() {
-            b',' => to_number(&text),
-            _ => match self.dialect.number(&text) {
-                Ok(pointed) => to_number(&pointed),
-                Err(_) if !self.columns[place].is_used => None,
-                Err(_) if active_cz::is_of_machine(&self.columns[place].name) => None,
-                Err(why) => {
-                    let name = std::mem::take(&mut self.columns[place].name);
-                    self.refuse(number, Some(&name), why);
-                    self.columns[place] = Column { name, is_over: true, ..Column::default() };
-                    return;
-                }
-            },
+        let cell = match self.dialect.cell(&text) {
+            // A state or a command of the gateway may look like a wrong number.
+            _ if active_cz::is_of_machine(&self.columns[place].name) => Cell::Text,
+            Ok(cell) => cell,
+            Err(_) if !self.columns[place].is_used => Cell::Text,
+            Err(why) => return self.end_column(place, number, why),
         };
         let column = &mut self.columns[place];
-        if read.is_none() && column.text.is_none() {
-            column.text = Some((number, text.clone().into_owned()));
-        }
-        let read = read.unwrap_or(f64::NAN);
+        let read = match cell {
+            Cell::Number(value, "") if column.conversion == Conversion::Same => value,
+            Cell::Number(value, unit) if column.words.is_none() => match column.with_unit(value, unit) {
+                Ok(value) => value,
+                Err(_) if !column.is_used => f64::NAN,
+                Err(why) => return self.end_column(place, number, why),
+            },
+            // `7C` may be the name of a run.
+            Cell::Number(..) | Cell::Text => {
+                column.text.get_or_insert_with(|| (number, text.clone().into_owned()));
+                f64::NAN
+            }
+            Cell::Absent => f64::NAN,
+            Cell::Failed => {
+                if column.is_used {
+                    column.failed.push(column.numbers.len(), &text);
+                }
+                f64::NAN
+            }
+        };
         column.has_numbers |= read.is_finite();
         column.numbers.push(read);
         if column.has_numbers && column.text.is_none() {
             column.words = None;
         } else if column.words.as_mut().is_some_and(|words| !words.push(&text)) {
-            let name = std::mem::take(&mut column.name);
-            self.columns[place] = Column { is_over: true, ..Column::default() };
             let message =
                 format!("more than {MOST_WORDS} different texts: this column cannot distinguish runs");
-            self.refuse(number, Some(&name), message);
+            self.end_column(place, number, message);
         }
+    }
+
+    /// Ends the reading of a column with an error.
+    fn end_column(&mut self, place: usize, number: u64, message: impl Display) {
+        let name = std::mem::take(&mut self.columns[place].name);
+        self.refuse(number, Some(&name), message);
+        self.columns[place] = Column { name, is_over: true, ..Column::default() };
     }
 
     /// Adds a cell of the current row as a number; NaN if missing.
@@ -338,7 +440,7 @@ impl Reader {
     pub(super) fn number(&mut self, place: usize, value: f64) {
         let column = &mut self.columns[place];
         column.has_numbers |= value.is_finite();
-        column.numbers.push(if value.is_finite() { value } else { f64::NAN });
+        column.numbers.push(if value.is_finite() { column.conversion.apply(value) } else { f64::NAN });
         if column.has_numbers {
             column.words = None;
         }
@@ -346,11 +448,30 @@ impl Reader {
 
     /// Returns the finished table, or all errors. `empty` is the line number and the message for a file without rows.
     pub(super) fn finish(mut self, empty: (u64, &str)) -> Result<Table, BadLog> {
+        let name = |place: usize| self.columns[place].name.clone();
+        self.table.understood = Understood {
+            time: name(self.time.time),
+            date: self.time.date.map(name),
+            unit: self.unit.unwrap_or(self.time.unit),
+            is_in_utc: self.time.is_in_utc,
+            decimal: self.dialect.decimal(),
+            dates: self.dialect.dates(),
+        };
+        if let Some((number, why, rows)) = self.untimed.take() {
+            let more = match rows - 1 {
+                0 => String::new(),
+                more => format!(" (also in {})", counted(more, &format!("more {}", self.row))),
+            };
+            let (at, name) = (&self.row, quoted(&self.columns[self.time.time].name));
+            let message = format!("{}, {at} {number}, column {name}: {why}{more}", self.table.file.display());
+            self.listed.insert(0, message);
+        }
         if self.table.times.is_empty() && self.listed.is_empty() {
             self.refuse(empty.0, None, empty.1);
         }
         for (place, mut column) in std::mem::take(&mut self.columns).into_iter().enumerate() {
-            if place != self.time.0 && !column.name.is_empty() {
+            let is_date = self.time.date == Some(place) && column.words.is_none();
+            if place != self.time.time && !is_date && !column.name.is_empty() {
                 let name = std::mem::take(&mut column.name);
                 let cells = self.cells(&name, column);
                 self.table.columns.push((name, cells));
@@ -363,6 +484,10 @@ impl Reader {
                 self.refuse_at(&format!("every {}", self.row), Some(&column), message);
             }
         }
+        let Table { columns, lost, acted, .. } = &mut self.table;
+        lost.retain(|(name, _)| {
+            columns.iter().any(|(known, _)| known == name) && !active_cz::is_of_touches(name, acted)
+        });
         if self.unlisted > 0 {
             let more = format!("{}: further errors: {}", self.table.file.display(), self.unlisted);
             self.listed.push(more);
@@ -373,22 +498,34 @@ impl Reader {
     /// Returns the cells of a finished column: numbers if all cells are numbers. A used column with both numbers and
     /// texts is an error at its first text.
     fn cells(&mut self, name: &str, column: Column) -> Cells {
+        if !column.unit.is_empty() {
+            self.table.units.insert(name.to_owned(), column.unit);
+        }
+        if column.conversion != Conversion::Same {
+            self.table.conversions.insert(name.to_owned(), column.conversion);
+        }
+        if !column.failed.rows.is_empty() {
+            self.table.failed.insert(name.to_owned(), column.failed);
+        }
         let Some((line, text)) = column.text else {
+            if column.is_used && !column.is_over && !column.has_numbers {
+                self.table.lost.push((name.to_owned(), "it has no values".to_owned()));
+            }
             let of = if column.is_used { Cells::Numbers } else { Cells::Unread };
             return of(column.numbers);
         };
-        let dotted = text.replace(',', ".");
-        let has_comma = text.contains(',') && dotted.parse::<f64>().is_ok();
-        if !has_comma && !column.has_numbers {
+        if !column.has_numbers {
+            if column.words.is_none() && !column.is_over {
+                let why = format!("{} {line}: `{text}` is no number", self.row);
+                let list = if column.is_used { &mut self.table.lost } else { &mut self.table.texts };
+                list.push((name.to_owned(), why));
+            }
             return Cells::Text(column.words.unwrap_or_default());
         }
         if !column.is_used {
             return Cells::Unread(column.numbers);
         }
-        let hint = match has_comma {
-            true => format!("`{text}` has a decimal comma; write {dotted}"),
-            false => format!("`{text}` is no number; leave the cell empty if the value is missing"),
-        };
+        let hint = format!("`{text}` is no number; leave the cell empty if the value is missing");
         self.refuse(line, Some(name), hint);
         Cells::Numbers(column.numbers)
     }
@@ -398,31 +535,26 @@ impl Reader {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TooMuch;
 
-/// Parses a time in minutes.
-fn minutes(dialect: &mut Dialect, text: &str, _: Option<Moment>) -> Result<Moment, String> {
-    let read = time::parse(&dialect.number(text.trim())?)?;
-    if text.contains(':') {
-        return Err(format!("`{text}` is a date, and `time_min` counts minutes; name the column `time`"));
-    }
-    // A minute is sixty seconds, computed exactly in nanoseconds.
-    let nanos = read.as_nanos().checked_mul(60);
-    nanos.map(Moment::from_nanos).ok_or_else(|| format!("`{text}` minutes is too large"))
-}
-
-/// Parses a cell as a number; NaN if it is empty; `None` if it is not a number.
-fn to_number(text: &str) -> Option<f64> {
-    if text.is_empty() {
-        return Some(f64::NAN);
-    }
-    if let Ok(value) = text.parse::<f64>() {
-        return Some(if value.is_finite() { value } else { f64::NAN });
-    }
-    match text {
-        "true" => Some(1.0),
-        "false" => Some(0.0),
-        _ if ["na", "null", "none", "-"].iter().any(|known| text.eq_ignore_ascii_case(known)) => {
-            Some(f64::NAN)
+impl Column {
+    /// Converts a value with this unit, which may be empty. All cells of a column must have the same unit.
+    fn with_unit(&mut self, value: f64, unit: &str) -> Result<f64, String> {
+        if !unit.is_empty() && self.unit.is_empty() {
+            let conversion = Conversion::of(&self.name, unit);
+            // The numbers before had no unit.
+            if self.has_numbers && conversion != Conversion::Same {
+                return Err(format!(
+                    "`{unit}` follows this number, but not the numbers before; write one unit"
+                ));
+            }
+            unit.clone_into(&mut self.unit);
+            self.conversion = conversion;
         }
-        _ => None,
+        match unit.is_empty() || unit == self.unit || are_alike(&self.name, unit, &self.unit) {
+            true => Ok(self.conversion.apply(value)),
+            false => Err(format!(
+                "`{unit}` follows this number, but the column is in {}; write one unit",
+                self.unit
+            )),
+        }
     }
 }

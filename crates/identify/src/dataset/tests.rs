@@ -2,7 +2,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use super::*;
-use isotherm_core::quantity::Moment;
+use isotherm_core::quantity::{DecimalMark, Moment, TimeUnit};
 
 fn read(log: &str, split: &Split) -> Result<Dataset, BadLog> {
     read_used(log, split, &every_column)
@@ -136,6 +136,175 @@ fn files_of_one_name_are_runs_of_different_names() {
     assert_eq!(names, ["day", "day (2)", "day (3)"]);
 }
 
+fn first_column(log: &str) -> Vec<f64> {
+    read(log, &Split::default()).unwrap_or_else(|wrong| panic!("{wrong}")).runs.remove(0).values.remove(0)
+}
+
+#[test]
+fn cells_of_loggers_are_numbers() {
+    for log in [
+        "time,bed\n0,+   20.5\n60,-  1.0\n",
+        "time,bed\n0,20.5 °C\n60,-1 °C\n",
+        "time,bed [°C]\n0,20.5\n60,-1\n",
+        "time,bed\n0,2.05D+01\n60,-1.0D+00\n",
+        "Zeit;bed\n0;20,5 °C\n60;-1,0 °C\n",
+        "time;bed;\n0;20,5;\n60;-1\n",
+        "time,bed\n0,20.5,\n60,-1,\n",
+        "Logger 34970A\nSerial: 1234\nTime,bed\ns,°C\n0,20.5\n60,-1\n",
+        "time,bed [°F]\n0,68.9\n60,30.2\n",
+        "Date,Time,bed\n05.01.2026,06:00:00,20.5\n05.01.2026,06:01:00,-1\n",
+        "time_h,bed\n0,20.5\n0.5,-1\n",
+        "# time,bed\n0,20.5\n60,-1\n",
+        "Elapsed Time (min),bed\n0,20.5\n1,-1\n",
+        "Time (UTC);bed\n05.01.2026;20,5\n05.01.2026 00:01:00;-1\n",
+    ] {
+        let split = Split { zone: Some(jiff::tz::TimeZone::UTC), ..Split::default() };
+        let found = read(log, &split).unwrap_or_else(|wrong| panic!("{log}: {wrong}"));
+        let bed = found.columns.iter().position(|column| column.name == "bed").unwrap();
+        let values = &found.runs[0].values[bed];
+        assert!((values[0] - 20.5).abs() < 1e-9 && (values[1] + 1.0).abs() < 1e-9, "{log}: {values:?}");
+    }
+}
+
+#[test]
+fn a_number_or_a_time_with_two_readings_is_refused_with_the_option() {
+    for (log, says) in [
+        (
+            "time,bed\n0,20\n\"1,020\",21\n",
+            "`1,020` can be 1020 or 1.020: state the decimal mark with --decimal",
+        ),
+        ("time,bed\n0,20\n60,68 °F\n", "`°F` follows this number, but not the numbers before"),
+        ("time,bed\n0,20 °C\n60,68 °F\n", "the column is in °C"),
+    ] {
+        let said = read(log, &Split::default()).unwrap_err().to_string();
+        assert!(said.contains(says) && said.contains("line 3"), "{said}");
+    }
+    let stated = Split { decimal: Some(DecimalMark::Point), ..Split::default() };
+    let run = read("time,bed\n0,20\n\"1,020\",21\n", &stated).unwrap().runs.remove(0);
+    assert_eq!(run.lasts(), Duration::from_secs(1020));
+    let hours = Split { time_unit: Some(TimeUnit::Hours), ..Split::default() };
+    assert_eq!(read("time,bed\n0,20\n0.2,21\n", &hours).unwrap().runs[0].lasts(), Duration::from_secs(720));
+}
+
+/// Log of 100 minutes. The function changes a cell of the error column.
+fn log_of_error(change: impl Fn(u32) -> Option<&'static str>) -> String {
+    let row = |row: u32| {
+        let error = 10.0 + 0.1 * f64::from(row);
+        let cell = change(row).map_or_else(|| error.to_string(), str::to_owned);
+        format!("{},{cell},{}\n", 60 * row, 20.0 + 0.03 * f64::from(row))
+    };
+    format!("time,z_error_um,bed\n{}", (0..100).map(row).collect::<String>())
+}
+
+#[test]
+fn values_that_no_sensor_measured_are_left_out_with_file_line_and_value() {
+    for (word, shown) in
+        [("9.9E+37", "9.9e37"), ("0", "0"), ("-9999", "-9999"), ("OL", "OL"), ("1.#QNAN", "1.#QNAN")]
+    {
+        let found =
+            read(&log_of_error(|row| (row == 40 || row == 41).then_some(word)), &Split::default()).unwrap();
+        let values = &found.runs[0].values[0];
+        assert!(values[40].is_nan() && values[41].is_nan() && values[42].is_finite(), "{word}");
+        let remark = found.remarks.join("; ");
+        let expected =
+            format!("day.csv, line 42, column z_error_um: `{shown}` is no measured value, also in line 43");
+        assert!(remark.contains(&expected), "{remark}");
+        assert!(found.implausible.is_empty(), "{:?}", found.implausible);
+    }
+    let many = read(&log_of_error(|row| (row % 10 == 5).then_some("9.9E+37")), &Split::default()).unwrap();
+    assert_eq!(many.implausible.len(), 1);
+    assert!(many.implausible[0].message.contains("more than 5 % of the values"), "{:?}", many.implausible);
+    assert_eq!(read(&log_of_error(|_| None), &Split::default()).unwrap().remarks, Vec::<String>::new());
+}
+
+#[test]
+fn an_overload_of_a_temperature_is_bridged_and_the_column_stays_a_temperature() {
+    let log = log_of_error(|_| None).replace("\n2400,14,21.2\n", "\n2400,14,+9.9E+37\n");
+    let found = read_used(&log, &Split::default(), &every_column).unwrap();
+    assert!(log.contains("9.9E+37"), "{log}");
+    assert!((found.runs[0].values[1][40] - 21.2).abs() < 1e-9, "{:?}", found.runs[0].values[1][40]);
+    assert!(found.remarks.join("; ").contains("bridged by straight lines"), "{:?}", found.remarks);
+    let values = [[20.0; 60].as_slice(), &[9.9e37]].concat();
+    assert_eq!(Kind::guess("spindle", None, std::iter::once(values.as_slice())), Kind::Temperature);
+    let many = [[20.0; 60].as_slice(), &[9.9e37; 20]].concat();
+    assert_eq!(Kind::guess("spindle", None, std::iter::once(many.as_slice())), Kind::Temperature);
+    let speeds = [[0.0; 60].as_slice(), &[1000.0; 20]].concat();
+    assert_eq!(Kind::guess("spindle", None, std::iter::once(speeds.as_slice())), Kind::Other);
+    let speeds = [0.0, 1000.0, 1200.0];
+    assert_eq!(Kind::guess("spindle", None, std::iter::once(speeds.as_slice())), Kind::Other);
+}
+
+#[test]
+fn a_column_without_numbers_is_named_with_its_first_cell() {
+    let found = read("time,bed,air\n0,cold,20\n60,warm,21\n", &Split::default()).unwrap();
+    assert_eq!(found.lost.len(), 1);
+    assert_eq!(found.lost[0].column, "bed");
+    assert_eq!(found.lost[0].message, "day.csv, line 2: `cold` is no number");
+    assert!(
+        found.remarks.join("; ").contains("bed (day.csv, line 2: `cold` is no number)"),
+        "{:?}",
+        found.remarks
+    );
+}
+
+#[test]
+fn each_column_that_is_not_used_is_listed_with_the_reason() {
+    let log = "time,bed,part,humidity,spare_c\n0,20,A,45,20\n60,21,B,46,21\n";
+    let found = read_used(log, &Split::default(), &|name| ["bed", "part"].contains(&name)).unwrap();
+    let unused = found.unused(&|column| column.name == "bed");
+    let names: Vec<&str> = unused.iter().map(|column| column.name.as_str()).collect();
+    assert_eq!(names, ["humidity", "spare_c", "part"]);
+    assert!(unused[0].why.contains("by its unit, name and values"), "{unused:?}");
+    assert_eq!(unused[1].why, "temperature, which was not asked for");
+    assert_eq!(unused[2].why, "day.csv, line 2: `A` is no number");
+}
+
+#[test]
+fn a_column_whose_unit_is_not_that_of_the_profile_is_refused() {
+    for (unit, says) in [("V", true), ("%", true), ("µm", true), ("°C", false), ("K", false), ("°F", false)]
+    {
+        let found = read(&format!("time,bed [{unit}]\n0,300\n60,301\n"), &Split::default()).unwrap();
+        assert_eq!(found.implausible.len(), usize::from(says), "{unit}: {:?}", found.implausible);
+    }
+}
+
+#[test]
+fn a_wrong_time_in_every_row_is_one_mistake() {
+    let said = read("time,bed\n01/05/2026 06:00:00,20\n01/05/2026 06:01:00,21\n", &Split::default());
+    let BadLog(said) = said.unwrap_err();
+    assert_eq!(said.len(), 1, "{said:?}");
+    assert!(said[0].contains("--dates") && said[0].ends_with("(also in 1 more line)"), "{said:?}");
+}
+
+#[test]
+fn other_quantities_are_no_temperatures() {
+    let log = "time,bed,humidity,oil_pressure,air [%],temp_of_pressure_valve\n0,20,45,39,45,30\n60,20,46,40,46,31\n";
+    let kinds: Vec<Kind> =
+        read(log, &Split::default()).unwrap().columns.iter().map(|column| column.kind).collect();
+    assert_eq!(kinds, [Kind::Temperature, Kind::Other, Kind::Other, Kind::Other, Kind::Temperature]);
+}
+
+#[test]
+fn a_copy_of_a_run_is_named() {
+    let tables = ["day1", "day1 - Copy"].map(|name| {
+        let path = Path::new(name).with_extension("csv");
+        csv::from_text(&path, log_of_error(|_| None).as_bytes(), &Split::default(), &every_column).unwrap()
+    });
+    let dataset = Dataset::from_tables(tables.into(), &Split::default(), &|_| None).unwrap();
+    assert_eq!(dataset.repeats.len(), 1, "{:?}", dataset.repeats);
+    assert!(
+        dataset.repeats[0].contains("contains the same rows as day1 (day1.csv)"),
+        "{:?}",
+        dataset.repeats
+    );
+}
+
+#[test]
+fn a_thousand_is_read_where_the_file_shows_it() {
+    assert_eq!(first_column("time;bed\n0;1.234,5\n60;1.235\n"), [1234.5, 1235.0]);
+    assert_eq!(first_column("time,bed\n0,\"1,234.5\"\n60,\"1,235\"\n"), [1234.5, 1235.0]);
+}
+
 #[cfg(feature = "parquet")]
 mod of_parquet {
     use std::fs::File;
@@ -206,6 +375,69 @@ mod of_parquet {
         assert_eq!(found.names(), ["t1", "t2"]);
         assert_eq!(found.unread, [Column { name: "t2".to_owned(), kind: Kind::Temperature }]);
         assert_eq!(found.runs[0].values, [(0..rows).map(f64::from).collect::<Vec<f64>>()]);
+    }
+
+    /// Writes a file with the column `time` of this type, in nanoseconds, and the column `t1`. An empty row group
+    /// precedes the rows.
+    fn stamps(time: &str) -> (tempfile::TempDir, PathBuf) {
+        use ::parquet::data_type::Int64Type;
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("day.parquet");
+        let schema = format!("message log {{ required int64 time ({time}); required double t1; }}");
+        let schema = Arc::new(parse_message_type(&schema).unwrap());
+        let properties = Arc::new(WriterProperties::builder().build());
+        let mut writer = SerializedFileWriter::new(File::create(&path).unwrap(), schema, properties).unwrap();
+        let times = [1_773_036_000_000_000_000, 1_773_036_060_000_000_000];
+        for (times, values) in [(&[][..], &[][..]), (&times[..], &[20.0, 21.0][..])] {
+            let mut rows = writer.next_row_group().unwrap();
+            column::<Int64Type>(&mut rows, times, None);
+            column::<DoubleType>(&mut rows, values, None);
+            rows.close().unwrap();
+        }
+        writer.close().unwrap();
+        (directory, path)
+    }
+
+    #[test]
+    fn time_stamps_in_nanoseconds_are_read_in_utc_or_by_the_clock_on_the_wall() {
+        let split = Split { zone: jiff::tz::TimeZone::get("Europe/Berlin").ok(), ..Split::default() };
+        for (time, first) in [
+            ("TIMESTAMP(NANOS,true)", 1_773_036_000_000_000_000),
+            ("TIMESTAMP(NANOS,false)", 1_773_032_400_000_000_000),
+        ] {
+            let (_directory, path) = stamps(time);
+            let found = Dataset::read(&[path], &split, &|_| None, &every_column).unwrap();
+            assert_eq!(found.runs[0].times[0], Moment::from_nanos(first), "{time}");
+            assert_eq!(found.runs[0].values, [[20.0, 21.0]], "the empty row group is passed over");
+        }
+    }
+
+    #[test]
+    fn a_date_and_a_time_of_the_day_are_one_time() {
+        use ::parquet::data_type::{Int32Type, Int64Type};
+        let columns =
+            "required int32 Date (DATE); required int64 Time (TIME(NANOS,false)); required double bed;";
+        let (_directory, path) = file(columns, |rows| {
+            column::<Int32Type>(rows, &[20_521, 20_522], None);
+            column::<Int64Type>(rows, &[86_340_000_000_000, 0], None);
+            column::<DoubleType>(rows, &[20.0, 21.0], None);
+        });
+        let split = Split { zone: Some(jiff::tz::TimeZone::UTC), ..Split::default() };
+        let found = Dataset::read(&[path], &split, &|_| None, &every_column).unwrap();
+        let minutes = [1_773_100_740, 1_773_100_800].map(|second| Moment::from_nanos(second * 1_000_000_000));
+        assert_eq!(found.runs[0].times, minutes);
+    }
+
+    #[test]
+    fn a_nested_column_is_named() {
+        let columns = "required double time; required double t1; required group list { required double x; }";
+        let (_directory, path) = file(columns, |rows| {
+            column::<DoubleType>(rows, &[0.0, 60.0], None);
+            column::<DoubleType>(rows, &[20.0, 21.0], None);
+            column::<DoubleType>(rows, &[1.0, 2.0], None);
+        });
+        let found = Dataset::read(&[path], &Split::default(), &|_| None, &every_column).unwrap();
+        assert!(found.remarks.join("; ").contains("its values are nested"), "{:?}", found.remarks);
     }
 
     #[test]

@@ -11,7 +11,7 @@
 //!
 //! A sensor is left out of every run in these cases:
 //! - It jumps or spikes in most runs, or its faulty rows are unknown (constant, missing).
-//! - The error of a repaired jump is more than [`BELIEVED`] of the change of the sensor's readings in good runs.
+//! - The error of a repaired jump is more than [`LARGEST_ERROR`] of the change of the sensor's readings in good runs.
 //! - It was frozen for more than [`MASKED`] of the time.
 //! - Masks would leave less than [`LEAST_OF_RUN`] of a run, and nothing can be rebuilt.
 //!
@@ -26,7 +26,7 @@ use crate::statistics::count;
 
 /// Largest accepted error of readings that are rebuilt from other sensors, as a share of the root mean square by which
 /// the readings of the sensor change. The error is measured on hidden hours of good runs.
-const BELIEVED: f64 = 0.8;
+const LARGEST_ERROR: f64 = 0.8;
 /// Maximum number of jumps in one run. A sensor with more jumps has a loose contact.
 const MOST_JUMPS: usize = 3;
 /// Maximum share of the time of all runs for which a sensor may be frozen. Otherwise it is left out.
@@ -248,7 +248,7 @@ impl Mending<'_> {
             _ => likeness.rebuilt(run, &fault.rows)?,
         };
         // A replacement was accepted or rejected with all runs. It is not judged again here.
-        let is_accepted = unseen.is_some() || replaced.error < BELIEVED * likeness.moves();
+        let is_accepted = unseen.is_some() || replaced.error < LARGEST_ERROR * likeness.moves();
         is_accepted.then_some(replaced)
     }
 }

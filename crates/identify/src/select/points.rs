@@ -9,6 +9,7 @@ use crate::faults::{self, Fault, Finding, Frozen, Notes};
 use crate::resolution;
 use crate::setup::Choice;
 use crate::stand_in::freeze::{freezes, untested};
+use crate::{incomplete, omission};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::Unit;
 
@@ -31,6 +32,7 @@ pub fn points<'a>(dataset: &'a Dataset, choice: &Choice) -> Result<Pointed<'a>, 
     wrong.extend(checks::one_run_only(dataset));
     checks::check_runs(dataset, &mut wrong);
     let inputs = inputs(dataset, choice, error, &mut wrong);
+    checks::check_plausible(dataset, inputs.iter().map(|input| input.column).chain(error), &mut wrong);
     wrong.extend(checks::fahrenheit(dataset, &temperatures_of(dataset, &inputs)));
     if let Some(error) = error {
         checks::check_error(dataset, error, &mut wrong);
@@ -70,6 +72,28 @@ pub fn points<'a>(dataset: &'a Dataset, choice: &Choice) -> Result<Pointed<'a>, 
     let ambient = ambient::find(dataset, &temperatures_of(dataset, &good), error);
     let campaign = Campaign::of_columns(dataset, error, good, choice.resample).with_mending(mending);
     Ok(Pointed { campaign, notes: Notes { excluded, omissions: Vec::new(), ambient, remarks } })
+}
+
+/// Leaves out the runs that lack a point that other runs have, if that leaves less error than leaving out the point. A
+/// remark of the dataset states the choice.
+pub fn without_incomplete(dataset: &mut Dataset, choice: &Choice) {
+    let error = choice.error.as_deref().and_then(|name| dataset.column(name));
+    let Some(error) = error.filter(|_| dataset.repeats.is_empty()) else { return };
+    let inputs_of = |dataset: &Dataset| inputs(dataset, choice, Some(error), &mut Vec::new());
+    let columns: Vec<usize> = inputs_of(dataset).iter().map(|input| input.column).collect();
+    let left = |dataset: &Dataset, tested: &[usize]| {
+        let all = inputs_of(dataset);
+        let mut assessed: Vec<usize> = all.iter().map(|input| input.column).collect();
+        assessed.retain(|column| !choice.keep.contains(&dataset.columns[*column].name));
+        let Mended { mending, excluded, .. } = mend(dataset, &assessed, &[]);
+        let good = without(&all, &excluded);
+        if good.is_empty() {
+            return None;
+        }
+        let campaign = Campaign::of_columns(dataset, error, good, choice.resample).with_mending(mending);
+        omission::left_in(&campaign, tested)
+    };
+    incomplete::leave_out(dataset, &columns, &left);
 }
 
 /// Returns every freeze of these points, except of points with another fault. Also returns a remark if some constant

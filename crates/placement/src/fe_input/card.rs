@@ -7,7 +7,9 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-use super::{Fault, Faults};
+use super::position::Position;
+use super::{Fault, Faults, foreign};
+use crate::mesh::AXES;
 
 /// Location of a text in a file.
 #[derive(Debug, Clone)]
@@ -33,7 +35,7 @@ impl Location {
 #[derive(Debug)]
 pub(super) struct Line {
     pub(super) at: Location,
-    /// Text without commas at its end.
+    /// Text without commas at its end, and without quotation marks.
     text: String,
 }
 
@@ -77,6 +79,17 @@ impl Line {
         }
     }
 
+    /// Parses x, y and z from the values from index `first` on. An omitted coordinate is 0.
+    pub(super) fn coordinates(&self, first: usize) -> Result<[f64; 3], Fault> {
+        let mut xyz = [0.0; 3];
+        for (axis, (value, name)) in xyz.iter_mut().zip(AXES).enumerate() {
+            if !self.text(first + axis).is_empty() {
+                *value = self.number(first + axis, name)?;
+            }
+        }
+        Ok(xyz)
+    }
+
     /// Parses the number of a node, an element or a direction from one of the values.
     pub(super) fn id(&self, text: &str, name: &str) -> Result<u32, Fault> {
         let id = text.parse().ok().filter(|id| *id > 0);
@@ -88,6 +101,15 @@ impl Line {
 
     pub(super) fn fault(&self, message: impl Into<String>) -> Fault {
         self.at.fault(message)
+    }
+
+    /// Replaces each value for which `renamed` returns another one.
+    fn rename(&mut self, renamed: impl Fn(&str) -> Option<String>) {
+        if self.values().any(|value| renamed(value).is_some()) {
+            let values: Vec<String> =
+                self.values().map(|value| renamed(value).unwrap_or_else(|| value.to_owned())).collect();
+            self.text = values.join(",");
+        }
     }
 }
 
@@ -109,6 +131,9 @@ pub(super) struct Card {
     /// Names in capitals without blanks; values as written.
     parameters: Vec<(String, Option<String>)>,
     pub(super) lines: Vec<Line>,
+    /// Position of the instance to which the nodes of the card belong; `None` if their coordinates are those of the
+    /// model.
+    pub(super) position: Option<Rc<Position>>,
 }
 
 impl Card {
@@ -122,11 +147,11 @@ impl Card {
         self.parameters.iter().any(|(known, _)| known == name)
     }
 
-    /// Adds an error for each parameter that is not in `known`, a list separated by blanks.
+    /// Adds an error for each parameter that is not in `known`, a list separated by blanks. `NAME` is allowed on every
+    /// card, because it only labels the card.
     pub(super) fn only(&self, known: &str, faults: &mut Faults) {
-        for (name, _) in
-            self.parameters.iter().filter(|(name, _)| !known.split(' ').any(|known| known == name))
-        {
+        let is_known = |name: &str| name == "NAME" || known.split(' ').any(|known| known == name);
+        for (name, _) in self.parameters.iter().filter(|(name, _)| !is_known(name)) {
             let here = match known {
                 "" => "this card has no parameters".to_owned(),
                 known => format!("known here: {}", known.replace(' ', ", ")),
@@ -137,6 +162,27 @@ impl Card {
 
     pub(super) fn fault(&self, message: impl Into<String>) -> Fault {
         self.at.fault(message)
+    }
+
+    /// Returns the value of a parameter as [`Card::value`] does, and removes the parameter.
+    pub(super) fn take(&mut self, name: &str) -> Option<String> {
+        let value = self.value(name)?;
+        self.parameters.retain(|(known, _)| known != name);
+        Some(value)
+    }
+
+    /// Replaces the values of the parameters in `names` for which `renamed` returns another value.
+    pub(super) fn rename_parameters(&mut self, names: &[&str], renamed: impl Fn(&str) -> Option<String>) {
+        for (_, value) in self.parameters.iter_mut().filter(|(name, _)| names.contains(&name.as_str())) {
+            if let Some(new) = value.as_deref().and_then(&renamed) {
+                *value = Some(new);
+            }
+        }
+    }
+
+    /// Replaces each value of the data lines for which `renamed` returns another one.
+    pub(super) fn rename_values(&mut self, renamed: impl Fn(&str) -> Option<String>) {
+        self.lines.iter_mut().for_each(|line| line.rename(&renamed));
     }
 }
 
@@ -185,7 +231,8 @@ impl Gathering<'_> {
         }
         let mut bytes = Vec::new();
         let read = File::open(path).and_then(|file| file.take(LARGEST).read_to_end(&mut bytes));
-        read.map(|_| bytes).map_err(unreadable)
+        read.map_err(unreadable)?;
+        foreign::refusal(path, &bytes).map_or(Ok(bytes), Err)
     }
 
     fn file(&mut self, path: &Path, from: Option<&Card>, depth: usize) {
@@ -206,6 +253,7 @@ impl Gathering<'_> {
     fn cards(&mut self, path: &Path, bytes: &[u8], depth: usize) {
         // Comments may have any encoding; everything else is ASCII.
         let text = String::from_utf8_lossy(bytes);
+        let text = text.trim_start_matches('\u{feff}');
         let file: Rc<Path> = Rc::from(path);
         let mut lines = text.lines().enumerate().map(|(at, text)| (at + 1, text.trim())).peekable();
         let first = self.cards.len();
@@ -233,6 +281,8 @@ impl Gathering<'_> {
             let input = card.parameters.iter().find(|(name, _)| name == "INPUT");
             match input.and_then(|(_, value)| value.as_ref()).filter(|input| !input.is_empty()) {
                 Some(input) => {
+                    // Programs on Windows write backslashes.
+                    let input = input.replace('\\', "/");
                     let beside: PathBuf = path.parent().unwrap_or(Path::new("")).join(input);
                     self.file(&beside, Some(&card), depth + 1);
                     // A line after an include belongs to no card.
@@ -247,7 +297,7 @@ impl Gathering<'_> {
 /// Keyword of an artificial card at the end of an included file.
 pub(super) const INCLUDED: &str = "INCLUDED";
 
-/// Adds a data line to the last card.
+/// Adds a data line to the last card, without quotation marks.
 fn data(text: &str, mut at: Location, cards: &mut [Card]) -> Result<(), Fault> {
     let card = cards
         .last_mut()
@@ -256,7 +306,8 @@ fn data(text: &str, mut at: Location, cards: &mut [Card]) -> Result<(), Fault> {
     if card.key == INCLUDED {
         return Err(at.fault("this data line follows an *INCLUDE: write the card of the line again above it"));
     }
-    let text = text.trim_end_matches(|last: char| last == ',' || last.is_whitespace()).to_owned();
+    // Abaqus writes names with blanks in quotation marks.
+    let text = text.trim_end_matches(|last: char| last == ',' || last.is_whitespace()).replace('"', "");
     card.lines.push(Line { at, text });
     Ok(())
 }
@@ -273,6 +324,7 @@ fn keyword(text: &str, file: &Rc<Path>, line: usize) -> Card {
         key: plain(name.trim_start_matches('*')),
         parameters: parameters.collect(),
         lines: Vec::new(),
+        position: None,
         at: Location { file: Rc::clone(file), line, card: Rc::from(card) },
     }
 }

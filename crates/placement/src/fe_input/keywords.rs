@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::card::{Card, INCLUDED, plain};
 use super::reader::Reader;
-use super::{Fault, Faults, FeInput, load, material, mesh};
+use super::{Fault, Faults, FeInput, assembly, load, material, mesh};
 
 /// Stage in which a card is read, after all cards that it may refer to. Cards of one stage are read in their order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -17,20 +17,26 @@ enum Stage {
     Sections,
     Boundary,
     Step,
+    /// Cards for other programs, which are allowed everywhere.
+    Anywhere,
 }
+
+/// Stages after the mesh is complete.
+const STAGES_WITH_MESH: [Stage; 6] =
+    [Stage::Surfaces, Stage::Materials, Stage::Sections, Stage::Boundary, Stage::Step, Stage::Anywhere];
 
 /// Keyword, stage, allowed parameters, and reader function.
 type Keyword = (&'static str, Stage, &'static str, Read);
 type Read = fn(&mut Reader, &Card) -> Result<(), Fault>;
 
-const KEYWORDS: [Keyword; 27] = [
+const KEYWORDS: [Keyword; 35] = [
     ("BOUNDARY", Stage::Boundary, "OP", load::boundary),
     ("NODE", Stage::Nodes, "NSET", mesh::nodes),
     ("ELEMENT", Stage::Elements, "TYPE ELSET", mesh::elements),
-    ("NSET", Stage::Sets, "NSET GENERATE", mesh::set),
-    ("ELSET", Stage::Sets, "ELSET GENERATE", mesh::set),
-    ("SURFACE", Stage::Surfaces, "NAME TYPE", mesh::surface),
-    ("MATERIAL", Stage::Materials, "NAME", material::material),
+    ("NSET", Stage::Sets, "NSET GENERATE INTERNAL UNSORTED", mesh::set),
+    ("ELSET", Stage::Sets, "ELSET GENERATE INTERNAL UNSORTED", mesh::set),
+    ("SURFACE", Stage::Surfaces, "TYPE INTERNAL", mesh::surface),
+    ("MATERIAL", Stage::Materials, "", material::material),
     ("ELASTIC", Stage::Materials, "TYPE", material::property),
     ("EXPANSION", Stage::Materials, "TYPE ZERO", material::property),
     ("CONDUCTIVITY", Stage::Materials, "TYPE", material::property),
@@ -40,9 +46,14 @@ const KEYWORDS: [Keyword; 27] = [
     ("INITIAL CONDITIONS", Stage::Sections, "TYPE", load::initial),
     // Physical constants affect only radiation, which is rejected.
     ("PHYSICAL CONSTANTS", Stage::Materials, CONSTANTS, |_, _| Ok(())),
-    ("HEAT TRANSFER", Stage::Step, "STEADYSTATE DIRECT SOLVER", load::heat_transfer),
+    ("HEAT TRANSFER", Stage::Step, HEAT_TRANSFER, load::heat_transfer),
+    ("COUPLED TEMPERATURE-DISPLACEMENT", Stage::Step, HEAT_TRANSFER, load::heat_transfer),
+    ("UNCOUPLED TEMPERATURE-DISPLACEMENT", Stage::Step, HEAT_TRANSFER, load::heat_transfer),
     ("FILM", Stage::Step, "OP", load::films),
     ("DFLUX", Stage::Step, "OP", load::fluxes),
+    // Abaqus/CAE writes the loads of surfaces with these keywords.
+    ("SFILM", Stage::Step, "OP", load::films),
+    ("DSFLUX", Stage::Step, "OP", load::fluxes),
     ("CFLUX", Stage::Step, "OP", load::nodal),
     ("NODE PRINT", Stage::Step, PRINTED, load::printed),
     ("NODE FILE", Stage::Step, PRINTED, load::printed),
@@ -52,14 +63,25 @@ const KEYWORDS: [Keyword; 27] = [
     ("ELEMENT OUTPUT", Stage::Step, PRINTED, load::printed),
     ("OUTPUT", Stage::Step, PRINTED, load::printed),
     ("CONTACT FILE", Stage::Step, PRINTED, load::printed),
+    ("ENERGY OUTPUT", Stage::Step, PRINTED, load::printed),
+    // The equations are linear: parameters of the iteration have no effect.
+    ("CONTROLS", Stage::Anywhere, "PARAMETERS RESET ANALYSIS FIELD TYPE", |_, _| Ok(())),
+    ("PREPRINT", Stage::Anywhere, "ECHO MODEL HISTORY CONTACT", |_, _| Ok(())),
+    ("RESTART", Stage::Anywhere, "READ WRITE FREQUENCY OVERLAY NUMBERINTERVAL STEP INC", load::restart),
 ];
 
 const CONSTANTS: &str = "ABSOLUTEZERO STEFANBOLTZMANN NEWTONGRAVITY";
-const PRINTED: &str = "NSET ELSET FREQUENCY FREQUENCYF TOTALS GLOBAL OUTPUT TIMEPOINTS NODES 2D 3D";
+/// Parameters of the cards that begin the calculation. DELTMX and MXDEM control the steps of other programs.
+const HEAT_TRANSFER: &str = "STEADYSTATE DIRECT SOLVER END DELTMX MXDEM";
+/// Parameters of the step. A calculation of small rises is linear with and without NLGEOM.
+const STEP: &str = "INC AMPLITUDE NLGEOM UNSYMM EXTRAPOLATION";
+const PRINTED: &str = "NSET ELSET FREQUENCY FREQUENCYF TOTALS GLOBAL OUTPUT TIMEPOINTS NODES 2D 3D FIELD HISTORY VARIABLE OP \
+                       NUMBERINTERVAL TIMEINTERVAL DIRECTIONS LASTITERATIONS CONTACTELEMENTS SURFACE";
 
 /// Reads the cards. Returns the content of the files, or all errors, including those that `faults` already contains.
-pub(super) fn read(path: &Path, cards: &[Card], mut faults: Faults) -> Result<FeInput, Faults> {
-    let known = known(cards, &mut faults);
+pub(super) fn read(path: &Path, cards: Vec<Card>, mut faults: Faults) -> Result<FeInput, Faults> {
+    let Some(cards) = assembly::without_parts(cards, &mut faults) else { return Err(faults) };
+    let known = known(&cards, &mut faults);
     let before = faults.len();
     let mut reader = Reader::default();
     reader.faults = faults;
@@ -76,11 +98,14 @@ pub(super) fn read(path: &Path, cards: &[Card], mut faults: Faults) -> Result<Fe
         reader.faults.push(Fault::of_file(path, "the file has no elements: does it include its mesh?"));
     }
     reader.is_spoiled |= reader.faults.len() > before || reader.mesh.elements.is_empty();
+    if !reader.is_spoiled {
+        reader.remove_free_nodes();
+    }
     reader.begin_sets();
     read(&mut reader, Stage::Sets);
     reader.find_surfaces();
     reader.check_mesh();
-    for stage in [Stage::Surfaces, Stage::Materials, Stage::Sections, Stage::Boundary, Stage::Step] {
+    for stage in STAGES_WITH_MESH {
         read(&mut reader, stage);
     }
     let materials = material::finish(&mut reader);
@@ -105,7 +130,7 @@ fn known<'a>(cards: &'a [Card], faults: &mut Faults) -> Vec<(Stage, &'a Card, Re
         match card.key.as_str() {
             "HEADING" | INCLUDED => {}
             "STEP" if began.is_none() => {
-                card.only("INC AMPLITUDE", faults);
+                card.only(STEP, faults);
                 began = Some(card);
             }
             "STEP" => {
@@ -124,12 +149,14 @@ fn known<'a>(cards: &'a [Card], faults: &mut Faults) -> Vec<(Stage, &'a Card, Re
                         Stage::Boundary => ended.then_some("must be before *END STEP"),
                         Stage::Step if began.is_some() && !ended => None,
                         Stage::Step => Some("must be between *STEP and *END STEP"),
+                        Stage::Anywhere => None,
                         _ => began.map(|_| "must be before *STEP"),
                     };
                     faults.extend(misplaced.map(|message| card.fault(message)));
                     card.only(parameters, faults);
                     known.push((*stage, card, *read));
                 }
+                None if removes_loads(card) => {}
                 None => faults.push(card.fault(why_refused(key))),
             },
         }
@@ -143,8 +170,15 @@ fn known<'a>(cards: &'a [Card], faults: &mut Faults) -> Vec<(Stage, &'a Card, Re
     known
 }
 
+/// Returns whether the card only removes the loads of an earlier step, of which there is none. PrePoMax writes such
+/// cards.
+fn removes_loads(card: &Card) -> bool {
+    let is_load = ["CLOAD", "DLOAD", "DSLOAD", "RADIATE", "SRADIATE"].contains(&card.key.as_str());
+    is_load && card.lines.is_empty() && card.value("OP").is_some_and(|op| op == "NEW")
+}
+
 /// Cards that are known and rejected, with a remedy.
-const REFUSED: [(&str, &str); 14] = [
+const REFUSED: [(&str, &str); 12] = [
     (
         "RADIATE",
         "radiation is not linear; add it to the film coefficient: *FILM with 4·ε·σ·T³ more, about 0.005 \
@@ -160,15 +194,16 @@ const REFUSED: [(&str, &str); 14] = [
         "temperatures are computed, not given: write what warms the structure (*FILM, *DFLUX, *CFLUX, or *BOUNDARY with \
          direction 11)",
     ),
-    (
-        "COUPLEDTEMPERATURE-DISPLACEMENT UNCOUPLEDTEMPERATURE-DISPLACEMENT",
-        "write *HEAT TRANSFER: displacements are computed from the temperatures",
-    ),
     ("CLOAD", "forces do not warm anything: take them out of the file"),
-    ("DLOAD", "pressures do not warm anything: take them out of the file"),
+    ("DLOAD DSLOAD", "pressures do not warm anything: take them out of the file"),
     (
         "AMPLITUDE",
         "only loads that are constant during the step are supported: take the card out of the file",
+    ),
+    (
+        "SRADIATE",
+        "radiation is not linear; add it to the film coefficient: *SFILM with 4·ε·σ·T³ more, about 0.005 \
+         mW/(mm²·K) at room temperature",
     ),
     (
         "EQUATION MPC TIE RIGIDBODY COUPLING CONTACTPAIR SURFACEINTERACTION GAPCONDUCTANCE",
@@ -193,11 +228,6 @@ const REFUSED: [(&str, &str); 14] = [
         "only linear materials are supported, which is accurate for temperature rises of some kelvin: take \
          the card out of the file",
     ),
-    (
-        "CONTROLS",
-        "the equations are linear, so no iteration needs control parameters: take the card out of the file",
-    ),
-    ("RESTART", "each load case is computed from its beginning: take the card out of the file"),
 ];
 
 fn why_refused(key: &str) -> String {

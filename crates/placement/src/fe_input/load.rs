@@ -5,12 +5,20 @@ use std::path::Path;
 use super::card::{Card, Line, quoted};
 use super::mesh::side;
 use super::reader::Reader;
+use super::temperature::{self, Scale};
 use super::{Fault, SurfaceNames};
 use crate::body::{Case, Film, Flux, LoadCase};
 
+/// Reads the card of the step. A coupled step is read as heat transfer: its displacements are computed from its
+/// temperatures.
 pub(super) fn heat_transfer(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     if reader.case.is_some() {
         return Err(card.fault("the step has this card already: remove one of them"));
+    }
+    if card.value("END").is_some_and(|end| end == "SS") {
+        return Err(card.fault(
+            "END=SS: the end of the period would depend on the solver; write STEADY STATE, or leave END out",
+        ));
     }
     let case = if card.has("STEADYSTATE") { Ok(Case::Steady) } else { transient(card) };
     // After an error in this line, the loads that follow must not be reported as misplaced.
@@ -74,7 +82,7 @@ pub(super) fn films(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     loads(reader, card, |reader, line| {
         line.exactly(&["element or set", "side", "sink temperature", "film coefficient"])?;
         let side = side_or_surface(line, "F")?;
-        let sink = line.number(2, "sink temperature")?;
+        let sink = temperature::of_load(reader.scale, line, 2, "sink temperature")?;
         let coefficient = line.number(3, "film coefficient")?;
         if coefficient <= 0.0 {
             let message = format!("the film coefficient is {coefficient}; it must be above 0");
@@ -132,42 +140,83 @@ pub(super) fn nodal(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     })
 }
 
-/// Reads `*BOUNDARY`, before the step or in it.
-pub(super) fn boundary(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
-    reader.each(card, |reader, line| {
-        if !(2..=4).contains(&line.len()) {
-            line.exactly(&["node or set", "first direction", "last direction", "value"])?;
-        }
-        let first = line.id(line.text(1), "first direction")?;
-        let last = if line.text(2).is_empty() { first } else { line.id(line.text(2), "last direction")? };
-        let value = if line.len() == 4 { line.number(3, "value")? } else { 0.0 };
-        let heat = (first, last) == (11, 11);
-        let structural = first <= last && last <= 3;
-        if !heat && !structural {
-            let message = format!(
-                "directions {first} to {last}: write 1 to 3 to fix the structure, or 11 for a given \
-                 temperature"
-            );
-            return Err(line.fault(message));
-        }
-        if heat && line.len() < 4 {
+/// Effect of a line of `*BOUNDARY`.
+enum Held {
+    /// Directions 1 to 3 that are fixed.
+    Directions(std::ops::RangeInclusive<usize>),
+    /// Prescribed temperature, °C.
+    Temperature(f64),
+}
+
+/// Parses directions and value of a line of `*BOUNDARY`. `ENCASTRE` and `PINNED` are names of Abaqus. A solid has no
+/// rotations (directions 4 to 6), so they fix nothing.
+fn held(line: &Line, scale: Option<Scale>) -> Result<Held, Fault> {
+    if line.len() == 2 && ["ENCASTRE", "PINNED"].contains(&line.text(1).to_uppercase().as_str()) {
+        return Ok(Held::Directions(1..=3));
+    }
+    if line.len() == 2 && line.text(1).to_uppercase().ends_with("SYMM") {
+        return Err(line.fault(format!(
+            "{} fixes the nodes in some directions only: fix them in the directions 1 to 3, or mesh the whole \
+             structure",
+            quoted(line.text(1))
+        )));
+    }
+    if !(2..=4).contains(&line.len()) {
+        line.exactly(&["node or set", "first direction", "last direction", "value"])?;
+    }
+    let first = line.id(line.text(1), "first direction")?;
+    let last = if line.text(2).is_empty() { first } else { line.id(line.text(2), "last direction")? };
+    if (first, last) == (11, 11) {
+        if line.len() < 4 {
             return Err(line.fault("the temperature is missing: write it as the fourth value"));
         }
-        if !heat && value.abs() > 0.0 {
-            return Err(line.fault("only supports without displacement are supported: the value must be 0"));
+        return temperature::of_load(scale, line, 3, "given temperature").map(Held::Temperature);
+    }
+    let directions = first as usize..=last as usize;
+    if directions.is_empty() || last > 6 {
+        let message = format!(
+            "directions {first} to {last}: write 1 to 3 to fix the structure, or 11 for a given temperature"
+        );
+        return Err(line.fault(message));
+    }
+    if line.len() == 4 && line.number(3, "value")?.abs() > 0.0 {
+        return Err(line.fault("only supports without displacement are supported: the value must be 0"));
+    }
+    Ok(Held::Directions(directions))
+}
+
+/// Reads `*BOUNDARY`, before the step or in it.
+pub(super) fn boundary(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
+    let is_new = card.value("OP").is_some_and(|op| op == "NEW");
+    match &reader.kept_boundary {
+        Some(first) if is_new => {
+            return Err(card.fault(format!(
+                "OP=NEW removes the supports and temperatures of the *BOUNDARY in line {}: take that card out of \
+                 the file, or leave OP=NEW out",
+                first.line
+            )));
         }
+        None if !is_new => reader.kept_boundary = Some(card.at.clone()),
+        _ => {}
+    }
+    reader.each(card, |reader, line| {
+        let held = held(line, reader.scale)?;
         for node in reader.nodes(line.text(0), &line.at) {
-            if heat {
-                let other = reader.held.insert(node, value);
-                if other.is_some_and(|other| other.to_bits() != value.to_bits()) {
-                    let id = reader.mesh.nodes[node];
-                    reader.faults.push(line.fault(format!(
-                        "node {id} has another given temperature already: give it one temperature"
-                    )));
+            match &held {
+                Held::Temperature(value) => {
+                    let other = reader.held.insert(node, *value);
+                    if other.is_some_and(|other| other.to_bits() != value.to_bits()) {
+                        let id = reader.mesh.nodes[node];
+                        reader.faults.push(line.fault(format!(
+                            "node {id} has another given temperature already: give it one temperature"
+                        )));
+                    }
                 }
-            } else {
-                let support = reader.supports.entry(node).or_insert(([false; 3], line.at.clone()));
-                (first..=last).for_each(|direction| support.0[direction as usize - 1] = true);
+                Held::Directions(directions) => {
+                    let fixed = directions.clone().filter(|direction| *direction <= 3);
+                    let support = reader.supports.entry(node).or_insert(([false; 3], line.at.clone()));
+                    fixed.for_each(|direction| support.0[direction - 1] = true);
+                }
             }
         }
         Ok(())
@@ -175,9 +224,20 @@ pub(super) fn boundary(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     Ok(())
 }
 
+/// Reads `*RESTART`. It may only write files.
+pub(super) fn restart(_: &mut Reader, card: &Card) -> Result<(), Fault> {
+    if card.has("READ") {
+        return Err(card.fault(
+            "each load case is computed from its beginning: take the card out of the file, and write the initial \
+             temperatures",
+        ));
+    }
+    Ok(())
+}
+
 /// Reads print requests for other programs. Only the names of their sets are checked.
 pub(super) fn printed(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
-    if let Some(name) = card.value("NSET") {
+    if let Some(name) = card.value("NSET").filter(|name| !reader.is_without_elements(name)) {
         reader.nodes(&name, &card.at);
     }
     if let Some(name) = card.value("ELSET") {
@@ -194,7 +254,10 @@ pub(super) fn initial(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     }
     reader.each(card, |reader, line| {
         line.exactly(&["node or set", "temperature"])?;
-        let temperature = line.number(1, "temperature")?;
+        let temperature = temperature::initial(&mut reader.scale, line, 1)?;
+        if reader.is_without_elements(line.text(0)) {
+            return Ok(());
+        }
         for node in reader.nodes(line.text(0), &line.at) {
             let other = reader.initial[node].replace(temperature);
             if other.is_some_and(|other| other.to_bits() != temperature.to_bits()) {
@@ -211,6 +274,8 @@ pub(super) fn initial(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
 
 /// Returns the nodes that are fixed. Adds an error if a node is not fixed in all three directions.
 pub(super) fn supports(reader: &mut Reader) -> Vec<usize> {
+    // Rotations only: the line fixes nothing.
+    reader.supports.retain(|_, (directions, _)| directions.contains(&true));
     let partly = reader.supports.iter().find(|(_, (directions, _))| directions.contains(&false));
     if let Some((node, (_, at))) = partly {
         let id = reader.mesh.nodes[*node];

@@ -12,9 +12,13 @@ const LONGEST: usize = 80;
 pub(super) fn nodes(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     let first = reader.nodes.len();
     reader.each(card, |reader, line| {
-        line.exactly(&["number", "x", "y", "z"])?;
+        // Omitted coordinates are 0.
+        if line.len() > 4 {
+            line.exactly(&["number", "x", "y", "z"])?;
+        }
         let id = line.id(line.text(0), "number of the node")?;
-        let xyz = [line.number(1, "x")?, line.number(2, "y")?, line.number(3, "z")?];
+        let xyz = line.coordinates(1)?;
+        let xyz = card.position.as_ref().map_or(xyz, |position| position.place(xyz));
         reader.nodes.push((id, xyz, line.at.clone()));
         Ok(())
     });
@@ -24,27 +28,30 @@ pub(super) fn nodes(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Element types: name, kind of solid, and number of nodes. Types without a kind are lines and surfaces of the
-/// geometry, which only name a location.
-const TYPES: [(&str, Option<Kind>, usize); 8] = [
-    ("C3D4", Some(Kind::Tet4), 4),
-    ("C3D10", Some(Kind::Tet10), 10),
-    ("T3D2", None, 2),
-    ("T3D3", None, 3),
-    ("CPS3", None, 3),
-    ("CPS6", None, 6),
-    ("CPE3", None, 3),
-    ("CPE6", None, 6),
+/// Element types by kind of solid, with the number of nodes. Types without a kind are lines and surfaces of the
+/// geometry, which only name a location. Types for heat transfer (`DC3D10`), for coupled steps (`C3D10T`), and of other
+/// formulations (`C3D10MH`, which meshio writes) have the shape of the others.
+const TYPES: [(&str, Option<Kind>, usize); 6] = [
+    ("C3D4 DC3D4 C3D4T C3D4H", Some(Kind::Tet4), 4),
+    (
+        "C3D10 DC3D10 C3D10T C3D10H C3D10HT C3D10M C3D10MT C3D10MH C3D10MHT C3D10HS C3D10I",
+        Some(Kind::Tet10),
+        10,
+    ),
+    ("T3D2 B31 B31R B31H DC1D2", None, 2),
+    ("T3D3 B32 B32R B33H DC1D3", None, 3),
+    ("CPS3 CPE3 CAX3 DC2D3 DCAX3 S3 S3R S3RS STRI3 DS3 M3D3 R3D3 SFM3D3", None, 3),
+    ("CPS6 CPE6 CAX6 DC2D6 DCAX6 S6 STRI65 DS6 M3D6 SFM3D6", None, 6),
 ];
 
 pub(super) fn elements(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     let name = card.value("TYPE").ok_or_else(|| card.fault("names no TYPE: C3D4 and C3D10 are read"))?;
-    let known = TYPES.iter().find(|(known, ..)| *known == name);
-    let (name, kind, nodes) = known.ok_or_else(|| {
+    let known = TYPES.iter().find(|(known, ..)| known.split(' ').any(|known| known == name));
+    let (_, kind, nodes) = known.ok_or_else(|| {
         card.fault(format!("{name} is not read: mesh the structure with tetrahedra, C3D4 or C3D10"))
     })?;
     let mut ids = Vec::new();
-    for (numbers, at) in listed(card, name, *nodes)? {
+    for (numbers, at) in listed(card, &name, *nodes)? {
         let (id, nodes) = (numbers[0], &numbers[1..]);
         ids.push(id);
         if let Some(nodes) = places(reader, id, nodes, &at) {
@@ -139,7 +146,7 @@ pub(super) fn set(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     reader.each(card, |reader, line| {
         let find = |reader: &mut Reader, id: u32| {
             let place = reader.member(of_nodes, id);
-            if place.is_none() {
+            if place.is_none() && !(of_nodes && reader.is_free(id)) {
                 reader.missed(&line.at, format!("{what} {id} is not defined"));
             }
             place
@@ -147,11 +154,16 @@ pub(super) fn set(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
         if card.has("GENERATE") {
             let (first, last, by) = range(line)?;
             let there = reader.members_between(of_nodes, (first, last), by);
+            let mut ids: Vec<u32> = there.iter().map(|(id, _)| *id).collect();
+            if of_nodes {
+                ids.extend(reader.free_between(first, last, by));
+                ids.sort_unstable();
+            }
             let wanted = (last - first) / by + 1;
-            let lacking = wanted - u32::try_from(there.len()).unwrap_or(u32::MAX).min(wanted);
+            let lacking = wanted - u32::try_from(ids.len()).unwrap_or(u32::MAX).min(wanted);
             if lacking > 0 {
-                let mut there = there.iter().map(|(id, _)| *id).peekable();
-                let is_not = |id: &u32| there.next_if_eq(id).is_none();
+                let mut ids = ids.into_iter().peekable();
+                let is_not = |id: &u32| ids.next_if_eq(id).is_none();
                 let id = (first..=last).step_by(by as usize).find(is_not).unwrap_or(first);
                 let others =
                     if lacking > 1 { format!(", nor are {} others", lacking - 1) } else { String::new() };
@@ -179,9 +191,7 @@ pub(super) fn set(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     if card.lines.iter().all(|line| line.len() == 0) {
         return Err(card.fault(format!("{what} set {name} is empty")));
     }
-    if reader.sets(of_nodes).contains_key(&name) {
-        return Err(card.fault(format!("{what} set {name} is defined already: name all its members once")));
-    }
+    // A second card with the same name adds to the set, as in Abaqus and CalculiX.
     reader.add_to_set(of_nodes, name, members);
     Ok(())
 }

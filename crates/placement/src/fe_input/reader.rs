@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 
 use super::card::{Card, Line, Location};
 use super::material::Draft;
+use super::temperature::Scale;
 use super::{Fault, Faults, SurfaceNames};
 use crate::body::{Case, Film, Flux};
 use crate::mesh::{Face, Mesh, NodeId};
@@ -15,6 +16,8 @@ pub(super) struct Reader {
     /// Whether the mesh has an error that has been reported. References to missing nodes or elements are then not
     /// reported in addition.
     pub(super) is_spoiled: bool,
+    /// Numbers of the nodes in no element, ascending. They are not in the mesh.
+    free: Vec<u32>,
     /// Nodes in the order of the file.
     pub(super) nodes: Vec<(u32, [f64; 3], Location)>,
     pub(super) mesh: Mesh,
@@ -35,8 +38,15 @@ pub(super) struct Reader {
     pub(super) materials: Vec<Draft>,
     /// Index of the material of each element.
     pub(super) of_element: Vec<Option<usize>>,
+    /// Members of the sets of nodes (`true`) or elements that several cards define. A file may have a card for each
+    /// member.
+    continued: HashMap<(bool, String), HashSet<usize>>,
     /// Initial temperature of each node.
     pub(super) initial: Vec<Option<f64>>,
+    /// Scale of the initial temperatures; `None` before the first of them.
+    pub(super) scale: Option<Scale>,
+    /// First `*BOUNDARY` without `OP=NEW`.
+    pub(super) kept_boundary: Option<Location>,
     /// Fixed directions of nodes, with the location of the line.
     pub(super) supports: BTreeMap<usize, ([bool; 3], Location)>,
     /// Prescribed temperatures of nodes.
@@ -71,11 +81,27 @@ impl Reader {
         }
     }
 
-    /// Returns the index of a node, or the indices of the nodes of a set. If the name is unknown, adds an error and
-    /// returns none.
+    /// Returns the index of a node, or the indices of the nodes of a set. The name of an element set names the nodes of
+    /// its elements, if no node set has this name: Gmsh writes only element sets by default. If the name is unknown,
+    /// adds an error and returns none.
     pub(super) fn nodes(&mut self, name: &str, at: &Location) -> Vec<usize> {
         let found = look_up(name, "node", |id| self.mesh.place(NodeId(id)), &self.mesh.node_sets);
+        let found = found.or_else(|why| match name.parse() {
+            Ok(id) if self.is_free(id) => Err(format!("node {id} is in no element")),
+            Ok(_) => Err(why),
+            Err(_) => self.nodes_of_elements(name).ok_or(why),
+        });
         self.found(found, at)
+    }
+
+    /// Returns the nodes of an element set, ascending; `None` if there is no such set.
+    fn nodes_of_elements(&self, name: &str) -> Option<Vec<usize>> {
+        let elements = self.mesh.element_sets.get(&name.to_uppercase())?;
+        let mut is_in = vec![false; self.mesh.nodes.len()];
+        for node in elements.iter().flat_map(|element| &self.mesh.elements[*element].nodes) {
+            is_in[*node] = true;
+        }
+        Some((0..is_in.len()).filter(|node| is_in[*node]).collect())
     }
 
     /// Returns the index of an element, or the indices of the elements of a set. If the name is unknown, adds an error
@@ -159,11 +185,17 @@ impl Reader {
     }
 
     /// Adds members to a set. Each member occurs once, in the order of the file.
-    pub(super) fn add_to_set(&mut self, of_nodes: bool, name: String, members: Vec<usize>) {
-        let set = self.sets(of_nodes).entry(name).or_default();
-        set.extend(members);
-        let mut seen = HashSet::new();
-        set.retain(|place| seen.insert(*place));
+    pub(super) fn add_to_set(&mut self, of_nodes: bool, name: String, mut members: Vec<usize>) {
+        let sets = if of_nodes { &mut self.mesh.node_sets } else { &mut self.mesh.element_sets };
+        if let Some(set) = sets.get_mut(&name) {
+            let continued = self.continued.entry((of_nodes, name));
+            let known = continued.or_insert_with(|| set.iter().copied().collect());
+            set.extend(members.into_iter().filter(|place| known.insert(*place)));
+        } else {
+            let mut seen = HashSet::new();
+            members.retain(|place| seen.insert(*place));
+            sets.insert(name, members);
+        }
     }
 
     pub(super) fn sort_nodes(&mut self) {
@@ -176,6 +208,51 @@ impl Reader {
         }
         self.mesh.nodes = self.nodes.iter().map(|(id, ..)| NodeId(*id)).collect();
         self.mesh.xyz = self.nodes.iter().map(|(_, xyz, _)| *xyz).collect();
+    }
+
+    /// Removes the nodes that are in no element, as CalculiX does. Gmsh writes such nodes: centres of circles, and
+    /// surfaces that bound no volume.
+    pub(super) fn remove_free_nodes(&mut self) {
+        let used = self.mesh.used();
+        if !used.contains(&false) {
+            return;
+        }
+        let mut left = 0;
+        let places: Vec<Option<usize>> = used
+            .iter()
+            .map(|used| {
+                left += usize::from(*used);
+                used.then(|| left - 1)
+            })
+            .collect();
+        let mut kept = used.iter();
+        self.nodes.retain(|_| kept.next().is_some_and(|used| *used));
+        self.free =
+            self.mesh.nodes.iter().zip(&used).filter(|(_, used)| !**used).map(|(id, _)| id.0).collect();
+        self.mesh.nodes = self.nodes.iter().map(|(id, ..)| NodeId(*id)).collect();
+        self.mesh.xyz = self.nodes.iter().map(|(_, xyz, _)| *xyz).collect();
+        let moved = |nodes: &mut Vec<usize>| *nodes = nodes.iter().filter_map(|node| places[*node]).collect();
+        self.mesh.elements.iter_mut().for_each(|element| moved(&mut element.nodes));
+        self.outlines.iter_mut().for_each(|(_, nodes)| moved(nodes));
+    }
+
+    /// Returns whether the file has a node with this number that is in no element.
+    pub(super) fn is_free(&self, id: u32) -> bool {
+        self.free.binary_search(&id).is_ok()
+    }
+
+    /// Returns whether this is the number of a node in no element, or the name of a set of such nodes only.
+    pub(super) fn is_without_elements(&self, name: &str) -> bool {
+        match name.parse() {
+            Ok(id) => self.is_free(id),
+            Err(_) => self.mesh.node_sets.get(&name.to_uppercase()).is_some_and(Vec::is_empty),
+        }
+    }
+
+    /// Returns the numbers of the nodes in no element between two numbers with this step, ascending.
+    pub(super) fn free_between(&self, first: u32, last: u32, by: u32) -> impl Iterator<Item = u32> {
+        let is_meant = move |id: &u32| (first..=last).contains(id) && (id - first).is_multiple_of(by);
+        self.free.iter().copied().filter(is_meant)
     }
 
     /// Creates the sets that `*NODE` and `*ELEMENT` define.
@@ -219,19 +296,12 @@ impl Reader {
         }
     }
 
-    /// Adds errors for nodes without elements, for faces of more than two elements, and for neighbours of different
-    /// kinds.
+    /// Adds errors for faces of more than two elements, and for neighbours of different kinds.
     pub(super) fn check_mesh(&mut self) {
         if self.is_spoiled {
             return;
         }
         let mesh = &self.mesh;
-        for ((id, _, at), used) in self.nodes.iter().zip(mesh.used()) {
-            if !used {
-                let message = format!("node {id} is in no element: take it out of the mesh and the sets");
-                self.faults.push(at.fault(message));
-            }
-        }
         let mut faces: HashMap<[usize; 3], (usize, usize)> = HashMap::with_capacity(2 * mesh.elements.len());
         for (place, element) in mesh.elements.iter().enumerate() {
             for side in 0..4 {
@@ -269,11 +339,15 @@ fn look_up<T: Clone>(
         return find(id).map(|found| vec![found]).ok_or_else(|| format!("{what} {id} is not defined"));
     }
     let name = name.to_uppercase();
-    sets.get(&name).cloned().ok_or_else(|| {
+    let known = || {
         let known = sets.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
-        let known = if known.is_empty() { "there is none".to_owned() } else { format!("there are {known}") };
-        format!("{what} set {name} is not defined ({known})")
-    })
+        if known.is_empty() { "there is none".to_owned() } else { format!("there are {known}") }
+    };
+    match sets.get(&name) {
+        Some(set) if set.is_empty() => Err(format!("no member of {what} set {name} is in an element")),
+        Some(set) => Ok(set.clone()),
+        None => Err(format!("{what} set {name} is not defined ({})", known())),
+    }
 }
 
 /// Returns the corners of a flat triangle, ascending; `None` for a line.

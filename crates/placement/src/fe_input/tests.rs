@@ -80,9 +80,10 @@ fn with(from: &str, to: &str) -> String {
 
 #[test]
 fn a_node_set_keeps_the_order_of_its_file_and_has_every_node_once() {
-    let text =
-        FILE.replacen("*MATERIAL", "*NSET, NSET=RAIL\n3, 1, 3\n*NSET, NSET=BOTH\n4, RAIL\n*MATERIAL", 1);
+    let sets = "*NSET, NSET=RAIL\n3, 1, 3\n*NSET, NSET=BOTH\n4, RAIL\n*NSET, NSET=TWICE\n3\n*NSET, NSET=TWICE\n1, 3\n";
+    let text = FILE.replacen("*MATERIAL", &format!("{sets}*MATERIAL"), 1);
     let input = read_text(&text).unwrap_or_else(|faults| panic!("{faults}"));
+    assert_eq!(input.mesh.node_sets["TWICE"], [2, 0], "a second card adds to the set");
     assert_eq!(input.mesh.node_sets["RAIL"], [2, 0]);
     assert_eq!(input.mesh.node_sets["BOTH"], [3, 2, 0]);
 }
@@ -181,13 +182,18 @@ fn what_is_wrong_is_said_with_line_card_and_remedy() {
         ("1, 1, 2, 3, 4\n", "1, 1, 2, 3, 4, 2\n", "*ELEMENT: 5 nodes, but a C3D4 has 4"),
         ("1, 1, 2, 3, 4\n", "1, 1, 3, 2, 4\n", "element 1 is numbered inside out or folded"),
         ("TYPE=C3D4", "TYPE=C3D8", "*ELEMENT: C3D8 is not read: mesh the structure with tetrahedra"),
-        ("4, 0, 0, 100\n", "4, 0, 0, 100\n7, 1, 1, 1\n", "*NODE: node 7 is in no element"),
+        ("ALL, 20\n", "ALL, 20\n7, 20\n", "*INITIAL CONDITIONS: node 7 is not defined"),
         ("4, 0, 0, 100\n", "4, 0, 0, 100\n4, 1, 1, 1\n", "*NODE: node 4 is defined already in line 7"),
-        ("*MATERIAL", "*NSET, NSET=BASE\n4\n*MATERIAL", "*NSET: node set BASE is defined already"),
         ("*MATERIAL", "*NSET, NSET=EMPTY\n*MATERIAL", "*NSET: node set EMPTY is empty"),
         ("GENERATE\n1, 3", "GENERATE\n1, 9", "*NSET: node 5 is not defined"),
         ("*END STEP\n", "", "case.inp:26: *STEP: the step is not ended: *END STEP is missing"),
-        ("*STEP, INC=100", "*STEP, NLGEOM", "*STEP: the parameter NLGEOM is not understood"),
+        ("*STEP, INC=100", "*STEP, PERTURBATION", "*STEP: the parameter PERTURBATION is not understood"),
+        (
+            "*STEP, INC=100",
+            "*RESTART, READ\n*STEP, INC=100",
+            "*RESTART: each load case is computed from its beginning",
+        ),
+        (steady, "*HEAT TRANSFER, END=SS\n10, 100", "*HEAT TRANSFER: END=SS: the end of the period"),
         (
             "*STEP, INC=100",
             "*STEP\n*INITIAL CONDITIONS, TYPE=TEMPERATURE\n",
@@ -314,6 +320,10 @@ fn a_surface_that_gmsh_names_by_flat_elements_has_nodes_and_takes_films() {
         .replace("1, F1, 25, 0.008", "FOOT, F, 25, 0.008");
     assert_eq!(read_text(&named).unwrap_or_else(|faults| panic!("{faults}")).load, input.load);
 }
+
+mod dialects;
+mod scales;
+mod sources;
 
 mod any_text {
     use proptest::prelude::*;

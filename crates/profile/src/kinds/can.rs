@@ -151,7 +151,7 @@ fn interface(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
 
 /// Resolves the settings of a device on a CAN line.
 fn settings(raw: &RawDevice, at: &KeyContext<'_>) -> CanDevice {
-    if !at.key("node").is_written() {
+    if at.key("node").is_left_out() {
         let of_node = ["start", "heartbeat", "setup", "emergency", "verify"];
         for key in of_node.into_iter().filter(|key| at.has(key)) {
             let help = "write node = 5, the node number set at the device, 1 to 127";

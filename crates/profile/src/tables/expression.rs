@@ -1,10 +1,11 @@
 //! Parsing of conditions and formulas in a profile. Errors state the position in the text.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::KeyContext;
 use crate::error::allowed;
+use crate::source_map::child;
 use isotherm_core::compensation::model::{Condition, Expression, ExpressionError, Formula, Symbol};
 use isotherm_core::reading::SignalId;
 
@@ -14,7 +15,15 @@ const WORDS: [&str; 9] = ["and", "or", "not", "abs", "exp", "ln", "sqrt", "min",
 /// Parses the condition at this key. `of`: the signal that the condition marks as bad, `None` if it marks none.
 pub(super) fn condition(at: &KeyContext<'_>, text: Option<&String>, of: Option<&str>) -> Option<Condition> {
     let (text, signals) = (text?, &at.report.signals);
-    match Condition::parse(text, &|name: &str| signals.place(name).map(SignalId)) {
+    let is_misspelt = Cell::new(false);
+    let find = |name: &str| {
+        let found = signals.place(name).map(SignalId);
+        if found.is_none() && at.report.spans.is_meant(&child("signal", name)) {
+            is_misspelt.set(true);
+        }
+        found
+    };
+    match Condition::parse(text, &find) {
         Ok(condition) => {
             for id in condition.signals() {
                 at.uses(id);
@@ -26,6 +35,8 @@ pub(super) fn condition(at: &KeyContext<'_>, text: Option<&String>, of: Option<&
             }
             Some(condition)
         }
+        // The table of a signal has a misspelt name, which has been reported.
+        Err(_) if is_misspelt.get() => None,
         Err(why) => {
             in_text(at, text, &why, signals.iter().map(String::as_str));
             None

@@ -39,7 +39,8 @@ pub(crate) struct RawProfile {
     /// Devices on the lines, by name.
     #[serde(default)]
     pub(crate) device: BTreeMap<String, RawDevice>,
-    /// Values that are read from devices, by name.
+    /// Values that are read from devices, by name. A name must not be that of another column of the log, such as
+    /// `z_cz_um`.
     #[serde(default)]
     pub(super) signal: BTreeMap<String, RawSignal>,
     /// Compensated axes, by name.

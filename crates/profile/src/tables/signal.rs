@@ -65,7 +65,7 @@ pub(crate) struct RawSignal {
     /// Raw values that mean "no measurement", compared before scaling: [-32768]. They may have a meaning: [{ raw =
     /// -512, means = "open circuit" }].
     pub(crate) bad: Option<Vec<BadValue>>,
-    /// Engineering unit. Default: "bool" for a coil or a discrete input, otherwise "1".
+    /// Engineering unit. Default: "bool" for a coil or a discrete input, the unit of the DBC file, otherwise "1".
     #[serde(default)]
     #[schemars(schema_with = "units")]
     pub(crate) unit: Option<String>,
@@ -93,7 +93,7 @@ pub(crate) struct RawSignal {
     merge: Option<bool>,
     /// Settings of a counting signal: rollover and new reference.
     counter: Option<RawCounter>,
-    /// CAN: message and signal in the device's DBC file: "Message.Signal".
+    /// CAN: message and signal in the device's DBC file: "Message.Signal". Long names are allowed.
     pub(crate) dbc: Option<String>,
     /// CANopen process data, for example { cob_id = 0x185, start = 0, length = 16, signed = true }.
     pub(crate) pdo: Option<RawPdo>,
@@ -139,7 +139,7 @@ pub struct Signal {
     pub range: Option<(f64, f64)>,
     /// Largest plausible change per second that the profile states.
     pub max_rate: Option<f64>,
-    /// Limits of a temperature that apply because nothing states others.
+    /// Limits of a temperature that apply because neither the profile nor its template states others.
     pub defaults: DefaultLimits,
     /// Whether the value is a difference of two temperatures.
     pub is_difference: bool,

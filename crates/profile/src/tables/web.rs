@@ -138,7 +138,7 @@ impl RawWeb {
     pub(super) fn resolve(&self, at: &KeyContext<'_>) -> Web {
         let listen = self.listen.clone().unwrap_or_else(|| format!("127.0.0.1:{USUAL}"));
         let tokens = ["token_file", "viewer_token_file", "scrape_token_file"];
-        let has_token = tokens.iter().any(|key| at.key(key).is_written());
+        let has_token = tokens.iter().any(|key| !at.key(key).is_left_out());
         let place = host_and_port(&listen);
         match place.as_ref().ok().and_then(|(host, port)| port.map(|_| *host)) {
             None => {
@@ -151,7 +151,7 @@ impl RawWeb {
                     "listen on 127.0.0.1, or give `token_file`, a file with the token that clients must send";
                 at.key("listen").invalid(format!("`{listen}` is open to the network without a token"), help);
             }
-            Some(host) if !is_loopback(host) && !at.key("tls").is_written() => self.without_tls(at, &listen),
+            Some(host) if !is_loopback(host) && at.key("tls").is_left_out() => self.without_tls(at, &listen),
             Some(_) => {}
         }
         self.check_tokens(at);

@@ -135,14 +135,21 @@ impl<'a> Filling<'a> {
     /// Adds the keys of a channel to a signal or an output that names it.
     fn user(&mut self, table: &'static str, name: &str, is_signal: bool) {
         let Some(user) = self.table(table, name) else { return };
+        let at = child(&child(table, name), "channel");
         let channel = match user.get("channel") {
             Some(Value::String(name)) => name.clone(),
             Some(Value::Number(number)) => number.to_string(),
+            // The name of the key is misspelt.
+            _ if self.spans.is_meant(&at) => return self.nothing_missing(table, name, &child(table, name)),
             _ => return,
         };
-        let Some(device) = text(user, "device").map(str::to_owned) else { return };
-        let at = child(&child(table, name), "channel");
-        if self.broken.contains(&device) {
+        let Some(device) = text(user, "device").map(str::to_owned) else {
+            return self.nothing_missing(table, name, &at);
+        };
+        let template = child(&child("device", &device), "template");
+        let is_known = self.known.contains_key(&device);
+        let is_wrong = !is_known && (self.spans.contains(&template) || self.spans.is_meant(&template));
+        if is_wrong || self.broken.contains(&device) {
             return self.nothing_missing(table, name, &at);
         }
         let Some(definition) = self.known.get(&device) else {

@@ -10,6 +10,7 @@ use super::group::{Group, text, texts};
 use super::used::Template;
 use super::{schema, shipped};
 use crate::error::{Findings, allowed};
+use crate::file_kind::FileKind;
 use crate::files::Files;
 use crate::schema_check::SchemaCheck;
 use crate::source_map::SourceMap;
@@ -96,16 +97,22 @@ fn read(shown: &str, written: &str, errors: &mut Findings) -> Option<Group> {
     let schema = schema::schema();
     let mut spans = SourceMap::default();
     let layer = spans.add_layer(shown, Some(written));
-    let before = errors.len();
-    let mut walk = SchemaCheck { schema, layer, spans: &mut spans, errors, beside: Scaling::default() };
+    let mut found = Findings::default();
+    let mut walk =
+        SchemaCheck { schema, layer, spans: &mut spans, errors: &mut found, beside: Scaling::default() };
     let (table, _) = walk.parsed(written);
     let value = walk.table(schema, "", table);
     // Keys that a group omits may be set by the profile.
     walk.missing(&json!({ "required": schema.get("required") }), "", &value);
-    match value {
-        Value::Object(group) if errors.len() == before => Some(group),
-        _ => None,
+    if let (true, Value::Object(group)) = (found.is_empty(), value) {
+        return Some(group);
     }
+    // Of another kind of file, all keys would be reported as unknown.
+    match FileKind::of(written.as_bytes()).and_then(|kind| kind.instead_of(FileKind::Template)) {
+        Some(other) => errors.push(other.error(shown)),
+        None => errors.append(found),
+    }
+    None
 }
 
 impl Definition {

@@ -1,14 +1,14 @@
 //! Advice for users about faults that only Modbus has.
 //!
-//! [`Sight`] is the table from what was seen of a request to the key of the profile that helps, and to the chapter of
-//! the manual that describes it.
+//! Table of observations ([`Sight`]): for each observation, the key of the profile that helps, and the chapter of the
+//! manual that describes it.
 
 use super::text::TextProtocol;
 use crate::fieldbus::error::{Fault, PeerFault};
 use crate::fieldbus::seen::{Advice, Asked, Others, Seen};
 use crate::tls::TlsFault;
 
-/// Text about an answer that did not arrive in time. A macro, because the table extends the text.
+/// Advice on an answer that did not arrive in time. This is a macro, because the table extends the text.
 macro_rules! silent {
     () => {
         "is the unit number right (`isotherm scan` finds it), is the device powered? On a serial line also check baud \
@@ -17,7 +17,7 @@ macro_rules! silent {
     };
 }
 
-/// What to do if no answer arrives in time.
+/// Advice on an answer that did not arrive in time.
 pub(in crate::fieldbus) const SILENT: &str = silent!();
 
 /// Observation for which there is specific advice.
@@ -29,22 +29,22 @@ pub(in crate::fieldbus) enum Sight {
     ValuesRefused,
     /// Exception 3 to a read of several values.
     CountRefused,
-    /// A read of several values has no answer. It is not known whether the device answers other requests.
+    /// Read of several values without an answer. Other requests to the device were not sent or not answered.
     SeveralUnanswered,
-    /// A read of several values has no answer, although the device answers other requests.
+    /// Read of several values without an answer, although the device answers other requests.
     OnlySeveralUnanswered,
     /// Exception 1 to a write with function 06.
     SingleWriteRefused,
     /// Exception 1 to a write with function 16. The gateway writes a single register with it only if `functions` of the
     /// device lack function 06.
     MultipleWriteRefused,
-    /// The reply names another unit.
+    /// Reply with another unit number.
     OtherUnit,
-    /// The reply to a read of several values has another number of registers.
+    /// Reply to a read of several values, with another number of registers.
     OtherCount,
-    /// The reply to a read of one value has another number of registers.
+    /// Reply to a read of one value, with another number of registers.
     OtherLength,
-    /// The reply to a read has another function code.
+    /// Reply to a read, with another function code.
     OtherFunction,
     /// Modbus ASCII on the line.
     ModbusAscii,
@@ -52,12 +52,12 @@ pub(in crate::fieldbus) enum Sight {
     Dcon,
     /// Other text on the line.
     OtherText,
-    /// The request comes back.
+    /// Request that comes back instead of a reply.
     Echoed,
 }
 
 impl Sight {
-    /// Returns the observation to which this request belongs; `None` if there is no specific advice for it.
+    /// Returns the observation about this request; `None` if there is no specific advice on it.
     const fn of(seen: Seen) -> Option<Sight> {
         let is_of_several = matches!(seen.asked, Asked::Read { values: 2.., .. });
         Some(match (seen.fault, seen.fault.exception_code(), seen.asked) {
@@ -109,7 +109,7 @@ impl Sight {
             Sight::SeveralUnanswered => (
                 concat!(
                     silent!(),
-                    ". Others do not answer a read of many registers, or one over a gap: write \
+                    ". Other devices do not answer a read of many registers, or one over a gap: write \
                      `max_registers_per_request` or `max_gap` into the `quirks`"
                 ),
                 Some("max_registers_per_request"),
@@ -128,7 +128,7 @@ impl Sight {
                 "control.md#the-function-that-writes",
             ),
             Sight::MultipleWriteRefused => (
-                "the device does not know function 16, which writes several registers. It only takes values of one \
+                "the device does not know function 16, which writes several registers. A value must then have one \
                  register: write a `type` of 16 bits, and `functions` at the device with \"write-single\" and without \
                  \"write-multiple\". The gateway then writes with function 06",
                 Some("functions"),
@@ -175,7 +175,7 @@ impl Sight {
             ),
             Sight::Echoed => (
                 "an adapter or a serial server returns what is sent, and no device answers: check its mode (echo, \
-                 loopback) and the wires behind it",
+                 loopback) and the wires to the device",
                 None,
                 PROTOCOL,
             ),

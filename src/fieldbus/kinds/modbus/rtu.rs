@@ -9,8 +9,8 @@
 //!   request for which the late answer could be mistaken ([`super::pending_replies`]). The late answer is discarded in
 //!   this module when it arrives.
 //! - An adapter without echo suppression receives its own requests. The first read detects such an adapter. From then
-//!   on, the echo of every request is expected before its answer. An echo is never taken for an invalid answer, also if
-//!   it arrives in parts, with noise or late.
+//!   on, the echo of every request is expected before its answer. An echo never counts as an invalid answer, even if it
+//!   arrives late, in parts or with noise.
 //! - Bytes equal to the request do not count as the answer to a read. One kind of read has an answer that can equal the
 //!   request: a read of 17 to 24 bits from 0x0300 to 0x03FF.
 
@@ -145,7 +145,8 @@ impl Rtu {
                     self.is_unsolicited(&received, unit, question);
                 }
                 Reply::Incomplete => {
-                    // Only if nothing else has arrived: inside an answer, other bytes may look like this frame.
+                    // This is checked only if nothing else has arrived: inside an answer, other bytes may look like
+                    // this frame.
                     if let Some(code) = invalid::long_exception(&self.received, unit, request.function()) {
                         self.received.clear();
                         return Some(Err(Fault::Peer(PeerFault::LongException(code))));

@@ -6,8 +6,8 @@
 //!   wire discards it and keeps the connection, see `given_up`.
 //! - All other bytes that answer no open request close the connection, and so do bytes after an answer. Input from
 //!   before a request is recognized by its transaction number. Before a write, and while a late answer is expected, the
-//!   wire also checks for such input, and then does not send the request. A write skips this check immediately after an
-//!   answer, because nothing else had arrived with the answer.
+//!   wire checks for such input. If it finds any, it does not send the request. Immediately after an answer, a write
+//!   skips this check, because nothing else had arrived with the answer.
 //! - A read may be sent in the same TCP segment after another request, with its own transaction number.
 
 use std::collections::hash_map::RandomState;
@@ -53,7 +53,7 @@ pub struct ModbusTcp {
     behind: FollowUpRead,
     /// Request whose answer is awaited; `None` if it was answered.
     open: Option<SentRequest>,
-    /// Whether a part of a request may not have been sent.
+    /// Whether the present request may have been sent only in part.
     is_sending: bool,
     given_up: GivenUp,
     /// Form of the received answer to the present request; `None` before it arrives.
@@ -139,7 +139,7 @@ impl ModbusTcp {
         Ok(answer)
     }
 
-    /// Checks that no input has arrived without a request, except late answers, which it discards.
+    /// Checks that no input has arrived without a request. Late answers are allowed and discarded.
     fn check_input(&mut self) -> Result<(), Fault> {
         loop {
             match self.port.take_waiting(&mut self.received[self.filled..]) {
@@ -152,7 +152,7 @@ impl ModbusTcp {
                 Ok(0) => return Err(self.ended(None, Fault::CLOSED)),
                 Ok(count) => self.filled += count,
             }
-            // The time of arrival is not known: the input may have waited for long.
+            // The time of arrival is not known: the input may have waited in the socket.
             self.discard_late(None)?;
         }
     }
@@ -160,7 +160,7 @@ impl ModbusTcp {
     /// Discards the late answers in the receive buffer. `received` is the time of their arrival, if it is known.
     ///
     /// # Errors
-    /// The buffer contains anything else.
+    /// The buffer contains other input.
     fn discard_late(&mut self, received: Option<Moment>) -> Result<(), Fault> {
         self.discard_late_frames(received).map_err(|_| Fault::UNASKED)?;
         if self.filled == 0 { Ok(()) } else { Err(Fault::UNASKED) }
@@ -187,7 +187,7 @@ impl ModbusTcp {
         self.forget_first(end);
     }
 
-    /// Receives and discards late answers until the one to this given up request has arrived.
+    /// Receives and discards late answers, until the answer to this given up request has arrived.
     async fn receive_late(
         &mut self,
         (unit, asked): (u8, Moment),
@@ -331,7 +331,7 @@ impl Wire for ModbusTcp {
         Box::pin(self.exchange(unit, request, send_guard))
     }
 
-    /// Returns [`Fault::Timeout`]. Text that is shorter than a header counts as text.
+    /// Returns [`Fault::Timeout`], or the protocol of text that has arrived. Such text may be shorter than a header.
     fn missed(&mut self) -> Fault {
         let text = text::recognise(&self.received[..self.filled]);
         text.map_or(Fault::Timeout, |text| Fault::Peer(PeerFault::Text(text)))
@@ -344,7 +344,7 @@ impl Wire for ModbusTcp {
 
 impl ModbusWire for ModbusTcp {
     fn give_up(&mut self) -> bool {
-        // The rest of a frame could not be told from the beginning of the next one.
+        // The rest of a frame could not be distinguished from the beginning of the next one.
         let is_between_frames = self.filled == 0 && !self.is_sending && !self.behind.is_under_way();
         if is_between_frames {
             self.given_up.extend(self.open.take());

@@ -14,8 +14,8 @@ pub enum TextProtocol {
     Other,
 }
 
-/// Shortest text that counts as a message of a protocol that is not known. Noise of this length is seldom text with an
-/// end of line.
+/// Smallest number of bytes that count as text of an unknown protocol. Noise of this length seldom consists of
+/// characters with an end of line.
 const SHORTEST: usize = 5;
 /// Smallest number of digits of a frame of Modbus ASCII: unit, function, checksum.
 const FEWEST_DIGITS: usize = 6;
@@ -58,8 +58,8 @@ fn is_ascii_content(digits: &[u8]) -> bool {
     pairs.is_some_and(|pairs| pairs.iter().fold(0u8, |sum, byte| sum.wrapping_add(*byte)) == 0)
 }
 
-/// Returns whether this is one message of DCON. An answer begins with `!`, `?` or `>`, a command with another sign. The
-/// address follows, after `>` a value.
+/// Returns whether these bytes are one message of DCON. An answer begins with `!`, `?` or `>`, a command with another
+/// sign. After the sign follows an address, or after `>` a value.
 fn is_dcon(message: &[u8]) -> bool {
     let message = message.strip_prefix(b"\n").unwrap_or(message);
     let [sign, first, second, .., b'\r'] = message else { return false };

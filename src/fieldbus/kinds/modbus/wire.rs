@@ -21,7 +21,7 @@ pub struct ForeignFrame {
     pub is_question: bool,
 }
 
-/// Answer that arrived on a TCP connection after the line had given up its request. The wire has discarded it.
+/// Answer that arrived on a TCP connection after its request was given up. The wire has discarded it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LateReply {
     /// Unit of the request.
@@ -61,8 +61,8 @@ pub trait ModbusWire: Wire {
         false
     }
 
-    /// Returns whether the late answer to the given up request may still arrive on this connection that was sent to
-    /// this unit at `asked`.
+    /// Returns whether a late answer may still arrive on this connection, to a given up request that was sent to this
+    /// unit at `asked`.
     fn expects_late(&self, _unit: u8, _asked: Moment) -> bool {
         false
     }
@@ -75,8 +75,8 @@ pub trait ModbusWire: Wire {
         Ok(())
     }
 
-    /// Discards late answers until the one to this given up request has arrived. The caller limits the time. The call
-    /// may be cancelled at any time.
+    /// Discards late answers, until the answer to this given up request has arrived. The caller limits the time. The
+    /// call may be cancelled at any time.
     ///
     /// # Errors
     /// The connection has ended, or other input has arrived.

@@ -14,7 +14,7 @@
 //!   gateway checks neither the authority that signed the certificate nor the names in it. The server may send the
 //!   certificates of its authorities too (`chain.rs`).
 //! - A call that is too large for the server is halved (`call_size.rs`).
-//! - After a rejected login, the gateway makes no attempt for minutes, and leaves no session at the server.
+//! - After a rejected login, the gateway does not connect for five minutes, and leaves no session at the server.
 //! - The index of a namespace that the profile names by its URI is read each time a connection is opened. The URI of a
 //!   namespace that the profile names by index is stored ([`super::namespaces`]). If the server does not have the
 //!   namespace of a node, the gateway does not request the node, and treats it as missing.
@@ -143,8 +143,8 @@ impl OpcUaDial {
         Ok(Connection::Other(Box::new(wire)))
     }
 
-    /// Reads the limits and the namespaces of the server in a new session. If that fails, closes the session, because
-    /// no later connection resumes it.
+    /// Reads the limits and the namespaces of the server in a new or resumed session. If that fails, closes the
+    /// session, because no later connection resumes it.
     async fn prepare(&self, link: &mut Link, session: &Session) -> Result<Limits, Fault> {
         let limits = session.limits(link).await;
         let read = match limits {
@@ -160,7 +160,7 @@ impl OpcUaDial {
     /// Resumes the previous session on this socket; returns `None` if that fails.
     ///
     /// # Errors
-    /// The server rejects the user. A new session would be rejected too, and the server would count one more failure.
+    /// The server rejects the user. The server would also reject a new session, and count one more failure.
     async fn take_up(
         &self,
         files: &Files,

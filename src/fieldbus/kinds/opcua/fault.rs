@@ -34,7 +34,7 @@ pub enum OpcUaFault {
     /// The server refuses to list its endpoints on a channel without security.
     #[error(
         "the server refuses to list its endpoints without security: allow this query at the server (often \
-         called discovery with the policy None). No session without security is needed"
+         called discovery with the policy None). Sessions without security can stay switched off"
     )]
     NoList,
     /// The server has no endpoint with the `security` and the kind of `user` in the profile.

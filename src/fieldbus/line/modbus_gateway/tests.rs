@@ -55,7 +55,7 @@ fn a_longer_timeout_is_news_once_and_again_when_it_changes() {
     }
 }
 
-/// A gateway of which nothing is known: what the line does before a request, for each unit and connection.
+/// Modbus gateway with an unknown timeout: action of the line before a request, for each unit and connection.
 #[test]
 fn the_line_waits_for_a_late_answer_and_opens_another_connection_where_none_comes() {
     let latest = at(4000);
@@ -91,7 +91,7 @@ fn the_line_waits_for_a_known_timeout_and_a_little_longer_and_asks_another_unit_
         assert_eq!(gateway.wait(unit, expects_late, at(9000), until), afterwards, "{case}");
         assert_eq!(gateway.has_waited(unit, expects_late), afterwards == Wait::Renew, "{case}");
     }
-    // It lasts longer this time.
+    // The Modbus gateway waits longer this time.
     assert_eq!(gateway.patience(3, until), Duration::from_millis(1000 + 500 + 100 - 1225));
     assert_eq!(gateway.patience(2, until), Duration::ZERO, "the unit itself");
     gateway.answered(3, false, at(3500));

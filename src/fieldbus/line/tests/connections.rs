@@ -10,7 +10,8 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 struct Server {
     /// Number of requests that it loses at first.
     loses: u32,
-    /// Number of answers after which it closes the connection, and after which it does not answer any more.
+    /// Number of answers after which the server closes the connection, and number after which it does not answer any
+    /// more.
     closes_after: u32,
     stops_after: u32,
     /// Time that it needs for the first answer of a connection.
@@ -154,7 +155,7 @@ async fn a_server_that_closes_after_each_answer_gets_a_connection_for_each_reque
         assert_eq!(line.ask(0, READ, u64::from(poll) * 1000).await, read_on(poll + 1), "{poll}");
         tokio::time::sleep(Duration::from_millis(1)).await;
     }
-    // It closes each connection anyway, so that a write may leave on the next one.
+    // The server closes each connection anyway, so a write may be sent on the next one.
     let here = SendDeadline::OnConnection(Moment::END);
     assert_eq!(line.ask_by(0, WRITE, 20_000, here).await, Ok(Answer::Done));
     assert_eq!(arrived(&requests).len(), 21, "each request has arrived once");

@@ -1,13 +1,16 @@
 //! Client of the command socket, for the commands of `isotherm`.
 
 use std::io::{BufRead, BufReader, ErrorKind, Lines, Write};
+use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::time::Duration;
 
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::net::sockopt::socket_peercred;
+use rustix::process::{PidfdFlags, pidfd_open};
 use socket2::{Domain, SockAddr, Socket, Type};
 
-use super::process::Process;
 use super::{LONGEST_TRACE, SLACK, STATUS, UNKNOWN, user};
 use crate::clock::BootClock;
 use crate::observe::requester::ANSWER_TIMEOUT;
@@ -144,6 +147,24 @@ pub fn release(
     let begun =
         begin(path, &format!("release {output} seen={} within={}", seen.join(","), within.as_secs_f64()))?;
     replaced(path, begun, within, show)
+}
+
+/// Handle of a gateway process. When `exec` starts another program in the process, the handle remains valid.
+struct Process(OwnedFd);
+
+impl Process {
+    /// Returns the process at the other end of the connection. `None` if the process is not visible, for example from
+    /// outside a container.
+    fn behind(stream: &UnixStream) -> Option<Process> {
+        let peer = socket_peercred(stream).ok()?;
+        pidfd_open(peer.pid, PidfdFlags::empty()).ok().map(Process)
+    }
+
+    /// Returns whether the process has ended.
+    fn has_ended(&self) -> bool {
+        let mut looked = [PollFd::new(&self.0, PollFlags::IN)];
+        poll(&mut looked, Some(&Timespec::default())).is_ok_and(|ended| ended > 0)
+    }
 }
 
 /// Process of a gateway that another program replaces, and the beginning of the gateway's answer.

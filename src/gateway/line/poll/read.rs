@@ -2,15 +2,18 @@
 
 use std::time::Duration;
 
-use super::stamps::SourceStamps;
-use super::{Captures, Overruns};
+use super::Overruns;
+use super::stamps::accepted;
+use crate::fieldbus::error::Fault;
 use crate::fieldbus::line::{Attribution, DeviceLine};
+use crate::fieldbus::send_guard::SendDeadline;
 use crate::fieldbus::wire::Request;
 use crate::gateway::shared::line_handle::LineHandle;
+use isotherm_core::codec::Table;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
 use isotherm_profile::plan::ReadRequest;
-use isotherm_profile::{BusId, Device, DeviceId, Profile};
+use isotherm_profile::{BusId, Capture, Device, DeviceId, Profile};
 
 /// Largest number of repeated requests in a round. A single lost answer does not show that the device is lost.
 const REPEATS: u32 = 3;
@@ -18,7 +21,7 @@ const REPEATS: u32 = 3;
 /// Reads of one device: the requests, and the times at which they are due.
 pub(super) struct Poll {
     pub(super) device: DeviceId,
-    every: Duration,
+    pub(super) every: Duration,
     /// Time at which the next round of requests begins.
     next: Moment,
     /// Round that has begun: the time at which it was due, and the index of its next request. `None` between rounds.
@@ -72,11 +75,6 @@ impl Poll {
     /// the next round begins.
     pub(super) fn due(&self) -> Moment {
         self.again.or(self.under_way.map(|(due, _)| due)).unwrap_or(self.next)
-    }
-
-    /// Returns whether the device may wait until `other`, when another device is due: for at most one period.
-    pub(super) fn may_wait_until(&self, other: Moment) -> bool {
-        other <= self.due().after(self.every)
     }
 
     /// Returns whether the device was due at `by` and has not been read since.
@@ -157,7 +155,7 @@ impl Poll {
             self.has_been_read |= is_last;
             return is_last;
         }
-        let stamped = SourceStamps::of(shared.profile.device(self.device));
+        let source_time = shared.profile.device(self.device).source_time;
         for field in &request.fields {
             let signal = shared.profile.signal(field.signal);
             match (self.captures.captured(signal.capture), &answer) {
@@ -168,8 +166,8 @@ impl Poll {
                     let asked = answered.answer.asked(field).unwrap_or(answered.asked);
                     let asked = captured.map_or(asked, |captured| captured.min(asked));
                     let stamp = answered.answer.stamped(field);
-                    let (value, taken) = stamped.accepted(stamp, value, asked);
-                    core.device_health.stamped[field.signal.0] = stamped.age(stamp);
+                    let (value, taken, age) = accepted(source_time, stamp, value, asked);
+                    core.device_health.stamped[field.signal.0] = age;
                     let breaks = core.devices.of(self.device).breaks_without_checks();
                     match answered.attribution {
                         Attribution::Ours => core.board.store(field.signal, value, taken, breaks),
@@ -184,5 +182,47 @@ impl Poll {
         }
         self.has_been_read |= is_last;
         is_last
+    }
+}
+
+/// Capture commands of one device, without repetitions. For each: the time at which it was last sent, or the reason why
+/// it could not be sent. `None` before the first attempt.
+///
+/// The commands are part of reading. Therefore they are also sent in a dry run, and before anything is armed.
+#[derive(Debug)]
+struct Captures(Vec<(Capture, Option<Result<Moment, Fault>>)>);
+
+impl Captures {
+    fn new(commands: impl Iterator<Item = Capture>) -> Captures {
+        let mut captures: Vec<(Capture, Option<Result<Moment, Fault>>)> = Vec::new();
+        for command in commands {
+            if captures.iter().all(|(known, _)| *known != command) {
+                captures.push((command, None));
+            }
+        }
+        Captures(captures)
+    }
+
+    fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Sends all capture commands, and records the time or the fault of each.
+    async fn send(&mut self, line: &mut DeviceLine, shared: &LineHandle, device: DeviceId) {
+        for (capture, sent) in &mut self.0 {
+            let (at, value) = (capture.address.offset, [capture.value]);
+            let request = match capture.address.table {
+                Table::Coil => Request::write_coil(at, capture.value != 0),
+                _ => Request::write_holding(at, &value, shared.profile.device(device).functions),
+            };
+            *sent =
+                Some(line.request(device, request, SendDeadline::None).await.map(|answered| answered.asked));
+        }
+    }
+
+    /// Returns the time at which the present value was captured. `None` if the value needs no capture command. An error
+    /// means that the command failed: the value in the register is then from another time.
+    fn captured(&self, capture: Option<Capture>) -> Result<Option<Moment>, Fault> {
+        self.0.iter().find(|(own, _)| Some(*own) == capture).and_then(|(_, sent)| *sent).transpose()
     }
 }

@@ -10,39 +10,21 @@ use std::time::Duration;
 use crate::fieldbus::wire::Stamped;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
-use isotherm_profile::{Device, SourceTime};
+use isotherm_profile::SourceTime;
 
-/// Meaning of the source timestamps of a device: time of the sample, or of the last change. `None` if they are not
-/// used.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct SourceStamps(Option<SourceTime>);
-
-impl SourceStamps {
-    pub(super) const fn of(device: &Device) -> SourceStamps {
-        SourceStamps(device.source_time)
-    }
-
-    /// Returns the time between the sample and the answer, according to the timestamp. `None` if the timestamp is not
-    /// used.
-    pub(super) fn age(self, stamped: Stamped) -> Option<Duration> {
-        match (self.0, stamped) {
-            (Some(SourceTime::Sampled), Stamped::Ago(age)) => Some(age),
-            _ => None,
-        }
-    }
-
-    /// Returns the value and the time of its sample. `asked`: time of the request.
-    pub(super) fn accepted(
-        self,
-        stamped: Stamped,
-        value: Result<f64, Reason>,
-        asked: Moment,
-    ) -> (Result<f64, Reason>, Moment) {
-        match (self.0, stamped) {
-            (Some(SourceTime::Sampled), Stamped::Ago(age)) => (value, asked.before(age)),
-            (Some(SourceTime::Sampled), Stamped::Ahead) => (value.and(Err(Reason::SourceClock)), asked),
-            _ => (value, asked),
-        }
+/// Returns the value, the time of its sample, and the time between the sample and the answer; `None` if the timestamp
+/// is not used. `source_time`: meaning of the source timestamps of the device (time of the sample, or of the last
+/// change); `None` if they are not used. `asked`: time of the request.
+pub(super) fn accepted(
+    source_time: Option<SourceTime>,
+    stamped: Stamped,
+    value: Result<f64, Reason>,
+    asked: Moment,
+) -> (Result<f64, Reason>, Moment, Option<Duration>) {
+    match (source_time, stamped) {
+        (Some(SourceTime::Sampled), Stamped::Ago(age)) => (value, asked.before(age), Some(age)),
+        (Some(SourceTime::Sampled), Stamped::Ahead) => (value.and(Err(Reason::SourceClock)), asked, None),
+        _ => (value, asked, None),
     }
 }
 
@@ -52,33 +34,35 @@ mod tests {
 
     const HOUR: Duration = Duration::from_hours(1);
 
-    fn accepted(source_time: SourceTime, stamped: Stamped) -> (Result<f64, Reason>, Moment) {
-        SourceStamps(Some(source_time)).accepted(stamped, Ok(27.5), Moment::default().after(2 * HOUR))
+    fn stamped_by(source_time: SourceTime, stamped: Stamped) -> (Result<f64, Reason>, Moment) {
+        let asked = Moment::default().after(2 * HOUR);
+        let (value, taken, _) = accepted(Some(source_time), stamped, Ok(27.5), asked);
+        (value, taken)
     }
 
     #[test]
     fn a_value_that_was_measured_an_hour_ago_is_an_hour_old() {
-        let (value, taken) = accepted(SourceTime::Sampled, Stamped::Ago(HOUR));
+        let (value, taken) = stamped_by(SourceTime::Sampled, Stamped::Ago(HOUR));
         assert_eq!((value, taken), (Ok(27.5), Moment::default().after(HOUR)));
     }
 
     #[test]
     fn a_value_that_is_stamped_ahead_of_its_server_is_not_believed() {
-        let (value, _) = accepted(SourceTime::Sampled, Stamped::Ahead);
+        let (value, _) = stamped_by(SourceTime::Sampled, Stamped::Ahead);
         assert_eq!(value, Err(Reason::SourceClock));
     }
 
     #[test]
     fn where_stamps_say_when_a_value_changed_it_is_as_old_as_its_question() {
         for stamped in [Stamped::Ago(HOUR), Stamped::Ahead, Stamped::Unknown] {
-            assert_eq!(accepted(SourceTime::Changed, stamped), (Ok(27.5), Moment::default().after(2 * HOUR)));
+            let asked = Moment::default().after(2 * HOUR);
+            assert_eq!(stamped_by(SourceTime::Changed, stamped), (Ok(27.5), asked));
         }
     }
 
     #[test]
     fn a_bad_value_keeps_its_reason_whatever_it_is_stamped_with() {
-        let stamps = SourceStamps(Some(SourceTime::Sampled));
         let bad = Err(Reason::Status(0x808c_0000));
-        assert_eq!(stamps.accepted(Stamped::Ahead, bad, Moment::default()).0, bad);
+        assert_eq!(accepted(Some(SourceTime::Sampled), Stamped::Ahead, bad, Moment::default()).0, bad);
     }
 }

@@ -246,8 +246,8 @@ fn unlimited(keys: &str) -> Profile {
     parsed.unwrap_or_else(|errors| panic!("{errors}")).profile
 }
 
-/// The values of open circuits in devices of which no `bad` is known: the least 16-bit and the largest 32-bit count in
-/// tenths, and a large floating-point number.
+/// Values for an open circuit in devices whose `bad` is not known. They are the least 16-bit count and the largest
+/// 32-bit count in tenths, and a large floating-point number.
 #[test]
 fn a_temperature_of_a_model_has_a_range_and_a_rate_without_keys() {
     let profile = unlimited("");
@@ -288,7 +288,7 @@ fn none_switches_each_limit_off_and_a_difference_has_none() {
     assert_eq!(of("difference = true\nrange = [-10.0, 80.0]\n", 80.1), Quality::Bad(Reason::OutOfRange));
 }
 
-/// The default rate is too wide to tell the answers of two masters apart.
+/// The default rate is too wide to distinguish the answers of two masters.
 #[test]
 fn a_default_rate_confirms_no_ambiguous_value() {
     let profile = unlimited("");

@@ -47,7 +47,7 @@ fn a_signal_whose_limits_changed_is_named_again_and_one_without_limits_is_not() 
     assert!(texts(&before, &profile(&[])).is_empty());
 }
 
-/// The limits are saved as JSON. A number that changed in it would be reported at every start.
+/// The limits are saved as JSON. If a number changed by this, the limits would be reported at every start.
 #[test]
 fn limits_are_the_same_after_they_were_saved() {
     let kelvin = DefaultLimits { range: Some(DefaultRange::Within(233.15, 473.15)), max_rate: Some(5.0) };

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::io::{Error, ErrorKind, Result};
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use serde::Serialize;
 
@@ -15,26 +16,50 @@ use crate::gateway::store::disk::Disk;
 
 /// Files of the state document and of its number.
 pub(in crate::gateway) struct StoreFile {
-    pub(super) disk: Arc<dyn Disk>,
-    pub(super) document: PathBuf,
-    pub(super) number: PathBuf,
+    disk: Arc<dyn Disk>,
+    document: PathBuf,
+    number: PathBuf,
     /// Seal (checksum, origin and save number) of the document that is on disk.
     pub(super) seal: Seal,
-    pub(super) question: OpenQuestion,
+    question: OpenQuestion,
     /// State and outputs as JSON. The state is empty until it is saved for the first time.
-    pub(super) state: Vec<u8>,
-    pub(super) outputs: BTreeMap<String, Vec<u8>>,
+    state: Vec<u8>,
+    outputs: BTreeMap<String, Vec<u8>>,
     /// Files that are renamed before the document is replaced, so that they are not lost: old path and new path.
-    pub(super) aside: Vec<(PathBuf, PathBuf)>,
+    aside: Vec<(PathBuf, PathBuf)>,
     /// Files of an earlier version of isotherm, which are removed after the first save.
-    pub(super) former: Vec<PathBuf>,
+    former: Vec<PathBuf>,
     /// Whether the number is saved with the next document.
-    pub(super) is_number_due: bool,
+    is_number_due: bool,
     /// Whether the document on disk is of a later version of isotherm. It is then never replaced.
-    pub(super) is_of_a_later_version: bool,
+    is_of_a_later_version: bool,
 }
 
 impl StoreFile {
+    /// Creates the files of a run that has not saved anything yet. `aside`: files to rename before the first save.
+    /// `former`: files to remove after it.
+    pub(super) fn new(
+        disk: Arc<dyn Disk>,
+        (document, number): (PathBuf, PathBuf),
+        seal: Seal,
+        (aside, former): (Vec<(PathBuf, PathBuf)>, Vec<PathBuf>),
+        (is_in_question, is_of_a_later_version): (bool, bool),
+    ) -> StoreFile {
+        StoreFile {
+            disk,
+            document,
+            number,
+            seal,
+            question: OpenQuestion(Arc::new(AtomicBool::new(is_in_question))),
+            state: Vec::new(),
+            outputs: BTreeMap::new(),
+            aside,
+            former,
+            is_number_due: true,
+            is_of_a_later_version,
+        }
+    }
+
     /// Renders the state for the next save, which also saves the number.
     pub(in crate::gateway) fn set_state(&mut self, state: &impl Serialize) {
         // Numbers and texts always have a JSON form.

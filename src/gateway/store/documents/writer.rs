@@ -1,8 +1,8 @@
 //! Writer of the state document, on a separate thread, so that a slow disk never delays a bus line.
 //!
-//! It always saves the newest version, and reports which version is on disk. A write to a register that depends on a
-//! version waits for it, for a short time. If the time is over, the next turn of the output (work of the line task on
-//! it) checks again. A simulation has no such thread: the caller saves the document at once.
+//! The writer always saves the newest version, and reports which version is on disk. A write to a register that depends
+//! on a version waits for it, for a short time. If the time is over, the next turn of the output (work of the line task
+//! on it) checks again. A simulation has no such thread: the caller saves the document at once.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};

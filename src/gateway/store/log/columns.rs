@@ -5,8 +5,6 @@ pub(super) const MEMORY: &str = "machine_memory";
 pub(super) const ZERO: &str = "machine_zero";
 /// Column with the correction of the computer's clock, in the first row of a file that begins after it.
 pub(in crate::gateway) const CLOCK: &str = "machine_clock";
-/// Column that only the log of a dry run has.
-pub(super) const DRY_RUN: &str = "machine_dry_run";
 
 pub(super) const PERMIT: &str = "permit";
 pub(super) const FROM: &str = "from_um";
@@ -15,17 +13,14 @@ pub(super) const SIGN: &str = "sign_um";
 pub(super) const BEHIND: &str = "behind_um";
 pub(super) const RETURN: &str = "return_um";
 pub(super) const RETURN_SLOPE: &str = "return_slope_um";
-pub(super) const ERROR: &str = "error_um";
-/// Log columns for a slope that the control applies: the register value from which the axis resumed, and the decision.
-/// Both are effects at the axis's largest distance from the reference position, µm.
+/// Log column for a slope that the control applies: the register value from which the axis resumed, as its effect at
+/// the axis's largest distance from the reference position, µm.
 pub(super) const SLOPE_FROM: &str = "slope_from_um";
-pub(super) const SLOPE: &str = "slope_um";
 /// Log columns of an axis with a probe.
 pub(super) const MEASURED: &str = "measured_um";
 pub(super) const ACTING: &str = "acting_um";
 pub(super) const FORGET: &str = "forget";
 pub(super) const WORSE: &str = "worse";
-pub(super) const CORRECTION: &str = "correction_um";
 /// Log column of an axis with a model that gives its expected error.
 pub(super) const EXPECTED: &str = "expected_um";
 /// Log column of an axis that may use stand-ins for frozen sensors.

@@ -8,14 +8,20 @@ use csv::StringRecord;
 use jiff::tz::TimeZone;
 
 use super::columns::{
-    ACTING, BEHIND, DECIDED, ERROR, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, RETURN, RETURN_SLOPE,
-    SIGN, SLOPE_FROM, STOOD_IN, TIME, TRUST, WORSE, ZERO,
+    ACTING, BEHIND, DECIDED, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, RETURN, RETURN_SLOPE, SIGN,
+    SLOPE_FROM, STOOD_IN, TIME, TRUST, WORSE, ZERO,
 };
 use isotherm_core::compensation::{Control, Measured, Permit, Remembered, ReturnTo};
-use isotherm_core::quantity::{Dialect, Micron, Moment, time};
+use isotherm_core::quantity::{
+    Cell, Conversion, DateOrder, DecimalMark, Dialect, Micron, Moment, TimeColumns, TimeUnit,
+    names_and_units, time, with_date,
+};
 use isotherm_core::reading::{Reading, Reason};
 use isotherm_profile::Profile;
 use isotherm_profile::safe_file::{self, Lines, quoted};
+
+/// Column of a log from elsewhere: measured error of an axis.
+const ERROR: &str = "error_um";
 
 /// Error in a log, with its position.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -29,6 +35,38 @@ pub struct LogError {
     pub column: Option<String>,
     /// Cause of the error, in words.
     pub message: String,
+}
+
+/// Properties of a log that its rows do not contain.
+#[derive(Clone, Debug, Default)]
+pub struct Recording<'a> {
+    /// Name of the log, as messages show it.
+    pub name: &'a str,
+    /// Time zone of times without an offset from UTC; `None` rejects such times.
+    pub zone: Option<TimeZone>,
+    /// Decimal mark of the numbers; `None` if the numbers decide.
+    pub decimal: Option<DecimalMark>,
+    /// Order of day and month in dates; `None` if the dates decide.
+    pub dates: Option<DateOrder>,
+    /// Unit of times that are numbers; `None` if the name of the column decides.
+    pub time_unit: Option<TimeUnit>,
+    /// Cells of the first rows. They show the order of day and month, and what a mark before three digits means.
+    pub first_rows: Vec<Vec<String>>,
+    /// Number of lines of the file before the column names, and between the names and the first row, which the reader
+    /// does not get.
+    pub left_out: [u64; 2],
+}
+
+impl<'a> From<&'a str> for Recording<'a> {
+    fn from(name: &'a str) -> Recording<'a> {
+        Recording { name, ..Recording::default() }
+    }
+}
+
+impl<'a> From<(&'a str, Option<TimeZone>)> for Recording<'a> {
+    fn from((name, zone): (&'a str, Option<TimeZone>)) -> Recording<'a> {
+        Recording { name, zone, ..Recording::default() }
+    }
 }
 
 /// Row of a log: the state of the machine at one moment.
@@ -84,7 +122,13 @@ pub struct LogReader<R> {
     csv: csv::Reader<Lines<R>>,
     file: String,
     dialect: Dialect,
+    /// Whether numbers are written as in the program: commas separate the columns, and no decimal mark was stated.
+    has_points: bool,
     names: Vec<String>,
+    /// Conversion of each column, if its name states a unit.
+    conversions: Vec<Conversion>,
+    /// Number of lines of the file that are not in the input.
+    left_out: u64,
     axes: Vec<String>,
     columns: Columns,
     ranges: Vec<Option<(f64, f64)>>,
@@ -96,7 +140,7 @@ pub struct LogReader<R> {
 /// Indices of the columns in a decision log.
 #[derive(Clone, Debug)]
 struct Columns {
-    time: usize,
+    time: TimeColumns,
     signals: Vec<Option<usize>>,
     axes: Vec<AxisColumns>,
     memory: Option<usize>,
@@ -127,36 +171,48 @@ struct AxisColumns {
 const MOST_WARNINGS: usize = 20;
 
 impl<R: Read> LogReader<R> {
-    /// Reads the header. `file` is the name of the log in messages. `zone` is the time zone of times without an offset
-    /// from UTC; with `None`, such times are rejected.
+    /// Reads the header.
     ///
     /// # Errors
     /// The header has no column `time`, no signal of the profile, or one name twice.
-    pub fn open(
+    pub fn open<'a>(
         profile: &Profile,
         input: R,
-        (file, zone): (&str, Option<TimeZone>),
+        recording: impl Into<Recording<'a>>,
     ) -> Result<LogReader<R>, LogError> {
-        let error = |message: String| LogError { file: file.to_owned(), line: 1, column: None, message };
+        let Recording { name: file, zone, decimal, dates, time_unit, first_rows, left_out } =
+            recording.into();
+        let [before, after] = left_out;
+        let error =
+            |message: String| LogError { file: file.to_owned(), line: 1 + before, column: None, message };
         let (first, input) = safe_file::first_line(input).map_err(|cause| error(cause.to_string()))?;
-        let dialect = Dialect::of(&first, zone);
+        let mut dialect = Dialect::of(&first, zone).with(decimal, dates);
         let mut csv =
             csv::ReaderBuilder::new().flexible(true).delimiter(dialect.separator()).from_reader(input);
         let header = csv.headers().map_err(|cause| error(cause.to_string()))?;
-        let names: Vec<String> =
+        let headers: Vec<String> =
             header.iter().map(|name| name.trim().trim_start_matches('\u{feff}').to_owned()).collect();
-        if names.iter().all(String::is_empty) {
+        if headers.iter().all(String::is_empty) {
             return Err(error("the log is empty; its first line names the columns".to_owned()));
         }
+        let time = TimeColumns::find(&headers, time_unit).ok_or_else(|| {
+            error(format!("there is no column {TIME}; there are {}", quoted(&headers.join(", "))))
+        })?;
+        if time.is_in_utc {
+            dialect = dialect.in_utc();
+        }
+        let dated = time.date.unwrap_or(time.time);
+        first_rows.iter().filter_map(|cells| cells.get(dated)).for_each(|text| dialect.learn_dates(text));
+        dialect.learn_marks(first_rows.iter().map(|cells| cells.iter().map(String::as_str).collect()));
+        let (names, units): (Vec<String>, Vec<String>) = names_and_units(&headers).into_iter().unzip();
+        let conversions = names.iter().zip(&units).map(|(name, unit)| Conversion::of(name, unit)).collect();
         let mut places = HashMap::new();
         for (place, name) in names.iter().enumerate() {
             if !name.is_empty() && places.insert(name.as_str(), place).is_some() {
                 return Err(error(format!("the column {} occurs twice; rename one", quoted(name))));
             }
         }
-        let columns = Columns::find(profile, &places).ok_or_else(|| {
-            error(format!("there is no column {TIME}; there are {}", quoted(&names.join(", "))))
-        })?;
+        let columns = Columns::find(profile, &places, time);
         let missing: Vec<&str> = (profile.signals.iter().zip(&columns.signals))
             .filter_map(|(signal, place)| place.is_none().then_some(signal.name.as_str()))
             .collect();
@@ -172,8 +228,22 @@ impl<R: Read> LogReader<R> {
         let ranges = profile.signals.iter().map(|signal| signal.range).collect();
         let record = StringRecord::new();
         let axes = profile.axes.iter().map(|axis| axis.settings.name.clone()).collect();
-        let file = file.to_owned();
-        Ok(LogReader { csv, file, dialect, names, axes, columns, ranges, record, last: None, warnings })
+        let (file, left_out) = (file.to_owned(), before + after);
+        Ok(LogReader {
+            csv,
+            file,
+            has_points: dialect.separator() == b',' && decimal.is_none(),
+            dialect,
+            names,
+            conversions,
+            left_out,
+            axes,
+            columns,
+            ranges,
+            record,
+            last: None,
+            warnings,
+        })
     }
 
     /// Returns the warnings about the log rows that were read.
@@ -219,7 +289,10 @@ impl<R: Read> LogReader<R> {
         loop {
             self.csv.get_mut().row_is_over();
             let read = self.csv.read_record(&mut self.record);
-            let read = read.map_err(|cause| unreadable(&self.file, self.csv.position().line(), &cause))?;
+            let read = read.map_err(|cause| {
+                let why = unreadable(&self.file, self.csv.position().line(), &cause);
+                LogError { line: why.line + self.left_out, ..why }
+            })?;
             // Spreadsheets end with thousands of empty rows.
             if !read || self.record.iter().any(|cell| !cell.trim().is_empty()) {
                 return Ok(read);
@@ -227,13 +300,19 @@ impl<R: Read> LogReader<R> {
         }
     }
 
-    /// Replaces the decimal commas of the log row by points, unless commas separate the columns.
+    /// Replaces the decimal commas of the log row by points, unless commas separate the columns. The time is parsed later,
+    /// with its own text.
     fn point(&mut self) -> Result<(), LogError> {
-        if self.dialect.separator() == b',' {
+        if self.has_points {
             return Ok(());
         }
+        let TimeColumns { time, date, .. } = self.columns.time;
         let mut pointed = StringRecord::new();
         for (place, cell) in self.record.iter().enumerate() {
+            if place == time || date == Some(place) {
+                pointed.push_field(cell);
+                continue;
+            }
             match self.dialect.number(cell.trim()) {
                 Ok(number) => pointed.push_field(&number),
                 Err(message) => return Err(self.error(self.line(), place, message)),
@@ -247,7 +326,7 @@ impl<R: Read> LogReader<R> {
     /// quoted cells may contain line breaks.
     fn line(&self) -> u64 {
         let inside = self.record.iter().flat_map(str::bytes).filter(|byte| *byte == b'\n').count();
-        self.csv.position().line().saturating_sub(1 + inside as u64)
+        self.left_out + self.csv.position().line().saturating_sub(1 + inside as u64)
     }
 
     fn warn(&mut self, warning: String) {
@@ -261,9 +340,14 @@ impl<R: Read> LogReader<R> {
     }
 
     fn row(&mut self, line: u64) -> Result<LogRow, LogError> {
-        let time = self.cell(self.columns.time).to_owned();
-        let now = self.dialect.moment(&time, self.last);
-        let now = now.map_err(|message| self.error(line, self.columns.time, message))?;
+        let columns = self.columns.time;
+        let time =
+            with_date(self.cell(columns.time), columns.date.map(|place| self.cell(place))).into_owned();
+        if self.last.is_none() {
+            self.columns.time.unit = columns.unit_of(&self.names[columns.time], &time);
+        }
+        let now = self.dialect.moment_in(self.columns.time.unit, &time, self.last);
+        let now = now.map_err(|message| self.error(line, columns.time, message))?;
         let mut row = LogRow { line, time, now, ..LogRow::default() };
         for (place, range) in self.columns.signals.iter().zip(&self.ranges) {
             row.readings.push(reading(self.number(line, *place)?, *range, now));
@@ -365,16 +449,19 @@ impl<R: Read> LogReader<R> {
         if text.is_empty() {
             return Ok(None);
         }
-        text.parse().map(Some).map_err(|_| {
-            let dotted = text.replace(',', ".");
-            let comma = text.contains(',') && dotted.parse::<f64>().is_ok();
-            let hint = if comma {
-                format!("has a decimal comma; write {dotted}")
-            } else {
-                "is no number".to_owned()
-            };
-            self.error(line, place, format!("`{text}` {hint}"))
-        })
+        let conversion = self.conversions.get(place).copied().unwrap_or_default();
+        if let Ok(value) = text.parse() {
+            return Ok(Some(conversion.apply(value)));
+        }
+        // Cells with units and the messages of loggers are rare, so the dialect may be copied.
+        match self.dialect.clone().cell(text) {
+            Ok(Cell::Number(value, "")) => Ok(Some(conversion.apply(value))),
+            Ok(Cell::Number(value, unit)) => Ok(Some(Conversion::of(&self.names[place], unit).apply(value))),
+            Ok(Cell::Absent) => Ok(None),
+            Ok(Cell::Failed) => Ok(Some(f64::NAN)),
+            Ok(Cell::Text) => Err(self.error(line, place, format!("`{text}` is no number"))),
+            Err(message) => Err(self.error(line, place, message)),
+        }
     }
 
     fn micron(&self, line: u64, place: Option<usize>) -> Result<Option<Micron>, LogError> {
@@ -398,7 +485,7 @@ pub(super) fn unreadable(file: &str, line: u64, cause: &csv::Error) -> LogError 
 }
 
 impl Columns {
-    fn find(profile: &Profile, places: &HashMap<&str, usize>) -> Option<Columns> {
+    fn find(profile: &Profile, places: &HashMap<&str, usize>, time: TimeColumns) -> Columns {
         let at = |name: &str| places.get(name).copied();
         let axes = profile.axes.iter().map(|axis| {
             let of = |column: &str| at(&format!("{}_{column}", axis.settings.name));
@@ -423,13 +510,13 @@ impl Columns {
                 worse: of(WORSE),
             }
         });
-        Some(Columns {
-            time: at(TIME)?,
+        Columns {
+            time,
             signals: profile.signals.iter().map(|signal| at(&signal.name)).collect(),
             axes: axes.collect(),
             memory: at(MEMORY),
             zero: at(ZERO),
-        })
+        }
     }
 }
 

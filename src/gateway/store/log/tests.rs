@@ -100,10 +100,36 @@ fn default_limits_are_not_applied_to_a_log() {
 }
 
 #[test]
+fn cells_and_times_of_loggers_are_read_as_identify_reads_them() {
+    for log in [
+        "time,bed\n0,20.5\n60,OL\n120,21\n",
+        "Zeit;bed\n0;20,5 °C\n60;---\n120;21 °C\n",
+        "Zeit;bed\n0,5;20,5\n60,5;OL\n120,5;21\n",
+        "time_min,bed\n0,+   20.5\n1,1.#QNAN\n2,2.1D+01\n",
+        "time,bed [°F]\n0,68.9\n60,Err\n120,69.8\n",
+        "time,bed\n0,68.9 °F\n60,OL\n120,69.8 °F\n",
+        "Zeit [min];bed [K]\n0;293,65\n1;Burnout\n2;294,15\n",
+        "Date,Time,bed\n05.01.2026,06:00:00,20.5\n05.01.2026,06:01:00,Over\n05.01.2026,06:02:00,21\n",
+    ] {
+        let zone = Some(jiff::tz::TimeZone::UTC);
+        let mut reader = LogReader::open(&sample::profile(), log.as_bytes(), ("day.csv", zone)).unwrap();
+        let mut rows = Vec::new();
+        while let Some(row) = reader.next_row().unwrap_or_else(|wrong| panic!("{log}: {wrong}")) {
+            rows.push((row.now, row.readings[0].usable()));
+        }
+        let values: Vec<Option<f64>> =
+            rows.iter().map(|(_, value)| value.map(|value| (value * 1e6).round() / 1e6)).collect();
+        assert_eq!(values, [Some(20.5), None, Some(21.0)], "{log}");
+        assert_eq!(rows[2].0.since(rows[0].0), std::time::Duration::from_secs(120), "{log}");
+    }
+}
+
+#[test]
 fn what_cannot_be_read_is_named_with_its_place() {
     for (log, words) in [
         ("", "line 1: the log is empty"),
-        ("zeit,bed\n0,1\n", "there is no column time; there are zeit, bed"),
+        ("when,bed\n0,1\n", "there is no column time; there are when, bed"),
+        ("time,bed\n0,\"1,020\"\n", "line 2, column bed: `1,020` can be 1020 or 1.020"),
         ("time;bed\n0;1,5\n5;1.5\n", "line 3, column bed: `1.5` and `1,5`"),
         ("time,oil\n0,1\n", "none of the profile's signals is in the log: bed,"),
         ("time,bed,bed\n0,1,1\n", "the column bed occurs twice"),

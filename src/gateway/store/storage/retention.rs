@@ -15,7 +15,8 @@ use crate::gateway::store::log::columns::CLOCK;
 use crate::gateway::store::log::outputs::ENDING;
 use isotherm_core::compensation::Stop;
 use isotherm_core::quantity::{Moment, time};
-use isotherm_profile::safe_file;
+use isotherm_profile::duration_text;
+use isotherm_profile::{History, safe_file};
 
 /// Largest correction of the clock into the past after which the ages of earlier logs are still valid.
 const A_DAY: Duration = Duration::from_hours(24);
@@ -23,27 +24,25 @@ const A_DAY: Duration = Duration::from_hours(24);
 /// Maximum size of header and first row that are read, in bytes. The first row contains the saved state of a machine.
 const FIRST_ROW: u64 = 4 * 1024 * 1024;
 
-/// Limits of the retention.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct RetentionLimits {
-    pub(super) span: Duration,
-    /// Maximum size of all logs together, in bytes.
-    pub(super) size: u64,
-}
-
 /// A log of one day.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(in crate::gateway) struct DayLog {
     pub(in crate::gateway) day: Date,
     pub(in crate::gateway) name: String,
-    pub(super) size: u64,
+    size: u64,
 }
 
 /// Logs to delete, by reason.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(super) struct ExpiredLogs {
-    pub(super) too_old: Vec<String>,
-    pub(super) too_large: Vec<String>,
+struct ExpiredLogs {
+    too_old: Vec<String>,
+    too_large: Vec<String>,
+}
+
+impl DayLog {
+    fn is_of_decisions(&self) -> bool {
+        self.name.ends_with(".csv") && !self.name.ends_with(ENDING)
+    }
 }
 
 /// Returns the day of a time stamp, in UTC.
@@ -84,15 +83,39 @@ pub(in crate::gateway) fn of_decisions(
 ) -> Vec<PathBuf> {
     let days = day(from)..=day(to);
     let logs = logs(directory, machine).into_iter();
-    logs.filter(|log| log.name.ends_with(".csv") && !log.name.ends_with(ENDING) && days.contains(&log.day))
+    logs.filter(|log| log.is_of_decisions() && days.contains(&log.day))
         .map(|log| directory.join(log.name))
         .collect()
 }
 
+/// Returns the decision logs of the newest day that has one. Logs from before a large correction of the clock are
+/// ignored.
+pub(super) fn newest_of_decisions(directory: &Path, machine: &str, now: Moment) -> Vec<PathBuf> {
+    let logs = logs(directory, machine);
+    let set = breaks(directory, &logs);
+    let found = of_these_days(&logs, day(now), &set).filter(|log| log.is_of_decisions());
+    let newest = found.clone().map(|log| log.day).max();
+    found.filter(|log| Some(log.day) == newest).map(|log| directory.join(&log.name)).collect()
+}
+
+/// Returns the logs of this machine to delete, in groups with a reason. `today` is the day of the computer's clock.
+pub(super) fn expired(
+    directory: &Path,
+    machine: &str,
+    history: &History,
+    today: Date,
+) -> [(Vec<String>, String); 2] {
+    let logs = logs(directory, machine);
+    let found = superfluous(&logs, history, today, &breaks(directory, &logs));
+    [
+        (found.too_old, format!("older than {}", duration_text(history.keep))),
+        (found.too_large, format!("all logs together are larger than {} MB", history.max_size / 1_000_000)),
+    ]
+}
+
 /// Returns the large corrections of the clock, which are in the first rows of the logs.
-pub(super) fn breaks(directory: &Path, logs: &[DayLog]) -> Vec<Correction> {
-    let of_decisions = logs.iter().filter(|log| log.name.ends_with(".csv") && !log.name.ends_with(ENDING));
-    let found = of_decisions.filter_map(|log| {
+fn breaks(directory: &Path, logs: &[DayLog]) -> Vec<Correction> {
+    let found = logs.iter().filter(|log| log.is_of_decisions()).filter_map(|log| {
         let begins = safe_file::open(&directory.join(&log.name)).ok()?.take(FIRST_ROW);
         let mut reader = csv::ReaderBuilder::new().flexible(true).from_reader(begins);
         let place = reader.headers().ok()?.iter().position(|name| name == CLOCK)?;
@@ -104,7 +127,7 @@ pub(super) fn breaks(directory: &Path, logs: &[DayLog]) -> Vec<Correction> {
 }
 
 /// Returns the logs since the last large correction of the clock. Without such a correction, these are all logs.
-pub(super) fn of_these_days<'a>(
+fn of_these_days<'a>(
     logs: &'a [DayLog],
     today: Date,
     set: &[Correction],
@@ -120,18 +143,13 @@ pub(super) fn of_these_days<'a>(
 }
 
 /// Returns the logs to delete. `today` is the day of the computer's clock, and `set` contains its large corrections.
-pub(super) fn superfluous(
-    logs: &[DayLog],
-    keep: RetentionLimits,
-    today: Date,
-    set: &[Correction],
-) -> ExpiredLogs {
+fn superfluous(logs: &[DayLog], history: &History, today: Date, set: &[Correction]) -> ExpiredLogs {
     let mut found = ExpiredLogs::default();
     let of_these_days = of_these_days(logs, today, set);
     let newest = of_these_days.clone().map(|log| log.day).filter(|day| *day != today).max();
     let is_accepted =
         newest.is_some_and(|newest| newest <= today && newest.tomorrow().is_ok_and(|next| today <= next));
-    let days = i32::try_from(keep.span.as_secs() / A_DAY.as_secs()).unwrap_or(i32::MAX);
+    let days = i32::try_from(history.keep.as_secs() / A_DAY.as_secs()).unwrap_or(i32::MAX);
     let oldest = today.checked_sub(jiff::Span::new().try_days(days).unwrap_or_default());
     if let Some(oldest) = oldest.ok().filter(|_| is_accepted) {
         found.too_old = of_these_days.filter(|log| log.day < oldest).map(|log| log.name.clone()).collect();
@@ -139,7 +157,7 @@ pub(super) fn superfluous(
     let mut size: u64 =
         logs.iter().filter(|log| !found.too_old.contains(&log.name)).map(|log| log.size).sum();
     for log in logs.iter().filter(|log| log.day != today && !found.too_old.contains(&log.name)) {
-        if size <= keep.size {
+        if size <= history.max_size {
             break;
         }
         size -= log.size;
@@ -165,9 +183,9 @@ mod tests {
     fn gone(days: &[&str], today: &str, set: Option<(&str, &str)>, size: u64) -> ExpiredLogs {
         let mut logs: Vec<DayLog> = days.iter().map(|day| log(day)).collect();
         logs.sort();
-        let keep = RetentionLimits { span: 10 * A_DAY, size };
+        let history = History { keep: 10 * A_DAY, max_size: size, ..History::default() };
         let set = set.map(|(from, to)| Correction { from: stamp(from), to: stamp(to) });
-        superfluous(&logs, keep, today.parse().unwrap(), set.as_slice())
+        superfluous(&logs, &history, today.parse().unwrap(), set.as_slice())
     }
 
     #[test]

@@ -15,7 +15,7 @@ use jiff::civil::Date;
 use super::Job;
 use super::events::EventsFile;
 use super::outputs::RowLosses;
-use super::retention::{RetentionLimits, breaks, day, logs, superfluous};
+use super::retention::{day, expired};
 use super::stamps::Stamped;
 use crate::fieldbus::explain::explain_system;
 use crate::gateway::store::disk::{append, make_directory};
@@ -23,8 +23,7 @@ use crate::gateway::store::documents::{DiskCause, is_news};
 use crate::gateway::store::log::outputs::{ENDING, HEADER};
 use crate::observe::events::{Event, Journal};
 use isotherm_core::quantity::{Moment, Shifted, time};
-use isotherm_profile::duration_text;
-use isotherm_profile::{Profile, safe_file};
+use isotherm_profile::{History, Profile, safe_file};
 
 /// Interval of the checks for logs to delete.
 const TIDY_EVERY: Duration = Duration::from_hours(1);
@@ -88,7 +87,7 @@ pub(super) struct StorageThread {
     machine: String,
     log: DayFile,
     outputs: DayFile,
-    keep: RetentionLimits,
+    history: History,
     /// Time of the last check for logs to delete.
     tidied: Option<Moment>,
     events: EventsFile,
@@ -117,7 +116,7 @@ impl StorageThread {
             machine: machine.to_owned(),
             log: DayFile::new(directory, machine, ".csv", header),
             outputs: DayFile::new(directory, machine, ENDING, HEADER.to_owned()),
-            keep: RetentionLimits { span: profile.history.keep, size: profile.history.max_size },
+            history: profile.history.clone(),
             tidied: None,
             events: EventsFile::new(directory, machine, journal.clone()),
             is_woken: Arc::default(),
@@ -211,14 +210,8 @@ impl StorageThread {
             return;
         }
         self.tidied = Some(at);
-        let logs = logs(&self.directory, &self.machine);
-        let set = breaks(&self.directory, &logs);
-        let found = superfluous(&logs, self.keep, day(at.shifted(stamped.shift)), &set);
-        let why = [
-            (found.too_old, format!("older than {}", duration_text(self.keep.span))),
-            (found.too_large, format!("all logs together are larger than {} MB", self.keep.size / 1_000_000)),
-        ];
-        for (names, why) in why {
+        let today = day(at.shifted(stamped.shift));
+        for (names, why) in expired(&self.directory, &self.machine, &self.history, today) {
             let gone =
                 names.into_iter().filter(|name| std::fs::remove_file(self.directory.join(name)).is_ok());
             let names: Vec<String> = gone.collect();

@@ -22,10 +22,12 @@ pub struct Contribution {
 }
 
 impl Model {
-    /// Returns the contributions of the signals, the largest first. A contribution is the change of Cz if only this
-    /// signal changes from its reference to its present value, or that of its stand-in. All lags have then settled. A
-    /// formula has no references: its signals count from their values at machine start, or from zero. Returns an empty
-    /// list if the model has no value. Signals without a reference are left out.
+    /// Returns the contributions of the signals, the largest first. The contribution of a signal is the change of Cz if
+    /// only this signal changes from its reference to its present value, after all lags have settled. A stand-in counts
+    /// as the present value.
+    ///
+    /// A formula has no references: its signals count from their values at machine start, or from zero. Returns an
+    /// empty list if the model has no value. Signals without a reference are left out.
     pub fn contributions(&self, inputs: &Inputs<'_>) -> Vec<Contribution> {
         let Snapshot { now, readings, substitutions, .. } = inputs.snapshot;
         let Some(whole) = self.settled(inputs) else { return Vec::new() };
@@ -44,7 +46,7 @@ impl Model {
         all
     }
 
-    /// Returns the signals that contribute, each once, with the value at which it contributes nothing.
+    /// Returns the signals that contribute, each once, with the value at which the signal contributes nothing.
     fn neutral_values(&self, machine: &Machine) -> Vec<(SignalId, f64)> {
         let captured =
             |reference, signal| machine.captured(reference, signal).map(|captured| captured.value.get());
@@ -61,7 +63,8 @@ impl Model {
         found
     }
 
-    /// Returns the Cz of the model for constant readings, after all lags have settled. `None` if it has no value.
+    /// Returns the Cz of the model for constant readings, after all lags have settled. `None` if the model has no
+    /// value.
     fn settled(&self, inputs: &Inputs<'_>) -> Option<f64> {
         let begin = Snapshot { is_followed: false, ..inputs.snapshot };
         let later = Snapshot { now: begin.now.after(SETTLED), ..begin };
@@ -73,7 +76,7 @@ impl Model {
             lag
         });
         let lags: Vec<Lag> = lags.collect();
-        // A formula has no lag. Its time since machine start is the present one.
+        // A formula has no lag. The time since machine start that it uses is the present one.
         let is_late = self.rises().any(|input| input.lag.is_some());
         let snapshot = if is_late { later } else { begin };
         self.outputs(&Inputs { snapshot, lags: &lags, ..*inputs }).ok().map(|outputs| outputs.cz.get())

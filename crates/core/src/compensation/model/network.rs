@@ -15,7 +15,7 @@ mod scaling;
 
 pub use layers::{Activation, Layer, Layers};
 #[cfg(feature = "onnx")]
-pub use onnx::Onnx;
+pub use onnx::{ExternalFiles, Onnx};
 pub use radial::{Node, Radial};
 pub use scaling::{Scaling, WIDEST};
 

@@ -22,7 +22,7 @@ use crate::compensation::settings::{Filter, ProbeSettings};
 use crate::quantity::{Micron, Moment, shifted};
 
 /// Largest residual that is accepted at once, in standard deviations.
-const BELIEVED: f64 = 4.0;
+const ACCEPTED_AT_ONCE: f64 = 4.0;
 /// Largest variance of a correction, µm². No error reaches a metre, and the limit keeps the variance finite.
 const LARGEST: f64 = 1e12;
 
@@ -86,8 +86,9 @@ impl Certainty {
     /// Returns the largest residual that would be accepted at once.
     pub(super) fn assess(&self, residual: f64, filter: Filter, occasion: Occasion) -> Result<(), Micron> {
         let Filter::Weighed { repeat, walk } = filter else { return Ok(()) };
-        let most = BELIEVED * (self.variance(walk, occasion) + repeat * repeat).sqrt();
-        let agrees = |first: f64| (residual - first).abs() <= BELIEVED * std::f64::consts::SQRT_2 * repeat;
+        let most = ACCEPTED_AT_ONCE * (self.variance(walk, occasion) + repeat * repeat).sqrt();
+        let agrees =
+            |first: f64| (residual - first).abs() <= ACCEPTED_AT_ONCE * std::f64::consts::SQRT_2 * repeat;
         if residual.abs() <= most || self.doubted.is_some_and(agrees) {
             return Ok(());
         }
@@ -106,7 +107,7 @@ impl Certainty {
             Filter::Share(share) => (share, None),
             Filter::Weighed { repeat, walk } => {
                 let own = repeat * repeat;
-                let least = (residual / BELIEVED).powi(2) - own;
+                let least = (residual / ACCEPTED_AT_ONCE).powi(2) - own;
                 let before = self.variance(walk, occasion).max(least.min(LARGEST));
                 // A scatter may be so small that its square is zero.
                 let share = if before > 0.0 { before / (before + own) } else { 0.0 };

@@ -4,6 +4,7 @@ use std::rc::Rc;
 
 use crate::dbc::{self, DbcFile, Described, Wrong};
 use crate::error::ProfileError;
+use crate::file_kind::FileKind;
 use crate::source_map::around;
 use crate::tables::{Check, KeyContext};
 use crate::template;
@@ -18,10 +19,9 @@ pub(super) fn described(
     let key = at.top("device").key(device).key("dbc");
     let raw = check.raw.device.get(device)?;
     let Some(file) = &raw.dbc else {
-        if !key.is_written() {
-            let help = format!("write dbc = \"….dbc\" at device `{device}`, a file next to the profile");
-            at.invalid(format!("device `{device}` has no DBC file"), help);
-        }
+        // Reported at the device, so that several signals give one error.
+        let message = format!("device `{device}` has no DBC file, but signals are read by `dbc` from it");
+        key.missing(message, "write dbc = \"….dbc\" at this device, a file next to the profile");
         return None;
     };
     let dbc = read(check, &key, file)?;
@@ -53,6 +53,12 @@ fn parse(at: &KeyContext<'_>, name: &str) -> Option<DbcFile> {
         (Ok(bytes), _) => bytes,
         (Err(_), Some(shipped)) => shipped.as_bytes().to_vec(),
         (Err(why), None) => {
+            // An ARXML file is often larger than the limit.
+            let other = at.report.files.kind(name).and_then(|kind| kind.instead_of(FileKind::Dbc));
+            if let Some(other) = other {
+                at.error(other.error(at.report.files.path(name)));
+                return None;
+            }
             return at.reject(why, "give the path of a DBC file next to the profile, as \"module.dbc\"");
         }
     };

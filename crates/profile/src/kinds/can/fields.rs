@@ -115,7 +115,7 @@ impl RawPdo {
         let id = match (self.cob_id, self.number) {
             (Some(id), None) => CanId::standard(id),
             (None, Some(number)) => {
-                if !at.top("device").key(device).key("node").is_written() {
+                if at.top("device").key(device).key("node").is_left_out() {
                     let help = format!("write node = 5 at device `{device}`, or `cob_id` here");
                     at.key("number").invalid("`number` needs a CANopen node", help);
                 }
@@ -127,7 +127,7 @@ impl RawPdo {
                 None
             }
             (None, None) => {
-                if !at.key("number").is_written() {
+                if at.key("number").is_left_out() {
                     let help = "write cob_id = 0x185, or number = 1 for the usual identifier of the node";
                     at.key("cob_id").missing("`cob_id` is missing: which frame is it?", help);
                 }
@@ -279,7 +279,7 @@ pub(crate) fn object(
 
 /// Reports an object whose device is not a CANopen node.
 pub(crate) fn needs_node(at: &KeyContext<'_>, device: &str) {
-    if !at.top("device").key(device).key("node").is_written() {
+    if at.top("device").key(device).key("node").is_left_out() {
         let help = format!("write node = 5 at device `{device}`, the node number that is set at the device");
         at.invalid(format!("an object needs a CANopen node, but `{device}` has no `node`"), help);
     }

@@ -59,8 +59,7 @@ fn target(
     match places.into_iter().filter(|key| at.has(key)).count() {
         1 => {}
         0 => {
-            let is_wrong = places.into_iter().any(|key| at.key(key).is_written());
-            if !is_wrong && raw.register.is_none() {
+            if places.into_iter().chain(["register"]).all(|key| at.key(key).is_left_out()) {
                 let help = "write pdo = { … }, sdo = \"2000:01\" or frame = { … }";
                 at.wrong_key("the place to which the output is written is missing", help);
             }

@@ -2,10 +2,10 @@
 
 use super::dbc;
 use super::fields::{self, Sender};
-use crate::dbc::Described;
+use crate::dbc::{Described, FileUnit};
 use crate::tables::register::{self, plain};
 use crate::tables::signal::bad::sentinels;
-use crate::tables::signal::unit::Unit;
+use crate::tables::signal::unit::{Conversion, Unit};
 use crate::tables::signal::{Located, RawSignal};
 use crate::tables::{Check, KeyContext};
 use isotherm_core::codec::{Address, DataType, Encoding};
@@ -16,10 +16,10 @@ pub(super) fn resolve(check: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>) -
     let own = (raw.scale.unwrap_or(1.0), raw.offset.unwrap_or(0.0));
     let (address, (scale, offset), unit) = if let Some(name) = &raw.dbc {
         no_type(raw, at, "remove this key: the DBC file defines the bits and their type");
-        let found = dbc::described(check, &at.key("dbc"), name, device)?;
+        let mut found = dbc::described(check, &at.key("dbc"), name, device)?;
+        let unit = convert(raw, at, &mut found);
         let scale = scale_over(raw, at, &found)?;
-        agrees_with_unit(raw, at, found.unit);
-        (Address::Frame(found.field), scale, found.unit)
+        (Address::Frame(found.field), scale, unit)
     } else if let Some(pdo) = &raw.pdo {
         no_type(raw, at, OF_BITS);
         let node = check.raw.device.get(device).and_then(|device| device.node);
@@ -35,8 +35,8 @@ pub(super) fn resolve(check: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>) -
         no_fill(&at.key("frame").key("fill"), frame.fill.is_some());
         (Address::Frame(frame.resolve(&at.key("frame"))?), own, None)
     } else {
-        let is_wrong = ["dbc", "pdo", "sdo", "frame"].into_iter().any(|key| at.key(key).is_written());
-        if raw.register.is_none() && !is_wrong {
+        let places = ["register", "dbc", "pdo", "sdo", "frame"];
+        if places.into_iter().all(|key| at.key(key).is_left_out()) {
             let help = "write dbc = \"Message.Signal\", pdo = { … }, sdo = \"7130:01\" or frame = { … }";
             at.wrong_key("the place from which the signal is read is missing", help);
         }
@@ -66,23 +66,89 @@ fn scale_over(raw: &RawSignal, at: &KeyContext<'_>, found: &Described) -> Option
     if is_plain {
         return Some((raw.scale.unwrap_or(1.0), raw.offset.unwrap_or(0.0)));
     }
+    let converted = match &found.unit {
+        FileUnit::Convertible { written, conversion } if is_converted(raw, conversion.unit) => {
+            format!(", converted from \"{written}\"")
+        }
+        _ => String::new(),
+    };
     let message = format!(
-        "the DBC file has scale {} and offset {}; `scale` and `offset` can only be replaced together",
+        "the DBC file has scale {} and offset {}{converted}; `scale` and `offset` can only be replaced together",
         found.scale, found.offset
     );
     at.key(there).reject(message, format!("write `{missing}` as well, or remove both"))
 }
 
-fn agrees_with_unit(raw: &RawSignal, at: &KeyContext<'_>, of_file: Option<Unit>) {
+/// Compares the unit of the DBC file with that of the profile, and converts scale and offset of the file if they differ.
+/// `scale` of the profile replaces those of the file, so nothing is converted then. Returns the unit of the signal if
+/// the profile states none. `None` stands for a number without a unit.
+fn convert(raw: &RawSignal, at: &KeyContext<'_>, found: &mut Described) -> Option<Unit> {
     let own = raw.unit.as_deref().and_then(Unit::named);
-    let Some((own, of_file)) = own.zip(of_file).filter(|(own, of_file)| own != of_file) else { return };
-    if raw.scale.is_none() {
-        let help = format!(
-            "write unit = \"{}\", or the `scale` and `offset` that convert the raw count to \"{}\"",
-            of_file.0, own.0
-        );
-        at.key("unit").invalid(format!("the DBC file has this signal in \"{}\"", of_file.0), help);
+    let is_replaced = raw.scale.is_some();
+    match &found.unit {
+        FileUnit::Plain => None,
+        FileUnit::Known(unit) => {
+            if let Some(own) = own.filter(|own| own != unit && !is_replaced) {
+                let help = format!(
+                    "write unit = \"{}\", or the `scale` and `offset` that convert the raw count to \"{}\"",
+                    unit.0, own.0
+                );
+                at.key("unit").invalid(format!("the DBC file has this signal in \"{}\"", unit.0), help);
+            }
+            Some(*unit)
+        }
+        FileUnit::Convertible { written, conversion } => {
+            let Conversion { unit, factor, shift } = *conversion;
+            if !is_converted(raw, unit) {
+                if let Some(own) = own.filter(|_| !is_replaced) {
+                    let help = format!(
+                        "write unit = \"{}\", to which the value is converted, or the `scale` and `offset` that \
+                         convert the raw count to \"{}\"",
+                        unit.0, own.0
+                    );
+                    at.key("unit").invalid(format!("the DBC file has this signal in \"{written}\""), help);
+                }
+                return None;
+            }
+            found.scale *= factor;
+            found.offset *= factor;
+            if !raw.is_marked_difference() {
+                found.offset += shift;
+            }
+            Some(unit)
+        }
+        FileUnit::Unknown(written) => {
+            let is_number = |own: &Unit| matches!(own.0, "1" | "count" | "bool");
+            if let Some(own) = own.filter(|own| !is_number(own) && !is_replaced) {
+                let help = format!(
+                    "if this means \"{}\", write scale = {} and offset = {}, as in the DBC file; if not, those that \
+                     convert the raw count",
+                    own.0,
+                    toml_number(found.scale),
+                    toml_number(found.offset)
+                );
+                let message = format!(
+                    "the DBC file has this signal in \"{written}\", which is no unit that isotherm knows"
+                );
+                at.key("unit").invalid(message, help);
+            }
+            None
+        }
     }
+}
+
+/// Returns whether scale and offset of the DBC file are converted to the unit `to`: the profile has this unit, or it has
+/// none and `to` is a unit of temperatures. For other quantities, the unit of the file may be meant.
+fn is_converted(raw: &RawSignal, to: Unit) -> bool {
+    match raw.unit.as_deref() {
+        Some(own) => own == to.0,
+        None => matches!(to.0, "degC" | "K") && raw.scale.is_none(),
+    }
+}
+
+/// Formats a number as a TOML file needs it for a key of a number: with a point or an exponent.
+fn toml_number(number: f64) -> String {
+    format!("{number:?}")
 }
 
 /// Hint for `type` of a value in frames.

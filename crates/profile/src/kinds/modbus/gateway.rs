@@ -19,9 +19,9 @@ pub(super) fn preview(profile: &Profile, id: BusId) -> Option<Section> {
         "  after a missing answer, the next request to a unit waits until a late answer can no longer arrive",
     );
     section.line(
-        "  a unit that does not answer is asked so seldom that the readings of the others do not become too old, and \
-         at least every five minutes",
+        "  a unit that does not answer is asked seldom, so that the readings of the others do not become too old",
     );
+    section.line("  every such unit is asked at least every five minutes");
     section.entry("devices", &devices);
     Some(section)
 }

@@ -10,7 +10,7 @@ use crate::tables::{Check, KeyContext, label};
 
 impl RawDevice {
     pub(crate) fn resolve(&self, check: &Check<'_>, at: &KeyContext<'_>, name: &str) -> Option<Device> {
-        if self.template.is_none() {
+        if self.template.is_none() && at.key("template").is_left_out() {
             let help = "write template = \"…\" as well, or remove this key";
             at.not_applicable(&["variant", "sha256", "base", "expect"], "a device template", help);
         }
@@ -34,6 +34,10 @@ impl RawDevice {
                 at.not_applicable(keys, owner, help);
             }
             check.kinds_beside(kind).for_each(|other| (other.device_keys_elsewhere)(self, at));
+        }
+        if known.is_none() && !at.key("unit").is_written() {
+            // The line has an error, so it is unknown whether its devices need a unit.
+            return None;
         }
         let kind = known.unwrap_or(check.kinds[0]);
         let DeviceParts { unit, can, source_time, is_pc } = (kind.device)(check, self, at, line);

@@ -9,22 +9,17 @@
 //! | any other | not below absolute zero | none |
 //! | `difference = true` | none | none |
 //!
-//! The limits are kept apart from those of the profile. A replay applies only the latter, so that the log of an earlier
-//! version gives the same decisions again.
-
-use std::collections::HashSet;
+//! A signal contains these limits separately from those of the profile. A replay applies only the latter, so that the
+//! log of an earlier version gives the same decisions again.
 
 use serde::{Deserialize, Serialize};
 
 use super::unit::Unit;
 use super::{RawSignal, Signal};
+use crate::key_context::KeyContext;
 use crate::schema_of::schema_of;
-use crate::tables::check::Tables;
-use crate::tables::{Check, KeyContext};
-use isotherm_core::compensation::model::{Model, StandIns};
-use isotherm_core::reading::SignalId;
 
-/// Largest plausible rate of change of a temperature that a model uses, °C/s. It is the same number in K/s.
+/// Largest plausible rate of change of a temperature that a model uses, in °C/s. The number is the same in K/s.
 const DEFAULT_RATE: f64 = 5.0;
 
 /// `range` as the profile writes it.
@@ -43,7 +38,7 @@ pub(super) enum RateValue {
     Word(NoLimit),
 }
 
-/// Word that removes a limit, also that of the template.
+/// Word that removes a limit, including the limit of the template.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum NoLimit {
@@ -105,8 +100,8 @@ impl DefaultRange {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DefaultLimits {
-    /// Plausible values. `None` if the profile or its template states a `range` or removes it, and for any other signal
-    /// than a temperature.
+    /// Plausible values. `None` if the profile or its template states a `range` or removes it. Also `None` if the
+    /// signal is no temperature, or is a difference of temperatures.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub range: Option<DefaultRange>,
     /// Largest plausible change per second. `None` as for `range`.
@@ -173,9 +168,14 @@ impl Temperature {
 }
 
 impl RawSignal {
+    /// Returns whether the profile marks the signal as a difference of two temperatures.
+    pub(crate) fn is_marked_difference(&self) -> bool {
+        self.difference.unwrap_or(false)
+    }
+
     /// Resolves `difference`, which only a temperature may have.
     pub(super) fn is_difference(&self, at: &KeyContext<'_>, unit: Option<Unit>) -> bool {
-        let is_difference = self.difference.unwrap_or(false);
+        let is_difference = self.is_marked_difference();
         if let Some(unit) = unit.filter(|unit| is_difference && Temperature::of(*unit).is_none()) {
             let message = format!("a value in \"{}\" is no difference of temperatures", unit.0);
             at.invalid(message, "remove `difference`: it is only for a signal in \"degC\" or \"K\"");
@@ -184,7 +184,7 @@ impl RawSignal {
     }
 
     /// Returns the limits that apply because the profile states none. `is_used`: a model uses the signal.
-    fn defaults(&self, signal: &Signal, is_used: bool) -> DefaultLimits {
+    pub(in crate::tables) fn defaults(&self, signal: &Signal, is_used: bool) -> DefaultLimits {
         let Some(temperature) = Temperature::of(signal.unit).filter(|_| !signal.is_difference) else {
             return DefaultLimits::default();
         };
@@ -195,27 +195,4 @@ impl RawSignal {
             max_rate: has_rate.then_some(DEFAULT_RATE),
         }
     }
-}
-
-/// Sets the default limits of all signals. The axes must be resolved, because their models use signals.
-pub(in crate::tables) fn set_defaults(check: &mut Check<'_>) {
-    let models = check.axes.valid().flat_map(|axis| &axis.settings.models);
-    let used: HashSet<SignalId> = models.flat_map(signals_of).collect();
-    let written = &check.raw.signal;
-    let Tables { names, resolved } = &mut check.signals;
-    for (place, (name, signal)) in names.iter().zip(resolved).enumerate() {
-        if let (Some(raw), Some(signal)) = (written.get(name), signal) {
-            signal.defaults = raw.defaults(signal, used.contains(&SignalId(place)));
-        }
-    }
-}
-
-/// Returns the signals of a model, of its envelope and of its stand-ins.
-fn signals_of(model: &Model) -> Vec<SignalId> {
-    let envelope = model.envelope.iter().flat_map(|envelope| envelope.inputs());
-    let predictors = |stand_ins: &StandIns| -> Vec<SignalId> {
-        stand_ins.watched().flat_map(|(signal, _)| stand_ins.predictors(signal)).collect()
-    };
-    let stand_ins = model.stand_ins.iter().flat_map(predictors);
-    model.signals().into_iter().chain(envelope.map(|known| known.input.signal)).chain(stand_ins).collect()
 }

@@ -34,14 +34,16 @@ impl RawSignal {
                 at.not_applicable(&keys, own.owner, &help);
             }
         }
-        let max_age = self.max_age(check, at, device);
+        let kind = known.unwrap_or(check.kinds[0]);
+        let has_place = (kind.has_place)(self);
+        // Without its place, it is unknown whether the value arrives without a request, and so how old it may be.
+        let max_age = if has_place { self.max_age(check, at, device) } else { None };
         let range = self.range.and_then(|range| range.resolve(&at.key("range")));
         let max_rate = self.max_rate.and_then(RateValue::number);
         let has_max_rate = max_rate.is_some();
         let max_rate = at.key("max_rate").positive(max_rate);
         let fault_when = expression::condition(&at.key("fault_when"), self.fault_when.as_ref(), Some(name));
-        let kind = known.unwrap_or(check.kinds[0]);
-        if !(kind.has_place)(self) && at.key("channel").is_written() {
+        if !has_place && at.key("channel").is_written() {
             // A channel without an address has been reported.
             return None;
         }

@@ -21,6 +21,14 @@ struct Other {
     shift: f64,
 }
 
+/// Conversion of a value to a unit that a profile has: `factor · value + shift`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Conversion {
+    pub(crate) unit: Unit,
+    pub(crate) factor: f64,
+    pub(crate) shift: f64,
+}
+
 /// Scale and offset of the table that contains a unit. They are needed for a hint on how to convert another unit.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Scaling {
@@ -95,6 +103,13 @@ impl Unit {
     /// Returns the unit with this name.
     pub fn named(name: &str) -> Option<Unit> {
         Unit::WORDS.into_iter().find(|known| *known == name).map(Unit)
+    }
+
+    /// Returns the conversion from a unit that a profile does not have, by the name that hints use for it.
+    pub(crate) fn conversion(name: &str) -> Option<Conversion> {
+        let other = OTHERS.iter().find(|other| other.name == name)?;
+        let unit = Unit::named(other.known)?;
+        Some(Conversion { unit, factor: other.factor, shift: other.shift })
     }
 
     /// Builds the hint for a word that is not a unit. A unit with a similar name is never suggested, because it may be

@@ -50,8 +50,9 @@ pub(super) fn lengths(request: ModbusRequest<'_>) -> (usize, usize) {
     }
 }
 
-/// Returns whether the answer to this request could begin with the same bytes as the request, so that an echo could be
-/// mistaken for it. In the answer to a read, the length of the data is at the place of the high byte of the address.
+/// Returns whether the answer to this request could begin with the same bytes as the request. An echo could then be
+/// mistaken for the answer. In the answer to a read, the length of the data is at the place of the high byte of the
+/// address.
 pub(super) fn is_like_its_answer(request: ModbusRequest<'_>) -> bool {
     match request {
         ModbusRequest::Read { from, count } => {

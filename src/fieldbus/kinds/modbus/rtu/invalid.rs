@@ -1,5 +1,4 @@
-//! Input that contains no answer to a request: what it shows about the line. The functions have no state and no input
-//! or output.
+//! Classification of input that contains no answer to a request. The functions have no state and no input or output.
 
 use crate::fieldbus::error::PeerFault;
 use crate::fieldbus::kinds::modbus::pdu::EXCEPTION;
@@ -11,9 +10,11 @@ const DAMAGED: usize = 3;
 /// Largest number of surplus bytes of an exception.
 const SURPLUS: usize = 2;
 
-/// Returns the fault of input that contains no answer. Returns `None` if it may be noise: if it is shorter than the
-/// answer, apart from echoes. `question` is the frame of the request, `before` that of the request before it, and
-/// `answer` the length of the answer.
+/// Returns the fault of input that contains no answer. Returns `None` for input that may be noise: without echoes, it
+/// is shorter than the answer, and is neither text nor an exception.
+///
+/// `question` is the frame of the request, `before` that of the request before it, and `answer` the length of the
+/// answer.
 pub(super) fn assess(received: &[u8], question: &[u8], before: &[u8], answer: usize) -> Option<PeerFault> {
     let [unit, function, ..] = *question else { return None };
     let left = without_echoes(received, question, before);
@@ -25,8 +26,8 @@ pub(super) fn assess(received: &[u8], question: &[u8], before: &[u8], answer: us
     text.or((!left.is_empty() && left.len() >= answer).then_some(PeerFault::Malformed))
 }
 
-/// Removes the echo of the request, and a late echo of the request before it. The first bytes of an echo may be damaged.
-/// Removes the beginning of an echo if nothing else is left.
+/// Removes the echo of the request, and a late echo of the request before it. The first bytes of an echo may be
+/// damaged. If only the beginning of the request is left, it is removed too.
 fn without_echoes(received: &[u8], question: &[u8], before: &[u8]) -> Vec<u8> {
     let mut left = received.to_vec();
     for sent in [question, before] {
@@ -41,7 +42,8 @@ fn without_echoes(received: &[u8], question: &[u8], before: &[u8]) -> Vec<u8> {
     left
 }
 
-/// Returns the code of an exception with one or two surplus bytes, if these bytes are one whole frame of it.
+/// Returns the code of an exception with one or two surplus bytes; `None` if these bytes are not exactly one such
+/// frame.
 pub(super) fn long_exception(bytes: &[u8], unit: u8, function: u8) -> Option<u8> {
     let (body, sum) = bytes.split_at_checked(bytes.len().checked_sub(2)?)?;
     let [from, refused, code, surplus @ ..] = body else { return None };

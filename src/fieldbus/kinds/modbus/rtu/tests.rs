@@ -210,7 +210,8 @@ async fn in_parts(
     tokio::join!(call, device).0
 }
 
-/// An answer of one register is shorter than its request. An echo in parts therefore has its length for a moment.
+/// An answer of one register is shorter than its request. For a moment, an echo in parts therefore has the length of
+/// the answer.
 #[tokio::test(start_paused = true)]
 async fn an_echo_in_parts_with_noise_or_late_is_no_invalid_answer_of_a_unit_that_does_not_exist() {
     let registers = Request::read_registers(Register { table: Table::Holding, offset: 0 }, 1);

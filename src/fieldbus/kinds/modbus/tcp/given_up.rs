@@ -1,15 +1,15 @@
 //! Requests of a connection that were given up after their timeout, and their late answers.
 //!
-//! Transaction numbers are random, and a given up number is not used again while its answer is expected. A frame with
-//! the number and unit of a given up request is therefore the late answer to it, if the server returns transaction
+//! Transaction numbers are random, and a given up number is not used again while its answer is expected. Therefore, a
+//! frame with the number and unit of a given up request is the late answer to it. The server must return transaction
 //! numbers correctly. A second answer with the same number is no late answer.
 
 use super::First;
 use crate::fieldbus::kinds::modbus::wire::LateReply;
 use isotherm_core::quantity::Moment;
 
-/// Maximum number of given up requests of a connection. A later one replaces the oldest, whose answer then closes the
-/// connection.
+/// Maximum number of given up requests of a connection. A later request replaces the oldest one. The answer to the
+/// oldest one then closes the connection.
 const MOST: usize = 16;
 
 /// Request that was sent.
@@ -41,7 +41,7 @@ impl GivenUp {
         !self.requests.is_empty()
     }
 
-    /// Returns whether the request is given up that was sent to this unit at `asked`.
+    /// Returns whether a request that was sent to this unit at `asked` is given up.
     pub(super) fn contains(&self, unit: u8, asked: Moment) -> bool {
         self.requests.iter().any(|request| (request.unit, request.asked) == (unit, asked))
     }
@@ -57,7 +57,7 @@ impl GivenUp {
         self.requests.iter().any(|request| first.answers(request.transaction, request.unit))
     }
 
-    /// Records the late answer in this frame, which has this message. `received` is the time of its arrival, if it is
+    /// Records the late answer with this header and this message. `received` is the time of its arrival, if it is
     /// known.
     pub(super) fn answered(&mut self, first: &First, message: &[u8], received: Option<Moment>) {
         let is_its = |request: &SentRequest| first.answers(request.transaction, request.unit);

@@ -431,7 +431,7 @@ async fn a_late_answer_is_discarded_and_the_next_request_gets_its_own() {
     assert!(!late.wire.expects_late(3, late.sent));
     let [reply] = late.wire.late_replies().try_into().unwrap();
     assert_eq!((reply.unit, reply.is_of_a_gateway, reply.received), (3, false, Some(late.clock.now())));
-    // It arrives while no request is open, and its time is not known.
+    // The late answer arrives while no request is open, and the time of its arrival is not known.
     let mut late = given_up().await;
     let reply = late.reply();
     late.peer.write_all(&reply).await.unwrap();
@@ -439,7 +439,7 @@ async fn a_late_answer_is_discarded_and_the_next_request_gets_its_own() {
     late.send_guard.sample();
     assert_eq!(late.next(READ, &[], NEXT).await, right, "while no request is open");
     assert_eq!(late.wire.late_replies()[0].received, None);
-    // It arrives in the same segment behind the answer.
+    // The late answer arrives in the same segment, after the answer.
     let mut late = given_up().await;
     let reply = late.reply();
     let behind = async {

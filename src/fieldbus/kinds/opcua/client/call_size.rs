@@ -1,8 +1,8 @@
 //! Number of nodes in one call, as far as the gateway has learnt it from refusals of the server.
 //!
 //! A server may accept fewer nodes in one call than it states, or state no limit. It then refuses the whole call,
-//! because it has too many operations, or because the request or its answer is too long. The gateway halves the call.
-//! It uses the smaller size for all later calls, also on later connections.
+//! because it has too many nodes, or because the request or its answer is too long. The gateway halves the call. It
+//! uses the smaller size for all later calls, also on later connections.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -46,7 +46,7 @@ pub(super) fn size_refusal(error: &Error) -> Option<SizeRefusal> {
     }
 }
 
-/// Largest calls that the server has not refused, for each service. Clones share their content.
+/// Largest number of nodes in one call of each service, as learnt from refusals. Clones share their content.
 #[derive(Clone, Debug, Default)]
 pub(super) struct CallSizes(Arc<Mutex<Learnt>>);
 

@@ -36,7 +36,8 @@ const KEY_BITS: usize = 2048;
 const EARLIER: Duration = Duration::from_hours(24);
 /// Object identifier of the extended key usage "TLS client authentication", which OPC UA requires of a client.
 const OF_A_CLIENT: ObjectIdentifier = ObjectIdentifier::new_unwrap("1.3.6.1.5.5.7.3.2");
-/// Shortest RSA key, in bits, that counts as safe. The security policies that the gateway supports require it too.
+/// Shortest RSA key, in bits, that counts as safe. The security policies that the gateway supports also require this
+/// length.
 const SAFE_BITS: usize = 2048;
 /// Object identifiers of signatures with a broken digest, and the name of the digest.
 const BROKEN_DIGESTS: [(ObjectIdentifier, &str); 4] = [
@@ -67,7 +68,7 @@ pub struct Certificate {
     pub to: Moment,
     /// Length of the RSA key in bits; `None` if the key is no RSA key.
     pub key_bits: Option<usize>,
-    /// Name of the digest of the signature if it is broken, for example `SHA-1`; else `None`.
+    /// Name of the digest of the signature if this digest is broken, for example `SHA-1`; otherwise `None`.
     pub broken_digest: Option<&'static str>,
     /// Whole certificate in DER form.
     #[serde(skip)]
@@ -127,12 +128,12 @@ impl Certificate {
         let _ = writeln!(text, "  or           {sha256} (SHA-256)");
         let _ = writeln!(text, "  valid        {}", self.validity(now));
         if let Some(weakness) = self.weakness() {
-            let _ = writeln!(text, "  warning      {weakness}: it should have {SAFE_BITS} bits and SHA-256");
+            let _ = writeln!(text, "  warning      {weakness}: {SAFE_BITS} bits and SHA-256 are safe");
         }
         text
     }
 
-    /// Returns why the certificate is weak, for example `the key has 1024 bits`; `None` if it is not.
+    /// Returns why the certificate is weak, for example `the key has 1024 bits`; `None` if it is not weak.
     pub fn weakness(&self) -> Option<String> {
         let bits = self.key_bits.filter(|bits| *bits < SAFE_BITS);
         let bits = bits.map(|bits| format!("the key has {bits} bits"));

@@ -10,11 +10,11 @@ use ::opcua::types::{ByteString, EndpointDescription};
 use x509_cert::Certificate;
 use x509_cert::der::{Decode, Reader, SliceReader};
 
-/// First bytes of the answer to the opening of a channel: its type, and that it is complete.
+/// First bytes of the answer to the opening of a channel: its type, and the mark of a complete message.
 const OPENED: &[u8] = b"OPNF";
 /// Length in bytes of the type, the length and the number of the channel, with which each message begins.
 const HEADER: usize = 12;
-/// Length in bytes from which a key has a second byte for the length of the padding.
+/// Largest length in bytes of a key for which one byte contains the length of the padding. A longer key needs two.
 const LONG_KEY: usize = 256;
 
 /// Returns the first of several certificates in DER form; `None` if it is unreadable.
@@ -25,7 +25,7 @@ pub(super) fn leaf(bytes: &[u8]) -> Option<&[u8]> {
     bytes.get(..end)
 }
 
-/// Returns the endpoint with the server's certificate alone. The endpoint has no certificate if it is unreadable.
+/// Returns the endpoint with the server's certificate alone. If the certificate is unreadable, the result has none.
 pub(super) fn without_chain(endpoint: EndpointDescription) -> EndpointDescription {
     let own = leaf(endpoint.server_certificate.as_ref());
     let server_certificate = own.map_or_else(ByteString::null, |own| own.to_vec().into());
@@ -34,14 +34,14 @@ pub(super) fn without_chain(endpoint: EndpointDescription) -> EndpointDescriptio
 
 /// Opener of the answers with which a server opens or renews a secured channel.
 ///
-/// The signature of such an answer includes the chain, so that the chain cannot be cut from it. The opener checks the
+/// The signature of such an answer covers the chain, so the chain cannot be removed from it. The opener checks the
 /// signature, decrypts the answer, and returns its content as an answer without security, which the library accepts.
-/// The keys of the channel are derived from a random number that the gateway has encrypted for the server, so nobody
-/// else can use the channel.
+/// The keys of the channel are derived from a random number that the gateway has encrypted for the server. Therefore,
+/// no other program can use the channel.
 ///
-/// The library accepts such an answer without security, or with any certificate. It also accepts one in place of any
-/// other message, for example with the values of a read. The opener therefore rejects all answers that are not from
-/// this server.
+/// The library itself would accept such an answer without security, or with any certificate. It would also accept one
+/// in place of any other message, for example with the values of a read. The opener therefore rejects all answers that
+/// are not from this server.
 pub(super) struct ChainOpener {
     own: (X509, PrivateKey),
     server: Vec<u8>,

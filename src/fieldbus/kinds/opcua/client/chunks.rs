@@ -4,8 +4,8 @@
 //!   states, up to four gigabytes.
 //! - The first reply of the server is recorded. The library reports every reply that is no acknowledgement as a closed
 //!   connection, so that the reason of the server would be lost.
-//! - An answer that opens a secured channel must be from the server. It is replaced if it contains the server's
-//!   certificate with its chain ([`ChainOpener`]).
+//! - An answer that opens a secured channel must be from the server. If it contains the server's certificate with its
+//!   chain, [`ChainOpener`] replaces it.
 
 use std::borrow::Cow;
 use std::io::{Error, ErrorKind, Result};
@@ -34,7 +34,7 @@ pub(super) enum Reply {
     Error(StatusCode),
     /// The data that arrived is not OPC UA.
     Foreign,
-    /// An answer that opens a secured channel has arrived that is not signed with the trusted certificate.
+    /// The answer that should open a secured channel is not signed with the trusted certificate.
     NotSigned,
 }
 

@@ -131,13 +131,14 @@ impl Publishing {
         }
     }
 
-    /// Returns whether a message was too large for the server, and the next subscription can have smaller ones.
+    /// Returns whether a message was too large for the server and the next subscription can have smaller ones. If so,
+    /// records the smaller size.
     fn has_smaller_messages(&self, session: &Session, error: &Error) -> bool {
         if !matches!(size_refusal(error), Some(SizeRefusal::Answered(_))) {
             return false;
         }
         let sent = self.of.iter().filter_map(|(_, state)| state.sent());
-        // Without a subscription, the message was of one that has ended since.
+        // Without a subscription, the message belonged to a subscription that has ended.
         sent.map(Subscribed::count).max().is_none_or(|count| {
             let count = session.sizes().next(Service::Publish, count);
             session.sizes().halve(Service::Publish, count)

@@ -29,7 +29,7 @@ use crate::fieldbus::kinds::opcua::namespaces::NamespaceTable;
 /// killed occupies the server for this time.
 const LIFETIME: f64 = 60_000.0;
 const NONCE: usize = 32;
-/// Longest wait for the answer to the closing of a session that was created but cannot be used.
+/// Longest wait for the answer when a session that cannot be used is closed.
 const CLOSING: Duration = Duration::from_secs(1);
 
 /// OPC UA session. Clones share its data.
@@ -140,11 +140,12 @@ impl Session {
     }
 
     /// Processes the error of a Read call of `count` nodes. If the call was too large, the next one has half of the
-    /// nodes. A single node that is too large gets the status of the server as its value.
+    /// nodes, and the result is `None`. For a single node that is too large, the result is a value with the status of
+    /// the server.
     ///
     /// # Errors
-    /// The call has failed for another reason, or the connection is closed. A single node that is too many operations
-    /// has another reason too.
+    /// The call has failed for another reason, or the connection is closed. BadTooManyOperations for a single node
+    /// counts as another reason.
     pub(super) fn smaller(&self, count: usize, error: &Error) -> Result<Option<DataValue>, Fault> {
         let Some(refusal) = size_refusal(error) else { return Err(self.failed(error)) };
         let is_smaller = self.sizes.halve(Service::Read, count);
@@ -340,8 +341,8 @@ impl Session {
     }
 }
 
-/// Checks that the server of a secured session uses the trusted certificate, has its key, and offers no stronger
-/// security now than before.
+/// Checks that the server of a secured session uses the trusted certificate and has its key. Also checks that its
+/// signed list of endpoints leads to the same choice of security.
 fn proven(made: &CreateSessionResponse, nonce: &ByteString, login: Login<'_>) -> Result<(), OpcUaFault> {
     let Login { endpoint, own, user } = login;
     let Some((cert, _)) = own else { return Ok(()) };

@@ -98,7 +98,7 @@ pub(super) fn opening_fault(purpose: Purpose, reply: Reply, error: &Error) -> Fa
     Fault::Link(LinkFault::OpcUa(why))
 }
 
-/// Returns whether the error means that the connection has ended, without a reason of the server.
+/// Returns whether the error means that the connection has ended, and the server has given no reason.
 fn is_of_the_connection(status: StatusCode) -> bool {
     matches!(
         status,

@@ -146,7 +146,7 @@ impl From<Error> for NotSubscribed {
 /// Creates a subscription to these nodes. Returns it with the periods that the server grants.
 ///
 /// # Errors
-/// The reason why there is none. The server may have it in part.
+/// The reason why there is no subscription. The server may have created a part of it.
 pub(super) async fn subscribe(
     link: &mut Link,
     session: &Session,
@@ -186,7 +186,7 @@ pub(super) async fn subscribe(
                 let is_too_large = matches!(size_refusal(&error), Some(SizeRefusal::Answered(_)));
                 let is_smaller =
                     size_refusal(&error).is_some() && session.sizes().halve(Service::Monitor, some.len());
-                // The server may have created the items, and only be unable to answer.
+                // The server may have created the items, although its answer was too large.
                 return Err(match is_too_large && is_smaller {
                     true => NotSubscribed::TooLarge,
                     false => NotSubscribed::Failed(error),

@@ -7,14 +7,13 @@ use crate::fieldbus::kinds::modbus::tcp::ModbusTcp;
 use crate::observe::status::Status;
 
 const SECOND: Duration = Duration::from_secs(1);
-const TIMEOUT: Duration = Duration::from_millis(500);
 /// Unit number of the healthy unit. The other ones are dead.
 const HEALTHY: u8 = 1;
 const DEAD: [u8; 2] = [2, 3];
 /// Largest part of the time in which the healthy unit may be not good.
 const MOST: f64 = 0.02;
 
-/// What the Modbus gateway sends when it gives up a unit.
+/// Answer of the Modbus gateway when it gives up a unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum GivesUp {
     WithException,
@@ -173,7 +172,7 @@ impl Dial for Arc<Peer> {
 /// Profile with these units in this order, each read with this period, and an axis that depends on the healthy unit.
 fn cell(units: &[u8], every: Duration) -> isotherm_profile::Profile {
     let (every, max_age) = (every.as_millis(), (2 * every).max(5 * SECOND).as_millis());
-    let mut text = "[machine]\nname = \"cell\"\n[bus.cell]\ntype = \"modbus-tcp\"\naddress = \"gateway\"\ntimeout = \"500ms\"\n"
+    let mut text = "[machine]\nname = \"cell\"\n[bus.cell]\ntype = \"modbus-tcp\"\naddress = \"gateway:502\"\ntimeout = \"500ms\"\n"
         .to_owned();
     for (place, unit) in units.iter().enumerate() {
         text += &format!(
@@ -281,9 +280,9 @@ const FIRST: [u8; 3] = [HEALTHY, DEAD[0], DEAD[1]];
 const LAST: [u8; 3] = [DEAD[0], DEAD[1], HEALTHY];
 const MINUTE: Duration = Duration::from_secs(60);
 
-/// Own timeouts of the Modbus gateway, and times until a one-client Modbus gateway accepts the next client. Before, the
-/// healthy unit was not good for up to 92 % of the time with an own timeout of 3 s, and for 10 % or 72 % with one
-/// client.
+/// Rows: own timeouts of the Modbus gateway, and times until a Modbus gateway for one client accepts the next client.
+/// Before, the healthy unit was not good for up to 92 % of the time with an own timeout of 3 s. With one client, it was
+/// not good for 10 % or 72 % of the time.
 const ROWS: [(u64, Option<u64>); 6] =
     [(1, None), (3, None), (1, Some(3)), (1, Some(10)), (3, Some(3)), (3, Some(10))];
 
@@ -342,7 +341,7 @@ fn a_modbus_gateway_that_gives_up_silently_costs_no_more() {
     }
 }
 
-/// The only place is free again after 10 s. The line must learn that another connection costs as much, and that time.
+/// The only place is free again after 10 s. The line must learn that another connection costs as much.
 #[test]
 fn a_modbus_gateway_with_one_client_that_gives_up_silently_refuses_one_connection_and_not_each() {
     let behaviour = Behaviour { gives_up: GivesUp::Silently, ..row((1, Some(10))) };
@@ -403,7 +402,7 @@ fn a_server_that_closes_after_each_answer_costs_one_connection_each_and_nothing_
     let run = run(&[HEALTHY], Behaviour { closes: true, ..USUAL }, MINUTE);
     assert!(run.bad <= MOST, "{}", run.bad);
     assert!(run.answered >= 60, "{} of 61 polls", run.answered);
-    // Each of the first connections may be found closed by one request.
+    // On each of the first connections, one request may find the connection closed.
     assert!(run.failed <= 3, "{}", run.failed);
     assert!(run.dialled <= run.answered + 3, "{} connections for {} polls", run.dialled, run.answered);
 }

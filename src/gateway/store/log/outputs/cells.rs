@@ -18,9 +18,6 @@ pub(super) const FAULT: &str = "fault";
 pub(super) const WRITES: &str = "writes";
 pub(super) const FAILURES: &str = "failures";
 pub(super) const CLOCK: &str = "clock";
-/// Names of rows that only earlier versions wrote: the Cz in a corrected position, and the save numbers of state and
-/// register ledger.
-pub(super) const EARLIER: [&str; 2] = ["cz", "sealed"];
 
 /// Settings and state from which an output continues.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -122,7 +119,7 @@ impl DemandDetail {
 }
 
 /// Cells of a log row for an input or action: name, value and moment. [`Moment::END`] is written as an empty cell.
-pub(super) type Cells = (&'static str, Option<Counts>, Moment);
+type Cells = (&'static str, Option<Counts>, Moment);
 
 /// Names of the inputs that have neither value nor moment.
 pub(super) const PLAIN: [(&str, Input); 24] = [

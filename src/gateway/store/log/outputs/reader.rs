@@ -6,7 +6,7 @@ use std::io::Read;
 use csv::StringRecord;
 
 use super::cells::{
-    BEGIN, CLOCK, DemandDetail, EARLIER, FAILURES, FAULT, HEADER, ResumeState, Towards, WRITES, action, input,
+    BEGIN, CLOCK, DemandDetail, FAILURES, FAULT, HEADER, ResumeState, Towards, WRITES, action, input,
 };
 use super::controllers::{ControllerSnapshot, Turn};
 use crate::gateway::store::log::LogError;
@@ -14,6 +14,10 @@ use crate::gateway::store::log::reader::unreadable;
 use isotherm_core::output::{Action, Fact, Input};
 use isotherm_core::quantity::{Counts, Moment, time};
 use isotherm_profile::safe_file::{self, Lines};
+
+/// Names of rows that only earlier versions wrote: the Cz in a corrected position, and the save numbers of state and
+/// register ledger.
+const EARLIER: [&str; 2] = ["cz", "sealed"];
 
 /// Row of the output log.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,5 +1,5 @@
-//! Neural network in an ONNX file, computed by the library rten. Its input is one tensor: one row with one number for
-//! each input. Its output is one number.
+//! Neural network or linear model in an ONNX file, computed by the library rten. Its input is one tensor: one row with
+//! one number for each input. An input tensor of one number for each input is also accepted. The output is one number.
 //!
 //! The graph computes in single precision, even if the file demands another one. It uses one thread, so that the same
 //! inputs give the same bits. The runtime allocates a few small tensors at each computation.
@@ -14,8 +14,13 @@ use rten_tensor::{Tensor, TensorView};
 use super::WIDEST;
 use crate::border::beyond;
 
+mod encode;
+mod external;
 mod frame;
+mod standard;
 mod trial;
+
+pub use external::ExternalFiles;
 
 /// Graph of an ONNX file that has passed a trial computation.
 #[derive(Clone)]
@@ -24,6 +29,7 @@ pub struct Onnx {
     takes: usize,
     shape: [usize; 2],
     flat: bool,
+    columns: Vec<String>,
     fingerprint: u64,
 }
 
@@ -41,18 +47,35 @@ impl Graph {
 }
 
 impl Onnx {
-    /// Loads an ONNX file, and computes the network once with every input at zero. `inputs` is the number of inputs of
-    /// the model, for a file that does not fix the size of its input.
+    /// Loads an ONNX file that contains all its numbers. See [`Onnx::with_external`].
     ///
     /// # Errors
-    /// Returns a message if the bytes are no ONNX file, or an operator is not supported. Also if the graph does not
-    /// compute one number from one row of numbers.
-    pub fn new(bytes: Vec<u8>, inputs: usize) -> Result<Onnx, String> {
-        if !frame::is_whole(&bytes) {
-            return Err(
-                "this is no ONNX file, or the file is incomplete: export the network again".to_owned()
-            );
-        }
+    /// Those of [`Onnx::with_external`].
+    pub fn new(bytes: impl AsRef<[u8]>, inputs: usize) -> Result<Onnx, String> {
+        Onnx::with_external(bytes.as_ref(), &ExternalFiles::new(), inputs)
+    }
+
+    /// Returns the names of the files next to an ONNX file that contain numbers of its tensors (external data). The
+    /// names are relative to the directory of the ONNX file, and stay in it.
+    ///
+    /// # Errors
+    /// Returns a message if the bytes are no ONNX file, or if a name leads out of the directory.
+    pub fn external_files(bytes: &[u8]) -> Result<Vec<String>, String> {
+        check_frame(bytes)?;
+        Ok(external::files(bytes)?.into_iter().collect())
+    }
+
+    /// Loads an ONNX file, and computes the network once with every input at zero. `external` has the files with
+    /// external data ([`Onnx::external_files`]). `inputs` is the number of inputs of the model, for a file that leaves
+    /// the size of its input open.
+    ///
+    /// # Errors
+    /// Returns a message if the bytes are no ONNX file, an operator is not supported, or external data is missing. Also
+    /// if the graph does not compute one number from one row of numbers.
+    pub fn with_external(bytes: &[u8], external: &ExternalFiles, inputs: usize) -> Result<Onnx, String> {
+        check_frame(bytes)?;
+        let standard::Rewritten { bytes, columns } =
+            standard::rewrite(bytes, &mut external::External::new(external))?;
         trial::check_tensors(&bytes)?;
         let mut hasher = DefaultHasher::new();
         bytes.hash(&mut hasher);
@@ -78,7 +101,7 @@ impl Onnx {
         }
         let pool = Arc::new(ThreadPool::with_num_threads(1));
         let graph = Arc::new(Graph { model, input, output, pool });
-        let onnx = Onnx { graph, takes, shape: [1, takes], flat, fingerprint: hasher.finish() };
+        let onnx = Onnx { graph, takes, shape: [1, takes], flat, columns, fingerprint: hasher.finish() };
         trial::run(&bytes, &onnx.graph, onnx.row(&[0.0; WIDEST][..takes]), &onnx.graph.options())?;
         // The output may differ from what the file says, so the graph is run.
         let values = onnx.run(&[0.0; WIDEST][..takes])?;
@@ -88,6 +111,12 @@ impl Onnx {
                 Err(format!("the output of the network has {count} numbers: it must have one number, Cz"))
             }
         }
+    }
+
+    /// Returns the names of the inputs, if the file has one input tensor for each of them. Empty if it has one input
+    /// tensor.
+    pub fn columns(&self) -> &[String] {
+        &self.columns
     }
 
     pub(super) fn takes(&self) -> usize {
@@ -119,6 +148,14 @@ impl Onnx {
             value.try_into().map_err(|why| format!("the output of the network is no number: {why}"))?;
         Ok(view.to_vec())
     }
+}
+
+/// Checks that the bytes are a complete ONNX file.
+fn check_frame(bytes: &[u8]) -> Result<(), String> {
+    if frame::is_whole(bytes) {
+        return Ok(());
+    }
+    Err("this is no ONNX file, or the file is incomplete: export the network again".to_owned())
 }
 
 /// Runs code of the ONNX runtime, and returns a panic as an error. A file may be invalid in a way that the runtime does
@@ -155,13 +192,15 @@ fn named(dimension: &Dimension) -> String {
     }
 }
 
-/// Returns the supported operators: those with which networks of neurons and radial basis functions are exported. More
-/// would only make the program larger.
+/// Returns the supported operators: those with which networks of neurons, radial basis functions and linear models are
+/// exported. More would only make the program larger. `standard` replaces some other operators by these.
 fn operators() -> OpRegistry {
     OpRegistry::with_ops(&[
         &op_types::Abs,
         &op_types::Add,
+        &op_types::BatchNormalization,
         &op_types::Cast,
+        &op_types::CastLike,
         &op_types::Clip,
         &op_types::Concat,
         &op_types::Div,
@@ -178,6 +217,7 @@ fn operators() -> OpRegistry {
         &op_types::Mul,
         &op_types::Neg,
         &op_types::Pow,
+        &op_types::ReduceProd,
         &op_types::ReduceSum,
         &op_types::Relu,
         &op_types::Reshape,

@@ -5,6 +5,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 use super::seals::RawSeals;
+use crate::file_kind::FileKind;
 use crate::tables::KeyContext;
 
 /// Keys that every file of a model has.
@@ -18,7 +19,15 @@ struct Head {
 pub(super) fn read<T: DeserializeOwned>(bytes: &[u8], format: &str) -> Result<T, String> {
     // The parser's message may quote a file of another kind, so only the position is reported.
     let foreign = |why: serde_json::Error| {
-        format!("the file is not JSON in a format of isotherm (line {}, column {})", why.line(), why.column())
+        let other = FileKind::of(bytes).and_then(|kind| kind.instead_of(FileKind::Json));
+        match other {
+            Some(other) => format!("{}; a file in the format \"{format}\" is required", other.message),
+            None => format!(
+                "the file is not JSON in a format of isotherm (line {}, column {})",
+                why.line(),
+                why.column()
+            ),
+        }
     };
     let head: Head = serde_json::from_slice(bytes).map_err(foreign)?;
     match head.format {

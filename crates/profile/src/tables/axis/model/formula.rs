@@ -30,8 +30,8 @@ fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
         }
         None => &none.0,
     };
-    // A wrong value of one of them has been reported.
-    if ["inputs", "constants"].into_iter().any(|key| !at.has(key) && at.key(key).is_written()) {
+    // A wrong value or a misspelt name of one of them has been reported.
+    if ["inputs", "constants"].into_iter().any(|key| !at.has(key) && !at.key(key).is_left_out()) {
         return None;
     }
     let help = "write formula = \"K * (A - 20)\", with inputs = { A = \"bed\" } and constants = { K = 2.4 }";

@@ -140,7 +140,7 @@ impl RawTerm {
                 at.key("expansion").missing("`expansion` is missing", help);
             }
             (None, None, None) => {
-                if !at.key("expansion").is_written() && !at.key("length").is_written() {
+                if at.key("expansion").is_left_out() && at.key("length").is_left_out() {
                     let help =
                         "write `gain` (µm per unit of the signal), or `expansion` (1/K) and `length` (mm)";
                     at.key("gain").missing("`gain` is missing", help);

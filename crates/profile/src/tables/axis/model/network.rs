@@ -1,4 +1,5 @@
-//! `kind = "network"`: a neural network, as ONNX or in the project's own format below. `names` in `inputs` is optional.
+//! `kind = "network"`: a neural network, as ONNX or in the project's own format below. An ONNX file may also contain a
+//! linear model. Files next to it with its external data are read too. `names` in `inputs` is optional.
 //! Activations are `tanh`, `relu` and `linear`. `output` is in µm.
 //!
 //! ```json
@@ -149,7 +150,7 @@ fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
     let (name, at) = (raw.file.as_deref()?, at.key("file"));
     let bytes = bytes(raw.sha256.as_ref(), "file", &at, name)?;
     let (inputs, names) = inputs?;
-    let (net, own) = taken(&at, name, net(name, bytes, inputs.len()))?;
+    let (net, own) = net(raw, &at, name, &bytes, inputs.len())?;
     let fits = match own {
         Some(own) => fit("inputs", &own, &names),
         None if net.takes() == inputs.len() => Ok(()),
@@ -162,20 +163,59 @@ fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
     taken(&at, name, Network::new(name, net, inputs)).map(Kind::Network)
 }
 
+/// Network of a file, and the names of its inputs if the file contains them.
+type Named = (Net, Option<Vec<String>>);
+
+/// Reads the network in the file `name`. If it is invalid, reports the reason. `inputs` is the number of inputs of the
+/// model.
 #[cfg(feature = "onnx")]
-fn net(name: &str, bytes: Vec<u8>, inputs: usize) -> Result<(Net, Option<Vec<String>>), String> {
+fn net(raw: &RawModel, at: &KeyContext<'_>, name: &str, bytes: &[u8], inputs: usize) -> Option<Named> {
     use isotherm_core::compensation::model::network::Onnx;
-    if is_onnx(name) { Ok((Net::Onnx(Onnx::new(bytes, inputs)?), None)) } else { parse(&bytes) }
+    if !is_onnx(name) {
+        return taken(at, name, parse(bytes));
+    }
+    let external = external(raw, at, name, bytes)?;
+    let onnx = taken(at, name, Onnx::with_external(bytes, &external, inputs))?;
+    let names = Some(onnx.columns().to_vec()).filter(|names| !names.is_empty());
+    Some((Net::Onnx(onnx), names))
 }
 
 #[cfg(not(feature = "onnx"))]
-fn net(name: &str, bytes: Vec<u8>, _: usize) -> Result<(Net, Option<Vec<String>>), String> {
+fn net(_: &RawModel, at: &KeyContext<'_>, name: &str, bytes: &[u8], _: usize) -> Option<Named> {
     if is_onnx(name) {
         let why = "this program was built without ONNX: use a packaged program, or build one with ONNX: \
                    `cargo build --release --features onnx`";
-        return Err(why.to_owned());
+        return taken(at, name, Err(why.to_owned()));
     }
-    parse(&bytes)
+    taken(at, name, parse(bytes))
+}
+
+/// Reads the files next to an ONNX file that contain numbers of its tensors. If one cannot be read, reports the reason.
+#[cfg(feature = "onnx")]
+fn external(
+    raw: &RawModel,
+    at: &KeyContext<'_>,
+    name: &str,
+    bytes: &[u8],
+) -> Option<isotherm_core::compensation::model::network::ExternalFiles> {
+    use isotherm_core::compensation::model::network::Onnx;
+    let files = taken(at, name, Onnx::external_files(bytes))?;
+    if let Some(file) = files.first()
+        && raw.sha256.as_ref().is_some_and(|seals| seals.states("file"))
+    {
+        return at.reject(
+            format!("{name}: `sha256.file` does not include {file}, which contains numbers of this network"),
+            "save the network in one file, in Python by `onnx.save_model(onnx.load(\"net.onnx\"), \"one.onnx\")`, \
+             and write the SHA-256 of that file",
+        );
+    }
+    let directory = std::path::Path::new(name).parent().unwrap_or(std::path::Path::new(""));
+    let read = |file: String| {
+        let beside = directory.join(&file);
+        let help = "the ONNX file contains only a part of the network: put this file, of the same export, next to it";
+        Some((file, at.file(beside.to_str()?, help)?))
+    };
+    files.into_iter().map(read).collect()
 }
 
 fn is_onnx(name: &str) -> bool {

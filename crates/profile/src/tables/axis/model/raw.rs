@@ -41,7 +41,7 @@ pub(crate) struct RawModel {
     pub(super) constants: Option<BTreeMap<String, f64>>,
     /// linear: second sum of terms, in µm/mm. It is multiplied by the distance from a reference position.
     pub(super) slope: Option<RawSlope>,
-    /// matrix, network: file with the coefficients.
+    /// matrix, network: file with the coefficients. An ONNX file may have external data in its directory.
     pub(super) file: Option<String>,
     /// File with the range of temperatures on which the model was identified.
     pub(super) envelope: Option<String>,

@@ -69,6 +69,12 @@ impl RawSeals {
         }
     }
 
+    /// Returns whether the profile states the SHA-256 of the file that this key names.
+    #[cfg(feature = "onnx")]
+    pub(super) fn states(&self, key: &str) -> bool {
+        self.each().into_iter().any(|(own, seal)| own == key && seal.is_some())
+    }
+
     /// Returns whether the bytes have the stated SHA-256. If not, reports it at the key that names the file.
     pub(super) fn fits(&self, key: &str, at: &KeyContext<'_>, name: &str, bytes: &[u8]) -> bool {
         let seal = self.each().into_iter().find(|(own, _)| *own == key).and_then(|(_, seal)| seal);

@@ -95,6 +95,34 @@ impl<'a> Iterator for Fields<'a> {
     }
 }
 
+/// Returns the fields of a message, each with its number, its content, and all its bytes. Ends at a damaged field.
+pub(super) fn raw_fields(message: &[u8]) -> impl Iterator<Item = (u64, Field<'_>, &[u8])> {
+    let mut fields = Fields(message);
+    std::iter::from_fn(move || {
+        let before = fields.0;
+        let (number, value) = fields.next()??;
+        Some((number, value, &before[..before.len() - fields.0.len()]))
+    })
+}
+
+/// Returns the contents of all fields of a message that have this number and contain bytes.
+pub(super) fn parts(message: &[u8], wanted: u64) -> impl Iterator<Item = &[u8]> {
+    Fields(message).flatten().filter_map(move |(field, value)| match value {
+        Field::Bytes(inner) if field == wanted => Some(inner),
+        _ => None,
+    })
+}
+
+/// Returns the last content of this field as text; an empty text if the field is missing or no UTF-8.
+pub(super) fn last_text(message: &[u8], wanted: u64) -> &str {
+    parts(message, wanted).last().map(text).unwrap_or_default()
+}
+
+/// Returns the bytes as text; an empty text if they are no UTF-8.
+pub(super) fn text(bytes: &[u8]) -> &str {
+    std::str::from_utf8(bytes).unwrap_or_default()
+}
+
 /// Returns the content whose length the first bytes give, and the bytes after the content; `None` if there are too few
 /// bytes.
 fn inside(bytes: &[u8]) -> Option<(&[u8], &[u8])> {

@@ -10,7 +10,7 @@ use std::collections::{BTreeSet, HashMap, HashSet};
 use rten::{Dimension, NodeId, RunOptions, Value, ValueOrView};
 use rten_tensor::prelude::*;
 
-use super::frame::{Field, Fields, varint};
+use super::frame::{Field, Fields, last_text, parts, text, varint};
 use super::{Graph, caught};
 
 /// Numbers that a graph may compute for each byte of its file. A network uses each weight once, and a weight has at
@@ -45,7 +45,7 @@ pub(super) fn check_tensors(bytes: &[u8]) -> Result<(), String> {
     for tensor in graph(bytes).flat_map(|graph| parts(graph, 5)).chain(attributes) {
         let asks = sizes(tensor).into_iter().fold(1, |all: u64, size| all.saturating_mul(size.max(1)));
         if asks > bytes.len() as u64 {
-            let name = parts(tensor, 8).last().map(text).unwrap_or_default();
+            let name = last_text(tensor, 8);
             return Err(format!(
                 "tensor `{name}` has {asks} numbers by its shape, but the file has only {} bytes: export the \
                  network again",
@@ -114,7 +114,7 @@ pub(super) fn run(bytes: &[u8], graph: &Graph, input: Value, options: &RunOption
 }
 
 /// Operators whose result has a shape that depends on an input other than the first.
-const SHAPED: [&str; 4] = ["Reshape", "Squeeze", "Unsqueeze", "ReduceSum"];
+const SHAPED: [&str; 5] = ["Reshape", "Squeeze", "Unsqueeze", "ReduceProd", "ReduceSum"];
 
 /// Returns the maximum number of values that a node computes, or multiplies to compute its result. `shapes`: shapes of
 /// its inputs.
@@ -180,18 +180,6 @@ fn given(bytes: &[u8]) -> impl Iterator<Item = &str> {
     tensors.map(text).chain(constants.map(|message| node(message).output))
 }
 
-/// Returns the contents of all fields of a message that have this number and contain bytes.
-fn parts(message: &[u8], wanted: u64) -> impl Iterator<Item = &[u8]> {
-    Fields(message).flatten().filter_map(move |(field, value)| match value {
-        Field::Bytes(inner) if field == wanted => Some(inner),
-        _ => None,
-    })
-}
-
-fn text(bytes: &[u8]) -> &str {
-    std::str::from_utf8(bytes).unwrap_or_default()
-}
-
 fn node(message: &[u8]) -> Node<'_> {
     let is_set = |name: &str| {
         let of_name = |attribute: &&[u8]| parts(attribute, 1).last().is_some_and(|own| text(own) == name);
@@ -202,7 +190,7 @@ fn node(message: &[u8]) -> Node<'_> {
         })
     };
     Node {
-        operator: parts(message, 4).last().map(text).unwrap_or_default(),
+        operator: last_text(message, 4),
         inputs: parts(message, 1).map(text).collect(),
         output: parts(message, 2).next().map(text).unwrap_or_default(),
         transposed: [is_set("transA"), is_set("transB")],

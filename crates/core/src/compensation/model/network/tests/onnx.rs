@@ -6,6 +6,8 @@ use super::*;
 
 #[path = "../../../../../../../tests/support/encode.rs"]
 mod encode;
+mod exported;
+mod external;
 
 fn file(columns: Option<u64>) -> Vec<u8> {
     let [hidden, last] = weights();

@@ -1,0 +1,361 @@
+//! Cell of a log as people and loggers write it: a number with a unit, with a blank after its sign or with an exponent
+//! of Fortran; or a word for a missing value.
+
+use std::borrow::Cow;
+
+/// Meaning of the text in one cell of a log.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Cell<'a> {
+    /// Finite number, and the unit that follows it in the cell. The unit is empty if the cell has none.
+    Number(f64, &'a str),
+    /// No value: the cell is empty, or contains a word such as `NaN` or `n/a`.
+    Absent,
+    /// Message of a logger instead of a value, such as `OL`, `Over` or `---`.
+    Failed,
+    /// Any other text.
+    Text,
+}
+
+/// Words for a missing value. Programs write them where no value was measured.
+const ABSENT: [&str; 14] =
+    ["na", "n/a", "n.a.", "<na>", "nat", "#n/a", "#nv", "nan", "null", "(null)", "none", "missing", "-", "."];
+
+/// Messages of loggers for a value that could not be measured.
+const FAILED: [&str; 52] = [
+    "ol",
+    "+ol",
+    "-ol",
+    "o.l",
+    "o.l.",
+    "ovl",
+    "ovld",
+    "over",
+    "overload",
+    "overflow",
+    "overrange",
+    "over range",
+    "ovrng",
+    "+over",
+    "-over",
+    "under",
+    "underrange",
+    "under range",
+    "undrng",
+    "burnout",
+    "burn out",
+    "b.out",
+    "open circuit",
+    "opentc",
+    "open tc",
+    "error",
+    "err",
+    "fault",
+    "fail",
+    "failed",
+    "invalid",
+    "bad",
+    "no data",
+    "nodata",
+    "no sensor",
+    "disconnected",
+    "inf",
+    "+inf",
+    "-inf",
+    "infinity",
+    "open",
+    "short",
+    "sensor fault",
+    "out of range",
+    "offline",
+    "timeout",
+    "#value!",
+    "#wert!",
+    "#div/0!",
+    "#num!",
+    "#zahl!",
+    "#ref!",
+];
+
+/// Units that may follow a number in a cell or a name in a header. The comparison ignores case.
+const UNITS: [&str; 56] = [
+    "°c",
+    "℃",
+    "degc",
+    "deg c",
+    "c",
+    "celsius",
+    "°f",
+    "℉",
+    "degf",
+    "deg f",
+    "f",
+    "fahrenheit",
+    "k",
+    "kelvin",
+    "µm",
+    "μm",
+    "um",
+    "nm",
+    "mm",
+    "rpm",
+    "1/min",
+    "u/min",
+    "min-1",
+    "r/min",
+    "mm/min",
+    "m/min",
+    "m/s",
+    "hz",
+    "%",
+    "%rh",
+    "% rh",
+    "rh",
+    "percent",
+    "bar",
+    "mbar",
+    "hpa",
+    "kpa",
+    "pa",
+    "psi",
+    "v",
+    "mv",
+    "a",
+    "ma",
+    "w",
+    "kw",
+    "n",
+    "kn",
+    "l/min",
+    "l/h",
+    "s",
+    "ms",
+    "min",
+    "h",
+    "°",
+    "deg",
+    "count",
+];
+
+/// Units that may follow a number without a blank, although they are letters. `A`, `V`, `N` and `W` are not among them,
+/// because `7A` may be the name of a run.
+const ATTACHED: [&str; 16] = [
+    "c", "degc", "f", "degf", "k", "um", "nm", "mm", "rpm", "mm/min", "l/min", "bar", "hz", "ma", "ms", "min",
+];
+
+/// Returns whether this text is a unit that a log may state.
+#[must_use]
+pub fn is_unit(text: &str) -> bool {
+    let text = text.to_lowercase();
+    UNITS.contains(&text.as_str())
+}
+
+/// Separates the name of a column from the unit after it: `Spindle [°C]`, `bed (µm)`, `air / °C`, `t in s`. The unit is
+/// `None` if the name ends with none of the known units.
+#[must_use]
+pub fn name_and_unit(header: &str) -> (&str, Option<&str>) {
+    let header = header.trim();
+    let closed = [('[', ']'), ('(', ')')].into_iter().find_map(|(open, close)| {
+        let (name, unit) = header.strip_suffix(close)?.rsplit_once(open)?;
+        Some((name, unit))
+    });
+    let found = closed.into_iter().chain(open_units(header)).find(|(_, unit)| is_unit(unit.trim()));
+    match found {
+        Some((name, unit)) if !name.trim().is_empty() && !is_unit(header) => (name.trim(), Some(unit.trim())),
+        _ => (header, None),
+    }
+}
+
+/// Returns the ways to separate a header into a name and the text after it, if no brackets enclose that text.
+fn open_units(header: &str) -> impl Iterator<Item = (&str, &str)> {
+    let between = [" / ", " in ", ", "].into_iter().filter_map(|between| header.rsplit_once(between));
+    // `flow l/min` and `Temp deg C` end with a unit that contains a separator.
+    let two_words = header.rmatch_indices(' ').nth(1).map(|(at, _)| header.split_at(at));
+    // One letter may be the number of a sensor: `bearing A`, `motor F`.
+    let is_letter = |text: &str| text.len() == 1 && text.bytes().all(|byte| byte.is_ascii_alphabetic());
+    let last_word = header.rsplit_once(' ').filter(|(_, last)| !is_letter(last));
+    between.chain(two_words).chain(last_word).chain(header.rsplit_once('/'))
+}
+
+/// Returns the meaning of a cell that contains no number.
+pub(super) fn word(text: &str) -> Cell<'static> {
+    let is_one_of = |words: &[&str]| words.iter().any(|word| text.eq_ignore_ascii_case(word));
+    match text {
+        "" => Cell::Absent,
+        "true" => Cell::Number(1.0, ""),
+        "false" => Cell::Number(0.0, ""),
+        _ if is_one_of(&ABSENT) => Cell::Absent,
+        _ if is_one_of(&FAILED) || is_filler(text) || is_of_windows(text) => Cell::Failed,
+        _ => Cell::Text,
+    }
+}
+
+/// Returns whether the text repeats one sign, as displays do for an overload: `---`, `+++++++`, `****`.
+fn is_filler(text: &str) -> bool {
+    let signs = text.replace(['.', ','], "");
+    signs.len() > 1 && ['-', '+', '*', '#', '?', '_'].iter().any(|sign| signs.chars().all(|own| own == *sign))
+}
+
+/// Returns whether the text is a number that is none, as programs of Windows print it: `1.#QNAN`, `-1.#IND`, `1.#INF`.
+/// With two decimals, they print `1.#R` and `1.#J`.
+fn is_of_windows(text: &str) -> bool {
+    let text = text.trim_start_matches(['+', '-']).to_ascii_uppercase();
+    let rest = text.strip_prefix("1.#").or_else(|| text.strip_prefix("1,#"));
+    rest.is_some_and(|rest| ["QN", "SN", "NAN", "IN", "R", "J"].iter().any(|word| rest.starts_with(word)))
+}
+
+/// Separates a number from the unit after it. Removes blanks after its sign, and writes the exponent of Fortran (`2.0D+01`)
+/// as `e`. `None` if the text is no number with a known unit.
+pub(super) fn number_and_unit(text: &str) -> Option<(Cow<'_, str>, &str)> {
+    let text = text.trim();
+    let unsigned = text.strip_prefix(['+', '-', '−']).unwrap_or(text);
+    let is_negative = text.starts_with(['-', '−']);
+    let has_sign = unsigned.len() < text.len();
+    let unsigned = unsigned.trim_start();
+    let (groups, plain) = groups(unsigned).map_or((None, unsigned), |(joined, rest)| (Some(joined), rest));
+    let mantissa =
+        plain.bytes().take_while(|byte| byte.is_ascii_digit() || matches!(byte, b'.' | b',')).count();
+    if groups.is_none() && !plain.as_bytes()[..mantissa].iter().any(u8::is_ascii_digit) {
+        return None;
+    }
+    let exponent = length_of_exponent(&plain[mantissa..]);
+    let (number, rest) = plain.split_at(mantissa + exponent);
+    let unit = rest.trim();
+    let is_apart = rest.len() > unit.len() || !unit.starts_with(|first: char| first.is_ascii_alphabetic());
+    let is_attached = || ATTACHED.iter().any(|known| unit.eq_ignore_ascii_case(known));
+    if !unit.is_empty() && !(is_unit(unit) && (is_apart || is_attached())) {
+        return None;
+    }
+    let is_of_fortran =
+        plain.as_bytes().get(mantissa).is_some_and(|byte| matches!(byte, b'd' | b'D')) && exponent > 0;
+    if !has_sign && !is_of_fortran && groups.is_none() {
+        return Some((Cow::Borrowed(number), unit));
+    }
+    let sign = if is_negative { "-" } else { "" };
+    let number = if is_of_fortran { number.replace(['d', 'D'], "e") } else { number.to_owned() };
+    Some((Cow::Owned(format!("{sign}{}{number}", groups.unwrap_or_default())), unit))
+}
+
+/// Signs that separate thousands and nothing else: blanks and apostrophes.
+const OF_THOUSANDS: [char; 6] = [' ', '\u{a0}', '\u{2009}', '\u{202f}', '\'', '\u{2019}'];
+
+/// Joins the groups of three digits at the begin of this text, as in `1 020,5` or `1'020.5`. Returns the digits, and the
+/// text after them; `None` if there are no such groups.
+fn groups(text: &str) -> Option<(String, &str)> {
+    let digits = |text: &str| text.bytes().take_while(u8::is_ascii_digit).count();
+    let first = digits(text);
+    if !(1..=3).contains(&first) || text.starts_with('0') {
+        return None;
+    }
+    let sign = text[first..].chars().next().filter(|sign| OF_THOUSANDS.contains(sign))?;
+    let (mut joined, mut rest) = (text[..first].to_owned(), &text[first..]);
+    while let Some(group) = rest.strip_prefix(sign).filter(|group| digits(group) == 3) {
+        joined.push_str(&group[..3]);
+        rest = &group[3..];
+    }
+    (joined.len() > first).then_some((joined, rest))
+}
+
+/// Returns the length of the exponent at the begin of this text, in bytes; 0 if there is none.
+fn length_of_exponent(text: &str) -> usize {
+    let bytes = text.as_bytes();
+    if !bytes.first().is_some_and(|byte| matches!(byte, b'e' | b'E' | b'd' | b'D')) {
+        return 0;
+    }
+    let sign = usize::from(bytes.get(1).is_some_and(|byte| matches!(byte, b'+' | b'-')));
+    let digits = bytes[1 + sign..].iter().take_while(|byte| byte.is_ascii_digit()).count();
+    if digits == 0 { 0 } else { 1 + sign + digits }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_separated_from_their_signs_units_and_exponents() {
+        for (text, number, unit) in [
+            ("20.01", "20.01", ""),
+            ("+   23.40", "23.40", ""),
+            ("- 3", "-3", ""),
+            ("−5,5", "-5,5", ""),
+            ("20.01 °C", "20.01", "°C"),
+            ("20.01°C", "20.01", "°C"),
+            ("20.01C", "20.01", "C"),
+            ("0.19 µm", "0.19", "µm"),
+            ("0.19 \u{3bc}m", "0.19", "\u{3bc}m"),
+            ("68 °F", "68", "°F"),
+            ("45 %", "45", "%"),
+            ("45%", "45", "%"),
+            ("2.0D+01", "2.0e+01", ""),
+            ("-2.0d01", "-2.0e01", ""),
+            ("1.5E-3 mm", "1.5E-3", "mm"),
+            ("1,020", "1,020", ""),
+            ("1 020,5", "1020,5", ""),
+            ("-1'020.5 mm", "-1020.5", "mm"),
+            ("12\u{202f}345\u{202f}678", "12345678", ""),
+            ("293.15K", "293.15", "K"),
+            ("68F", "68", "F"),
+        ] {
+            assert_eq!(number_and_unit(text), Some((Cow::Borrowed(number), unit)), "{text}");
+        }
+        for text in [
+            "A7",
+            "7A",
+            "7B",
+            "",
+            "+",
+            "°C",
+            "20 apples",
+            "12:30",
+            "1-2",
+            "e5",
+            "2.0D",
+            "20 20",
+            "0 123",
+            "1 0200",
+            "1 020 30",
+        ] {
+            assert_eq!(number_and_unit(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn words_are_missing_values_messages_of_a_logger_or_texts() {
+        for text in ["", "NaN", "n/a", "#N/A", "#NV", "null", "-", "NA"] {
+            assert_eq!(word(text), Cell::Absent, "{text}");
+        }
+        for text in [
+            "OL", "Over", "---", "+++++++", "1.#QNAN", "-1.#IND", "1.#INF", "1.#R", "BURNOUT", "****",
+            "-.--", "#DIV/0!", "Err",
+        ] {
+            assert_eq!(word(text), Cell::Failed, "{text}");
+        }
+        for text in ["A7", "idle", "oops", "closed", "armed", "x"] {
+            assert_eq!(word(text), Cell::Text, "{text}");
+        }
+        assert_eq!(word("true"), Cell::Number(1.0, ""));
+    }
+
+    #[test]
+    fn a_unit_is_separated_from_the_name_of_its_column() {
+        for (header, name, unit) in [
+            ("Spindle [°C]", "Spindle", Some("°C")),
+            ("bed (µm)", "bed", Some("µm")),
+            ("air / degC", "air", Some("degC")),
+            ("Zeit in s", "Zeit", Some("s")),
+            ("spindle/°C", "spindle", Some("°C")),
+            ("flow l/min", "flow", Some("l/min")),
+            ("Temp deg C", "Temp", Some("deg C")),
+            ("bed, front µm", "bed, front", Some("µm")),
+            ("bearing A", "bearing A", None),
+            ("motor F", "motor F", None),
+            ("mm/min", "mm/min", None),
+            ("Datum & Uhrzeit", "Datum & Uhrzeit", None),
+            ("spindle", "spindle", None),
+            ("bed (front)", "bed (front)", None),
+            ("[°C]", "[°C]", None),
+            ("z_error_um", "z_error_um", None),
+        ] {
+            assert_eq!(name_and_unit(header), (name, unit), "{header}");
+        }
+    }
+}

@@ -1,0 +1,403 @@
+//! Dates and times by the clock on the wall, as loggers and spreadsheets write them, and their moments in a time zone.
+
+use jiff::SignedDuration;
+use jiff::civil::{Date, DateTime, Time};
+use jiff::tz::{AmbiguousOffset, Offset, TimeZone};
+
+use super::Moment;
+
+const DAY: u64 = 24 * HOUR;
+const HOUR: u64 = 3_600_000_000_000;
+/// Time between two rows, by the clock on the wall, up to which a logger that crosses the end of summer time was not off
+/// for an hour.
+const NEXT_ROW: SignedDuration = SignedDuration::from_secs(30 * 60);
+/// Day before the first day of a spreadsheet, which counts a 29 February 1900.
+const FIRST_OF_EXCEL: Date = Date::constant(1899, 12, 30);
+
+/// Order of day and month in dates such as `01/05/2026`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DateOrder {
+    /// The day comes first.
+    DayFirst,
+    /// The month comes first.
+    MonthFirst,
+}
+
+/// Time that was read from a cell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Read {
+    /// Date and time of an unknown zone.
+    Date(DateTime),
+    /// Date and time with AM or PM, whose month is taken to come first, as in the United States.
+    Assumed(DateTime),
+    /// Time of a day, or time since a start, in nanoseconds.
+    OfDay(u64),
+}
+
+/// Parses a time without a time zone. `None` if the text has another format; a message if it can be read in two ways.
+pub(super) fn read(text: &str, order: Option<DateOrder>) -> Option<Result<Read, String>> {
+    if let Some(clock) = Clock::of(text) {
+        return Some(match clock.seconds {
+            Some(_) => Ok(Read::OfDay(clock.nanos())),
+            None => Err(format!(
+                "`{text}` can be hours and minutes or minutes and seconds; write hours, minutes and seconds: 00:05:10"
+            )),
+        });
+    }
+    let (date, time) = text.split_once([' ', 'T'])?;
+    let clock = Clock::of(time)?;
+    let is_assumed = order.is_none()
+        && clock.is_of_half_days
+        && date.find('/').is_some_and(|at| at < 4)
+        && self::order(text).is_none();
+    // `31/01/2026 6:00 PM` has one reading.
+    let order =
+        order.or_else(|| self::order(text)).or(clock.is_of_half_days.then_some(DateOrder::MonthFirst));
+    Some(match parse_date(date.trim_end_matches(','), order, text)? {
+        Ok(date) if is_assumed => Ok(Read::Assumed(date.to_datetime(clock.of_day()?))),
+        Ok(date) => Ok(Read::Date(date.to_datetime(clock.of_day()?))),
+        Err(why) => Err(why),
+    })
+}
+
+/// Parses a date without a time, as some programs write midnight. `None` if the text has another format.
+pub(super) fn midnight(text: &str, order: Option<DateOrder>) -> Option<Result<DateTime, String>> {
+    Some(parse_date(text, order, text)?.map(|date| date.to_datetime(Time::midnight())))
+}
+
+/// Returns the order of day and month in this date and time, if it has only one reading.
+pub(super) fn order(text: &str) -> Option<DateOrder> {
+    let date = text.trim().split([' ', ',']).next()?;
+    let parts: Vec<&str> = date.split(['/', '-']).collect();
+    let [first, second, year] = parts.as_slice() else { return None };
+    let (first, second): (u8, u8) = (first.parse().ok()?, second.parse().ok()?);
+    only_order(first, second).filter(|_| year.len() == 4)
+}
+
+/// Returns the order of day and month if one of these numbers is no month.
+fn only_order(first: u8, second: u8) -> Option<DateOrder> {
+    match (first > 12, second > 12) {
+        (true, false) => Some(DateOrder::DayFirst),
+        (false, true) => Some(DateOrder::MonthFirst),
+        _ => None,
+    }
+}
+
+fn parse_date(date: &str, order: Option<DateOrder>, text: &str) -> Option<Result<Date, String>> {
+    let parts: Vec<&str> = date.split(['.', '/', '-']).collect();
+    let [first, second, third] = parts.as_slice() else { return None };
+    if let Some(month) = month_of_name(second) {
+        let (year, day) = if first.len() == 4 { (first, third) } else { (third, first) };
+        // `05-Jan-26` has no century.
+        let year = year.parse::<i16>().ok().filter(|year| *year > 999)?;
+        return Some(Ok(Date::new(year, month, day.parse().ok()?).ok()?));
+    }
+    if first.len() == 4 {
+        return Some(Ok(Date::new(first.parse().ok()?, second.parse().ok()?, third.parse().ok()?).ok()?));
+    }
+    if third.len() != 4 {
+        let is_number = |part: &&&str| !part.is_empty() && part.bytes().all(|byte| byte.is_ascii_digit());
+        let are_numbers = parts.iter().filter(is_number).count() == parts.len();
+        return are_numbers.then(|| Err(format!("`{text}`: write the year with four digits")));
+    }
+    let year = third.parse().ok()?;
+    let (one, other): (i8, i8) = (first.parse().ok()?, second.parse().ok()?);
+    let known = match date.contains('.') {
+        true => Some(DateOrder::DayFirst),
+        false => order.or_else(|| only_order(one.unsigned_abs(), other.unsigned_abs())),
+    };
+    let (day, month) = match known {
+        Some(DateOrder::DayFirst) => (one, other),
+        Some(DateOrder::MonthFirst) => (other, one),
+        None => {
+            return Some(Err(two_orders(text)));
+        }
+    };
+    if month > 12 && (1..=12).contains(&day) && !date.contains('.') {
+        let option = if known == Some(DateOrder::DayFirst) { "month-first" } else { "day-first" };
+        return Some(Err(format!("`{text}`: there is no month {month}: are the dates --dates {option}?")));
+    }
+    Some(Ok(Date::new(year, month, day).ok()?))
+}
+
+/// Returns the month with this name, in English or German: `Jan`, `January`, `Mär`, `Dez`.
+fn month_of_name(name: &str) -> Option<i8> {
+    const MONTHS: [(&str, i8); 16] = [
+        ("jan", 1),
+        ("feb", 2),
+        ("mar", 3),
+        ("mär", 3),
+        ("mrz", 3),
+        ("apr", 4),
+        ("may", 5),
+        ("mai", 5),
+        ("jun", 6),
+        ("jul", 7),
+        ("aug", 8),
+        ("sep", 9),
+        ("oct", 10),
+        ("okt", 10),
+        ("nov", 11),
+        ("de", 12),
+    ];
+    let name = name.to_lowercase();
+    MONTHS.iter().find(|(begin, _)| name.starts_with(begin)).map(|(_, month)| *month)
+}
+
+fn two_orders(text: &str) -> String {
+    format!(
+        "`{text}`: day and month are ambiguous; write 2026-01-31 12:00:00, or state the order with --dates day-first or \
+         --dates month-first"
+    )
+}
+
+/// Time of a day, or time since a start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Clock {
+    hours: u64,
+    minutes: u64,
+    seconds: Option<u64>,
+    nanos: u64,
+    /// Whether AM or PM followed.
+    is_of_half_days: bool,
+}
+
+impl Clock {
+    /// Parses `6:00`, `06:00:10`, `06:00:10,25`, `06:00:10:250` or `6:00:10 PM`. `None` for any other text.
+    fn of(text: &str) -> Option<Clock> {
+        let text = text.trim();
+        let half =
+            [("am", 0), ("a.m.", 0), ("pm", 12), ("p.m.", 12)].into_iter().find_map(|(word, hours)| {
+                let split = text.len().checked_sub(word.len())?;
+                let is_there = text.get(split..)?.eq_ignore_ascii_case(word);
+                is_there.then(|| (text[..split].trim_end(), hours))
+            });
+        let plain = half.map_or(text, |(plain, _)| plain);
+        let (plain, fraction) = plain.split_once(['.', ',']).unwrap_or((plain, ""));
+        let number = |part: &str| {
+            let is_number = (1..=6).contains(&part.len()) && part.bytes().all(|byte| byte.is_ascii_digit());
+            if is_number { part.parse::<u64>().ok() } else { None }
+        };
+        let parts: Vec<&str> = plain.split(':').collect();
+        let (hours, minutes, seconds, millis) = match parts.as_slice() {
+            [hours, minutes] => (hours, minutes, None, None),
+            [hours, minutes, seconds] => (hours, minutes, Some(number(seconds)?), None),
+            [hours, minutes, seconds, millis] if millis.len() == 3 && fraction.is_empty() => {
+                (hours, minutes, Some(number(seconds)?), Some(number(millis)?))
+            }
+            _ => return None,
+        };
+        let (hours, minutes) = (number(hours)?, number(minutes)?);
+        let hours = match half {
+            Some(_) if !(1..=12).contains(&hours) => return None,
+            Some((_, more)) => hours % 12 + more,
+            None => hours,
+        };
+        let is_fraction = fraction.len() <= 9 && fraction.bytes().all(|byte| byte.is_ascii_digit());
+        if minutes > 59 || seconds.is_some_and(|seconds| seconds > 59) || !is_fraction {
+            return None;
+        }
+        let nanos = match millis {
+            Some(millis) => millis * 1_000_000,
+            None => format!("{fraction:0<9}").parse().ok()?,
+        };
+        Some(Clock { hours, minutes, seconds, nanos, is_of_half_days: half.is_some() })
+    }
+
+    fn nanos(self) -> u64 {
+        let seconds = self.minutes * 60 + self.seconds.unwrap_or(0);
+        self.hours * HOUR + seconds * 1_000_000_000 + self.nanos
+    }
+
+    /// Returns the time of a day; `None` if it is not before midnight.
+    fn of_day(self) -> Option<Time> {
+        let small = |number: u64| i8::try_from(number).ok();
+        let nanos = i32::try_from(self.nanos).ok()?;
+        Time::new(small(self.hours)?, small(self.minutes)?, small(self.seconds.unwrap_or(0))?, nanos).ok()
+    }
+}
+
+/// Returns the date and time of a count of days, as spreadsheets store them.
+pub(super) fn excel(number: &str, text: &str) -> Result<DateTime, String> {
+    let wrong = || format!("`{text}` is no date of a spreadsheet; write 2026-01-31 12:00:00");
+    let days: f64 = number.parse().map_err(|_| wrong())?;
+    // From 1970 to 2200. A spreadsheet keeps fractions of a day to about a hundredth of a millisecond.
+    if !(25_569.0..110_000.0).contains(&days) {
+        return Err(wrong());
+    }
+    #[allow(clippy::cast_possible_truncation, reason = "the range was checked")]
+    let millis = (days * 86_400_000.0).round() as i64;
+    let first = FIRST_OF_EXCEL.to_datetime(Time::midnight());
+    first.checked_add(SignedDuration::from_millis(millis)).map_err(|_| wrong())
+}
+
+/// Position in a log with times by the clock on the wall.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Wall {
+    /// Number of midnights so far, for times without dates.
+    days: u64,
+    /// Last time in the hour that occurs twice, if it was taken for the first one.
+    first_pass: Option<DateTime>,
+    /// Last date whose month was taken to come first.
+    assumed: Option<Date>,
+}
+
+impl Wall {
+    /// Returns the moment of a time without a date. The day changes if the time goes back by more than twelve hours.
+    pub(super) fn of_day(&mut self, nanos: u64, last: Option<Moment>) -> Result<Moment, String> {
+        let at = |days: u64| days.saturating_mul(DAY).saturating_add(nanos);
+        if last.is_some_and(|last| last.as_nanos() > at(self.days).saturating_add(DAY / 2)) {
+            self.days += 1;
+        }
+        Ok(Moment::from_nanos(at(self.days)))
+    }
+
+    /// Checks a date whose month was taken to come first. If the day came first, the next day would be one month later.
+    pub(super) fn follows(&mut self, wall: DateTime, text: &str) -> Result<(), String> {
+        let date = wall.date();
+        let before = *self.assumed.get_or_insert(date);
+        let is_next_month = date.day() == before.day() && date != before;
+        if is_next_month {
+            return Err(two_orders(text));
+        }
+        self.assumed = Some(date);
+        Ok(())
+    }
+
+    /// Returns the moment of a date and time in a zone.
+    pub(super) fn in_zone(
+        &mut self,
+        wall: DateTime,
+        zone: Option<&TimeZone>,
+        last: Option<Moment>,
+    ) -> Result<Moment, String> {
+        let zone = zone.ok_or_else(|| format!("{wall} needs a time zone: --zone Europe/Berlin"))?;
+        let at = |offset: Offset| {
+            let nanos =
+                offset.to_timestamp(wall).ok().and_then(|stamp| u64::try_from(stamp.as_nanosecond()).ok());
+            nanos.map(Moment::from_nanos).ok_or_else(|| format!("{wall} lies before 1970"))
+        };
+        match zone.to_ambiguous_timestamp(wall).offset() {
+            AmbiguousOffset::Unambiguous { offset } => {
+                let before = self.first_pass.take().map(|before| wall.duration_since(before));
+                if before.is_some_and(|passed| passed > SignedDuration::ZERO && passed < NEXT_ROW) {
+                    return Err(format!(
+                        "{wall} follows the end of summer time, but the hour before occurs only once. The clock of this \
+                         log was not set back, or the log begins in that hour. State its offset: --zone {offset}:00 for \
+                         a clock on winter time, or one hour more for a clock on summer time"
+                    ));
+                }
+                at(offset)
+            }
+            AmbiguousOffset::Fold { before, after } => {
+                let first = at(before)?;
+                if last.is_some_and(|last| last > first) {
+                    self.first_pass = None;
+                    return at(after);
+                }
+                self.first_pass = Some(wall);
+                Ok(first)
+            }
+            AmbiguousOffset::Gap { .. } => Err(format!(
+                "{} has no {wall}: the clocks of this zone were set forward over this time. Is this the zone of \
+                 the log? For a clock without summer time, write --zone +01:00",
+                zone.iana_name().unwrap_or("the zone")
+            )),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(text: &str) -> Option<Result<Read, String>> {
+        Some(Ok(Read::Date(text.parse().unwrap())))
+    }
+
+    #[test]
+    fn dates_and_times_are_read_in_the_formats_of_loggers() {
+        let (day, month) = (Some(DateOrder::DayFirst), Some(DateOrder::MonthFirst));
+        for (text, order, read_as) in [
+            ("05.01.2026 06:00:10", None, "2026-01-05T06:00:10"),
+            ("05.01.2026, 06:00:10", None, "2026-01-05T06:00:10"),
+            ("2026/01/05 06:00:10", None, "2026-01-05T06:00:10"),
+            ("2026-01-05 06:00:10:250", None, "2026-01-05T06:00:10.25"),
+            ("2026-01-05 06:00:10,25", None, "2026-01-05T06:00:10.25"),
+            ("1/15/2026 6:00:10 AM", None, "2026-01-15T06:00:10"),
+            ("15/01/2026 12:00:10 AM", None, "2026-01-15T00:00:10"),
+            ("01/05/2026 12:00 pm", month, "2026-01-05T12:00:00"),
+            ("01/05/2026 11:59:59 p.m.", day, "2026-05-01T23:59:59"),
+            ("31/01/2026 06:00", None, "2026-01-31T06:00:00"),
+            ("01/31/2026 06:00", None, "2026-01-31T06:00:00"),
+            ("05/01/2026 06:00", day, "2026-01-05T06:00:00"),
+            ("05/01/2026 06:00", month, "2026-05-01T06:00:00"),
+            ("05-01-2026 06:00", day, "2026-01-05T06:00:00"),
+            ("05-Jan-2026 06:00:10", None, "2026-01-05T06:00:10"),
+            ("2026-Dez-05 06:00:10", None, "2026-12-05T06:00:10"),
+        ] {
+            assert_eq!(read(text, order), at(read_as), "{text}");
+        }
+        for (text, nanos) in [("00:00:10", 10_000_000_000), ("25:00:00.5", 25 * HOUR + 500_000_000)] {
+            assert_eq!(read(text, None), Some(Ok(Read::OfDay(nanos))), "{text}");
+        }
+        for text in
+            ["05.01.2026 25:00:10", "31.02.2026 06:00", "13/13/2026 06:00", "noon", "1:2:3:4", "2026-01-05"]
+        {
+            assert!(!matches!(read(text, day), Some(Ok(_))), "{text}");
+        }
+    }
+
+    #[test]
+    fn a_time_with_two_readings_is_answered_with_what_to_state() {
+        for (text, order, says) in [
+            ("01/05/2026 06:00:00", None, "--dates"),
+            ("00:30", None, "hours and minutes or minutes and seconds"),
+            ("31/01/2026 06:00", Some(DateOrder::MonthFirst), "--dates day-first"),
+            ("01/31/2026 06:00", Some(DateOrder::DayFirst), "--dates month-first"),
+            ("05.01.26 06:00", None, "four digits"),
+        ] {
+            let said = read(text, order).unwrap().unwrap_err();
+            assert!(said.contains(says), "{text}: {said}");
+        }
+        assert_eq!(order("31/01/2026 06:00"), Some(DateOrder::DayFirst));
+        assert_eq!(order("01/31/2026 06:00"), Some(DateOrder::MonthFirst));
+        assert_eq!(order("01/05/2026 06:00"), None);
+    }
+
+    #[test]
+    fn days_of_a_spreadsheet_are_dates() {
+        let read = |days: &str| excel(days, days).map(|date| date.to_string());
+        assert_eq!(read("46090.25").as_deref(), Ok("2026-03-09T06:00:00"));
+        assert_eq!(read("46090.2506944444").as_deref(), Ok("2026-03-09T06:01:00"));
+        assert!(read("0.25").is_err() && read("1e9").is_err() && read("x").is_err());
+    }
+
+    #[test]
+    fn a_clock_that_is_never_set_back_is_recognised_and_midnight_is_passed() {
+        let berlin = TimeZone::get("Europe/Berlin").unwrap();
+        let follow = |times: &[&str]| -> Result<Vec<Moment>, String> {
+            let (mut wall, mut last, mut all) = (Wall::default(), None, Vec::new());
+            for time in times {
+                let moment = wall.in_zone(time.parse().unwrap(), Some(&berlin), last)?;
+                last = Some(moment);
+                all.push(moment);
+            }
+            Ok(all)
+        };
+        let said = follow(&["2026-10-25T02:50:00", "2026-10-25T03:00:00"]).unwrap_err();
+        assert!(said.contains("was not set back") && said.contains("--zone"), "{said}");
+        let back = follow(&[
+            "2026-10-25T02:50:00",
+            "2026-10-25T02:00:00",
+            "2026-10-25T02:50:00",
+            "2026-10-25T03:00:00",
+        ]);
+        let back = back.unwrap();
+        assert!(back.is_sorted());
+        assert_eq!(back[3].since(back[0]), std::time::Duration::from_secs(70 * 60));
+        let mut wall = Wall::default();
+        let late = wall.of_day(DAY - 1, None).unwrap();
+        assert_eq!(wall.of_day(0, Some(late)), Ok(Moment::from_nanos(DAY)));
+    }
+}

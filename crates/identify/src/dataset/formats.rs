@@ -1,0 +1,57 @@
+//! Formats of log files, by the ends of their names.
+
+use std::path::Path;
+
+#[cfg(feature = "tables")]
+use super::gzip;
+#[cfg(feature = "parquet")]
+use super::parquet;
+use super::table::Table;
+#[cfg(feature = "tables")]
+use super::workbook;
+use super::{BadLog, Split, Uses, csv};
+use isotherm_profile::FileKind;
+
+/// Reads a log file. The error of a file of another known kind, for example of a profile, names this kind only.
+pub(super) fn read_table(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, BadLog> {
+    read_by_ending(file, split, uses).map_err(|wrong| named(file, wrong))
+}
+
+/// Returns the error about a file of another known kind; otherwise `wrong`, the error of the log.
+pub(super) fn named(file: &Path, wrong: BadLog) -> BadLog {
+    let other = FileKind::of_file(file).and_then(|kind| kind.instead_of(FileKind::Log));
+    other.map_or(wrong, |other| BadLog(vec![other.line(file)]))
+}
+
+fn read_by_ending(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, BadLog> {
+    let ending = file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
+    match ending.to_ascii_lowercase().as_str() {
+        #[cfg(feature = "parquet")]
+        "parquet" => parquet::read(file, split, uses),
+        #[cfg(not(feature = "parquet"))]
+        "parquet" => Err(not_built(file, "Parquet", "parquet")),
+        #[cfg(feature = "tables")]
+        "gz" => gzip::read(file, split, uses),
+        #[cfg(not(feature = "tables"))]
+        "gz" => Err(not_built(file, "compressed logs", "tables")),
+        #[cfg(feature = "tables")]
+        "xlsx" | "xlsm" => workbook::read(file, split, uses),
+        #[cfg(not(feature = "tables"))]
+        "xlsx" | "xlsm" => Err(not_built(file, "workbooks", "tables")),
+        "xls" | "xlsb" | "ods" => Err(BadLog(vec![format!(
+            "{}: this kind of workbook is not read: save the sheet with the log as .xlsx or as CSV",
+            file.display()
+        )])),
+        _ => csv::read(file, split, uses),
+    }
+}
+
+/// Returns the message about a file that needs a feature of the build.
+#[cfg(not(all(feature = "parquet", feature = "tables")))]
+fn not_built(file: &Path, what: &str, feature: &str) -> BadLog {
+    BadLog(vec![format!(
+        "{}: this program was built without {what}: write CSV, use a packaged program, or build one with \
+         {what}: `cargo build --release --features {feature}`",
+        file.display()
+    )])
+}

@@ -1,0 +1,191 @@
+//! Head of a CSV log: lines of a logger before the column names, and a line with units after them.
+
+use std::io::{self, Chain, Cursor, Read};
+
+use isotherm_core::quantity::{Dialect, TimeColumns, is_unit};
+
+/// Number of bytes in which the column names are searched.
+const SAMPLE: u64 = 1 << 16;
+/// Maximum number of lines before the column names.
+const MOST_SKIPPED: usize = 200;
+/// Maximum number of lines with units and similar words after the column names.
+const MOST_AFTER: usize = 2;
+
+/// Head of a log.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct Head {
+    /// Number of lines before the column names.
+    pub(super) skipped: u64,
+    /// Number of lines between the column names and the first row.
+    pub(super) after: u64,
+    /// Unit of each column in these lines; empty if a column has none.
+    pub(super) units: Vec<String>,
+    /// First lines with rows.
+    pub(super) rows: Vec<String>,
+}
+
+/// Finds the head of a log. Returns it with a reader that begins at the column names.
+pub(super) fn start<R: Read>(mut input: R) -> io::Result<(Head, Chain<Cursor<Vec<u8>>, R>)> {
+    let mut sample = Vec::new();
+    input.by_ref().take(SAMPLE).read_to_end(&mut sample)?;
+    let text = String::from_utf8_lossy(&sample);
+    let mut lines: Vec<&str> = text.lines().collect();
+    if sample.len() as u64 == SAMPLE && lines.len() > 1 {
+        // The last line may be incomplete.
+        lines.pop();
+    }
+    let head = find(&lines);
+    drop(text);
+    let skipped = usize::try_from(head.skipped).unwrap_or(0);
+    let begin: usize = match skipped {
+        0 => 0,
+        skipped => sample.split_inclusive(|byte| *byte == b'\n').take(skipped).map(<[u8]>::len).sum(),
+    };
+    sample.drain(..begin);
+    Ok((head, Cursor::new(sample).chain(input)))
+}
+
+/// Finds the head in the first lines of a log. If no line has the name of a time column, nothing is skipped.
+fn find(lines: &[&str]) -> Head {
+    let skipped = names_at(lines).unwrap_or(0);
+    let Some(header) = lines.get(skipped) else { return Head::default() };
+    let separator = Dialect::of(header, None).separator();
+    let width = cells(header, separator).len();
+    let (mut after, mut units) = (0, vec![String::new(); width]);
+    for (place, line) in (1..).zip(lines.iter().skip(skipped + 1).take(MOST_AFTER + 1)) {
+        if line.trim().is_empty() {
+            continue;
+        }
+        let found = cells(line, separator);
+        if found.len() != width
+            || !found.iter().any(|cell| !cell.is_empty())
+            || found.iter().any(|cell| is_value(cell))
+        {
+            break;
+        }
+        let stated: Vec<&str> =
+            found.iter().map(|cell| cell.trim_matches(['[', ']', '(', ')', ' '])).collect();
+        // The first line after the names must show that it belongs to the head.
+        if after == 0 && !stated.iter().any(|unit| is_unit(unit)) {
+            break;
+        }
+        for (unit, stated) in units.iter_mut().zip(stated) {
+            if unit.is_empty() && is_unit(stated) {
+                stated.clone_into(unit);
+            }
+        }
+        after = place;
+    }
+    let rows = lines.iter().skip(skipped + 1 + after).map(|line| (*line).to_owned()).collect();
+    Head { skipped: skipped as u64, after: after as u64, units, rows }
+}
+
+/// Returns whether a text has the names of columns in its first lines.
+#[cfg(feature = "tables")]
+pub(super) fn has_names(text: &[u8]) -> bool {
+    let sample = &text[..text.len().min(1 << 16)];
+    names_at(&String::from_utf8_lossy(sample).lines().collect::<Vec<&str>>()).is_some()
+}
+
+/// Returns the index of the line with the names of the columns.
+fn names_at(lines: &[&str]) -> Option<usize> {
+    let names = |place: &usize| are_names(lines[*place], lines.get(place + 1..).unwrap_or_default());
+    (0..lines.len().min(MOST_SKIPPED)).find(names)
+}
+
+/// Returns whether a line contains the names of the columns. One of them is a time, none is a value, and one of the next
+/// lines has as many cells and a time under that name.
+fn are_names(line: &str, next: &[&str]) -> bool {
+    let separator = Dialect::of(line, None).separator();
+    let found: Vec<String> = cells(line, separator).into_iter().map(str::to_owned).collect();
+    if found.len() < 2 || found.iter().any(|cell| is_value(cell) && !is_channel(cell)) {
+        return false;
+    }
+    let Some(time) = TimeColumns::find(&found, None) else { return false };
+    let is_row = |line: &&str| {
+        let row = cells(line, separator);
+        row.len().abs_diff(found.len()) <= 1 && row.get(time.time).is_some_and(|cell| is_value(cell))
+    };
+    // Loggers write empty lines between the names and the rows.
+    let mut filled = next.iter().filter(|line| !line.trim().is_empty()).take(1 + MOST_AFTER).peekable();
+    filled.peek().is_none() || filled.any(is_row)
+}
+
+/// Returns whether a cell is a number, a date or a time.
+fn is_value(cell: &str) -> bool {
+    // `T1` and `E1` are names.
+    let begins =
+        cell.trim_start_matches(['+', '-', '.', ' ']).starts_with(|first: char| first.is_ascii_digit());
+    let is_number = || cell.bytes().all(|byte| byte.is_ascii_digit() || b" .,:/-+eETZ".contains(&byte));
+    // `1/5/2026 6:00:10 AM` has other letters.
+    begins && (cell.contains(':') || is_number())
+}
+
+/// Returns whether a cell may be the number of a channel, as the name of a column: `101`.
+fn is_channel(cell: &str) -> bool {
+    cell.len() <= 4 && cell.bytes().all(|byte| byte.is_ascii_digit())
+}
+
+/// Returns the cells of a line without their quotes. Quoted separators are not expected in a head.
+pub(super) fn cells(line: &str, separator: u8) -> Vec<&str> {
+    uncommented(line).split(char::from(separator)).map(|cell| cell.trim().trim_matches('"').trim()).collect()
+}
+
+/// Returns a line or a name without the sign of a comment before it, as in `# time,bed`.
+pub(super) fn uncommented(text: &str) -> &str {
+    text.trim_start_matches(['\u{feff}', '#', ' '])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn head(text: &str) -> (u64, u64, String) {
+        let lines: Vec<&str> = text.lines().collect();
+        let found = find(&lines);
+        (found.skipped, found.after, found.units.join("|"))
+    }
+
+    #[test]
+    fn the_names_are_found_below_the_lines_of_a_logger() {
+        for (text, expected) in [
+            ("time,bed\n0,20\n", (0, 0, "|")),
+            ("Logger 34970A\nSerial: 1234\n\ntime,bed\n0,20\n", (3, 0, "|")),
+            ("Start;05.01.2026\nOperator;Meier\nZeit;bed;air\ns;°C;°C\n0;20;20\n", (2, 1, "s|°C|°C")),
+            ("Date,05.01.2026\nTime,06:00:00\nTime,bed\n00:00:00,20\n", (2, 0, "|")),
+            (
+                "\"TOA5\",\"x\",\"y\"\n\"TIMESTAMP\",\"RECORD\",\"bed\"\n\"TS\",\"RN\",\"Deg C\"\n\"\",\"\",\"Avg\"\n\"2026-01-05 06:00:00\",0,20\n",
+                (1, 2, "||Deg C"),
+            ),
+            ("time\tbed\n[s]\t[°C]\n0\t20\n", (0, 1, "s|°C")),
+            ("when,bed\n0,20\n", (0, 0, "|")),
+            ("Datum;Montag\nBediener;Meier\nZeit;bed;air\ns;°C;°C\n0;20;20\n", (2, 1, "s|°C|°C")),
+            ("time,bed\n\ns,°C\n0,20\n", (0, 2, "s|°C")),
+            ("Logger\ntime,bed\n", (1, 0, "|")),
+            ("Scan\n\nTime,101,102\n0,20,21\n", (2, 0, "||")),
+            ("# logger\n# time,bed\n0,20\n", (1, 0, "|")),
+            ("time,part\n1/5/2026 6:00:10 AM,A\n", (0, 0, "|")),
+            ("sep=;\nZeit;bed\n0;20,5\n", (1, 0, "|")),
+            ("time,T1,E1\n0,20,1\n", (0, 0, "||")),
+            ("", (0, 0, "")),
+        ] {
+            let (skipped, after, units) = head(text);
+            assert_eq!((skipped, after, units.as_str()), expected, "{text}");
+        }
+    }
+
+    #[test]
+    fn the_reader_begins_at_the_names_and_no_byte_is_lost() {
+        let text = "Logger\nSerial: 1234\ntime,bed\n0,20\n60,21";
+        let (head, mut rest) = start(text.as_bytes()).unwrap();
+        let mut read = String::new();
+        rest.read_to_string(&mut read).unwrap();
+        assert_eq!((head.skipped, read.as_str()), (2, "time,bed\n0,20\n60,21"));
+        assert_eq!(head.rows, ["0,20", "60,21"]);
+        let long = format!("time,bed\n{}", "0,20\n".repeat(50_000));
+        let (_, mut rest) = start(long.as_bytes()).unwrap();
+        let mut read = String::new();
+        rest.read_to_string(&mut read).unwrap();
+        assert_eq!(read, long);
+    }
+}

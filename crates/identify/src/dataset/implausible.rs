@@ -1,0 +1,446 @@
+//! Values that no sensor measured: overloads and errors of a logger that were written as numbers, and its messages.
+//!
+//! A suspicious value, such as 9.9E37, 850 or 0, counts only if it stands apart from the values before and after it by
+//! more than the machine moves between two rows. The rows are left out and named. Short gaps of a temperature are bridged
+//! by straight lines, as those of its spikes are.
+
+use std::collections::BTreeSet;
+use std::ops::{Range, RangeInclusive};
+use std::time::Duration;
+
+use super::active_cz::is_of_touches;
+use super::kind::{HUGE, is_suspicious};
+use super::table::{Cells, Table};
+use super::{Kind, Refusal};
+use crate::statistics::{count, range};
+use isotherm_core::quantity::{Conversion, Moment};
+
+/// Largest share of the rows of a run that may be implausible.
+const MOST: f64 = 0.05;
+/// Number of lines that a remark names.
+const NAMED: usize = 5;
+/// Multiple of the usual step between two rows that no machine moves.
+const TIMES_USUAL: f64 = 6.0;
+/// Multiple of the resolution of a column by which an implausible value stands apart.
+const TIMES_SMALLEST: f64 = 3.5;
+/// Longest gap of a temperature that is bridged.
+const BRIDGED: Duration = Duration::from_secs(300);
+/// Greatest distance in time of a value that is compared.
+const NEAR: Duration = Duration::from_secs(3600);
+/// Largest number of rows of a jump that returns.
+const SHORT: usize = 5;
+/// Smallest jump of a displacement that returns and that no machine makes, µm; and its multiple of the usual step.
+const JUMP: (f64, f64) = (20.0, 20.0);
+
+/// Temperatures of a machine, °C. Any other value is suspicious.
+const OF_MACHINES: RangeInclusive<f64> = -60.0..=200.0;
+/// Share of the range of a speed or position by which a machine has moved.
+const MOVED: f64 = 0.1;
+
+/// Column of values, as it is tested.
+#[derive(Clone, Copy)]
+pub(super) struct Tested<'a> {
+    pub(super) kind: Kind,
+    pub(super) times: &'a [Moment],
+    pub(super) values: &'a [f64],
+    /// Conversion by which the values were made from those in the log.
+    pub(super) conversion: Conversion,
+    /// Returns whether the machine moved between two rows, so that a displacement may jump.
+    pub(super) moved: &'a dyn Fn(usize, usize) -> bool,
+}
+
+/// Returns the smallest distance to the neighbours of an implausible value; `None` if values of this kind are not
+/// tested.
+fn least_distance(kind: Kind) -> Option<f64> {
+    match kind {
+        Kind::Temperature | Kind::Displacement => Some(2.0),
+        Kind::Speed => Some(5000.0),
+        Kind::Position | Kind::Compensation | Kind::Switch | Kind::Other => None,
+    }
+}
+
+/// Rows of a column that no sensor measured.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct Found {
+    /// Suspicious values that stand apart from their neighbours.
+    pub(super) sentinels: Vec<usize>,
+    /// Jumps that return after a few rows, in a column of displacements.
+    pub(super) jumps: Vec<usize>,
+}
+
+/// Finds the implausible values of a column.
+pub(super) fn find(tested: &Tested<'_>) -> Found {
+    let Tested { kind, times, values, .. } = *tested;
+    let Some(least) = least_distance(kind) else { return Found::default() };
+    let is_good = |row: &usize| values[*row].is_finite() && !tested.is_suspicious(values[*row]);
+    let good: Vec<usize> = (0..values.len()).filter(is_good).collect();
+    let (smallest, usual) = steps(values, &good);
+    // A spindle has few speeds, and their differences are no resolution.
+    let smallest = if kind == Kind::Speed { 0.0 } else { smallest };
+    let least = least.max(TIMES_USUAL * usual).max(TIMES_SMALLEST * smallest);
+    let mut found = Found::default();
+    let suspicious = (0..values.len()).filter(|row| values[*row].is_finite() && !is_good(row));
+    for row in suspicious {
+        let next = good.partition_point(|known| *known < row);
+        let before = next.checked_sub(1).map(|place| good[place]);
+        // The rows between two good ones are all suspicious or missing.
+        let before = before.filter(|before| is_near(times, *before, before + 1));
+        let after = good.get(next).copied().filter(|after| is_near(times, after - 1, *after));
+        if stands_apart(values[row], before.map(|row| values[row]), after.map(|row| values[row]), least) {
+            found.sentinels.push(row);
+        }
+    }
+    if kind == Kind::Displacement {
+        found.jumps = jumps(tested, &found.sentinels, usual);
+    }
+    found
+}
+
+impl Tested<'_> {
+    /// Returns whether a logger may have written this value instead of a measured one.
+    fn is_suspicious(&self, value: f64) -> bool {
+        let is_outside = self.kind == Kind::Temperature && !OF_MACHINES.contains(&value);
+        let is_written = || {
+            let logged = self.conversion.revert(value);
+            // The values of a speed are those that loggers write instead of any quantity.
+            is_suspicious(Kind::Speed, logged)
+                || (self.conversion == Conversion::Fahrenheit && logged.abs() < 0.004)
+        };
+        is_outside
+            || is_suspicious(self.kind, value)
+            || (self.conversion != Conversion::Same && least_distance(self.kind).is_some() && is_written())
+    }
+}
+
+fn is_near(times: &[Moment], one: usize, other: usize) -> bool {
+    times[other].since(times[one]) <= NEAR
+}
+
+/// Returns whether a value is farther from its neighbours than `least`, and the neighbours are alike. The neighbours of
+/// zero need only be on one side of it. A value at the begin or end of the rows has one neighbour. There, zero is a
+/// usual value.
+fn stands_apart(value: f64, before: Option<f64>, after: Option<f64>, least: f64) -> bool {
+    let distance = |neighbour: f64| (value - neighbour).abs();
+    match (before, after) {
+        (Some(before), Some(after)) => {
+            let nearest = f64::min(distance(before), distance(after));
+            // A sensor without a contact gives zero until it has one again. The machine moves on meanwhile.
+            let is_without_contact = value.abs() < 0.004 && before * after > 0.0;
+            nearest > least && (is_without_contact || (before - after).abs() < 0.5 * nearest)
+        }
+        (Some(only), None) | (None, Some(only)) => value.abs() > 0.004 && distance(only) > least,
+        (None, None) => value.abs() >= HUGE,
+    }
+}
+
+/// Returns the smallest step between neighbouring good rows, which is the resolution of the column. Also returns the
+/// step that nine of ten steps do not exceed. Both are 0 if the values never change.
+fn steps(values: &[f64], good: &[usize]) -> (f64, f64) {
+    let mut steps: Vec<f64> = good.windows(2).map(|pair| (values[pair[1]] - values[pair[0]]).abs()).collect();
+    steps.sort_by(f64::total_cmp);
+    let smallest = steps.get(steps.partition_point(|step| *step < 1e-9)).copied();
+    (smallest.unwrap_or(0.0), steps.get(steps.len() * 9 / 10).copied().unwrap_or(0.0))
+}
+
+/// Returns the rows of jumps that return within a few rows while the machine does not move.
+fn jumps(tested: &Tested<'_>, sentinels: &[usize], usual: f64) -> Vec<usize> {
+    let Tested { times, values, moved, .. } = *tested;
+    let least = f64::max(JUMP.0, JUMP.1 * usual);
+    let is_used = |row: &usize| values[*row].is_finite() && sentinels.binary_search(row).is_err();
+    let rows: Vec<usize> = (0..values.len()).filter(is_used).collect();
+    let (mut found, mut place) = (Vec::new(), 1);
+    while place < rows.len() {
+        let before = values[rows[place - 1]];
+        let step = (values[rows[place]] - before).abs();
+        let back = (place + 1..rows.len().min(place + 1 + SHORT)).find(|back| {
+            let is_back = (values[rows[*back]] - before).abs() < 0.3 * step;
+            is_back && times[rows[*back]].since(times[rows[place - 1]]) <= NEAR
+        });
+        match back.filter(|_| step > least && !moved(rows[place - 1], rows[place])) {
+            Some(back) => {
+                found.extend(&rows[place..back]);
+                place = back + 1;
+            }
+            None => place += 1,
+        }
+    }
+    found
+}
+
+/// Implausible values of a column in one run.
+struct Wrong {
+    /// Index of the column in the table.
+    place: usize,
+    run: Range<usize>,
+    rows: BTreeSet<usize>,
+    /// Text that names the rows.
+    text: String,
+    is_bridged: bool,
+    are_too_many: bool,
+}
+
+/// Leaves the implausible values of a table out, in each of its runs. Returns remarks with file, line and value, and the
+/// columns that have too many of them.
+pub(super) fn leave_out(
+    table: &mut Table,
+    runs: &[Range<usize>],
+    kind: &dyn Fn(&str, &[f64]) -> Kind,
+) -> (Vec<String>, Vec<Refusal>) {
+    let (mut remarks, mut refused) = (Vec::new(), Vec::new());
+    let found = wrong(table, runs, kind);
+    let Table { columns, times, .. } = table;
+    for Wrong { place, run, rows, text, is_bridged, are_too_many } in found {
+        let (name, Cells::Numbers(values)) = &mut columns[place] else { continue };
+        rows.iter().for_each(|row| values[*row] = f64::NAN);
+        if are_too_many {
+            let message = format!(
+                "{text}: more than {:.0} % of the values: leave this column or this log out, or repair the measurement",
+                100.0 * MOST
+            );
+            refused.push(Refusal { column: name.clone(), message });
+            continue;
+        }
+        let done = match is_bridged && bridge(times, values, &rows, &run) {
+            true => "; gaps of up to 5 min were bridged by straight lines",
+            false => "",
+        };
+        remarks.push(format!("{text}: left out{done}"));
+    }
+    (remarks, refused)
+}
+
+/// Returns the implausible values of each column and run.
+fn wrong(table: &Table, runs: &[Range<usize>], kind: &dyn Fn(&str, &[f64]) -> Kind) -> Vec<Wrong> {
+    let numbers = table.columns.iter().enumerate().filter_map(|(place, (name, cells))| match cells {
+        // The gateway has tested its touches.
+        Cells::Numbers(values) if !table.acted.contains(name) && !is_of_touches(name, &table.acted) => {
+            Some((place, name.as_str(), values.as_slice(), kind(name, values)))
+        }
+        _ => None,
+    });
+    let numbers: Vec<(usize, &str, &[f64], Kind)> = numbers.collect();
+    let movers: Vec<(&[f64], f64)> = numbers
+        .iter()
+        .filter_map(|(_, _, values, kind)| match kind {
+            Kind::Speed => Some((*values, 100.0)),
+            Kind::Position => Some((*values, 1.0)),
+            Kind::Switch => Some((*values, 0.5)),
+            _ => None,
+        })
+        .collect();
+    // The rows are ascending.
+    let failed: Vec<Vec<usize>> =
+        numbers.iter().map(|(_, name, ..)| table.failed_rows(name).collect()).collect();
+    let mut found = Vec::new();
+    for run in runs {
+        let least = |(values, least): &(&[f64], f64)| f64::max(*least, MOVED * range(&values[run.clone()]));
+        let steps: Vec<f64> = movers.iter().map(least).collect();
+        let moved = |before: usize, row: usize| {
+            movers.iter().zip(&steps).any(|((values, _), step)| {
+                (values[run.start + row] - values[run.start + before]).abs() > *step
+            })
+        };
+        for ((place, name, values, kind), failed) in numbers.iter().copied().zip(&failed) {
+            let until = |end: usize| failed.partition_point(|row| *row < end);
+            let failed = &failed[until(run.start)..until(run.end)];
+            if least_distance(kind).is_none() && failed.is_empty() {
+                continue;
+            }
+            let conversion = table.conversions.get(name).copied().unwrap_or_default();
+            let (times, own) = (&table.times[run.clone()], &values[run.clone()]);
+            let Found { sentinels, jumps } =
+                find(&Tested { kind, times, values: own, conversion, moved: &moved });
+            let mut rows: BTreeSet<usize> = sentinels.into_iter().map(|row| row + run.start).collect();
+            rows.extend(failed.iter().copied());
+            let all = count(run.len()).max(1.0);
+            let are_too_many = count(rows.len()) / all > MOST;
+            if !are_too_many && count(jumps.len()) / all <= MOST {
+                rows.extend(jumps.into_iter().map(|row| row + run.start));
+            }
+            if rows.is_empty() {
+                continue;
+            }
+            let text = remark(table, (name, conversion), values, &rows);
+            let is_bridged = kind == Kind::Temperature;
+            found.push(Wrong { place, run: run.clone(), rows, text, is_bridged, are_too_many });
+        }
+    }
+    found
+}
+
+/// Returns the text that names the rows of a column, with the first value.
+fn remark(
+    table: &Table,
+    (name, conversion): (&str, Conversion),
+    values: &[f64],
+    rows: &BTreeSet<usize>,
+) -> String {
+    let Some(first) = rows.first().copied() else { return String::new() };
+    let value = match conversion.revert(values[first]) {
+        value if value.is_finite() && value.abs() < HUGE => value.to_string(),
+        value if value.is_finite() => format!("{value:e}"),
+        _ => table.failed_word(name),
+    };
+    let lines: Vec<String> =
+        rows.iter().skip(1).take(NAMED).map(|row| table.lines.of(*row).to_string()).collect();
+    let more = match (lines.is_empty(), rows.len() > NAMED + 1) {
+        (true, _) => String::new(),
+        (false, false) => format!(", also in {} {}", table.row, lines.join(", ")),
+        (false, true) => {
+            format!(", also in {} {} and {} more", table.row, lines.join(", "), rows.len() - NAMED - 1)
+        }
+    };
+    format!(
+        "{}, {} {}, column {name}: `{value}` is no measured value{more}",
+        table.file.display(),
+        table.row,
+        table.lines.of(first)
+    )
+}
+
+/// Bridges short gaps by straight lines. Returns whether there was one.
+fn bridge(times: &[Moment], values: &mut [f64], wrong: &BTreeSet<usize>, rows: &Range<usize>) -> bool {
+    let mut bridged = false;
+    for row in wrong.iter().copied() {
+        let mut earlier =
+            (rows.start..row).rev().take_while(|other| times[row].since(times[*other]) <= BRIDGED);
+        let mut later = (row + 1..rows.end).take_while(|other| times[*other].since(times[row]) <= BRIDGED);
+        let before = earlier.find(|before| values[*before].is_finite());
+        let after = later.find(|after| values[*after].is_finite() && !wrong.contains(after));
+        let (Some(before), Some(after)) = (before, after) else { continue };
+        let gap = times[after].since(times[before]);
+        if gap > BRIDGED || gap.is_zero() {
+            continue;
+        }
+        let share = times[row].since(times[before]).as_secs_f64() / gap.as_secs_f64();
+        values[row] = values[before] + share * (values[after] - values[before]);
+        bridged = true;
+    }
+    bridged
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn minutes(rows: usize) -> Vec<Moment> {
+        (0..rows as u64).map(|row| Moment::from_nanos(row * 60_000_000_000)).collect()
+    }
+
+    /// Drift of 20 µm over 200 min with the noise of a probe.
+    fn drift() -> Vec<f64> {
+        (0..200u32).map(|row| 5.0 + 0.1 * f64::from(row) + 0.2 * f64::from(row * 7 % 5)).collect()
+    }
+
+    fn found(kind: Kind, values: &[f64]) -> Found {
+        found_in(kind, values, Conversion::Same)
+    }
+
+    fn found_in(kind: Kind, values: &[f64], conversion: Conversion) -> Found {
+        let times = minutes(values.len());
+        find(&Tested { kind, times: &times, values, conversion, moved: &|_, _| false })
+    }
+
+    #[test]
+    fn values_of_a_logger_are_found_in_its_own_unit() {
+        for logged in [-9999.0, 999.9, 0.0] {
+            let mut values: Vec<f64> = (0..200u32).map(|row| 20.0 + 0.03 * f64::from(row)).collect();
+            values[100] = Conversion::Fahrenheit.apply(logged);
+            assert_eq!(found_in(Kind::Temperature, &values, Conversion::Fahrenheit).sentinels, [100]);
+        }
+        let mut values = drift();
+        values[100..120].fill(Conversion::Factor(1000.0).apply(999.9));
+        let rows: Vec<usize> = (100..120).collect();
+        assert_eq!(found_in(Kind::Displacement, &values, Conversion::Factor(1000.0)).sentinels, rows);
+        let mut hot: Vec<f64> = (0..200u32).map(|row| 20.0 + 0.03 * f64::from(row)).collect();
+        hot[100] = 451.7;
+        assert_eq!(found(Kind::Temperature, &hot).sentinels, [100], "no machine is as hot");
+    }
+
+    #[test]
+    fn a_jump_while_the_machine_moves_is_kept() {
+        let mut values = drift();
+        values[50] = 180.0;
+        let times = minutes(values.len());
+        let moved = |before: usize, row: usize| (before, row) == (49, 50);
+        let tested = Tested {
+            kind: Kind::Displacement,
+            times: &times,
+            values: &values,
+            conversion: Conversion::Same,
+            moved: &moved,
+        };
+        assert_eq!(find(&tested), Found::default());
+    }
+
+    #[test]
+    fn values_that_stand_apart_from_both_neighbours_are_found() {
+        for value in [9.9e37, 999.9, -9999.0, 0.0, 32_767.0] {
+            let mut values = drift();
+            [100, 101, 150].into_iter().for_each(|row| values[row] = value);
+            assert_eq!(found(Kind::Displacement, &values).sentinels, [100, 101, 150], "{value}");
+        }
+        for value in [850.0, 1372.0, 85.0, -127.0, 0.0, 9.9e37] {
+            let mut values: Vec<f64> = (0..200u32).map(|row| 20.0 + 0.03 * f64::from(row)).collect();
+            [0, 100, 101, 199].into_iter().for_each(|row| values[row] = value);
+            let expected: &[usize] = if value.abs() < 1.0 { &[100, 101] } else { &[0, 100, 101, 199] };
+            assert_eq!(found(Kind::Temperature, &values).sentinels, expected, "{value}");
+        }
+        let mut speeds = vec![3000.0; 100];
+        speeds[40] = 65_535.0;
+        speeds[60..80].fill(0.0);
+        assert_eq!(found(Kind::Speed, &speeds), Found { sentinels: vec![40], jumps: Vec::new() });
+    }
+
+    #[test]
+    fn the_zero_of_a_coarse_gauge_is_a_value() {
+        let mut values: Vec<f64> = vec![5.0; 200];
+        values[50] = 0.0;
+        values[120..].fill(10.0);
+        assert_eq!(found(Kind::Displacement, &values), Found::default());
+    }
+
+    #[test]
+    fn zeros_of_a_lost_contact_are_found_although_the_machine_moves_on() {
+        let mut values: Vec<f64> = (0..200u32).map(|row| 4.0 + 0.1 * f64::from(row)).collect();
+        values[20..80].fill(0.0);
+        assert_eq!(found(Kind::Displacement, &values).sentinels, (20..80).collect::<Vec<usize>>());
+    }
+
+    #[test]
+    fn values_that_a_machine_reaches_are_kept() {
+        let warm: Vec<f64> = (0..200u32).map(|row| 80.0 + 0.05 * f64::from(row)).collect();
+        assert_eq!(found(Kind::Temperature, &warm), Found::default(), "a spindle passes 85.0 °C");
+        let cold: Vec<f64> = (0..200u32).map(|row| -1.0 + 0.01 * f64::from(row)).collect();
+        assert_eq!(found(Kind::Temperature, &cold), Found::default());
+        let through: Vec<f64> = (0..200u32).map(|row| -10.0 + 0.1 * f64::from(row)).collect();
+        assert_eq!(found(Kind::Displacement, &through), Found::default(), "an error passes zero");
+        let mut zeroed = drift();
+        zeroed[100..].iter_mut().for_each(|value| *value -= 16.0);
+        zeroed[100] = 0.0;
+        assert_eq!(
+            found(Kind::Displacement, &zeroed).sentinels,
+            Vec::<usize>::new(),
+            "a new zero is no fault"
+        );
+        let places: Vec<f64> = (0..200u32)
+            .map(|row| [0.0, 0.0, 0.0, 15.0, 15.0, 15.0, 20.0, 20.0, 20.0][(row % 9) as usize])
+            .collect();
+        assert_eq!(found(Kind::Displacement, &places), Found::default(), "an error at three places");
+        let constant = vec![850.0; 50];
+        assert_eq!(
+            found(Kind::Temperature, &constant),
+            Found::default(),
+            "a constant sensor is reported as constant"
+        );
+    }
+
+    #[test]
+    fn a_jump_that_returns_is_found_in_displacements_only() {
+        let mut values = drift();
+        values[50] = 180.0;
+        values[51] = 181.0;
+        assert_eq!(found(Kind::Displacement, &values), Found { sentinels: Vec::new(), jumps: vec![50, 51] });
+        assert_eq!(found(Kind::Other, &values), Found::default());
+    }
+}

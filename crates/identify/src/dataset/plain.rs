@@ -1,0 +1,177 @@
+//! Logs as CSV in UTF-8 that begins with the column names, for the reader of rows in `isotherm replay`. A log is thereby
+//! read in the same encodings, and below the same lines of a logger, as by `isotherm identify`.
+
+use std::io::{self, BufRead, BufReader, Cursor, Read, Write};
+use std::path::Path;
+
+use super::formats::read_table;
+use super::table::Cells;
+use super::tidy::Tidy;
+use super::{BadLog, Split, Uses, decode, files, head};
+use isotherm_core::quantity::{Dialect, time};
+
+/// Number of bytes in which the names of the columns are searched, as in [`head::start`].
+const LONGEST_HEAD: u64 = 1 << 16;
+
+/// Log as CSV in UTF-8.
+pub struct PlainLog {
+    /// Text of the log. Its first line has the names of the columns, with the units of a second line.
+    pub input: Box<dyn Read>,
+    /// Whether the log is CSV. Otherwise, `input` has decimal points and times in UTC.
+    pub is_csv: bool,
+    /// Cells of the first rows.
+    pub first_rows: Vec<Vec<String>>,
+    /// Number of lines of the file before the names, and between the names and the first row, which are not in `input`.
+    pub left_out: [u64; 2],
+}
+
+/// Reads any log that [`Dataset::read`](super::Dataset::read) reads. `input` is the opened file. Of a log that is no CSV, only
+/// the columns that are used are read, without texts.
+///
+/// # Errors
+/// Those of [`Dataset::read`](super::Dataset::read) for this file, except those in a row of a CSV log.
+pub fn plain_log(
+    file: &Path,
+    input: impl Read + 'static,
+    split: &Split,
+    uses: Uses<'_>,
+) -> Result<PlainLog, BadLog> {
+    let ending = file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
+    let plain = match ending.to_ascii_lowercase().as_str() {
+        #[cfg(feature = "tables")]
+        "gz" => plain_csv(super::gzip::open(file)?, split),
+        #[cfg(not(feature = "tables"))]
+        "gz" => Ok(None),
+        "parquet" | "xlsx" | "xlsm" | "xls" | "xlsb" | "ods" => Ok(None),
+        _ => plain_csv(input, split),
+    };
+    match plain.map_err(|why| files::cannot_be_read(file, &why))? {
+        Some(log) => Ok(log),
+        None => csv_of_table(file, split, uses),
+    }
+}
+
+/// Reads CSV in any encoding of a logger, without the lines around the column names. `None` if the log is long.
+fn plain_csv(input: impl Read + 'static, split: &Split) -> io::Result<Option<PlainLog>> {
+    let (decoded, _) = decode::utf8(input)?;
+    let (head, rest) = head::start(decoded)?;
+    let left_out = [head.skipped, head.after];
+    let mut rest = BufReader::new(rest);
+    let mut line = Vec::new();
+    rest.by_ref().take(LONGEST_HEAD).read_until(b'\n', &mut line)?;
+    let header = String::from_utf8_lossy(&line).into_owned();
+    let separator = Dialect::of(&header, None).separator();
+    let owned =
+        |line: &str| head::cells(line, separator).into_iter().map(str::to_owned).collect::<Vec<String>>();
+    if Tidy::find(&owned(&header), split).is_some() {
+        return Ok(None);
+    }
+    let first_rows = head.rows.iter().map(|line| owned(line)).collect();
+    if head.after > 0 || head::uncommented(&header) != header {
+        let mut unused = Vec::new();
+        for _ in 0..head.after {
+            unused.clear();
+            rest.by_ref().take(LONGEST_HEAD).read_until(b'\n', &mut unused)?;
+        }
+        line = with_units(&owned(&header), &head.units, separator);
+    }
+    let input = Box::new(Cursor::new(line).chain(rest));
+    Ok(Some(PlainLog { input, is_csv: true, first_rows, left_out }))
+}
+
+/// Returns the line with the names of the columns and their units.
+fn with_units(names: &[String], units: &[String], separator: u8) -> Vec<u8> {
+    let cell = |(place, name): (usize, &String)| {
+        let unit = units.get(place).filter(|unit| !unit.is_empty() && !name.is_empty());
+        let unit = unit.map(|unit| format!(" [{unit}]")).unwrap_or_default();
+        format!("\"{}{unit}\"", name.replace('"', "\"\""))
+    };
+    let cells: Vec<String> = names.iter().enumerate().map(cell).collect();
+    let mut line = cells.join(char::from(separator).to_string().as_str()).into_bytes();
+    line.push(b'\n');
+    line
+}
+
+/// Reads the columns of a log that are used, as CSV.
+fn csv_of_table(file: &Path, split: &Split, uses: Uses<'_>) -> Result<PlainLog, BadLog> {
+    let table = read_table(file, split, uses)?;
+    let columns: Vec<(&String, &Vec<f64>)> = table
+        .columns
+        .iter()
+        .filter_map(|(name, cells)| match cells {
+            Cells::Numbers(numbers) => Some((name, numbers)),
+            Cells::Text(_) | Cells::Unread(_) => None,
+        })
+        .collect();
+    let mut text = b"time".to_vec();
+    for (name, _) in &columns {
+        text.extend(format!(",\"{}\"", name.replace('"', "\"\"")).into_bytes());
+    }
+    text.push(b'\n');
+    for (row, at) in table.times.iter().enumerate() {
+        time::write(&mut text, *at);
+        for (_, numbers) in &columns {
+            text.push(b',');
+            if numbers[row].is_finite() {
+                // Writing to a vector never fails.
+                let _ = write!(text, "{}", numbers[row]);
+            }
+        }
+        text.push(b'\n');
+    }
+    Ok(PlainLog {
+        input: Box::new(Cursor::new(text)),
+        is_csv: false,
+        first_rows: Vec::new(),
+        left_out: [0; 2],
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[track_caller]
+    fn plain(log: &[u8], expected: &str, left_out: [u64; 2]) {
+        let mut found = plain_csv(Cursor::new(log.to_vec()), &Split::default()).unwrap().unwrap();
+        let mut text = String::new();
+        found.input.read_to_string(&mut text).unwrap();
+        assert_eq!((text.as_str(), found.left_out), (expected, left_out));
+    }
+
+    #[test]
+    fn a_log_begins_with_its_names_and_is_in_utf_8() {
+        plain(b"time,bed\n0,20\n", "time,bed\n0,20\n", [0, 0]);
+        plain(b"Logger\n\nZeit;\xd6l\n0;20\n", "Zeit;\u{d6}l\n0;20\n", [2, 0]);
+        plain(b"Logger\nZeit;bed\nmin;\xb0C\n0;20,5\n", "\"Zeit [min]\";\"bed [\u{b0}C]\"\n0;20,5\n", [1, 1]);
+        let wide: Vec<u8> = "time,bed\n0,20\n".encode_utf16().flat_map(u16::to_le_bytes).collect();
+        plain(&wide, "time,bed\n0,20\n", [0, 0]);
+        plain(b"# logger\n# time,bed\n0,20\n", "\"time\",\"bed\"\n0,20\n", [1, 0]);
+        plain(b"", "", [0, 0]);
+    }
+
+    #[cfg(feature = "tables")]
+    #[test]
+    fn a_compressed_log_is_read() {
+        use flate2::{Compression, write::GzEncoder};
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("day.csv.gz");
+        let mut encoder = GzEncoder::new(std::fs::File::create(&path).unwrap(), Compression::default());
+        encoder.write_all(b"Logger\ntime,bed\n0,20\n").unwrap();
+        encoder.finish().unwrap();
+        let uses = super::super::every_column;
+        let mut found = plain_log(&path, io::empty(), &Split::default(), &uses).unwrap();
+        let mut text = String::new();
+        found.input.read_to_string(&mut text).unwrap();
+        assert_eq!((text.as_str(), found.left_out), ("time,bed\n0,20\n", [1, 0]));
+    }
+
+    #[test]
+    fn the_cells_of_the_first_rows_are_known() {
+        let log = b"Date,Time,bed\n31/01/2026,06:00:00,20\n".to_vec();
+        let found = plain_csv(Cursor::new(log), &Split::default()).unwrap().unwrap();
+        assert_eq!(found.first_rows, [["31/01/2026", "06:00:00", "20"]]);
+        let long = b"time,sensor,value\n0,bed,20\n".to_vec();
+        assert!(plain_csv(Cursor::new(long), &Split::default()).unwrap().is_none(), "it is read as a table");
+    }
+}

@@ -1,0 +1,410 @@
+//! Runs that contain the same minutes: copies of a file, one day in two formats, and files that overlap in time.
+//!
+//! A model is tested on runs that were not used to identify it. If two runs contain the same minutes, that test shows
+//! nothing.
+
+use std::collections::{HashMap, HashSet};
+use std::hash::{DefaultHasher, Hash, Hasher};
+
+use super::Run;
+use crate::statistics::count;
+use isotherm_core::quantity::{Moment, time};
+
+/// Number of rows of all runs that are compared. Of more rows, a part is compared that depends on their content only.
+const MOST_ROWS: usize = 400_000;
+/// Smallest share of the shorter run's rows that must occur in the other run in the same order.
+const LEAST_SHARE: f64 = 0.5;
+/// Smallest number of equal rows with different contents. Fewer rows may be equal by chance.
+const LEAST_ROWS: usize = 20;
+/// Number of runs in which the same content is searched. A content of more runs is usual for this machine.
+const MOST_RUNS_OF_A_CONTENT: usize = 64;
+/// Number of rows of a run with the same content that are compared. A cold machine has many.
+const MOST_ROWS_OF_A_CONTENT: usize = 32;
+/// Number of runs that are compared in pairs, and the number of rows of a pair.
+const MOST_PAIRED: (usize, usize) = (200, 200);
+/// Smallest share of the rows of a pair that must be equal but for rounding.
+const LEAST_ROUNDED: f64 = 0.9;
+/// Times before this are counts from the start of a log, not dates, s (in the year 1990).
+const FIRST_DATE: u64 = 631_152_000;
+
+/// Returns a sentence for each pair of runs that contains the same minutes. `is_measured` returns whether the values of a
+/// column were measured. The others are those of a program, and are the same on several days.
+pub(super) fn find(runs: &[Run], is_measured: &dyn Fn(usize) -> bool) -> Vec<String> {
+    let mut columns = common_columns(runs);
+    columns.retain(|column| is_measured(*column));
+    let mut copies = copies(runs, &columns);
+    copies.extend(rounded_copies(runs, &columns, &copies));
+    let mut found: Vec<String> = copies.iter().map(|copy| copy.message(runs)).collect();
+    for (one, other) in overlaps(runs) {
+        if copies.iter().any(|copy| copy.is_of(one, other)) {
+            continue;
+        }
+        let last = runs[one].times.last().min(runs[other].times.last());
+        let (from, to) = (runs[other].times.first().copied(), last.copied());
+        found.push(format!(
+            "{} ({}) and {} ({}) overlap in time, from {} to {}. The same minutes would be used to identify the model \
+             and to test it. Leave one of them out, or cut one of them",
+            runs[one].name,
+            runs[one].file.display(),
+            runs[other].name,
+            runs[other].file.display(),
+            from.map(text).unwrap_or_default(),
+            to.map(text).unwrap_or_default()
+        ));
+    }
+    found
+}
+
+/// Two runs with the same rows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Copied {
+    /// Run that was read first.
+    first: usize,
+    second: usize,
+    /// Share of the shorter run's compared rows that are equal.
+    share: f64,
+}
+
+impl Copied {
+    fn is_of(&self, one: usize, other: usize) -> bool {
+        (self.first, self.second) == (one.min(other), one.max(other))
+    }
+
+    fn message(&self, runs: &[Run]) -> String {
+        let [first, second] = [&runs[self.first], &runs[self.second]];
+        let how = match self.share > 0.999 {
+            true => "contains the same rows as".to_owned(),
+            false => format!("has {:.0} % of its rows in common with", 100.0 * self.share),
+        };
+        format!(
+            "{} ({}) {how} {} ({}): a copy would be used to identify the model and to test it. Leave one of them out",
+            second.name,
+            second.file.display(),
+            first.name,
+            first.file.display()
+        )
+    }
+}
+
+/// Distance between two equal rows: in rows, or in time if one of the runs lacks some rows of the other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Distance {
+    Rows(i64),
+    Seconds(i64),
+}
+
+/// Returns the pairs of runs in which the shorter one is a copy of a part of the other.
+fn copies(runs: &[Run], columns: &[usize]) -> Vec<Copied> {
+    let rows: usize = runs.iter().map(|run| run.times.len()).sum();
+    let one_of = 1 + rows / MOST_ROWS;
+    if columns.is_empty() {
+        return Vec::new();
+    }
+    let hashed: Vec<Vec<(u64, usize)>> = runs.iter().map(|run| hashes(run, columns, one_of as u64)).collect();
+    let second_of = |run: usize, row: usize| {
+        let times = &runs[run].times;
+        i64::try_from(times[row].since(times[0]).as_secs()).unwrap_or(i64::MAX)
+    };
+    let contents: Vec<usize> =
+        hashed.iter().map(|own| own.iter().map(|(hash, _)| hash).collect::<HashSet<_>>().len()).collect();
+    // The first row of each content, by run.
+    let mut known: HashMap<u64, Vec<(usize, usize)>> = HashMap::new();
+    let mut found = Vec::new();
+    for (second, own) in hashed.iter().enumerate() {
+        // Equal rows by run and by their distance.
+        let mut equal: HashMap<(usize, Distance), HashSet<u64>> = HashMap::new();
+        for (hash, row) in own {
+            for (first, other) in known.get(hash).into_iter().flatten() {
+                let in_rows = i64::try_from(*row).unwrap_or(0) - i64::try_from(*other).unwrap_or(0);
+                let in_seconds = second_of(second, *row).saturating_sub(second_of(*first, *other));
+                for distance in [Distance::Rows(in_rows), Distance::Seconds(in_seconds)] {
+                    equal.entry((*first, distance)).or_default().insert(*hash);
+                }
+            }
+        }
+        let mut best: HashMap<usize, usize> = HashMap::new();
+        for ((first, _), hashes) in equal {
+            let most = best.entry(first).or_default();
+            *most = hashes.len().max(*most);
+        }
+        let mut copied: Vec<Copied> = best
+            .into_iter()
+            .filter_map(|(first, equal)| {
+                let share = count(equal) / count(contents[first].min(contents[second])).max(1.0);
+                // Of many rows, a part is compared.
+                let is_enough = equal.saturating_mul(one_of) >= LEAST_ROWS && equal >= LEAST_ROWS / 4;
+                (share >= LEAST_SHARE && is_enough).then_some(Copied { first, second, share })
+            })
+            .collect();
+        copied.sort_by_key(|copy| copy.first);
+        // A third copy is named once.
+        found.extend(copied.into_iter().take(1));
+        let mut seen = HashSet::new();
+        for (hash, row) in own {
+            let runs = known.entry(*hash).or_default();
+            if seen.insert(*hash) && runs.len() < MOST_RUNS_OF_A_CONTENT {
+                runs.push((second, *row));
+            }
+        }
+    }
+    found
+}
+
+/// Returns the pairs of runs with the same values at the same times since their first rows, if one of them was rounded:
+/// one day as CSV and as Parquet. `known` are the copies that were found by their content.
+fn rounded_copies(runs: &[Run], columns: &[usize], known: &[Copied]) -> Vec<Copied> {
+    let (most_runs, most_rows) = MOST_PAIRED;
+    let mut found: Vec<Copied> = Vec::new();
+    if columns.is_empty() {
+        return found;
+    }
+    let compared = runs.len().min(most_runs);
+    let is_known =
+        |second: usize, found: &[Copied]| known.iter().chain(found).any(|copy| copy.second == second);
+    for second in 1..compared {
+        for first in 0..second {
+            if is_known(second, &found) {
+                break;
+            }
+            let (short, long) = match runs[first].times.len() < runs[second].times.len() {
+                true => (&runs[first], &runs[second]),
+                false => (&runs[second], &runs[first]),
+            };
+            let pairs = rows_at_the_same_times(short, long, most_rows);
+            if pairs.len() >= LEAST_ROWS
+                && columns.iter().all(|column| is_rounded(short, long, *column, &pairs))
+            {
+                let content = |(row, _): &(usize, usize)| {
+                    columns.iter().map(|column| rounded(short.values[*column][*row])).collect::<Vec<u64>>()
+                };
+                let contents: HashSet<Vec<u64>> = pairs.iter().map(content).collect();
+                if contents.len() >= LEAST_ROWS {
+                    found.push(Copied { first, second, share: 1.0 });
+                }
+            }
+        }
+    }
+    found
+}
+
+/// Returns rows of two runs at the same times since their first rows, spread over the shorter run.
+fn rows_at_the_same_times(short: &Run, long: &Run, most: usize) -> Vec<(usize, usize)> {
+    let (Some(begin), Some(other)) = (short.times.first(), long.times.first()) else { return Vec::new() };
+    let step = 1 + short.times.len() / most;
+    let pair = |row: usize| {
+        let elapsed = short.times[row].since(*begin);
+        let next = long.times.partition_point(|time| time.since(*other) < elapsed);
+        (long.times.get(next)?.since(*other) == elapsed).then_some((row, next))
+    };
+    let rows: Vec<usize> = (0..short.times.len()).step_by(step).collect();
+    let pairs: Vec<(usize, usize)> = rows.iter().filter_map(|row| pair(*row)).collect();
+    // A run that was logged at other times is no copy in another format.
+    if count(pairs.len()) < LEAST_ROUNDED * count(rows.len()) { Vec::new() } else { pairs }
+}
+
+/// Returns whether the values of a column differ by rounding only.
+fn is_rounded(one: &Run, other: &Run, column: usize, pairs: &[(usize, usize)]) -> bool {
+    let (one, other) = (&one.values[column], &other.values[column]);
+    let step = f64::max(
+        resolution(pairs.iter().map(|(row, _)| one[*row])),
+        resolution(pairs.iter().map(|(_, row)| other[*row])),
+    );
+    let differs = |(row, its): &&(usize, usize)| {
+        let (one, other) = (one[*row], other[*its]);
+        one.is_finite() != other.is_finite() || (one - other).abs() > 0.501 * step
+    };
+    let differing = pairs.iter().filter(differs).count();
+    count(differing) <= (1.0 - LEAST_ROUNDED) * count(pairs.len())
+}
+
+/// Returns the decimal place to which these values were rounded, from 1 to 0.001.
+fn resolution(values: impl Iterator<Item = f64> + Clone) -> f64 {
+    let is_rounded_to = |step: &f64| {
+        let is_whole = |value: f64| ((value / step).round() - value / step).abs() < 1e-4;
+        values.clone().filter(|value| value.is_finite()).all(is_whole)
+    };
+    [1.0, 0.1, 0.01].into_iter().find(is_rounded_to).unwrap_or(0.001)
+}
+
+/// Returns the columns that have values in every run.
+fn common_columns(runs: &[Run]) -> Vec<usize> {
+    let columns = runs.first().map_or(0, |run| run.values.len());
+    let is_common =
+        |column: &usize| runs.iter().all(|run| run.values[*column].iter().any(|value| value.is_finite()));
+    (0..columns).filter(is_common).collect()
+}
+
+/// Returns the hash of the values of each row, and its index. A row without values is left out. Only one of `one_of` rows
+/// is returned, selected by its hash.
+fn hashes(run: &Run, columns: &[usize], one_of: u64) -> Vec<(u64, usize)> {
+    let hash = |row: usize| {
+        let mut hasher = DefaultHasher::new();
+        let mut has_values = false;
+        for column in columns {
+            let value = run.values[*column][row];
+            has_values |= value.is_finite();
+            rounded(value).hash(&mut hasher);
+        }
+        has_values.then(|| (hasher.finish(), row))
+    };
+    let mut alike: HashMap<u64, usize> = HashMap::new();
+    let mut is_compared = |hash: u64| {
+        let rows = alike.entry(hash).or_default();
+        *rows += 1;
+        *rows <= MOST_ROWS_OF_A_CONTENT
+    };
+    let rows = (0..run.times.len()).filter_map(hash);
+    rows.filter(|(hash, _)| hash.is_multiple_of(one_of) && is_compared(*hash)).collect()
+}
+
+/// Returns the bits of a value that is the same in a file with decimals and in one with binary numbers of four bytes.
+fn rounded(value: f64) -> u64 {
+    let rounded = (value * 1000.0).round() / 1000.0;
+    // Negative zero has other bits.
+    if value.is_finite() { (rounded + 0.0).to_bits() } else { u64::MAX }
+}
+
+/// Returns the pairs of runs of different files that overlap in absolute time. The run that begins first comes first.
+fn overlaps(runs: &[Run]) -> Vec<(usize, usize)> {
+    let is_dated = |first: &Moment| first.as_nanos() / 1_000_000_000 >= FIRST_DATE;
+    let span = |(place, run): (usize, &Run)| {
+        let (first, last) = (*run.times.first()?, *run.times.last()?);
+        is_dated(&first).then_some((first, last, place))
+    };
+    let mut spans: Vec<(Moment, Moment, usize)> = runs.iter().enumerate().filter_map(span).collect();
+    spans.sort_unstable();
+    let mut found = Vec::new();
+    // The run that ends last of those before.
+    let mut longest: Option<(Moment, usize)> = None;
+    for (first, last, place) in spans {
+        if let Some((end, before)) = longest
+            && first < end
+        {
+            found.push((before, place));
+        }
+        if longest.is_none_or(|(end, _)| last > end) {
+            longest = Some((last, place));
+        }
+    }
+    found
+}
+
+fn text(at: Moment) -> String {
+    let mut text = Vec::new();
+    time::write(&mut text, Moment::from_nanos(at.as_nanos() / 1_000_000_000 * 1_000_000_000));
+    String::from_utf8_lossy(&text).replace(".000000000", "")
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+
+    use super::*;
+    use crate::dataset::Origin;
+
+    /// Day of a machine with two columns; `seed` changes its values. The times begin at `from`, s.
+    fn day(name: &str, seed: u32, from: u64) -> Run {
+        let rows = 0..100u32;
+        let value = |row: u32, column: u32| {
+            20.0 + 0.01 * f64::from(row) + 0.001 * f64::from((row * 37 + seed * 101 + column * 53) % 97)
+        };
+        Run {
+            name: name.to_owned(),
+            file: PathBuf::from(format!("{name}.csv")),
+            times: rows
+                .clone()
+                .map(|row| Moment::from_nanos((from + 60 * u64::from(row)) * 1_000_000_000))
+                .collect(),
+            values: (0..2).map(|column| rows.clone().map(|row| value(row, column)).collect()).collect(),
+            origin: Origin::default(),
+        }
+    }
+
+    fn find(runs: &[Run]) -> Vec<String> {
+        super::find(runs, &|_| true)
+    }
+
+    /// Part of a run, from this row on.
+    fn part(run: &Run, from: usize) -> Run {
+        let values = run.values.iter().map(|column| column[from..].to_vec()).collect();
+        Run { name: "part".to_owned(), times: run.times[from..].to_vec(), values, ..run.clone() }
+    }
+
+    #[test]
+    fn a_copy_is_found_by_its_content_whatever_its_name_and_times_are() {
+        let first = day("day1", 1, 0);
+        let copy = Run { name: "day1 - Copy".to_owned(), ..first.clone() };
+        let said = find(&[first.clone(), day("day2", 2, 0), copy]);
+        assert_eq!(said.len(), 1, "{said:?}");
+        assert!(
+            said[0].starts_with("day1 - Copy (day1.csv) contains the same rows as day1 (day1.csv)"),
+            "{said:?}"
+        );
+        let later = Run { times: day("x", 0, 1_773_036_000).times, ..first.clone() };
+        assert_eq!(find(&[first.clone(), later]).len(), 1, "a copy with another time");
+        let said = find(&[first.clone(), part(&first, 40)]);
+        assert!(said.len() == 1 && said[0].contains("same rows"), "{said:?}");
+    }
+
+    #[test]
+    fn a_copy_that_was_rounded_or_thinned_is_found() {
+        let first = day("day1", 1, 0);
+        let round = |value: &f64| (value * 100.0).round() / 100.0;
+        let values = first.values.iter().map(|column| column.iter().map(round).collect()).collect();
+        let rounded = Run { name: "day1 as CSV".to_owned(), values, ..first.clone() };
+        let said = find(&[first.clone(), day("day2", 2, 0), rounded]);
+        assert!(said.len() == 1 && said[0].starts_with("day1 as CSV"), "{said:?}");
+        let thin = |column: &Vec<f64>| column.iter().copied().step_by(3).collect();
+        let thinned = Run {
+            name: "thinned".to_owned(),
+            times: first.times.iter().copied().step_by(3).collect(),
+            values: first.values.iter().map(thin).collect(),
+            ..first.clone()
+        };
+        let said = find(&[first, thinned]);
+        assert!(said.len() == 1 && said[0].contains("same rows"), "{said:?}");
+    }
+
+    #[test]
+    fn days_with_the_same_program_of_speeds_are_no_copies() {
+        let mut days = [day("day1", 1, 0), day("day2", 2, 0)];
+        let speeds: Vec<f64> = (0..100u32).map(|row| 100.0 * f64::from(row)).collect();
+        for day in &mut days {
+            day.values.push(speeds.clone());
+        }
+        days[0].values[0].fill(f64::NAN);
+        days[1].values[1].fill(f64::NAN);
+        assert_eq!(super::find(&days, &|column| column != 2), Vec::<String>::new());
+    }
+
+    #[test]
+    fn days_that_differ_are_no_copies() {
+        assert_eq!(find(&[day("day1", 1, 0), day("day2", 2, 0), day("day3", 3, 0)]), Vec::<String>::new());
+        let constant = |name: &str| Run { values: vec![vec![20.0; 100]; 2], ..day(name, 1, 0) };
+        assert_eq!(
+            find(&[constant("one"), constant("two")]),
+            Vec::<String>::new(),
+            "a cold machine shows nothing"
+        );
+        assert_eq!(find(&[]), Vec::<String>::new());
+    }
+
+    #[test]
+    fn days_that_overlap_in_absolute_time_are_named_with_the_span() {
+        let start = 1_773_036_000;
+        let said =
+            find(&[day("coarse", 1, start), day("fine", 2, start + 3000), day("next", 3, start + 20_000)]);
+        assert_eq!(said.len(), 1, "{said:?}");
+        assert!(
+            said[0].contains("coarse (coarse.csv) and fine (fine.csv) overlap in time, from 2026-03-09T"),
+            "{said:?}"
+        );
+        assert_eq!(
+            find(&[day("one", 1, 0), day("two", 2, 0)]).len(),
+            0,
+            "counts from the start do not overlap"
+        );
+        let touching = [day("one", 1, start), day("two", 2, start + 99 * 60)];
+        assert_eq!(find(&touching).len(), 0, "one row at the same time is no overlap");
+    }
+}

@@ -1,0 +1,56 @@
+//! Kinds of files, recognised by their content. A message can then name a file that is given in the place of another.
+//!
+//! A reader asks for the kind only after it has rejected a file. A wrong guess therefore never rejects a valid file.
+
+use std::io::Read as _;
+use std::path::Path;
+
+use crate::safe_file;
+
+mod kind;
+mod table;
+mod text;
+mod toml_tables;
+
+pub use kind::{FileKind, Misplaced};
+
+/// Decodes a text in UTF-16 with a byte order mark. `None` if the bytes have no such mark.
+pub(crate) fn wide(bytes: &[u8]) -> Option<String> {
+    text::wide(bytes)
+}
+
+/// Number of bytes at the beginning of a file from which its kind is recognised.
+const HEAD: usize = 64 * 1024;
+
+/// First bytes of binary files.
+const MAGIC: [(&[u8], FileKind); 7] = [
+    (b"PAR1", FileKind::Parquet),
+    (b"PK\x03\x04", FileKind::Workbook),
+    (b"\xd0\xcf\x11\xe0", FileKind::Workbook),
+    (b"\x1f\x8b", FileKind::Compressed),
+    (b"MDF     ", FileKind::Measurement),
+    (b"LOGG\x90\x00", FileKind::Measurement),
+    (b"%PDF", FileKind::Pdf),
+];
+
+impl FileKind {
+    /// Recognises the kind of a file by its first bytes. `None` if it is none of the known kinds.
+    pub fn of(bytes: &[u8]) -> Option<FileKind> {
+        let head = &bytes[..bytes.len().min(HEAD)];
+        if let Some((_, kind)) = MAGIC.iter().find(|(magic, _)| head.starts_with(magic)) {
+            return Some(*kind);
+        }
+        let text = text::decoded(head)?;
+        text::of_marks(&text).or_else(|| toml_tables::of(&text)).or_else(|| table::of(&text))
+    }
+
+    /// Recognises the kind of the file at this path. `None` if it cannot be read, or is none of the known kinds.
+    pub fn of_file(path: &Path) -> Option<FileKind> {
+        let mut head = Vec::new();
+        safe_file::open(path).ok()?.take(HEAD as u64).read_to_end(&mut head).ok()?;
+        FileKind::of(&head)
+    }
+}
+
+#[cfg(test)]
+mod tests;

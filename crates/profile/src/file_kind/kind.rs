@@ -1,0 +1,194 @@
+//! Kinds of files, and the messages about a file in the place of another.
+
+use std::path::Path;
+
+use crate::error::ProfileError;
+
+/// Kind of a file, recognised by its content.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FileKind {
+    /// Profile of a machine.
+    Profile,
+    /// Device template.
+    Template,
+    /// Description of a plant (simulated machine).
+    Plant,
+    /// Model that `isotherm identify --write` wrote.
+    ModelBlock,
+    /// Script of faults for the virtual machine.
+    FaultScript,
+    /// Log: a table of numbers as text.
+    Log,
+    /// Parquet file, which is a log too.
+    Parquet,
+    /// DBC file, which describes CAN frames.
+    Dbc,
+    /// Electronic data sheet of a CANopen node (EDS or DCF).
+    Eds,
+    /// Data sheet of a CANopen node in XML (XDD).
+    Xdd,
+    /// KCD file, which describes CAN frames.
+    Kcd,
+    /// ARXML file of AUTOSAR.
+    Arxml,
+    /// SYM file, which describes CAN frames.
+    Sym,
+    /// FIBEX file, which describes frames.
+    Fibex,
+    /// LDF file, which describes a LIN bus.
+    Ldf,
+    /// A2L file, which describes the memory of a control unit.
+    A2l,
+    /// Mesh or input file of a finite element program.
+    Mesh,
+    /// JSON document.
+    Json,
+    /// Workbook of a spreadsheet program, or another ZIP archive.
+    Workbook,
+    /// Compressed file (gzip).
+    Compressed,
+    /// Recording of a measuring program (MF4 or BLF).
+    Measurement,
+    /// PDF document.
+    Pdf,
+    /// Web page.
+    Html,
+    /// Other XML document.
+    Xml,
+}
+
+/// Message about a file that is given in the place of another.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Misplaced {
+    /// Kind of the file, and the kind that is expected.
+    pub message: String,
+    /// Use of this file, or the way to the expected one.
+    pub help: String,
+}
+
+impl FileKind {
+    /// Returns the message about a file of this kind in the place of the kind `wanted`. `None` if the file may be of
+    /// the kind `wanted`.
+    pub fn instead_of(self, wanted: FileKind) -> Option<Misplaced> {
+        let serves = match wanted {
+            // The reader of logs has its own messages about workbooks and compressed files.
+            FileKind::Log => {
+                matches!(self, FileKind::Log | FileKind::Parquet | FileKind::Workbook | FileKind::Compressed)
+            }
+            // The terms of a model are read from a profile too.
+            FileKind::ModelBlock => matches!(self, FileKind::ModelBlock | FileKind::Profile),
+            other => self == other,
+        };
+        (!serves).then(|| Misplaced {
+            message: format!("this is {}, not {}", self.noun(), wanted.noun()),
+            help: self.help(wanted).to_owned(),
+        })
+    }
+
+    /// Returns the name of the kind, with its article.
+    fn noun(self) -> &'static str {
+        match self {
+            FileKind::Profile => "a profile",
+            FileKind::Template => "a device template",
+            FileKind::Plant => "the description of a plant",
+            FileKind::ModelBlock => "a model block",
+            FileKind::FaultScript => "a fault script",
+            FileKind::Log => "a log",
+            FileKind::Parquet => "a log in a Parquet file",
+            FileKind::Dbc => "a DBC file",
+            FileKind::Eds => "an EDS file",
+            FileKind::Xdd => "an XDD file",
+            FileKind::Kcd => "a KCD file",
+            FileKind::Arxml => "an ARXML file",
+            FileKind::Sym => "a SYM file",
+            FileKind::Fibex => "a FIBEX file",
+            FileKind::Ldf => "an LDF file",
+            FileKind::A2l => "an A2L file",
+            FileKind::Mesh => "the mesh of a finite element program",
+            FileKind::Json => "a JSON document",
+            FileKind::Workbook => "a workbook (.xlsx, .xls) or another archive",
+            FileKind::Compressed => "a compressed file (gzip)",
+            FileKind::Measurement => "a recording of a measuring program (MF4 or BLF)",
+            FileKind::Pdf => "a PDF document",
+            FileKind::Html => "a web page",
+            FileKind::Xml => "an XML document",
+        }
+    }
+
+    /// Returns the use of a file of this kind, or how to get a file of the kind `wanted` from it.
+    fn help(self, wanted: FileKind) -> &'static str {
+        match (self, wanted) {
+            (FileKind::Log | FileKind::Parquet, _) => {
+                "give the profile of the machine first and the log after it, as `isotherm identify \
+                 machine.toml day.csv`"
+            }
+            (FileKind::Profile, FileKind::Log) => {
+                "give the profile first and the logs after it, as `isotherm identify machine.toml day.csv`"
+            }
+            (FileKind::Profile, FileKind::Template) => {
+                "a template has `title` and `source`, and the channels of one device; give the profile on the \
+                 command line, as `isotherm check machine.toml`"
+            }
+            (FileKind::Profile, _) => "give it as the profile, as `isotherm check machine.toml`",
+            (FileKind::Template, _) => {
+                "save it as devices/NAME.toml next to the profile, and write template = \"NAME\" at a device of \
+                 the profile"
+            }
+            (FileKind::Plant, _) => {
+                "give the profile instead: `isotherm virtual machine.toml` reads machine.plant.toml next to it"
+            }
+            (FileKind::ModelBlock, _) => {
+                "insert its text into the profile of the machine, in the place of the tables \
+                 [[axis.….model]] of this axis"
+            }
+            (FileKind::FaultScript, _) => {
+                "give it to the virtual machine: `isotherm virtual machine.toml --faults faults.toml`"
+            }
+            (FileKind::Dbc, _) => {
+                "write dbc = \"module.dbc\" with the name of this file at a device on a CAN line of the profile"
+            }
+            (FileKind::Eds | FileKind::Xdd, FileKind::Dbc) => {
+                "it describes the objects of a CANopen node, not frames: remove `dbc`, and write \
+                 sdo = \"7130:01\" or pdo = { … } at each signal"
+            }
+            (FileKind::Eds | FileKind::Xdd, _) => {
+                "it describes a CANopen node: write sdo = \"7130:01\" or pdo = { … } at the signals of a profile"
+            }
+            (FileKind::Kcd | FileKind::Arxml | FileKind::Sym, FileKind::Dbc) => {
+                "convert it with cantools (`pip install cantools`): `cantools convert THIS_FILE module.dbc`"
+            }
+            (FileKind::Kcd | FileKind::Arxml | FileKind::Sym, _) => {
+                "convert it with `cantools convert THIS_FILE module.dbc`, and write dbc = \"module.dbc\" at a \
+                 device of the profile"
+            }
+            (FileKind::Fibex, _) => {
+                "convert it with canmatrix (`pip install canmatrix`): `canconvert THIS_FILE module.dbc`"
+            }
+            (FileKind::Ldf, _) => "isotherm reads no LIN bus; use a gateway from LIN to CAN or Modbus",
+            (FileKind::A2l, _) => "export the frames as a DBC file with the program that wrote this file",
+            (FileKind::Mesh, _) => "`isotherm place` reads it",
+            (FileKind::Json, FileKind::Log) => "save the log as CSV",
+            (FileKind::Json, _) => "a profile names such a file at its model: file = \"model.json\"",
+            (FileKind::Workbook, _) => "a workbook can only contain a log: save its sheet as CSV",
+            (FileKind::Compressed, _) => "decompress it with `gunzip`",
+            (FileKind::Measurement, _) => "export the recording as CSV",
+            (FileKind::Html, _) => {
+                "the page was saved instead of the file: download the file itself, on GitHub with \"Raw\""
+            }
+            (FileKind::Pdf | FileKind::Xml, _) => "give another file",
+        }
+    }
+}
+
+impl Misplaced {
+    /// Returns the error of the profile for this file.
+    pub(crate) fn error(self, file: impl Into<String>) -> ProfileError {
+        ProfileError::about(file, self.message, Some(self.help))
+    }
+
+    /// Returns message and help in one line, after the name of the file.
+    #[must_use]
+    pub fn line(&self, file: &Path) -> String {
+        format!("{}: {}; {}", file.display(), self.message, self.help)
+    }
+}

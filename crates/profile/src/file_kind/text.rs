@@ -1,0 +1,82 @@
+//! Kinds of text files that contain a typical line or element.
+
+use std::borrow::Cow;
+
+use super::kind::FileKind;
+use super::table;
+
+/// Elements of XML documents, in the order in which they are searched.
+const XML: [(&str, FileKind); 5] = [
+    ("<AUTOSAR", FileKind::Arxml),
+    ("NetworkDefinition", FileKind::Kcd),
+    ("FIBEX", FileKind::Fibex),
+    ("ISO15745Profile", FileKind::Xdd),
+    ("<html", FileKind::Html),
+];
+
+/// Beginnings of a line, in the order in which they are searched.
+const LINES: [(&str, FileKind); 12] = [
+    ("BO_ ", FileKind::Dbc),
+    ("BU_:", FileKind::Dbc),
+    ("BU_ :", FileKind::Dbc),
+    ("NS_ :", FileKind::Dbc),
+    ("NS_:", FileKind::Dbc),
+    ("FormatVersion=", FileKind::Sym),
+    ("LIN_description_file", FileKind::Ldf),
+    ("ASAP2_VERSION", FileKind::A2l),
+    ("/begin PROJECT", FileKind::A2l),
+    ("$MeshFormat", FileKind::Mesh),
+    ("*HEADING", FileKind::Mesh),
+    ("*NODE", FileKind::Mesh),
+];
+
+/// Sections of an EDS or DCF file.
+const EDS: [&str; 3] = ["[FileInfo]", "[DeviceInfo]", "[MandatoryObjects]"];
+
+/// Decodes a text in UTF-8, in UTF-16 with a byte order mark, or in a code page of single bytes. `None` if the bytes
+/// are no text.
+pub(super) fn decoded(bytes: &[u8]) -> Option<Cow<'_, str>> {
+    if let Some(wide) = wide(bytes) {
+        return Some(Cow::Owned(wide));
+    }
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    (!bytes.contains(&0)).then(|| String::from_utf8_lossy(bytes))
+}
+
+/// Decodes a text in UTF-16 with a byte order mark. `None` if the bytes have no such mark.
+pub(super) fn wide(bytes: &[u8]) -> Option<String> {
+    let unit: fn([u8; 2]) -> u16 = match bytes {
+        [0xff, 0xfe, ..] => u16::from_le_bytes,
+        [0xfe, 0xff, ..] => u16::from_be_bytes,
+        _ => return None,
+    };
+    let units: Vec<u16> = bytes[2..].chunks_exact(2).map(|pair| unit([pair[0], pair[1]])).collect();
+    Some(String::from_utf16_lossy(&units))
+}
+
+/// Returns the kind of a text that contains a typical line or element.
+pub(super) fn of_marks(text: &str) -> Option<FileKind> {
+    let begin = text.trim_start();
+    if begin.starts_with('<') {
+        let is_page = begin.get(..14).is_some_and(|begin| begin.eq_ignore_ascii_case("<!doctype html"));
+        let found = XML.iter().find(|(element, _)| begin.contains(element)).map(|(_, kind)| *kind);
+        return Some(if is_page { FileKind::Html } else { found.unwrap_or(FileKind::Xml) });
+    }
+    if begin.starts_with('{') {
+        return Some(FileKind::Json);
+    }
+    let lines = || text.lines().map(str::trim);
+    // Some loggers write such a section above the table.
+    let is_section = |line: &str| EDS.iter().any(|section| line.eq_ignore_ascii_case(section));
+    if lines().any(is_section) && table::of(text).is_none() {
+        return Some(FileKind::Eds);
+    }
+    let begins = |line: &str, with: &str| {
+        line.get(..with.len()).is_some_and(|begin| match with.starts_with('*') {
+            true => begin.eq_ignore_ascii_case(with),
+            false => begin == with,
+        })
+    };
+    let is_first = |line: &str| LINES.iter().find(|(with, _)| begins(line, with)).map(|(_, kind)| *kind);
+    lines().find_map(is_first)
+}

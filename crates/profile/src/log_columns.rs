@@ -1,0 +1,117 @@
+//! Names of the columns of a log. A signal or an axis with such a name would give the log two columns of one name, and
+//! no program could read it again.
+
+use std::collections::BTreeMap;
+
+/// First column of every log.
+pub const TIME: &str = "time";
+
+/// Ends of the names of an axis's columns: `z_cz_um` for axis `z`. A log has some of them only with certain keys of the
+/// axis. The measured error is not in this list, because a signal may measure it.
+pub const OF_AXIS: [&str; 21] = [
+    "permit",
+    "from_um",
+    "raw_um",
+    "cz_um",
+    "model",
+    "state",
+    "acted",
+    "sign_um",
+    "behind_um",
+    "return_um",
+    "return_slope_um",
+    "slope_from_um",
+    "slope_um",
+    "measured_um",
+    "acting_um",
+    "forget",
+    "worse",
+    "correction_um",
+    "expected_um",
+    "stood_in",
+    "trust",
+];
+
+/// Columns of the whole machine.
+pub const OF_MACHINE: [&str; 4] = ["machine_memory", "machine_zero", "machine_clock", "machine_dry_run"];
+
+/// Name that would give a log two columns of the same name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Clash {
+    /// Signal with the name of the first column, or of a column of the machine.
+    OfMachine { signal: String },
+    /// Signal with the name of a column of an axis.
+    OfAxis { signal: String, axis: String },
+    /// Axis that has a column of the same name as an axis before it.
+    Axes { axis: String, other: String, column: String },
+}
+
+/// Finds all clashes between the names of signals and axes, signals first.
+pub(crate) fn clashes(signals: &[String], axes: &[String]) -> Vec<Clash> {
+    let mut owners: BTreeMap<String, &String> = BTreeMap::new();
+    let mut between = Vec::new();
+    for axis in axes {
+        let mut reported = false;
+        for end in OF_AXIS {
+            let column = format!("{axis}_{end}");
+            match owners.get(&column) {
+                Some(other) if !reported => {
+                    reported = true;
+                    let (axis, other) = (axis.clone(), (*other).clone());
+                    between.push(Clash::Axes { axis, other, column });
+                }
+                Some(_) => {}
+                None => {
+                    owners.insert(column, axis);
+                }
+            }
+        }
+    }
+    let of_signal = |signal: &String| {
+        if signal == TIME || OF_MACHINE.contains(&signal.as_str()) {
+            return Some(Clash::OfMachine { signal: signal.clone() });
+        }
+        let axis = owners.get(signal)?;
+        Some(Clash::OfAxis { signal: signal.clone(), axis: (*axis).clone() })
+    };
+    signals.iter().filter_map(of_signal).chain(between).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(signals: &[&str], axes: &[&str]) -> Vec<Clash> {
+        let owned = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
+        clashes(&owned(signals), &owned(axes))
+    }
+
+    #[test]
+    fn each_column_of_a_log_is_refused_as_the_name_of_a_signal() {
+        for column in [TIME].into_iter().chain(OF_MACHINE) {
+            assert_eq!(found(&["bed", column], &["z"]), [Clash::OfMachine { signal: column.to_owned() }]);
+        }
+        for end in OF_AXIS {
+            let signal = format!("z_{end}");
+            let clash = Clash::OfAxis { signal: signal.clone(), axis: "z".to_owned() };
+            assert_eq!(found(&["bed", &signal], &["x", "z"]), [clash]);
+        }
+    }
+
+    #[test]
+    fn other_names_are_free() {
+        let signals = ["bed", "machine_on", "bed_state", "z", "cz_um", "z_error_um", "Z_state", "z_state_2"];
+        assert_eq!(found(&signals, &["x", "z"]), []);
+        assert_eq!(found(&["z_state"], &[]), []);
+    }
+
+    #[test]
+    fn two_axes_with_one_column_are_reported_once() {
+        let clash = Clash::Axes {
+            axis: "z_return".to_owned(),
+            other: "z".to_owned(),
+            column: "z_return_slope_um".to_owned(),
+        };
+        assert_eq!(found(&[], &["z", "z_return"]), [clash]);
+    }
+}

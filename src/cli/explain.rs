@@ -1,0 +1,56 @@
+//! `isotherm logs explain`: shows how a log is understood.
+
+use std::path::PathBuf;
+
+use super::logs::LogFormat;
+use super::print::print_json;
+use crate::cli::print::say_all;
+use isotherm_identify::dataset::{Split, explain};
+
+/// Shows how logs are understood, before a model is identified from them.
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Example:\n  isotherm logs explain monday.csv --zone Europe/Berlin")]
+pub(super) struct Arguments {
+    #[command(subcommand)]
+    what: LogsVerb,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum LogsVerb {
+    /// Shows how the head, the times, the units and the first rows of a log are understood
+    Explain(ExplainArguments),
+}
+
+/// Shows how `identify`, `select` and `report` understand a log: encoding, line of the names, time, units, and first rows.
+/// It also shows the errors of these rows, and then ends with exit code 1.
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Example:\n  isotherm logs explain monday.csv --zone Europe/Berlin")]
+struct ExplainArguments {
+    /// Log
+    #[arg(value_name = "LOG")]
+    file: PathBuf,
+    #[command(flatten)]
+    format: LogFormat,
+    /// Prints one JSON document
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let LogsVerb::Explain(ExplainArguments { file, format, json }) = &arguments.what;
+    let split = Split {
+        zone: Some(format.zone()),
+        decimal: format.decimal,
+        dates: format.dates,
+        time_unit: format.time_unit,
+        ..Split::default()
+    };
+    let explanation = explain(file, &split)?;
+    if *json {
+        print_json(&explanation)?;
+    } else {
+        say_all!("{explanation}")?;
+    }
+    anyhow::ensure!(explanation.errors.is_empty(), "{} cannot be read completely", file.display());
+    Ok(())
+}
