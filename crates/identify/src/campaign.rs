@@ -81,7 +81,8 @@ impl<'a> Campaign<'a> {
         if machine.settle.is_zero() {
             machine.settle = USUAL_SETTLE;
         }
-        let without_models = |axis: &Axis| AxisSettings { models: Vec::new(), ..axis.settings.clone() };
+        let without_models =
+            |axis: &Axis| AxisSettings { models: Vec::new(), learned: None, ..axis.settings.clone() };
         Campaign {
             machine,
             axes: profile.axes.iter().map(without_models).collect(),
@@ -309,6 +310,7 @@ fn onlooker() -> AxisSettings {
         datum: Datum::default(),
         intercept_slope: None,
         probe: None,
+        learned: None,
     }
 }
 

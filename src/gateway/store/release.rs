@@ -392,6 +392,7 @@ fn add(profile: &mut Profile, release: &Release, way: FormerRegister) -> Option<
         datum: Datum::Model,
         intercept_slope: None,
         probe: None,
+        learned: None,
     };
     let outputs: Vec<&str> = profile.outputs.iter().map(|output| output.name.as_str()).collect();
     let name = match outputs.contains(&output.as_str()) {

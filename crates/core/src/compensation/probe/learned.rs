@@ -38,7 +38,7 @@ pub(in crate::compensation) struct Learned {
 shifted!(Learned: certainty, renews, comparison);
 
 impl Learned {
-    pub(super) fn new(model: &Model, settings: Option<&ProbeSettings>) -> Learned {
+    pub(in crate::compensation) fn new(model: &Model, settings: Option<&ProbeSettings>) -> Learned {
         let gains = settings.and_then(|settings| settings.gains.map(|gains| (gains, settings.limit.get())));
         let gains = gains.filter(|_| !model.correctable().is_empty());
         let gains = gains.map(|(gains, limit)| Gains::new(model.correctable().len(), gains.limit, limit));
@@ -157,6 +157,25 @@ impl Learned {
         if let Some(gains) = &mut self.gains {
             gains.begin_at(self.offset);
         }
+    }
+
+    /// Returns the correction of another model with which Cz is the same as with the model before, whose correction is
+    /// `self`. The certainty of the correction stays. The comparison and the scale belong to the model before.
+    #[must_use]
+    pub(in crate::compensation) fn moved_to(
+        &self,
+        model: &Model,
+        settings: &ProbeSettings,
+        offset: f64,
+    ) -> Learned {
+        let limit = settings.limit.get();
+        let offset = offset.clamp(-limit, limit);
+        Learned { offset, certainty: self.certainty, ..Learned::new(model, Some(settings)) }
+    }
+
+    /// Returns the offset that corrects the model's Cz, µm.
+    pub(in crate::compensation) fn offset(&self) -> f64 {
+        self.offset
     }
 
     /// Adds the errors of a probing, without compensation and with the model, to the comparison.

@@ -75,6 +75,7 @@ fn axis(name: &str, every: u64, count: f64, on_fault: OnFault, models: Vec<Model
         datum,
         intercept_slope: None,
         probe: None,
+        learned: None,
     };
     Axis {
         settings,
