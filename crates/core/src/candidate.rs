@@ -25,6 +25,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::quantity::{Micron, Moment, shifted};
 
+/// Time constants of the inputs of a learned model, in minutes. 0 means no lag.
+pub const LAG_MINUTES: [u64; 4] = [0, 6, 25, 100];
 /// Number of judged days whose sums are compared.
 const DAYS: usize = 5;
 

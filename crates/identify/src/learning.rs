@@ -88,11 +88,15 @@ pub struct JudgedRun {
 }
 
 /// Returns the columns from which a model is learned: every temperature and every speed of the profile, except those in
-/// `without`. The columns of all runs must be the same.
+/// `without` and in `learn_without` of the axis. The columns of all runs must be the same.
 pub fn choice(profile: &Profile, axis: &str, without: &[String]) -> Choice {
     let is_input = |unit: &str| ["degC", "K", "rpm"].contains(&unit);
+    let own = profile.axes.iter().find(|own| own.settings.name == axis);
+    let left_out = own.and_then(|own| own.learning.as_ref()).map_or(&[][..], |learning| &learning.without);
+    let left_out: Vec<&str> = left_out.iter().map(|id| profile.signal(*id).name.as_str()).collect();
     let inputs = profile.signals.iter().filter(|signal| is_input(signal.unit.0));
-    let inputs = inputs.map(|signal| signal.name.clone()).filter(|name| !without.contains(name));
+    let inputs = inputs.map(|signal| signal.name.clone());
+    let inputs = inputs.filter(|name| !without.contains(name) && !left_out.contains(&name.as_str()));
     Choice { axis: Some(axis.to_owned()), inputs: inputs.collect(), resample: RESAMPLE, ..Choice::default() }
 }
 

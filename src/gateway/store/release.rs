@@ -403,7 +403,14 @@ fn add(profile: &mut Profile, release: &Release, way: FormerRegister) -> Option<
     let waits = same_name.map(|known| known.axis).collect();
     let (axis, id) = (AxisId(profile.axes.len()), OutputId(profile.outputs.len()));
     let (label, diameter) = (String::new(), place.diameter);
-    profile.axes.push(Axis { settings, label, diameter, probe_input: None, purpose: Purpose::Release });
+    profile.axes.push(Axis {
+        settings,
+        label,
+        diameter,
+        probe_input: None,
+        learning: None,
+        purpose: Purpose::Release,
+    });
     profile.outputs.push(Output {
         name,
         axis,

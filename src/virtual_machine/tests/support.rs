@@ -105,6 +105,7 @@ pub(crate) fn profile() -> Profile {
             label: String::new(),
             diameter: false,
             probe_input: None,
+            learning: None,
             purpose: Purpose::Compensation,
         }],
         outputs: vec![

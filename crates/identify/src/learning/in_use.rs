@@ -19,7 +19,7 @@ impl InUse {
     /// # Errors
     /// The model is no sum of terms. The message says so.
     pub fn of(profile: &Profile, axis: &str) -> Result<InUse, String> {
-        let Some(model) = settings(profile, axis).and_then(|own| own.models.first()) else {
+        let Some(model) = settings(profile, axis).and_then(|own| own.own_models().first()) else {
             return Ok(InUse { terms: Vec::new(), expected: None });
         };
         let Kind::Linear(Linear { terms, slope: None, .. }) = &model.kind else {

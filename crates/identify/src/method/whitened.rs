@@ -24,6 +24,7 @@ use crate::products::{Fold, Products};
 use crate::sensors::Forward;
 use crate::solve::{Net, Ridge, decades};
 use crate::statistics::{count, least_sum, median, rms};
+use isotherm_core::candidate::LAG_MINUTES;
 
 /// Ridge penalty if there are too few runs to choose one by validation.
 const UNCHOSEN: f64 = 0.3;
@@ -44,7 +45,7 @@ const STANDS_STILL: f64 = 1e-9;
 
 /// Returns the default time constants: none, 6, 25 and 100 minutes. Four time constants give the same results as eight.
 pub(crate) fn usual_lags() -> Vec<Option<Duration>> {
-    [0, 6, 25, 100].map(|minutes: u64| (minutes > 0).then(|| Duration::from_mins(minutes))).to_vec()
+    LAG_MINUTES.map(|minutes| (minutes > 0).then(|| Duration::from_mins(minutes))).to_vec()
 }
 
 pub(super) struct Whitening {

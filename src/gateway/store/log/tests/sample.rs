@@ -82,6 +82,7 @@ fn axis(name: &str, every: u64, count: f64, on_fault: OnFault, models: Vec<Model
         label: String::new(),
         diameter: false,
         probe_input: None,
+        learning: None,
         purpose: Purpose::Compensation,
     }
 }
