@@ -13,6 +13,7 @@ use crate::cli::print::{Out, print_json, say_beside};
 use crate::gateway::control::Failure;
 use crate::observe::status::Command;
 
+mod adopt;
 mod backup;
 mod broker;
 mod certificate;
@@ -166,6 +167,8 @@ enum Verb {
     Measured(measured::Arguments),
     /// Accept a device of the running gateway that an operator has checked
     Confirm(confirm::Arguments),
+    /// Adopt the learned model of an axis in the running gateway, or return to the model before; Cz does not move
+    Adopt(adopt::Arguments),
     /// Return the register of a moved or removed output to its base value, without the gateway's offset
     Release(release::Arguments),
     /// Show the frames between the running gateway and one of its devices
@@ -274,6 +277,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Sign(arguments) => sign::run(&arguments),
         Verb::Measured(arguments) => measured::run(&arguments),
         Verb::Confirm(arguments) => confirm::run(&arguments),
+        Verb::Adopt(arguments) => adopt::run(&arguments),
         Verb::Release(arguments) => release::run(&arguments),
         Verb::Events(arguments) => events::run(&arguments),
         #[cfg(feature = "parquet")]

@@ -4,6 +4,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use rustix::process::{Resource, Rlimit, nice, setrlimit};
 
 use super::loading::load_quietly;
 use super::logs::LogFormat;
@@ -12,7 +13,7 @@ use super::progress::Progress;
 use super::running;
 use super::values::key_and_value;
 use crate::clock::Clock;
-use crate::gateway::{Disk, Files, log, make_directory};
+use crate::gateway::{Disk, Files, candidates, log, make_directory, preferences_in};
 use isotherm_core::quantity::Moment;
 use isotherm_identify::applied::Applied;
 use isotherm_identify::dataset::{Dataset, Split};
@@ -39,7 +40,8 @@ const LARGEST: u64 = 16 * 1024 * 1024;
 ///
 /// Each day is judged before it is learned from: its touches measure the model in use, and the candidate from the days
 /// before. The candidate is proposed if it leaves less over the last five judged days. No axis moves, and the profile
-/// does not change. `--write` writes the candidate as a block for the profile.
+/// does not change. `isotherm adopt` adopts the candidate of an axis that learns (`learn` in its probe). `--write`
+/// writes the candidate as a block for the profile.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm learn my-machine.toml\n  isotherm learn my-machine.toml campaign/ --axis z\n  isotherm learn my-machine.toml --axis z --write z-model.toml"
@@ -72,12 +74,23 @@ pub(super) struct Arguments {
     /// Also writes a candidate that is not better, or not judged
     #[arg(long, requires = "write")]
     force: bool,
+    /// Runs in the background of a gateway: with the lowest priority, and a limit for its memory
+    #[arg(long, hide = true)]
+    background: bool,
     /// Prints one JSON document
     #[arg(long)]
     json: bool,
 }
 
+/// Largest address space of a learning process in the background, in bytes.
+const MOST_MEMORY: u64 = 2 * 1024 * 1024 * 1024;
+/// Lowest priority of a process.
+const LOWEST_PRIORITY: i32 = 19;
+
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    if arguments.background {
+        retire().context("the priority and the memory of this process cannot be limited")?;
+    }
     let profile = load_quietly(&arguments.profile, &arguments.set, arguments.json)?.profile;
     let directory = running::directory(arguments.state.as_deref(), &profile)?;
     let axes = axes(&profile, arguments.axis.as_deref())?;
@@ -100,6 +113,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         path.display()
     );
     std::fs::write(path, block).with_context(|| format!("{} cannot be written", path.display()))
+}
+
+/// Gives this process the lowest priority, and limits its memory.
+fn retire() -> std::io::Result<()> {
+    nice(LOWEST_PRIORITY)?;
+    setrlimit(Resource::As, Rlimit { current: Some(MOST_MEMORY), maximum: Some(MOST_MEMORY) })?;
+    Ok(())
 }
 
 /// Returns the axes to learn: the named one, or every axis with a probe.
@@ -127,10 +147,15 @@ fn of_axis(
     directory: &Path,
     axis: &str,
 ) -> anyhow::Result<AxisResult> {
-    let place = directory.join(format!("{}.products", profile.name));
+    let place = candidates::products(directory, &profile.name);
     let (mut learning, known, mut remarks) = stored(&place, axis)?;
     let choice = choice(profile, axis, &arguments.without);
-    let in_use = InUse::of(profile, axis).map_err(|why| remarks.push(why)).ok();
+    let preferred = preferences_in(directory, profile).into_iter().find(|(own, _)| own == axis);
+    let adopted = preferred.as_ref().and_then(|(_, preference)| preference.preferred().learned());
+    let in_use = match adopted {
+        Some(model) => Some(InUse::adopted(profile, axis, model)),
+        None => InUse::of(profile, axis).map_err(|why| remarks.push(why)).ok(),
+    };
     learning.compare_with(in_use.as_ref());
     let mut new = Vec::new();
     let now = Clock::wall().time_of_day();
@@ -161,16 +186,20 @@ fn of_axis(
             Err(why) => remarks.push(format!("logs up to {day}: {why:#}")),
         }
     }
+    let candidate = learning.candidate();
+    let compared_with = adopted.map(|model| model.name.clone());
+    let offer = candidate.as_ref().map(|candidate| learning.offer(candidate, compared_with));
     if learning.runs() > 0 {
         store(&place, axis, &learning, &known)?;
     }
+    candidates::write(&Files, (directory, profile.name.as_str()), axis, offer.as_ref())
+        .map_err(anyhow::Error::msg)?;
     if learning.unlike() > 0 {
         remarks.push(format!(
             "runs with other signals than the newest, which are not used: {}",
             learning.unlike()
         ));
     }
-    let candidate = learning.candidate();
     Ok(AxisResult {
         axis: axis.to_owned(),
         new,

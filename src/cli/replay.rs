@@ -212,6 +212,10 @@ pub fn replay<'a>(
                 None => compensation.zero(*at),
             }
         }
+        for (axis, change) in &row.preferred {
+            // A change of another profile has no effect.
+            let _ = compensation.prefer(*axis, change.clone());
+        }
         let snapshot = Snapshot::new(row.now, &row.readings);
         if !compensation.step(&snapshot, &row.controls).anything {
             compensation.follow(&snapshot);

@@ -35,6 +35,7 @@ const FILES: [(&str, &str, &str); 21] = [
     ("uPlot.js", SCRIPT, include_str!("page/uplot/uPlot.iife.min.js")),
     ("uPlot.css", STYLE, include_str!("page/uplot/uPlot.min.css")),
     ("probe.js", SCRIPT, include_str!("page/probe.js")),
+    ("learned.js", SCRIPT, include_str!("page/learned.js")),
     ("tables.js", SCRIPT, include_str!("page/tables.js")),
     ("icon.svg", "image/svg+xml", include_str!("page/icon.svg")),
 ];

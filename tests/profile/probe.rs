@@ -222,7 +222,12 @@ fn mistakes_about_learning_are_reported_at_their_places() {
             "\"daily\"",
             "would both change the gains",
         ),
-        ("learn = \"daily\"\nlearn_without = [\"bedd\"]\n", "learn_without[0]", "\"bedd\"", "did you mean `bed`?"),
+        (
+            "learn = \"daily\"\nlearn_without = [\"bedd\"]\n",
+            "learn_without[0]",
+            "\"bedd\"",
+            "did you mean `bed`?",
+        ),
     ] {
         let error = only_error(&learning(keys), &format!("axis.z.probe.{key}"), at);
         assert!(error.to_string().contains(words), "`{words}` is not in: {error}");

@@ -35,6 +35,7 @@ pub(super) const VERBS: &[&str] = &[
     "zero",
     "measured",
     "confirm",
+    "adopt",
     "release",
     "trace",
     "schema",

@@ -8,7 +8,7 @@ use super::cli::{Ended, VERBS, ended, machine};
 use crate::support::process::{file, isotherm};
 
 /// Calls of every verb. The files that they need are in the directory.
-const CALLS: [&[&str]; 36] = [
+const CALLS: [&[&str]; 37] = [
     &["--help"],
     &["demo", "--for", "10min", "--speed", "100000", "--listen", "127.0.0.1:0"],
     &["demo", "--for", "10min", "--speed", "100000", "--listen", "127.0.0.1:0", "--json"],
@@ -34,6 +34,7 @@ const CALLS: [&[&str]; 36] = [
     &["zero", "machine.toml", "--state", "state"],
     &["measured", "machine.toml", "z", "1.5"],
     &["confirm", "machine.toml", "thermocouples", "--state", "state"],
+    &["adopt", "machine.toml", "--state", "state"],
     &["release", "machine.toml", "cnc_z", "--state", "state"],
     &["trace", "machine.toml", "thermocouples", "--for", "1s"],
     &["events", "machine.toml", "--state", "state"],

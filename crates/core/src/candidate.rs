@@ -68,6 +68,38 @@ pub struct Gain {
     pub candidate: Micron,
 }
 
+/// Candidate of an axis that a gateway may adopt, with its judgement. `isotherm learn` writes it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Offer {
+    /// Name of the axis in the profile.
+    pub axis: String,
+    /// Name of the candidate, from the day of its last run and its content.
+    pub name: String,
+    /// Number of runs from which the candidate was learned.
+    pub runs: usize,
+    /// Terms, whose sum is Cz.
+    pub terms: Vec<OfferedTerm>,
+    /// Judgement of the candidate against the model in use.
+    pub judgement: Judgement,
+    /// Name of the learned model with which the candidate was compared; `None` if that was the model of the profile.
+    pub compared_with: Option<String>,
+}
+
+/// Term of a candidate.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OfferedTerm {
+    /// Name of the signal in the profile.
+    pub signal: String,
+    /// Time constant, s; 0 means no lag.
+    pub lag_s: f64,
+    /// Whether the input is the square of the signal.
+    pub squared: bool,
+    /// Gain in µm per unit of the input.
+    pub gain: f64,
+}
+
 /// Person or program that decides about an adoption.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

@@ -20,10 +20,11 @@ use serde::Serialize;
 
 use crate::applied::Applied;
 use crate::dataset::{BadLog, Dataset, Run};
-use crate::fleet::{FleetModel, NO_VALUES, RunProducts};
+use crate::fleet::{FleetModel, FleetTerm, NO_VALUES, RunProducts};
 use crate::method::Settings;
 use crate::setup::{Choice, without_cz};
-use isotherm_core::candidate::{Gain, JudgedDay, Judgement};
+use in_use::fingerprint;
+use isotherm_core::candidate::{Gain, JudgedDay, Judgement, Offer, OfferedTerm};
 use isotherm_core::compensation::model::{Expected, Growth};
 use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::{Profile, counted};
@@ -151,13 +152,46 @@ impl Learning {
         self.runs.len()
     }
 
-    /// Sets the model in use. Days that judged another one are discarded.
+    /// Sets the model in use. Days that judged another one are discarded, unless it is the candidate that was offered
+    /// last: then it was adopted.
     pub fn compare_with(&mut self, in_use: Option<&InUse>) {
         let fingerprint = in_use.map(InUse::fingerprint).unwrap_or_default();
         if self.record.in_use != fingerprint {
-            self.record.judgement.clear();
+            match fingerprint == self.record.offered {
+                true => self.record.judgement.adopted(),
+                false => self.record.judgement.clear(),
+            }
             self.record.in_use = fingerprint;
         }
+    }
+
+    /// Returns a candidate in the form in which a gateway may adopt it. `compared_with`: name of the learned model in
+    /// use; `None` if the model of the profile is in use.
+    pub fn offer(&mut self, model: &FleetModel, compared_with: Option<String>) -> Offer {
+        self.record.offered = fingerprint(&model.prior());
+        let term = |term: &FleetTerm| OfferedTerm {
+            signal: term.signal.clone(),
+            lag_s: term.lag_s,
+            squared: term.squared,
+            gain: term.gain,
+        };
+        Offer {
+            axis: self.axis.clone(),
+            name: self.name_of(model),
+            runs: model.from_runs,
+            terms: model.terms.iter().filter(|term| term.gain.abs() > 0.0).map(term).collect(),
+            judgement: self.record.judgement.clone(),
+            compared_with,
+        }
+    }
+
+    /// Returns the name of a candidate: the day of its last run, and a part of the hash of its terms.
+    fn name_of(&self, model: &FleetModel) -> String {
+        let newest = self.runs.last().map(|run| run.name.as_str()).unwrap_or_default();
+        let (_, begins) = newest.split_once('@').unwrap_or_default();
+        let day: String = begins.chars().take_while(|c| *c != 'T').collect();
+        let hash: String = fingerprint(&model.prior()).chars().take(4).collect();
+        format!("learned-{day}-{hash}")
     }
 
     /// Records that the candidate is the model in use now. The days that judged it remain.
@@ -343,7 +377,7 @@ impl Learning {
                 )
             }
         };
-        model.block_of("learned", &head, &keys)
+        model.block_of(&self.name_of(model), &head, &keys)
     }
 
     /// Returns the name of the file of a run. The names sort in the order of time.

@@ -21,6 +21,8 @@
 //!   Only for an axis with a model that gives it.
 //! - `z_stood_in`: sensor of the model in use that has a stand-in. `z_trust`: 1 if the operator disarmed the axis, and
 //!   its sensors are accepted from then on. Only for an axis whose models have stand-ins.
+//! - `z_preferred`: request to change the preferred model (JSON) since the row before: adopt a learned model, return to
+//!   the one before, or withdraw such a request (`null`). Only for an axis that learns.
 //! - `z_sign_um`: target of Cz while the sign of the axis is checked with a dial gauge, else empty.
 //! - `z_behind_um`: verified Cz of the output farthest behind the decision, while it waits, else empty. The decision
 //!   stays within one step of it.

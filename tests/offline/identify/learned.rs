@@ -253,8 +253,9 @@ fn the_verb_learns_from_the_logs_of_the_state_directory_and_keeps_the_runs_when_
     let axis = &document["axes"][0];
     assert_eq!((axis["runs"].as_u64(), axis["proposed"].as_bool()), (Some(6), Some(true)), "{axis}");
     assert_eq!(axis["new"], Value::Array(Vec::new()));
+    assert!(state.join("bench.products/z.candidate.json").is_file(), "the gateway may adopt it");
     let block = std::fs::read_to_string(home.path().join("z.toml")).unwrap();
-    assert!(block.contains("[[axis.z.model]]\nname = \"learned\"\n"), "{block}");
+    assert!(block.contains("[[axis.z.model]]\nname = \"learned-2026-01-10-"), "{block}");
     // The block is the model in use now. It is not judged yet, so that nothing is proposed.
     std::fs::write(home.path().join("bench.toml"), text(&block)).unwrap();
     let (said, is_good) = learn(home.path(), &["--axis", "z", "--write", "again.toml"]);

@@ -4,8 +4,18 @@
 use super::table::{Cells, Table};
 
 /// Columns of an axis in a log of the gateway, besides `cz_um` and `slope_um`. They are not used for identification.
-const DECIDED: [&str; 9] =
-    ["permit", "from_um", "raw_um", "model", "state", "acted", "sign_um", "slope_from_um", "correction_um"];
+const DECIDED: [&str; 10] = [
+    "permit",
+    "from_um",
+    "raw_um",
+    "model",
+    "state",
+    "acted",
+    "sign_um",
+    "slope_from_um",
+    "correction_um",
+    "preferred",
+];
 /// Columns of the machine in a log of the gateway. Only the log of a dry run, which writes nothing, has the last one.
 const MACHINE: [&str; 3] = [MEMORY, ZERO, DRY_RUN];
 /// Column with the state before the first row of a file, as JSON. Other rows have it only after a start of the gateway.

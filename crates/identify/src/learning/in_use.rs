@@ -4,6 +4,7 @@ use crate::fleet::FleetModel;
 use crate::method::PriorTerm;
 use isotherm_core::compensation::model::{Expected, Kind, Linear, Term};
 use isotherm_core::compensation::settings::AxisSettings;
+use isotherm_core::compensation::{LearnedModel, LearnedTerm};
 use isotherm_profile::{Profile, sha256};
 
 /// Model in use, as far as it can be compared with a candidate.
@@ -46,10 +47,29 @@ impl InUse {
         InUse { terms: candidate.prior(), expected: self.expected }
     }
 
-    /// Returns a text by which the model is recognised.
-    pub(super) fn fingerprint(&self) -> String {
-        sha256(format!("{:?}", self.terms).as_bytes())
+    /// Returns the learned model that an axis has adopted. The expected error is that of the profile's first model.
+    pub fn adopted(profile: &Profile, axis: &str, model: &LearnedModel) -> InUse {
+        let term = |term: &LearnedTerm| {
+            let signal = profile.signals.get(term.signal)?.name.clone();
+            Some(PriorTerm { signal, lag: term.lag, squared: term.squared, gain: term.gain })
+        };
+        let own = settings(profile, axis).and_then(|own| own.own_models().first());
+        InUse {
+            terms: model.terms.iter().filter_map(term).collect(),
+            expected: own.and_then(|model| model.expected),
+        }
     }
+
+    /// Returns a text by which the model is recognised. Terms without an effect do not change it.
+    pub(super) fn fingerprint(&self) -> String {
+        fingerprint(&self.terms)
+    }
+}
+
+/// Returns a text by which a model is recognised. Terms without an effect do not change it.
+pub(super) fn fingerprint(terms: &[PriorTerm]) -> String {
+    let effective: Vec<&PriorTerm> = terms.iter().filter(|term| term.gain.abs() > 0.0).collect();
+    sha256(format!("{effective:?}").as_bytes())
 }
 
 /// Returns the settings of an axis; `None` if the profile does not have it.

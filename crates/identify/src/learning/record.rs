@@ -15,6 +15,8 @@ const VERSION: u64 = 1;
 pub(super) struct Record {
     /// SHA-256 of the model in use when the days were judged.
     pub(super) in_use: String,
+    /// SHA-256 of the candidate after the last run, as it was offered to the gateway. Empty if none was.
+    pub(super) offered: String,
     pub(super) judgement: Judgement,
     /// Time of the last row that was used.
     pub(super) until: Moment,
