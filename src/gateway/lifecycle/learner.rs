@@ -86,7 +86,7 @@ impl Drop for Learner {
 }
 
 impl Learner {
-    /// Starts the thread, if an axis learns. The candidates are read at once.
+    /// Starts the thread, if an axis learns and a program is given. The candidates are read at once.
     pub(in crate::gateway) fn start(
         shared: Arc<Shared>,
         command: Option<LearnCommand>,
@@ -99,9 +99,12 @@ impl Learner {
             return None;
         }
         let (stop, stopped) = channel();
-        let work = move || Work { shared, axes, directory, stopped }.run(command);
+        let work = Work { shared, axes, directory, stopped };
+        work.take_candidates();
+        let command = command?;
+        let run = move || work.run(&command);
         // Without a thread no model is learned, and the axes keep theirs.
-        let thread = std::thread::Builder::new().name("learner".to_owned()).spawn(work).ok()?;
+        let thread = std::thread::Builder::new().name("learner".to_owned()).spawn(run).ok()?;
         Some(Learner { stop: Some(stop), thread: Some(thread) })
     }
 }
@@ -117,9 +120,7 @@ struct Work {
 }
 
 impl Work {
-    fn run(self, command: Option<LearnCommand>) {
-        self.take_candidates();
-        let Some(command) = command else { return };
+    fn run(self, command: &LearnCommand) {
         let LearnTimes { first, every, recent } = command.times;
         if !self.waits(first) {
             return;
@@ -128,7 +129,7 @@ impl Work {
             let wait = match self.age().filter(|age| *age < recent) {
                 Some(age) => every.saturating_sub(age),
                 None => {
-                    match self.learn(&command) {
+                    match self.learn(command) {
                         Ok(()) => self.take_candidates(),
                         Err(LearnFailure::Stopped) => return,
                         Err(LearnFailure::Failed(why)) => {
