@@ -80,7 +80,7 @@ fn a_person_adopts_a_model_that_survives_a_restart_and_takes_it_back_and_the_log
     law::holds(&first);
     law::holds(&second);
     assert_eq!(first.reported("candidate-better"), 1, "{}", first.lines());
-    let proposed = first.between(300, 300).next().unwrap();
+    let proposed = first.between(299, 301).next().unwrap();
     let candidate = learned(proposed).candidate.clone().unwrap();
     assert!(candidate.better && candidate.in_use_um == Some(6.9), "{candidate:?}");
     assert_eq!(
@@ -156,7 +156,7 @@ fn a_better_candidate_is_adopted_by_itself_at_a_datum_only() {
         trial.command(6 * MINUTE, Command::Zero).run(9 * MINUTE).await
     });
     law::holds(&trace);
-    let waiting = learned(trace.between(350, 350).next().unwrap());
+    let waiting = learned(trace.between(349, 351).next().unwrap());
     assert_eq!(
         (waiting.adopted.as_deref(), waiting.waiting.as_deref()),
         (None, Some("learned-2026-01-05-3fa2"))
