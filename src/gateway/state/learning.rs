@@ -172,8 +172,11 @@ pub(in crate::gateway) fn back(
     Ok(Change { to: before.clone(), when: When::Now, own: preference.own().to_owned() })
 }
 
-/// Returns the change that adopts a candidate.
-fn change(profile: &Profile, axis: usize, offer: &Offer, when: When) -> Result<Change, Explained> {
+/// Returns the change of the preferred model that adopts a candidate.
+///
+/// # Errors
+/// The profile lacks a signal of the candidate.
+pub(crate) fn change(profile: &Profile, axis: usize, offer: &Offer, when: When) -> Result<Change, Explained> {
     let term = |term: &OfferedTerm| -> Result<LearnedTerm, Explained> {
         let signal = profile.signals.iter().position(|signal| signal.name == term.signal);
         let lag = Duration::try_from_secs_f64(term.lag_s).ok();
