@@ -52,8 +52,8 @@ pub use api::control;
 pub use lifecycle::handover::{
     Arrival, Handover, KeptProfile, Prepared, answer_of_check, digest_path, memory_for_profile,
 };
-pub use lifecycle::options::{Dialer, Options, Pace};
 pub use lifecycle::learner::{LearnCommand, LearnTimes};
+pub use lifecycle::options::{Dialer, Options, Pace};
 pub use lifecycle::recovered_state::{may_start, moved_since, preferences_in, with_releases};
 pub use lifecycle::successor::{CHECK_ONLY, Checked, Program, Successor};
 #[cfg(feature = "opcua")]

@@ -17,8 +17,8 @@
 //! | [`When::AtDatum`] | in the step in which a datum (zero point of Cz) of the axis is complete, if Cz can be kept |
 //!
 //! Nothing moves at a change: the correction of the new model becomes the offset that keeps Cz. With the datum "zero",
-//! its zero point becomes the value that keeps Cz. A change waits while the offset would exceed the limit of the probe,
-//! and while the present or the new model has no value or is outside its envelope.
+//! its zero point becomes the value that keeps Cz. A change waits while the offset would exceed the limit of the probe. It
+//! also waits while the present or the new model has no value, or is outside its envelope.
 //!
 //! A saved preference belongs to the models of the profile. If these change, it is discarded.
 

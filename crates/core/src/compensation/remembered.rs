@@ -126,8 +126,8 @@ impl Remembered {
         })
     }
 
-    /// Returns the names of the axes whose learned model belongs to other models of the profile than these settings
-    /// have, or to inputs that the axis no longer has. The profile's models are then used.
+    /// Returns the axes whose saved learned model is not used, with its name. The models of the profile have changed, or
+    /// the axis lacks one of its inputs.
     pub fn superseded<'a>(
         &'a self,
         axes: impl IntoIterator<Item = &'a AxisSettings>,
