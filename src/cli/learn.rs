@@ -4,7 +4,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use rustix::process::{Resource, Rlimit, nice, setrlimit};
+use rustix::process::{Resource, Rlimit, Signal, nice, set_parent_process_death_signal, setrlimit};
 
 use super::loading::load_quietly;
 use super::logs::LogFormat;
@@ -14,13 +14,14 @@ use super::running;
 use super::values::key_and_value;
 use crate::clock::Clock;
 use crate::gateway::{Disk, Files, candidates, log, make_directory, preferences_in};
-use isotherm_core::quantity::Moment;
+use isotherm_core::compensation::settings::AxisSettings;
+use isotherm_core::quantity::{Moment, time};
 use isotherm_identify::applied::Applied;
 use isotherm_identify::dataset::{Dataset, Split};
 use isotherm_identify::learning::{InUse, Learning, TakenRun, choice};
 use isotherm_identify::setup::{Choice, units};
 use isotherm_identify::uses;
-use isotherm_profile::{Profile, safe_file};
+use isotherm_profile::{Profile, counted, safe_file};
 
 mod result;
 mod text;
@@ -89,14 +90,19 @@ const LOWEST_PRIORITY: i32 = 19;
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.background {
-        retire().context("the priority and the memory of this process cannot be limited")?;
+        retire().context(
+            "the priority and the memory of this process cannot be limited (a unit of systemd must allow the system \
+             call setpriority)",
+        )?;
     }
     let profile = load_quietly(&arguments.profile, &arguments.set, arguments.json)?.profile;
     let directory = running::directory(arguments.state.as_deref(), &profile)?;
-    let axes = axes(&profile, arguments.axis.as_deref())?;
+    let axes = axes(&profile, arguments)?;
     let progress = Progress::begin("learning");
-    let results = axes.iter().map(|axis| of_axis(arguments, &profile, &directory, axis));
-    let results = results.collect::<anyhow::Result<Vec<AxisResult>>>()?;
+    // An error of one axis does not prevent the others from learning.
+    let results: Vec<anyhow::Result<AxisResult>> =
+        axes.iter().map(|axis| of_axis(arguments, &profile, &directory, axis)).collect();
+    let results = results.into_iter().collect::<anyhow::Result<Vec<AxisResult>>>()?;
     drop(progress);
     if arguments.json {
         print_json(&serde_json::json!({ "machine": profile.name, "axes": results }))?;
@@ -115,17 +121,21 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     std::fs::write(path, block).with_context(|| format!("{} cannot be written", path.display()))
 }
 
-/// Gives this process the lowest priority, and limits its memory.
+/// Gives this process the lowest priority, limits its memory, and ends it with the gateway.
 fn retire() -> std::io::Result<()> {
+    set_parent_process_death_signal(Some(Signal::KILL))?;
+    // If the computer has no memory left, the system ends this process and not the gateway.
+    let _ = std::fs::write("/proc/self/oom_score_adj", "1000");
     nice(LOWEST_PRIORITY)?;
     setrlimit(Resource::As, Rlimit { current: Some(MOST_MEMORY), maximum: Some(MOST_MEMORY) })?;
     Ok(())
 }
 
-/// Returns the axes to learn: the named one, or every axis with a probe.
-fn axes(profile: &Profile, named: Option<&str>) -> anyhow::Result<Vec<String>> {
+/// Returns the axes to learn: the named one, or every axis with a probe. In the background of a gateway, these are the
+/// axes that learn.
+fn axes(profile: &Profile, arguments: &Arguments) -> anyhow::Result<Vec<String>> {
     let all = || profile.axes.iter().map(|axis| &axis.settings);
-    if let Some(named) = named {
+    if let Some(named) = arguments.axis.as_deref() {
         let names: Vec<&str> = all().map(|axis| axis.name.as_str()).collect();
         anyhow::ensure!(
             names.contains(&named),
@@ -134,8 +144,11 @@ fn axes(profile: &Profile, named: Option<&str>) -> anyhow::Result<Vec<String>> {
         );
         return Ok(vec![named.to_owned()]);
     }
-    let probed: Vec<String> =
-        all().filter(|axis| axis.probe.is_some()).map(|axis| axis.name.clone()).collect();
+    let is_meant = |axis: &&AxisSettings| match arguments.background {
+        true => axis.learned.is_some(),
+        false => axis.probe.is_some(),
+    };
+    let probed: Vec<String> = all().filter(is_meant).map(|axis| axis.name.clone()).collect();
     anyhow::ensure!(!probed.is_empty(), "no axis of the profile has a probe: name an axis with --axis");
     Ok(probed)
 }
@@ -148,7 +161,7 @@ fn of_axis(
     axis: &str,
 ) -> anyhow::Result<AxisResult> {
     let place = candidates::products(directory, &profile.name);
-    let (mut learning, known, mut remarks) = stored(&place, axis)?;
+    let (mut learning, mut known, mut remarks) = stored(&place, axis)?;
     let choice = choice(profile, axis, &arguments.without);
     let preferred = preferences_in(directory, profile).into_iter().find(|(own, _)| own == axis);
     let adopted = preferred.as_ref().and_then(|(_, preference)| preference.preferred().learned());
@@ -168,7 +181,10 @@ fn of_axis(
         new.extend(learning.take(profile, dataset, (&choice, in_use.as_ref()), Some(now))?);
     }
     let first_day = learning.first_day();
-    let days: Vec<(String, Vec<PathBuf>)> = log::days(directory, &profile.name);
+    let (days, later) = until_today(log::days(directory, &profile.name), now);
+    if later > 0 {
+        remarks.push(format!("logs after today, which are not used: {}", counted(later, "day")));
+    }
     for (number, (day, _)) in (1..).zip(&days).filter(|(_, (day, _))| *day >= first_day) {
         let together = days.iter().take(number).skip(number.saturating_sub(TOGETHER));
         let files: Vec<PathBuf> = together.flat_map(|(_, files)| files.iter().cloned()).collect();
@@ -181,6 +197,11 @@ fn of_axis(
                 let is_new = |run: &TakenRun| new.iter().all(|known: &TakenRun| known.run != run.run);
                 let taken: Vec<TakenRun> = taken.into_iter().filter(is_new).collect();
                 new.extend(taken);
+                // The logs of a year may need more time than this process has. The next one continues here.
+                if learning.runs() > known.len() {
+                    store(&place, axis, &learning, &known)?;
+                    known = learning.names();
+                }
             }
             // One unusable log does not prevent learning from the others.
             Err(why) => remarks.push(format!("logs up to {day}: {why:#}")),
@@ -188,7 +209,7 @@ fn of_axis(
     }
     let candidate = learning.candidate();
     let compared_with = adopted.map(|model| model.name.clone());
-    let offer = candidate.as_ref().map(|candidate| learning.offer(candidate, compared_with));
+    let offer = candidate.as_ref().map(|candidate| learning.offer(profile, candidate, compared_with));
     if learning.runs() > 0 {
         store(&place, axis, &learning, &known)?;
     }
@@ -209,6 +230,21 @@ fn of_axis(
         remarks,
         block: candidate.map(|candidate| learning.block(&candidate, in_use.as_ref())),
     })
+}
+
+/// Days with the paths of their logs.
+type Days = Vec<(String, Vec<PathBuf>)>;
+
+/// Returns the days until today, and the number of later ones. A wrong clock has written the logs of later days. No day
+/// could be judged after them.
+fn until_today(mut days: Days, now: Moment) -> (Days, usize) {
+    let mut today = Vec::new();
+    time::write(&mut today, now);
+    let today = String::from_utf8_lossy(&today).into_owned();
+    let all = days.len();
+    days.retain(|(day, _)| today.get(..day.len()).is_none_or(|today| day.as_str() <= today));
+    let later = all - days.len();
+    (days, later)
 }
 
 /// Reads the columns of these logs that are used.
@@ -260,4 +296,20 @@ fn store(place: &Path, axis: &str, learning: &Learning, known: &[String]) -> any
     }
     let path = place.join(Learning::record_name(axis));
     Files.replace(&path, record.as_bytes()).with_context(|| shown(&path))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn logs_of_days_after_today_are_left_out() {
+        let days = |names: &[&str]| -> Days {
+            names.iter().map(|name| ((*name).to_owned(), Vec::new())).collect()
+        };
+        // 2026-01-05, one o'clock.
+        let now = Moment::from_nanos(1_767_574_800_000_000_000);
+        let (found, later) = until_today(days(&["2026-01-04", "2026-01-05", "2026-01-06", "2099-01-01"]), now);
+        assert_eq!((found, later), (days(&["2026-01-04", "2026-01-05"]), 2));
+    }
 }
