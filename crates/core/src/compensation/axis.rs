@@ -186,7 +186,9 @@ impl Axis {
         if self.zeroing.is_open() {
             let mut zeroing = std::mem::take(&mut self.zeroing);
             zeroing.gather(now, |place| {
-                let evaluated = self.is_ranked(place).then(|| self.evaluate(place, snapshot, machine).ok());
+                // An axis without a model of its own has only the learned model, before it is adopted too.
+                let is_used = self.is_ranked(place) || self.preferred().is_none();
+                let evaluated = is_used.then(|| self.evaluate(place, snapshot, machine).ok());
                 evaluated.flatten().map(|found| found.outputs)
             });
             self.zeroing = zeroing;
@@ -194,7 +196,7 @@ impl Axis {
         }
         if self.settings.probe.is_some() {
             at_datum |= self.be_taught(snapshot, machine, control);
-            self.change_preferred(snapshot, machine, at_datum);
+            self.change_preferred((snapshot, machine), at_datum, control.permit);
         }
         let (chosen, lacks, fallback_outside) = self.choose(snapshot, machine);
         self.fallback_outside = fallback_outside;

@@ -18,7 +18,8 @@
 //!
 //! Nothing moves at a change: the correction of the new model becomes the offset that keeps Cz. With the datum "zero",
 //! its zero point becomes the value that keeps Cz. A change waits while the offset would exceed the limit of the probe. It
-//! also waits while the present or the new model has no value, or is outside its envelope.
+//! also waits while the present or the new model has no value, or is outside its envelope, and while a stand-in replaces
+//! a sensor. If Cz is zero because the present model is worse than no compensation, it stays zero at the change.
 //!
 //! A saved preference belongs to the models of the profile. If these change, it is discarded.
 

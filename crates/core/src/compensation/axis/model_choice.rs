@@ -64,9 +64,10 @@ impl Axis {
         Some((self.settings.models.get(place)?, inputs))
     }
 
-    /// Returns the first model in the order of preference whose signals are all good, with its value. Also returns why the preferred model cannot
-    /// be used, and the first fallback model outside its own envelope, which is not used. If a model only waits for a
-    /// reference or for the machine start, no fallback model is used: fallback models are for failed sensors.
+    /// Returns the first model in the order of preference whose signals are all good, with its value. Also returns why
+    /// the preferred model cannot be used, and the first fallback model outside its own envelope, which is not used. If
+    /// a model only waits for a reference or for the machine start, no fallback model is used: fallback models are for
+    /// failed sensors.
     pub(in crate::compensation) fn choose(
         &self,
         snapshot: &Snapshot<'_>,

@@ -2,12 +2,12 @@
 
 use super::Axis;
 use super::model_choice::ModelChoice;
-use crate::compensation::Snapshot;
 use crate::compensation::model::Coverage;
 use crate::compensation::preference::{Change, Preference, Preferred, Unfit};
 use crate::compensation::probe::Learned;
 use crate::compensation::reference::Machine;
 use crate::compensation::settings::{Datum, ProbeSettings};
+use crate::compensation::{Permit, Snapshot};
 
 /// Value that keeps Cz when another model is preferred.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -81,7 +81,12 @@ impl Axis {
 
     /// Carries out the change of the preferred model that may take effect in this step, if Cz can be kept. Otherwise it
     /// waits. `at_datum`: whether a datum (zero point of Cz) has just been captured.
-    pub(super) fn change_preferred(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, at_datum: bool) {
+    pub(super) fn change_preferred(
+        &mut self,
+        (snapshot, machine): (&Snapshot<'_>, &Machine),
+        at_datum: bool,
+        permit: Permit,
+    ) {
         let Some(place) = self.settings.learned.as_ref().map(|slot| slot.model) else { return };
         let Some(settings) = self.settings.probe else { return };
         let Some(change) = self.preference.take_due(at_datum) else { return };
@@ -103,7 +108,7 @@ impl Axis {
         let Some(to) = to else { return };
         let former =
             gains.and_then(|gains| Some(self.settings.models.get_mut(place)?.exchange_gains(&gains)));
-        match self.keeping_cz(to, before, &settings, (snapshot, machine)) {
+        match self.keeping_cz(to, before, (&settings, permit), (snapshot, machine)) {
             Some(kept) => {
                 let (from, model) = (before.map_or(to, |before| before.model), &self.settings.models[to]);
                 let correction = self.probe.models[from].moved_to(model, &settings, kept.offset);
@@ -132,12 +137,18 @@ impl Axis {
         &self,
         to: usize,
         before: Option<ModelChoice>,
-        settings: &ProbeSettings,
+        (settings, permit): (&ProbeSettings, Permit),
         (snapshot, machine): (&Snapshot<'_>, &Machine),
     ) -> Option<KeptCz> {
         let Some(before) = before else {
             // An axis without a model has requested nothing.
-            return self.preferred().is_none().then(KeptCz::default);
+            self.preferred().is_none().then_some(())?;
+            if self.settings.datum != Datum::Zero {
+                return Some(KeptCz::default());
+            }
+            // The captured datum is that of a model without gains.
+            let asked = self.asked(to, self.evaluate(to, snapshot, machine).ok()?);
+            return Some(KeptCz { offset: 0.0, raised: -asked.cz });
         };
         let evaluated = self.evaluate(to, snapshot, machine).ok()?;
         let is_inside =
@@ -145,11 +156,24 @@ impl Axis {
         if !is_inside(evaluated.coverage) || !is_inside(before.coverage) {
             return None;
         }
-        let wanted = before.raw.get() - self.asked(to, evaluated).cz;
+        let wanted = self.cz_to_keep(&before, permit)? - self.asked(to, evaluated).cz;
         if self.settings.datum == Datum::Zero {
             let offset = self.probe.models.get(before.model)?.offset();
             return Some(KeptCz { offset, raised: wanted - offset });
         }
         (wanted.abs() <= settings.limit.get()).then_some(KeptCz { offset: wanted, raised: 0.0 })
+    }
+
+    /// Returns the Cz that the new model must request, µm. `None` while the envelope or a stand-in of the model in use
+    /// decides about Cz, because the new model has neither.
+    fn cz_to_keep(&self, before: &ModelChoice, permit: Permit) -> Option<f64> {
+        if self.kept_outside || before.stood_in.is_some() {
+            return None;
+        }
+        let is_left = permit == Permit::Armed
+            && self.settings.leaves_what_is_worse()
+            && self.probe.worse(before.model).is_some();
+        // Cz goes to zero, or is zero, instead of the value that the model in use requests.
+        Some(if is_left { self.guard.value().get() } else { before.raw.get() })
     }
 }

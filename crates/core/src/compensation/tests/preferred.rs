@@ -2,9 +2,12 @@
 
 use proptest::prelude::*;
 
-use super::super::settings::{Filter, LearnedSlot, ProbeSettings};
+use super::super::model::envelope::Identified;
+use super::super::model::{Envelope, Outside};
+use super::super::settings::{Filter, LearnedSlot, OnWorse, ProbeSettings};
 use super::probes::{near, probe, probed_axis, zeroing_machine};
 use super::*;
+use crate::quantity::of;
 
 /// Index of the learned model.
 const SLOT: usize = 2;
@@ -154,6 +157,63 @@ fn a_machine_start_is_a_datum() {
     rig.values[2] = 1.0;
     rig.run(120.0);
     assert_eq!(rig.preferred(), Some("a".to_owned()));
+}
+
+#[test]
+fn an_axis_at_zero_because_its_model_was_worse_stays_there_at_an_adoption() {
+    let settings = ProbeSettings { worse: OnWorse::Ramp, ..probe() };
+    let mut rig = warm(AxisSettings { probe: Some(settings), ..learning_axis() });
+    for _ in 0..2 {
+        // The machine has no error without compensation.
+        let acting = rig.compensation.decision(0).unwrap().cz.get();
+        rig.probe(acting, acting);
+        rig.run(600.0);
+    }
+    let before = rig.after(10.0);
+    assert_eq!((before.cz, before.state, before.model), (Micron::ZERO, AxisState::Zeroed, Some(0)));
+    rig.prefer(change(learned("a", [1.0, 2.0, -0.5]), When::Now)).unwrap();
+    let adopted = rig.after(1.0);
+    assert_eq!((adopted.model, adopted.state, adopted.worse), (Some(SLOT), AxisState::Active, None));
+    near(adopted.raw.unwrap().get(), 0.0);
+    assert!(rig.run(600.0).iter().all(|decision| decision.cz.abs() <= um(0.1)), "Cz does not move");
+}
+
+#[test]
+fn an_adoption_waits_while_the_envelope_of_the_model_in_use_keeps_cz() {
+    let settings = learning_axis();
+    let (mut models, fixed) = (settings.models.clone(), Reference::Fixed(of(0.0)));
+    let known = Identified { input: Input::of(BED, fixed, None), mean: 24.0, range: (20.0, 28.0) };
+    models[0].envelope = Envelope::new(vec![known], &[vec![9.0]], Some(3.0), Outside::Hold).ok();
+    let mut rig = warm(AxisSettings { models, ..settings });
+    let kept = rig.after(10.0);
+    assert!(matches!(kept.state, AxisState::Holding(_)), "{kept:?}");
+    rig.prefer(change(learned("a", [1.0, 2.0, -0.5]), When::Now)).unwrap();
+    // Outside, and inside but not clearly.
+    for bed in [29.0, 27.95] {
+        let decision = rig.show(bed, 25.0).after(10.0);
+        assert_eq!((rig.preferred(), decision.cz), (None, kept.cz), "{bed}: {decision:?}");
+    }
+    rig.show(26.0, 25.0).run(60.0);
+    assert_eq!(rig.preferred(), Some("a".to_owned()));
+}
+
+#[test]
+fn an_axis_without_a_model_adopts_its_first_one_at_a_zero_and_begins_at_zero() {
+    let AxisSettings { models, .. } = learning_axis();
+    let learned_slot = Some(LearnedSlot { model: 0, own: "own".to_owned() });
+    let models = models.into_iter().skip(SLOT).collect();
+    let settings = AxisSettings { models, learned: learned_slot, datum: Datum::Zero, ..learning_axis() };
+    let mut rig = Rig::with(zeroing_machine(), settings);
+    rig.step();
+    rig.run(60.0);
+    rig.show(29.0, 25.0).run(3600.0);
+    rig.prefer(change(learned("a", [1.0, 0.0, 0.0]), When::AtDatum)).unwrap();
+    rig.compensation.zero(rig.now);
+    assert_eq!(rig.after(10.0).model, None, "the capture of the datum is running");
+    let adopted = rig.after(30.0);
+    assert_eq!((adopted.model, rig.preferred()), (Some(0), Some("a".to_owned())));
+    near(adopted.raw.unwrap().get(), 0.0);
+    near(rig.show(30.0, 25.0).after(10.0).raw.unwrap().get(), 1.0);
 }
 
 #[test]
