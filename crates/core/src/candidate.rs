@@ -84,6 +84,8 @@ pub struct Offer {
     pub judgement: Judgement,
     /// Name of the learned model with which the candidate was compared; `None` if that was the model of the profile.
     pub compared_with: Option<String>,
+    /// Fingerprint of the profile's models when the candidate was judged. Empty if the axis did not learn then.
+    pub own: String,
 }
 
 /// Term of a candidate.

@@ -23,7 +23,7 @@ use crate::dataset::{BadLog, Dataset, Run};
 use crate::fleet::{FleetModel, FleetTerm, NO_VALUES, RunProducts};
 use crate::method::Settings;
 use crate::setup::{Choice, without_cz};
-use in_use::fingerprint;
+use in_use::{fingerprint, settings};
 use isotherm_core::candidate::{Gain, JudgedDay, Judgement, Offer, OfferedTerm};
 use isotherm_core::compensation::model::{Expected, Growth};
 use isotherm_core::quantity::{Moment, time};
@@ -167,8 +167,9 @@ impl Learning {
 
     /// Returns a candidate in the form in which a gateway may adopt it. `compared_with`: name of the learned model in
     /// use; `None` if the model of the profile is in use.
-    pub fn offer(&mut self, model: &FleetModel, compared_with: Option<String>) -> Offer {
+    pub fn offer(&mut self, profile: &Profile, model: &FleetModel, compared_with: Option<String>) -> Offer {
         self.record.offered = fingerprint(&model.prior());
+        let slot = settings(profile, &self.axis).and_then(|own| own.learned.as_ref());
         let term = |term: &FleetTerm| OfferedTerm {
             signal: term.signal.clone(),
             lag_s: term.lag_s,
@@ -182,6 +183,7 @@ impl Learning {
             terms: model.terms.iter().filter(|term| term.gain.abs() > 0.0).map(term).collect(),
             judgement: self.record.judgement.clone(),
             compared_with,
+            own: slot.map(|slot| slot.own.clone()).unwrap_or_default(),
         }
     }
 

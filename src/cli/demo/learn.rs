@@ -102,7 +102,7 @@ pub(super) fn run(machine: &str, seed: u64, json: bool) -> anyhow::Result<Vec<Da
         let now = end.after(Duration::from_hours(2));
         learning.take(&rig.profile, dataset, (&choice, Some(&in_use)), Some(now))?;
         let Some(candidate) = learning.candidate() else { continue };
-        let offer = learning.offer(&candidate, adopted.map(|model| model.name.clone()));
+        let offer = learning.offer(&rig.profile, &candidate, adopted.map(|model| model.name.clone()));
         if let Step::WaitForDatum(_) | Step::Adopt(_) =
             offer.judgement.decide(Policy::Auto, Occasion::default())
         {

@@ -452,6 +452,10 @@ impl CommandHandle {
             let taken = match why {
                 None => "used for the correction now".to_owned(),
                 Some((Refused::Doubted(_), why)) => format!("not used for the correction yet: {why}"),
+                // The log keeps it, and a first model is learned from it.
+                Some((Refused::NoModel, why)) if settings.learning.is_some() => {
+                    format!("not used for a correction: {why}")
+                }
                 Some((refused, why)) => {
                     // The comparison of the model with no compensation uses the error nevertheless.
                     if matches!(refused, Refused::Implausible | Refused::Outside) {

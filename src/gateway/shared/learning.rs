@@ -3,7 +3,7 @@
 use super::state::GatewayState;
 use crate::gateway::state::learning::{Consequence, back, day};
 use crate::observe::events::{Adoption, Event};
-use isotherm_core::candidate::{Gain, Offer, Policy};
+use isotherm_core::candidate::{Gain, Offer};
 use isotherm_core::compensation::{Change, Preferred, Unfit};
 use isotherm_core::explained::Explained;
 use isotherm_profile::Profile;
@@ -18,6 +18,7 @@ impl GatewayState {
         let profile = self.given.profile.clone();
         let Some(preference) = self.compensation.preference(axis) else { return };
         let (gain, consequence) = self.learning[axis].take((&profile, axis), offer, preference);
+        let auto = matches!(consequence, Consequence::Adopt(_));
         // A change was checked when it was made from the candidate. Otherwise the axis keeps its model.
         let _ = match consequence {
             Consequence::None => Ok(()),
@@ -27,16 +28,15 @@ impl GatewayState {
         let offer = self.learning[axis].offer.clone();
         if let (Some(gain), Some(offer)) = (gain, offer) {
             let Gain { since, days, touches, in_use, candidate } = gain;
-            let axis = &profile.axes[axis];
             self.events.push(Event::Adoption(Adoption::Better {
-                axis: axis.settings.name.clone(),
+                axis: profile.axes[axis].settings.name.clone(),
                 model: offer.name.clone(),
                 since: day(since),
                 days,
                 touches,
                 in_use,
                 candidate,
-                auto: axis.learning.as_ref().is_some_and(|learning| learning.adopt == Policy::Auto),
+                auto,
             }));
         }
     }

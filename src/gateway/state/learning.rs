@@ -64,13 +64,12 @@ impl AxisLearning {
             adopted: preference.preferred().name().map(str::to_owned),
             before: preference.before().map(named),
             waiting: preference.waiting().map(|change| named(&change.to)),
-            auto: policy == Policy::Auto,
+            auto: self.policy(policy, preference) == Policy::Auto,
             candidate,
         }
     }
 
-    /// Takes a new candidate. Returns the gain if it must be reported that the candidate is better. `waiting`: change of
-    /// the preferred model that waits.
+    /// Takes a new candidate. Returns the gain if it must be reported that the candidate is better.
     pub(in crate::gateway) fn take(
         &mut self,
         (profile, axis): (&Profile, usize),
@@ -79,16 +78,19 @@ impl AxisLearning {
     ) -> (Option<Gain>, Consequence) {
         self.offer = offer.map(Arc::new);
         let policy = profile.axes[axis].learning.as_ref().map(|learning| learning.adopt).unwrap_or_default();
-        let waits_by_itself =
-            preference.waiting().is_some_and(|change| change.when == When::AtDatum && policy == Policy::Auto);
-        let nothing = if waits_by_itself { Consequence::Withdraw } else { Consequence::None };
+        // The gateway requests a change at a datum, and a person one at once. The profile may have had `auto` before.
+        let waiting = preference.waiting().map(|change| change.when);
+        let nothing = if waiting == Some(When::AtDatum) { Consequence::Withdraw } else { Consequence::None };
         let Some(offer) = &self.offer else { return (None, nothing) };
         if !is_current(offer, preference) || preference.preferred().name() == Some(offer.name.as_str()) {
             return (None, nothing);
         }
+        let policy = self.policy(policy, preference);
         let (gain, consequence) = match offer.judgement.decide(policy, Occasion::default()) {
             Step::Keep => return (None, nothing),
             Step::Propose(gain) => (gain, nothing),
+            // The request of a person is not replaced.
+            Step::WaitForDatum(gain) | Step::Adopt(gain) if waiting == Some(When::Now) => (gain, nothing),
             Step::WaitForDatum(gain) | Step::Adopt(gain) => match change(profile, axis, offer, When::AtDatum)
             {
                 Ok(change) => (gain, Consequence::Adopt(change)),
@@ -97,6 +99,16 @@ impl AxisLearning {
         };
         let is_news = self.reported.replace(offer.name.clone()).as_ref() != Some(&offer.name);
         (is_news.then_some(gain), consequence)
+    }
+
+    /// Returns the policy for the candidate. A person adopts a model to which the axis does not return by itself,
+    /// because a person has left it.
+    pub(in crate::gateway) fn policy(&self, policy: Policy, preference: &Preference) -> Policy {
+        let left = preference.before().and_then(Preferred::name);
+        match &self.offer {
+            Some(offer) if left == Some(offer.name.as_str()) => Policy::Propose,
+            _ => policy,
+        }
     }
 
     /// Returns the change with which a person adopts the candidate.
@@ -138,9 +150,10 @@ pub(in crate::gateway) fn day(at: Moment) -> String {
     String::from_utf8_lossy(&text).chars().take_while(|c| *c != 'T').collect()
 }
 
-/// Returns whether a candidate was compared with the model that is in use now.
+/// Returns whether a candidate was compared with the model that is in use now. The models of the profile may have
+/// changed since.
 fn is_current(offer: &Offer, preference: &Preference) -> bool {
-    offer.compared_with.as_deref() == preference.preferred().name()
+    offer.own == preference.own() && offer.compared_with.as_deref() == preference.preferred().name()
 }
 
 /// Returns why a candidate is not adopted that is not better than the model in use.

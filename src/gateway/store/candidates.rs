@@ -118,6 +118,7 @@ mod tests {
             terms: vec![term],
             judgement,
             compared_with: None,
+            own: "5f0c".to_owned(),
         }
     }
 

@@ -43,6 +43,7 @@ fn offer(name: &str, in_use: f64) -> Offer {
         terms: vec![term("bed", 0.0, 1.5), term("bed", 360.0, 0.4), term("wheelhead", 0.0, -1.1)],
         judgement,
         compared_with: None,
+        own: profile(&learning("")).axes[0].settings.learned.as_ref().unwrap().own.clone(),
     }
 }
 
@@ -170,6 +171,26 @@ fn a_better_candidate_is_adopted_by_itself_at_a_datum_only() {
 }
 
 #[test]
+fn a_model_that_a_person_took_back_is_not_adopted_again_by_itself() {
+    let directory = tempfile::tempdir().unwrap();
+    let text = learning("adopt = \"auto\"").replacen("[axis.z]", "[axis.z]\ndatum = \"zero\"", 1);
+    write(directory.path(), &offer("learned-2026-01-05-3fa2", 6.9));
+    let (first, second) = block_on(async {
+        let mut world = World::new(&text, "").await;
+        let first = world.gateway().options(in_directory(directory.path()));
+        let first = first.command(6 * MINUTE, Command::Zero).command(8 * MINUTE, Command::AdoptBack);
+        let first = first.run(9 * MINUTE).await;
+        let second = world.gateway().options(in_directory(directory.path()));
+        (first, second.command(3 * MINUTE, Command::Zero).run(6 * MINUTE).await)
+    });
+    assert_eq!(first.reported("model-adopted"), 2, "{}", first.lines());
+    assert_eq!(second.reported("model-adopted"), 0, "{}", second.lines());
+    let last = learned(second.samples.last().unwrap());
+    assert_eq!((last.adopted.as_deref(), last.waiting.as_deref(), last.auto), (None, None, false));
+    assert!(last.candidate.as_ref().is_some_and(|candidate| candidate.better), "a person may adopt it");
+}
+
+#[test]
 fn a_learned_model_of_other_models_of_the_profile_is_not_used_and_reported() {
     let directory = tempfile::tempdir().unwrap();
     write(directory.path(), &offer("learned-2026-01-05-3fa2", 6.9));
@@ -181,6 +202,8 @@ fn a_learned_model_of_other_models_of_the_profile_is_not_used_and_reported() {
         world.gateway().options(in_directory(directory.path())).run(2 * MINUTE).await
     });
     assert_eq!(second.reported("model-superseded"), 1, "{}", second.lines());
+    // The candidate was judged against a model that the profile no longer has.
+    assert_eq!(second.reported("candidate-better"), 0, "{}", second.lines());
     let axis = &second.samples.last().unwrap().status.axes[0];
     assert_eq!(
         (axis.model.as_deref(), axis.learned.as_ref().unwrap().adopted.as_deref()),
