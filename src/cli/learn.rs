@@ -304,12 +304,12 @@ mod tests {
 
     #[test]
     fn logs_of_days_after_today_are_left_out() {
-        let days = |names: &[&str]| -> Days {
-            names.iter().map(|name| ((*name).to_owned(), Vec::new())).collect()
-        };
+        let days =
+            |names: &[&str]| -> Days { names.iter().map(|name| ((*name).to_owned(), Vec::new())).collect() };
         // 2026-01-05, one o'clock.
         let now = Moment::from_nanos(1_767_574_800_000_000_000);
-        let (found, later) = until_today(days(&["2026-01-04", "2026-01-05", "2026-01-06", "2099-01-01"]), now);
+        let (found, later) =
+            until_today(days(&["2026-01-04", "2026-01-05", "2026-01-06", "2099-01-01"]), now);
         assert_eq!((found, later), (days(&["2026-01-04", "2026-01-05"]), 2));
     }
 }

@@ -16,6 +16,8 @@
 //! | the candidate's is smaller | auto | no | [`Step::WaitForDatum`] |
 //! | the candidate's is smaller | auto | yes | [`Step::Adopt`] |
 //!
+//! The runs of one day (UTC) are one judged day, in which each touch has the same weight.
+//!
 //! After an adoption, the days that judged the candidate judge the model in use: it is the same model. A later candidate
 //! therefore must also be better over five days. The functions are pure: they read no clock and no file.
 
@@ -29,11 +31,12 @@ use crate::quantity::{Micron, Moment, shifted};
 pub const LAG_MINUTES: [u64; 4] = [0, 6, 25, 100];
 /// Number of judged days whose sums are compared.
 const DAYS: usize = 5;
+const NANOS_OF_A_DAY: u64 = 24 * 3600 * 1_000_000_000;
 
 /// Mean squares of the residual error at the touches of one day, from which neither model was learned.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JudgedDay {
-    /// Datum of the day: the zero point of its touches.
+    /// Datum of the day: the zero point of its touches. It is the last one if the day has several.
     pub begins: Moment,
     /// Number of touches.
     pub touches: u32,
@@ -135,14 +138,36 @@ pub enum Step {
     Adopt(Gain),
 }
 
+impl JudgedDay {
+    fn is_same_day(&self, other: &JudgedDay) -> bool {
+        self.begins.as_nanos() / NANOS_OF_A_DAY == other.begins.as_nanos() / NANOS_OF_A_DAY
+    }
+
+    /// Returns this day with another run of it.
+    fn with(&self, run: JudgedDay) -> JudgedDay {
+        let (own, others) = (f64::from(self.touches), f64::from(run.touches));
+        let mean = |own_square: f64, square: f64| (own * own_square + others * square) / (own + others);
+        JudgedDay {
+            begins: run.begins,
+            touches: self.touches.saturating_add(run.touches),
+            in_use: mean(self.in_use, run.in_use),
+            candidate: mean(self.candidate, run.candidate),
+        }
+    }
+}
+
 impl Judgement {
-    /// Adds a day. Returns `false` if the day is not used: it has no touch, its figures are no numbers, or it is not
-    /// later than the last judged day.
+    /// Adds a day, or another run of the last day. Returns `false` if it is not used: it has no touch, its figures are no
+    /// numbers, or its datum is not later than the last one.
     pub fn judge(&mut self, day: JudgedDay) -> bool {
         let is_error = |square: f64| square.is_finite() && square >= 0.0;
         let is_new = self.days.back().is_none_or(|last| day.begins > last.begins);
         if day.touches == 0 || !is_new || !is_error(day.in_use) || !is_error(day.candidate) {
             return false;
+        }
+        if let Some(last) = self.days.back_mut().filter(|last| last.is_same_day(&day)) {
+            *last = last.with(day);
+            return true;
         }
         if self.days.len() >= DAYS {
             self.days.pop_front();

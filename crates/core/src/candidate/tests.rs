@@ -92,6 +92,24 @@ fn a_day_counts_once_and_only_with_touches_and_numbers() {
 }
 
 #[test]
+fn the_runs_of_one_day_are_one_day_and_each_touch_counts_once() {
+    let mut judgement = judged(&[(4.0, 9.0), (4.0, 9.0), (4.0, 9.0), (4.0, 9.0)]);
+    // Six datums on the fifth day, two hours apart.
+    for number in 0..6 {
+        let begins = day(4, 0.0, 0.0).begins.after(DAY * number / 12);
+        assert!(judgement.judge(JudgedDay { begins, touches: 1, in_use: 16.0, candidate: 1.0 }));
+        assert!(!judgement.judge(JudgedDay { begins, touches: 1, in_use: 16.0, candidate: 1.0 }), "once");
+    }
+    let begins = day(4, 0.0, 0.0).begins.after(DAY / 2);
+    assert!(judgement.judge(JudgedDay { begins, touches: 2, in_use: 0.0, candidate: 1.0 }));
+    let gain = judgement.gain().unwrap();
+    assert_eq!((gain.days, gain.touches), (5, 4 * 8 + 8));
+    let last = judgement.days().last().unwrap();
+    assert!((last.in_use - 12.0).abs() < 1e-12 && (last.candidate - 1.0).abs() < 1e-12, "{last:?}");
+    assert!(!judgement.is_better(), "one good day is not enough: {gain:?}");
+}
+
+#[test]
 fn a_judgement_is_the_same_after_it_was_saved() {
     let judgement = judged(&[(9.25, 4.125), (1.0 / 3.0, 0.1)]);
     let saved = serde_json::to_string(&judgement).unwrap();
