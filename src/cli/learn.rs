@@ -254,8 +254,7 @@ fn read(profile: &Profile, files: &[PathBuf], choice: &Choice, split: &Split) ->
     Ok(Dataset::read(files, split, &units(profile), &uses)?)
 }
 
-/// Reads the stored runs of an axis. Also returns the names of their files, and remarks about unusable files. A run of an
-/// unusable file is stored again if its logs still exist.
+/// Reads the stored runs of an axis. Also returns the names of their files, and remarks about unusable files.
 fn stored(place: &Path, axis: &str) -> anyhow::Result<(Learning, Vec<String>, Vec<String>)> {
     let entries = match std::fs::read_dir(place) {
         Ok(entries) => entries.collect::<Result<Vec<_>, _>>(),

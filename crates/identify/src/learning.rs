@@ -122,7 +122,13 @@ impl Learning {
             wrong.push(format!("{}: {why}. The judged days are counted again", Learning::record_name(axis)));
             None
         });
-        (Learning { axis: axis.to_owned(), runs, record: record.unwrap_or_default() }, wrong)
+        let mut record = record.unwrap_or_default();
+        if runs.len() < record.runs {
+            // The judged candidate was learned from runs that are lost.
+            record.judgement.clear();
+        }
+        record.runs = runs.len();
+        (Learning { axis: axis.to_owned(), runs, record }, wrong)
     }
 
     /// Returns the name of the file with the learning record of an axis.
@@ -287,8 +293,12 @@ impl Learning {
             Ok(products) => products,
             Err(why) => return TakenRun { skipped: Some(why), ..taken },
         };
-        // A candidate that lacks a column of this run is no candidate for its days.
+        // A candidate that lacks a column of this run is no candidate for its days. The next candidate is learned from
+        // the runs with these columns only, and no day has judged it.
         let is_like = self.runs.last().is_some_and(|newest| newest.products.is_like(&products));
+        if !is_like {
+            self.record.judgement.clear();
+        }
         let candidate = candidate.filter(|_| is_like);
         let judges = candidate.zip(left).zip(taken.touches.and_then(|touches| u32::try_from(touches).ok()));
         if let Some(((candidate, in_use), touches)) = judges.filter(|(_, touches)| *touches > 0) {
@@ -347,7 +357,7 @@ impl Learning {
     /// # Errors
     /// Returns a message if a number cannot be written as JSON.
     pub fn record(&self) -> Result<String, String> {
-        self.record.to_json()
+        Record { runs: self.runs.len().min(MOST_RUNS), ..self.record.clone() }.to_json()
     }
 
     /// Returns the candidate as a block for a profile. It contains the expected error of the model in use, which the

@@ -86,8 +86,18 @@ fn machine_days(count: u64, seed: u64) -> Vec<Day> {
 
 /// Takes these logs, one file for each, as `isotherm learn` does.
 fn take(learning: &mut Learning, profile: &Profile, logs: &[String], now: u64) -> Vec<TakenRun> {
+    take_without(learning, profile, (logs, &[]), now)
+}
+
+/// Takes these logs without some signals.
+fn take_without(
+    learning: &mut Learning,
+    profile: &Profile,
+    (logs, without): (&[String], &[String]),
+    now: u64,
+) -> Vec<TakenRun> {
     let (home, choice, applied) =
-        (tempfile::tempdir().unwrap(), choice(profile, "z", &[]), Applied::AsLogged);
+        (tempfile::tempdir().unwrap(), choice(profile, "z", without), Applied::AsLogged);
     let files = rig::logs(home.path(), logs);
     let uses = uses::of_identify(profile, &choice, &applied);
     let dataset = Dataset::read(&files, &Split::default(), &units(profile), &uses).unwrap();
@@ -162,10 +172,30 @@ fn stored_runs_give_the_same_candidate_and_no_run_is_learned_twice() {
     let mut changed = files.clone();
     changed[0].1 =
         String::from_utf8(changed[0].1.clone()).unwrap().replacen("\"rows\":", "\"rows\":1", 1).into_bytes();
+    // The candidate from the other runs is another one, which no day has judged.
+    let (partly, wrong) = Learning::restore("z", changed.clone(), Some(record.as_bytes()));
+    assert_eq!((partly.runs(), partly.judgement().days().len(), wrong.len()), (2, 0, 1), "{wrong:?}");
     let damaged = record.replacen("\"touches\":", "\"touches\":1", 1);
     let (partly, wrong) = Learning::restore("z", changed, Some(damaged.as_bytes()));
     assert_eq!((partly.runs(), wrong.len()), (2, 2), "{wrong:?}");
     assert!(wrong.iter().all(|why| why.contains("the checksum is wrong")), "{wrong:?}");
+}
+
+#[test]
+fn a_candidate_with_other_inputs_is_judged_anew() {
+    let (profile, days) = (profile(POOR), machine_days(5, 103));
+    let logs: Vec<String> = (0..).zip(&days).map(|(number, day)| log(number, day, None)).collect();
+    let mut learning = nothing();
+    take(&mut learning, &profile, &logs[..3], after(2));
+    assert_eq!(learning.judgement().days().len(), 2);
+    // The model in use has this input, and is compared nevertheless.
+    let without = ["s1".to_owned()];
+    let mut take = |number: u64| {
+        let log = &logs[usize::try_from(number).unwrap()..][..1];
+        take_without(&mut learning, &profile, (log, &without), after(number));
+        (learning.judgement().days().len(), learning.unlike())
+    };
+    assert_eq!((take(3), take(4)), ((0, 3), (1, 3)));
 }
 
 #[test]

@@ -90,16 +90,26 @@ pub(super) fn touches(
     in_use: Option<&InUse>,
     candidate: Option<&FleetModel>,
 ) -> Result<JudgedTouches, String> {
-    let ready = prepared(profile, single, choice)?;
-    let campaign = &ready.campaign;
-    let terms = match (in_use, candidate) {
-        (Some(in_use), _) if !in_use.terms.is_empty() => in_use.terms.clone(),
-        (_, Some(candidate)) => candidate.prior(),
-        (_, None) => Vec::new(),
+    let is_signal = |term: &PriorTerm| profile.signals.iter().any(|signal| signal.name == term.signal);
+    let terms = match in_use.filter(|in_use| !in_use.terms.is_empty()) {
+        Some(in_use) => in_use.terms.clone(),
+        // A candidate with an input that the profile no longer has cannot judge.
+        None => {
+            candidate.map(FleetModel::prior).filter(|terms| terms.iter().all(is_signal)).unwrap_or_default()
+        }
     };
+    // The model in use may have inputs that the candidate must not have.
+    let mut inputs = choice.inputs.clone();
+    for term in terms.iter().filter(|term| is_signal(term)) {
+        if !inputs.contains(&term.signal) {
+            inputs.push(term.signal.clone());
+        }
+    }
+    let ready = prepared(profile, single, &Choice { inputs, ..choice.clone() })?;
+    let campaign = &ready.campaign;
     let is_input = |name: &str| campaign.inputs.iter().any(|input| input.name == name);
     if let Some(term) = terms.iter().find(|term| !is_input(&term.signal)) {
-        return Err(format!("the model in use needs {}, which is no input of the candidate", term.signal));
+        return Err(format!("the model in use needs {}, which the logs do not have", term.signal));
     }
     let (bank, residuals) = residuals(campaign, &terms)?;
     let own = in_use.map(|in_use| residuals_of(campaign, &bank, &in_use.terms)).transpose()?;

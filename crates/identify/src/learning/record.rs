@@ -20,6 +20,8 @@ pub(super) struct Record {
     pub(super) judgement: Judgement,
     /// Time of the last row that was used.
     pub(super) until: Moment,
+    /// Number of stored runs.
+    pub(super) runs: usize,
 }
 
 #[derive(Serialize, Deserialize)]
