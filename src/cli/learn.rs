@@ -189,7 +189,7 @@ fn of_axis(
         let together = days.iter().take(number).skip(number.saturating_sub(TOGETHER));
         let files: Vec<PathBuf> = together.flat_map(|(_, files)| files.iter().cloned()).collect();
         let until = (number == days.len()).then_some(now);
-        let taken = read(profile, &files, &choice, &Split::default())
+        let taken = read_usable(profile, &files, &choice, &mut remarks)
             .and_then(|dataset| Ok(learning.take(profile, dataset, (&choice, in_use.as_ref()), until)?));
         match taken {
             // A run that is not used is found again in the logs of the next days.
@@ -252,6 +252,29 @@ fn read(profile: &Profile, files: &[PathBuf], choice: &Choice, split: &Split) ->
     let applied = Applied::AsLogged;
     let uses = uses::of_identify(profile, choice, &applied);
     Ok(Dataset::read(files, split, &units(profile), &uses)?)
+}
+
+/// Reads the columns of the logs of some days. An unusable file is left out, and a remark names it. After a power cut, a
+/// file may be empty.
+fn read_usable(
+    profile: &Profile,
+    files: &[PathBuf],
+    choice: &Choice,
+    remarks: &mut Vec<String>,
+) -> anyhow::Result<Dataset> {
+    let split = Split::default();
+    read(profile, files, choice, &split).or_else(|why| {
+        let is_usable = |file: &&PathBuf| read(profile, std::slice::from_ref(*file), choice, &split).is_ok();
+        let usable: Vec<PathBuf> = files.iter().filter(is_usable).cloned().collect();
+        if usable.is_empty() || usable.len() == files.len() {
+            return Err(why);
+        }
+        let remark = format!("{why:#}");
+        if !remarks.contains(&remark) {
+            remarks.push(remark);
+        }
+        read(profile, &usable, choice, &split)
+    })
 }
 
 /// Reads the stored runs of an axis. Also returns the names of their files, and remarks about unusable files.
