@@ -32,7 +32,7 @@ pub(super) struct Arguments {
     /// The axis; needed if several axes learn a model
     #[arg(long, value_name = "AXIS")]
     axis: Option<String>,
-    /// Returns to the model that the axis followed before
+    /// Returns to the model that the axis followed before. If an adoption waits, it is withdrawn instead
     #[arg(long)]
     back: bool,
     /// Writes the adopted model as an [[axis.…model]] block to this file, and changes nothing. The gateway need not run

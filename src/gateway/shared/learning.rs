@@ -52,13 +52,17 @@ impl GatewayState {
         self.changed(axis, change)
     }
 
-    /// Returns to the model that an axis preferred before. Returns a sentence.
+    /// Returns to the model that an axis preferred before, or withdraws a change that waits. Returns a sentence.
     ///
     /// # Errors
     /// Returns why there is no such model.
     pub(in crate::gateway) fn adopt_back(&mut self, axis: usize) -> Result<String, Explained> {
         let profile = self.given.profile.clone();
         let preference = self.compensation.preference(axis).ok_or_else(|| not_learning(&profile, axis))?;
+        if preference.waiting().is_some() {
+            self.prefer(axis, None)?;
+            return Ok(format!("{}: keeps its model", profile.axes[axis].settings.name));
+        }
         let change = back((&profile, axis), preference)?;
         self.changed(axis, change)
     }

@@ -34,7 +34,7 @@ export class Learned {
     const judged = candidate && candidate.model !== adopted ? gain(candidate) : t("no_candidate");
     say(this.candidate, candidate?.better && auto ? `${judged} ${t("adopts_itself")}` : judged);
     this.adopt.hidden = !candidate?.better || waiting !== null;
-    this.back.hidden = before === null || waiting !== null;
+    this.back.hidden = before === null && waiting === null;
   }
 
   enable(may) {

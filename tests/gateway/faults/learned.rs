@@ -171,6 +171,20 @@ fn a_better_candidate_is_adopted_by_itself_at_a_datum_only() {
 }
 
 #[test]
+fn a_change_that_waits_is_withdrawn_by_the_way_back() {
+    let directory = tempfile::tempdir().unwrap();
+    let text = learning("adopt = \"auto\"").replacen("[axis.z]", "[axis.z]\ndatum = \"zero\"", 1);
+    write(directory.path(), &offer("learned-2026-01-05-3fa2", 6.9));
+    let trace = block_on(async {
+        let mut world = World::new(&text, "").await;
+        let trial = world.gateway().options(in_directory(directory.path()));
+        trial.command(3 * MINUTE, Command::AdoptBack).command(6 * MINUTE, Command::Zero).run(9 * MINUTE).await
+    });
+    assert_eq!(trace.reported("model-adopted"), 0, "{}", trace.lines());
+    assert_eq!(learned(trace.samples.last().unwrap()).waiting, None);
+}
+
+#[test]
 fn a_model_that_a_person_took_back_is_not_adopted_again_by_itself() {
     let directory = tempfile::tempdir().unwrap();
     let text = learning("adopt = \"auto\"").replacen("[axis.z]", "[axis.z]\ndatum = \"zero\"", 1);
