@@ -68,7 +68,7 @@ enum WorseWord {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "ProbeGains")]
-struct RawGains {
+pub(super) struct RawGains {
     /// Factor by which each probing reduces the weight of all earlier ones, above 0 and up to 1. With 1, no probing
     /// loses weight.
     #[schemars(required)]
