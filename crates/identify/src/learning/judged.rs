@@ -91,7 +91,8 @@ pub(super) fn touches(
     candidate: Option<&FleetModel>,
 ) -> Result<JudgedTouches, String> {
     let is_signal = |term: &PriorTerm| profile.signals.iter().any(|signal| signal.name == term.signal);
-    let terms = match in_use.filter(|in_use| !in_use.terms.is_empty()) {
+    let judge = in_use.filter(|in_use| !in_use.terms.is_empty());
+    let terms = match judge {
         Some(in_use) => in_use.terms.clone(),
         // A candidate with an input that the profile no longer has cannot judge.
         None => {
@@ -115,10 +116,14 @@ pub(super) fn touches(
     let own = in_use.map(|in_use| residuals_of(campaign, &bank, &in_use.terms)).transpose()?;
     let run = bank.runs.first().ok_or("the run has no row")?;
     let hours: Vec<f64> = run.seconds.iter().map(|second| second / 3600.0).collect();
+    // The gateway accepts no larger residual of its model. The first candidates may leave more.
+    let axis = choice.axis.as_deref().unwrap_or_default();
+    let probe = settings(profile, axis).and_then(|own| own.probe).filter(|_| judge.is_some());
+    let most = probe.map_or(f64::INFINITY, |probe| probe.max_error.get());
     // Without any model, the residual is the whole drift, and nothing can be doubted.
     let accepted = match terms.is_empty() {
         true => vec![true; residuals.len()],
-        false => accepted(&hours, &residuals, scatter(profile, choice)),
+        false => accepted(&hours, &residuals, scatter(profile, choice), most),
     };
     let rejected = accepted.iter().zip(&run.windows).filter(|(accepted, _)| !**accepted);
     let rejected: Vec<u128> = rejected.map(|(_, window)| *window).collect();
