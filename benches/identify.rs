@@ -165,7 +165,7 @@ fn campaign() -> Dataset {
             }
         }
         let times = (0..MINUTES).map(|minute| Moment::from_nanos(minute * 60_000_000_000)).collect();
-        runs.push(Run { name: format!("run {run}"), file: "bench".into(), times, values });
+        runs.push(Run::recorded(format!("run {run}"), "bench".into(), times, values));
     }
     let sensors = (0..SENSORS).map(|place| Column { name: format!("t{place}"), kind: Kind::Temperature });
     let errors =

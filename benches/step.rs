@@ -61,6 +61,7 @@ fn compensation(kind: &Kind, signals: usize, axes: usize) -> Compensation {
         datum: Datum::Model,
         intercept_slope: None,
         probe: None,
+        learned: None,
     };
     let machine = MachineSettings { signals, ..MachineSettings::default() };
     Compensation::new(machine, vec![axis; axes], Remembered::default())

@@ -13,6 +13,7 @@ use crate::cli::print::{Out, print_json, say_beside};
 use crate::gateway::control::Failure;
 use crate::observe::status::Command;
 
+mod adopt;
 mod backup;
 mod broker;
 mod certificate;
@@ -36,6 +37,8 @@ mod extra_files;
 mod identify;
 mod init;
 mod journal_stream;
+#[cfg(feature = "identify")]
+mod learn;
 mod loading;
 mod log_rate_limit;
 mod logs;
@@ -128,6 +131,9 @@ enum Verb {
     /// Identify the model of an axis from logs with its measured error, tested on runs that were not used to find it
     #[cfg(feature = "identify")]
     Identify(Box<identify::Arguments>),
+    /// Learn the model of an axis from the touches of its probe, and judge it against the model in use
+    #[cfg(feature = "identify")]
+    Learn(Box<learn::Arguments>),
     /// Select the temperature points to keep, from logs with a measured error
     #[cfg(feature = "identify")]
     Select(select::Arguments),
@@ -163,6 +169,8 @@ enum Verb {
     Measured(measured::Arguments),
     /// Accept a device of the running gateway that an operator has checked
     Confirm(confirm::Arguments),
+    /// Adopt the learned model of an axis in the running gateway, or return to the model before; Cz does not move
+    Adopt(adopt::Arguments),
     /// Return the register of a moved or removed output to its base value, without the gateway's offset
     Release(release::Arguments),
     /// Show the frames between the running gateway and one of its devices
@@ -207,8 +215,9 @@ impl Arguments {
 }
 
 /// Verbs that need a feature of the build: name of the verb, and name of the feature.
-const FEATURE_OF_VERB: [(&str, &str); 7] = [
+const FEATURE_OF_VERB: [(&str, &str); 8] = [
     ("identify", "identify"),
+    ("learn", "identify"),
     ("select", "identify"),
     ("report", "identify"),
     ("logs", "identify"),
@@ -255,6 +264,8 @@ pub fn run(arguments: Arguments) -> ExitCode {
         #[cfg(feature = "identify")]
         Verb::Identify(arguments) => identify::run(&arguments),
         #[cfg(feature = "identify")]
+        Verb::Learn(arguments) => learn::run(&arguments),
+        #[cfg(feature = "identify")]
         Verb::Select(arguments) => select::run(&arguments),
         #[cfg(feature = "place")]
         Verb::Place(arguments) => place::run(&arguments),
@@ -268,6 +279,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Sign(arguments) => sign::run(&arguments),
         Verb::Measured(arguments) => measured::run(&arguments),
         Verb::Confirm(arguments) => confirm::run(&arguments),
+        Verb::Adopt(arguments) => adopt::run(&arguments),
         Verb::Release(arguments) => release::run(&arguments),
         Verb::Events(arguments) => events::run(&arguments),
         #[cfg(feature = "parquet")]

@@ -35,6 +35,7 @@ mod state;
 mod store;
 
 use api::api_backend::ApiBackend;
+use lifecycle::learner::Learner;
 use lifecycle::recovered_state::{self, RecoveredState};
 use lifecycle::watchdog::Watchdog;
 use lifecycle::{shutdown, systemd};
@@ -51,16 +52,19 @@ pub use api::control;
 pub use lifecycle::handover::{
     Arrival, Handover, KeptProfile, Prepared, answer_of_check, digest_path, memory_for_profile,
 };
+pub use lifecycle::learner::{LearnCommand, LearnTimes};
 pub use lifecycle::options::{Dialer, Options, Pace};
-pub use lifecycle::recovered_state::{may_start, moved_since, with_releases};
+pub use lifecycle::recovered_state::{may_start, moved_since, preferences_in, with_releases};
 pub use lifecycle::successor::{CHECK_ONLY, Checked, Program, Successor};
 #[cfg(feature = "opcua")]
 pub use line::certificates;
 pub use line::wire_log::WireLog;
 pub use state::causes::how_to_find_a_model;
 pub(crate) use state::causes::why_by_decision;
+#[cfg(feature = "identify")]
+pub(crate) use state::learning::change as model_change;
 pub use store::disk::{Disk, Files, make_directory};
-pub use store::{backup, log, templates};
+pub use store::{backup, candidates, log, templates};
 
 /// Reason shown for an axis that stays off because the saved state was rejected, or was restored from a backup.
 const IN_QUESTION: &str = "the saved state was rejected (see the events) or was restored from a backup, and \
@@ -209,6 +213,7 @@ impl Gateway {
             tasks.spawn(certificates::watch(self.shared.clone(), self.shared.clock.join()));
         }
         let _watch = self.options.has_threads.then(|| self.watch(&stop));
+        let _learner = self.learn();
         let (mut shutdown, on_stop) = (pin!(shutdown), self.shared.profile.on_stop);
         let asked = tokio::select! {
             biased;
@@ -395,6 +400,12 @@ impl Gateway {
         let line = if self.options.is_unchecked { line.unchecked() } else { line };
         let task = LineTask::new(handle, bus, (line, sleeper), can, start);
         Some((Box::new(task), listener.map(Box::new)))
+    }
+
+    /// Starts the thread that learns the models of the axes; `None` if no axis learns.
+    fn learn(&self) -> Option<Learner> {
+        let directory = self.options.directory.clone().filter(|_| self.options.has_threads)?;
+        Learner::start(self.shared.clone(), self.options.learn.clone(), directory)
     }
 
     fn watch(&self, stop: &Arc<Notify>) -> Watchdog {

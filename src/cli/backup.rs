@@ -154,6 +154,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         ErrorKind::AlreadyExists => anyhow::anyhow!("{} exists already: give another name", file.display()),
         _ => anyhow::Error::new(error).context(format!("{} cannot be written", file.display())),
     })?;
+    for (axis, preference) in gateway::preferences_in(&directory, profile) {
+        if let Some(model) = preference.preferred().name() {
+            say_beside!("axis {axis} follows the learned model {model}, which is part of the state");
+        }
+    }
     let secret = if manifest.secrets { ", including secret files" } else { "" };
     Ok(say!("{}: files of {}: {}{secret}", file.display(), profile.name, files.len())?)
 }

@@ -18,7 +18,7 @@ use crate::discovery::opcua;
 use crate::discovery::{can, merged_reads, pipeline, sysfs};
 #[cfg(feature = "opcua")]
 use crate::gateway::certificates;
-use crate::gateway::{control, moved_since, templates};
+use crate::gateway::{control, moved_since, preferences_in, templates};
 use crate::observe::http::Admission;
 use crate::observe::status::Status;
 use isotherm_profile::preview::{self, Preview};
@@ -40,7 +40,8 @@ pub(super) struct Arguments {
     #[arg(long)]
     online: bool,
     /// The state directory with which the gateway is started. The check compares the templates with those of the last
-    /// run. With --online it also compares the registers of outputs and the addresses of signals
+    /// run, and names adopted learned models. With --online it also compares the registers of outputs and the addresses
+    /// of signals
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
     /// Prints one JSON document
@@ -65,6 +66,15 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for warning in unlike_run(&profile, arguments.state.as_deref()) {
         say_beside!("warning: {warning}");
     }
+    let directory = known_directory(arguments.state.as_deref().or(profile.history.directory.as_deref()));
+    for (axis, preference) in preferences_in(&directory, &profile) {
+        if let Some(model) = preference.preferred().name() {
+            say_beside!(
+                "note: axis {axis} follows the learned model {model}; its models in the profile are the fallbacks \
+                 (isotherm adopt --export writes it, --back returns to the model before)"
+            );
+        }
+    }
     if !arguments.online {
         if arguments.json {
             return print_json(&preview);
@@ -79,7 +89,6 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     #[cfg(feature = "mqtt")]
     let broker = super::runtime::start()?.block_on(broker::test_connection(&profile));
     let servers = notices::look(&profile)?;
-    let directory = known_directory(arguments.state.as_deref().or(profile.history.directory.as_deref()));
     let moved = moved_since(&directory, &profile);
     let status = read_once::once(profile.clone(), directory)?;
     let unread = unread(&profile, &status);

@@ -20,6 +20,8 @@ use crate::observe::status::GatewayApi;
 use crate::virtual_machine::{AxisSummary, PlantSpec, Published, Setup, Summary, VirtualMachine};
 use isotherm_profile::{Commands, Profile, Web};
 
+#[cfg(feature = "identify")]
+mod learn;
 mod linuxcnc;
 mod logs;
 mod table;
@@ -34,7 +36,8 @@ use truth::WithTruth;
 /// runs the gateway with them, and serves the web page. At the end it prints the error without and with compensation.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  isotherm demo\n  isotherm demo sinker-edm --for 12h\n  \
-                  isotherm demo --speed 3600 --for 8h --seed 7 --json\n  isotherm demo linuxcnc-mill --for 1h")]
+                  isotherm demo --speed 3600 --for 8h --seed 7 --json\n  isotherm demo linuxcnc-mill --for 1h\n  \
+                  isotherm demo --learn")]
 pub(super) struct Arguments {
     /// A shipped machine: surface-grinder, sinker-edm, xc100-lathe, xc100-lathe-can, ram-mc, parts-vmc, spindle-hmc,
     /// jcs018a-vmc, screw-axis, column-hmc, linuxcnc-mill
@@ -56,6 +59,11 @@ pub(super) struct Arguments {
     /// use
     #[arg(long, value_name = "ADDR")]
     listen: Option<String>,
+    /// Simulates ten days instead, without a web page: the machine is probed once an hour, a model is learned each
+    /// night, and a better one is adopted. The model at the start is that of another machine
+    #[cfg(feature = "identify")]
+    #[arg(long, conflicts_with_all = ["set", "speed", "span", "listen", "stay"])]
+    learn: bool,
     /// Keeps the web page open after the simulated day, with its time stopped, until Enter or Ctrl-C
     #[arg(long)]
     stay: bool,
@@ -88,7 +96,23 @@ impl Arguments {
     }
 }
 
+/// Runs the demo of learning.
+#[cfg(feature = "identify")]
+fn run_learning(arguments: &Arguments) -> anyhow::Result<()> {
+    let days = learn::run(&arguments.machine, arguments.seed, arguments.json)?;
+    if arguments.json {
+        print_json(
+            &serde_json::json!({ "machine": arguments.machine, "seed": arguments.seed, "days": days }),
+        )?;
+    }
+    Ok(())
+}
+
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    #[cfg(feature = "identify")]
+    if arguments.learn {
+        return run_learning(arguments);
+    }
     let (profile, plant) = machines::with_plant(&arguments.machine, &arguments.set)?;
     usable(&profile)?;
     let mill = Mill::of(&arguments.machine)?;

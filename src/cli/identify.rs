@@ -86,7 +86,7 @@ pub(super) struct Arguments {
     sensors: Option<u16>,
     /// whitened: an existing model, from --write or from a profile. The gains are drawn towards the gains of this model
     /// instead of towards zero. Use it for one new day of the same machine after a repair, or of a machine of the same
-    /// type. With two or more days it has no advantage
+    /// type. With two days it helps less often. A model that is worse on the new days than no compensation is refused
     #[arg(long, value_name = "MODEL.toml")]
     prior: Option<PathBuf>,
     /// sparse-lag, stepwise, lag and position: largest number of terms in the model

@@ -212,6 +212,10 @@ pub fn replay<'a>(
                 None => compensation.zero(*at),
             }
         }
+        for (axis, change) in &row.preferred {
+            // A change of another profile has no effect.
+            let _ = compensation.prefer(*axis, change.clone());
+        }
         let snapshot = Snapshot::new(row.now, &row.readings);
         if !compensation.step(&snapshot, &row.controls).anything {
             compensation.follow(&snapshot);
@@ -226,6 +230,9 @@ pub fn replay<'a>(
         for axis in 0..profile.axes.len() {
             let Some(outcome) = outcome(profile, &compensation, axis, &snapshot, &row) else { continue };
             tally.axis(axis, &row, &outcome);
+            if let Some(name) = compensation.preference(axis).and_then(|own| own.preferred().name()) {
+                tally.learned(axis, name);
+            }
             tally.findings(axis, &row, Findings::of(profile, &compensation, axis, &row));
             outcome.write(&mut cells, &profile.axes[axis], reader.has_error(axis));
         }

@@ -1,5 +1,7 @@
 //! `isotherm run`: runs the gateway.
 
+#[cfg(feature = "identify")]
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::channel;
@@ -21,8 +23,10 @@ use super::signals::{Signals, survive_file_size_limit};
 use super::volume;
 use crate::cli::print::{say, say_beside};
 use crate::clock::Clock;
+#[cfg(feature = "identify")]
+use crate::gateway::LearnTimes;
 use crate::gateway::{
-    Arrival, CHECK_ONLY, Checked, Gateway, Handover, KeptProfile, Options, Prepared, Program,
+    Arrival, CHECK_ONLY, Checked, Gateway, Handover, KeptProfile, LearnCommand, Options, Prepared, Program,
     answer_of_check, claims, control, digest_path, make_directory, may_start, with_releases,
 };
 use crate::observe::events::Event;
@@ -145,6 +149,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
             std::process::exit(1)
         }),
         broker: figures.clone(),
+        learn: learn_command(&arguments.profile, &directory),
         ..Options::default()
     };
     may_start(&options, &profile).map_err(anyhow::Error::msg)?;
@@ -235,6 +240,27 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
     anyhow::ensure!(outcome.rested, "stopped before the fault actions were complete; {}", outcome.left);
     let Some((handover, program)) = outcome.handover.zip(program.ok()) else { return Ok(None) };
     Ok(Some(Replacement { program, handover, checked, own: kept, digest, _services: services }))
+}
+
+/// Returns the command that learns the models of the axes. The program of this process is started again, even if its
+/// file was replaced.
+#[cfg(feature = "identify")]
+fn learn_command(profile: &ProfileArguments, state: &Path) -> Option<LearnCommand> {
+    let mut arguments: Vec<OsString> =
+        vec!["learn".into(), profile.path.clone().into(), "--background".into()];
+    for (key, value) in &profile.set {
+        arguments.push("--set".into());
+        arguments.push(format!("{key}={value}").into());
+    }
+    arguments.push("--state".into());
+    arguments.push(state.into());
+    Some(LearnCommand { program: "/proc/self/exe".into(), arguments, times: LearnTimes::default() })
+}
+
+/// Returns `None`, because this program does not learn.
+#[cfg(not(feature = "identify"))]
+fn learn_command(_: &ProfileArguments, _: &Path) -> Option<LearnCommand> {
+    None
 }
 
 /// Returns the profile that the previous program in this process has handed over. Returns `None` if there is none, or

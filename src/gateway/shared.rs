@@ -2,6 +2,7 @@
 //! the lock.
 
 pub(super) mod carry_out;
+pub(super) mod learning;
 pub(super) mod line_handle;
 pub(super) mod lock;
 pub(super) mod namespaces;

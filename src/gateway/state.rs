@@ -9,6 +9,7 @@ pub(super) mod device_health;
 pub(super) mod dirty_vec;
 pub(super) mod extrapolation;
 mod failed_reads;
+pub(super) mod learning;
 pub(super) mod output;
 pub(super) mod output_faults;
 pub(super) mod pause;

@@ -2,6 +2,7 @@
 //! outputs and signals.
 
 pub mod backup;
+pub mod candidates;
 pub(super) mod default_limits;
 pub(super) mod disk;
 pub(super) mod documents;

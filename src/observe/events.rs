@@ -11,6 +11,7 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::one_line;
 use isotherm_profile::safe_file::cut;
 
+mod adoption;
 mod alarms;
 mod broker;
 #[cfg(feature = "opcua")]
@@ -26,6 +27,7 @@ mod opcua_server;
 mod page;
 mod stand_in;
 
+pub use adoption::Adoption;
 pub use alarms::{Acknowledgement, Alarm, Change};
 pub use broker::Broker;
 #[cfg(feature = "opcua")]

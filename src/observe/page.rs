@@ -15,7 +15,7 @@ const STYLE: &str = "text/css; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// Name, content type and content of each file under `/page/`.
-const FILES: [(&str, &str, &str); 21] = [
+const FILES: [(&str, &str, &str); 22] = [
     ("page.css", STYLE, include_str!("page/page.css")),
     ("axis.css", STYLE, include_str!("page/axis.css")),
     ("past.css", STYLE, include_str!("page/past.css")),
@@ -35,6 +35,7 @@ const FILES: [(&str, &str, &str); 21] = [
     ("uPlot.js", SCRIPT, include_str!("page/uplot/uPlot.iife.min.js")),
     ("uPlot.css", STYLE, include_str!("page/uplot/uPlot.min.css")),
     ("probe.js", SCRIPT, include_str!("page/probe.js")),
+    ("learned.js", SCRIPT, include_str!("page/learned.js")),
     ("tables.js", SCRIPT, include_str!("page/tables.js")),
     ("icon.svg", "image/svg+xml", include_str!("page/icon.svg")),
 ];

@@ -20,12 +20,14 @@ use isotherm_profile::{Language, Overridden};
 mod broker;
 mod dial;
 mod former_registers;
+mod learned;
 mod probe;
 mod schema;
 
 pub use broker::{BrokerFigures, BrokerStatus};
 pub use dial::DialDirection;
 pub use former_registers::{FormerRegisterStatus, ReleaseProgress, ReleaseRequest};
+pub use learned::{CandidateStatus, LearnedStatus};
 pub use probe::{GainStatus, ProbeStatus, ProbedStatus, WorseStatus};
 
 /// Interface that returns the state of a running gateway and accepts commands. It can be used from any thread, and
@@ -147,11 +149,15 @@ pub enum Command {
     Sign,
     /// Reports in which direction the dial gauge has moved.
     Signed(DialDirection),
+    /// Adopts the learned model of one axis. Cz does not move.
+    Adopt,
+    /// Returns to the model that one axis preferred before. Cz does not move.
+    AdoptBack,
 }
 
 impl Command {
     /// All commands with their names in the API and on the command socket.
-    pub const ALL: [(&'static str, Command); 8] = [
+    pub const ALL: [(&'static str, Command); 10] = [
         ("arm", Command::Arm),
         ("disarm", Command::Disarm),
         ("zero", Command::Zero),
@@ -160,6 +166,8 @@ impl Command {
         ("sign-plus", Command::Signed(DialDirection::Plus)),
         ("sign-minus", Command::Signed(DialDirection::Minus)),
         ("sign-none", Command::Signed(DialDirection::None)),
+        ("adopt", Command::Adopt),
+        ("adopt-back", Command::AdoptBack),
     ];
 
     /// Returns the name of the command in the API and on the command socket.
@@ -334,6 +342,9 @@ pub struct AxisStatus {
     /// Expected residual error if the axis follows its model: one standard deviation, µm. `None` if the profile does
     /// not contain it, and outside the range on which the model was identified.
     pub expected_um: Option<f64>,
+    /// Number of probings by which the expected error is scaled, at most 24. 0 if it only follows from the
+    /// identification.
+    pub expected_touches: u32,
     /// Cz after the limits of the axis (limit, deadband, step, rate, rounding), µm. It is the target of the register.
     pub cz_um: f64,
     /// Last verified Cz in the register, µm; `None` if none was verified yet.
@@ -364,6 +375,8 @@ pub struct AxisStatus {
     pub truth: Option<TruthStatus>,
     /// Correction from measured errors; `None` if the profile has no probe.
     pub probe: Option<ProbeStatus>,
+    /// Learned model, and its candidate; `None` if the axis does not learn.
+    pub learned: Option<LearnedStatus>,
     /// Position of the inputs outside the range on which the model in use was identified; `None` inside.
     pub extrapolating: Option<ExtrapolationStatus>,
     /// Distance from the range on which the model was identified, as a share of its size: above 0 outside, negative

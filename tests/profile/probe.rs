@@ -1,5 +1,6 @@
 //! `[axis.*.probe]`: what it becomes, and what is wrong with one.
 
+use isotherm_core::candidate::Policy;
 use isotherm_core::compensation::settings::{Filter, OnWorse};
 
 use super::*;
@@ -53,6 +54,7 @@ fn a_probe_becomes_final_types_and_is_explained_in_words() {
          changes",
         "A positive error lowers the model's Cz by 0.5 of the error, in all by at most 10 µm",
         "beyond ±5 µm the gateway warns; the gains of linear models are adjusted by up to ±20.000 % each",
+        "`isotherm learn` learns a model from them",
     ] {
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
@@ -108,6 +110,16 @@ fn errors_may_come_by_command_only_and_a_diameter_is_halved() {
 }
 
 #[test]
+fn a_probe_says_that_it_scales_the_expected_error_if_a_model_has_one() {
+    for (expected, is_said) in [("", false), ("expected = { since_datum = [0.9, 1.1] }\n", true)] {
+        let text = probed(WHOLE).replacen("kind = \"linear\"", &format!("{expected}kind = \"linear\""), 1);
+        let machine = parse(&text).unwrap_or_else(|errors| panic!("{errors}")).profile;
+        let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
+        assert_eq!(reported.contains("measured errors scale the expected error"), is_said, "{reported}");
+    }
+}
+
+#[test]
 fn each_mistake_is_reported_at_its_place() {
     for (from, to, key, at, words) in [
         ("limit = 10.0", "limit = 50.0", "limit", "50.0", "larger than the axis's limit of 40 µm"),
@@ -152,4 +164,75 @@ fn gains_learn_only_where_a_model_has_them() {
     let (_, rest) = tail.split_once("[[axis.z.model]]").unwrap();
     let error = only_error(&format!("{head}[[axis.z.model]]{rest}"), "axis.z.probe.gains", "gains");
     assert!(error.to_string().contains("no model of this axis is linear"), "{error}");
+}
+
+/// The probe without `gains`, with keys for learning.
+fn learning(keys: &str) -> String {
+    probed(&WHOLE.replacen("gains = { forgetting = 0.98, limit = 0.2 }\n", keys, 1))
+}
+
+#[test]
+fn an_axis_that_learns_has_one_more_model_with_every_temperature() {
+    let text = learning("learn = \"daily\"\nlearn_without = [\"wheelhead\"]\nadopt = \"auto\"\n");
+    let machine = parse(&text).unwrap_or_else(|errors| panic!("{errors}")).profile;
+    let (axis, settings) = (&machine.axes[0], &machine.axes[0].settings);
+    let learning = axis.learning.as_ref().unwrap();
+    assert_eq!((learning.adopt, learning.without.len()), (Policy::Auto, 1));
+    let (slot, plain) = (settings.learned.as_ref().unwrap(), parse(&probed(WHOLE)).unwrap().profile);
+    let own = &plain.axes[0].settings.models;
+    assert_eq!((settings.own_models(), slot.model), (own.as_slice(), own.len()));
+    let model = &settings.models[slot.model];
+    assert_eq!(model.name, "learned");
+    let of_signal = |name: &str| {
+        let place = machine.signals.iter().position(|signal| signal.name == name).unwrap();
+        model.rises().filter(|input| input.signal.0 == place).count()
+    };
+    assert_eq!((of_signal("bed"), of_signal("wheelhead"), of_signal("probe_z")), (4, 0, 0));
+    assert!(model.numbers().all(|number| number.abs() < 1e-300), "nothing is learned yet");
+    let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
+    let words = "once a day, the gateway learns a model from them without wheelhead. If it is better than the model \
+                 in use, the gateway adopts it at the next datum; Cz does not move at an adoption";
+    assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
+    assert!(!reported.contains("learned:"), "the model without gains is not listed:\n{reported}");
+}
+
+#[test]
+fn a_learned_model_belongs_to_the_models_of_the_profile_whatever_signals_are_added() {
+    let own = |text: &str| {
+        let machine = parse(text).unwrap_or_else(|errors| panic!("{errors}")).profile;
+        machine.axes[0].settings.learned.clone().unwrap().own
+    };
+    let text = learning("learn = \"daily\"\n");
+    let signal = "[signal.a_new_one]\ndevice = \"module\"\nregister = \"30004\"\ntype = \"i16\"\nscale = 0.1\nunit = \
+                  \"degC\"\nmax_age = \"10s\"\n\n[axis.z]";
+    assert_eq!(own(&text), own(&text.replacen("[axis.z]", signal, 1)));
+    assert_eq!(own(&text), own(&text.replacen("limit = 10.0", "limit = 9.0", 1)));
+    assert_ne!(own(&text), own(&text.replacen("gain = 2.4", "gain = 2.5", 1)));
+}
+
+#[test]
+fn mistakes_about_learning_are_reported_at_their_places() {
+    for (keys, key, at, words) in [
+        ("learn = \"weekly\"\n", "learn", "\"weekly\"", "daily"),
+        ("adopt = \"auto\"\n", "adopt", "adopt", "has no effect without `learn`"),
+        ("learn_without = [\"bed\"]\n", "learn_without", "learn_without", "has no effect without `learn`"),
+        (
+            "learn = \"daily\"\ngains = { forgetting = 0.98, limit = 0.2 }\n",
+            "learn",
+            "\"daily\"",
+            "would both change the gains",
+        ),
+        (
+            "learn = \"daily\"\nlearn_without = [\"bedd\"]\n",
+            "learn_without[0]",
+            "\"bedd\"",
+            "did you mean `bed`?",
+        ),
+    ] {
+        let error = only_error(&learning(keys), &format!("axis.z.probe.{key}"), at);
+        assert!(error.to_string().contains(words), "`{words}` is not in: {error}");
+    }
+    let named = learning("learn = \"daily\"\n").replacen("name = \"difference\"", "name = \"learned\"", 1);
+    let error = only_error(&named, "axis.z.model[0].name", "\"learned\"");
+    assert!(error.to_string().contains("is in use"), "{error}");
 }

@@ -128,6 +128,7 @@ fn compensation(day: &Day, times: f64, limit: f64) -> Compensation {
             gains: None,
             worse: OnWorse::Warn,
         }),
+        learned: None,
     };
     let machine = MachineSettings { signals: 2, ..MachineSettings::default() };
     Compensation::new(machine, vec![axis], Remembered::default())

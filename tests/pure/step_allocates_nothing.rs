@@ -81,6 +81,7 @@ fn compensation() -> Compensation {
         datum: Datum::Zero,
         intercept_slope: None,
         probe,
+        learned: None,
     };
     let machine = MachineSettings {
         on: Some(SignalId(3)),
@@ -187,6 +188,7 @@ fn watched() -> Compensation {
         datum: Datum::Model,
         intercept_slope: None,
         probe: None,
+        learned: None,
     };
     let machine = MachineSettings { signals: 3, ..MachineSettings::default() };
     Compensation::new(machine, vec![axis], Remembered::default())

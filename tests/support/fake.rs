@@ -17,8 +17,8 @@ use isotherm::observe::events::{Entry, Event, Level};
 use isotherm::observe::http::{Admission, TokenFile, serve};
 use isotherm::observe::requester::Requester;
 use isotherm::observe::status::{
-    Answer, ArmingStatus, AxisStatus, BusStatus, Command, DeviceStatus, GainStatus, GatewayApi, OutputStatus,
-    ProbeStatus, ProbedStatus, ReleaseRequest, SignalStatus, Status,
+    Answer, ArmingStatus, AxisStatus, BusStatus, CandidateStatus, Command, DeviceStatus, GainStatus,
+    GatewayApi, LearnedStatus, OutputStatus, ProbeStatus, ProbedStatus, ReleaseRequest, SignalStatus, Status,
 };
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::display::Display;
@@ -203,6 +203,7 @@ pub(crate) fn status() -> Status {
             model: None,
             raw_um: None,
             expected_um: Some(2.1),
+            expected_touches: 24,
             cz_um: 12.5,
             verified_um: Some(12.5),
             verified_age_s: Some(2.0),
@@ -214,6 +215,22 @@ pub(crate) fn status() -> Status {
             tripped: false,
             arming: ArmingStatus { armed: true, left_off: false, release: false },
             probe: Some(probe()),
+            learned: Some(LearnedStatus {
+                adopted: Some("learned-2026-06-20-91c0".into()),
+                before: Some(String::new()),
+                waiting: None,
+                auto: false,
+                candidate: Some(CandidateStatus {
+                    model: "learned-2026-07-01-3fa2".into(),
+                    runs: 9,
+                    since: Some("2026-06-26".into()),
+                    days: 5,
+                    touches: 40,
+                    in_use_um: Some(6.9),
+                    candidate_um: Some(3.8),
+                    better: true,
+                }),
+            }),
             extrapolating: None,
             stood_in: None,
             excess: Some(-0.2),

@@ -8,7 +8,7 @@ use super::cli::{Ended, VERBS, ended, machine};
 use crate::support::process::{file, isotherm};
 
 /// Calls of every verb. The files that they need are in the directory.
-const CALLS: [&[&str]; 35] = [
+const CALLS: [&[&str]; 37] = [
     &["--help"],
     &["demo", "--for", "10min", "--speed", "100000", "--listen", "127.0.0.1:0"],
     &["demo", "--for", "10min", "--speed", "100000", "--listen", "127.0.0.1:0", "--json"],
@@ -25,6 +25,7 @@ const CALLS: [&[&str]; 35] = [
     &["replay", "machine.toml", "day.csv", "--json"],
     &["identify", "machine.toml", "day.csv", "--axis", "z", "--error", "z_error_um"],
     &["identify", "--balls", "day.csv", "--out", "balls.csv"],
+    &["learn", "machine.toml", "--axis", "z", "--state", "state"],
     &["select", "day.csv", "--error", "z_error_um"],
     &["place", "--example", "column"],
     &["report", "day.csv"],
@@ -33,6 +34,7 @@ const CALLS: [&[&str]; 35] = [
     &["zero", "machine.toml", "--state", "state"],
     &["measured", "machine.toml", "z", "1.5"],
     &["confirm", "machine.toml", "thermocouples", "--state", "state"],
+    &["adopt", "machine.toml", "--state", "state"],
     &["release", "machine.toml", "cnc_z", "--state", "state"],
     &["trace", "machine.toml", "thermocouples", "--for", "1s"],
     &["events", "machine.toml", "--state", "state"],

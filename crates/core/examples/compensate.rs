@@ -84,6 +84,7 @@ fn axis() -> Result<AxisSettings, Box<dyn Error>> {
         datum: Datum::Model,
         intercept_slope: None,
         probe: None,
+        learned: None,
     })
 }
 

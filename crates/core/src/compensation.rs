@@ -26,6 +26,7 @@ mod control;
 mod datum;
 mod decision;
 mod guard;
+mod preference;
 mod probe;
 mod remembered;
 mod running;
@@ -38,6 +39,7 @@ pub use control::{Control, Permit, ReturnTo};
 pub use decision::Decision;
 pub use guard::Stages;
 pub use model::{CLEARLY_INSIDE, Extrapolation, Unusable};
+pub use preference::{Change, LearnedModel, LearnedTerm, Preference, Preferred, Unfit, When};
 pub use probe::{Measured, MeasuredReport, Probe, Probed, Refused, Rejected, Residual, Worse};
 pub use remembered::{AxisMemory, Remembered, Stop};
 pub use running::AxisRunning;
@@ -212,6 +214,20 @@ impl Compensation {
     /// Returns the corrections of an axis from probings; `None` if the profile has no probing for the axis.
     pub fn probe(&self, axis: usize) -> Option<&Probe> {
         self.axes.get(axis).filter(|axis| axis.settings.probe.is_some()).map(|axis| &axis.probe)
+    }
+
+    /// Returns the preferred model of an axis; `None` if the axis does not learn.
+    pub fn preference(&self, axis: usize) -> Option<&Preference> {
+        self.axes.get(axis).filter(|axis| axis.settings.learned.is_some()).map(|axis| &axis.preference)
+    }
+
+    /// Requests a change of the preferred model of an axis, instead of the change that waits. With `None`, no change
+    /// waits any more. The axis is stepped at once.
+    ///
+    /// # Errors
+    /// Returns why the change is rejected.
+    pub fn prefer(&mut self, axis: usize, change: Option<Change>) -> Result<(), Unfit> {
+        self.axes.get_mut(axis).ok_or(Unfit::NoSlot)?.prefer(change)
     }
 
     /// Checks whether this axis would correct its models with a measured error now. The axis does not change.

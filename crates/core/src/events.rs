@@ -204,6 +204,14 @@ catalogue! {
     Worse = error("worse").raises("compensation of axis {axis}").hint("identify the model again, or disarm the axis");
     /// Probings no longer show that an axis is worse with its model than without compensation.
     WorseOver = info("worse-over").ends(&["compensation of axis {axis}"]);
+    /// A model that was learned from touches is better than the model in use, over the last judged days.
+    CandidateBetter = info("candidate-better");
+    /// The axis follows another model: a learned one, or that of the profile again. Cz has not moved.
+    ModelAdopted = info("model-adopted");
+    /// The models of an axis in the profile have changed, so that its learned model is not used any more.
+    ModelSuperseded = warning("model-superseded").hint("adopt a learned model again, if it is better than the new one");
+    /// No model could be learned from the touches of the axes.
+    LearningFailed = warning("learning-failed").hint("`isotherm learn PROFILE` shows what is wrong");
     /// The model of an axis requests more Cz than the limit of the axis.
     AtLimit = warning("at-limit")
         .hint("are the sensors and references of the axis right? If they are, raise axis.{axis}.limit");

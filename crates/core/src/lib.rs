@@ -4,6 +4,7 @@
 //! ```text
 //! quantity ← reading ← { codec, compensation }      units, values with their age and quality
 //! { quantity, events } ← output                     from a decision to the next action on a register
+//! quantity ← candidate                              whether a learned model replaces the model in use
 //! ```
 //!
 //! - [`border`] — catches panics of code from outside the project.
@@ -12,6 +13,7 @@
 //! - [`codec`] — converts registers and bits of CAN frames to values, and back.
 //! - [`compensation`] — the first pure step: it computes a decision for each axis from a snapshot of readings.
 //! - [`output`] — the second pure step: it computes the next exchange from a decision and the register value.
+//! - [`candidate`] — whether a model that was learned from touches replaces the model in use.
 //! - [`continuity`] — whether the device that answers is the one that passed its checks.
 //! - [`events`] — the catalogue of events: kinds, levels, alarms, meanings and hints.
 //! - [`explained`] — cause and hint of a fault.
@@ -20,6 +22,7 @@
 //! - [`display`] — the displayed state of an axis, from its decision and the last verified Cz.
 
 pub mod border;
+pub mod candidate;
 pub mod codec;
 pub mod compensation;
 pub mod continuity;

@@ -1,7 +1,7 @@
 //! Removal of Cz from errors that were measured while a compensation was active. Such an error is e + Cz; a model is
 //! identified from e.
 
-use crate::dataset::{BadLog, Column, Dataset, Kind};
+use crate::dataset::{BadLog, Column, Dataset, Kind, Run};
 use crate::statistics::least_and_most;
 use isotherm_profile::{Profile, Writes};
 
@@ -51,6 +51,12 @@ fn axis_of(error: &str) -> Option<&str> {
     ["_error_um", "_measured_um"].iter().find_map(|end| error.strip_suffix(end))
 }
 
+/// Returns the log column that the operator named as the source of the Cz that acted.
+pub(crate) fn named(dataset: &Dataset, name: &str) -> Result<usize, BadLog> {
+    let missing = || BadLog(vec![format!("no log has a column of numbers `{name}`, which --cz names")]);
+    dataset.column(name).ok_or_else(missing)
+}
+
 /// Returns the log column of the Cz that this measured error contains; `None` if the error contains no Cz, or only a
 /// constant one.
 fn acting(
@@ -64,18 +70,13 @@ fn acting(
     let axis = axis.or_else(|| axis_of(error));
     match applied {
         Applied::Nothing => return Ok(None),
-        Applied::Column(name) => {
-            return match dataset.column(name) {
-                Some(column) => Ok(Some(column)),
-                None => refused(format!("no log has a column of numbers `{name}`, which --cz names")),
-            };
-        }
+        Applied::Column(name) => return named(dataset, name).map(Some),
         Applied::AsLogged => {}
     }
     let moved = |end: &str| -> Vec<usize> {
         let is_of_axis =
             |name: &str| name.strip_suffix(end).is_some_and(|own| axis.is_none_or(|axis| own == axis));
-        let moved = |place: usize| dataset.runs.iter().any(|run| run.range(place) > STANDS_STILL);
+        let moved = |place: usize| recorded(dataset).any(|run| run.range(place) > STANDS_STILL);
         let columns = dataset.columns.iter().enumerate().filter(|(_, column)| is_of_axis(&column.name));
         columns.map(|(place, _)| place).filter(|place| moved(*place)).collect()
     };
@@ -119,16 +120,23 @@ fn acting(
     }
 }
 
-/// Subtracts the Cz of this column from the measured error in each row. Returns the least and the greatest Cz, µm. A
-/// run without values in the column was measured without Cz. In all other runs, a row without Cz loses its error value.
+/// Returns the runs whose errors were recorded row by row. The errors of the other runs are touches, from which the Cz
+/// has been removed.
+fn recorded(dataset: &Dataset) -> impl Iterator<Item = &Run> {
+    dataset.runs.iter().filter(|run| !run.is_touched())
+}
+
+/// Subtracts the Cz of this column from the measured error in each row. Returns the least and the greatest Cz, µm;
+/// `None` if no run was measured with Cz. A run without values in the column was measured without Cz. In all other runs,
+/// a row without Cz loses its error value.
 fn take_out(dataset: &mut Dataset, error: usize, column: usize) -> Option<(f64, f64)> {
-    for run in &mut dataset.runs {
+    for run in dataset.runs.iter_mut().filter(|run| !run.is_touched()) {
         let cz = run.values[column].clone();
         if cz.iter().any(|cz| cz.is_finite()) {
             run.values[error].iter_mut().zip(cz).for_each(|(error, cz)| *error -= cz);
         }
     }
-    least_and_most(dataset.runs.iter().flat_map(|run| &run.values[column]))
+    least_and_most(recorded(dataset).flat_map(|run| &run.values[column]))
 }
 
 /// Removes the Cz that was active during the measurement from the error, and adds a remark about it. `axis` is the axis

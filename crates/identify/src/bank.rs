@@ -6,7 +6,8 @@
 //! gives the same values in a replay of the run.
 //!
 //! A rise is zero until its reference has been captured, because the axis does not compensate before. If the error at a
-//! position is counted from the first visit of that position, the rises are counted from that visit, too.
+//! position is counted from the first visit of that position, the rises are counted from that visit, too. The same
+//! applies to touches that are counted from a zero, or from the first of them.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -234,6 +235,8 @@ pub(crate) fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate
                 *rise *= distance.unwrap_or(f64::NAN);
             }
         }
+        // Other sensors are predicted over all rows, which have one reference.
+        let since = since.filter(|_| wanted == Rows::WithError || campaign.position.is_some());
         if let Some(since) = since {
             let first = visits.entry(since).or_insert_with(|| rises.clone());
             rises.iter_mut().zip(first).for_each(|(rise, first)| *rise -= *first);

@@ -1,10 +1,11 @@
 //! Runs of a dataset as the gateway would read them: through the signals of a profile, with one measured error.
 
 use std::borrow::Cow;
+use std::cmp::Ordering;
 use std::collections::HashMap;
 use std::time::Duration;
 
-use crate::dataset::{Dataset, Kind, Run};
+use crate::dataset::{Dataset, Datum as TouchDatum, Errors, Kind, Run};
 use crate::faults::Finding;
 use crate::faults::mend::Mending;
 use isotherm_core::compensation::settings::{
@@ -80,7 +81,8 @@ impl<'a> Campaign<'a> {
         if machine.settle.is_zero() {
             machine.settle = USUAL_SETTLE;
         }
-        let without_models = |axis: &Axis| AxisSettings { models: Vec::new(), ..axis.settings.clone() };
+        let without_models =
+            |axis: &Axis| AxisSettings { models: Vec::new(), learned: None, ..axis.settings.clone() };
         Campaign {
             machine,
             axes: profile.axes.iter().map(without_models).collect(),
@@ -204,6 +206,9 @@ impl<'a> Campaign<'a> {
     /// drift. At a position that is first visited after the references have settled, the error is counted from the
     /// first visit.
     pub(super) fn targets(&self, run: &Run) -> Vec<Target> {
+        if let Errors::Touched(datum) = run.origin.errors {
+            return self.touched(run, datum);
+        }
         let errors = &run.values[self.error];
         let Some(start) = self.start(run) else { return vec![Target::UNKNOWN; errors.len()] };
         let places: Vec<i64> = match &self.position {
@@ -232,13 +237,53 @@ impl<'a> Campaign<'a> {
     }
 }
 
+impl Campaign<'_> {
+    /// Returns the compensation that would leave no error at the datum of a run and at each of its touches, µm. The
+    /// compensation at the datum is 0, and a touch counts from there. The datum is the first row from `datum` on in
+    /// which every input has a value.
+    fn touched(&self, run: &Run, datum: TouchDatum) -> Vec<Target> {
+        let errors = &run.values[self.error];
+        let first = match datum {
+            TouchDatum::Start => self.start(run).map(|start| run.times.partition_point(|time| *time < start)),
+            TouchDatum::Zero(row) | TouchDatum::Touch(row) => Some(row),
+        };
+        let mut readings = Vec::new();
+        let mut is_complete = |row: usize| {
+            self.readings(run, row, run.times[row], &mut readings);
+            let value = |input: &Input| readings.get(input.signal.0).and_then(Reading::usable);
+            self.inputs.iter().all(|input| value(input).is_some())
+        };
+        let counts_from_touch = matches!(datum, TouchDatum::Touch(_));
+        let may_be_zero = |row: &usize| !counts_from_touch || errors[*row].is_finite();
+        let zero =
+            first.and_then(|first| (first..errors.len()).filter(may_be_zero).find(|row| is_complete(*row)));
+        let Some(zero) = zero else { return vec![Target::UNKNOWN; errors.len()] };
+        let cold = Some(errors[zero]).filter(|error| error.is_finite()).unwrap_or_default();
+        let since = (datum != TouchDatum::Start).then_some(zero);
+        let target = |(row, error): (usize, &f64)| match row.cmp(&zero) {
+            Ordering::Less => Target::UNKNOWN,
+            Ordering::Equal => Target { cz: 0.0, since },
+            Ordering::Greater => Target { cz: cold - error, since },
+        };
+        errors.iter().enumerate().map(target).collect()
+    }
+
+    /// Returns the number of touches from which a run with this number of rows is known, without its datum. `None` if
+    /// its errors were recorded row by row.
+    pub(super) fn touches(&self, run: usize, rows: usize) -> Option<usize> {
+        let is_touched = self.dataset.runs.get(run).is_some_and(Run::is_touched);
+        is_touched.then(|| rows.saturating_sub(1))
+    }
+}
+
 /// Target of a model (Cz that would leave no error) at one log row.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Target {
     /// Target Cz, µm. NaN if the error is missing, and before the machine starts.
     pub(super) cz: f64,
-    /// Log row of the first visit of this position, if that was after the references had settled; else `None`. The
-    /// machine was already warm in that row. Therefore the target and the rises of a model are both counted from it.
+    /// Log row of the first visit of this position, if that was after the references had settled, or of the datum of
+    /// touches, if that is no machine start; else `None`. The machine was already warm in that row. Therefore the target
+    /// and the rises of a model are both counted from it.
     pub(super) since: Option<usize>,
 }
 
@@ -265,6 +310,7 @@ fn onlooker() -> AxisSettings {
         datum: Datum::default(),
         intercept_slope: None,
         probe: None,
+        learned: None,
     }
 }
 

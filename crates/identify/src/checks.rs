@@ -10,7 +10,7 @@ use isotherm_profile::{counted, duration_text};
 /// Maximum temperature of a cold workshop, °C. If all sensors begin above it, they are probably in °F.
 const COLD_SHOP: f64 = 45.0;
 /// Minimum duration of a run with a measurable drift.
-const SHORTEST_RUN: Duration = Duration::from_secs(20 * 60);
+pub(super) const SHORTEST_RUN: Duration = Duration::from_secs(20 * 60);
 /// Maximum duration of a run. A run of four hours is longer if its seconds are read as minutes.
 const LONGEST_RUN: Duration = Duration::from_secs(10 * 24 * 3600);
 /// Maximum range of the position of a probe that measures at one position, mm.

@@ -44,6 +44,7 @@ pub use explain::{CsvLayout, ExplainedColumn, ExplainedRow, Explanation, TimeLay
 pub use kind::Kind;
 pub use plain::{PlainLog, plain_log};
 pub use run::Run;
+pub(crate) use run::{Datum, Errors, Origin};
 pub use split::Split;
 pub use table::{Uses, every_column};
 
@@ -178,7 +179,8 @@ impl Dataset {
 
     /// Returns the columns that a verb does not use, with the reason. `is_used` returns whether the verb uses a column.
     pub fn unused(&self, is_used: &dyn Fn(&Column) -> bool) -> Vec<UnusedColumn> {
-        let read = self.columns.iter().filter(|column| !is_used(column)).chain(&self.unread);
+        // The touches of a probe are used, although their columns are not kept.
+        let read = self.columns.iter().chain(&self.unread).filter(|column| !is_used(column));
         let why = |column: &Column| match column.kind {
             Kind::Other => UNKNOWN_QUANTITY.to_owned(),
             kind => format!("{kind}, which was not asked for"),

@@ -8,7 +8,10 @@
 //!
 //! The fit is least squares of the squared residuals on (h, 1), with a and b not negative. The fit is then repeated
 //! with the weights 1/σ⁴, because squares of normal errors scatter in proportion to σ² (gamma likelihood). Each run has
-//! the same weight. Only every fifth row is used, because neighbouring rows are similar.
+//! the same weight. Only every fifth row is used, because neighbouring rows are similar. Every touch is used.
+//!
+//! Runs that were measured row by row count, if there are three of them. Otherwise, runs that were measured by touches
+//! count as well.
 
 use serde::Serialize;
 
@@ -45,12 +48,25 @@ pub struct Inside {
 /// Hours since the datum or the last touch, squared residual in µm², and weight.
 type Row = (f64, f64, f64);
 
-/// Estimates the expected error from all held-out runs. `None` if all residuals are zero, or if there are fewer than
-/// three runs. With two runs, each model is identified from one run only.
-pub(crate) fn expected(held_out: &[HeldOut]) -> Option<Expected> {
-    let all = |rows: fn(&HeldOut) -> Vec<Row>| growth(held_out.iter().flat_map(rows).collect());
-    is_enough(held_out)?;
-    Some(Expected { since_datum: all(since_datum)?, since_touch: all(since_touch)? })
+/// Estimates the expected error from the held-out runs.
+///
+/// # Errors
+/// Returns why there is none: all residuals are zero, or there are fewer than three runs. With two runs, each model is
+/// identified from one run only.
+pub(crate) fn expected(held_out: &[HeldOut]) -> Result<Expected, &'static str> {
+    is_enough(held_out).ok_or("it needs three runs, of which each is held out in turn")?;
+    let used = preferred(held_out.iter(), 3);
+    let all = |rows: fn(&HeldOut) -> Vec<Row>| growth(used.iter().flat_map(|held| rows(held)).collect());
+    let since_datum = all(since_datum).ok_or("no held-out run has a residual error")?;
+    let since_touch =
+        all(since_touch).ok_or("the residual error of no held-out run changes within an hour")?;
+    Ok(Expected { since_datum, since_touch })
+}
+
+/// Returns the runs that were measured row by row, if there are at least `enough` of them; otherwise all runs.
+fn preferred<'a>(all: impl Iterator<Item = &'a HeldOut>, enough: usize) -> Vec<&'a HeldOut> {
+    let (recorded, touched): (Vec<&HeldOut>, Vec<&HeldOut>) = all.partition(|held| !held.is_touched());
+    if recorded.len() < enough { recorded.into_iter().chain(touched).collect() } else { recorded }
 }
 
 fn is_enough(held_out: &[HeldOut]) -> Option<()> {
@@ -61,8 +77,9 @@ fn is_enough(held_out: &[HeldOut]) -> Option<()> {
 /// expected error.
 pub(crate) fn inside(held_out: &[HeldOut], run: usize) -> Option<Inside> {
     is_enough(held_out)?;
-    let others = held_out.iter().enumerate().filter(|(other, _)| *other != run);
-    let [a, b] = growth(others.flat_map(|(_, held)| since_datum(held)).collect())?;
+    let others = held_out.iter().enumerate().filter(|(other, _)| *other != run).map(|(_, held)| held);
+    let others = preferred(others, 2);
+    let [a, b] = growth(others.iter().flat_map(|held| since_datum(held)).collect())?;
     let rows = since_datum(held_out.get(run)?);
     let within = |times: f64| {
         let inside = rows.iter().filter(|(hours, square, _)| *square <= times * times * (a * hours + b));
@@ -74,10 +91,17 @@ pub(crate) fn inside(held_out: &[HeldOut], run: usize) -> Option<Inside> {
 fn since_datum(held: &HeldOut) -> Vec<Row> {
     let begin = held.seconds.first().copied().unwrap_or_default();
     let left = held.residual(None);
-    rows(held.seconds.iter().map(|second| second - begin).zip(left))
+    rows(held.seconds.iter().map(|second| second - begin).zip(left), step(held))
 }
 
 fn since_touch(held: &HeldOut) -> Vec<Row> {
+    if held.is_touched() {
+        // Each touch shows by how much the residual has changed since the touch before.
+        let left = held.residual(None);
+        let changes = left.windows(2).map(|pair| pair[1] - pair[0]);
+        let spans = held.seconds.windows(2).map(|pair| pair[1] - pair[0]);
+        return rows(spans.zip(changes), 1);
+    }
     let left = held.residual(Some(TOUCHES_EVERY));
     let mut touched = (f64::NEG_INFINITY, 0.0);
     let since = held.seconds.iter().map(|second| {
@@ -87,12 +111,17 @@ fn since_touch(held: &HeldOut) -> Vec<Row> {
         }
         second - touched.1
     });
-    rows(since.zip(left))
+    rows(since.zip(left), step(held))
 }
 
-fn rows(all: impl ExactSizeIterator<Item = (f64, f64)>) -> Vec<Row> {
-    let weight = 1.0 / count(all.len().div_ceil(EVERY)).max(1.0);
-    all.step_by(EVERY).map(|(seconds, left)| (seconds / 3600.0, left * left, weight)).collect()
+/// Returns how many rows of a run count as one.
+fn step(held: &HeldOut) -> usize {
+    if held.is_touched() { 1 } else { EVERY }
+}
+
+fn rows(all: impl ExactSizeIterator<Item = (f64, f64)>, step: usize) -> Vec<Row> {
+    let weight = 1.0 / count(all.len().div_ceil(step)).max(1.0);
+    all.step_by(step).map(|(seconds, left)| (seconds / 3600.0, left * left, weight)).collect()
 }
 
 fn growth(rows: Vec<Row>) -> Option<Growth> {

@@ -181,10 +181,20 @@ pub(super) fn faults(dataset: &Dataset, columns: &[usize], frozen: &[Frozen]) ->
     columns.iter().flat_map(|column| of_column(dataset, *column, frozen)).collect()
 }
 
+/// Returns whether the readings of a log column hardly change in any run.
+pub(super) fn is_constant(dataset: &Dataset, column: usize) -> bool {
+    let series: Vec<Minutes> = dataset.runs.iter().map(|run| Minutes::of(run, column)).collect();
+    are_constant(dataset, column, &series)
+}
+
+fn are_constant(dataset: &Dataset, column: usize, series: &[Minutes]) -> bool {
+    let least = (2.0 * resolution(dataset, column)).clamp(STANDS_STILL, 0.05);
+    series.iter().all(|run| range(&run.values) < least)
+}
+
 fn of_column(dataset: &Dataset, column: usize, frozen: &[Frozen]) -> Vec<Fault> {
     let series: Vec<Minutes> = dataset.runs.iter().map(|run| Minutes::of(run, column)).collect();
-    let least = (2.0 * resolution(dataset, column)).clamp(STANDS_STILL, 0.05);
-    if series.iter().all(|run| range(&run.values) < least) {
+    if are_constant(dataset, column, &series) {
         let message = "constant: this sensor gives no information".to_owned();
         return vec![Fault { column, run: None, message, damage: Damage::Whole, rows: Vec::new() }];
     }

@@ -20,7 +20,7 @@ use crate::bank::{Bank, Candidate};
 use crate::gram::Gram;
 use crate::identified::TermFound;
 use crate::method::whitened::{Fitted, fit, usual_lags};
-use crate::method::{Method, Settings};
+use crate::method::{Method, PriorTerm, Settings};
 use crate::products::Products;
 use crate::setup::Ready;
 use crate::written;
@@ -28,6 +28,9 @@ use isotherm_profile::duration_text;
 use isotherm_profile::sha256;
 
 const FORMAT: &str = "isotherm-products";
+/// Comment of a block: what products cannot give.
+pub(crate) const NO_VALUES: &str =
+    "# No envelope and no stand-ins: products do not contain the values of the inputs.\n";
 const VERSION: u64 = 1;
 
 /// Gram products (X'X, X'y, y'y) of the runs of one or more machines, with the settings under which they were
@@ -97,7 +100,9 @@ pub struct FleetModel {
     pub axis: String,
     /// Terms, in the order of the columns of the products.
     pub terms: Vec<FleetTerm>,
-    /// Residual error of each run with models from other runs.
+    /// Number of runs from which the model was identified.
+    pub from_runs: usize,
+    /// Residual error of each run with models from other runs; empty if no run was held out.
     pub runs: Vec<RunLeft>,
     settle_s: f64,
 }
@@ -308,11 +313,52 @@ impl RunProducts {
         names.join(", ")
     }
 
+    /// Returns the products of all runs, each with its weight.
+    fn products(&self, weight: impl Fn(usize) -> f64) -> Products {
+        let grams = |of: fn(&Run) -> &Sums| {
+            let runs = self.runs.iter().enumerate();
+            runs.map(|(place, run)| of(run).gram().faded(weight(place))).collect()
+        };
+        Products::kept(grams(|run| &run.plain), grams(|run| &run.white))
+    }
+
+    /// Identifies a model from all runs by the method `whitened`. The last run has the weight 1, and each earlier run
+    /// `forgetting` times the weight of the run after it. No run is held out for a residual error.
+    pub(crate) fn learn_recent(&self, forgetting: f64) -> FleetModel {
+        let newest = self.runs.len().saturating_sub(1);
+        let age = |run: usize| i32::try_from(newest.saturating_sub(run)).unwrap_or(i32::MAX);
+        let products = self.products(|run| forgetting.powi(age(run)));
+        let (all, every) =
+            ((0..self.runs.len()).collect::<Vec<_>>(), (0..self.columns.len()).collect::<Vec<_>>());
+        self.model(fit(&products, &all, &every, &self.bank()), Vec::new())
+    }
+
+    /// Returns whether these products were calculated for the same axis, with the same columns and averaging times.
+    pub(crate) fn is_like(&self, other: &RunProducts) -> bool {
+        self.axis == other.axis
+            && self.columns == other.columns
+            && self.settle_s.to_bits() == other.settle_s.to_bits()
+            && self.resample_s.to_bits() == other.resample_s.to_bits()
+    }
+
+    /// Returns the sum of squared residuals of a model over the rows of all these runs, µm².
+    pub(crate) fn left(&self, model: &FleetModel) -> f64 {
+        let gain = |column: &Column| {
+            let same = |term: &&FleetTerm| {
+                term.signal == column.signal
+                    && term.lag_s.to_bits() == column.lag_s.to_bits()
+                    && term.squared == column.squared
+            };
+            model.terms.iter().find(same).map_or(0.0, |term| term.gain)
+        };
+        let gains = DVector::from_iterator(self.columns.len(), self.columns.iter().map(gain));
+        self.runs.iter().map(|run| run.plain.gram().left(&gains)).sum()
+    }
+
     /// Identifies a model from all runs by the method `whitened`. Penalties are chosen on held-out runs. The result
     /// also contains the residual error of each run with models from the other runs.
     pub fn learn(&self) -> FleetModel {
-        let grams = |of: fn(&Run) -> &Sums| self.runs.iter().map(|run| of(run).gram()).collect();
-        let products = Products::kept(grams(|run| &run.plain), grams(|run| &run.white));
+        let products = self.products(|_| 1.0);
         let bank = self.bank();
         let every: Vec<usize> = (0..self.columns.len()).collect();
         let learnt = |runs: &[usize]| fit(&products, runs, &every, &bank);
@@ -333,7 +379,11 @@ impl RunProducts {
                 other_machines_rms_um: left(&|other| self.runs[other].machine != run.machine),
             }
         };
-        let Fitted { gains, halves } = learnt(&all);
+        self.model(learnt(&all), all.iter().map(|run| left(*run)).collect())
+    }
+
+    fn model(&self, fitted: Fitted, runs: Vec<RunLeft>) -> FleetModel {
+        let Fitted { gains, halves } = fitted;
         let term = |(place, (column, gain)): (usize, (&Column, f64))| FleetTerm {
             signal: column.signal.clone(),
             unit: column.unit.clone(),
@@ -345,7 +395,8 @@ impl RunProducts {
         FleetModel {
             axis: self.axis.clone(),
             terms: self.columns.iter().zip(gains).enumerate().map(term).collect(),
-            runs: all.iter().map(|run| left(*run)).collect(),
+            from_runs: self.runs.len(),
+            runs,
             settle_s: self.settle_s,
         }
     }
@@ -421,6 +472,24 @@ impl FleetModel {
     /// Returns the model as TOML for a profile: an `[[axis.….model]]` table with comments.
     #[must_use]
     pub fn block(&self) -> String {
+        let runs = self.from_runs;
+        let head = format!("# Cz = −e, identified from the products of {runs} runs.\n{NO_VALUES}");
+        self.block_of("fleet", &head, "")
+    }
+
+    /// Returns the terms as those of an existing model.
+    pub(crate) fn prior(&self) -> Vec<PriorTerm> {
+        let term = |term: &FleetTerm| PriorTerm {
+            signal: term.signal.clone(),
+            lag: Duration::try_from_secs_f64(term.lag_s).ok().filter(|lag| !lag.is_zero()),
+            squared: term.squared,
+            gain: term.gain,
+        };
+        self.terms.iter().map(term).collect()
+    }
+
+    /// Returns the model as TOML for a profile, with this name, these comments before it, and these keys after it.
+    pub(crate) fn block_of(&self, name: &str, head: &str, keys: &str) -> String {
         let term = |term: &FleetTerm| TermFound {
             signal: term.signal.clone(),
             lag_s: term.lag_s,
@@ -434,12 +503,8 @@ impl FleetModel {
             is_speed: term.unit == "rpm",
         };
         let terms: Vec<TermFound> = self.terms.iter().map(term).collect();
-        let runs = self.runs.len();
         format!(
-            "# Cz = −e, identified from the products of {runs} runs.\n\
-             # No envelope and no stand-ins: products do not contain the values of the inputs.\n\
-             # {}\n\
-             [[axis.{}.model]]\nname = \"fleet\"\n{}\n{}\n",
+            "{head}# {}\n[[axis.{}.model]]\nname = \"{name}\"\n{}\n{}\n{keys}",
             written::zero_needs(&self.axis),
             self.axis,
             written::sum(&terms, None),

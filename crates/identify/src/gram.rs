@@ -77,6 +77,12 @@ impl Gram {
         self
     }
 
+    /// Multiplies all products and the number of rows by `weight`, so that the rows count less.
+    pub(crate) fn faded(mut self, weight: f64) -> Gram {
+        self.rows *= weight;
+        self.times(weight)
+    }
+
     /// Returns the products of some of the columns (candidate terms).
     pub(crate) fn of_columns(&self, columns: &[usize]) -> Gram {
         Gram {

@@ -11,6 +11,7 @@ use crate::dataset::{Column, Kind};
 use crate::expected::{Expected, expected, inside};
 use crate::faults::{Notes, Repaired, resolution};
 use crate::learn::Learned;
+use crate::method::whitened::check_prior;
 use crate::method::{Method, Settings};
 use crate::pruning::prune;
 use crate::region::Region;
@@ -18,9 +19,11 @@ use crate::select::{Counted, point_counts};
 use crate::setup::Ready;
 use crate::stand_in::{self, StandIn};
 use crate::statistics::least_and_most;
+use crate::touches;
 use crate::uncertainty::standard_errors;
-use crate::validate::{HeldOut, Means, Progress, RunScore, leave_one_run_out};
+use crate::validate::{HeldOut, Means, OVER_TOUCHES, Progress, RunScore, leave_one_run_out};
 use crate::wander::wander;
+use isotherm_profile::counted;
 use lost_sensor::{fallbacks, irreplaceable, keep_the_better};
 
 mod harm;
@@ -68,6 +71,9 @@ pub struct Identified {
     pub columns: Vec<ColumnShown>,
     /// Expected error: one standard deviation, which grows with the hours; `None` if it is not known.
     pub expected: Option<Expected>,
+    /// Reason why the expected error is not known; `None` if it is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub expected_missing: Option<&'static str>,
     /// Random drift of the residual error, µm²/h: the value of `q` for a probe in the profile. `None` if it is not
     /// known.
     pub probe_q: Option<f64>,
@@ -161,6 +167,9 @@ pub fn identify(
     let learner = settings.method.prepare(campaign, settings)?;
     let (learner, bank) = (learner.as_ref(), learner.bank());
     bank.check_rows("every sensor", "the sensor")?;
+    if let Some(prior) = &settings.prior {
+        check_prior(campaign, bank, prior)?;
+    }
     let one_run_only = one_run_only(&campaign.dataset).filter(|_| settings.method != Method::Whitened);
     one_run_only.map_or(Ok(()), Err)?;
     check_count(bank, settings.method)?;
@@ -216,6 +225,7 @@ pub fn identify(
     let error = campaign.dataset.columns[campaign.error].name.clone();
     let mut runs: Vec<RunScore> = held_out.iter().map(|held| held.score.clone()).collect();
     let expected = expected(&held_out);
+    notes.remarks.extend(over_touches(campaign));
     for (place, run) in runs.iter_mut().enumerate() {
         run.expected_um = inside(&held_out, place);
     }
@@ -239,7 +249,8 @@ pub fn identify(
         },
         means: Means::of(&runs),
         uncompensated: Means::uncompensated(&runs),
-        expected,
+        expected_missing: expected.err(),
+        expected: expected.ok(),
         probe_q: wander(&held_out),
         worse_runs: runs.iter().filter(|run| run.is_worse()).map(|run| run.name.clone()).collect(),
         runs,
@@ -293,9 +304,22 @@ pub fn assessed_on_others(
         let error = bank.runs[run].error();
         let cz = learned.predict(campaign, bank, run);
         let left: Vec<f64> = error.iter().zip(cz).map(|(error, cz)| error + cz).collect();
-        RunScore::new(&bank.runs[run].name, &error, &left)
+        RunScore::new(&bank.runs[run].name, &error, &left).over(campaign.touches(run, error.len()))
     };
     Ok(others.map(assessed).collect())
+}
+
+/// Returns a remark on the ranges of runs that were measured by touches; `None` without such runs.
+fn over_touches(campaign: &Campaign<'_>) -> Option<String> {
+    let runs = &campaign.dataset.runs;
+    let touched = runs.iter().filter(|run| run.is_touched()).count();
+    (touched > 0).then(|| {
+        format!(
+            "{touched} of {} were measured by touches of a probe. The range over touches is marked: over all rows, it \
+             is about {OVER_TOUCHES} times as large",
+            counted(runs.len(), "run")
+        )
+    })
 }
 
 /// Returns a remark on the reliability of a model from one or two runs; `None` for more.
@@ -366,6 +390,8 @@ fn terms_of(campaign: &Campaign<'_>, bank: &Bank, gains: &[(Candidate, f64)]) ->
 /// Returns the columns of the logs with their use. The figures are those of the recorded readings, because rebuilt
 /// readings have no resolution.
 fn columns(ready: &Ready<'_>, error: &str) -> Vec<ColumnShown> {
+    let (touches, runs) = (touches::columns(&ready.axis), &ready.logs.runs);
+    let are_touches = runs.iter().any(|run| run.is_touched());
     let used = |name: &str| {
         if name == error {
             "error"
@@ -373,6 +399,8 @@ fn columns(ready: &Ready<'_>, error: &str) -> Vec<ColumnShown> {
             "input"
         } else if ready.notes.excluded.iter().any(|faulty| faulty.signal == name) {
             "left out: faulty"
+        } else if are_touches && touches.iter().any(|touches| touches == name) {
+            "touches"
         } else {
             "not used"
         }

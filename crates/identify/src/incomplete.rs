@@ -135,7 +135,7 @@ mod tests {
     use std::path::PathBuf;
 
     use super::*;
-    use crate::dataset::{Column, Kind, Run};
+    use crate::dataset::{Column, Kind, Origin, Run};
     use isotherm_core::quantity::Moment;
 
     /// Logs of five days with the columns `bed` and `nose`. The function returns whether a day has a column.
@@ -146,6 +146,7 @@ mod tests {
             file: PathBuf::from("day.csv"),
             times: (0..10).map(|row| Moment::from_nanos(row * 60_000_000_000)).collect(),
             values: [0, 1].map(|column| vec![if has(day, column) { 20.0 } else { f64::NAN }; 10]).to_vec(),
+            origin: Origin::default(),
         };
         let columns = vec![column("bed"), column("nose")];
         Dataset { columns, runs: (0..5).map(day).collect(), ..Dataset::default() }

@@ -8,8 +8,9 @@
 //! The rises and lags in the matrix of candidate terms (`bank`) are computed by the gateway's own
 //! [`compensation`](isotherm_core::compensation). Therefore an identified model gives the same values in the gateway.
 //!
-//! [`fleet`] stores the products of each run, so that the products of several machines can be added. [`select`] selects
-//! measuring points without a profile. [`report`] renders HTML reports of models and of selections.
+//! [`learning`] learns the model of an axis from its touches, one run after the other. [`fleet`] stores the products of
+//! each run, so that the products of several machines can be added. [`select`] selects measuring points without a
+//! profile. [`report`] renders HTML reports of models and of selections.
 //!
 //! # Sign
 //! Methods identify the compensation that would leave no error, Cz = −(e − its cold value). Gains have the same sign as
@@ -24,6 +25,7 @@ pub mod facts;
 pub mod faults;
 pub mod fleet;
 pub mod identified;
+pub mod learning;
 pub mod method;
 pub mod repaired_runs;
 pub mod report;
@@ -53,6 +55,7 @@ mod sensors;
 mod similarity;
 mod solve;
 mod statistics;
+mod touches;
 mod uncertainty;
 mod validate;
 mod wander;
@@ -60,4 +63,4 @@ mod whiten;
 
 pub use identified::{Identified, assessed_on_others, identify};
 pub use learn::Learned;
-pub use validate::RunScore;
+pub use validate::{OVER_TOUCHES, RunScore};

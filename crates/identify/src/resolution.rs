@@ -72,13 +72,19 @@ mod tests {
     use std::path::PathBuf;
 
     use super::*;
-    use crate::dataset::{Column, Kind, Run};
+    use crate::dataset::{Column, Kind, Origin, Run};
     use isotherm_core::quantity::Moment;
 
     fn dataset(values: Vec<f64>) -> Dataset {
         let minutes = 0..values.len() as u64;
         let times = minutes.map(|minute| Moment::from_nanos(minute * 60_000_000_000)).collect();
-        let run = Run { name: "day".to_owned(), file: PathBuf::from("day.csv"), times, values: vec![values] };
+        let run = Run {
+            name: "day".to_owned(),
+            file: PathBuf::from("day.csv"),
+            times,
+            values: vec![values],
+            origin: Origin::default(),
+        };
         let columns = vec![Column { name: "bed".to_owned(), kind: Kind::Temperature }];
         Dataset { columns, runs: vec![run], ..Dataset::default() }
     }

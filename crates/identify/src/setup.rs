@@ -11,7 +11,7 @@ use crate::checks::{
 use crate::dataset::{BadLog, Dataset, Kind, Run};
 use crate::faults::mend::{Mended, mend};
 use crate::faults::{self, Notes, Repaired};
-use crate::{incomplete, omission};
+use crate::{incomplete, omission, touches};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{Profile, Signal};
 use sound_sensors::{SoundSensors, examine};
@@ -65,7 +65,7 @@ impl Ready<'_> {
 }
 
 /// Subtracts the effect of the Cz that acted from the measured error. The Cz is read from a log of the gateway, or from
-/// the column that `applied` names.
+/// the column that `applied` names. Touches of a probe become errors as well, and runs from datum to datum.
 ///
 /// # Errors
 /// Returns a message if the Cz that acted cannot be determined.
@@ -77,8 +77,9 @@ pub fn without_cz(
 ) -> Result<(), BadLog> {
     // `ready` reports a missing axis or column.
     let Some(axis) = axis(profile, choice, &mut Vec::new()) else { return Ok(()) };
-    let moves = applied::moves_the_machine(profile, &axis);
-    applied::without_cz(dataset, &choice.error_of(&axis), Some(&axis), moves, applied)
+    let (moves, error) = (applied::moves_the_machine(profile, &axis), choice.error_of(&axis));
+    touches::merge(profile, dataset, (&axis, &error), applied)?;
+    applied::without_cz(dataset, &error, Some(&axis), moves, applied)
 }
 
 /// Leaves out the runs that lack an input that other runs have, if that leaves less error than leaving out the input. A
@@ -118,6 +119,12 @@ impl Choice {
     pub fn error_column(&self, profile: &Profile) -> String {
         // `ready` reports a missing axis.
         self.error_of(&axis(profile, self, &mut Vec::new()).unwrap_or_default())
+    }
+
+    /// Returns the log columns with the touches of the axis, and with the Cz that acted during each.
+    #[must_use]
+    pub(crate) fn touch_columns(&self, profile: &Profile) -> [String; 2] {
+        touches::columns(&axis(profile, self, &mut Vec::new()).unwrap_or_default())
     }
 
     fn error_of(&self, axis: &str) -> String {

@@ -7,17 +7,18 @@ use crate::drift::is_feed;
 use crate::setup::{Choice, units};
 use isotherm_profile::Profile;
 
-/// Selects the log columns that `isotherm identify` reads: the signals of the profile, the error, its active Cz, and
-/// columns that describe the use of the machine.
+/// Selects the log columns that `isotherm identify` reads: the signals of the profile, the error, its active Cz, touches
+/// of a probe, and columns that describe the use of the machine.
 pub fn of_identify<'a>(
     profile: &'a Profile,
     choice: &'a Choice,
     applied: &'a Applied,
 ) -> impl Fn(&str) -> bool + 'a {
-    let error = choice.error_column(profile);
+    let (error, touches) = (choice.error_column(profile), choice.touch_columns(profile));
     move |name| {
         profile.signals.iter().any(|signal| signal.name == name)
             || name == error
+            || touches.iter().any(|touches| name == touches)
             || applied.names(name)
             || is_named_for_the_air(name)
             || matches!(Kind::of_name(name, units(profile)(name)), Some(Kind::Speed | Kind::Position))

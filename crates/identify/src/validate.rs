@@ -35,7 +35,14 @@ pub struct RunScore {
     /// Share of the log rows whose residual is within the expected error; `None` if that error is not known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_um: Option<Inside>,
+    /// Number of touches if the run was measured by touches of a probe; `None` if it was measured row by row. A range
+    /// over touches is too small, see [`OVER_TOUCHES`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub touches: Option<usize>,
 }
+
+/// Factor by which the range over all rows is usually larger than the range over eight touches.
+pub const OVER_TOUCHES: f64 = 1.3;
 
 impl RunScore {
     /// Creates a score from the measured error and the residual error, µm.
@@ -51,7 +58,19 @@ impl RunScore {
             range_cut_percent: (uncompensated_range_um > 0.0)
                 .then(|| 100.0 * (1.0 - range_um / uncompensated_range_um)),
             expected_um: None,
+            touches: None,
         }
+    }
+
+    /// Returns the score of a run that was measured by this number of touches; `None` if it was measured row by row.
+    #[must_use]
+    pub(super) fn over(self, touches: Option<usize>) -> RunScore {
+        RunScore { touches, ..self }
+    }
+
+    /// Returns the mark of a range over touches, for reports: ` (× 1.3)`. Empty if the run was measured row by row.
+    pub fn mark(&self) -> String {
+        self.touches.map_or_else(String::new, |_| format!(" (× {OVER_TOUCHES})"))
     }
 
     /// Returns whether the range of the residual error is larger than the range without compensation.
@@ -125,6 +144,11 @@ pub struct HeldOut {
 }
 
 impl HeldOut {
+    /// Returns whether the run was measured by touches of a probe.
+    pub(crate) fn is_touched(&self) -> bool {
+        self.score.touches.is_some()
+    }
+
     /// Returns the residual error in each log row: e + Cz. `probe` is the interval of a simulated probe, s. With it,
     /// the residual at the last probing is subtracted.
     pub fn residual(&self, probe: Option<f64>) -> Vec<f64> {
@@ -186,6 +210,7 @@ pub(super) fn leave_one_run_out(
             let (error, cz) = (run.error(), learned.predict(campaign, learner.bank(), out));
             let (windows, seconds) = (run.windows.clone(), run.seconds.clone());
             let score = RunScore::new(&run.name, &error, &residual(&seconds, &error, &cz, probe));
+            let score = score.over(campaign.touches(out, error.len()));
             Ok(HeldOut { score, windows, seconds, error, cz, learned })
         };
     let each = |campaign: &Campaign<'_>, learner: &dyn Learner, out: usize, others: &[usize]| {

@@ -11,6 +11,7 @@ use crate::identified::{Alone, Identified, TermFound};
 use crate::learn::Learned;
 use crate::region::Region;
 use crate::stand_in::StandIn;
+use crate::validate::OVER_TOUCHES;
 use isotherm_core::compensation::model::Outside;
 use isotherm_profile::sha256;
 
@@ -106,7 +107,8 @@ fn beside(found: &Identified, stem: &str, files: &mut Vec<(String, String)>) -> 
             json!({ "format": "isotherm-stand-ins", "version": 1, "sensors": sensors }),
         );
     }
-    keys + &expected(found.expected.as_ref())
+    let missing = found.expected_missing.map(|why| format!("# No expected error: {why}.\n"));
+    keys + &expected(found.expected.as_ref()) + &missing.unwrap_or_default()
 }
 
 /// Returns the keys that name a file and give its hash. Adds the file to `files`.
@@ -181,6 +183,13 @@ fn head(found: &Identified) -> Vec<String> {
         };
         lines.push(format!(
             "With this model, {share:.0} % of {runs} held-out runs are worse than uncompensated{worse}."
+        ));
+    }
+    let touched = found.runs.iter().filter(|run| run.touches.is_some()).count();
+    if touched > 0 {
+        lines.push(format!(
+            "{touched} of these runs were measured by touches of a probe. Over all rows, their ranges are about \
+             {OVER_TOUCHES} times as large."
         ));
     }
     lines.extend(found.probe_q.map(|q| {

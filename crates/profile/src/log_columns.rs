@@ -8,7 +8,7 @@ pub const TIME: &str = "time";
 
 /// Ends of the names of an axis's columns: `z_cz_um` for axis `z`. A log has some of them only with certain keys of the
 /// axis. The measured error is not in this list, because a signal may measure it.
-pub const OF_AXIS: [&str; 21] = [
+pub const OF_AXIS: [&str; 22] = [
     "permit",
     "from_um",
     "raw_um",
@@ -30,6 +30,7 @@ pub const OF_AXIS: [&str; 21] = [
     "expected_um",
     "stood_in",
     "trust",
+    "preferred",
 ];
 
 /// Columns of the whole machine.

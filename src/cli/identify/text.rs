@@ -18,6 +18,10 @@ pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Dur
     };
     writeln!(out, "  error   {}", columns("error"))?;
     writeln!(out, "  inputs  {}", columns("input"))?;
+    let touches = columns("touches");
+    if !touches.is_empty() {
+        writeln!(out, "  touches {touches}")?;
+    }
     for faulty in &found.notes.excluded {
         writeln!(out, "  left out: {} {}", faulty.signal, faulty.reason)?;
     }
@@ -66,6 +70,9 @@ pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Dur
     if !found.runs.is_empty() {
         held_out(out, found)?;
     }
+    if let Some(why) = found.expected_missing {
+        writeln!(out, "  expected error: not known, because {why}")?;
+    }
     lost(out, found)
 }
 
@@ -80,8 +87,13 @@ fn held_out(out: &mut impl Write, found: &Identified) -> io::Result<()> {
     for run in &found.runs {
         writeln!(
             out,
-            "    {:width$}  {:8.2} ({:6.2})   {:8.2} ({:6.2})",
-            run.name, run.range_um, run.uncompensated_range_um, run.rmse_um, run.uncompensated_rmse_um
+            "    {:width$}  {:8.2} ({:6.2})   {:8.2} ({:6.2}){}",
+            run.name,
+            run.range_um,
+            run.uncompensated_range_um,
+            run.rmse_um,
+            run.uncompensated_rmse_um,
+            run.touches.map_or_else(String::new, |touches| format!("{}, {touches} touches", run.mark()))
         )?;
     }
     let uncompensated = &found.uncompensated;

@@ -45,6 +45,9 @@ pub struct AxisSummary {
     /// `None` if there were none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub worse: Option<f64>,
+    /// Names of the learned models that the axis preferred, in the order of time.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub learned: Vec<String>,
     /// Time spans in which sensors were replaced or suspected, or in which the axis was on hold.
     #[serde(flatten)]
     pub spans: AxisSpans,
@@ -113,6 +116,8 @@ pub(super) struct Tally {
     /// First axis and model whose file of stand-ins differs from the file at the time of the log; `None` if none
     /// differs.
     other_stand_ins: Option<(String, String)>,
+    /// First axis and its learned model that belongs to other models than those of the profile; `None` if there is none.
+    superseded: Option<(String, String)>,
     axes: Vec<AxisTally>,
 }
 
@@ -127,6 +132,8 @@ struct AxisTally {
     states: BTreeMap<&'static str, u64>,
     /// Number of log rows in which the model was worse than no compensation.
     worse: u64,
+    /// Learned models that the axis preferred.
+    learned: Vec<String>,
     spans: SpanTally,
     before: Spread,
     after: Spread,
@@ -173,6 +180,7 @@ impl Tally {
             cz: Spread::default(),
             states: BTreeMap::new(),
             worse: 0,
+            learned: Vec::new(),
             spans: SpanTally::new(),
             before: Spread::default(),
             after: Spread::default(),
@@ -184,6 +192,7 @@ impl Tally {
             last: None,
             last_time: String::new(),
             other_stand_ins: None,
+            superseded: None,
             axes: axes.collect(),
         }
     }
@@ -233,6 +242,18 @@ impl Tally {
         let found = memory.other_stand_ins(profile.axes.iter().map(|axis| &axis.settings));
         let named = found.map(|(axis, model)| (axis.to_owned(), model.to_owned()));
         self.other_stand_ins = self.other_stand_ins.take().or(named);
+        let found = memory.superseded(profile.axes.iter().map(|axis| &axis.settings)).next();
+        let named = found.map(|(axis, model)| (axis.to_owned(), model.to_owned()));
+        self.superseded = self.superseded.take().or(named);
+    }
+
+    /// Records the learned model that an axis prefers.
+    pub(super) fn learned(&mut self, place: usize, name: &str) {
+        if let Some(axis) =
+            self.axes.get_mut(place).filter(|axis| axis.learned.last().is_none_or(|last| last != name))
+        {
+            axis.learned.push(name.to_owned());
+        }
     }
 
     pub(super) fn summary(self, log: &str, odd: &[String]) -> Summary {
@@ -249,6 +270,12 @@ impl Tally {
             warnings.push(format!(
                 "{log}: axis {axis}, model {model}: the log was written with other stand-ins than the model \
                  has now; their state starts again"
+            ));
+        }
+        if let Some((axis, model)) = self.superseded {
+            warnings.push(format!(
+                "{log}: axis {axis}: the learned model {model} belongs to other models than those of the profile; the \
+                 replay uses those of the profile"
             ));
         }
         let span = self.span.map_or(Duration::ZERO, |(first, latest)| latest.since(first));
@@ -275,6 +302,7 @@ impl AxisTally {
             cz_um: self.cz.range,
             states: states.collect(),
             worse: (self.worse > 0).then(|| count(self.worse) / count(rows.max(1))),
+            learned: self.learned,
             spans: self.spans.spans(last),
             error,
             reproduced: (self.reproduced.rows > 0).then_some(self.reproduced),
@@ -333,6 +361,9 @@ impl fmt::Display for Summary {
             writeln!(f)?;
             if let Some(share) = axis.worse {
                 writeln!(f, "  worse with its model than without compensation: {:.1} %", share * 100.0)?;
+            }
+            if !axis.learned.is_empty() {
+                writeln!(f, "  followed a learned model: {}", axis.learned.join(", "))?;
             }
             axis.spans.fmt(f)?;
             if let Some(error) = &axis.error {

@@ -126,7 +126,12 @@ fn axis_lines(name: &str, axis: &Value, dry_run: bool) -> String {
             axis["acted"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
         let guard = if acted.is_empty() { String::new() } else { format!("; guard: {}", acted.join(", ")) };
         let expected = axis["expected_um"].as_f64();
-        let expected = expected.map_or(String::new(), |um| format!(", expected within ±{um:.1} µm (1 σ)"));
+        let touches = match axis["expected_touches"].as_u64() {
+            None | Some(0) => String::new(),
+            Some(touches) => format!(", touches: {touches}"),
+        };
+        let expected =
+            expected.map_or(String::new(), |um| format!(", expected within ±{um:.1} µm (1 σ{touches})"));
         let _ = writeln!(text, "  model {model} requests {}{expected}{guard}", micron(&axis["raw_um"]));
     }
     if let outside @ Value::Object(_) = &axis["extrapolating"] {
@@ -140,6 +145,49 @@ fn axis_lines(name: &str, axis: &Value, dry_run: bool) -> String {
     if let worse @ Value::Object(_) = &axis["probe"]["worse"] {
         let _ = writeln!(text, "  {}", worse_model(worse));
     }
+    if let learned @ Value::Object(_) = &axis["learned"] {
+        text += &learned_model(learned);
+    }
+    text
+}
+
+/// Returns lines about the learned model of an axis and its candidate.
+fn learned_model(learned: &Value) -> String {
+    let named = |name: &str| match name {
+        "" => "the model of the profile".to_owned(),
+        name => format!("model {name}"),
+    };
+    let mut text = String::new();
+    if let Some(adopted) = learned["adopted"].as_str() {
+        let _ = writeln!(text, "  follows the learned model {adopted}");
+    }
+    if let Some(waiting) = learned["waiting"].as_str() {
+        let _ = writeln!(
+            text,
+            "  the change to {} waits until Cz can be kept, or for the next datum",
+            named(waiting)
+        );
+    }
+    let candidate = &learned["candidate"];
+    let Some(model) = candidate["model"].as_str().filter(|model| learned["adopted"] != *model) else {
+        return text;
+    };
+    let Some((in_use, left)) = candidate["in_use_um"].as_f64().zip(candidate["candidate_um"].as_f64()) else {
+        let _ = writeln!(text, "  candidate {model}: not judged yet");
+        return text;
+    };
+    let next = match (candidate["better"] == true, learned["auto"] == true) {
+        (true, true) => "; it is adopted at the next datum",
+        (true, false) => "; `isotherm adopt` adopts it",
+        (false, _) => "",
+    };
+    let _ = writeln!(
+        text,
+        "  candidate {model}: since {}, it would have left {left:.1} instead of {in_use:.1} µm (days: {}, touches: {}){next}",
+        word(&candidate["since"]),
+        candidate["days"],
+        candidate["touches"]
+    );
     text
 }
 
@@ -241,9 +289,37 @@ mod tests {
             ),
             "{text}"
         );
+        axis["expected_touches"] = json!(24);
+        let text = axis_lines("z", &axis, false);
+        assert!(text.contains("expected within ±2.1 µm (1 σ, touches: 24); guard: round\n"), "{text}");
         (axis["expected_um"], axis["probe"]["last"]["refused"]) = (Value::Null, Value::Null);
         let text = axis_lines("z", &axis, false);
         assert!(text.contains("requests -12.3 µm; guard: round\n") && !text.contains("probed"), "{text}");
+    }
+
+    #[test]
+    fn a_learned_model_and_its_candidate_are_named_with_the_gain() {
+        let mut axis = json!({
+            "display": "compensating", "cz_um": 3.0, "verified_um": 3.0, "limit_um": 40.0,
+            "learned": { "adopted": null, "before": null, "waiting": null, "auto": false, "candidate": {
+                "model": "learned-2026-01-31-3fa2", "runs": 9, "since": "2026-01-26", "days": 5, "touches": 40,
+                "in_use_um": 6.94, "candidate_um": 3.81, "better": true
+            } }
+        });
+        let text = axis_lines("z", &axis, false);
+        let words = "  candidate learned-2026-01-31-3fa2: since 2026-01-26, it would have left 3.8 instead of 6.9 µm \
+                     (days: 5, touches: 40); `isotherm adopt` adopts it\n";
+        assert!(text.ends_with(words), "{text}");
+        (axis["learned"]["waiting"], axis["learned"]["auto"]) = (json!(""), json!(true));
+        let text = axis_lines("z", &axis, false);
+        assert!(text.contains("the change to the model of the profile waits until Cz can be kept"), "{text}");
+        assert!(text.ends_with("; it is adopted at the next datum\n"), "{text}");
+        axis["learned"]["adopted"] = json!("learned-2026-01-31-3fa2");
+        let text = axis_lines("z", &axis, false);
+        assert!(text.contains("follows the learned model learned-2026-01-31-3fa2\n"), "{text}");
+        assert!(!text.contains("candidate"), "{text}");
+        axis["learned"] = Value::Null;
+        assert!(!axis_lines("z", &axis, false).contains("learned"));
     }
 
     #[test]

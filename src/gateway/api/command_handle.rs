@@ -55,6 +55,7 @@ impl CommandHandle {
         let chosen = match command {
             // The operator may end a release, too.
             Command::Disarm | Command::Cancel => self.named(axis),
+            Command::Adopt | Command::AdoptBack if axis.is_none() => self.learning(),
             _ => self.chosen(axis),
         };
         let name = |place: &usize| shared.profile.axes[*place].settings.name.clone();
@@ -105,6 +106,8 @@ impl CommandHandle {
                     let stamp = shared.clock.stamp(shared.clock.now()).to_string();
                     signing::answer(core, one(&chosen)?, moved, (requester, stamp))
                 }
+                Command::Adopt => core.adopt(one(&chosen)?).map(Answer::Done),
+                Command::AdoptBack => core.adopt_back(one(&chosen)?).map(Answer::Done),
                 Command::Cancel => {
                     let by = requester.way.by(&requester.who);
                     let mut signs = chosen.clone();
@@ -175,6 +178,17 @@ impl CommandHandle {
                 "axis {axis} only returns a register to its base value; `isotherm release` starts this"
             )),
             _ => Ok(places),
+        }
+    }
+
+    /// Returns the indices of the axes that learn a model.
+    fn learning(&self) -> Result<Vec<usize>, String> {
+        let axes = self.0.profile.axes.iter().enumerate();
+        let places: Vec<usize> =
+            axes.filter(|(_, axis)| axis.learning.is_some()).map(|(place, _)| place).collect();
+        match places.is_empty() {
+            true => Err("no axis of the profile learns a model (`learn` in its probe)".to_owned()),
+            false => Ok(places),
         }
     }
 
@@ -438,6 +452,10 @@ impl CommandHandle {
             let taken = match why {
                 None => "used for the correction now".to_owned(),
                 Some((Refused::Doubted(_), why)) => format!("not used for the correction yet: {why}"),
+                // The log keeps it, and a first model is learned from it.
+                Some((Refused::NoModel, why)) if settings.learning.is_some() => {
+                    format!("not used for a correction: {why}")
+                }
                 Some((refused, why)) => {
                     // The comparison of the model with no compensation uses the error nevertheless.
                     if matches!(refused, Refused::Implausible | Refused::Outside) {

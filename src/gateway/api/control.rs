@@ -20,6 +20,8 @@
 //! the client closes it, the check ends. `sign-plus`, `sign-minus` and `sign-none`, on another connection, report in
 //! which direction the gauge moved. Cz then returns to the value of the model.
 //!
+//! `adopt axis=z` adopts the learned model of an axis, and `adopt-back axis=z` returns to the model before.
+//!
 //! `status` → `ok` and the state as one line of JSON. `restart` and `release`: see [`restart`].
 //!
 //! One command has an answer of many lines: the exchanges of a device as they happen (`isotherm trace`).
@@ -239,7 +241,7 @@ impl ControlContext {
         }
         let Some(line) = line else {
             let known = format!(
-                "error {UNKNOWN} arm, disarm, zero, cancel, sign, measured, confirm, release, trace, status, restart\n"
+                "error {UNKNOWN} arm, disarm, zero, cancel, sign, adopt, measured, confirm, release, trace, status, restart\n"
             );
             return say(&mut writer, &known).await;
         };

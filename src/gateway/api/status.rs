@@ -13,6 +13,7 @@ use crate::gateway::state::{comparison, extrapolation, stand_in};
 use crate::gateway::shared::lock::LockTimes;
 use crate::gateway::shared::releasing;
 use crate::gateway::shared::shared_state::Shared;
+use crate::gateway::shared::state::GatewayState;
 use crate::gateway::state::output::Outputs;
 use crate::gateway::state::probing::why_refused;
 use crate::gateway::state::reported_conditions::ReportedConditions;
@@ -21,8 +22,8 @@ use crate::gateway::state::signal_table::Latest;
 
 use crate::clock::{Synchronised, zone};
 use crate::observe::status::{
-    ArmingStatus, AxisStatus, BusStatus, DeviceStatus, FormerRegisterStatus, GainStatus, OutputStatus,
-    ProbeStatus, ProbedStatus, SharesStatus, SignalStatus, Status, WaitingStatus,
+    ArmingStatus, AxisStatus, BusStatus, DeviceStatus, FormerRegisterStatus, GainStatus, LearnedStatus,
+    OutputStatus, ProbeStatus, ProbedStatus, SharesStatus, SignalStatus, Status, WaitingStatus,
 };
 use isotherm_core::compensation::{Decision, Probe, Stages};
 use isotherm_core::display::Intent;
@@ -42,6 +43,7 @@ struct StatusSnapshot {
     is_warned: Vec<bool>,
     signs: BTreeMap<String, SignMemory>,
     probes: Vec<Option<Probe>>,
+    learned: Vec<Option<LearnedStatus>>,
     outputs: Outputs,
     latest: Latest,
     /// Readings at the time `now`: with their age, and rejected if their conditions are not fulfilled.
@@ -69,6 +71,7 @@ impl StatusSnapshot {
             probes: (0..shared.profile.axes.len())
                 .map(|axis| core.compensation.probe(axis).cloned())
                 .collect(),
+            learned: (0..shared.profile.axes.len()).map(|axis| learned(shared, &core, axis)).collect(),
             outputs: core.outputs.clone(),
             latest: core.board.latest().clone(),
             seen: Vec::new(),
@@ -196,6 +199,7 @@ fn axes(shared: &Shared, picture: &StatusSnapshot) -> Vec<AxisStatus> {
             .map(|model| model.name.clone()),
         raw_um: decision.raw.map(Micron::get),
         expected_um: decision.expected.map(Micron::get),
+        expected_touches: decision.expected_touches,
         cz_um: decision.cz.get(),
         verified_um: verified(picture, place).map(|(cz, _)| cz.get()),
         verified_age_s: verified(picture, place).map(|(_, at)| picture.now.since(at).as_secs_f64()),
@@ -223,6 +227,7 @@ fn axes(shared: &Shared, picture: &StatusSnapshot) -> Vec<AxisStatus> {
             .map(|sign| sign.status(&shared.profile, place, picture.now)),
         sign_checked: picture.signs.get(&axis.settings.name).and_then(|sign| sign.checked.clone()),
         probe: probe(shared, picture, place),
+        learned: picture.learned[place].clone(),
         extrapolating: decision
             .extrapolating
             .as_ref()
@@ -238,6 +243,13 @@ fn axes(shared: &Shared, picture: &StatusSnapshot) -> Vec<AxisStatus> {
 /// the status does not report it as missing when it is off.
 fn is_release(axis: &Axis) -> bool {
     axis.purpose == Purpose::Release
+}
+
+/// Returns the learned model of an axis, and its candidate; `None` if the axis does not learn.
+fn learned(shared: &Shared, core: &GatewayState, axis: usize) -> Option<LearnedStatus> {
+    let learning = shared.profile.axes[axis].learning.as_ref()?;
+    let preference = core.compensation.preference(axis)?;
+    Some(core.learning[axis].status(preference, learning.adopt))
 }
 
 fn probe(shared: &Shared, picture: &StatusSnapshot, place: usize) -> Option<ProbeStatus> {

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::handover::Handover;
+use super::learner::LearnCommand;
 use crate::fieldbus::connection::Dial;
 use crate::fieldbus::dial;
 use crate::gateway::store::disk::{Disk, Files};
@@ -49,6 +50,8 @@ pub struct Options {
     /// Handover from the previous program in the same process, or the reason why it is rejected. `Ok(None)` after an
     /// ordinary start.
     pub handover: Result<Option<Handover>, String>,
+    /// Program that learns the models of the axes once a day; `None` if no program learns.
+    pub learn: Option<LearnCommand>,
     /// Permission to move released registers. The error is the reason why not.
     pub may_release: Result<(), String>,
     /// Function that ends the process. The watchdog calls it if a blocked gateway cannot even stop.
@@ -70,6 +73,7 @@ impl Default for Options {
             broker: None,
             listener: None,
             handover: Ok(None),
+            learn: None,
             may_release: Ok(()),
             give_up: Arc::new(|| {}),
         }

@@ -14,8 +14,8 @@ use crate::gateway::store::memory::{Memory, RestoredMemory};
 use crate::gateway::store::places::{Moves, Places, of_output, why_forgotten};
 use crate::gateway::store::release::{Releases, ReturningRegister, extend};
 use crate::gateway::store::storage::{clock_correction, newest_stamp, retention};
-use crate::observe::events::{Event, Journal};
-use isotherm_core::compensation::Stop;
+use crate::observe::events::{Adoption, Event, Journal};
+use isotherm_core::compensation::{Preference, Stop};
 use isotherm_core::explained::Explained;
 use isotherm_core::output::Account;
 use isotherm_core::place::{KnownOutput, OutputPlace, Release, Stage};
@@ -79,6 +79,11 @@ impl RecoveredState {
         for (signal, moved) in &restored.moved {
             let (signal, why) = (signal.clone(), why_forgotten(signal, moved));
             journal.report(now, &Event::ReferenceForgotten { signal, why });
+        }
+        let settings = profile.axes.iter().map(|axis| &axis.settings);
+        for (axis, model) in restored.remembered.superseded(settings) {
+            let (axis, model) = (axis.to_owned(), model.to_owned());
+            journal.report(now, &Event::Adoption(Adoption::Superseded { axis, model }));
         }
         // Without a saved state, nothing has changed for the operator.
         if restored.at.is_some() {
@@ -260,6 +265,22 @@ pub fn moved_since(directory: &Path, profile: &Profile) -> Vec<String> {
     let Some((places, restored)) = places_in(directory, profile) else { return Vec::new() };
     let signals = restored.moved.iter().map(|(signal, moved)| why_forgotten(signal, moved));
     places.explain().into_iter().chain(signals).map(|why| why.to_string()).collect()
+}
+
+/// Returns the preferred model of each axis of a profile that learns, as the gateway with this state directory has saved
+/// it. The list is empty if the state cannot be read. An axis whose models in the profile have changed is left out.
+pub fn preferences_in(directory: &Path, profile: &Profile) -> Vec<(String, Preference)> {
+    let state = documents::content(directory, &profile.name).and_then(|content| content.state);
+    let Ok(restored) = Memory::recall(state, profile) else { return Vec::new() };
+    let settings = || profile.axes.iter().map(|axis| &axis.settings);
+    let superseded: Vec<&str> = restored.remembered.superseded(settings()).map(|(axis, _)| axis).collect();
+    let own = |axis: &str| settings().find(|own| own.name == axis).and_then(|own| own.learned.as_ref());
+    let kept = restored.remembered.axes.iter().filter_map(|axis| {
+        let preference = axis.preference().filter(|_| !superseded.contains(&axis.name()))?;
+        let is_own = own(axis.name()).is_some_and(|slot| slot.own == preference.own());
+        is_own.then(|| (axis.name().to_owned(), preference.clone()))
+    });
+    kept.collect()
 }
 
 /// Returns the profile with the registers that an operator has released, as the next gateway with this state directory

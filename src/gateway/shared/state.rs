@@ -9,6 +9,7 @@ use crate::gateway::state::continuity::Devices;
 use crate::gateway::state::dependents::RunConfig;
 use crate::gateway::state::device_health::DeviceHealth;
 use crate::gateway::state::dirty_vec::DirtyVec;
+use crate::gateway::state::learning::AxisLearning;
 use crate::gateway::state::output::{OutputState, Outputs, RegisterHealth};
 use crate::gateway::state::pause::Pauses;
 use crate::gateway::state::probing::{Probing, acting};
@@ -45,6 +46,8 @@ pub(in crate::gateway) struct GatewayState {
     pub(in crate::gateway) compensation: Compensation,
     pub(in crate::gateway) arming: DirtyVec<Arming>,
     pub(in crate::gateway) probing: DirtyVec<Probing>,
+    /// For each axis: its candidate.
+    pub(in crate::gateway) learning: Vec<AxisLearning>,
     pub(in crate::gateway) outputs: Outputs,
     /// For each output: controller of its register, as its line task saved it. `None` for an output that writes a
     /// position plus Cz.
@@ -97,6 +100,9 @@ impl GatewayState {
         GatewayState {
             board: SignalTable::new(profile),
             next_due: compensation.next_due(),
+            learning: (0..profile.axes.len())
+                .map(|axis| AxisLearning::begin(compensation.preference(axis)))
+                .collect(),
             compensation,
             arming: DirtyVec::new(vec![Arming::default(); profile.axes.len()]),
             probing: DirtyVec::new(vec![Probing::default(); profile.axes.len()]),
@@ -203,7 +209,8 @@ impl GatewayState {
         }
         self.disarm_tripped(profile);
         let has_learned = self.report_probings(profile, now);
-        let is_urgent = self.notes_driven() | has_learned | self.moves_a_position();
+        let is_adopted = self.report_preferred(profile);
+        let is_urgent = self.notes_driven() | has_learned | is_adopted | self.moves_a_position();
         let of_profile = (&**profile, &self.places.places);
         let seen = (&self.board, self.outputs.states());
         self.storage.remember((now, is_urgent), &self.compensation, of_profile, seen);

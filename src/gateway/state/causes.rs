@@ -60,6 +60,17 @@ impl CauseInputs<'_> {
         if !profile.axes[axis].has_model() {
             return unmodelled(profile, axis);
         }
+        let has_own = !profile.axes[axis].settings.own_models().is_empty();
+        if !has_own && decision.model.is_none() && decision.lacks.is_none() {
+            let name = &profile.axes[axis].settings.name;
+            let path = profile.path.display();
+            return Explained::new(
+                "no model is adopted yet",
+                format!(
+                    "probe the axis on some days; then adopt the learned model: isotherm adopt {path} --axis {name}"
+                ),
+            );
+        }
         if let Some(refusal) = arming.refusal.as_ref().filter(|_| arming.is_waiting(profile, axis)) {
             return refusal.clone();
         }

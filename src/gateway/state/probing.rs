@@ -105,6 +105,10 @@ pub(in crate::gateway) fn why_refused(
     probed: &Probed,
 ) -> Explained {
     match refused {
+        Refused::NoModel if profile.axes[axis].learning.is_some() => Explained::new(
+            "no model can be used now, and the error is only stored for learning",
+            "adopt a learned model when one is proposed, or look at the alarms of the signals of the axis",
+        ),
         Refused::NoModel => Explained::new(
             "no model of the axis can be used now",
             "look at the alarms of the signals of the axis",

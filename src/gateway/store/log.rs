@@ -21,6 +21,8 @@
 //!   Only for an axis with a model that gives it.
 //! - `z_stood_in`: sensor of the model in use that has a stand-in. `z_trust`: 1 if the operator disarmed the axis, and
 //!   its sensors are accepted from then on. Only for an axis whose models have stand-ins.
+//! - `z_preferred`: request to change the preferred model (JSON) since the row before: adopt a learned model, return to
+//!   the one before, or withdraw such a request (`null`). Only for an axis that learns.
 //! - `z_sign_um`: target of Cz while the sign of the axis is checked with a dial gauge, else empty.
 //! - `z_behind_um`: verified Cz of the output farthest behind the decision, while it waits, else empty. The decision
 //!   stays within one step of it.
@@ -38,7 +40,7 @@
 //! A log from elsewhere requires `time` and at least one signal. `z_error_um` is the measured error of axis z.
 
 pub(super) mod columns;
-#[cfg(feature = "parquet")]
+#[cfg(any(feature = "identify", feature = "parquet"))]
 mod days;
 pub mod outputs;
 mod reader;
@@ -46,7 +48,7 @@ mod recorder;
 #[cfg(test)]
 mod tests;
 
-#[cfg(feature = "parquet")]
+#[cfg(any(feature = "identify", feature = "parquet"))]
 pub use days::{days, is_for_replay, is_text};
 pub use reader::{LogError, LogReader, LogRow, LoggedDecision, Recording};
 pub use recorder::{Recorder, number};

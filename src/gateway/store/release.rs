@@ -395,6 +395,7 @@ fn add(profile: &mut Profile, release: &Release, way: FormerRegister) -> Option<
         datum: Datum::Model,
         intercept_slope: None,
         probe: None,
+        learned: None,
     };
     let outputs: Vec<&str> = profile.outputs.iter().map(|output| output.name.as_str()).collect();
     let name = match outputs.contains(&output.as_str()) {
@@ -405,7 +406,14 @@ fn add(profile: &mut Profile, release: &Release, way: FormerRegister) -> Option<
     let waits = same_name.map(|known| known.axis).collect();
     let (axis, id) = (AxisId(profile.axes.len()), OutputId(profile.outputs.len()));
     let (label, diameter) = (String::new(), place.diameter);
-    profile.axes.push(Axis { settings, label, diameter, probe_input: None, purpose: Purpose::Release });
+    profile.axes.push(Axis {
+        settings,
+        label,
+        diameter,
+        probe_input: None,
+        learning: None,
+        purpose: Purpose::Release,
+    });
     profile.outputs.push(Output {
         name,
         axis,

@@ -20,7 +20,7 @@ use crate::gateway::state::output::OutputState;
 use crate::gateway::state::sign::SignMemory;
 use crate::gateway::state::signal_table::SignalTable;
 use crate::observe::events::Journal;
-use isotherm_core::compensation::{Compensation, Control, Snapshot, Stop};
+use isotherm_core::compensation::{Change, Compensation, Control, Snapshot, Stop};
 use isotherm_core::quantity::{Micron, Moment, Shifted};
 use isotherm_profile::{Output, OutputId, Profile};
 
@@ -198,6 +198,13 @@ impl Storage {
     pub(in crate::gateway) fn zeroed(&mut self, at: Moment, axis: Option<usize>) {
         if let Some(recorder) = &mut self.recorder {
             recorder.zeroed(at, axis);
+        }
+    }
+
+    /// Records a request to change the preferred model of an axis.
+    pub(in crate::gateway) fn preferred(&mut self, axis: usize, change: Option<&Change>) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.preferred(axis, change);
         }
     }
 

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 
+use super::adoption::Adoption;
 use super::broker::Broker;
 #[cfg(feature = "opcua")]
 use super::certificate::Expiry;
@@ -522,6 +523,7 @@ events! {
         ).of(EventKind::ClockSet);
         StandIn(StandIn) as found => found.described();
         Comparison(Comparison) as found => found.described();
+        Adoption(Adoption) as adoption => adoption.described();
         Page(PagePort) as port => port.described();
         Token(PageToken) as token => token.described();
         Broker(Broker) as broker => broker.described();

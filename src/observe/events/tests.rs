@@ -136,6 +136,8 @@ fn troubles() -> Vec<Event> {
         Event::EventsFull { bytes: 1 << 20 },
         stand_in(true),
         stand_in(false),
+        Event::Adoption(Adoption::Superseded { axis: name(), model: "learned-2026-01-31-3fa2".into() }),
+        Event::Adoption(Adoption::Failed { why: "exit code 1".into() }),
         Event::Page(PagePort::Closed { listen: "a:1".into(), why: "taken".into() }),
         Event::Token(PageToken::Gone { role: "viewer", why: "deleted".into() }),
         Event::Broker(Broker::Down { broker: name(), why: "no answer".into() }),

@@ -93,6 +93,12 @@ impl List {
         of.flag("worse", probe.is_some_and(|probe| probe.worse.is_some()));
         of.micron("correction_um", probe.map(|probe| probe.correction_um));
         of.micron("residual_um", probe.and_then(|probe| probe.history.last()).map(|(_, residual)| *residual));
+        // An axis that does not learn has no such values.
+        let Some(learned) = &axis.learned else { return };
+        let candidate = learned.candidate.as_ref();
+        of.flag("candidate_better", candidate.is_some_and(|candidate| candidate.better));
+        of.micron("candidate_um", candidate.and_then(|candidate| candidate.candidate_um));
+        of.micron("in_use_um", candidate.and_then(|candidate| candidate.in_use_um));
     }
 
     fn signal(&mut self, signal: &SignalStatus, resolution: f64) {

@@ -1,5 +1,6 @@
 // One card for each axis: its value, where it stands in its limit, and what the guard did.
 
+import { Learned } from "./learned.js";
 import { Probe } from "./probe.js";
 import { Sign } from "./sign.js";
 import { axisState, badge, expected, standsIn, verified } from "./states.js";
@@ -32,6 +33,7 @@ class Card {
     this.bar = new Bar();
     this.probe = new Probe();
     this.sign = new Sign(name, command);
+    this.learned = new Learned(name, command);
     this.root = element("article", { className: "card axis" },
       element("div", { className: "row" }, element("h2", {}, titled(t("axis", { names: name }), axis)), this.state),
       element("p", { className: "why" }, this.does, " ", this.why, this.hint.root),
@@ -47,6 +49,7 @@ class Card {
       element("p", { className: "label" }, t("guard"), " ", element("span", { className: "quiet" }, t("guard_legend"))),
       element("ol", { className: "chain", ariaLabel: t("guard_stages") }, ...this.stages),
       this.sign.root,
+      this.learned.root,
       this.probe.root);
   }
 
@@ -82,6 +85,7 @@ class Card {
     });
     this.bar.show(axis);
     this.sign.show(axis);
+    this.learned.show(axis.learned);
     this.probe.show(axis.probe);
   }
 }
@@ -135,5 +139,6 @@ export function enableAxes(may) {
   for (const card of cards.values()) {
     card.cancel.disabled = !may;
     card.sign.enable(may);
+    card.learned.enable(may);
   }
 }

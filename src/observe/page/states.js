@@ -35,7 +35,8 @@ const ELSEWHERE = ["limit", "step", "rate"];
 export function expected(axis) {
   const follows = axis.shown === "active" || axis.shown === "degraded";
   if (!follows || axis.expected_um === null || ELSEWHERE.some((stage) => axis.acted.includes(stage))) return "";
-  return t("expected", { um: fixed(axis.expected_um, 1) });
+  const um = fixed(axis.expected_um, 1);
+  return axis.expected_touches ? t("expected_touches", { um, count: axis.expected_touches }) : t("expected", { um });
 }
 
 // Of which sensor the others say what it would read, and since when; empty where the axis waits for something else.

@@ -71,6 +71,7 @@ pub(crate) fn profile() -> Profile {
         datum: Datum::Model,
         intercept_slope: None,
         probe: None,
+        learned: None,
     };
     let signals = vec![
         signal("bed", 0, "input:0", plain(DataType::I16, 0.1), "degC"),
@@ -104,6 +105,7 @@ pub(crate) fn profile() -> Profile {
             label: String::new(),
             diameter: false,
             probe_input: None,
+            learning: None,
             purpose: Purpose::Compensation,
         }],
         outputs: vec![

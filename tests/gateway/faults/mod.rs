@@ -14,6 +14,7 @@ mod gateways;
 mod handshakes;
 mod keeping;
 mod law;
+mod learned;
 mod ledger;
 mod load;
 mod logged;

@@ -82,3 +82,12 @@ fn each_protection_that_is_left_out_has_its_reason_in_the_manual() {
     }
     assert!(found > 10, "{said}");
 }
+
+#[test]
+fn the_learning_program_may_lower_its_priority_and_its_end_is_not_that_of_the_service() {
+    let unit = std::fs::read_to_string(UNIT).unwrap();
+    let excluded = unit.find("\nSystemCallFilter=~@privileged @resources\n").unwrap();
+    let allowed = unit.find("\nSystemCallFilter=setpriority\n").unwrap();
+    assert!(allowed > excluded, "a later line prevails");
+    assert!(unit.contains("\nOOMPolicy=continue\n"));
+}

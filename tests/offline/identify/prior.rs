@@ -46,15 +46,17 @@ fn one_day_after_others_leaves_less_with_their_model_as_the_prior() {
 }
 
 #[test]
-fn a_prior_of_zeros_is_none_also_for_speeds() {
+fn a_prior_of_zeros_is_a_weaker_penalty_also_for_speeds() {
     let logs: Vec<String> = speed::days(2).iter().map(|day| speed::log(day, |_| false)).collect();
     let without = speed::by(&logs, &Settings::default());
     assert!(without.terms.iter().any(|term| term.squared), "{:?}", without.terms);
     let with = speed::by(&logs, &towards(vec![term("s0", 0, 0.0)]));
     assert_eq!(with.terms.len(), without.terms.len());
-    for (with, without) in with.terms.iter().zip(&without.terms) {
-        assert!((with.gain - without.gain).abs() <= 1e-9 * without.gain.abs(), "{with:?} {without:?}");
-    }
+    let of_square = |found: &Identified| -> f64 {
+        found.terms.iter().filter(|term| term.squared).map(|term| term.gain).sum()
+    };
+    let share = of_square(&with) / of_square(&without);
+    assert!((0.8..1.6).contains(&share), "the scale of a speed is the same: {share}");
 }
 
 #[test]
@@ -92,4 +94,27 @@ fn an_option_of_which_a_method_makes_nothing_is_refused() {
     }
     let both = Settings { sensors: Some(2), ..towards(vec![term("s0", 0, 1.0)]) };
     assert!(why(&both).contains("--sensors") && why(&both).contains("--prior"));
+}
+
+#[test]
+fn a_prior_that_leaves_more_than_no_compensation_is_refused_with_both_errors() {
+    let dataset = dataset(&logs(&days(1, 3, 0.0))).unwrap();
+    let ready = ready(&rig::profile(4), &dataset, &rig::choice()).unwrap();
+    let of = |gain: f64| identify(&ready, &towards(vec![term("s0", 25, gain)]), None, false, &|_, _| {});
+    // The true gain of Cz is -3.0 µm/°C.
+    assert!(of(-3.0).is_ok());
+    let why = of(3.0).unwrap_err();
+    assert!(why.contains("--prior leaves") && why.contains("no compensation leaves"), "{why}");
+}
+
+#[test]
+fn one_or_two_days_are_drawn_towards_the_prior_by_a_smaller_penalty_than_towards_zero() {
+    // Both penalties are fixed. Towards zero, it is 0.3; towards a prior of zeros, it is 0.1.
+    let logs = logs(&days(2, 5, 0.0));
+    let size = |settings: &Settings| -> f64 {
+        found(4, &logs, settings).terms.iter().map(|term| term.gain * term.gain).sum()
+    };
+    let (towards_zero, towards_prior) =
+        (size(&Settings::default()), size(&towards(vec![term("s0", 0, 0.0)])));
+    assert!(towards_prior > towards_zero, "{towards_prior} {towards_zero}");
 }

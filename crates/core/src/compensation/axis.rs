@@ -5,6 +5,7 @@ use std::time::Duration;
 use super::datum::Zeroing;
 use super::guard::{Guard, Pace};
 use super::model::{CLEARLY_INSIDE, Lag, Outside, Reference};
+use super::preference::Preference;
 use super::probe::Probe;
 use super::reference::Machine;
 use super::remembered::AxisMemory;
@@ -15,6 +16,7 @@ use crate::quantity::{Micron, Moment};
 mod expected;
 mod learn;
 mod model_choice;
+mod preferred;
 mod sensor_watch;
 
 use model_choice::ModelChoice;
@@ -31,6 +33,7 @@ pub(super) struct Axis {
     watched: Vec<ModelWatch>,
     zeroing: Zeroing,
     pub(super) probe: Probe,
+    pub(super) preference: Preference,
     guard: Guard,
     slope_guard: Guard,
     state: AxisState,
@@ -62,6 +65,7 @@ impl Axis {
             at: Moment::default(),
             raw: None,
             expected: None,
+            expected_touches: 0,
             correction: Micron::ZERO,
             model: None,
             cz: Micron::ZERO,
@@ -85,6 +89,7 @@ impl Axis {
             watched: ModelWatch::all(&settings.models),
             zeroing: Zeroing::new(settings.models.len()),
             probe: Probe::new(&settings.models, settings.probe.as_ref()),
+            preference: Preference::new(settings.learned.as_ref()),
             settings,
             guard: Guard::default(),
             slope_guard: Guard::default(),
@@ -101,6 +106,7 @@ impl Axis {
 
     /// Restores the state of an earlier run. A term that differs from the saved one starts without its saved state.
     pub(super) fn recall(&mut self, remembered: &AxisMemory) {
+        self.recall_preference(remembered.preference());
         for (model, lags) in self.settings.models.iter().zip(&mut self.lags) {
             for ((place, input), lag) in model.rises().enumerate().zip(lags) {
                 *lag = remembered.lag(&model.name, place, input);
@@ -117,7 +123,11 @@ impl Axis {
 
     /// Returns the state that must be saved for a restart of the gateway; `None` if there is none.
     pub(super) fn remembered(&self) -> Option<AxisMemory> {
-        AxisMemory::of(&self.settings, &self.lags, &self.watched, &self.zeroing, &self.probe)
+        let kept = AxisMemory::of(&self.settings, &self.lags, &self.watched, &self.zeroing, &self.probe);
+        match self.preference.is_worth_saving() {
+            true => Some(AxisMemory::with_preference(kept, &self.settings.name, &self.preference)),
+            false => kept,
+        }
     }
 
     /// Restores the running state of the axis, to continue in the middle of a run.
@@ -172,14 +182,21 @@ impl Axis {
     pub(super) fn step(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, control: Control) {
         let now = snapshot.now;
         let dt = self.stepped.map_or(self.settings.every, |last| now.since(last));
+        let mut at_datum = false;
         if self.zeroing.is_open() {
             let mut zeroing = std::mem::take(&mut self.zeroing);
-            zeroing
-                .gather(now, |place| self.evaluate(place, snapshot, machine).ok().map(|found| found.outputs));
+            zeroing.gather(now, |place| {
+                // An axis without a model of its own has only the learned model, before it is adopted too.
+                let is_used = self.is_ranked(place) || self.preferred().is_none();
+                let evaluated = is_used.then(|| self.evaluate(place, snapshot, machine).ok());
+                evaluated.flatten().map(|found| found.outputs)
+            });
             self.zeroing = zeroing;
+            at_datum = !self.zeroing.is_open();
         }
         if self.settings.probe.is_some() {
-            self.be_taught(snapshot, machine, control);
+            at_datum |= self.be_taught(snapshot, machine, control);
+            self.change_preferred((snapshot, machine), at_datum, control.permit);
         }
         let (chosen, lacks, fallback_outside) = self.choose(snapshot, machine);
         self.fallback_outside = fallback_outside;
@@ -208,10 +225,12 @@ impl Axis {
         if self.state == AxisState::Ramping && cz == Micron::ZERO && slope == Micron::ZERO {
             self.state = AxisState::Zeroed;
         }
+        let expected = chosen.and_then(|chosen| self.expected(&chosen, now, machine));
         self.decision = Decision {
             at: now,
             raw: chosen.map(|chosen| chosen.raw),
-            expected: chosen.and_then(|chosen| self.expected(&chosen, now, machine)),
+            expected: expected.map(|(expected, _)| expected),
+            expected_touches: expected.map_or(0, |(_, touches)| touches),
             correction: chosen.map_or(Micron::ZERO, |chosen| chosen.correction),
             model: chosen.map(|chosen| chosen.model),
             cz,
@@ -368,7 +387,11 @@ impl Axis {
                 AxisState::Holding(since) => AxisState::Holding(since),
                 _ => AxisState::Holding(now),
             },
-            (Permit::Armed, Some(ModelChoice { model: 0, stood_in: None, .. })) => AxisState::Active,
+            (Permit::Armed, Some(chosen))
+                if chosen.stood_in.is_none() && self.preferred() == Some(chosen.model) =>
+            {
+                AxisState::Active
+            }
             (Permit::Armed, Some(_)) => AxisState::Degraded,
             (Permit::Armed | Permit::Unverified | Permit::Held, _) => self.fault_action(now, false),
             (Permit::Stopping, _) => self.fault_action(now, true),

@@ -65,6 +65,16 @@ impl Zeroing {
         })
     }
 
+    /// Changes the datum of a model by this value of Cz, so that Cz increases by it. Nothing changes if the result is not
+    /// finite.
+    pub(super) fn raise(&mut self, model: usize, by: f64) {
+        let level = self.models.get_mut(model);
+        let moved = level.and_then(|level| Some((Micron::new(level.cz.get() - by)?, level)));
+        if let Some((cz, level)) = moved {
+            level.cz = cz;
+        }
+    }
+
     pub(super) fn begin(&mut self, until: Moment) {
         self.until = Some(until);
         for level in &mut self.models {

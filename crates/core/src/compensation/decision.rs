@@ -16,6 +16,9 @@ pub struct Decision {
     /// the machine is outside the range on which the model was identified.
     #[serde(default)]
     pub expected: Option<Micron>,
+    /// Number of probings whose residuals scale the expected error; 0 if none does.
+    #[serde(default)]
+    pub expected_touches: u32,
     /// Correction that probings have added to the model's own Cz.
     #[serde(default)]
     pub correction: Micron,

@@ -20,6 +20,7 @@
 //!   inputs are outside.
 //! - A residual beyond `max_error` is rejected. A residual that is too large for the certainty of the model's
 //!   correction waits for a second one that agrees with it.
+//! - The residuals of a model scale its expected error.
 //! - If a reference of the model is captured again (a zero command, a machine start), its correction starts from zero.
 //!   The new datum (zero point of Cz) contains the error that the old correction had corrected. Corrections of gains
 //!   stay, and act from the new datum on.
@@ -34,6 +35,7 @@ use crate::quantity::{Micron, Moment, Shift, Shifted, shifted};
 
 mod certainty;
 mod comparison;
+mod error_scale;
 mod gains;
 mod learned;
 mod report;

@@ -13,6 +13,7 @@ use super::AxisRunning;
 use super::axis::ModelWatch;
 use super::datum::{Level, Zeroing};
 use super::model::{Input, Lag, Lagged, Reference};
+use super::preference::Preference;
 use super::probe::Probe;
 use super::reference::Machine;
 use super::settings::{AxisSettings, Datum};
@@ -50,6 +51,9 @@ pub struct AxisMemory {
     probe: Option<Probe>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     watches: Vec<Watch>,
+    /// Preferred model; `None` if it is that of the profile, and no other one can be returned to.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    preference: Option<Preference>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -119,6 +123,22 @@ impl Remembered {
                 let is_other = model.stand_ins.as_ref()?.fingerprint() != watch.file;
                 is_other.then_some((settings.name.as_str(), model.name.as_str()))
             })
+        })
+    }
+
+    /// Returns the axes whose saved learned model is not used, with its name. The models of the profile have changed, or
+    /// the axis lacks one of its inputs.
+    pub fn superseded<'a>(
+        &'a self,
+        axes: impl IntoIterator<Item = &'a AxisSettings>,
+    ) -> impl Iterator<Item = (&'a str, &'a str)> {
+        axes.into_iter().filter_map(|settings| {
+            let preference = self.axis(&settings.name)?.preference()?;
+            let learned = preference.preferred().learned()?;
+            let slot = settings.learned.as_ref().filter(|slot| slot.own == preference.own());
+            let model = slot.and_then(|slot| settings.models.get(slot.model));
+            let is_used = model.is_some_and(|model| learned.gains_in(model).is_ok());
+            (!is_used).then_some((settings.name.as_str(), learned.name.as_str()))
         })
     }
 
@@ -221,9 +241,42 @@ impl AxisMemory {
             datum_at: zeroing.at(),
             probe: settings.probe.map(|_| probe.clone()),
             watches: watched.iter().filter_map(|watched| watched.watch.as_ref()).map(Watch::kept).collect(),
+            preference: None,
         };
         let is_worth_it = !kept.lags.is_empty() || !kept.datum.is_empty() || !kept.watches.is_empty();
         (is_worth_it || kept.probe.is_some()).then_some(kept)
+    }
+
+    /// Returns the saved state of this axis with its preferred model. `kept` is the rest of the state, if there is any.
+    pub(super) fn with_preference(
+        kept: Option<AxisMemory>,
+        axis: &str,
+        preference: &Preference,
+    ) -> AxisMemory {
+        let preference = Some(preference.clone());
+        match kept {
+            Some(kept) => AxisMemory { preference, ..kept },
+            None => AxisMemory {
+                axis: axis.to_owned(),
+                lags: Vec::new(),
+                datum: Vec::new(),
+                datum_until: None,
+                datum_at: None,
+                probe: None,
+                watches: Vec::new(),
+                preference,
+            },
+        }
+    }
+
+    /// Returns the name of the axis.
+    pub fn name(&self) -> &str {
+        &self.axis
+    }
+
+    /// Returns the preferred model; `None` if it is that of the profile.
+    pub fn preference(&self) -> Option<&Preference> {
+        self.preference.as_ref()
     }
 
     pub(super) fn lag(&self, model: &str, place: usize, input: &Input) -> Lag {

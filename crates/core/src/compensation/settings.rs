@@ -32,6 +32,17 @@ pub struct AxisSettings {
     pub intercept_slope: Option<InterceptSlope>,
     /// Settings for correcting the models with measured errors; `None` if the profile has no probing for the axis.
     pub probe: Option<ProbeSettings>,
+    /// Model whose gains are learned while the gateway runs; `None` if the axis does not learn.
+    pub learned: Option<LearnedSlot>,
+}
+
+/// Model of an axis whose gains are learned while the gateway runs. Its gains in the settings are zero.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LearnedSlot {
+    /// Index of the model.
+    pub model: usize,
+    /// Fingerprint of the other models of the axis. A learned model belongs to them.
+    pub own: String,
 }
 
 /// Settings for correcting an axis's models with measured errors.
@@ -138,6 +149,12 @@ pub struct InterceptSlope {
 }
 
 impl AxisSettings {
+    /// Returns the models of the profile: all models but the learned one.
+    pub fn own_models(&self) -> &[Model] {
+        let own = self.learned.as_ref().map_or(self.models.len(), |slot| slot.model);
+        self.models.get(..own).unwrap_or(&self.models)
+    }
+
     /// Returns whether Cz goes to zero while probings show that the model is worse than no compensation.
     pub fn leaves_what_is_worse(&self) -> bool {
         self.probe.is_some_and(|probe| probe.worse == OnWorse::Ramp)

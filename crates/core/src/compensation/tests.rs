@@ -13,6 +13,7 @@ mod lags;
 mod levels;
 mod models;
 mod outside;
+mod preferred;
 mod probes;
 mod properties;
 mod rejected;
@@ -100,6 +101,7 @@ fn axis(models: Vec<Model>) -> AxisSettings {
         datum: Datum::Model,
         intercept_slope: None,
         probe: None,
+        learned: None,
     }
 }
 

@@ -4,16 +4,43 @@
 use super::table::{Cells, Table};
 
 /// Columns of an axis in a log of the gateway, besides `cz_um` and `slope_um`. They are not used for identification.
-const DECIDED: [&str; 9] =
-    ["permit", "from_um", "raw_um", "model", "state", "acted", "sign_um", "slope_from_um", "correction_um"];
+const DECIDED: [&str; 10] = [
+    "permit",
+    "from_um",
+    "raw_um",
+    "model",
+    "state",
+    "acted",
+    "sign_um",
+    "slope_from_um",
+    "correction_um",
+    "preferred",
+];
 /// Columns of the machine in a log of the gateway. Only the log of a dry run, which writes nothing, has the last one.
-const MACHINE: [&str; 3] = ["machine_memory", "machine_zero", DRY_RUN];
+const MACHINE: [&str; 3] = [MEMORY, ZERO, DRY_RUN];
+/// Column with the state before the first row of a file, as JSON. Other rows have it only after a start of the gateway.
+const MEMORY: &str = "machine_memory";
+/// Column with the times of zero commands since the row before, each followed by its axis if it has one. Several are
+/// separated by semicolons.
+const ZERO: &str = "machine_zero";
 const DRY_RUN: &str = "machine_dry_run";
 
-/// Returns whether the texts in this log column are needed to determine the active Cz (Cz that acted during the
-/// measurement).
-pub(super) fn names_model_by_words(column: &str) -> bool {
-    column.ends_with("_permit")
+/// Returns whether the texts in this log column are needed: for the active Cz (Cz that acted during the measurement), or
+/// for the datums of the log.
+pub(super) fn needs_words(column: &str) -> bool {
+    column.ends_with("_permit") || is_of_machine(column)
+}
+
+/// Returns whether this log column contains the datums of a log of the gateway. Its cells are never numbers.
+pub(super) fn is_of_machine(column: &str) -> bool {
+    [MEMORY, ZERO].contains(&column)
+}
+
+/// Returns whether this column of a log of the gateway contains touches, or the Cz that acted during each. Most of its
+/// cells are empty. `acted`: the columns with the active Cz.
+pub(super) fn is_of_touches(column: &str, acted: &[String]) -> bool {
+    let axis = ["_measured_um", "_acting_um"].iter().find_map(|end| column.strip_suffix(end));
+    axis.is_some_and(|axis| acted.contains(&format!("{axis}_cz_um")))
 }
 
 /// Returns whether this log column is needed to determine the active Cz (Cz that acted during the measurement).
@@ -49,9 +76,35 @@ pub(super) fn keep_what_acted(table: &mut Table) -> Vec<String> {
         table.columns.retain(|(name, _)| !DECIDED.iter().any(|what| *name == format!("{axis}_{what}")));
     }
     if !axes.is_empty() {
+        (table.zeros, table.continues) = (zeros(table), continues(table));
         table.columns.retain(|(name, _)| !MACHINE.contains(&name.as_str()));
     }
+    table.columns.retain(|(name, _)| !is_of_machine(name));
     unknown
+}
+
+/// Returns the rows directly after a zero command, each with the axis of the command.
+fn zeros(table: &Table) -> Vec<(usize, Option<String>)> {
+    let Some(Cells::Text(commands)) = table.cells(ZERO) else { return Vec::new() };
+    let mut zeros = Vec::new();
+    for (row, commands) in commands.iter().enumerate().filter(|(_, commands)| !commands.is_empty()) {
+        let axis = |command: &str| command.trim().split_once(' ').map(|(_, axis)| axis.trim().to_owned());
+        zeros.extend(commands.split(';').map(|command| (row, axis(command))));
+    }
+    zeros
+}
+
+/// Returns whether the state before the first row contains a machine start. A long state is truncated, but begins with
+/// the time of the start. Without this column, as in an exported log, the machine may have been on.
+fn continues(table: &Table) -> bool {
+    const ON: &str = "\"on_since\":";
+    let states = match table.cells(MEMORY) {
+        None => return true,
+        Some(Cells::Text(states)) => states,
+        Some(Cells::Numbers(_) | Cells::Unread(_)) => return false,
+    };
+    let first = states.iter().next().and_then(|state| state.split_once(ON));
+    first.is_some_and(|(_, since)| !since.trim_start().starts_with("null"))
 }
 
 /// Returns the active Cz (Cz that acted during the measurement) of each log row. The readings of a row are older than

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::active_cz::is_of_machine;
 use super::head;
 use super::table::{Reader, Table, TooMuch};
 use super::tidy::Tidy;
@@ -54,6 +55,7 @@ pub(super) fn from_text(
         quoted(&names.join(", "))
     );
     let by = split.column.as_deref();
+    let is_of_gateway = names.iter().any(|name| is_of_machine(name));
     let rows = Reader::new(file, names, ("line", dialect), (by, split.time_unit), uses);
     let mut rows = rows.ok_or_else(|| header_is_wrong(no_time))?;
     let (time, date) = (rows.time_at(), rows.date_at());
@@ -61,6 +63,7 @@ pub(super) fn from_text(
     let read: Vec<usize> = (0..width).filter(|place| rows.reads(*place)).collect();
     // One message covers all such lines, because a decimal comma occurs in every line.
     let mut uneven: Option<(u64, usize, u64)> = None;
+    let mut ends_uneven = false;
     let mut record = csv::StringRecord::new();
     loop {
         match reader.read_record(&mut record) {
@@ -76,6 +79,7 @@ pub(super) fn from_text(
             Ok(true) => {
                 let own_line = own_line(&reader, &record);
                 let line = own_line + skipped;
+                ends_uneven = false;
                 if record.iter().all(|cell| cell.trim().is_empty()) || own_line <= 1 + after {
                     // Spreadsheets end with thousands of empty lines. Lines with units follow the names.
                 } else if fits(&record, width, unnamed) {
@@ -91,12 +95,15 @@ pub(super) fn from_text(
                     }
                 } else {
                     uneven.get_or_insert((line, record.len(), 0)).2 += 1;
+                    ends_uneven = record.len() < width;
                 }
             }
         }
         reader.get_mut().row_is_over();
     }
-    if let Some((line, cells, lines)) = uneven {
+    // A power cut may cut off the last row of a log of the gateway.
+    let is_cut_off = is_of_gateway && ends_uneven && uneven.is_some_and(|(_, _, lines)| lines == 1);
+    if let Some((line, cells, lines)) = uneven.filter(|_| !is_cut_off) {
         let more = if lines > 1 { format!(", also in {} more lines", lines - 1) } else { String::new() };
         rows.refuse(line, None, uneven_row(cells, width, &more));
     }

@@ -8,6 +8,7 @@ use std::collections::BTreeSet;
 use std::ops::{Range, RangeInclusive};
 use std::time::Duration;
 
+use super::active_cz::is_of_touches;
 use super::kind::{HUGE, is_suspicious};
 use super::table::{Cells, Table};
 use super::{Kind, Refusal};
@@ -211,7 +212,8 @@ pub(super) fn leave_out(
 /// Returns the implausible values of each column and run.
 fn wrong(table: &Table, runs: &[Range<usize>], kind: &dyn Fn(&str, &[f64]) -> Kind) -> Vec<Wrong> {
     let numbers = table.columns.iter().enumerate().filter_map(|(place, (name, cells))| match cells {
-        Cells::Numbers(values) if !table.acted.contains(name) => {
+        // The gateway has tested its touches.
+        Cells::Numbers(values) if !table.acted.contains(name) && !is_of_touches(name, &table.acted) => {
             Some((place, name.as_str(), values.as_slice(), kind(name, values)))
         }
         _ => None,

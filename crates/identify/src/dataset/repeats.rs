@@ -300,6 +300,7 @@ mod tests {
     use std::path::PathBuf;
 
     use super::*;
+    use crate::dataset::Origin;
 
     /// Day of a machine with two columns; `seed` changes its values. The times begin at `from`, s.
     fn day(name: &str, seed: u32, from: u64) -> Run {
@@ -315,6 +316,7 @@ mod tests {
                 .map(|row| Moment::from_nanos((from + 60 * u64::from(row)) * 1_000_000_000))
                 .collect(),
             values: (0..2).map(|column| rows.clone().map(|row| value(row, column)).collect()).collect(),
+            origin: Origin::default(),
         }
     }
 

@@ -18,9 +18,52 @@ pub struct Run {
     pub times: Vec<Moment>,
     /// Values by log column and row; NaN if missing.
     pub values: Vec<Vec<f64>>,
+    /// Datums of the run, as far as the log contains them.
+    pub(crate) origin: Origin,
+}
+
+/// Datums of a run: rows from which its errors and its rises may count.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Origin {
+    /// Rows directly after a zero command, ascending, each with the axis of the command; `None` for all axes. Only a
+    /// log of the gateway contains them.
+    pub(crate) zeros: Vec<(usize, Option<String>)>,
+    /// Whether the machine was already on before the first row, as the log of a gateway says. Its references were
+    /// captured in an earlier file.
+    pub(crate) continues: bool,
+    /// Source of the errors.
+    pub(crate) errors: Errors,
+    /// Whether the record of touches ends with this run, so that the run may go on.
+    pub(crate) is_open: bool,
+}
+
+/// Source of the measured errors of a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Errors {
+    /// A sensor, row by row. The errors count from their mean while the references settle.
+    #[default]
+    Recorded,
+    /// Touches of a probe. They count from this datum.
+    Touched(Datum),
+}
+
+/// Datum of a run of touches: the row at which the error is zero.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Datum {
+    /// Machine start.
+    Start,
+    /// Zero command directly before this row. The rises count from this row, too.
+    Zero(usize),
+    /// First touch from this row on, because no datum is in the log. The rises count from the row of that touch, too.
+    Touch(usize),
 }
 
 impl Run {
+    /// Creates a run whose errors were measured row by row. `values` are by log column and row.
+    pub fn recorded(name: String, file: PathBuf, times: Vec<Moment>, values: Vec<Vec<f64>>) -> Run {
+        Run { name, file, times, values, origin: Origin::default() }
+    }
+
     /// Returns the time of each row, in hours since the first row of the run.
     pub(crate) fn hours(&self) -> impl Iterator<Item = f64> + '_ {
         self.seconds().map(|second| second / 3600.0)
@@ -35,6 +78,20 @@ impl Run {
     /// Returns the range (maximum minus minimum) of a log column in this run; 0 if the column has no values.
     pub(crate) fn range(&self, column: usize) -> f64 {
         range(&self.values[column])
+    }
+
+    /// Returns the first row of the run that may be its datum, if it was measured by touches.
+    pub(crate) fn datum(&self) -> Option<usize> {
+        match self.origin.errors {
+            Errors::Recorded => None,
+            Errors::Touched(Datum::Start) => Some(0),
+            Errors::Touched(Datum::Zero(row) | Datum::Touch(row)) => Some(row),
+        }
+    }
+
+    /// Returns whether the errors of the run are touches of a probe.
+    pub(crate) fn is_touched(&self) -> bool {
+        matches!(self.origin.errors, Errors::Touched(_))
     }
 
     /// Returns the duration of the run: from its first log row to its last.

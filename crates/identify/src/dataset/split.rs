@@ -7,6 +7,7 @@ use std::time::Duration;
 use jiff::tz::TimeZone;
 
 use super::implausible::leave_out;
+use super::run::{Errors, Origin};
 use super::table::{Cells, Table};
 use super::{BadLog, Kind, Refusal, Run};
 use isotherm_core::quantity::{DateOrder, DecimalMark, TimeUnit};
@@ -142,6 +143,14 @@ fn parts(table: &Table, labels: Option<&Labels<'_>>, split: &Split) -> Result<Ve
 /// Creates the run of these rows. If the run is the whole table, the columns are moved out of the table instead of
 /// copied.
 fn run(table: &mut Table, names: &[String], name: String, rows: Range<usize>) -> Run {
+    let zeros = table.zeros.iter().filter(|(row, _)| rows.contains(row));
+    let origin = Origin {
+        zeros: zeros.map(|(row, axis)| (row - rows.start, axis.clone())).collect(),
+        // The machine may be on at the beginning of a later part of a log of the gateway.
+        continues: if rows.start == 0 { table.continues } else { !table.acted.is_empty() },
+        errors: Errors::Recorded,
+        is_open: false,
+    };
     if rows.len() == table.times.len() {
         let mut columns: HashMap<String, Cells> = std::mem::take(&mut table.columns).into_iter().collect();
         let values = names.iter().map(|name| match columns.remove(name) {
@@ -149,14 +158,20 @@ fn run(table: &mut Table, names: &[String], name: String, rows: Range<usize>) ->
             _ => vec![f64::NAN; rows.len()],
         });
         let values = values.collect();
-        return Run { name, file: table.file.clone(), times: std::mem::take(&mut table.times), values };
+        return Run {
+            name,
+            file: table.file.clone(),
+            times: std::mem::take(&mut table.times),
+            values,
+            origin,
+        };
     }
     let of = |name: &String| match table.numbers(name) {
         Some(numbers) => numbers[rows.clone()].to_vec(),
         None => vec![f64::NAN; rows.len()],
     };
     let values = names.iter().map(of).collect();
-    Run { name, file: table.file.clone(), times: table.times[rows.clone()].to_vec(), values }
+    Run { name, file: table.file.clone(), times: table.times[rows.clone()].to_vec(), values, origin }
 }
 
 /// Value in each log row of the column by which a log is divided into runs.

@@ -56,6 +56,11 @@ pub(super) struct Table {
     failed: HashMap<String, Failed>,
     /// Names of the columns that contain the active Cz (Cz that acted during the measurement).
     pub(super) acted: Vec<String>,
+    /// Rows directly after a zero command, each with the axis of the command; `None` for all axes. Only a log of the
+    /// gateway contains them.
+    pub(super) zeros: Vec<(usize, Option<String>)>,
+    /// Whether the machine was already on before the first row, as the log of a gateway says.
+    pub(super) continues: bool,
     pub(super) understood: Understood,
 }
 
@@ -252,7 +257,7 @@ impl Reader {
         let dialect = if time.is_in_utc { dialect.in_utc() } else { dialect };
         let plain = names_and_units(&names);
         let column = |(place, (name, unit)): (usize, (String, String))| {
-            let has_words = by == Some(name.as_str()) || active_cz::names_model_by_words(&name);
+            let has_words = by == Some(name.as_str()) || active_cz::needs_words(&name);
             let is_date = time.date == Some(place) && !has_words;
             let is_over = place == time.time || is_date || name.is_empty();
             let is_used = has_words || active_cz::needs(&name) || uses(&name);
@@ -385,6 +390,8 @@ impl Reader {
     pub(super) fn text(&mut self, place: usize, number: u64, text: &str) {
         let text = quoted(text.trim());
         let cell = match self.dialect.cell(&text) {
+            // A state or a command of the gateway may look like a wrong number.
+            _ if active_cz::is_of_machine(&self.columns[place].name) => Cell::Text,
             Ok(cell) => cell,
             Err(_) if !self.columns[place].is_used => Cell::Text,
             Err(why) => return self.end_column(place, number, why),
@@ -477,8 +484,10 @@ impl Reader {
                 self.refuse_at(&format!("every {}", self.row), Some(&column), message);
             }
         }
-        let Table { columns, lost, .. } = &mut self.table;
-        lost.retain(|(name, _)| columns.iter().any(|(known, _)| known == name));
+        let Table { columns, lost, acted, .. } = &mut self.table;
+        lost.retain(|(name, _)| {
+            columns.iter().any(|(known, _)| known == name) && !active_cz::is_of_touches(name, acted)
+        });
         if self.unlisted > 0 {
             let more = format!("{}: further errors: {}", self.table.file.display(), self.unlisted);
             self.listed.push(more);

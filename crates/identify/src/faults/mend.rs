@@ -268,7 +268,7 @@ mod tests {
     use std::path::PathBuf;
 
     use super::*;
-    use crate::dataset::{Column, Kind};
+    use crate::dataset::{Column, Kind, Origin};
     use isotherm_core::quantity::Moment;
 
     /// Run of 100 minutes in which each sensor moves independently. `dense`: rows in each minute.
@@ -284,6 +284,7 @@ mod tests {
             file: PathBuf::from("day.csv"),
             times: rows().map(|row| Moment::from_nanos(nanos(row))).collect(),
             values: (0..sensors).map(|sensor| rows().map(|row| reading(sensor, row)).collect()).collect(),
+            origin: Origin::default(),
         }
     }
 

@@ -117,13 +117,20 @@ mod tests {
     use std::path::PathBuf;
 
     use super::*;
+    use crate::dataset::Origin;
     use isotherm_core::quantity::Moment;
 
     /// Run with one row per minute.
     fn run(values: &[f64]) -> Run {
         let minutes = 0..values.len() as u64;
         let times = minutes.map(|minute| Moment::from_nanos(minute * 60_000_000_000)).collect();
-        Run { name: "day".to_owned(), file: PathBuf::from("day.csv"), times, values: vec![values.to_vec()] }
+        Run {
+            name: "day".to_owned(),
+            file: PathBuf::from("day.csv"),
+            times,
+            values: vec![values.to_vec()],
+            origin: Origin::default(),
+        }
     }
 
     fn ends(values: &[f64]) -> Vec<(usize, usize, End)> {

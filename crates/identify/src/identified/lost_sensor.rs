@@ -95,7 +95,7 @@ fn without_each(
             alone: None,
             terms: terms_of(campaign, learner.bank(), gains),
             region: Region::of(campaign, learner.bank(), &learned.inputs()),
-            expected: expected(&held),
+            expected: expected(&held).ok(),
             means: Means::of(held.iter().map(|held| &held.score)),
         })
     });

@@ -9,7 +9,7 @@
 //! shows how reliable the mean is.
 //!
 //! One or two runs allow no choice. The model is then a ridge regression with a fixed penalty; with one run it is
-//! multiplied by 0.7.
+//! multiplied by 0.7. With an existing model as the prior, the penalty is smaller, and nothing is multiplied.
 
 use std::time::Duration;
 
@@ -23,16 +23,21 @@ use crate::learn::{Learned, Learner};
 use crate::products::{Fold, Products};
 use crate::sensors::Forward;
 use crate::solve::{Net, Ridge, decades};
-use crate::statistics::{count, least_sum, median};
+use crate::statistics::{count, least_sum, median, rms};
+use isotherm_core::candidate::LAG_MINUTES;
 
 /// Ridge penalty if there are too few runs to choose one by validation.
 const UNCHOSEN: f64 = 0.3;
+/// Ridge penalty towards the gains of an existing model, if there are too few runs to choose one by validation.
+const TOWARDS: f64 = 0.1;
 /// Factor by which the gains of a ridge regression are reduced if there is only one run.
 const OF_ONE_RUN: f64 = 0.7;
 /// L2 penalties of the elastic net. The weaker one is used only if its residual is less than [`CLEARLY`] times as
 /// large.
 const SHARED: [f64; 2] = [0.1, 0.003];
 const CLEARLY: f64 = 0.4;
+/// Relative difference of two errors that is rounding.
+const ROUNDING: f64 = 1e-9;
 /// Number of quarter-decade steps on the path of the elastic net.
 const STEPS: usize = 13;
 /// Minimum of the scale by which all candidate terms are divided.
@@ -40,7 +45,7 @@ const STANDS_STILL: f64 = 1e-9;
 
 /// Returns the default time constants: none, 6, 25 and 100 minutes. Four time constants give the same results as eight.
 pub(crate) fn usual_lags() -> Vec<Option<Duration>> {
-    [0, 6, 25, 100].map(|minutes: u64| (minutes > 0).then(|| Duration::from_mins(minutes))).to_vec()
+    LAG_MINUTES.map(|minutes| (minutes > 0).then(|| Duration::from_mins(minutes))).to_vec()
 }
 
 pub(super) struct Whitening {
@@ -74,8 +79,30 @@ impl Whitening {
     }
 }
 
+/// Checks that an existing model leaves less than no compensation, over all runs together.
+///
+/// # Errors
+/// Returns a message with both errors. Gains that are drawn towards such a model become worse.
+pub(crate) fn check_prior(campaign: &Campaign<'_>, bank: &Bank, prior: &[PriorTerm]) -> Result<(), String> {
+    let prior = Learned::Sum(known(campaign, prior)?);
+    let (mut left, mut none) = (Vec::new(), Vec::new());
+    for (place, run) in bank.runs.iter().enumerate() {
+        let error = run.error();
+        left.extend(error.iter().zip(prior.predict(campaign, bank, place)).map(|(error, cz)| error + cz));
+        none.extend(error);
+    }
+    let (left, none) = (rms(&left), rms(&none));
+    if left <= none * (1.0 + ROUNDING) {
+        return Ok(());
+    }
+    Err(format!(
+        "the model of --prior leaves {left:.2} µm RMS on these logs, and no compensation leaves {none:.2} µm. \
+         Such a model makes the new one worse: leave --prior out"
+    ))
+}
+
 /// Returns the terms of an existing model as candidates of this campaign.
-fn known(campaign: &Campaign<'_>, prior: &[PriorTerm]) -> Result<Vec<(Candidate, f64)>, String> {
+pub(crate) fn known(campaign: &Campaign<'_>, prior: &[PriorTerm]) -> Result<Vec<(Candidate, f64)>, String> {
     let input = |term: &PriorTerm| campaign.inputs.iter().position(|input| input.name == term.signal);
     let mut foreign: Vec<&str> =
         prior.iter().filter(|term| input(term).is_none()).map(|term| term.signal.as_str()).collect();
@@ -161,7 +188,7 @@ fn towards(
     let all = products.training(runs, columns, &units).after(prior);
     let gains = match runs.len() {
         0 => DVector::zeros(columns.len()),
-        1 | 2 => Ridge::of(&all).at(UNCHOSEN),
+        1 | 2 => Ridge::of(&all).at(TOWARDS),
         _ => {
             let after = |fold: Fold| Fold {
                 training: fold.training.after(prior),

@@ -234,7 +234,9 @@ pub(super) fn by_sensors(counted: &[Counted]) -> Markup {
 
 /// Renders the expected error of the model.
 pub(super) fn expected(found: &Identified) -> Markup {
-    let Some(expected) = found.expected else { return html! {} };
+    let Some(expected) = found.expected else {
+        return html! { @if let Some(why) = found.expected_missing { h2 { "Expected error" } p { "Not known: " (why) "." } } };
+    };
     let after = |[a, b]: Growth, hours: f64| format!("± {} µm", number((a * hours + b).sqrt()));
     let rows = html! {
         @for hours in [0.5, 1.0, 2.0, 4.0, 8.0] {

@@ -38,14 +38,19 @@ pub(super) fn cross_validation(runs: &[RunScore], means: &Means, uncompensated: 
         name: run.name.clone(),
         value: run.range_um,
         outline: Some(run.uncompensated_range_um),
-        figure: format!("{} of {}", decimals(run.range_um, 1), decimals(run.uncompensated_range_um, 1)),
+        figure: format!(
+            "{} of {}{}",
+            decimals(run.range_um, 1),
+            decimals(run.uncompensated_range_um, 1),
+            run.mark()
+        ),
         ..Bar::default()
     };
     let all: Vec<Bar> = runs.iter().map(bar).collect();
     let rows = html! {
         @for run in runs {
             tr .worst[run.range_um >= worst && runs.len() > 1] {
-                th scope="row" { (run.name) }
+                th scope="row" { (run.name) (run.mark()) }
                 td { (number(run.range_um)) } td { (number(run.uncompensated_range_um)) }
                 td { (cut(run.range_um, run.uncompensated_range_um)) }
                 td { (number(run.rmse_um)) } td { (number(run.uncompensated_rmse_um)) }
@@ -120,9 +125,10 @@ fn of_run(held: &HeldOut, probe: Option<f64>, within: (f64, f64)) -> Markup {
     let score = &held.score;
     let says = format!("measured, predicted and residual error in {}", score.name);
     let caption = format!(
-        "range {} µm, without compensation {} µm",
+        "range {} µm, without compensation {} µm{}",
         number(score.range_um),
-        number(score.uncompensated_range_um)
+        number(score.uncompensated_range_um),
+        score.mark()
     );
     figure(&score.name, &chart::lines(480, 280, "µm", &says, &lines, Some(within)), &caption)
 }

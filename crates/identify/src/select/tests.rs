@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::*;
-use crate::dataset::{Column, Dataset, Kind, Run};
+use crate::dataset::{Column, Dataset, Kind, Origin, Run};
 use crate::setup::Choice;
 use isotherm_core::quantity::Moment;
 
@@ -39,7 +39,13 @@ fn day(number: u32) -> Run {
         }
         values[5].push(error);
     }
-    Run { name: format!("day {number}"), file: PathBuf::from("day.csv"), times, values }
+    Run {
+        name: format!("day {number}"),
+        file: PathBuf::from("day.csv"),
+        times,
+        values,
+        origin: Origin::default(),
+    }
 }
 
 fn week() -> Dataset {

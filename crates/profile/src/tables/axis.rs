@@ -11,12 +11,14 @@ use crate::duration::{Timespan, shown};
 use isotherm_core::compensation::model::{Model, Reference};
 use isotherm_core::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, OnFault};
 use isotherm_core::quantity::{Micron, MicronPerSecond};
+use learning::Learning;
 use model::RawModel;
 use model::uniform_temperature::UniformTemperature;
 use probe::{ProbeInput, RawProbe};
 
 pub(super) mod doubts;
 pub(super) mod intercept_slope;
+pub(crate) mod learning;
 pub(crate) mod model;
 pub(crate) mod probe;
 
@@ -112,6 +114,8 @@ pub struct Axis {
     pub diameter: bool,
     /// Signal from which measured errors are read. `None` if errors come only by command, or not at all.
     pub probe_input: Option<ProbeInput>,
+    /// Learning of the model from measured errors. `None` if the axis does not learn.
+    pub learning: Option<Learning>,
     /// Purpose of the axis.
     pub purpose: Purpose,
 }
@@ -119,11 +123,16 @@ pub struct Axis {
 impl Axis {
     /// Preview of the axis: calculation, direction, limits and rate of Cz.
     pub(crate) fn preview(&self, signals: &[Signal], all_over: &[UniformTemperature]) -> Section {
-        let AxisSettings { name, models, guard, levels, .. } = &self.settings;
+        let AxisSettings { name, guard, levels, .. } = &self.settings;
+        let models = self.settings.own_models();
         let mut section = Section::default();
         section.line("");
         section.line(format!("axis {}", labelled(name, &self.label)));
-        if models.is_empty() {
+        if models.is_empty() && self.learning.is_some() {
+            section.line(
+                "  no model yet: the axis stays off until a model is learned from its measured errors and adopted",
+            );
+        } else if models.is_empty() {
             section.line(
                 "  no model yet: `isotherm record` and `isotherm identify` find one; until then the axis \
                  stays off",
@@ -221,7 +230,10 @@ impl RawAxis {
         // All models are checked, even after one with an error.
         let models = models.iter().enumerate().map(|(index, model)| model.resolve(&list.item(index), settle));
         let models: Vec<Option<Model>> = models.collect();
-        let (probe, probe_input) = probe?.unzip();
+        let (probe, probe_input, learning) = match probe? {
+            None => (None, None, None),
+            Some((probe, input, learning)) => (Some(probe), input, learning),
+        };
         let settings = AxisSettings {
             name: name.to_owned(),
             models: models.into_iter().collect::<Option<_>>()?,
@@ -232,11 +244,11 @@ impl RawAxis {
             datum,
             intercept_slope: None,
             probe,
+            learned: None,
         };
         let label = label::resolve(&at.key("label"), self.label.as_ref());
         let diameter = self.diameter.unwrap_or(false);
-        let probe_input = probe_input.flatten();
-        Some(Axis { settings, label, diameter, probe_input, purpose: Purpose::Compensation })
+        Some(Axis { settings, label, diameter, probe_input, learning, purpose: Purpose::Compensation })
     }
 
     fn guard(&self, at: &KeyContext<'_>) -> Option<GuardSettings> {

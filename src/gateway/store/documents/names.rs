@@ -6,6 +6,13 @@ use serde_json::{Map, Value};
 /// Keys of the lists that have one item for each signal.
 const BY_SIGNAL: [&str; 2] = ["start", "zero"];
 
+/// Places of the terms of learned models in the state of an axis.
+const LEARNED_TERMS: [&str; 3] = [
+    "/preference/preferred/learned/terms",
+    "/preference/before/learned/terms",
+    "/preference/waiting/to/learned/terms",
+];
+
 /// Replaces the indices of signals by their names, and the list of axes by a map with their names.
 pub(in crate::gateway) fn by_name(machine: &mut Value, signals: &[String]) {
     for key in BY_SIGNAL {
@@ -41,7 +48,8 @@ pub(in crate::gateway) fn by_place(machine: &mut Value, signals: &[&str]) {
     machine["axes"] = axes.into_iter().map(|(_, axis)| axis).collect();
 }
 
-/// Applies `by` to each signal in the state of an axis: those of its lags, and those of models with stand-ins.
+/// Applies `by` to each signal in the state of an axis: those of its lags, of models with stand-ins, and of learned
+/// models.
 fn replace_signals(axis: &mut Value, by: impl Fn(&Value) -> Option<Value>) {
     let replace = |signal: &mut Value| by(signal).map(|other| *signal = other).is_some();
     if let Some(lags) = axis["lags"].as_array_mut() {
@@ -52,5 +60,11 @@ fn replace_signals(axis: &mut Value, by: impl Fn(&Value) -> Option<Value>) {
             let terms = watch["terms"].as_array_mut().into_iter().flatten();
             terms.into_iter().all(|term| replace(&mut term[0]))
         });
+    }
+    // A learned model without one of its inputs cannot be used, and must be reported.
+    let unknown = || Value::from(u32::MAX);
+    for terms in LEARNED_TERMS {
+        let terms = axis.pointer_mut(terms).and_then(Value::as_array_mut).into_iter().flatten();
+        terms.for_each(|term| term["signal"] = by(&term["signal"]).unwrap_or_else(unknown));
     }
 }

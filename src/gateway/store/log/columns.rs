@@ -28,5 +28,7 @@ pub(super) const STOOD_IN: &str = "stood_in";
 /// Log column of an axis whose models have stand-ins: whether the operator has disarmed it, so that its sensors are
 /// accepted.
 pub(super) const TRUST: &str = "trust";
+/// Log column of an axis that learns a model: request to change the preferred model, as JSON.
+pub(super) const PREFERRED: &str = "preferred";
 /// Log columns of the decision of an axis, in their order.
 pub(super) const DECIDED: [&str; 5] = ["raw_um", "cz_um", "model", "state", "acted"];

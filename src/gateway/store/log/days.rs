@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::columns::{CLOCK, DECIDED, MEMORY, PERMIT, STOOD_IN, ZERO};
+use super::columns::{CLOCK, DECIDED, MEMORY, PERMIT, PREFERRED, STOOD_IN, ZERO};
 use super::outputs::ENDING;
 use crate::gateway::store::storage::retention::logs;
 
@@ -37,7 +37,7 @@ pub fn is_text(column: &str, columns: &[&str]) -> bool {
         axis.is_some_and(|axis| columns.contains(&format!("{axis}_{PERMIT}").as_str()))
     };
     [MEMORY, ZERO, CLOCK].contains(&column)
-        || [PERMIT, model, state, acted, STOOD_IN].into_iter().any(is_of_an_axis)
+        || [PERMIT, model, state, acted, STOOD_IN, PREFERRED].into_iter().any(is_of_an_axis)
 }
 
 /// Returns whether only a replay uses this log column.

@@ -8,10 +8,10 @@ use csv::StringRecord;
 use jiff::tz::TimeZone;
 
 use super::columns::{
-    ACTING, BEHIND, DECIDED, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, RETURN, RETURN_SLOPE, SIGN,
-    SLOPE_FROM, STOOD_IN, TIME, TRUST, WORSE, ZERO,
+    ACTING, BEHIND, DECIDED, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, PREFERRED, RETURN,
+    RETURN_SLOPE, SIGN, SLOPE_FROM, STOOD_IN, TIME, TRUST, WORSE, ZERO,
 };
-use isotherm_core::compensation::{Control, Measured, Permit, Remembered, ReturnTo};
+use isotherm_core::compensation::{Change, Control, Measured, Permit, Remembered, ReturnTo};
 use isotherm_core::quantity::{
     Cell, Conversion, DateOrder, DecimalMark, Dialect, Micron, Moment, TimeColumns, TimeUnit,
     names_and_units, time, with_date,
@@ -89,6 +89,9 @@ pub struct LogRow {
     /// Saved state with which a run of the gateway, or one of its files, begins at this log row. `None` in all other
     /// rows.
     pub begins: Option<Remembered>,
+    /// Requests to change the preferred model between the previous log row and this one, each with its axis. `None`
+    /// withdraws a request.
+    pub preferred: Vec<(usize, Option<Change>)>,
     /// Zero commands between the previous log row and this one: the time, and the axis. The axis is `None` if all
     /// references were captured.
     pub zeroed: Vec<(Moment, Option<usize>)>,
@@ -165,6 +168,7 @@ struct AxisColumns {
     stood_in: Option<usize>,
     trust: Option<usize>,
     worse: Option<usize>,
+    preferred: Option<usize>,
 }
 
 /// Maximum number of warnings. Without it, a log with a wrong clock would give one warning for each row.
@@ -352,7 +356,11 @@ impl<R: Read> LogReader<R> {
         for (place, range) in self.columns.signals.iter().zip(&self.ranges) {
             row.readings.push(reading(self.number(line, *place)?, *range, now));
         }
-        for columns in &self.columns.axes {
+        for (axis, columns) in self.columns.axes.iter().enumerate() {
+            if let Some((place, text)) = self.filled(columns.preferred) {
+                let change = serde_json::from_str(text).map_err(|cause| self.error(line, place, cause))?;
+                row.preferred.push((axis, change));
+            }
             row.controls.push(self.control(line, columns)?);
             row.errors.push(self.number(line, columns.error)?.filter(|error| error.is_finite()));
             row.decided.push(self.decided(line, columns)?);
@@ -508,6 +516,7 @@ impl Columns {
                 stood_in: of(STOOD_IN),
                 trust: of(TRUST),
                 worse: of(WORSE),
+                preferred: of(PREFERRED),
             }
         });
         Columns {

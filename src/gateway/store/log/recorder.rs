@@ -3,11 +3,11 @@
 use std::io::Write;
 
 use super::columns::{
-    ACTING, BEHIND, CLOCK, DECIDED, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, RETURN, RETURN_SLOPE,
-    SIGN, SLOPE_FROM, STOOD_IN, TIME, TRUST, WORSE, ZERO,
+    ACTING, BEHIND, CLOCK, DECIDED, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, PREFERRED, RETURN,
+    RETURN_SLOPE, SIGN, SLOPE_FROM, STOOD_IN, TIME, TRUST, WORSE, ZERO,
 };
 use crate::clock::Correction;
-use isotherm_core::compensation::{Control, Decision, Remembered, Snapshot};
+use isotherm_core::compensation::{Change, Control, Decision, Remembered, Snapshot};
 use isotherm_core::quantity::{Moment, Shift, Shifted, time};
 use isotherm_profile::{Axis, Profile};
 
@@ -32,6 +32,8 @@ pub struct Recorder {
     expected: Vec<bool>,
     /// For each axis: whether its models may use stand-ins for frozen sensors.
     watched: Vec<bool>,
+    /// For each axis: the column of requests to change the preferred model.
+    preferred: Vec<PreferredColumn>,
     /// Names of the signals, as CSV cells.
     signals: Vec<String>,
     memory: Option<String>,
@@ -43,6 +45,23 @@ pub struct Recorder {
     /// Whether the log is that of a dry run, in which no decision is written to a device.
     dry_run: bool,
     line: Vec<u8>,
+}
+
+/// Column of the requests to change the preferred model of an axis.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum PreferredColumn {
+    /// The axis does not learn, and the log has no such column.
+    Absent,
+    /// No request since the last row.
+    Empty,
+    /// Request for the next row, as a CSV cell.
+    Request(String),
+}
+
+impl PreferredColumn {
+    fn of(axis: &Axis) -> PreferredColumn {
+        if axis.settings.learned.is_some() { PreferredColumn::Empty } else { PreferredColumn::Absent }
+    }
 }
 
 impl Recorder {
@@ -58,6 +77,7 @@ impl Recorder {
             probed,
             expected: recorded(profile).map(Axis::says_how_wrong).collect(),
             watched: recorded(profile).map(is_watched).collect(),
+            preferred: recorded(profile).map(PreferredColumn::of).collect(),
             signals: profile.signals.iter().map(|signal| cell(&signal.name)).collect(),
             memory: None,
             axes: recorded(profile).map(|axis| axis.settings.name.clone()).collect(),
@@ -88,7 +108,8 @@ impl Recorder {
             let expected = axis.says_how_wrong().then_some(EXPECTED);
             let stood_in = is_watched(axis).then_some([STOOD_IN, TRUST]);
             let more = slope.into_iter().flatten().chain(probe.into_iter().flatten());
-            let more = more.chain(expected).chain(stood_in.into_iter().flatten());
+            let preferred = axis.settings.learned.as_ref().map(|_| PREFERRED);
+            let more = more.chain(expected).chain(stood_in.into_iter().flatten()).chain(preferred);
             for column in [PERMIT, FROM].into_iter().chain(DECIDED).chain([SIGN, BEHIND, RETURN]).chain(more)
             {
                 header += ",";
@@ -120,6 +141,15 @@ impl Recorder {
         self.zeroed.push((at, axis));
     }
 
+    /// Records a request to change the preferred model of an axis, which is written with the next log row. A later
+    /// request replaces an earlier one.
+    pub fn preferred(&mut self, axis: usize, change: Option<&Change>) {
+        let column = self.preferred.get_mut(axis).filter(|column| **column != PreferredColumn::Absent);
+        if let (Some(column), Ok(json)) = (column, serde_json::to_string(&change)) {
+            *column = PreferredColumn::Request(cell(&json));
+        }
+    }
+
     /// Returns the log row of a step of the axes, with its line break. Controls and decisions are in the order of the
     /// profile's axes.
     pub fn row<'a>(
@@ -135,7 +165,8 @@ impl Recorder {
         }
         let axes =
             self.models.iter().zip(&self.apart).zip(&self.probed).zip(&self.expected).zip(&self.watched);
-        for ((control, decision), ((((models, apart), probed), expected), watched)) in
+        let axes = axes.zip(&mut self.preferred);
+        for ((control, decision), (((((models, apart), probed), expected), watched), preferred)) in
             controls.iter().zip(decisions).zip(axes)
         {
             let model = decision.model.and_then(|place| models.get(place)).map_or("", String::as_str);
@@ -171,6 +202,14 @@ impl Recorder {
                 let signal = decision.stood_in.and_then(|found| self.signals.get(found.signal.0));
                 text(line, signal.map_or("", String::as_str));
                 text(line, if control.trust { "1" } else { "" });
+            }
+            match preferred {
+                PreferredColumn::Absent => {}
+                PreferredColumn::Empty => text(line, ""),
+                PreferredColumn::Request(json) => {
+                    text(line, json);
+                    *preferred = PreferredColumn::Empty;
+                }
             }
         }
         text(&mut self.line, self.memory.take().as_deref().unwrap_or_default());
@@ -264,6 +303,7 @@ mod tests {
             EXPECTED,
             STOOD_IN,
             TRUST,
+            PREFERRED,
         ]
         .into_iter()
         .chain(DECIDED)

@@ -1,24 +1,50 @@
-//! Expected error of the model in use, depending on the time since its datum (zero point) and since the last probing.
+//! Expected error of the model in use, depending on the time since its datum (zero point) and since the last probing, and
+//! on the residuals of its last probings.
 
 use std::time::Duration;
 
 use super::{Axis, ModelChoice};
 use crate::compensation::model::Model;
+use crate::compensation::probe::Learned;
 use crate::compensation::reference::Machine;
 use crate::quantity::{Micron, Moment};
 
 impl Axis {
-    /// Returns the expected residual error of this model: one standard deviation. `None` outside the envelope, while a
-    /// stand-in replaces a sensor, or if the profile gives no expected error. The expected error was identified without
-    /// stand-ins.
-    pub(super) fn expected(&self, chosen: &ModelChoice, now: Moment, machine: &Machine) -> Option<Micron> {
+    /// Returns the expected residual error of this model: one standard deviation, and the number of probings that scale
+    /// it. `None` outside the envelope, while a stand-in replaces a sensor, or if the profile gives no expected error.
+    /// The expected error was identified without stand-ins.
+    pub(super) fn expected(
+        &self,
+        chosen: &ModelChoice,
+        now: Moment,
+        machine: &Machine,
+    ) -> Option<(Micron, u32)> {
         let is_outside = chosen.coverage.is_some_and(|coverage| coverage.extrapolating.is_some());
         let is_tried = !is_outside && chosen.stood_in.is_none();
-        let expected = self.settings.models.get(chosen.model)?.expected.filter(|_| is_tried)?;
-        let learned = self.settings.probe.as_ref().zip(self.probe.models.get(chosen.model));
-        let touched = learned.and_then(|(settings, learned)| learned.touched(settings));
+        let learned = self.probe.models.get(chosen.model).filter(|_| is_tried)?;
+        let expected = self.unscaled(chosen.model, learned, now, machine)?;
+        let (factor, touches) = learned.error_scale();
+        Some((Micron::new(expected.get() * factor.sqrt())?, touches))
+    }
+
+    /// Returns the expected variance of a model without its scale, µm²; `None` if the profile gives no expected error.
+    pub(super) fn expected_variance(
+        &self,
+        place: usize,
+        learned: &Learned,
+        now: Moment,
+        machine: &Machine,
+    ) -> Option<f64> {
+        let expected = self.unscaled(place, learned, now, machine)?.get();
+        Some(expected * expected)
+    }
+
+    /// Returns the expected error of a model without its scale. `learned` is the correction of the model.
+    fn unscaled(&self, place: usize, learned: &Learned, now: Moment, machine: &Machine) -> Option<Micron> {
+        let expected = self.settings.models.get(place)?.expected?;
+        let touched = self.settings.probe.as_ref().and_then(|settings| learned.touched(settings));
         let since_touch = touched.map(|touched| now.since(touched));
-        expected.after(self.since_datum(chosen.model, now, machine), since_touch)
+        expected.after(self.since_datum(place, now, machine), since_touch)
     }
 
     /// Returns the time since the datum of a model: since its references or the axis's datum were captured. For a model

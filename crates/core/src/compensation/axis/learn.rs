@@ -41,44 +41,52 @@ impl Axis {
         machine: &Machine,
         settle: Duration,
     ) -> Option<Moment> {
-        let rises = self.settings.models.iter().flat_map(Model::rises);
+        let ranked = self.ranked().filter_map(|place| self.settings.models.get(place));
+        let rises = ranked.flat_map(Model::rises);
         let ages = rises.filter_map(|input| machine.age(input.reference, input.signal, now));
-        let begun = self.probe.models.iter().filter_map(|learned| learned.renewal());
+        let corrections = self.ranked().filter_map(|place| self.probe.models.get(place));
+        let begun = corrections.filter_map(|learned| learned.renewal());
         let begun = begun.map(|complete| complete.before(settle));
         ages.map(|age| now.before(age)).chain(self.zeroing.at()).chain(begun).max()
     }
 
     /// Applies the demands of `control` about probings: discards the corrections, or corrects the models with a
-    /// measured error.
-    pub(super) fn be_taught(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, control: Control) {
-        let Some(settings) = self.settings.probe else { return };
-        self.restart(snapshot, machine, &settings);
+    /// measured error. Returns whether a datum (zero point of Cz) of the preferred or of the learned model has just
+    /// been captured.
+    pub(super) fn be_taught(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, control: Control) -> bool {
+        let Some(settings) = self.settings.probe else { return false };
+        let at_datum = self.restart(snapshot, machine, &settings);
         if control.forget {
             self.probe.clear();
             self.decision.worse = None;
         }
-        let Some(measured) = control.measured else { return };
+        let Some(measured) = control.measured else { return at_datum };
         let probed = self.assess(snapshot, machine, measured);
         self.compare(&probed, snapshot, machine, &settings);
         if matches!(probed.refused, None | Some(Refused::Doubted(_))) {
             self.learn(&probed, snapshot, machine, &settings);
         }
         self.probe.note(probed);
+        at_datum
     }
 
-    /// Resets the correction of each model whose datum or references have just been captured completely.
-    fn restart(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, settings: &ProbeSettings) {
+    /// Resets the correction of each model whose datum or references have just been captured completely. Returns
+    /// whether the preferred or the learned model is among them.
+    fn restart(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, settings: &ProbeSettings) -> bool {
         if self.zeroing.is_open() {
-            return;
+            return false;
         }
+        let (preferred, mut at_datum) = (self.preferred(), false);
         let mut models = std::mem::take(&mut self.probe.models);
         for (place, learned) in models.iter_mut().enumerate() {
             let Some((model, inputs)) = self.model(place, snapshot, machine) else { continue };
             if learned.renews(snapshot.now) && model.outputs(&inputs).is_ok() {
                 learned.begin_here(model.parts(inputs), settings);
+                at_datum |= preferred == Some(place) || self.is_slot(place);
             }
         }
         self.probe.models = models;
+        at_datum
     }
 
     /// Returns the result of a measured error for the model in use, without a change of the axis.
@@ -147,7 +155,7 @@ impl Axis {
         machine: &Machine,
     ) -> Option<(Touch, Credit)> {
         let (settings, learned) = (self.settings.probe?, self.probe.models.get(place)?);
-        if learned.renewal().is_some() {
+        if learned.renewal().is_some() || !self.is_ranked(place) {
             return None;
         }
         let evaluated = self.evaluate(place, snapshot, machine).ok()?;
@@ -182,7 +190,8 @@ impl Axis {
             let residual = missing - learned.correction(model.parts(inputs), settings);
             if residual.abs() <= settings.max_error.get() {
                 let occasion = self.occasion(place, snapshot.now, machine);
-                learned.learn(missing, model.parts(inputs), settings, occasion);
+                let expected = self.expected_variance(place, learned, snapshot.now, machine);
+                learned.learn(missing, model.parts(inputs), settings, (occasion, expected));
             }
         }
         self.probe.models = models;
@@ -191,6 +200,9 @@ impl Axis {
     /// Returns this Cz minus the model's Cz without correction, µm. `None` if the model has no value, or its value is
     /// not followed.
     fn missing(&self, place: usize, cz: Micron, snapshot: &Snapshot<'_>, machine: &Machine) -> Option<f64> {
+        if !self.is_ranked(place) {
+            return None;
+        }
         let evaluated = self.evaluate(place, snapshot, machine).ok()?;
         (!is_left(evaluated.coverage)).then(|| cz.get() - self.asked(place, evaluated).cz)
     }

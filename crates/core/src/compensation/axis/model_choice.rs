@@ -64,16 +64,17 @@ impl Axis {
         Some((self.settings.models.get(place)?, inputs))
     }
 
-    /// Returns the first model whose signals are all good, with its value. Also returns why the preferred model cannot
-    /// be used, and the first fallback model outside its own envelope, which is not used. If a model only waits for a
-    /// reference or for the machine start, no fallback model is used: fallback models are for failed sensors.
+    /// Returns the first model in the order of preference whose signals are all good, with its value. Also returns why
+    /// the preferred model cannot be used, and the first fallback model outside its own envelope, which is not used. If
+    /// a model only waits for a reference or for the machine start, no fallback model is used: fallback models are for
+    /// failed sensors.
     pub(in crate::compensation) fn choose(
         &self,
         snapshot: &Snapshot<'_>,
         machine: &Machine,
     ) -> (Option<ModelChoice>, Option<Unusable>, Option<usize>) {
         let (mut lacks, mut outside) = (None, None);
-        for place in 0..self.settings.models.len() {
+        for place in self.ranked() {
             match self.evaluate(place, snapshot, machine) {
                 Ok(evaluated) if self.is_fallback_outside(place, &evaluated) => {
                     outside = outside.or(Some(place));
@@ -96,7 +97,8 @@ impl Axis {
     fn is_fallback_outside(&self, place: usize, evaluated: &Evaluated) -> bool {
         let has_envelope = self.settings.models.get(place).is_some_and(|model| model.envelope.is_some());
         let edge = if self.fallback_outside == Some(place) { CLEARLY_INSIDE } else { 0.0 };
-        place > 0 && has_envelope && evaluated.coverage.is_some_and(|coverage| coverage.excess > edge)
+        let is_fallback = self.preferred() != Some(place);
+        is_fallback && has_envelope && evaluated.coverage.is_some_and(|coverage| coverage.excess > edge)
     }
 
     /// Returns the values that a model requests, measured from its datum (zero point), with the correction. With

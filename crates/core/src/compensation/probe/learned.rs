@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::certainty::{Certainty, Occasion};
 use super::comparison::{Comparison, Credit, Touch, Worse};
+use super::error_scale::ErrorScale;
 use super::gains::Gains;
 use crate::compensation::model::{Model, Reference};
 use crate::compensation::settings::ProbeSettings;
@@ -29,18 +30,22 @@ pub(in crate::compensation) struct Learned {
     /// Comparison of the model with no compensation, from the last probings.
     #[serde(default, skip_serializing_if = "Comparison::is_empty")]
     pub(super) comparison: Comparison,
+    /// Scale of the expected error of the model, from the last probings.
+    #[serde(default, skip_serializing_if = "ErrorScale::is_empty")]
+    pub(super) scale: ErrorScale,
 }
 
 shifted!(Learned: certainty, renews, comparison);
 
 impl Learned {
-    pub(super) fn new(model: &Model, settings: Option<&ProbeSettings>) -> Learned {
+    pub(in crate::compensation) fn new(model: &Model, settings: Option<&ProbeSettings>) -> Learned {
         let gains = settings.and_then(|settings| settings.gains.map(|gains| (gains, settings.limit.get())));
         let gains = gains.filter(|_| !model.correctable().is_empty());
         let gains = gains.map(|(gains, limit)| Gains::new(model.correctable().len(), gains.limit, limit));
         let (model, corrects) = (model.name.clone(), model.numbers().collect());
         let comparison = settings.map_or_else(Comparison::default, |_| Comparison::new());
-        Learned { model, corrects, gains, comparison, ..Learned::default() }
+        let scale = settings.map_or_else(ErrorScale::default, |_| ErrorScale::new());
+        Learned { model, corrects, gains, comparison, scale, ..Learned::default() }
     }
 
     /// Restores the saved correction of this model, if its offset and gains in the profile are the same. The correction
@@ -53,6 +58,7 @@ impl Learned {
         self.certainty = kept.certainty.under(settings);
         self.renews = kept.renews;
         self.comparison.recall(&kept.comparison);
+        self.scale.recall(&kept.scale);
         if let (Some(gains), Some(kept)) = (self.gains.take(), kept.gains.clone()) {
             self.gains = Some(kept.restored(gains));
         }
@@ -86,17 +92,20 @@ impl Learned {
     }
 
     /// Updates the correction with a probing that demands a correction of `wanted` µm. If the probing is not accepted,
-    /// it is only stored as doubted.
+    /// it is only stored as doubted. `expected`: expected variance of the residual without its scale, µm², if known.
     pub(in crate::compensation) fn learn(
         &mut self,
         wanted: f64,
         parts: impl Iterator<Item = f64> + Clone,
         settings: &ProbeSettings,
-        occasion: Occasion,
+        (occasion, expected): (Occasion, Option<f64>),
     ) {
         let residual = wanted - self.correction(parts.clone(), settings);
         if self.certainty.assess(residual, settings.filter, occasion).is_err() {
             return self.certainty.doubt(residual);
+        }
+        if let Some(variance) = expected {
+            self.scale.take(residual, variance);
         }
         let share = self.certainty.learn(residual, settings.filter, occasion);
         if let (Some(gains), Some(bounds)) = (&mut self.gains, &settings.gains) {
@@ -112,6 +121,11 @@ impl Learned {
     /// and may be too small.
     pub(in crate::compensation) fn touched(&self, settings: &ProbeSettings) -> Option<Moment> {
         self.certainty.touched().filter(|_| self.offset.abs() < settings.limit.get())
+    }
+
+    /// Returns the factor φ of the expected variance, and the number of probings on which it rests.
+    pub(in crate::compensation) fn error_scale(&self) -> (f64, u32) {
+        (self.scale.factor(), self.scale.touches())
     }
 
     /// Records that a reference of the model is being captured again, until `complete` at the earliest.
@@ -145,6 +159,25 @@ impl Learned {
         }
     }
 
+    /// Returns the correction of another model with which Cz is the same as with the model before, whose correction is
+    /// `self`. The certainty of the correction stays. The comparison and the scale belong to the model before.
+    #[must_use]
+    pub(in crate::compensation) fn moved_to(
+        &self,
+        model: &Model,
+        settings: &ProbeSettings,
+        offset: f64,
+    ) -> Learned {
+        let limit = settings.limit.get();
+        let offset = offset.clamp(-limit, limit);
+        Learned { offset, certainty: self.certainty, ..Learned::new(model, Some(settings)) }
+    }
+
+    /// Returns the offset that corrects the model's Cz, µm.
+    pub(in crate::compensation) fn offset(&self) -> f64 {
+        self.offset
+    }
+
     /// Adds the errors of a probing, without compensation and with the model, to the comparison.
     pub(in crate::compensation) fn compare(
         &mut self,
@@ -163,6 +196,7 @@ impl Learned {
     pub(super) fn clear(&mut self) {
         (self.offset, self.certainty) = (0.0, Certainty::default());
         self.comparison.clear();
+        self.scale.clear();
         if let Some(gains) = &mut self.gains {
             gains.clear();
         }

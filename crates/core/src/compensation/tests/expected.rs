@@ -4,6 +4,7 @@ use super::super::model::{Envelope, Expected, Growth, Input, Outside};
 use super::probes::{probe, probed_axis, zeroing_machine};
 use super::*;
 use crate::compensation::model::envelope::Identified;
+use crate::compensation::settings::{Filter, ProbeSettings};
 use crate::quantity::of;
 
 const HOUR: f64 = 3600.0;
@@ -65,19 +66,53 @@ fn a_probing_that_was_learned_from_makes_it_smaller_also_after_a_restart() {
     expects(rig.probe(30.0, raw), 4.0);
     assert!(rig.refused().is_some(), "it is rejected");
     expects(rig.probe(2.0, raw), 0.0);
-    expects(rig.after(2.0 * HOUR), 0.5);
+    let first = scale(&[2.0 * 2.0 / (4.0 + 1.0 / HOUR)]);
+    expects(rig.after(2.0 * HOUR), 0.5 * first);
     rig.restart(settings.clone());
-    expects(rig.after(2.0 * HOUR), 1.0);
+    expects(rig.after(2.0 * HOUR), first);
     let mut running = Compensation::new(zeroing_machine(), vec![settings], rig.compensation.running());
     std::mem::swap(&mut running, &mut rig.compensation);
-    expects(*rig.compensation.decision(0).unwrap(), 1.0);
-    // The learned correction is discarded, and so is its certainty.
+    expects(*rig.compensation.decision(0).unwrap(), first);
+    // The learned correction is discarded, and so are its certainty and the scale.
     rig.control.forget = true;
     expects(rig.after(HOUR), 9.0 + 1.0 / HOUR);
     rig.probe(2.0, raw);
     rig.compensation.zero(rig.now);
     rig.after(30.0);
-    expects(rig.after(HOUR), 1.0);
+    // A new datum changes the hours, not the scale.
+    expects(rig.after(HOUR), scale(&[2.0 * 2.0 / (9.0 + 2.0 / HOUR)]));
+}
+
+/// Factor of the variance after touches with these squared residuals, each divided by its expected variance.
+fn scale(ratios: &[f64]) -> f64 {
+    let touches = f64::from(u32::try_from(ratios.len()).unwrap());
+    (8.0 + ratios.iter().sum::<f64>()) / (8.0 + touches)
+}
+
+#[test]
+fn touches_widen_the_bar_on_a_day_unlike_the_commissioning_and_narrow_it_on_a_better_one() {
+    for (residual, is_wider) in [(6.0, true), (0.01, false)] {
+        // A share of nearly nothing: the residual stays the same from touch to touch.
+        let probe = ProbeSettings { filter: Filter::Share(1e-9), ..probe() };
+        let settings = AxisSettings { models: vec![rise(Reference::Zero)], ..probed_axis(probe) };
+        let mut rig = Rig::with(zeroing_machine(), settings);
+        rig.step();
+        rig.after(30.0);
+        let mut ratios = Vec::new();
+        for touches in 1..=30_u32 {
+            let raw = rig.after(HOUR - 1.0).raw.unwrap().get();
+            // After the first touch, the variance grows by 0.25 µm² an hour; the first hour counts from the datum.
+            let variance = if touches == 1 { 1.0 } else { 0.25 };
+            let decision = rig.probe(residual, raw);
+            assert_eq!(decision.expected_touches, touches.min(24));
+            ratios.push(residual * residual / variance);
+        }
+        let decision = rig.after(HOUR);
+        let found = decision.expected.unwrap().get();
+        let wanted = 0.25 * scale(&ratios[ratios.len() - 24..]);
+        assert!((found * found / wanted - 1.0).abs() < 1e-6, "{found} {wanted}");
+        assert_eq!(found > 0.5, is_wider);
+    }
 }
 
 #[test]
@@ -85,8 +120,9 @@ fn a_probing_that_the_limit_cut_short_makes_nothing_more_certain() {
     let mut rig = Rig::new(AxisSettings { models: vec![rise(Reference::Start)], ..probed_axis(probe()) });
     rig.step();
     let raw = rig.after(HOUR).raw.unwrap().get();
-    // Half of 24 µm, and 10 are the limit.
-    expects(rig.probe(24.0, raw), 1.0 + 1.0 / HOUR);
+    // Half of 24 µm, and 10 are the limit. The residual scales the error in spite of it.
+    let hours = 1.0 + 1.0 / HOUR;
+    expects(rig.probe(24.0, raw), hours * scale(&[24.0 * 24.0 / hours]));
     expects(rig.probe(-6.0, raw - 10.0), 0.0);
 }
 
@@ -123,8 +159,9 @@ fn a_decision_of_before_there_was_such_a_thing_is_still_read() {
     rig.step();
     let mut kept = serde_json::to_value(rig.after(HOUR)).unwrap();
     assert!(kept.as_object_mut().unwrap().remove("expected").unwrap().is_number());
+    assert!(kept.as_object_mut().unwrap().remove("expected_touches").unwrap().is_number());
     let read: Decision = serde_json::from_value(kept).unwrap();
-    assert_eq!(read.expected, None);
+    assert_eq!((read.expected, read.expected_touches), (None, 0));
 }
 
 #[test]

@@ -3,9 +3,11 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use super::learning::{AdoptWord, LearnWord, Learning};
 use super::{Axis, RawAxis, level};
 use crate::tables::signal::Signal;
 use crate::tables::{KeyContext, optional};
+use isotherm_core::candidate::Policy;
 use isotherm_core::compensation::settings::{Filter, GainSettings, OnWorse, ProbeSettings};
 use isotherm_core::quantity::Micron;
 use isotherm_core::reading::SignalId;
@@ -40,10 +42,18 @@ pub(super) struct RawProbe {
     warn: Option<f64>,
     /// Adjustment of the gains of linear models to measured errors, by recursive least squares. Default: the gains do
     /// not change.
-    gains: Option<RawGains>,
+    pub(super) gains: Option<RawGains>,
     /// Action while the last probings show that the model is worse than no compensation. "warn": an alarm (default).
     /// "ramp": an alarm, and Cz goes to zero at `rate` until the model is better again.
     worse: Option<WorseWord>,
+    /// Learning of a model from the measured errors. With "daily", the gateway learns once a day, and judges the result
+    /// against the model in use. It needs a build with the feature `identify`.
+    pub(super) learn: Option<LearnWord>,
+    /// Signals that the learned model must not use. Default: it uses every temperature and every speed.
+    pub(super) learn_without: Option<Vec<String>>,
+    /// Adoption of a learned model that is better than the model in use. "propose": an operator adopts it (default).
+    /// "auto": the gateway adopts it, at a datum (zero point of Cz) only.
+    pub(super) adopt: Option<AdoptWord>,
 }
 
 /// Reaction while a model is worse than no compensation.
@@ -58,7 +68,7 @@ enum WorseWord {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "ProbeGains")]
-struct RawGains {
+pub(super) struct RawGains {
     /// Factor by which each probing reduces the weight of all earlier ones, above 0 and up to 1. With 1, no probing
     /// loses weight.
     #[schemars(required)]
@@ -80,13 +90,13 @@ pub struct ProbeInput {
 }
 
 impl RawProbe {
-    /// Resolves the settings, and the signals of measured errors. The signals are `None` if errors come only by
-    /// command. Reports every error.
+    /// Resolves the settings, the signals of measured errors, and the learning. The signals are `None` if errors come
+    /// only by command, and the learning is `None` if the axis does not learn. Reports every error.
     pub(super) fn resolve(
         &self,
         at: &KeyContext<'_>,
         axis: &RawAxis,
-    ) -> Option<(ProbeSettings, Option<ProbeInput>)> {
+    ) -> Option<(ProbeSettings, Option<ProbeInput>, Option<Learning>)> {
         let limit = at.key("limit").positive(self.limit);
         let most = axis.limit.filter(|most| *most > 0.0);
         if let Some((limit, most)) = limit.zip(most).filter(|(limit, most)| limit > most) {
@@ -105,6 +115,7 @@ impl RawProbe {
         }
         let gains = optional(self.gains.as_ref(), |gains| gains.resolve(&at.key("gains"), axis));
         let input = self.input(at, axis.diameter.unwrap_or(false));
+        let learning = self.learning(at);
         let settings = ProbeSettings {
             limit: Micron::new(limit?)?,
             filter: filter?,
@@ -116,7 +127,7 @@ impl RawProbe {
                 Some(WorseWord::Ramp) => OnWorse::Ramp,
             },
         };
-        Some((settings, input?))
+        Some((settings, input?, learning?))
     }
 
     /// Returns how large a part of a measured residual is added to the correction.
@@ -191,7 +202,7 @@ impl RawGains {
 
 /// Describes source, sign and bounds of measured errors, for `isotherm check`.
 pub(super) fn preview(signals: &[Signal], axis: &Axis, settings: &ProbeSettings) -> String {
-    let name = |id: SignalId| &signals[id.0].name;
+    let name = |id: SignalId| signals[id.0].name.as_str();
     let from = match &axis.probe_input {
         Some(input) => match input.trigger {
             Some(trigger) => {
@@ -225,6 +236,26 @@ pub(super) fn preview(signals: &[Signal], axis: &Axis, settings: &ProbeSettings)
     }
     if settings.worse == OnWorse::Ramp {
         text.push_str("; while probings show that a model is worse than no compensation, Cz goes to zero");
+    }
+    if axis.says_how_wrong() {
+        text.push_str("; the last 24 measured errors scale the expected error");
+    }
+    match &axis.learning {
+        None => text.push_str("; `isotherm learn` learns a model from them"),
+        Some(learning) => {
+            text.push_str("; once a day, the gateway learns a model from them");
+            if !learning.without.is_empty() {
+                let names: Vec<&str> = learning.without.iter().map(|id| name(*id)).collect();
+                text.push_str(&format!(" without {}", names.join(", ")));
+            }
+            text.push_str(match learning.adopt {
+                Policy::Propose => ". If it is better than the model in use, an operator may adopt it",
+                Policy::Auto => {
+                    ". If it is better than the model in use, the gateway adopts it at the next datum"
+                }
+            });
+            text.push_str("; Cz does not move at an adoption");
+        }
     }
     text
 }

@@ -76,12 +76,14 @@ fn axis(name: &str, every: u64, count: f64, on_fault: OnFault, models: Vec<Model
         datum,
         intercept_slope: None,
         probe: None,
+        learned: None,
     };
     Axis {
         settings,
         label: String::new(),
         diameter: false,
         probe_input: None,
+        learning: None,
         purpose: Purpose::Compensation,
     }
 }

@@ -1,0 +1,228 @@
+//! Candidate of a model: whether a model that was learned from touches replaces the model in use. A touch is the result
+//! of one probing.
+//!
+//! Each day is judged before it is learned from. Its touches give two mean squares of the residual error, of the model
+//! in use and of the candidate as it was before that day:
+//!
+//! ```text
+//! day ── judge (both models) ── learn (new candidate) ── next day
+//! ```
+//!
+//! | sums over the last five judged days | policy | at a datum | step |
+//! |---|---|---|---|
+//! | no day, or the candidate's is not smaller | any | any | [`Step::Keep`] |
+//! | the candidate's is smaller | propose, without a confirmation | any | [`Step::Propose`] |
+//! | the candidate's is smaller | propose, confirmed | any | [`Step::Adopt`] |
+//! | the candidate's is smaller | auto | no | [`Step::WaitForDatum`] |
+//! | the candidate's is smaller | auto | yes | [`Step::Adopt`] |
+//!
+//! The runs of one day (UTC) are one judged day, in which each touch has the same weight.
+//!
+//! After an adoption, the days that judged the candidate judge the model in use: it is the same model. A later candidate
+//! therefore must also be better over five days. The functions are pure: they read no clock and no file.
+
+use std::collections::VecDeque;
+
+use serde::{Deserialize, Serialize};
+
+use crate::quantity::{Micron, Moment, shifted};
+
+/// Time constants of the inputs of a learned model, in minutes. 0 means no lag.
+pub const LAG_MINUTES: [u64; 4] = [0, 6, 25, 100];
+/// Number of judged days whose sums are compared.
+const DAYS: usize = 5;
+const NANOS_OF_A_DAY: u64 = 24 * 3600 * 1_000_000_000;
+
+/// Mean squares of the residual error at the touches of one day, from which neither model was learned.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct JudgedDay {
+    /// Datum of the day: the zero point of its touches. It is the last one if the day has several.
+    pub begins: Moment,
+    /// Number of touches.
+    pub touches: u32,
+    /// Mean square with the model in use, µm².
+    pub in_use: f64,
+    /// Mean square with the candidate, µm².
+    pub candidate: f64,
+}
+
+shifted!(JudgedDay: begins);
+
+/// Comparison of the candidate with the model in use, over the last judged days.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Judgement {
+    days: VecDeque<JudgedDay>,
+}
+
+shifted!(Judgement: days);
+
+/// Residual errors over the judged days, as root mean squares of the days.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Gain {
+    /// Datum of the first of these days.
+    pub since: Moment,
+    /// Number of days.
+    pub days: usize,
+    /// Number of touches on these days.
+    pub touches: u32,
+    /// Residual error with the model in use.
+    pub in_use: Micron,
+    /// Residual error that the candidate would have left.
+    pub candidate: Micron,
+}
+
+/// Candidate of an axis that a gateway may adopt, with its judgement. `isotherm learn` writes it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Offer {
+    /// Name of the axis in the profile.
+    pub axis: String,
+    /// Name of the candidate, from the day of its last run and its content.
+    pub name: String,
+    /// Number of runs from which the candidate was learned.
+    pub runs: usize,
+    /// Terms, whose sum is Cz.
+    pub terms: Vec<OfferedTerm>,
+    /// Judgement of the candidate against the model in use.
+    pub judgement: Judgement,
+    /// Name of the learned model with which the candidate was compared; `None` if that was the model of the profile.
+    pub compared_with: Option<String>,
+    /// Fingerprint of the profile's models when the candidate was judged. Empty if the axis did not learn then.
+    pub own: String,
+}
+
+/// Term of a candidate.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OfferedTerm {
+    /// Name of the signal in the profile.
+    pub signal: String,
+    /// Time constant, s; 0 means no lag.
+    pub lag_s: f64,
+    /// Whether the input is the square of the signal.
+    pub squared: bool,
+    /// Gain in µm per unit of the input.
+    pub gain: f64,
+}
+
+/// Person or program that decides about an adoption.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Policy {
+    /// A better candidate is proposed. An operator adopts it.
+    #[default]
+    Propose,
+    /// A better candidate is adopted at the next datum.
+    Auto,
+}
+
+/// Occasion of a decision about an adoption.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Occasion {
+    /// Whether the operator has confirmed this candidate.
+    pub confirmed: bool,
+    /// Whether the datum of the axis is taken now. Then every lag and every correction starts at zero.
+    pub at_datum: bool,
+}
+
+/// Next step with a candidate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Step {
+    /// The model in use stays.
+    Keep,
+    /// The candidate is better. The operator is asked.
+    Propose(Gain),
+    /// The candidate is better, and is adopted at the next datum.
+    WaitForDatum(Gain),
+    /// The candidate replaces the model in use now.
+    Adopt(Gain),
+}
+
+impl JudgedDay {
+    fn is_same_day(&self, other: &JudgedDay) -> bool {
+        self.begins.as_nanos() / NANOS_OF_A_DAY == other.begins.as_nanos() / NANOS_OF_A_DAY
+    }
+
+    /// Returns this day with another run of it.
+    fn with(&self, run: JudgedDay) -> JudgedDay {
+        let (own, others) = (f64::from(self.touches), f64::from(run.touches));
+        let mean = |own_square: f64, square: f64| (own * own_square + others * square) / (own + others);
+        JudgedDay {
+            begins: run.begins,
+            touches: self.touches.saturating_add(run.touches),
+            in_use: mean(self.in_use, run.in_use),
+            candidate: mean(self.candidate, run.candidate),
+        }
+    }
+}
+
+impl Judgement {
+    /// Adds a day, or another run of the last day. Returns `false` if it is not used: it has no touch, its figures are no
+    /// numbers, or its datum is not later than the last one.
+    pub fn judge(&mut self, day: JudgedDay) -> bool {
+        let is_error = |square: f64| square.is_finite() && square >= 0.0;
+        let is_new = self.days.back().is_none_or(|last| day.begins > last.begins);
+        if day.touches == 0 || !is_new || !is_error(day.in_use) || !is_error(day.candidate) {
+            return false;
+        }
+        if let Some(last) = self.days.back_mut().filter(|last| last.is_same_day(&day)) {
+            *last = last.with(day);
+            return true;
+        }
+        if self.days.len() >= DAYS {
+            self.days.pop_front();
+        }
+        self.days.push_back(day);
+        true
+    }
+
+    /// Returns the judged days, oldest first.
+    pub fn days(&self) -> impl ExactSizeIterator<Item = &JudgedDay> {
+        self.days.iter()
+    }
+
+    /// Returns the residual errors over the judged days; `None` before the first.
+    pub fn gain(&self) -> Option<Gain> {
+        let since = self.days.front()?.begins;
+        let rms = |of: fn(&JudgedDay) -> f64| {
+            let days = u32::try_from(self.days.len()).unwrap_or(u32::MAX);
+            Micron::new((self.days.iter().map(of).sum::<f64>() / f64::from(days)).sqrt())
+        };
+        Some(Gain {
+            since,
+            days: self.days.len(),
+            touches: self.days.iter().map(|day| day.touches).fold(0, u32::saturating_add),
+            in_use: rms(|day| day.in_use)?,
+            candidate: rms(|day| day.candidate)?,
+        })
+    }
+
+    /// Returns whether the sum over the judged days is smaller with the candidate.
+    pub fn is_better(&self) -> bool {
+        let sum = |of: fn(&JudgedDay) -> f64| self.days.iter().map(of).sum::<f64>();
+        sum(|day| day.candidate) < sum(|day| day.in_use)
+    }
+
+    /// Returns the next step with the candidate.
+    pub fn decide(&self, policy: Policy, occasion: Occasion) -> Step {
+        let Some(gain) = self.gain().filter(|_| self.is_better()) else { return Step::Keep };
+        match (policy, occasion) {
+            (Policy::Propose, Occasion { confirmed: false, .. }) => Step::Propose(gain),
+            (Policy::Auto, Occasion { confirmed: false, at_datum: false }) => Step::WaitForDatum(gain),
+            (Policy::Propose | Policy::Auto, _) => Step::Adopt(gain),
+        }
+    }
+
+    /// Records that the candidate is the model in use now.
+    pub fn adopted(&mut self) {
+        self.days.iter_mut().for_each(|day| day.in_use = day.candidate);
+    }
+
+    /// Discards all days, because the model in use is another one.
+    pub fn clear(&mut self) {
+        self.days.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests;

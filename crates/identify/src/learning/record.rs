@@ -1,0 +1,66 @@
+//! Learning record of an axis: the judged days, and the model that they judged. Its file is sealed by a checksum.
+
+use serde::{Deserialize, Serialize};
+
+use isotherm_core::candidate::Judgement;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::sha256;
+
+const FORMAT: &str = "isotherm-learning";
+const VERSION: u64 = 1;
+
+/// Progress of the learning: judged days, and the model that they judged.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Record {
+    /// SHA-256 of the model in use when the days were judged.
+    pub(super) in_use: String,
+    /// SHA-256 of the candidate after the last run, as it was offered to the gateway. Empty if none was.
+    pub(super) offered: String,
+    pub(super) judgement: Judgement,
+    /// Time of the last row that was used.
+    pub(super) until: Moment,
+    /// Number of stored runs.
+    pub(super) runs: usize,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    format: String,
+    version: u64,
+    /// SHA-256 of `record` as JSON without spaces.
+    sha256: String,
+    record: Record,
+}
+
+impl Record {
+    /// Returns the content of the file.
+    ///
+    /// # Errors
+    /// Returns a message if a number cannot be written as JSON.
+    pub(super) fn to_json(&self) -> Result<String, String> {
+        let record = self.clone();
+        let file = File { format: FORMAT.to_owned(), version: VERSION, sha256: seal(&record)?, record };
+        serde_json::to_string(&file).map_err(|why| why.to_string())
+    }
+}
+
+fn seal(record: &Record) -> Result<String, String> {
+    serde_json::to_vec(record).map(|bytes| sha256(&bytes)).map_err(|why| why.to_string())
+}
+
+/// Reads the content of the file.
+///
+/// # Errors
+/// Returns a message if the file is invalid or was changed.
+pub(super) fn read_record(bytes: &[u8]) -> Result<Record, String> {
+    let file: File = serde_json::from_slice(bytes).map_err(|why| format!("no learning record: {why}"))?;
+    if file.format != FORMAT || file.version != VERSION {
+        return Err(format!("no learning record of version {VERSION}"));
+    }
+    if file.sha256 != seal(&file.record)? {
+        return Err("the checksum is wrong: the file was changed or damaged".to_owned());
+    }
+    Ok(file.record)
+}

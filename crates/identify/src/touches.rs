@@ -1,0 +1,356 @@
+//! Touches of a probe as measured errors. A log of the gateway contains an error only in the rows in which the axis was
+//! probed.
+//!
+//! ```text
+//! logs ── join (files of one gateway) ── divide (at each datum) ── e = measured error − Cz that acted
+//! ```
+//!
+//! - A run goes from datum to datum (zero point of Cz): from a machine start, or from a zero that the axis uses. The
+//!   error is zero at the datum. A run also ends when the machine is switched off.
+//! - Files of a gateway that follow each other are one record. A part without a datum counts from its first touch.
+//! - A long run ends at midnight (UTC), at least 12 hours after its datum. The rest counts from its first touch.
+//! - After a zero, the rises also count from the datum. Such a run begins up to 12 hours earlier, so that the lags have
+//!   settled at its datum. The rows before the datum have no error.
+//! - A run whose errors were recorded row by row stays as it is.
+
+use std::collections::HashMap;
+use std::ops::Range;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use crate::applied::{self, Applied};
+use crate::checks::SHORTEST_RUN;
+use crate::dataset::{BadLog, Column, Dataset, Datum, Errors, Kind, Origin, Run};
+use isotherm_core::compensation::model::Reference;
+use isotherm_core::quantity::Moment;
+use isotherm_core::reading::SignalId;
+use isotherm_profile::{Profile, counted};
+
+/// Longest time without a row between two files of one record.
+const LONGEST_PAUSE: Duration = Duration::from_hours(1);
+/// Time after a datum from which on a run ends at midnight.
+const ENDS_AFTER: Duration = Duration::from_hours(12);
+const DAY: Duration = Duration::from_hours(24);
+/// Time before a datum from which a run begins, so that lags have settled. The longest usual time constant is 200 min.
+const LEAD_IN: Duration = Duration::from_hours(12);
+
+/// Log columns of the touches of an axis: the measured error, and the Cz that acted.
+pub(crate) fn columns(axis: &str) -> [String; 2] {
+    [format!("{axis}_measured_um"), format!("{axis}_acting_um")]
+}
+
+/// Signals and rows from which the datums of a machine follow.
+struct Datums<'a> {
+    axis: &'a str,
+    /// Log column of the signal that is on while the machine is on.
+    on: Option<usize>,
+    /// Log column of the signal whose rising edge is a zero.
+    zero: Option<usize>,
+    /// Whether a zero is a datum of the axis.
+    uses_zeros: bool,
+}
+
+/// Converts the touches of this axis to errors without Cz, in the column `error`. Runs with touches are joined and
+/// divided, so that each goes from datum to datum. Nothing changes if no log has touches.
+///
+/// # Errors
+/// The Cz that acted at a touch cannot be determined. The message names the option that specifies it.
+pub(crate) fn merge(
+    profile: &Profile,
+    dataset: &mut Dataset,
+    (axis, error): (&str, &str),
+    applied: &Applied,
+) -> Result<(), BadLog> {
+    let [measured, acting] = columns(axis);
+    let Some(touched) = dataset.column(&measured) else { return Ok(()) };
+    let known = dataset.column(error);
+    let has = |run: &Run, column: usize| run.values[column].iter().any(|value| value.is_finite());
+    let is_recorded = |run: &Run| known.is_some_and(|column| column != touched && has(run, column));
+    let cz = dataset.column(&format!("{axis}_cz_um"));
+    let is_logged = cz.is_some_and(|cz| dataset.columns[cz].kind == Kind::Compensation);
+    // The log of a gateway may have no touch for days.
+    let is_touched = |run: &Run| {
+        !is_recorded(run) && (has(run, touched) || (is_logged && cz.is_some_and(|cz| has(run, cz))))
+    };
+    let is_touched: Vec<bool> = dataset.runs.iter().map(is_touched).collect();
+    if dataset.runs.iter().zip(&is_touched).any(|(run, is_touched)| *is_touched && has(run, touched)) {
+        let column = known.unwrap_or_else(|| add(dataset, error));
+        let acting = dataset.column(&acting);
+        let source =
+            Source { measured: touched, acting, cz: source_of_cz(dataset, &is_touched, axis, applied)? };
+        for (run, _) in dataset.runs.iter_mut().zip(&is_touched).filter(|(_, is_touched)| **is_touched) {
+            run.values[column] = source.errors(run);
+        }
+        let datums = Datums::of(profile, dataset, axis);
+        divide(dataset, &is_touched, &datums, column);
+    }
+    for name in columns(axis).iter().filter(|name| *name != error) {
+        remove(dataset, name);
+    }
+    Ok(())
+}
+
+/// Log columns from which the error without Cz is calculated.
+struct Source {
+    measured: usize,
+    acting: Option<usize>,
+    /// Column with the Cz that acted, for rows in which the column `acting` is empty; `None` if no Cz acted.
+    cz: Option<usize>,
+}
+
+impl Source {
+    /// Returns the error of each row without Cz, µm; NaN without a touch, or if the Cz that acted is not known.
+    fn errors(&self, run: &Run) -> Vec<f64> {
+        let acting = |row: usize| {
+            let own = self.acting.map(|column| run.values[column][row]).filter(|cz| cz.is_finite());
+            own.unwrap_or_else(|| self.cz.map_or(0.0, |column| run.values[column][row]))
+        };
+        run.values[self.measured].iter().enumerate().map(|(row, error)| error - acting(row)).collect()
+    }
+}
+
+/// Returns the column with the Cz that acted at touches for which no Cz was logged; `None` if no Cz acted.
+fn source_of_cz(
+    dataset: &Dataset,
+    is_touched: &[bool],
+    axis: &str,
+    applied: &Applied,
+) -> Result<Option<usize>, BadLog> {
+    let [measured, acting] = columns(axis);
+    match applied {
+        Applied::Nothing => return Ok(None),
+        Applied::Column(name) => return applied::named(dataset, name).map(Some),
+        Applied::AsLogged => {}
+    }
+    let Some(cz) = dataset.column(&format!("{axis}_cz_um")) else { return Ok(None) };
+    if dataset.columns[cz].kind == Kind::Compensation {
+        return Ok(Some(cz));
+    }
+    let touches = dataset.column(&measured);
+    let logged = dataset.column(&acting);
+    let lacks = |run: &Run| {
+        let is_known = |row: usize| logged.is_some_and(|column| run.values[column][row].is_finite());
+        let is_touch = |row: usize| touches.is_some_and(|column| run.values[column][row].is_finite());
+        (0..run.times.len()).any(|row| is_touch(row) && !is_known(row))
+    };
+    let mut runs = dataset.runs.iter().zip(is_touched).filter(|(_, is_touched)| **is_touched);
+    match runs.find(|&(run, _)| run.range(cz) > 0.0 && lacks(run)) {
+        None => Ok(None),
+        Some((run, _)) => {
+            let cz = &dataset.columns[cz].name;
+            Err(BadLog(vec![format!(
+                "{}: some touches have no {acting}, and {cz} changed. Whether {measured} contains this Cz is not \
+                 known. Fill {acting}, or add --cz {cz} or --cz none",
+                run.name
+            )]))
+        }
+    }
+}
+
+/// Adds a column for the error, without values. Returns its index.
+fn add(dataset: &mut Dataset, error: &str) -> usize {
+    dataset.columns.push(Column { name: error.to_owned(), kind: Kind::Displacement });
+    for run in &mut dataset.runs {
+        run.values.push(vec![f64::NAN; run.times.len()]);
+    }
+    dataset.columns.len() - 1
+}
+
+/// Moves a column to the unused ones, if the dataset has it.
+fn remove(dataset: &mut Dataset, name: &str) {
+    let Some(place) = dataset.column(name) else { return };
+    let column = dataset.columns.remove(place);
+    dataset.unread.push(column);
+    for run in &mut dataset.runs {
+        run.values.remove(place);
+    }
+}
+
+impl<'a> Datums<'a> {
+    fn of(profile: &Profile, dataset: &Dataset, axis: &'a str) -> Datums<'a> {
+        let column = |signal: Option<SignalId>| dataset.column(&profile.signals.get(signal?.0)?.name);
+        let own = profile.axes.iter().find(|own| own.settings.name == axis);
+        let uses_zeros = own.is_some_and(|own| own.counts_from(Reference::Zero));
+        Datums { axis, on: column(profile.machine.on), zero: column(profile.machine.zero), uses_zeros }
+    }
+
+    /// Returns the rows at which a datum begins, ascending; `None` in place of the datum if the machine is switched off.
+    fn rows(&self, record: &Run) -> Vec<(usize, Option<Datum>)> {
+        let mut rows: Vec<(usize, Option<Datum>)> = Vec::new();
+        if let Some(on) = self.on {
+            rows.extend(edges(&record.values[on], true).map(|row| (row, Some(Datum::Start))));
+            rows.extend(edges(&record.values[on], false).map(|row| (row, None)));
+        }
+        if self.uses_zeros {
+            let own = |axis: &Option<String>| axis.as_ref().is_none_or(|axis| axis == self.axis);
+            let commands = record.origin.zeros.iter().filter(|(_, axis)| own(axis)).map(|(row, _)| *row);
+            let edges = self.zero.into_iter().flat_map(|zero| edges(&record.values[zero], true));
+            rows.extend(commands.chain(edges).map(|row| (row, Some(Datum::Zero(row)))));
+        }
+        // A machine start goes before a zero in the same row, which then is the datum.
+        rows.sort_by_key(|(row, datum)| (*row, matches!(datum, Some(Datum::Zero(_)))));
+        rows
+    }
+
+    /// Returns the datum of the rows before the first datum in a record; `None` if the machine is off there.
+    fn first(&self, record: &Run) -> Option<Datum> {
+        let level = self.on.and_then(|on| record.values[on].iter().find(|level| level.is_finite()));
+        match level {
+            Some(level) if *level < 0.5 => None,
+            _ if record.origin.continues => Some(Datum::Touch(0)),
+            _ => Some(Datum::Start),
+        }
+    }
+}
+
+/// Returns the rows in which a signal changes to on (`to` is `true`) or to off. Missing values are skipped.
+fn edges(levels: &[f64], to: bool) -> impl Iterator<Item = usize> + '_ {
+    let mut was_on = None;
+    let is_edge = move |(_, level): &(usize, &f64)| {
+        let is_on = **level >= 0.5;
+        was_on.replace(is_on) == Some(!to) && is_on == to
+    };
+    levels.iter().enumerate().filter(|(_, level)| level.is_finite()).filter(is_edge).map(|(row, _)| row)
+}
+
+/// Joined files of one gateway, or one file of another source.
+struct Record {
+    run: Run,
+    /// First row, name and file of each joined run.
+    sources: Vec<(usize, String, PathBuf)>,
+}
+
+/// Joins the runs of touches to records, and replaces each record by its runs from datum to datum.
+fn divide(dataset: &mut Dataset, is_touched: &[bool], datums: &Datums<'_>, error: usize) {
+    let mut runs: Vec<Run> = Vec::new();
+    let mut names: HashMap<String, usize> = HashMap::new();
+    let mut left_out = 0;
+    let mut record: Option<Record> = None;
+    let mut end = |record: Option<Record>, runs: &mut Vec<Run>| {
+        let Some(record) = record else { return };
+        for (rows, datum) in parts(&record.run, datums) {
+            match record.part(rows, datum, error, &mut names) {
+                Some(run) => runs.push(run),
+                None => left_out += 1,
+            }
+        }
+    };
+    for (run, is_touched) in std::mem::take(&mut dataset.runs).into_iter().zip(is_touched) {
+        if !is_touched {
+            end(record.take(), &mut runs);
+            runs.push(run);
+            continue;
+        }
+        match &mut record {
+            Some(record) if record.is_before(&run) => record.join(run),
+            _ => end(record.replace(Record::new(run)), &mut runs),
+        }
+    }
+    end(record, &mut runs);
+    dataset.runs = runs;
+    if left_out > 0 {
+        let parts = counted(left_out, "part");
+        dataset.remarks.push(format!(
+            "{parts} of the logs not used: no touch between two datums, or shorter than 20 min"
+        ));
+    }
+}
+
+/// Returns the rows and the datum of each part of a record.
+fn parts(record: &Run, datums: &Datums<'_>) -> Vec<(Range<usize>, Datum)> {
+    let rows = record.times.len();
+    let begins: Vec<(usize, Option<Datum>)> =
+        std::iter::once((0, datums.first(record))).chain(datums.rows(record)).collect();
+    let ends = begins.iter().skip(1).map(|(row, _)| *row).chain([rows]);
+    let mut parts = Vec::new();
+    for ((begin, datum), end) in begins.iter().copied().zip(ends) {
+        if let Some(datum) = datum {
+            parts.extend(not_too_long(record, begin..end, datum));
+        }
+    }
+    parts
+}
+
+/// Divides rows with one datum at midnight. The later parts count from their first touch. Their ends do not depend on
+/// the files that are read together.
+fn not_too_long(record: &Run, mut rows: Range<usize>, datum: Datum) -> Vec<(Range<usize>, Datum)> {
+    let (mut parts, mut datum) = (Vec::new(), datum);
+    while !rows.is_empty() {
+        let first = record.times[rows.start];
+        let least = if matches!(datum, Datum::Touch(_)) { first } else { first.after(ENDS_AFTER) };
+        let midnight = next_midnight(least);
+        let end = record.times.partition_point(|time| *time < midnight).clamp(rows.start + 1, rows.end);
+        parts.push((rows.start..end, datum));
+        (rows.start, datum) = (end, Datum::Touch(end));
+    }
+    parts
+}
+
+/// Returns the first midnight (UTC) after a time.
+fn next_midnight(time: Moment) -> Moment {
+    let day = u64::try_from(DAY.as_nanos()).unwrap_or(u64::MAX);
+    Moment::from_nanos((time.as_nanos() / day).saturating_add(1).saturating_mul(day))
+}
+
+impl Record {
+    fn new(run: Run) -> Record {
+        Record { sources: vec![(0, run.name.clone(), run.file.clone())], run }
+    }
+
+    /// Returns whether a run continues this record.
+    fn is_before(&self, run: &Run) -> bool {
+        let ends = self.run.times.last().zip(run.times.first());
+        let follows = |last: Moment, first: Moment| first > last && first.since(last) <= LONGEST_PAUSE;
+        run.origin.continues && ends.is_some_and(|(last, first)| follows(*last, *first))
+    }
+
+    fn join(&mut self, run: Run) {
+        let rows = self.run.times.len();
+        self.sources.push((rows, run.name, run.file));
+        self.run.times.extend(run.times);
+        self.run.values.iter_mut().zip(run.values).for_each(|(all, more)| all.extend(more));
+        let zeros = run.origin.zeros.into_iter().map(|(row, axis)| (row + rows, axis));
+        self.run.origin.zeros.extend(zeros);
+    }
+
+    /// Returns the run of these rows, which begin at a datum; `None` if it has too few touches or is too short.
+    fn part(
+        &self,
+        rows: Range<usize>,
+        datum: Datum,
+        error: usize,
+        names: &mut HashMap<String, usize>,
+    ) -> Option<Run> {
+        let record = &self.run;
+        let touches = record.values[error][rows.clone()].iter().filter(|error| error.is_finite()).count();
+        let needed = if matches!(datum, Datum::Touch(_)) { 2 } else { 1 };
+        let lasts = record.times[rows.end - 1].since(record.times[rows.start]);
+        if touches < needed || lasts < SHORTEST_RUN {
+            return None;
+        }
+        let begin = match datum {
+            Datum::Start => rows.start,
+            Datum::Zero(_) | Datum::Touch(_) => {
+                let lead_in = record.times[rows.start].before(LEAD_IN);
+                record.times.partition_point(|time| *time < lead_in)
+            }
+        };
+        let before = rows.start - begin;
+        let mut values: Vec<Vec<f64>> =
+            record.values.iter().map(|column| column[begin..rows.end].to_vec()).collect();
+        values[error][..before].fill(f64::NAN);
+        let datum = match datum {
+            Datum::Zero(_) => Datum::Zero(before),
+            Datum::Touch(_) => Datum::Touch(before),
+            Datum::Start => Datum::Start,
+        };
+        let source = self.sources.partition_point(|(first, ..)| *first <= rows.start);
+        let (_, name, file) = &self.sources[source.saturating_sub(1)];
+        let number = names.entry(name.clone()).or_default();
+        *number += 1;
+        let name = if *number > 1 { format!("{name} ({number})") } else { name.clone() };
+        let is_open = rows.end == record.times.len();
+        let origin = Origin { errors: Errors::Touched(datum), is_open, ..Origin::default() };
+        Some(Run { name, file: file.clone(), times: record.times[begin..rows.end].to_vec(), values, origin })
+    }
+}

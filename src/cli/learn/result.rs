@@ -1,0 +1,43 @@
+//! Result of `isotherm learn` for one axis.
+
+use serde::Serialize;
+
+use isotherm_core::candidate::Gain;
+use isotherm_core::quantity::Moment;
+use isotherm_identify::learning::TakenRun;
+
+/// Result for one axis.
+#[derive(Debug, Serialize)]
+pub(super) struct AxisResult {
+    pub(super) axis: String,
+    /// Runs of the logs that were new.
+    pub(super) new: Vec<TakenRun>,
+    /// Number of runs from which the candidate was learned.
+    pub(super) runs: usize,
+    /// Residual errors over the last judged days; `None` if no day was judged.
+    pub(super) gain: Option<GainShown>,
+    /// Whether the candidate is better than the model in use.
+    pub(super) proposed: bool,
+    /// Remarks, for example about files that cannot be used.
+    pub(super) remarks: Vec<String>,
+    /// Candidate as a block for the profile; `None` without a run.
+    pub(super) block: Option<String>,
+}
+
+/// Residual errors of both models, as root mean squares in µm.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub(super) struct GainShown {
+    /// Time of the first judged day, in nanoseconds since the Unix epoch.
+    pub(super) since: Moment,
+    pub(super) days: usize,
+    pub(super) touches: u32,
+    pub(super) in_use_um: f64,
+    pub(super) candidate_um: f64,
+}
+
+impl From<Gain> for GainShown {
+    fn from(gain: Gain) -> GainShown {
+        let Gain { since, days, touches, in_use, candidate } = gain;
+        GainShown { since, days, touches, in_use_um: in_use.get(), candidate_um: candidate.get() }
+    }
+}

@@ -1,0 +1,248 @@
+//! Daily learning: a thread starts `isotherm learn` as a child process, and gives its candidates to the axes.
+//!
+//! ```text
+//! start ──(10 min)──► learned less than 20 h ago? ──no──► child ──► candidates ──► axes
+//!                       │ yes                                ▲
+//!                       └──────────(24 h later)──────────────┘
+//! ```
+//!
+//! - The child has the lowest priority and a limit for its memory, which it sets itself. The lines do not wait for it.
+//! - The thread reads the candidates when the gateway starts, and after each child.
+//! - A child that runs for more than an hour is killed. So is one that runs when the gateway stops.
+
+use std::ffi::OsString;
+use std::io::Read;
+use std::os::unix::fs::MetadataExt;
+use std::os::unix::process::CommandExt;
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use crate::gateway::shared::shared_state::Shared;
+use crate::gateway::store::candidates;
+use crate::gateway::store::disk::Files;
+use crate::observe::events::{Adoption, Event};
+use isotherm_profile::one_line;
+use isotherm_profile::safe_file::cut;
+
+/// Interval of the checks whether the child has ended.
+const CHECKED_EVERY: Duration = Duration::from_millis(500);
+/// Longest run of a child.
+const LONGEST: Duration = Duration::from_secs(3600);
+/// Largest part of the child's messages that is read, in bytes.
+const MOST_SAID: u64 = 64 * 1024;
+/// Largest part of a message in an event, in characters.
+const SHOWN: usize = 300;
+
+/// Program that learns: `isotherm learn` with the arguments of the gateway.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LearnCommand {
+    /// Path of the program.
+    pub program: PathBuf,
+    /// Its arguments.
+    pub arguments: Vec<OsString>,
+    /// Times at which the program is started.
+    pub times: LearnTimes,
+}
+
+/// Times at which the learning program is started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LearnTimes {
+    /// Time between the start of the gateway and the first check.
+    pub first: Duration,
+    /// Time between two starts.
+    pub every: Duration,
+    /// Age of the last learning below which the first start is left out.
+    pub recent: Duration,
+}
+
+impl Default for LearnTimes {
+    fn default() -> LearnTimes {
+        LearnTimes {
+            first: Duration::from_mins(10),
+            every: Duration::from_hours(24),
+            recent: Duration::from_hours(20),
+        }
+    }
+}
+
+/// Thread that starts the learning program. Dropping it ends the thread and a running child.
+#[derive(Debug)]
+pub(in crate::gateway) struct Learner {
+    stop: Option<Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Drop for Learner {
+    fn drop(&mut self) {
+        self.stop = None;
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Learner {
+    /// Starts the thread, if an axis learns and a program is given. The candidates are read at once.
+    pub(in crate::gateway) fn start(
+        shared: Arc<Shared>,
+        command: Option<LearnCommand>,
+        directory: PathBuf,
+    ) -> Option<Learner> {
+        let axes: Vec<usize> = (0..shared.profile.axes.len())
+            .filter(|axis| shared.profile.axes[*axis].learning.is_some())
+            .collect();
+        if axes.is_empty() {
+            return None;
+        }
+        let (stop, stopped) = channel();
+        let work = Work { shared, axes, directory, stopped };
+        work.take_candidates();
+        let command = command?;
+        let run = move || work.run(&command);
+        // Without a thread no model is learned, and the axes keep theirs.
+        let thread = std::thread::Builder::new().name("learner".to_owned()).spawn(run).ok()?;
+        Some(Learner { stop: Some(stop), thread: Some(thread) })
+    }
+}
+
+/// Work of the thread.
+struct Work {
+    shared: Arc<Shared>,
+    /// Axes that learn.
+    axes: Vec<usize>,
+    directory: PathBuf,
+    /// Channel that is closed when the gateway stops.
+    stopped: Receiver<()>,
+}
+
+impl Work {
+    fn run(self, command: &LearnCommand) {
+        let LearnTimes { first, every, recent } = command.times;
+        if !self.waits(first) {
+            return;
+        }
+        loop {
+            let wait = match self.age().filter(|age| *age < recent) {
+                Some(age) => every.saturating_sub(age),
+                None => {
+                    match self.learn(command) {
+                        Ok(()) => self.take_candidates(),
+                        Err(LearnFailure::Stopped) => return,
+                        Err(LearnFailure::Failed(why)) => {
+                            self.shared.report(&Event::Adoption(Adoption::Failed { why }));
+                        }
+                    }
+                    every
+                }
+            };
+            if !self.waits(wait) {
+                return;
+            }
+        }
+    }
+
+    /// Waits for this time. Returns `false` if the gateway stops.
+    fn waits(&self, span: Duration) -> bool {
+        self.stopped.recv_timeout(span) == Err(RecvTimeoutError::Timeout)
+    }
+
+    /// Returns the age of the newest learning record, by the computer's clock. `None` if there is none, or if the clock
+    /// was set back.
+    fn age(&self) -> Option<Duration> {
+        let products = candidates::products(&self.directory, &self.shared.profile.name);
+        let modified = |axis: &usize| {
+            let name = &self.shared.profile.axes[*axis].settings.name;
+            let record = std::fs::metadata(products.join(format!("{name}.learning.json"))).ok()?;
+            u64::try_from(record.mtime()).ok()
+        };
+        // The oldest record counts, because each axis must be learned.
+        let oldest = self.axes.iter().map(modified).collect::<Option<Vec<u64>>>()?.into_iter().min()?;
+        let now = self.shared.clock.stamp(self.shared.clock.now()).as_nanos() / 1_000_000_000;
+        now.checked_sub(oldest).map(Duration::from_secs)
+    }
+
+    /// Reads the candidate of each axis, and gives it to the axis.
+    fn take_candidates(&self) {
+        let place = (self.directory.as_path(), self.shared.profile.name.as_str());
+        for axis in &self.axes {
+            let name = &self.shared.profile.axes[*axis].settings.name;
+            let offer = candidates::read(&Files, place, name).unwrap_or_else(|why| {
+                self.shared.report(&Event::Adoption(Adoption::Failed { why }));
+                None
+            });
+            self.shared.core().take_candidate(*axis, offer);
+        }
+        self.shared.wake();
+    }
+
+    /// Runs the learning program to its end.
+    fn learn(&self, command: &LearnCommand) -> Result<(), LearnFailure> {
+        let shown = command.program.display();
+        let cannot =
+            |error: std::io::Error| LearnFailure::Failed(format!("{shown} cannot be started: {error}"));
+        let mut started = Command::new(&command.program);
+        started.args(&command.arguments).env_remove("NOTIFY_SOCKET").env("RAYON_NUM_THREADS", "1");
+        started.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).process_group(0);
+        let mut child = started.spawn().map_err(cannot)?;
+        let said = child.stderr.take().map(|stderr| {
+            std::thread::spawn(move || {
+                let mut text = Vec::new();
+                let _ = stderr.take(MOST_SAID).read_to_end(&mut text);
+                String::from_utf8_lossy(&text).into_owned()
+            })
+        });
+        let ended = self.ended(&mut child);
+        if ended.is_err() {
+            kill(&mut child);
+        }
+        let said = said.and_then(|thread| thread.join().ok()).unwrap_or_default();
+        match ended? {
+            status if status.success() => Ok(()),
+            status => {
+                let last = said.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or_default();
+                Err(LearnFailure::Failed(format!("{status}: {}", cut(&one_line(last), SHOWN))))
+            }
+        }
+    }
+
+    /// Waits until the child has ended.
+    fn ended(&self, child: &mut Child) -> Result<std::process::ExitStatus, LearnFailure> {
+        let mut waited = Duration::ZERO;
+        loop {
+            match child.try_wait() {
+                Ok(Some(status)) => return Ok(status),
+                Ok(None) => {}
+                Err(error) => return Err(LearnFailure::Failed(error.to_string())),
+            }
+            if !self.waits(CHECKED_EVERY) {
+                return Err(LearnFailure::Stopped);
+            }
+            waited += CHECKED_EVERY;
+            if waited >= LONGEST {
+                return Err(LearnFailure::Failed("it ran for more than an hour and was ended".to_owned()));
+            }
+        }
+    }
+}
+
+/// Ends a child with the processes that it has started.
+fn kill(child: &mut Child) {
+    let group = i32::try_from(child.id()).ok().and_then(rustix::process::Pid::from_raw);
+    if let Some(group) = group {
+        let _ = rustix::process::kill_process_group(group, rustix::process::Signal::KILL);
+    }
+    let _ = child.kill();
+    let _ = child.wait();
+}
+
+/// Reason why the learning program gave no candidate.
+enum LearnFailure {
+    /// The gateway stops.
+    Stopped,
+    /// The cause, as a clause.
+    Failed(String),
+}

@@ -1,0 +1,209 @@
+//! Learned model of an axis: the candidate that is offered, and the change of the preferred model that follows from it.
+//! The types use no lock and no disk.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use crate::observe::status::{CandidateStatus, LearnedStatus};
+use isotherm_core::candidate::{Gain, Occasion, Offer, OfferedTerm, Policy, Step};
+use isotherm_core::compensation::{Change, LearnedModel, LearnedTerm, Preference, Preferred, When};
+use isotherm_core::explained::Explained;
+use isotherm_core::quantity::{Moment, time};
+use isotherm_profile::Profile;
+
+/// Hint for a candidate that does not fit the profile.
+const LEARN_AGAIN: &str = "run `isotherm learn` again";
+
+/// Candidate of one axis, and what was reported about it.
+#[derive(Clone, Debug, Default)]
+pub(in crate::gateway) struct AxisLearning {
+    /// Candidate that `isotherm learn` has written last; `None` if there is none.
+    pub(in crate::gateway) offer: Option<Arc<Offer>>,
+    /// Name of the learned model that is preferred, as reported last; `None` for the model of the profile.
+    pub(in crate::gateway) preferred: Option<String>,
+    /// Name of the candidate that was last reported as better.
+    reported: Option<String>,
+}
+
+/// Consequence of a candidate for the preferred model of its axis.
+#[derive(Clone, Debug, PartialEq)]
+pub(in crate::gateway) enum Consequence {
+    /// Nothing changes.
+    None,
+    /// A waiting adoption of an earlier candidate ends.
+    Withdraw,
+    /// The candidate is adopted at the next datum.
+    Adopt(Change),
+}
+
+impl AxisLearning {
+    /// Creates the learning of an axis at the start of a run.
+    pub(in crate::gateway) fn begin(preference: Option<&Preference>) -> AxisLearning {
+        let preferred = preference.and_then(|preference| preference.preferred().name());
+        AxisLearning { preferred: preferred.map(str::to_owned), ..AxisLearning::default() }
+    }
+
+    /// Returns the learned model and the candidate for the status.
+    pub(in crate::gateway) fn status(&self, preference: &Preference, policy: Policy) -> LearnedStatus {
+        let named = |preferred: &Preferred| preferred.name().unwrap_or_default().to_owned();
+        let candidate = self.offer.as_ref().map(|offer| {
+            let gain = offer.judgement.gain();
+            let is_another = preference.preferred().name() != Some(offer.name.as_str());
+            CandidateStatus {
+                model: offer.name.clone(),
+                runs: offer.runs,
+                since: gain.map(|gain| day(gain.since)),
+                days: gain.map_or(0, |gain| gain.days),
+                touches: gain.map_or(0, |gain| gain.touches),
+                in_use_um: gain.map(|gain| gain.in_use.get()),
+                candidate_um: gain.map(|gain| gain.candidate.get()),
+                better: is_another && is_current(offer, preference) && offer.judgement.is_better(),
+            }
+        });
+        LearnedStatus {
+            adopted: preference.preferred().name().map(str::to_owned),
+            before: preference.before().map(named),
+            waiting: preference.waiting().map(|change| named(&change.to)),
+            auto: self.policy(policy, preference) == Policy::Auto,
+            candidate,
+        }
+    }
+
+    /// Takes a new candidate. Returns the gain if it must be reported that the candidate is better.
+    pub(in crate::gateway) fn take(
+        &mut self,
+        (profile, axis): (&Profile, usize),
+        offer: Option<Offer>,
+        preference: &Preference,
+    ) -> (Option<Gain>, Consequence) {
+        self.offer = offer.map(Arc::new);
+        let policy = profile.axes[axis].learning.as_ref().map(|learning| learning.adopt).unwrap_or_default();
+        // The gateway requests a change at a datum, and a person one at once. The profile may have had `auto` before.
+        let waiting = preference.waiting().map(|change| change.when);
+        let nothing = if waiting == Some(When::AtDatum) { Consequence::Withdraw } else { Consequence::None };
+        let Some(offer) = &self.offer else { return (None, nothing) };
+        if !is_current(offer, preference) || preference.preferred().name() == Some(offer.name.as_str()) {
+            return (None, nothing);
+        }
+        let policy = self.policy(policy, preference);
+        let (gain, consequence) = match offer.judgement.decide(policy, Occasion::default()) {
+            Step::Keep => return (None, nothing),
+            Step::Propose(gain) => (gain, nothing),
+            // The request of a person is not replaced.
+            Step::WaitForDatum(gain) | Step::Adopt(gain) if waiting == Some(When::Now) => (gain, nothing),
+            Step::WaitForDatum(gain) | Step::Adopt(gain) => match change(profile, axis, offer, When::AtDatum)
+            {
+                Ok(change) => (gain, Consequence::Adopt(change)),
+                Err(_) => return (None, nothing),
+            },
+        };
+        let is_news = self.reported.replace(offer.name.clone()).as_ref() != Some(&offer.name);
+        (is_news.then_some(gain), consequence)
+    }
+
+    /// Returns the policy for the candidate. A person adopts a model to which the axis does not return by itself,
+    /// because a person has left it.
+    pub(in crate::gateway) fn policy(&self, policy: Policy, preference: &Preference) -> Policy {
+        let left = preference.before().and_then(Preferred::name);
+        match &self.offer {
+            Some(offer) if left == Some(offer.name.as_str()) => Policy::Propose,
+            _ => policy,
+        }
+    }
+
+    /// Returns the change with which a person adopts the candidate.
+    ///
+    /// # Errors
+    /// Returns why the candidate is not adopted.
+    pub(in crate::gateway) fn adopt(
+        &self,
+        (profile, axis): (&Profile, usize),
+        preference: &Preference,
+    ) -> Result<Change, Explained> {
+        let Some(offer) = &self.offer else {
+            return Err(Explained::new(
+                "no candidate has been learned yet",
+                "the gateway learns once a day, from the touches of the axis; `isotherm learn` learns now",
+            ));
+        };
+        if preference.preferred().name() == Some(offer.name.as_str()) {
+            return Err(format!("the axis follows model {} already", offer.name).into());
+        }
+        if !is_current(offer, preference) {
+            return Err(Explained::new(
+                "the candidate was compared with another model than the one in use",
+                LEARN_AGAIN,
+            ));
+        }
+        let policy = profile.axes[axis].learning.as_ref().map(|learning| learning.adopt).unwrap_or_default();
+        match offer.judgement.decide(policy, Occasion { confirmed: true, at_datum: false }) {
+            Step::Adopt(_) => change(profile, axis, offer, When::Now),
+            Step::Keep | Step::Propose(_) | Step::WaitForDatum(_) => Err(not_better(offer)),
+        }
+    }
+}
+
+/// Returns the day of a time stamp of the computer's clock, as text (2026-01-31).
+pub(in crate::gateway) fn day(at: Moment) -> String {
+    let mut text = Vec::new();
+    time::write(&mut text, at);
+    String::from_utf8_lossy(&text).chars().take_while(|c| *c != 'T').collect()
+}
+
+/// Returns whether a candidate was compared with the model that is in use now. The models of the profile may have
+/// changed since.
+fn is_current(offer: &Offer, preference: &Preference) -> bool {
+    offer.own == preference.own() && offer.compared_with.as_deref() == preference.preferred().name()
+}
+
+/// Returns why a candidate is not adopted that is not better than the model in use.
+fn not_better(offer: &Offer) -> Explained {
+    let cause = match offer.judgement.gain() {
+        None => "the candidate has not been judged yet".to_owned(),
+        Some(gain) => format!(
+            "the candidate is not better: it would have left {:.1} µm instead of {:.1} µm",
+            gain.candidate.get(),
+            gain.in_use.get()
+        ),
+    };
+    Explained::new(cause, "probe the axis on more days; each day judges the candidate again")
+}
+
+/// Returns the change that returns to the model before.
+///
+/// # Errors
+/// Returns why there is none.
+pub(in crate::gateway) fn back(
+    (profile, axis): (&Profile, usize),
+    preference: &Preference,
+) -> Result<Change, Explained> {
+    let before = preference.before().ok_or("no other model was in use before")?;
+    let has_own = !profile.axes[axis].settings.own_models().is_empty();
+    if *before == Preferred::Profile && !has_own {
+        return Err("the profile has no model for this axis".into());
+    }
+    Ok(Change { to: before.clone(), when: When::Now, own: preference.own().to_owned() })
+}
+
+/// Returns the change of the preferred model that adopts a candidate.
+///
+/// # Errors
+/// The profile lacks a signal of the candidate.
+pub(crate) fn change(profile: &Profile, axis: usize, offer: &Offer, when: When) -> Result<Change, Explained> {
+    let term = |term: &OfferedTerm| -> Result<LearnedTerm, Explained> {
+        let signal = profile.signals.iter().position(|signal| signal.name == term.signal);
+        let lag = Duration::try_from_secs_f64(term.lag_s).ok();
+        let (signal, lag) = signal.zip(lag).ok_or_else(|| {
+            Explained::new(
+                format!("the candidate needs {}, which the profile lacks", term.signal),
+                LEARN_AGAIN,
+            )
+        })?;
+        let lag = (!lag.is_zero()).then_some(lag);
+        Ok(LearnedTerm { signal, lag, squared: term.squared, gain: term.gain })
+    };
+    let terms = offer.terms.iter().map(term).collect::<Result<Vec<LearnedTerm>, Explained>>()?;
+    let own = profile.axes[axis].settings.learned.as_ref().map(|slot| slot.own.clone()).unwrap_or_default();
+    let to = Preferred::Learned(LearnedModel { name: offer.name.clone(), terms });
+    Ok(Change { to, when, own })
+}

@@ -1,0 +1,92 @@
+//! Events about learned models: a better candidate, adoption, and the end of a learned model.
+
+use serde::Serialize;
+
+use super::description::{EventDescription, caused, plain};
+use isotherm_core::events::EventKind;
+use isotherm_core::quantity::Micron;
+use isotherm_profile::counted;
+
+/// Event about the learned model of an axis.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum Adoption {
+    /// The candidate is better than the model in use.
+    Better {
+        /// Axis of the candidate.
+        axis: String,
+        /// Name of the candidate.
+        model: String,
+        /// First judged day.
+        since: String,
+        /// Number of judged days.
+        days: usize,
+        /// Number of touches on these days.
+        touches: u32,
+        /// Residual error with the model in use, as a root mean square.
+        #[serde(rename = "in_use_um")]
+        in_use: Micron,
+        /// Residual error that the candidate would have left.
+        #[serde(rename = "candidate_um")]
+        candidate: Micron,
+        /// Whether the gateway adopts the candidate at the next datum.
+        auto: bool,
+    },
+    /// The preferred model of an axis has changed. Cz has not moved.
+    Adopted {
+        /// Axis of the model.
+        axis: String,
+        /// Name of the learned model; `None` for the model of the profile.
+        model: Option<String>,
+        /// Name of the learned model before; `None` for the model of the profile.
+        before: Option<String>,
+    },
+    /// The models of the profile have changed, so that the learned model is not used any more.
+    Superseded {
+        /// Axis of the model.
+        axis: String,
+        /// Name of the learned model.
+        model: String,
+    },
+    /// No model could be learned.
+    Failed {
+        /// Cause, as a clause.
+        why: String,
+    },
+}
+
+/// Returns the name of a model as text.
+fn named(model: Option<&String>) -> String {
+    model.map_or_else(|| "the model of the profile".to_owned(), |name| format!("model {name}"))
+}
+
+impl Adoption {
+    pub(super) fn described(&self) -> EventDescription {
+        match self {
+            Adoption::Better { axis, model, since, days, touches, in_use, candidate, auto } => {
+                let next = match auto {
+                    true => "the gateway adopts it at the next datum",
+                    false => "an operator may adopt it; Cz does not move",
+                };
+                let basis = format!("{}, touches: {touches}", counted(*days, "day"));
+                plain(format!(
+                    "axis {axis}: since {since}, model {model} would have left {candidate} instead of {in_use} \
+                     ({basis}); {next}"
+                ))
+                .of(EventKind::CandidateBetter)
+            }
+            Adoption::Adopted { axis, model, before } => {
+                let (model, before) = (named(model.as_ref()), named(before.as_ref()));
+                plain(format!("axis {axis}: follows {model} instead of {before}; Cz has not moved"))
+                    .of(EventKind::ModelAdopted)
+            }
+            Adoption::Superseded { axis, model } => {
+                let why = format!(
+                    "the models in the profile have changed, so the learned model {model} is not used any more"
+                );
+                caused(format!("axis {axis}"), why).of(EventKind::ModelSuperseded)
+            }
+            Adoption::Failed { why } => caused("no model was learned", why).of(EventKind::LearningFailed),
+        }
+    }
+}

@@ -1,0 +1,41 @@
+//! Learned model of an axis: the model that it has adopted, and the candidate.
+
+use serde::Serialize;
+
+/// Learned model of an axis.
+#[derive(Clone, Debug, Serialize)]
+pub struct LearnedStatus {
+    /// Name of the learned model that is preferred; `None` for the model of the profile.
+    pub adopted: Option<String>,
+    /// Name of the model that was preferred before, to which `isotherm adopt --back` returns. Empty for the model of the
+    /// profile; `None` if no other model was preferred.
+    pub before: Option<String>,
+    /// Name of the model whose adoption waits for a datum, or until Cz can be kept. Empty for the model of the profile;
+    /// `None` if none waits.
+    pub waiting: Option<String>,
+    /// Whether the gateway adopts a better candidate by itself.
+    pub auto: bool,
+    /// Candidate that was learned last; `None` if there is none.
+    pub candidate: Option<CandidateStatus>,
+}
+
+/// Candidate of an axis, with its judgement against the model in use.
+#[derive(Clone, Debug, Serialize)]
+pub struct CandidateStatus {
+    /// Name of the candidate.
+    pub model: String,
+    /// Number of runs from which it was learned.
+    pub runs: usize,
+    /// First judged day; `None` before a day was judged.
+    pub since: Option<String>,
+    /// Number of judged days, at most 5.
+    pub days: usize,
+    /// Number of touches on these days.
+    pub touches: u32,
+    /// Residual error with the model in use on these days, as a root mean square, µm.
+    pub in_use_um: Option<f64>,
+    /// Residual error that the candidate would have left, µm.
+    pub candidate_um: Option<f64>,
+    /// Whether the candidate may be adopted: it is better than the model in use.
+    pub better: bool,
+}
