@@ -77,6 +77,7 @@ impl GatewayApi for Fake {
             Command::Zero => Err("axis z moves".into()),
             Command::Cancel => Ok(Answer::Done("z: the request to arm is cancelled".into())),
             Command::Sign | Command::Signed(_) => Ok(Answer::Done("z: as you say".into())),
+            Command::Adopt | Command::AdoptBack => Ok(Answer::Done("axis z follows another model".into())),
         }
     }
 

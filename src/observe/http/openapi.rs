@@ -228,6 +228,8 @@ fn summary(command: Command) -> &'static str {
         Command::Signed(DialDirection::Plus) => "Reports that the gauge moved in the plus direction",
         Command::Signed(DialDirection::Minus) => "Reports that the gauge moved in the minus direction",
         Command::Signed(DialDirection::None) => "Reports that the gauge did not move",
+        Command::Adopt => "Adopts the learned model of one axis; Cz does not move",
+        Command::AdoptBack => "Returns to the model that one axis preferred before; Cz does not move",
     }
 }
 

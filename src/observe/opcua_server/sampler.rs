@@ -91,11 +91,12 @@ impl Quality {
             "stale" | "timeout" | "link-down" | "bad-reply" => Quality::NoCommunication,
             "sentinel" | "open-circuit" | "short-circuit" | "sensor-fault" | "not-a-number" | "checksum"
             | "power-on-value" | "all-zero" | "fault-bit" => Quality::SensorFailure,
-            "above-range" | "below-range" | "out-of-range" | "too-fast" | "jumped" => Quality::OutOfRange,
-            "switched-off" => Quality::OutOfService,
-            "wrong-type" | "no-number" | "not-found" | "several-found" | "not-as-expected" => {
-                Quality::Configuration
+            "above-range" | "below-range" | "out-of-range" | "too-fast" | "jumped" | "scale-changed" => {
+                Quality::OutOfRange
             }
+            "switched-off" => Quality::OutOfService,
+            "wrong-type" | "no-number" | "no-element" | "no-scale" | "not-found" | "several-found"
+            | "not-as-expected" => Quality::Configuration,
             _ => Quality::DeviceFailure,
         }
     }

@@ -1,9 +1,10 @@
 //! Learned model of an axis: the model that it has adopted, and the candidate.
 
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// Learned model of an axis.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, JsonSchema, Serialize)]
 pub struct LearnedStatus {
     /// Name of the learned model that is preferred; `None` for the model of the profile.
     pub adopted: Option<String>,
@@ -20,7 +21,7 @@ pub struct LearnedStatus {
 }
 
 /// Candidate of an axis, with its judgement against the model in use.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, JsonSchema, Serialize)]
 pub struct CandidateStatus {
     /// Name of the candidate.
     pub model: String,
