@@ -160,7 +160,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
     }
     let secret = if manifest.secrets { ", including secret files" } else { "" };
-    Ok(say!("{}: files of {}: {}{secret}", file.display(), profile.name, files.len())?)
+    Ok(say!("{} contains {} files of machine {}{secret}", file.display(), files.len(), profile.name)?)
 }
 
 fn entry((path, mode, bytes): &(String, u32, Vec<u8>)) -> Entry {

@@ -24,7 +24,7 @@ const SPAN: Duration = Duration::from_secs(1);
 /// Kind of a line: its location in the source code, and the kind of event.
 type Kind = (Identifier, String);
 
-/// Numbers of lines of one kind in its current second.
+/// Counts of the log lines of one kind in a window of one second. The window begins with a line of that kind.
 #[derive(Debug)]
 struct Window {
     since: Duration,

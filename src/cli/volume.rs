@@ -29,7 +29,7 @@ fn lost_with(mounts: &str, directory: &Path) -> Option<&'static str> {
     }
 }
 
-const LAYER: &str = "this container's own layer, which the next one does not get";
+const LAYER: &str = "the writable layer of this container, which is lost when the container is replaced";
 
 /// One line of /proc/self/mountinfo (proc_pid_mountinfo(5)).
 struct Mount<'line> {

@@ -369,6 +369,12 @@ impl Fault {
         matches!(self, Fault::Link(fault) if !matches!(fault, LinkFault::Broken))
     }
 
+    /// Returns whether the fault shows that neither the power nor the cable of the device is the cause: the other end
+    /// answers, or files of this computer are unusable.
+    pub const fn excludes_wiring(self) -> bool {
+        matches!(self, Fault::Link(LinkFault::OpcUa(_) | LinkFault::Tls(_)))
+    }
+
     /// Returns the reason for which a reading that failed with this fault is not good.
     pub const fn reason(self) -> Reason {
         match self {

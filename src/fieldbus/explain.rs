@@ -268,6 +268,24 @@ mod tests {
     }
 
     #[test]
+    fn a_refused_session_or_handshake_excludes_power_and_cable_as_the_cause() {
+        use opcua::fault::OpcUaFault;
+        let refused = LinkFault::OpcUa(OpcUaFault::Refused(Status(0x8083_0000)));
+        let session =
+            [OpcUaFault::UserRefused, OpcUaFault::NotTrusted, OpcUaFault::NoSession, OpcUaFault::Clock];
+        let answered = session.map(LinkFault::OpcUa).into_iter().chain([refused]);
+        for fault in answered.chain([LinkFault::Tls(TlsFault::Expired)]).map(Fault::Link) {
+            assert!(fault.excludes_wiring(), "{fault:?}");
+        }
+        for fault in [LinkFault::Refused, LinkFault::Unreachable, LinkFault::Broken, LinkFault::Absent] {
+            assert!(!Fault::Link(fault).excludes_wiring(), "{fault:?}");
+        }
+        assert!(!Fault::Timeout.excludes_wiring());
+        let said = explain_on(Transport::OpcUa, Fault::Link(refused)).to_string();
+        assert!(said.ends_with("; the server's own log or display says why"), "{said}");
+    }
+
+    #[test]
     fn of_an_opc_ua_server_nobody_is_sent_to_look_at_what_only_modbus_has() {
         let link = [LinkFault::Refused, LinkFault::Unreachable, LinkFault::Broken].map(Fault::Link);
         let status = [Status::ACCESS_DENIED, Status(0x808b_0000)].map(Fault::Status);

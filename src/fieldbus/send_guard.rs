@@ -7,7 +7,7 @@ use super::request::Request;
 use crate::clock::{Clock, StallDetector};
 use isotherm_core::quantity::Moment;
 
-/// Latest time at which a request may be sent, and the connection that it requires.
+/// Limit on the sending of a request: none, a latest time, or a latest time on the present connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SendDeadline {
     /// The request has no deadline, because it depends on no value that can become too old.

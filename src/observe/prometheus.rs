@@ -84,7 +84,7 @@ const COUNTERS: [(&str, &str); 11] = [
     ("isotherm_output_writes_total", "Writes that were verified."),
     ("isotherm_events_total", "Events, by kind."),
     ("isotherm_refused_total", "Requests that the web page rejected, by reason."),
-    ("isotherm_mqtt_published_total", "Messages sent on a connection to the broker."),
+    ("isotherm_mqtt_published_total", "Messages sent to the broker."),
     ("isotherm_mqtt_dropped_total", "Messages dropped because the queue was full."),
     ("isotherm_mqtt_connections_total", "Connections that the broker has accepted."),
     ("isotherm_log_dropped_total", "Log rows lost because the queue to the disk was full."),

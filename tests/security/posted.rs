@@ -176,7 +176,7 @@ fn servers_that_hang_drip_flood_and_break_off_hold_up_no_poll_and_a_stop_for_two
         "does not speak HTTP/1.1",
         "before it had answered",
         "no program listens",
-        "the host name of the server has no address",
+        "finds no address for the host name of the server",
     ] {
         assert!(said.contains(why), "{why}: {said}");
     }

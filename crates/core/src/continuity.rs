@@ -35,7 +35,7 @@ const SILENT_PERIODS: u32 = 2;
 /// State of a device: whether it is known to be the device, with the settings, that passed its checks.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Continuity {
-    /// The device has passed its checks or has none, and contact with a checked device has not been lost since.
+    /// The device has no checks, or it has passed them and contact with it has not been lost since.
     Confirmed,
     /// Contact was lost, or the gateway has just started. The next exchange with the device reads the values of its
     /// checks.

@@ -11,7 +11,8 @@ const NEARLY: f64 = 90.0;
 /// Time over which the first and the last value are averaged, s.
 const EDGE: f64 = 180.0;
 
-/// Minutes that contain a value: seconds since the first row of the run, ascending, and means.
+/// Mean value of a column in each minute that contains a value, and the mean time of these values in seconds since the
+/// first row of the run. The times ascend.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Minutes {
     pub(crate) seconds: Vec<f64>,

@@ -115,7 +115,8 @@ pub fn files() -> Vec<(String, String)> {
     let mut files = vec![("mesh.inp".to_owned(), mesh_file()), ("column.inp".to_owned(), COMMON.to_owned())];
     let cases =
         CASES.iter().map(|(name, what, step, air, heat)| (*name, step_file(what, step, *air, FILMS, heat)));
-    let what = "No load case: surfaces through which heat enters and leaves while the machine runs";
+    let what = "This file is not a load case. It defines the surfaces through which heat enters and leaves while the \
+                machine runs";
     let plant = ("plant", step_file(what, HOUR, STILL, REAL, &SHIFTS.map(|(heated, _)| (heated, 1.0))));
     files.extend(cases.chain([plant]).map(|(name, text)| (format!("{name}.inp"), text)));
     files

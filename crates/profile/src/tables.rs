@@ -55,7 +55,8 @@ pub(crate) mod set;
 pub(crate) mod signal;
 pub(crate) mod web;
 
-/// Result of the check.
+/// Result of checking a profile: the errors, the warnings, and the resolved profile. The profile is `None` if there is
+/// an error.
 pub(crate) struct Checked {
     pub(crate) profile: Option<Profile>,
     pub(crate) errors: Findings,

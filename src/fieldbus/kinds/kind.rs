@@ -35,7 +35,7 @@ pub struct BusKind {
     /// Whether answers may be missing without a fault of a device: single ones get lost, or the line finds out only by
     /// missing answers that its connection is lost.
     pub is_lossy: bool,
-    /// Whether a server has namespaces, which identify its devices.
+    /// Whether the other end is a server with namespaces (OPC UA), which identify its devices.
     pub has_namespaces: bool,
     /// Whether the other end keeps a state for a connection until it is closed in order.
     pub is_closed_in_order: bool,

@@ -15,6 +15,7 @@ use super::kind::{BusKind, LinePlace, ScanKind, VirtualLine};
 use super::target::host_of_url;
 use crate::fieldbus::connection::Dial;
 use crate::fieldbus::error::{Fault, LinkFault, PeerFault};
+use crate::fieldbus::kinds::opcua::fault::OpcUaFault;
 use isotherm_core::reading::Status;
 use isotherm_profile::{Bus, Transport, server_url};
 
@@ -77,6 +78,7 @@ const fn hint(fault: Fault) -> Option<&'static str> {
             "the server or a network device has closed the connection: was the server restarted? The \
              server's own log says why"
         }
+        Fault::Link(LinkFault::OpcUa(OpcUaFault::Refused(_))) => "the server's own log or display says why",
         Fault::Peer(PeerFault::Malformed) => {
             "the answer is not OPC UA: does a network device change it? The server's own log may say more"
         }
@@ -102,8 +104,8 @@ pub(in crate::fieldbus) const fn status_hint(status: Status) -> &'static str {
             "the node has another type: write the node's own `type` at the output. An OPC UA browser shows it"
         }
         _ if status.is(Status::NO_SUCH_NODE) => {
-            "there is no such node. Is the name of the node right? Is its namespace still the same after an \
-             update of the server (`isotherm read --browse` shows the namespaces)?"
+            "there is no such node at the server: `isotherm read --browse` shows its nodes and namespaces. Is the name \
+             of the node right? Is its namespace still the same after an update of the server?"
         }
         _ if status.is(Status::TOO_MANY_OPERATIONS)
             || status.is(Status::REQUEST_TOO_LARGE)

@@ -93,7 +93,8 @@ enum TransactionNumbers {
 enum Renewal {
     #[default]
     Accepted,
-    /// The Modbus gateway accepts one client, and frees its place late.
+    /// The Modbus gateway refused the connection: it accepts only one client at a time, and does not yet accept the next
+    /// one after the line has closed its connection.
     Refused,
 }
 

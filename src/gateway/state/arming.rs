@@ -217,7 +217,7 @@ impl Arming {
             if let Some((output, _)) = outputs.of_axis(axis).find(displaced) {
                 return Attempt::Refused(Explained::new(
                     format!(
-                        "the control applies a slope with another reference position than output {} writes",
+                        "the control applies a slope, but its reference position is not the one that output {} writes",
                         output.name
                     ),
                     "set the slope to zero at the CNC",

@@ -320,7 +320,8 @@ impl DeviceHealth {
         };
         if is_news {
             let (bus, address) = (bus.name.clone(), bus.address.clone());
-            events.push(Event::LinkDown { bus, address, fault: cause });
+            let excludes_wiring = fault.excludes_wiring();
+            events.push(Event::LinkDown { bus, address, fault: cause, excludes_wiring });
         }
     }
 }

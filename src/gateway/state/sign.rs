@@ -33,7 +33,7 @@ pub(in crate::gateway) struct SignCheck {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(in crate::gateway) struct SignMemory {
-    /// Whether the operator was reminded that there was no check yet.
+    /// Whether the operator was reminded that the sign check of the axis is still to be done.
     #[serde(default)]
     reminded: bool,
     /// Time and result of the last check that was answered.

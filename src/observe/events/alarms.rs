@@ -170,6 +170,7 @@ mod tests {
             bus: "cell".into(),
             address: "10.0.0.7:802".into(),
             fault: Explained::new(cause, hint),
+            excludes_wiring: false,
         };
         let (begun, later) = (Moment::default(), Moment::from_nanos(60_000_000_000));
         let refused = down("is the port right?", "nothing listens there");

@@ -59,7 +59,12 @@ mod tests {
         let names = vec![long.clone(); 300];
         for event in [
             Event::LogsDeleted { names, why: long.clone() },
-            Event::LinkDown { bus: long.clone(), address: long.clone(), fault: long.into() },
+            Event::LinkDown {
+                bus: long.clone(),
+                address: long.clone(),
+                fault: long.into(),
+                excludes_wiring: false,
+            },
         ] {
             let entry = event.entry(Moment::default());
             assert_eq!(entry.text.chars().count(), 801, "{}", entry.text);

@@ -37,7 +37,7 @@ impl Sentence {
         Sentence { is_well: true, ..self }
     }
 
-    /// Omits the hint of the catalogue, because the operator need not act.
+    /// Omits the hint of the catalogue, because the operator need not act, or because it does not fit the cause.
     pub(super) fn without_hint(self) -> Sentence {
         Sentence { takes_hint: false, ..self }
     }

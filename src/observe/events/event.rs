@@ -115,8 +115,18 @@ events! {
         };
         // `left`: values that stay in the registers.
         Stopped { left: String } => plain(format!("stopped; {left}"));
-        LinkDown { bus: String, address: String, fault: Explained } =>
-            caused(format!("bus {bus} ({address})"), fault.clone());
+        LinkDown {
+            bus: String,
+            address: String,
+            fault: Explained,
+            /// Whether neither the power nor the cable of the device can be the cause. The hint of the catalogue, which
+            /// names them, is then omitted.
+            #[serde(skip)]
+            excludes_wiring: bool,
+        } => {
+            let sentence = caused(format!("bus {bus} ({address})"), fault.clone());
+            if *excludes_wiring { sentence.without_hint() } else { sentence }
+        };
         LinkUp { bus: String, address: String, attempts: u64 } =>
             plain(format!("bus {bus} ({address}): connected after {}", counted(attempts, "attempt")));
         DeviceLost { device: String, at: String, fault: Explained } =>

@@ -32,7 +32,12 @@ fn troubles() -> Vec<Event> {
     };
     let moved = |moved| Event::SignChecked { axis: name(), moved, way, who: who.clone() };
     let mut all = vec![
-        Event::LinkDown { bus: name(), address: "a:1".into(), fault: "closed".into() },
+        Event::LinkDown {
+            bus: name(),
+            address: "a:1".into(),
+            fault: "closed".into(),
+            excludes_wiring: false,
+        },
         Event::DeviceLost { device: name(), at: " (unit 2)".into(), fault: "no answer".into() },
         Event::NotAsExpected { device: name(), found: "holding:7 is 3".into() },
         Event::SignalBad { signal: name(), reason: "open circuit".into() },
@@ -206,4 +211,20 @@ fn each_event_that_tells_of_trouble_has_cause_and_hint_and_a_sentence_of_both() 
         assert!(text.matches(&hint).count() <= 1 || hint.is_empty(), "{kind} says its hint twice: {text}");
     }
     assert!(without.is_empty(), "{} of {}:\n{}", without.len(), troubles().len(), without.join("\n"));
+}
+
+#[test]
+fn power_and_cable_are_not_named_if_they_cannot_be_the_cause() {
+    let down = |excludes_wiring| {
+        let fault = "the server has no session left: close another client".into();
+        let event = Event::LinkDown { bus: "cell".into(), address: "a:1".into(), fault, excludes_wiring };
+        event.entry(Moment::default())
+    };
+    let unknown = down(false);
+    assert!(unknown.text.contains("check the power and the cable"), "{}", unknown.text);
+    let answered = down(true);
+    assert_eq!(answered.text, "bus cell (a:1): the server has no session left: close another client");
+    let field = |name: &str| answered.data.get(name);
+    assert!(field("cause").is_some(), "{}", answered.data);
+    assert_eq!((field("hint"), field("excludes_wiring")), (None, None));
 }

@@ -26,8 +26,8 @@ pub enum Failure {
     Token(String),
     /// The host name cannot be resolved.
     #[error(
-        "the host name of the server has no address on this computer (`getent hosts NAME` asks as the \
-         gateway does)"
+        "this computer finds no address for the host name of the server (test it with `getent hosts NAME`, \
+         which uses the same look-up as the gateway)"
     )]
     Unresolved,
     /// No program listens at the address of the server.

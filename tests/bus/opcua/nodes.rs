@@ -169,7 +169,10 @@ fn what_of_a_profile_does_not_fit_its_server_is_told_node_by_node() {
             ("ns=2;s=offset\"\ntype = \"i32\"", "ns=2;s=a\"\ntype = \"f64\""),
             "this user may not write the node: give the user this right at the server",
         ),
-        (("ns=2;s=scale", "ns=2;s=skale"), "there is no such node. Is the name of the node right"),
+        (
+            ("ns=2;s=scale", "ns=2;s=skale"),
+            "there is no such node at the server: `isotherm read --browse` shows",
+        ),
         (
             ("ns=2;s=scale\"\ntype = \"i32\"", "ns=2;s=scale\"\ntype = \"i16\""),
             "the value is an Int32, but the profile says i16: write type = \"i32\"",

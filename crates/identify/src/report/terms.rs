@@ -220,8 +220,8 @@ pub(super) fn by_sensors(counted: &[Counted]) -> Markup {
     html! {
         h2 { "How many sensors" }
         p {
-            "The value of one more sensor: for each run, the sensors were chosen from all the others, and \
-             tested on that run." }
+            "How much each further sensor reduces the error. For each run, the sensors were chosen with the \
+             data of all other runs, and the error was measured on that run." }
         div .gallery {
             (figure("Mean range of the residual error in a run",
                 &chart::curve("µm", says, &ranges, few, ranges[0]),

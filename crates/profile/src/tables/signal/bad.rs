@@ -68,7 +68,7 @@ pub(crate) fn sentinels(bad: Option<&Vec<BadValue>>, at: &KeyContext<'_>) -> Vec
 pub(super) fn sentinels_fit(at: &KeyContext<'_>, encoding: &Encoding) {
     let Some((low, high)) = encoding.data_type.integer_range() else { return };
     for bad in encoding.bad.iter().filter(|bad| !(low..=high).contains(&i128::from(bad.raw))) {
-        let help = format!("allowed: {low} to {high}, as the raw count reads in this type");
+        let help = format!("allowed: {low} to {high}, the raw counts that this type can hold");
         at.invalid(format!("{} cannot contain {}", encoding.data_type.name(), bad.raw), help);
     }
 }
