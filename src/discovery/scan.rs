@@ -104,6 +104,7 @@ impl Scan {
         for line in &self.lines {
             report(Event::Line(line.clone()));
             let mut asker = self.asker(line);
+            let (mut is_echoed, mut is_answered) = (false, false);
             for unit in self.units.clone() {
                 for register in &self.registers {
                     let answer = asker.read(unit, *register, 1).await;
@@ -114,6 +115,7 @@ impl Scan {
                         return Err(FailedScan { unit, fault });
                     }
                     report(Event::Asked(asked));
+                    is_echoed |= asker.has_come_back();
                     if let Err(fault) = answer
                         && is_of_no_unit(fault, line.transport)
                     {
@@ -123,9 +125,14 @@ impl Scan {
                     if let Some(how) = how(&answer) {
                         let register = register.to_string();
                         report(Event::Found(line.clone(), Responder { unit, register, how }));
+                        is_answered = true;
                         break;
                     }
                 }
+            }
+            // An echo before an answer is normal on some adapters.
+            if is_echoed && !is_answered {
+                report(Event::Noticed(line.clone(), Fault::Peer(PeerFault::Echoed)));
             }
         }
         Ok(())

@@ -335,6 +335,16 @@ fn a_server_that_returns_each_request_is_no_unit() {
 }
 
 #[test]
+fn on_a_line_that_returns_each_request_the_echo_is_named() {
+    let home = tempfile::tempdir().unwrap();
+    let line = format!("rtu+tcp://{}", rtu(|asked| vec![asked.to_vec()]));
+    let verbs = [scan(home.path(), &line, "1..5"), register(home.path(), &line, "holding:0", "1")];
+    all_say(&verbs, &["the request itself comes back instead of a reply; ", "no device answers"]);
+    let (_, found) = &verbs[0];
+    assert!(found.contains("no unit answered") && !found.contains("[device."), "{found}");
+}
+
+#[test]
 fn the_type_of_line_may_be_missing() {
     let home = tempfile::tempdir().unwrap();
     let address = modbus_tcp(|asked| Some(values(asked, 20)));

@@ -14,7 +14,7 @@ use crate::discovery::new_connection::examine;
 use crate::discovery::remedy::{Question, remedy};
 use crate::discovery::unit_reader::{Trace, UnitReader};
 use crate::discovery::values::{RegisterValue, ValueFormat};
-use crate::discovery::{DataType, Exchange, Fault, Register, WordOrder};
+use crate::discovery::{DataType, Exchange, Fault, PeerFault, Register, WordOrder};
 
 /// Maximum number of registers in one Modbus request. [`MOST_BITS`] is the maximum number of bits.
 const MOST_REGISTERS: u16 = 125;
@@ -158,7 +158,8 @@ pub(super) fn run(target: &Target, one: &One, watch: bool, json: bool) -> anyhow
         let clock = Clock::wall();
         let begun = clock.now();
         loop {
-            let answer = requester.read(unit, from, count).await;
+            let mut answer = requester.read(unit, from, count).await;
+            let is_echoed = requester.has_come_back();
             let needs = match answer {
                 Err(Fault::Timeout) if !watch => {
                     requester.hang_up();
@@ -166,6 +167,9 @@ pub(super) fn run(target: &Target, one: &One, watch: bool, json: bool) -> anyhow
                 }
                 _ => None,
             };
+            if answer == Err(Fault::Timeout) && is_echoed {
+                answer = Err(Fault::Peer(PeerFault::Echoed));
+            }
             let values = answer.map(|answer| form.values(from, &answer)).map_err(|fault| match needs {
                 Some(needs) => format!("unit {unit}: {needs}"),
                 None => remedy(fault, question),

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use super::{ConnectionHistory, DeviceLine};
+use crate::fieldbus::connection::Connection;
 use crate::fieldbus::error::{Fault, LinkFault};
 use crate::fieldbus::kinds::modbus::pending_replies::PendingReplies;
 use crate::fieldbus::kinds::modbus::reply_signature::ReplySignature;
@@ -33,6 +34,12 @@ impl DeviceLine {
     pub fn hang_up(&mut self) {
         self.drop_connection();
         self.units.pending.each().for_each(PendingReplies::anything);
+    }
+
+    /// Returns whether the last request itself came back, and nothing else arrived before its timeout. Returns `false`
+    /// if the connection was closed after the timeout.
+    pub fn has_come_back(&mut self) -> bool {
+        self.wire.as_mut().and_then(Connection::modbus).is_some_and(|modbus| modbus.has_come_back())
     }
 
     /// Drops the connection. If a read was sent directly after another request and is unanswered, returns its unit, the

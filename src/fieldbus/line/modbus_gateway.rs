@@ -93,8 +93,8 @@ enum TransactionNumbers {
 enum Renewal {
     #[default]
     Accepted,
-    /// The Modbus gateway refused the connection: it accepts only one client at a time, and does not yet accept the next
-    /// one after the line has closed its connection.
+    /// The Modbus gateway refused the connection: it accepts only one client at a time, and does not yet accept the
+    /// next one after the line has closed its connection.
     Refused,
 }
 

@@ -66,8 +66,8 @@ pub(super) struct Transaction {
     numbers: Option<Numbers>,
     /// Values of the last attempt. `None` after the control has acknowledged an output set.
     tried: Option<Vec<Counts>>,
-    /// Sequence number and values of the last attempt, if it was not answered. Unused if the control acknowledges output
-    /// sets.
+    /// Sequence number and values of the last attempt, if it was not answered. Unused if the control acknowledges
+    /// output sets.
     unanswered: Option<(u16, Vec<Counts>)>,
     next_number: NextNumber,
 }

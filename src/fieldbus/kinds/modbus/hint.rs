@@ -176,7 +176,7 @@ impl Sight {
             ),
             Sight::Echoed => (
                 "an adapter or a serial server returns what is sent, and no device answers: check its mode (echo, \
-                 loopback) and the wires to the device",
+                 loopback), the wires to the device, the unit number and the baud rate",
                 None,
                 PROTOCOL,
             ),

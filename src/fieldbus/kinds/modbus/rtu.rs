@@ -52,6 +52,8 @@ pub struct Rtu {
     heard: Option<PeerFault>,
     /// Whether the adapter receives its own requests, because it has no echo suppression.
     echoes: bool,
+    /// Whether the last request has come back, and no answer has arrived. After its timeout: nothing else has arrived.
+    came_back: bool,
     /// Frame of the last request. Its echo may arrive even after the timeout of the answer.
     last_question: Vec<u8>,
     /// Frame of the request before the last one. Its echo may be late.
@@ -79,6 +81,7 @@ impl Rtu {
             received: Vec::new(),
             heard: None,
             echoes: false,
+            came_back: false,
             last_question: Vec::new(),
             question_before: Vec::new(),
             answer_length: 0,
@@ -104,6 +107,7 @@ impl Rtu {
                     if request.is_read() && self.received[pdu.start - 1..end] == *question =>
                 {
                     self.received.drain(..end);
+                    self.came_back = true;
                 }
                 Reply::Own { pdu, end } => {
                     let own = ReplySignature::of(Request::Modbus(request));
@@ -284,6 +288,7 @@ impl Wire for Rtu {
     fn exchange<'a>(&'a mut self, unit: u8, request: Request<'a>, send_guard: &'a mut SendGuard) -> Call<'a> {
         Box::pin(async move {
             let Request::Modbus(request) = request else { return Err(Fault::Caller(CallerFault::Function)) };
+            self.came_back = false;
             // If the serial line belongs to another device, that device keeps the silence.
             let silence = self.serial.map_or(Duration::ZERO, |serial| serial.silence());
             self.wait_for_silence(silence).await?;
@@ -311,11 +316,13 @@ impl Wire for Rtu {
                 {
                     self.received.drain(..question.len());
                     self.echoes = true;
+                    self.came_back = true;
                     echo_is_due = false;
                 } else if echo_is_due && question.starts_with(&self.received) {
                     continue;
                 }
                 if let Some(answer) = self.find_answer(unit, request, &question) {
+                    self.came_back = false;
                     return answer;
                 }
             }
@@ -333,7 +340,9 @@ impl Wire for Rtu {
         let received = std::mem::take(&mut self.received);
         let (question, before) = (&self.last_question, &self.question_before);
         let invalid = || invalid::assess(&received, question, before, self.answer_length);
-        self.heard.take().or_else(invalid).map_or(Fault::Timeout, Fault::Peer)
+        let fault = self.heard.take().or_else(invalid).map_or(Fault::Timeout, Fault::Peer);
+        self.came_back &= fault == Fault::Timeout && received.is_empty();
+        fault
     }
 
     fn ending(&mut self) -> Ending {
@@ -344,6 +353,10 @@ impl Wire for Rtu {
 impl ModbusWire for Rtu {
     fn has_transaction_id(&self) -> bool {
         false
+    }
+
+    fn has_come_back(&self) -> bool {
+        self.came_back
     }
 
     fn pass_over(&mut self, pending: Vec<(u8, ReplySignature)>) {

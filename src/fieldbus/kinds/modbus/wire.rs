@@ -42,6 +42,12 @@ pub trait ModbusWire: Wire {
         true
     }
 
+    /// Returns whether the last request itself came back, and nothing else arrived before its timeout. An adapter or a
+    /// serial server without echo suppression returns each request.
+    fn has_come_back(&self) -> bool {
+        false
+    }
+
     /// Sets the forms of late answers that may still arrive. The wire discards them.
     fn pass_over(&mut self, _owed: Vec<(u8, ReplySignature)>) {}
 

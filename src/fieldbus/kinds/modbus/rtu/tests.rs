@@ -243,6 +243,26 @@ async fn an_echo_in_parts_with_noise_or_late_is_no_invalid_answer_of_a_unit_that
 }
 
 #[tokio::test(start_paused = true)]
+async fn a_request_that_comes_back_without_an_answer_is_told_apart_from_silence() {
+    let echo = framed_question(3, READ);
+    for size in [1, 7, echo.len()] {
+        let (mut wire, mut device) = line();
+        let nobody = in_parts(&mut wire, &mut device, READ, echo.chunks(size).map(<[u8]>::to_vec)).await;
+        assert_eq!((nobody, wire.has_come_back()), (Err(Fault::Timeout), true), "{size} bytes at a time");
+        let answered = [echo.as_slice(), &registers(1, 2)].concat();
+        assert_eq!(asked(&mut wire, &mut device, READ, &answered).await, good());
+        assert!(!wire.has_come_back());
+        for other in [&[][..], &[0x55; 3], &echo[..5]] {
+            assert_eq!(asked(&mut wire, &mut device, READ, other).await, Err(Fault::Timeout));
+            assert!(!wire.has_come_back(), "{other:?}");
+        }
+        let noisy = [echo.as_slice(), &[0x55; 3]].concat();
+        assert_eq!(asked(&mut wire, &mut device, READ, &noisy).await, Err(Fault::Timeout));
+        assert!(!wire.has_come_back());
+    }
+}
+
+#[tokio::test(start_paused = true)]
 async fn an_answer_after_an_echo_in_parts_is_used() {
     let (mut wire, mut device) = line();
     let parts = [framed_question(3, READ), registers(1, 2)].concat();
