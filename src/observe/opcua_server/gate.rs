@@ -19,11 +19,11 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{Mutex, Notify};
 use tokio::task::JoinSet;
-use tokio::time::Instant;
 
 use super::door::Door;
 use super::refusals::Refusals;
 use super::screen::{Refusal, Rules, Screen, Then};
+use crate::clock::Silence;
 use crate::observe::http::connection_limiter::ConnectionLimiter;
 
 /// Time for which a client may read nothing, before its connection is closed.
@@ -124,7 +124,7 @@ async fn pass_on(client: TcpStream, door: &Door, limits: (Screen, &Pace)) -> Opt
 #[derive(Default)]
 struct Pace {
     /// Time of the last one.
-    last: Mutex<Option<Instant>>,
+    last: Mutex<Option<Silence>>,
 }
 
 impl Pace {
@@ -132,9 +132,9 @@ impl Pace {
     async fn turn(&self) {
         let mut last = self.last.lock().await;
         if let Some(last) = *last {
-            tokio::time::sleep_until(last + OPENING).await;
+            tokio::time::sleep(last.left_of(OPENING)).await;
         }
-        *last = Some(Instant::now());
+        *last = Some(Silence::begin());
     }
 }
 
@@ -304,13 +304,13 @@ mod tests {
 
     #[tokio::test(start_paused = true)]
     async fn channels_are_opened_one_after_the_other_however_many_clients_connect() {
-        let (pace, begin) = (Pace::default(), Instant::now());
+        let (pace, begin) = (Pace::default(), Silence::begin());
         tokio::join!(pace.turn(), pace.turn(), pace.turn());
-        assert!(begin.elapsed() >= OPENING * 2 && begin.elapsed() < OPENING * 3);
+        assert!(begin.left_of(OPENING * 2).is_zero() && !begin.left_of(OPENING * 3).is_zero());
         tokio::time::sleep(OPENING * 2).await;
-        let begin = Instant::now();
+        let begin = Silence::begin();
         pace.turn().await;
-        assert!(begin.elapsed() < OPENING / 2);
+        assert!(!begin.left_of(OPENING / 2).is_zero());
     }
 
     #[test]
