@@ -162,8 +162,8 @@ mod tests {
         reads(&WINDOWS_1252.encode(quoted).0, quoted, Some("windows-1252"));
         let little: Vec<u8> = LOG.encode_utf16().flat_map(u16::to_le_bytes).collect();
         let big: Vec<u8> = LOG.encode_utf16().flat_map(u16::to_be_bytes).collect();
-        reads(&[&[0xFF, 0xFE], little.as_slice()].concat(), LOG, Some("UTF-16LE"));
-        reads(&[&[0xFE, 0xFF], big.as_slice()].concat(), LOG, Some("UTF-16BE"));
+        reads(&[[0xFF, 0xFE].as_slice(), &little].concat(), LOG, Some("UTF-16LE"));
+        reads(&[[0xFE, 0xFF].as_slice(), &big].concat(), LOG, Some("UTF-16BE"));
         reads(&little, LOG, Some("UTF-16LE"));
         reads(&big, LOG, Some("UTF-16BE"));
     }
