@@ -269,7 +269,7 @@ mod tests {
 
     #[test]
     fn a_refused_session_or_handshake_excludes_power_and_cable_as_the_cause() {
-        use opcua::fault::OpcUaFault;
+        use crate::fieldbus::kinds::opcua::fault::OpcUaFault;
         let refused = LinkFault::OpcUa(OpcUaFault::Refused(Status(0x8083_0000)));
         let session =
             [OpcUaFault::UserRefused, OpcUaFault::NotTrusted, OpcUaFault::NoSession, OpcUaFault::Clock];

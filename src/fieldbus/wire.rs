@@ -12,7 +12,7 @@ use super::error::Fault;
 use super::send_guard::SendGuard;
 
 pub use super::request::{
-    Answer, CanRequest, ModbusRequest, NodeReading, NodeRequest, Request, SensorRequest, Stamped,
+    Answer, CanRequest, ModbusRequest, NodeReading, NodeRequest, Request, SensorRequest, Stamped, TextRequest,
 };
 
 /// Boxed future, which a method of a trait object can return.

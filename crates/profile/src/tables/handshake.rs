@@ -89,7 +89,7 @@ impl RawHandshake {
         if is_in_nodes {
             let strobe = self.strobe.as_ref()?.word(&at_strobe, true, 1);
             let acknowledge = match self.acknowledge.as_ref()? {
-                Place::Node(raw) => read(&at_acknowledge, raw.node.as_ref(), raw.kind),
+                Place::Node(raw) => read(&at_acknowledge, raw.node.as_ref(), raw.kind, None),
                 Place::Register(_) => self.acknowledge.as_ref()?.is_foreign(&at_acknowledge, true),
             };
             let (Some(Address::Node(strobe)), Some(acknowledge)) = (strobe, acknowledge) else { return None };

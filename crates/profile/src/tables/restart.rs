@@ -80,7 +80,7 @@ fn boot_counter(
 fn counts_there(at: &KeyContext<'_>, place: &Place, is_in_nodes: bool) -> Option<Address> {
     let text = match (place, is_in_nodes) {
         (Place::Register(text), false) => text,
-        (Place::Node(raw), true) => return read(at, raw.node.as_ref(), raw.kind).map(Address::Node),
+        (Place::Node(raw), true) => return read(at, raw.node.as_ref(), raw.kind, None).map(Address::Node),
         _ => return place.is_foreign(at, is_in_nodes),
     };
     let address = register(at, Some(text))?;
