@@ -304,7 +304,6 @@ fn a_drift_report_remarks_what_cannot_be_meant() {
         "note: short lasts 4m 59s",
         "--time-unit min",
         "note: long lasts 12 days",
-        "name the column time;",
         "note: z_error_um is constant: was the probe connected?",
     ] {
         assert!(answer.out.contains(words), "{words}: {}", answer.out);

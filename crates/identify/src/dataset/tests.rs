@@ -365,16 +365,19 @@ mod of_parquet {
             "required double time; required double t1; required double t2; required binary part (UTF8);";
         let rows = 20_000;
         let (_directory, path) = file(columns, |group| {
-            let each: Vec<f64> = (0..rows).map(f64::from).collect();
-            column::<DoubleType>(group, &each, None);
-            column::<DoubleType>(group, &each, None);
-            column::<DoubleType>(group, &vec![20.0; each.len()], None);
-            column::<ByteArrayType>(group, &vec![ByteArray::from("A"); each.len()], None);
+            let times: Vec<f64> = (0..rows).map(f64::from).collect();
+            column::<DoubleType>(group, &times, None);
+            column::<DoubleType>(group, &times.iter().map(|time| time / 1000.0).collect::<Vec<f64>>(), None);
+            column::<DoubleType>(group, &vec![20.0; times.len()], None);
+            column::<ByteArrayType>(group, &vec![ByteArray::from("A"); times.len()], None);
         });
         let found = Dataset::read(&[path], &Split::default(), &|_| None, &|name| name == "t1").unwrap();
         assert_eq!(found.names(), ["t1", "t2"]);
         assert_eq!(found.unread, [Column { name: "t2".to_owned(), kind: Kind::Temperature }]);
-        assert_eq!(found.runs[0].values, [(0..rows).map(f64::from).collect::<Vec<f64>>()]);
+        assert_eq!(
+            found.runs[0].values,
+            [(0..rows).map(|row| f64::from(row) / 1000.0).collect::<Vec<f64>>()]
+        );
     }
 
     /// Writes a file with the column `time` of this type, in nanoseconds, and the column `t1`. An empty row group
