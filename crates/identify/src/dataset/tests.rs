@@ -282,6 +282,35 @@ fn other_quantities_are_no_temperatures() {
     let kinds: Vec<Kind> =
         read(log, &Split::default()).unwrap().columns.iter().map(|column| column.kind).collect();
     assert_eq!(kinds, [Kind::Temperature, Kind::Other, Kind::Other, Kind::Other, Kind::Temperature]);
+    // Their values are those of temperatures.
+    for header in [
+        "CO2 [ppm]",
+        "Torque (Nm)",
+        "Salt [µS/cm]",
+        "Level [dB]",
+        "Light [lux]",
+        "Weight [kg]",
+        "Energy [kWh]",
+        "P1 [MPa]",
+        "Freq [kHz]",
+        "Strain [µm/m]",
+        "Coil [Ω]",
+        "Wind [km/h]",
+        "accel [g]",
+        "Luftdruck",
+        "Öldruck",
+        "Scan",
+        "No.",
+        "pH",
+        "Füllstand",
+    ] {
+        let found = read(&format!("time,{header}\n0,20.5\n60,21\n"), &Split::default()).unwrap();
+        assert_eq!(found.columns[0].kind, Kind::Other, "{header}");
+    }
+    for header in ["coolant in", "bed (front)", "Kanal 1", "bearing A", "part"] {
+        let found = read(&format!("time,{header}\n0,20.5\n60,21\n"), &Split::default()).unwrap();
+        assert_eq!(found.columns[0].kind, Kind::Temperature, "{header}");
+    }
 }
 
 #[test]
