@@ -268,6 +268,12 @@ impl Dialect {
                 Some((number, unit)) if unit.is_empty() || own.is_some() => self.number(number)?.into_owned(),
                 _ => text.to_owned(),
             };
+            if unit == TimeUnit::Seconds
+                && self.zone.is_some()
+                && let Some(date) = wall::compact(text)
+            {
+                return self.wall.in_zone(date, self.zone.as_ref(), last);
+            }
             // `60 s` has a unit of its own.
             let unit = own.unwrap_or(unit);
             if unit.of_a_count().is_none()
@@ -291,19 +297,29 @@ impl Dialect {
         if read.is_ok() {
             return read;
         }
-        match wall::read(text, self.dates) {
+        let (plain, zone) = match without_utc(text) {
+            Some(plain) => (plain, Some(TimeZone::UTC)),
+            None => (text, self.zone.clone()),
+        };
+        match wall::read(plain, self.dates) {
             None => read,
-            Some(Ok(wall::Read::Date(_) | wall::Read::Assumed(_))) if self.zone.is_none() => read,
+            Some(Ok(wall::Read::Date(_) | wall::Read::Assumed(_))) if zone.is_none() => read,
             Some(found) => match found? {
-                wall::Read::Date(wall) => self.wall.in_zone(wall, self.zone.as_ref(), last),
+                wall::Read::Date(wall) => self.wall.in_zone(wall, zone.as_ref(), last),
                 wall::Read::Assumed(wall) => {
-                    self.wall.follows(wall, text)?;
-                    self.wall.in_zone(wall, self.zone.as_ref(), last)
+                    self.wall.follows(wall, plain)?;
+                    self.wall.in_zone(wall, zone.as_ref(), last)
                 }
                 wall::Read::OfDay(nanos) => self.wall.of_day(nanos, last),
             },
         }
     }
+}
+
+/// Returns the date and time before the word `UTC`; `None` if no such word follows.
+fn without_utc(text: &str) -> Option<&str> {
+    let (plain, zone) = text.rsplit_once(' ')?;
+    ["utc", "gmt", "z"].iter().any(|word| zone.eq_ignore_ascii_case(word)).then(|| plain.trim_end())
 }
 
 fn finite(value: f64, unit: &str) -> Cell<'_> {
