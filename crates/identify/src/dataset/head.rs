@@ -80,11 +80,11 @@ fn find(lines: &[&str]) -> Head {
     Head { skipped: skipped as u64, after: after as u64, units, rows }
 }
 
-/// Returns whether a text has the names of columns in its first lines.
+/// Returns the index of the line with the names of columns; `None` if none of the first lines has them.
 #[cfg(feature = "tables")]
-pub(super) fn has_names(text: &[u8]) -> bool {
+pub(super) fn line_of_names(text: &[u8]) -> Option<usize> {
     let sample = &text[..text.len().min(1 << 16)];
-    names_at(&String::from_utf8_lossy(sample).lines().collect::<Vec<&str>>()).is_some()
+    names_at(&String::from_utf8_lossy(sample).lines().collect::<Vec<&str>>())
 }
 
 /// Returns the index of the line with the names of the columns.
