@@ -27,6 +27,13 @@ impl DecimalMark {
         }
     }
 
+    fn name(self) -> &'static str {
+        match self {
+            DecimalMark::Point => "point",
+            DecimalMark::Comma => "comma",
+        }
+    }
+
     fn other(self) -> DecimalMark {
         match self {
             DecimalMark::Point => DecimalMark::Comma,
@@ -202,7 +209,7 @@ impl Dialect {
             // Commas separate the columns, so a comma in a cell was quoted.
             return Err(match can_be_thousands {
                 true => two_readings(text, mark, (&whole, &decimal)),
-                false => format!("`{text}` has a decimal comma; write {decimal}"),
+                false => format!("`{text}` has a decimal comma; state --decimal comma, or write {decimal}"),
             });
         }
         let is_unclear = self.is_unclear && known.is_none();
@@ -362,11 +369,12 @@ fn by_mark(text: &str, mark: DecimalMark) -> Result<Cow<'_, str>, String> {
         return Ok(Cow::Borrowed(text));
     }
     if whole.contains(thousands) && !has_groups(whole, thousands) {
-        let name = match mark {
-            DecimalMark::Point => "point",
-            DecimalMark::Comma => "comma",
+        let (name, other) = (mark.name(), mark.other().name());
+        let hint = match text.matches(thousands).count() == 1 && fraction.is_none() {
+            true => format!(": is the decimal mark --decimal {other}?"),
+            false => String::new(),
         };
-        return Err(format!("`{text}` is no number with a decimal {name} and groups of three digits"));
+        return Err(format!("`{text}` is no number with a decimal {name} and groups of three digits{hint}"));
     }
     Ok(Cow::Owned(read))
 }

@@ -73,7 +73,10 @@ fn missing_cells_are_missing_and_decimal_commas_are_reported() {
     let found = read("time,t1\n0,\n60,NaN\n120,20.5\n", &Split::default()).unwrap();
     assert!(found.runs[0].values[0][0].is_nan() && found.runs[0].values[0][1].is_nan());
     let reported = read("time,t1\n0,20\n60,\"20,5\"\n", &Split::default()).unwrap_err().to_string();
-    assert_eq!(reported, "day.csv, line 3, column t1: `20,5` has a decimal comma; write 20.5");
+    assert_eq!(
+        reported,
+        "day.csv, line 3, column t1: `20,5` has a decimal comma; state --decimal comma, or write 20.5"
+    );
     let found = read("time;t1\n0;\n;\n60;20,5\n;\n;\n", &Split::default()).unwrap();
     assert!(found.runs[0].values[0][0].is_nan() && found.runs[0].values[0][1..] == [20.5]);
     let reported = read("t1,t2\n0,20\n", &Split::default()).unwrap_err().to_string();
@@ -479,7 +482,7 @@ mod of_parquet {
             Dataset::read(&[path], &Split::default(), &|_| None, &every_column).unwrap_err().to_string();
         assert!(said.contains("day.parquet, row 2, column time: `later`"), "{said}");
         assert!(
-            said.contains("day.parquet, row 3, column t1: `22,5` has a decimal comma; write 22.5"),
+            said.contains("day.parquet, row 3, column t1: `22,5` has a decimal comma; state --decimal comma, or write 22.5"),
             "{said}"
         );
         assert!(!said.contains("line"), "{said}");

@@ -135,7 +135,7 @@ fn what_cannot_be_read_is_named_with_its_place() {
         ("time,bed,bed\n0,1,1\n", "the column bed occurs twice"),
         (
             "time,bed\n0,1\n5,\"27,5\"\n",
-            "day.csv, line 3, column bed: `27,5` has a decimal comma; write 27.5",
+            "day.csv, line 3, column bed: `27,5` has a decimal comma; state --decimal comma, or write 27.5",
         ),
         (
             "time,bed\n0,27,5\n",

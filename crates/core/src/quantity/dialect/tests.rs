@@ -48,7 +48,7 @@ fn no_number_with_two_readings_is_read() {
     let said = english().number("1,020").unwrap_err();
     assert!(said.contains("can be 1020 or 1.020") && said.contains("--decimal"), "{said}");
     let said = english().number("12,5").unwrap_err();
-    assert_eq!(said, "`12,5` has a decimal comma; write 12.5");
+    assert_eq!(said, "`12,5` has a decimal comma; state --decimal comma, or write 12.5");
     let mut counted = english();
     assert_eq!(counted.number("1,234,567").as_deref(), Ok("1234567"));
     assert_eq!(counted.number("1,020").as_deref(), Ok("1020"), "the file separates thousands by commas");
@@ -57,7 +57,8 @@ fn no_number_with_two_readings_is_read() {
         (DecimalMark::Comma, "1,020", Ok("1.020")),
         (DecimalMark::Comma, "1.020", Ok("1020")),
         (DecimalMark::Point, "1.020", Ok("1.020")),
-        (DecimalMark::Comma, "20.5", Err("groups of three digits")),
+        (DecimalMark::Comma, "20.5", Err("groups of three digits: is the decimal mark --decimal point?")),
+        (DecimalMark::Point, "20,00", Err("groups of three digits: is the decimal mark --decimal comma?")),
         (DecimalMark::Point, "A,B", Ok("A,B")),
     ] {
         let mut dialect = english().with(Some(stated), None);
