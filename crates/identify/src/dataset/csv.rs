@@ -45,7 +45,7 @@ pub(super) fn from_text(
     reader.get_mut().row_is_over();
     let width = names.len();
     let unnamed = names.iter().rev().take_while(|name| name.is_empty()).count();
-    let names = with_units(names, &head.units);
+    let names = with_units(head.with_time(names, separator), &head.units);
     if let Some(tidy) = Tidy::find(&names, split) {
         return tidy.read((file, names.as_slice(), &head), &mut reader, dialect, (split, uses));
     }

@@ -280,6 +280,16 @@ fn a_wrong_time_in_every_row_is_one_mistake() {
 }
 
 #[test]
+fn dates_under_an_empty_first_name_are_the_time() {
+    let split = Split { zone: Some(jiff::tz::TimeZone::UTC), ..Split::default() };
+    let found = read(",bed\n2026-01-05 06:00:00,20\n2026-01-05 06:01:00,21\n", &split).unwrap();
+    assert_eq!(found.runs[0].values, [[20.0, 21.0]]);
+    assert_eq!(found.runs[0].lasts(), Duration::from_secs(60));
+    let said = read(",bed\n0,20\n1,21\n", &split).unwrap_err().to_string();
+    assert!(said.contains("there is no column time"), "{said}");
+}
+
+#[test]
 fn other_quantities_are_no_temperatures() {
     let log = "time,bed,humidity,oil_pressure,air [%],temp_of_pressure_valve\n0,20,45,39,45,30\n60,20,46,40,46,31\n";
     let kinds: Vec<Kind> =
