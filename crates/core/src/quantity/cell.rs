@@ -218,6 +218,13 @@ pub fn is_unit(text: &str) -> bool {
     UNITS.contains(&text.as_str())
 }
 
+/// Returns whether this is the name of a column for comments. Loggers leave its cells out at the end of a row.
+#[must_use]
+pub fn is_comment(name: &str) -> bool {
+    const NAMES: [&str; 7] = ["comment", "comments", "remark", "remarks", "note", "kommentar", "bemerkung"];
+    NAMES.iter().any(|known| name.eq_ignore_ascii_case(known))
+}
+
 /// Separates the name of a column from the unit after it: `Spindle [°C]`, `bed (µm)`, `air / °C`, `t in s`. The unit is
 /// `None` if the name ends with none of the known units.
 #[must_use]

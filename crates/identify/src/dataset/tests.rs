@@ -280,6 +280,13 @@ fn a_wrong_time_in_every_row_is_one_mistake() {
 }
 
 #[test]
+fn the_cells_of_comments_may_be_missing_at_the_end_of_a_row() {
+    let found = read("X_Value\tbed\tComment\n0\t20\n60\t21\tdoor open\n", &Split::default()).unwrap();
+    assert_eq!(found.column("bed").map(|place| found.runs[0].values[place].clone()), Some(vec![20.0, 21.0]));
+    assert!(read("time\tbed\tair\n0\t20\n", &Split::default()).is_err());
+}
+
+#[test]
 fn dates_under_an_empty_first_name_are_the_time() {
     let split = Split { zone: Some(jiff::tz::TimeZone::UTC), ..Split::default() };
     let found = read(",bed\n2026-01-05 06:00:00,20\n2026-01-05 06:01:00,21\n", &split).unwrap();
