@@ -211,11 +211,26 @@ const ATTACHED: [&str; 16] = [
     "c", "degc", "f", "degf", "k", "um", "nm", "mm", "rpm", "mm/min", "l/min", "bar", "hz", "ma", "ms", "min",
 ];
 
+/// Returns a unit in small letters, and in one of its spellings: `º C` becomes `°c`.
+#[must_use]
+pub fn spelled(unit: &str) -> String {
+    // Keyboards have the sign of an ordinal, and a ring, beside the sign of a degree.
+    let unit = unit.to_lowercase().replace(['º', '˚'], "°");
+    match unit.as_str() {
+        "° c" | "deg. c" | "deg.c" | "grad c" | "grad celsius" | "degrees c" | "deg celsius" | "°celsius" => {
+            "°c"
+        }
+        "° f" | "deg. f" | "deg.f" | "degrees f" | "deg fahrenheit" | "°fahrenheit" => "°f",
+        "µ" | "μ" => "µm",
+        _ => return unit,
+    }
+    .to_owned()
+}
+
 /// Returns whether this text is a unit that a log may state.
 #[must_use]
 pub fn is_unit(text: &str) -> bool {
-    let text = text.to_lowercase();
-    UNITS.contains(&text.as_str())
+    UNITS.contains(&spelled(text).as_str())
 }
 
 /// Returns whether this is the name of a column for comments. Loggers leave its cells out at the end of a row.
@@ -359,6 +374,7 @@ mod tests {
             ("0.19 µm", "0.19", "µm"),
             ("0.19 \u{3bc}m", "0.19", "\u{3bc}m"),
             ("68 °F", "68", "°F"),
+            ("20.01 ºC", "20.01", "ºC"),
             ("45 %", "45", "%"),
             ("45%", "45", "%"),
             ("2.0D+01", "2.0e+01", ""),
@@ -427,6 +443,10 @@ mod tests {
             ("mm/min", "mm/min", None),
             ("Datum & Uhrzeit", "Datum & Uhrzeit", None),
             ("spindle", "spindle", None),
+            ("bed (ºC)", "bed", Some("ºC")),
+            ("bed [Deg. C]", "bed", Some("Deg. C")),
+            ("bed ° C", "bed", Some("° C")),
+            ("z_error_um [µ]", "z_error_um", Some("µ")),
             ("CO2 [ppm]", "CO2", Some("ppm")),
             ("Coil (Ω)", "Coil", Some("Ω")),
             ("Flow [m³/h]", "Flow", Some("m³/h")),
