@@ -296,6 +296,16 @@ fn a_displacement_in_millimetres_is_refused_unless_it_is_converted() {
 }
 
 #[test]
+fn temperatures_in_kelvin_without_a_unit_are_named() {
+    let home = tempfile::tempdir().unwrap();
+    let rows = (0..60).map(|row| format!("{},293.{row:02},{row}\n", 60 * row)).collect::<String>();
+    let log = file(home.path(), "day.csv", &format!("time,bed_k,z_um\n{rows}"));
+    let ended = isotherm(home.path()).arg("report").arg(log).output().unwrap();
+    let said = String::from_utf8_lossy(&ended.stdout).into_owned();
+    assert!(said.contains("that is K (293 K = 20 °C)") && said.contains("`bed [K]`"), "{said}");
+}
+
+#[test]
 fn a_report_that_cannot_be_written_says_where() {
     let home = tempfile::tempdir().unwrap();
     let mut command = isotherm(home.path());

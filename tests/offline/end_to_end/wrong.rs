@@ -214,14 +214,8 @@ fn what_cannot_be_learnt_from_is_reported_by_identify_and_select() {
         rows.iter_mut().for_each(|row| row[1..4].iter_mut().for_each(|value| *value = *value * 1.8 + 32.0));
         written(&HEADER, &rows)
     };
-    let kelvin = |number: u32| {
-        let mut rows = rows(number);
-        rows.iter_mut().for_each(|row| row[1..4].iter_mut().for_each(|value| *value += 273.15));
-        written(&HEADER, &rows)
-    };
-    let cases: [(Logs, &[&str]); 6] = [
+    let cases: [(Logs, &[&str]); 5] = [
         (of(fahrenheit), &["°F", "(F − 32) / 1.8"]),
-        (of(kelvin), &["that is K", "[K]"]),
         (of(|number| with_column(number, 5, |_| 1.0)), &["z_error_um is constant in every run"]),
         (of(|number| with_column(number, 0, |second| second / 60.0)), &["--time-unit min"]),
         (of(|number| day(number).replace(",z_error_um", ",left_um")), &["z_error_um", "left_um"]),
