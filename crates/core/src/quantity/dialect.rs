@@ -297,6 +297,9 @@ impl Dialect {
                 unit => unit.moment(&number),
             };
         }
+        if let Some(nanos) = wall::two_parts(text, unit) {
+            return self.wall.of_day(nanos, last);
+        }
         if let Some(name) = unit.of_a_count() {
             return Err(format!("`{text}` is a date, and this column counts {name}; name the column `time`"));
         }

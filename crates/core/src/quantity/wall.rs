@@ -5,6 +5,7 @@ use jiff::civil::{Date, DateTime, Time};
 use jiff::tz::{AmbiguousOffset, Offset, TimeZone};
 
 use super::Moment;
+use super::time_column::TimeUnit;
 
 const DAY: u64 = 24 * HOUR;
 const HOUR: u64 = 3_600_000_000_000;
@@ -40,7 +41,8 @@ pub(super) fn read(text: &str, order: Option<DateOrder>) -> Option<Result<Read, 
         return Some(match clock.seconds {
             Some(_) => Ok(Read::OfDay(clock.nanos())),
             None => Err(format!(
-                "`{text}` can be hours and minutes or minutes and seconds; write hours, minutes and seconds: 00:05:10"
+                "`{text}` can be hours and minutes or minutes and seconds; state --time-unit h or --time-unit min, or write \
+                 hours, minutes and seconds: 00:05:10"
             )),
         });
     }
@@ -65,6 +67,17 @@ pub(super) fn read(text: &str, order: Option<DateOrder>) -> Option<Result<Read, 
         Ok(date) => Ok(Read::Date(date.to_datetime(clock.of_day()?))),
         Err(why) => Err(why),
     })
+}
+
+/// Parses hours and minutes, or minutes and seconds, in a column of `unit`. Returns nanoseconds; `None` if the text has another
+/// format or the column another unit.
+pub(super) fn two_parts(text: &str, unit: TimeUnit) -> Option<u64> {
+    let clock = Clock::of(text).filter(|clock| clock.seconds.is_none() && !clock.is_of_half_days)?;
+    match unit {
+        TimeUnit::Hours if clock.nanos == 0 => Some(clock.nanos()),
+        TimeUnit::Minutes => Some((clock.hours * 60 + clock.minutes) * 1_000_000_000 + clock.nanos),
+        _ => None,
+    }
 }
 
 /// Parses a date without a time, as some programs write midnight. `None` if the text has another format.
@@ -468,6 +481,16 @@ mod tests {
         assert_eq!(order("31/01/2026 06:00"), Some(DateOrder::DayFirst));
         assert_eq!(order("01/31/2026 06:00"), Some(DateOrder::MonthFirst));
         assert_eq!(order("01/05/2026 06:00"), None);
+    }
+
+    #[test]
+    fn two_parts_of_a_time_are_read_in_the_unit_of_their_column() {
+        assert_eq!(two_parts("06:30", TimeUnit::Hours), Some(HOUR * 13 / 2));
+        assert_eq!(two_parts("06:30", TimeUnit::Minutes), Some(390_000_000_000));
+        assert_eq!(two_parts("90:30.5", TimeUnit::Minutes), Some(5_430_500_000_000));
+        assert_eq!(two_parts("06:30", TimeUnit::Seconds), None);
+        assert_eq!(two_parts("6:30 PM", TimeUnit::Hours), None);
+        assert_eq!(two_parts("05.01.2026 06:30", TimeUnit::Hours), None);
     }
 
     #[test]

@@ -155,6 +155,8 @@ fn times_by_the_clock_on_the_wall_are_those_of_the_zone() {
     assert_eq!(german().moment_in(TimeUnit::ExcelDays, "46090,25", None), utc("2026-03-09T05:00:00Z"));
     assert_eq!(german().moment_in(TimeUnit::Hours, "0,2", None), utc("720"));
     assert_eq!(german().moment("1,5 min", None), utc("90"));
+    assert_eq!(german().moment_in(TimeUnit::Hours, "06:30", None), utc("23400"));
+    assert_eq!(german().moment_in(TimeUnit::Minutes, "06:30", None), utc("390"));
     assert!(german().moment("1,5 mm", None).is_err());
 }
 
