@@ -40,11 +40,37 @@ fn each_kind_is_recognised_by_its_content() {
         ("PAR1\0\0", FileKind::Parquet),
         ("PK\u{3}\u{4}\0", FileKind::Workbook),
         ("MDF     4.10", FileKind::Measurement),
+        ("TDSm", FileKind::Measurement),
+        ("BZh91AY", FileKind::Packed),
+        ("ARROW1\0\0", FileKind::OtherTable),
+        ("MATLAB 5.0 MAT-file, Platform: x", FileKind::OtherTable),
         ("%PDF-1.7", FileKind::Pdf),
     ] {
         assert_eq!(FileKind::of(text.as_bytes()), Some(kind), "{text}");
     }
     assert_eq!(FileKind::of(b"\x1f\x8b\x08"), Some(FileKind::Compressed));
+}
+
+#[test]
+fn a_log_with_the_ending_of_another_format_is_named() {
+    for (kind, ending, says) in [
+        (FileKind::Parquet, "csv", Some(".parquet")),
+        (FileKind::Parquet, "Parquet", None),
+        (FileKind::Compressed, "csv", Some(".csv.gz")),
+        (FileKind::Workbook, "zip", Some(".xlsx")),
+        (FileKind::Workbook, "xls", None),
+        (FileKind::Log, "xls", Some(".csv")),
+        (FileKind::Log, "gz", Some(".csv")),
+        (FileKind::Log, "txt", None),
+        (FileKind::Profile, "csv", None),
+    ] {
+        let said = kind.of_another_ending(ending);
+        assert_eq!(said.is_some(), says.is_some(), "{kind:?} {ending}");
+        assert!(
+            said.is_none_or(|said| says.is_some_and(|says| said.ends_with(says) || said.contains(says))),
+            "{said:?}"
+        );
+    }
 }
 
 #[test]
