@@ -104,7 +104,7 @@ impl FileKind {
             FileKind::Fibex => "a FIBEX file",
             FileKind::Ldf => "an LDF file",
             FileKind::A2l => "an A2L file",
-            FileKind::Mesh => "the mesh of a finite element program",
+            FileKind::Mesh => "the mesh or input file of a finite element program",
             FileKind::Json => "a JSON document",
             FileKind::Workbook => "a workbook (.xlsx, .xls) or another archive",
             FileKind::Compressed => "a compressed file (gzip)",
