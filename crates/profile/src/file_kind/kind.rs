@@ -164,6 +164,10 @@ impl FileKind {
             (FileKind::Fibex, _) => {
                 "convert it with canmatrix (`pip install canmatrix`): `canconvert THIS_FILE module.dbc`"
             }
+            (FileKind::Workbook | FileKind::Json, FileKind::Dbc) => {
+                "if it lists frames, convert it with canmatrix (`pip install canmatrix`): `canconvert THIS_FILE \
+                 module.dbc`"
+            }
             (FileKind::Ldf, _) => "isotherm reads no LIN bus; use a gateway from LIN to CAN or Modbus",
             (FileKind::A2l, _) => "export the frames as a DBC file with the program that wrote this file",
             (FileKind::Mesh, _) => "`isotherm place` reads it",
