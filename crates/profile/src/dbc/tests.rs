@@ -256,6 +256,23 @@ fn the_frame_format_is_a_word_a_place_in_a_list_or_a_plain_number() {
 }
 
 #[test]
+fn a_text_that_is_no_dbc_file_is_refused_with_what_is_expected() {
+    for text in ["hello\n", "ID;Frame;Signal\n123h;M;T\n", ";$FILEVERSION=1.1\n;$STARTTIME=43000.1\n"] {
+        let wrong = DbcFile::read(text.as_bytes().to_vec()).unwrap_err();
+        assert!(wrong.help.starts_with("give a DBC file"), "{text}: {}", wrong.help);
+    }
+    for text in ["", "\n\n", "VERSION \"\"\n\nNS_ :\n\nBS_:\n\nBU_: Module\n"] {
+        let wrong = DbcFile::read(text.as_bytes().to_vec()).unwrap().signal("Top.T_Temp", None).unwrap_err();
+        assert_eq!(wrong.message, "the DBC file has no messages", "{text}");
+    }
+    for scaled in ["(0,1,0)", "(NaN,0)"] {
+        let wrong = DbcFile::read(FILE.replace("(0.5,0)", scaled).into_bytes()).unwrap_err();
+        assert_eq!(wrong.at.map(|(line, _)| line), Some(12), "{scaled}");
+        assert!(wrong.help.contains("(0.1,0)") && wrong.help.contains("decimal points"), "{}", wrong.help);
+    }
+}
+
+#[test]
 fn a_file_of_another_kind_is_named_as_what_it_is() {
     for (text, words) in [
         ("[FileInfo]\nFileName=node.eds\n", "this is an EDS file, not a DBC file"),
