@@ -173,8 +173,10 @@ fn a_name_that_occurs_twice_is_refused_at_its_second_place() {
 fn two_messages_of_one_identifier_are_refused_only_for_a_signal_that_both_have() {
     let same = "\nBO_ 2 Again: 8 Module\n SG_ Slow : 0|8@1+ (1,0) [0|0] \"\" X\n SG_ Own : 8|8@1+ (1,0) [0|0] \"\" X\n";
     for name in ["Top.Slow", "Again.Slow"] {
-        let message = with(same).signal(name, None).unwrap_err().message;
-        assert!(message.contains("the same identifier 0x002 and a signal `Slow` each"), "{message}");
+        let (message, line) = line_of(&with(same), name);
+        let wanted = "messages `Top` and `Again` of the DBC file have the same identifier 0x002 and signals of the same \
+                      name";
+        assert_eq!((message.as_str(), line.as_str()), (wanted, "BO_ 2 Again: 8 Module"));
     }
     assert!(with(same).signal("Top.T_Temp", None).is_ok() && with(same).signal("Again.Own", None).is_ok());
 }
