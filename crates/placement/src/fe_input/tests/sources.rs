@@ -68,6 +68,14 @@ fn the_output_of_gmsh_is_read_with_nodes_in_no_element_and_without_node_groups()
 }
 
 #[test]
+fn a_load_that_a_line_repeats_for_a_set_is_one_error() {
+    let twice = REST.replace("*END STEP", "*DFLUX\nmy_column, BF, 0.5\nmy_column, BF, 0.25\n*END STEP");
+    let said = said(&format!("{GMSH}{twice}"));
+    assert_eq!(said.lines().count(), 1, "{said}");
+    assert!(said.contains("*DFLUX: element 4 has this flux already (line "), "{said}");
+}
+
+#[test]
 fn sets_with_nodes_in_no_element_keep_their_other_nodes() {
     let sets = "*NSET, NSET=my_column, GENERATE\n1, 7, 1\n*NSET, NSET=ENDS\n1, 6, 7\n*NSET, NSET=CENTRE\n1\n";
     let input = read_text(&format!("{GMSH}{sets}{REST}")).unwrap_or_else(|faults| panic!("{faults}"));
