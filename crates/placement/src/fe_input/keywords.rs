@@ -95,7 +95,13 @@ pub(super) fn read(path: &Path, cards: Vec<Card>, mut faults: Faults) -> Result<
     reader.sort_nodes();
     read(&mut reader, Stage::Elements);
     if reader.mesh.elements.is_empty() && reader.faults.is_empty() {
-        reader.faults.push(Fault::of_file(path, "the file has no elements: does it include its mesh?"));
+        let why = match reader.outlines.is_empty() {
+            true => "the file has no elements: does it include its mesh?",
+            false => {
+                "the file has lines and surfaces, but no tetrahedra: mesh the volume too, with Gmsh by `gmsh -3`"
+            }
+        };
+        reader.faults.push(Fault::of_file(path, why));
     }
     reader.is_spoiled |= reader.faults.len() > before || reader.mesh.elements.is_empty();
     if !reader.is_spoiled {
