@@ -130,7 +130,7 @@ impl FileKind {
             FileKind::Fibex => "a FIBEX file",
             FileKind::Ldf => "an LDF file",
             FileKind::A2l => "an A2L file",
-            FileKind::Mesh => "the mesh of a finite element program",
+            FileKind::Mesh => "the mesh or input file of a finite element program",
             FileKind::Json => "a JSON document",
             FileKind::Workbook => "a workbook (.xlsx, .xls) or another archive",
             FileKind::Compressed => "a compressed file (gzip)",
@@ -191,6 +191,10 @@ impl FileKind {
             }
             (FileKind::Fibex, _) => {
                 "convert it with canmatrix (`pip install canmatrix`): `canconvert THIS_FILE module.dbc`"
+            }
+            (FileKind::Workbook | FileKind::Json, FileKind::Dbc) => {
+                "if it lists frames, convert it with canmatrix (`pip install canmatrix`): `canconvert THIS_FILE \
+                 module.dbc`"
             }
             (FileKind::Ldf, _) => "isotherm reads no LIN bus; use a gateway from LIN to CAN or Modbus",
             (FileKind::A2l, _) => "export the frames as a DBC file with the program that wrote this file",

@@ -192,44 +192,25 @@ fn named(dimension: &Dimension) -> String {
     }
 }
 
-/// Returns the supported operators: those with which networks of neurons, radial basis functions and linear models are
-/// exported. More would only make the program larger. `standard` replaces some other operators by these.
-fn operators() -> OpRegistry {
-    OpRegistry::with_ops(&[
-        &op_types::Abs,
-        &op_types::Add,
-        &op_types::BatchNormalization,
-        &op_types::Cast,
-        &op_types::CastLike,
-        &op_types::Clip,
-        &op_types::Concat,
-        &op_types::Div,
-        &op_types::Elu,
-        &op_types::Exp,
-        &op_types::Flatten,
-        &op_types::Gather,
-        &op_types::Gemm,
-        &op_types::Identity,
-        &op_types::LeakyRelu,
-        &op_types::MatMul,
-        &op_types::Max,
-        &op_types::Min,
-        &op_types::Mul,
-        &op_types::Neg,
-        &op_types::Pow,
-        &op_types::ReduceProd,
-        &op_types::ReduceSum,
-        &op_types::Relu,
-        &op_types::Reshape,
-        &op_types::Sigmoid,
-        &op_types::Softplus,
-        &op_types::Sqrt,
-        &op_types::Squeeze,
-        &op_types::Sub,
-        &op_types::Tanh,
-        &op_types::Transpose,
-        &op_types::Unsqueeze,
-    ])
+/// Defines the operators of the runtime that a network may have, and their names.
+macro_rules! operators {
+    ($($name:ident)*) => {
+        /// Names of the supported operators.
+        const SUPPORTED: &[&str] = &[$(stringify!($name)),*];
+
+        /// Returns the supported operators.
+        fn operators() -> OpRegistry {
+            OpRegistry::with_ops(&[$(&op_types::$name),*])
+        }
+    };
+}
+
+// Operators with which networks of neurons, radial basis functions and linear models are exported, and the mean of several
+// of them. More would only make the program larger. `standard` replaces some other operators by these.
+operators! {
+    Abs Add BatchNormalization Cast CastLike Clip Concat Div Elu Erf Exp Flatten Gather Gelu Gemm
+    HardSigmoid HardSwish Identity LeakyRelu MatMul Max Mean Min Mul Neg PRelu Pow ReduceMean ReduceProd
+    ReduceSum Relu Reshape Sigmoid Softplus Softsign Sqrt Squeeze Sub Sum Tanh Transpose Unsqueeze
 }
 
 /// Compares two networks. They are equal if their files and numbers of inputs are equal.
