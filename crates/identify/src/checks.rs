@@ -79,7 +79,7 @@ pub(super) fn fahrenheit(dataset: &Dataset, temperatures: &[usize]) -> Option<St
     (coldest > COLD_SHOP).then(|| {
         format!(
             "every temperature begins at {coldest:.0} or more: that is {unit} ({coldest:.0} {unit} = {as_celsius:.0} °C), or \
-             another unit; write the unit after the names of the columns, as in `bed [{unit}]`, or write °C: {how}"
+             another unit. Write the unit after the names of the columns, as in `bed [{unit}]`, or write °C: {how}"
         )
     })
 }
@@ -87,8 +87,8 @@ pub(super) fn fahrenheit(dataset: &Dataset, temperatures: &[usize]) -> Option<St
 /// Returns the message about a displacement in mm.
 pub(super) fn in_mm(name: &str) -> String {
     format!(
-        "{name} is in mm by its name or unit, and the error is needed in µm: write µm, or let the name end with _um [mm], \
-         and the values are converted"
+        "{name} is in mm by its name or unit, and the error is needed in µm. Write µm, or let the name end with _um [mm]: \
+         then the values are converted"
     )
 }
 

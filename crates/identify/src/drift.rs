@@ -127,8 +127,8 @@ pub fn drift(
     let columns: Vec<usize> = (0..dataset.columns.len()).filter(is_asked).collect();
     if columns.is_empty() && wrong.is_empty() {
         wrong.push(format!(
-            "no column is a displacement: let the name of a column in µm end with _um, and that of a column in mm \
-             with _um [mm], or name a column in µm with --displacement; there are {all}"
+            "no column is a displacement. Let the name of a column in µm end with _um, and that of a column in mm \
+             with _um [mm], or name a column in µm with --displacement. The columns are {all}"
         ));
     }
     let in_mm = columns.iter().filter(|column| dataset.columns[**column].kind == Kind::Position);

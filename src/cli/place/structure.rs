@@ -194,8 +194,8 @@ fn read(paths: &[PathBuf], plant: Option<&FeInput>, progress: Progress<'_>) -> a
     Ok(inputs)
 }
 
-/// Returns the error for a file that is no FE input: its kind, if it has no cards and the kind is known, otherwise its
-/// `faults`.
+/// Returns the error for a file that is no FE input. It names the kind of a file without cards, if the kind is known,
+/// and has the `faults` otherwise.
 pub(super) fn named(path: &Path, faults: Faults) -> anyhow::Error {
     match faults.is_without_cards(path) {
         true => of_other_kind(path, FileKind::Mesh, faults),

@@ -230,8 +230,8 @@ fn month_of_name(name: &str) -> Option<i8> {
 
 fn two_digits(text: &str) -> String {
     format!(
-        "`{text}`: the year has two digits; write the year with four digits, or state the order with --dates day-first or \
-         --dates month-first, with the year as the last number"
+        "`{text}`: the year has two digits; write four digits. If the year is the last number, --dates day-first or \
+         --dates month-first states the order"
     )
 }
 

@@ -54,7 +54,7 @@ fn log_of(bytes: Vec<u8>, stated: Option<DecimalMark>) -> Result<Vec<u8>, String
         let Some(line) = head::line_of_names(&text) else { continue };
         if let Some((row, number)) = unclear.filter(|(row, _)| *row as usize > line) {
             return Err(format!(
-                "sheet {name}, line {}: the text `{number}` is a number with a decimal comma, or in thousands: state the \
+                "sheet {name}, line {}: the text `{number}` is a number with a decimal comma, or in thousands. State the \
                  decimal mark with --decimal comma or --decimal point",
                 row + 1
             ));

@@ -299,8 +299,8 @@ impl Gathering<'_> {
 }
 
 /// Message about a text that is no FE input file.
-pub(super) const WITHOUT_CARDS: &str = "no line begins with a card such as *NODE, so this is no FE input file: export the mesh from the \
-                                        program that made it as Abaqus input (.inp)";
+pub(super) const WITHOUT_CARDS: &str = "no line begins with a card such as *NODE, so this is no FE input file. Export the mesh as \
+                                        Abaqus input (.inp) from the program that made it";
 
 /// Keyword of an artificial card at the end of an included file.
 pub(super) const INCLUDED: &str = "INCLUDED";

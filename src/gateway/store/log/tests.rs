@@ -162,7 +162,7 @@ fn what_cannot_be_read_is_named_with_its_place() {
 fn the_text_of_a_time_counts_seconds() {
     for (log, times) in [
         ("time_min,bed\n0.5,1\n1.5,1\n", ["30", "90"]),
-        ("time,bed\n 0.50,1\n1.5,1\n", [" 0.50", "1.5"]),
+        ("time,bed\n 0.50,1\n1.5,1\n", ["0.50", "1.5"]),
         ("time;bed\n0,5;1\n1,25;1\n", ["0.5", "1.25"]),
         ("time_ms,bed\n1500,1\n1773036000000,1\n", ["1.5", "2026-03-09T06:00:00.000000000Z"]),
         ("time,bed\n00:00:10,1\n00:01:10,1\n", ["00:00:10", "00:01:10"]),

@@ -161,7 +161,7 @@ impl Other {
         if beside.is_in_dbc && beside.scale.is_none() && beside.offset.is_none() {
             return format!(
                 "{begin}, to which a value that the DBC file has in {name} is converted. If the DBC file has no unit, \
-                 write `scale` too, {part} times that of the file, and `offset`, {part} times that of the file{less}; \
+                 write `scale` too, {part} times that of the file, and `offset`, {part} times that of the file{less}. \
                  `range` and `max_rate` are in {known}"
             );
         }

@@ -7,7 +7,7 @@
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 
-use rten::{Dimension, Model, ModelOptions, NodeId, OpRegistry, RunOptions, ThreadPool, Value, op_types};
+use rten::{Dimension, Model, ModelOptions, NodeId, RunOptions, ThreadPool, Value};
 use rten_tensor::prelude::*;
 use rten_tensor::{Tensor, TensorView};
 
@@ -17,6 +17,7 @@ use crate::border::beyond;
 mod encode;
 mod external;
 mod frame;
+mod operators;
 mod standard;
 mod trial;
 
@@ -79,7 +80,7 @@ impl Onnx {
         trial::check_tensors(&bytes)?;
         let mut hasher = DefaultHasher::new();
         bytes.hash(&mut hasher);
-        let mut options = ModelOptions::with_ops(operators());
+        let mut options = ModelOptions::with_ops(operators::operators());
         // The fused operators of the runtime panic if shapes do not fit. They save nothing in networks of this size.
         options.enable_optimization(false);
         let model = caught(|| options.load(bytes.clone()))?
@@ -190,27 +191,6 @@ fn named(dimension: &Dimension) -> String {
         Dimension::Fixed(size) => size.to_string(),
         Dimension::Symbolic(name) => name.clone(),
     }
-}
-
-/// Defines the operators of the runtime that a network may have, and their names.
-macro_rules! operators {
-    ($($name:ident)*) => {
-        /// Names of the supported operators.
-        const SUPPORTED: &[&str] = &[$(stringify!($name)),*];
-
-        /// Returns the supported operators.
-        fn operators() -> OpRegistry {
-            OpRegistry::with_ops(&[$(&op_types::$name),*])
-        }
-    };
-}
-
-// Operators with which networks of neurons, radial basis functions and linear models are exported, and the mean of several
-// of them. More would only make the program larger. `standard` replaces some other operators by these.
-operators! {
-    Abs Add BatchNormalization Cast CastLike Clip Concat Div Elu Erf Exp Flatten Gather Gelu Gemm
-    HardSigmoid HardSwish Identity LeakyRelu MatMul Max Mean Min Mul Neg PRelu Pow ReduceMean ReduceProd
-    ReduceSum Relu Reshape Sigmoid Softplus Softsign Sqrt Squeeze Sub Sum Tanh Transpose Unsqueeze
 }
 
 /// Compares two networks. They are equal if their files and numbers of inputs are equal.

@@ -7,10 +7,10 @@
 
 use std::collections::{HashMap, HashSet};
 
-use super::SUPPORTED;
 use super::encode::{self, put_bytes};
 use super::external::{External, is_external};
 use super::frame::{Field, Fields, last_text, parts, raw_fields, text};
+use super::operators::SUPPORTED;
 use crate::compensation::model::network::WIDEST;
 
 /// Domain of the operators for models that are no neural networks.
