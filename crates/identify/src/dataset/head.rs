@@ -42,8 +42,11 @@ impl Head {
     }
 }
 
-/// Finds the head of a log. Returns it with a reader that begins at the column names.
-pub(super) fn start<R: Read>(mut input: R) -> io::Result<(Head, Chain<Cursor<Vec<u8>>, R>)> {
+/// Reader that begins at the column names of a log.
+type FromNames<R> = Chain<Cursor<Vec<u8>>, R>;
+
+/// Finds the head of a log.
+pub(super) fn start<R: Read>(mut input: R) -> io::Result<(Head, FromNames<R>)> {
     let mut sample = Vec::new();
     input.by_ref().take(SAMPLE).read_to_end(&mut sample)?;
     let text = String::from_utf8_lossy(&sample);
