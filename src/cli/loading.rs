@@ -119,6 +119,5 @@ pub(super) fn reported(loaded: Result<Loaded, Errors>, json: bool) -> anyhow::Re
 
 /// Returns the error for a file that cannot be read as the kind `wanted`: its own kind if that is known, otherwise `why`.
 pub(super) fn of_other_kind(path: &Path, wanted: FileKind, why: impl Into<anyhow::Error>) -> anyhow::Error {
-    let other = FileKind::of_file(path).and_then(|kind| kind.instead_of(wanted));
-    other.map_or_else(|| why.into(), |other| anyhow::Error::msg(other.line(path)))
+    FileKind::mistake(path, wanted).map_or_else(|| why.into(), anyhow::Error::msg)
 }

@@ -55,7 +55,21 @@ fn time_units() -> impl TypedValueParser<Value = TimeUnit> {
     ])
 }
 
+/// Returns whether a zone is a name and a number, as `UTC+1`. POSIX counts such hours to the west, and most people to the
+/// east.
+fn has_two_readings(text: &str) -> bool {
+    text.find(['+', '-']).is_some_and(|at| {
+        let (name, offset) = (&text[..at], &text[at + 1..]);
+        let is_word = !name.is_empty() && name.bytes().all(|byte| byte.is_ascii_alphabetic());
+        is_word && offset.starts_with(|first: char| first.is_ascii_digit())
+    })
+}
+
 fn zone(text: &str) -> Result<TimeZone, String> {
+    if has_two_readings(text) {
+        let meaning = "can be a time before UTC or after it";
+        return Err(format!("`{text}` {meaning}; write a zone as Europe/Berlin, UTC or +01:00"));
+    }
     let parser = jiff::fmt::temporal::DateTimeParser::new();
     parser.parse_time_zone(text).map_err(|_| {
         let known: Vec<String> = jiff::tz::db().available().map(|name| name.as_str().to_owned()).collect();

@@ -58,7 +58,7 @@ pub(super) struct Arguments {
     /// <axis>_error_um
     #[arg(long = "virtual", requires = "span")]
     on_plant: bool,
-    /// Seed of the simulated day of the virtual machine
+    /// Seed of the simulated day of the virtual machine. Each seed has its own date
     #[arg(long, default_value_t = 1, requires = "on_plant")]
     seed: u64,
 }
@@ -67,13 +67,21 @@ fn positive(text: &str) -> Result<Duration, String> {
     values::span(text, Duration::MAX, "write a time above zero, such as 10s")
 }
 
+/// Returns the time from the first date of a plant to the date of a seed. Two logs of one minute are never two runs.
+fn days_of(seed: u64) -> Duration {
+    const DAY: Duration = Duration::from_secs(86_400);
+    const DATES: u32 = 10_000;
+    let date = u32::try_from(seed.saturating_sub(1) % u64::from(DATES)).unwrap_or_default();
+    DAY * date
+}
+
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let runtime = super::runtime::start()?;
     let recording = if arguments.on_plant {
         let (profile, plant) =
             machines::with_plant(&arguments.profile.path.to_string_lossy(), &arguments.profile.set)?;
         runtime.block_on(async {
-            let clock = Clock::simulated(plant.start(), None);
+            let clock = Clock::simulated(plant.start().after(days_of(arguments.seed)), None);
             let hold = clock.hold();
             let mut machine =
                 VirtualMachine::start(&profile, Setup::on_free_ports(plant, arguments.seed), &clock).await?;

@@ -13,7 +13,7 @@ from skl2onnx import to_onnx
 from skl2onnx.common.data_types import DoubleTensorType, FloatTensorType
 from sklearn.compose import ColumnTransformer
 from sklearn.decomposition import PCA
-from sklearn.ensemble import ExtraTreesRegressor, GradientBoostingRegressor, RandomForestRegressor
+from sklearn.ensemble import BaggingRegressor, ExtraTreesRegressor, GradientBoostingRegressor, RandomForestRegressor, VotingRegressor
 from sklearn.feature_selection import SelectKBest, f_regression
 from sklearn.impute import SimpleImputer
 from sklearn.linear_model import ElasticNet, HuberRegressor, Lasso, LinearRegression, Ridge
@@ -57,6 +57,8 @@ COMPUTED = {
     "columns_ridge": make_pipeline(chosen(), Ridge()),
     "components_ridge": make_pipeline(StandardScaler(), PCA(2), Ridge()),
     "polynomial_ridge": make_pipeline(StandardScaler(), PolynomialFeatures(2, include_bias=False), Ridge()),
+    "voting": VotingRegressor([("ridge", Ridge()), ("linear", LinearRegression())]),
+    "bagging": BaggingRegressor(Ridge(), 3, random_state=1),
     "mlp_relu": mlp("relu", 8),
     "mlp_tanh": make_pipeline(StandardScaler(), mlp("tanh", 8, 4)),
     "mlp_logistic": make_pipeline(StandardScaler(), mlp("logistic", 6)),
@@ -159,5 +161,9 @@ hidden = helper.make_node("Gemm", ["n", "w0", "b0"], ["h"], transB=1)
 last = helper.make_node("Gemm", ["d", "w1", "b1"], ["y"], transB=1)
 for name, inputs in [("dropout", ["a"]), ("dropout_ratio", ["a", "ratio"]), ("dropout_inference", ["a", "ratio", "training"])]:
     network(name, [normal, hidden, helper.make_node("Relu", ["h"], ["a"]), helper.make_node("Dropout", inputs, ["d"]), last], layers)
+for operator in ["Erf", "HardSigmoid", "HardSwish", "Softsign"]:
+    network(operator.lower(), [normal, hidden, helper.make_node(operator, ["h"], ["d"]), last], layers)
+slope = {**layers, "slope": some(5)}
+network("prelu", [normal, hidden, helper.make_node("PRelu", ["h", "slope"], ["d"]), last], slope)
 
 json.dump(answers, sys.stdout)

@@ -275,6 +275,37 @@ fn the_groups_asked_for_are_the_groups_reported_and_nonsense_is_refused() {
 }
 
 #[test]
+fn a_displacement_in_millimetres_is_refused_unless_it_is_converted() {
+    let home = tempfile::tempdir().unwrap();
+    let log = |name: &str| {
+        (0..60).fold(format!("time,bed,{name}\n"), |log, row| {
+            log + &format!("{},20.{row:02},{:.4}\n", 60 * row, f64::from(row) / 10_000.0)
+        })
+    };
+    let report = |name: &str, asked: &[&str]| {
+        let log = file(home.path(), "day.csv", &log(name));
+        isotherm(home.path()).arg("report").args(asked).arg(log).output().unwrap()
+    };
+    let refused = report("z_mm", &["--displacement", "z_mm"]);
+    assert_eq!(refused.status.code(), Some(1));
+    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(said.contains("z_mm is in mm by its name or unit"), "{said}");
+    let converted = report("z_um [mm]", &[]);
+    let said = String::from_utf8_lossy(&converted.stdout).into_owned();
+    assert!(said.contains("z_um moved by 5.90 µm"), "{said}");
+}
+
+#[test]
+fn temperatures_in_kelvin_without_a_unit_are_named() {
+    let home = tempfile::tempdir().unwrap();
+    let rows = (0..60).map(|row| format!("{},293.{row:02},{row}\n", 60 * row)).collect::<String>();
+    let log = file(home.path(), "day.csv", &format!("time,bed_k,z_um\n{rows}"));
+    let ended = isotherm(home.path()).arg("report").arg(log).output().unwrap();
+    let said = String::from_utf8_lossy(&ended.stdout).into_owned();
+    assert!(said.contains("that is K (293 K = 20 °C)") && said.contains("`bed [K]`"), "{said}");
+}
+
+#[test]
 fn a_report_that_cannot_be_written_says_where() {
     let home = tempfile::tempdir().unwrap();
     let mut command = isotherm(home.path());

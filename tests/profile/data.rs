@@ -229,6 +229,22 @@ fn an_input_may_lag_behind_its_signal_and_begins_at_rest_on_its_reference() {
     );
 }
 
+#[test]
+fn a_file_of_a_training_program_is_refused_with_what_to_export() {
+    let files: [File<'_>; 5] = [
+        ("net.pkl", b"\x80\x04\x95\x0b"),
+        ("net.pt", b"PK\x03\x04\x00\x00"),
+        ("net.h5", b"\x89HDF\r\n\x1a\n"),
+        ("net.pmml", b"<?xml version=\"1.0\"?>\n<PMML/>\n"),
+        ("net", b"\x1c\x00\x00\x00TFL3"),
+    ];
+    for (name, bytes) in files {
+        let words = ["A network is an .onnx file", "export the model as ONNX"];
+        let keys = NETWORK_KEYS.replace("n.json", name);
+        refused_at(&keys, &[(name, bytes)], ".file", &words);
+    }
+}
+
 #[cfg(feature = "onnx")]
 #[test]
 fn an_onnx_file_is_found_beside_its_profile_and_must_fit_it() {

@@ -74,9 +74,10 @@ fn a_label_that_is_none_and_a_language_that_the_page_does_not_speak_are_refused(
 fn an_error_is_a_document_for_programs_too() {
     let found = errors(with("limit = 40.0", "limt = 40.0"));
     let document = serde_json::to_value(Errors(found)).unwrap();
-    assert_eq!(document[0]["key"], "axis.z.limit");
-    assert_eq!(document[1]["help"].as_str().unwrap().split('?').next(), Some("did you mean `limit`"));
-    assert_eq!((&document[1]["file"], &document[1]["column"]), (&"machine.toml".into(), &1.into()));
+    assert_eq!(document.as_array().map(Vec::len), Some(1), "{document}");
+    assert_eq!(document[0]["key"], "axis.z.limt");
+    assert_eq!(document[0]["help"].as_str().unwrap().split('?').next(), Some("did you mean `limit`"));
+    assert_eq!((&document[0]["file"], &document[0]["column"]), (&"machine.toml".into(), &1.into()));
 }
 
 #[test]

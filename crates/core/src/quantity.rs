@@ -59,7 +59,7 @@ mod time_column;
 mod unit;
 mod wall;
 
-pub use cell::{Cell, is_unit, name_and_unit};
+pub use cell::{Cell, is_comment, is_unit, name_and_unit, spelled};
 pub use dialect::{DecimalMark, Dialect};
 pub use moment::Moment;
 pub(crate) use shift::shifted;

@@ -9,6 +9,8 @@ use isotherm_profile::{counted, duration_text};
 
 /// Maximum temperature of a cold workshop, °C. If all sensors begin above it, they are probably in °F.
 const COLD_SHOP: f64 = 45.0;
+/// Temperature above which all sensors begin only if they are in K.
+const KELVIN: f64 = 200.0;
 /// Minimum duration of a run with a measurable drift.
 pub(super) const SHORTEST_RUN: Duration = Duration::from_secs(20 * 60);
 /// Maximum duration of a run. A run of four hours is longer if its seconds are read as minutes.
@@ -62,20 +64,32 @@ pub(super) fn odd_length(run: &Run) -> Option<String> {
     Some(format!("{} lasts {shown} ({}): {odd}", run.name, counted(run.times.len(), "row")))
 }
 
-/// Returns a message if the first values of all temperatures are too high for °C; `None` otherwise.
+/// Returns a message if the first values of all temperatures are too high for °C, so that they are in °F or K; `None`
+/// otherwise.
 pub(super) fn fahrenheit(dataset: &Dataset, temperatures: &[usize]) -> Option<String> {
     let first = |column: &usize| {
         let mut values = dataset.runs.iter().flat_map(|run| &run.values[*column]);
         values.find(|value| value.is_finite()).copied()
     };
     let (coldest, _) = least_and_most(temperatures.iter().filter_map(first))?;
-    let as_celsius = (coldest - 32.0) / 1.8;
+    let (unit, as_celsius, how) = match coldest > KELVIN {
+        true => ("K", coldest - 273.15, "K − 273.15"),
+        false => ("°F", (coldest - 32.0) / 1.8, "(F − 32) / 1.8"),
+    };
     (coldest > COLD_SHOP).then(|| {
         format!(
-            "every temperature begins at {coldest:.0} or more: that is °F ({coldest:.0} °F = {as_celsius:.0} °C), or \
-             another unit; write °C: (F − 32) / 1.8"
+            "every temperature begins at {coldest:.0} or more: that is {unit} ({coldest:.0} {unit} = {as_celsius:.0} °C), or \
+             another unit. Write the unit after the names of the columns, as in `bed [{unit}]`, or write °C: {how}"
         )
     })
+}
+
+/// Returns the message about a displacement in mm.
+pub(super) fn in_mm(name: &str) -> String {
+    format!(
+        "{name} is in mm by its name or unit, and the error is needed in µm. Write µm, or let the name end with _um [mm]: \
+         then the values are converted"
+    )
 }
 
 pub(super) fn check_error(dataset: &Dataset, error: usize, wrong: &mut Vec<String>) {
@@ -88,7 +102,7 @@ pub(super) fn check_error(dataset: &Dataset, error: usize, wrong: &mut Vec<Strin
     let ranges: Vec<f64> = dataset.runs.iter().map(|run| run.range(error)).collect();
     let widest = ranges.iter().copied().fold(0.0, f64::max);
     if dataset.columns[error].kind == Kind::Position {
-        wrong.push(format!("{name} is in mm by its name or unit, and the error is needed in µm: write µm"));
+        wrong.push(in_mm(name));
     }
     if widest < STANDS_STILL {
         wrong.push(format!(

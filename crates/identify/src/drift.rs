@@ -127,10 +127,12 @@ pub fn drift(
     let columns: Vec<usize> = (0..dataset.columns.len()).filter(is_asked).collect();
     if columns.is_empty() && wrong.is_empty() {
         wrong.push(format!(
-            "no column is a displacement: let the name of the column end with _um, or name the column with \
-             --displacement; there are {all}"
+            "no column is a displacement. Let the name of a column in µm end with _um, and that of a column in mm \
+             with _um [mm], or name a column in µm with --displacement. The columns are {all}"
         ));
     }
+    let in_mm = columns.iter().filter(|column| dataset.columns[**column].kind == Kind::Position);
+    wrong.extend(in_mm.map(|column| checks::in_mm(&dataset.columns[*column].name)));
     checks::check_plausible(dataset, columns.iter().copied(), &mut wrong);
     for run in &dataset.runs {
         let is_empty = |column: &&usize| !run.values[**column].iter().any(|value| value.is_finite());

@@ -354,6 +354,7 @@ pub fn place(study: &Study, criteria: &Criteria, progress: Progress<'_>) -> Resu
         cases,
     };
     placement.remarks = remarks(&placement);
+    placement.remarks.extend(study.loads.iter().filter_map(implausible));
     Ok(placement)
 }
 
@@ -378,6 +379,23 @@ pub(super) fn root_mean_square(each: &[f64]) -> f64 {
 pub(super) fn moves_most(cases: &[CaseResult]) -> usize {
     let largest = |place: &usize| cases[*place].largest_um;
     (0..cases.len()).max_by(|one, other| largest(one).total_cmp(&largest(other))).unwrap_or(0)
+}
+
+/// Largest plausible change of a temperature, K: a machine is between -40 and 200 °C.
+const LARGEST_RISE: f64 = 240.0;
+
+/// Returns a remark about a load case with temperatures that no machine has. A wrong unit of a load or of a material has
+/// this effect.
+fn implausible(load: &Load) -> Option<String> {
+    let larger = |one: f64, other: f64| if other.abs() > one.abs() { other } else { one };
+    let rise = load.rise.iter().copied().fold(0.0, larger);
+    (rise.abs() > LARGEST_RISE).then(|| {
+        format!(
+            "The temperatures of {} change by {rise:.0} K, which no machine has. Check the units: 1 W/m² is 0.001 mW/mm², \
+             1 W/(m²·K) is 0.001 mW/(mm²·K), and 1 W/(m·K) is 1 mW/(mm·K).",
+            load.name
+        )
+    })
 }
 
 fn remarks(placement: &Placement) -> Vec<String> {
@@ -420,4 +438,25 @@ fn remarks(placement: &Placement) -> Vec<String> {
         remarks.push(only.to_owned());
     }
     remarks
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn temperatures_that_no_machine_has_are_named_with_the_units() {
+        let of = |rise: &[f64]| {
+            implausible(&Load { name: "spindle".to_owned(), rise: rise.to_vec(), moved_mm: Vec::new() })
+        };
+        for rise in [&[0.0, 12.5][..], &[-60.0, 0.0], &[240.0], &[]] {
+            assert_eq!(of(rise), None, "{rise:?}");
+        }
+        let said = of(&[3.0, 94_000.0, 20.0]).unwrap();
+        assert!(
+            said.contains("The temperatures of spindle change by 94000 K") && said.contains("W/m²"),
+            "{said}"
+        );
+        assert!(of(&[-1000.0, 20.0]).unwrap().contains("by -1000 K"));
+    }
 }

@@ -111,7 +111,9 @@ impl DbcFile {
         };
         let unreadable = |why: can_dbc::DbcError| {
             let why = why.to_string();
-            Wrong { at: place(&why), ..Wrong::about("this is no entry of a DBC file", expected(&why)) }
+            let at = place(&why);
+            let line = at.and_then(|(line, _)| shown(&text, line));
+            Wrong { at, ..Wrong::about("this is no entry of a DBC file", expected(&why, line)) }
         };
         let dbc = beyond(|| Dbc::try_from(text.as_str())).map_err(panicked)?.map_err(unreadable)?;
         Ok(DbcFile { dbc, text })
@@ -129,6 +131,11 @@ impl DbcFile {
     /// # Errors
     /// The signal does not exist, or CAN does not allow its identifier or its bits.
     pub(crate) fn signal(&self, name: &str, source: Option<u8>) -> Result<Described, Wrong> {
+        if self.dbc.messages.is_empty() {
+            let help =
+                "give the complete DBC file of the device, with lines such as `BO_ 256 Message: 8 Node`";
+            return Err(Wrong::about("the DBC file has no messages", help));
+        }
         let Some((message_name, signal_name)) = name.split_once('.') else {
             let help = format!("write \"Message.Signal\"; messages: {}", self.message_names().join(", "));
             return Err(Wrong::about(format!("`{name}` is not the name of a message and a signal"), help));
@@ -340,10 +347,16 @@ fn place(why: &str) -> Option<(usize, usize)> {
 }
 
 /// Builds a hint from the parser's message: the expected entries if they are few, otherwise an example. The message
-/// itself is not shown, because it quotes the line.
-fn expected(why: &str) -> String {
+/// itself is not shown, because it quotes the line. `line` is the line of the file, if it is an entry of a DBC file.
+fn expected(why: &str, line: Option<&str>) -> String {
     let wanted = why.split_once("= expected ").map(|(_, wanted)| wanted.trim());
+    if line.is_some_and(|line| line.trim_start().starts_with("SG_")) {
+        return "a signal is written as ` SG_ Signal : 0|16@1- (0.1,0) [0|0] \"degC\" Node`, with decimal points"
+            .to_owned();
+    }
     match wanted {
+        // No entry is recognised at all.
+        Some("file") => "give a DBC file; its lines begin with words such as `BU_:` and `BO_`".to_owned(),
         Some(wanted) if wanted.split_whitespace().count() <= 5 => {
             format!("{} is expected here", wanted.replace('_', " "))
         }

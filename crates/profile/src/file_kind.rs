@@ -23,13 +23,21 @@ pub(crate) fn wide(bytes: &[u8]) -> Option<String> {
 const HEAD: usize = 64 * 1024;
 
 /// First bytes of binary files.
-const MAGIC: [(&[u8], FileKind); 7] = [
+const MAGIC: [(&[u8], FileKind); 15] = [
     (b"PAR1", FileKind::Parquet),
     (b"PK\x03\x04", FileKind::Workbook),
     (b"\xd0\xcf\x11\xe0", FileKind::Workbook),
     (b"\x1f\x8b", FileKind::Compressed),
     (b"MDF     ", FileKind::Measurement),
     (b"LOGG\x90\x00", FileKind::Measurement),
+    (b"TDSm", FileKind::Measurement),
+    (b"BZh", FileKind::Packed),
+    (b"\xfd7zXZ\x00", FileKind::Packed),
+    (b"\x28\xb5\x2f\xfd", FileKind::Packed),
+    (b"7z\xbc\xaf\x27\x1c", FileKind::Packed),
+    (b"ARROW1", FileKind::OtherTable),
+    (b"\x89HDF\r\n\x1a\n", FileKind::OtherTable),
+    (b"MATLAB 5.0 MAT-file", FileKind::OtherTable),
     (b"%PDF", FileKind::Pdf),
 ];
 
@@ -49,6 +57,17 @@ impl FileKind {
         let mut head = Vec::new();
         safe_file::open(path).ok()?.take(HEAD as u64).read_to_end(&mut head).ok()?;
         FileKind::of(&head)
+    }
+
+    /// Returns the message about the file at this path if it is of another kind than `wanted`, or if it is a log whose
+    /// name has the ending of another format. `None` if the file may be of the kind `wanted`.
+    pub fn mistake(path: &Path, wanted: FileKind) -> Option<String> {
+        let kind = FileKind::of_file(path)?;
+        let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
+        match kind.of_another_ending(ending).filter(|_| wanted == FileKind::Log) {
+            Some(why) => Some(format!("{}: {why}", path.display())),
+            None => kind.instead_of(wanted).map(|other| other.line(path)),
+        }
     }
 }
 

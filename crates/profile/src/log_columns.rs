@@ -3,6 +3,8 @@
 
 use std::collections::BTreeMap;
 
+use isotherm_core::quantity::TimeColumns;
+
 /// First column of every log.
 pub const TIME: &str = "time";
 
@@ -43,6 +45,8 @@ pub(crate) enum Clash {
     OfMachine { signal: String },
     /// Signal with the name of a column of an axis.
     OfAxis { signal: String, axis: String },
+    /// Signal whose column a reader of logs would take for the dates of the times.
+    OfDates { signal: String },
     /// Axis that has a column of the same name as an axis before it.
     Axes { axis: String, other: String, column: String },
 }
@@ -72,10 +76,17 @@ pub(crate) fn clashes(signals: &[String], axes: &[String]) -> Vec<Clash> {
         if signal == TIME || OF_MACHINE.contains(&signal.as_str()) {
             return Some(Clash::OfMachine { signal: signal.clone() });
         }
-        let axis = owners.get(signal)?;
-        Some(Clash::OfAxis { signal: signal.clone(), axis: (*axis).clone() })
+        match owners.get(signal) {
+            Some(axis) => Some(Clash::OfAxis { signal: signal.clone(), axis: (*axis).clone() }),
+            None => is_of_dates(signal).then(|| Clash::OfDates { signal: signal.clone() }),
+        }
     };
     signals.iter().filter_map(of_signal).chain(between).collect()
+}
+
+/// Returns whether a column with this name, next to the times of a log, contains dates, such as `datum`.
+fn is_of_dates(name: &str) -> bool {
+    TimeColumns::find(&[TIME.to_owned(), name.to_owned()], None).is_some_and(|found| found.date.is_some())
 }
 
 #[cfg(test)]
@@ -97,6 +108,15 @@ mod tests {
             let clash = Clash::OfAxis { signal: signal.clone(), axis: "z".to_owned() };
             assert_eq!(found(&["bed", &signal], &["x", "z"]), [clash]);
         }
+    }
+
+    #[test]
+    fn a_column_of_dates_is_refused_as_the_name_of_a_signal() {
+        for signal in ["date", "Date", "datum", "fecha"] {
+            let clash = Clash::OfDates { signal: signal.to_owned() };
+            assert_eq!(found(&["bed", signal], &["z"]), [clash]);
+        }
+        assert_eq!(found(&["datum_face", "time_s", "timestamp", "update"], &["z"]), []);
     }
 
     #[test]

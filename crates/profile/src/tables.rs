@@ -202,6 +202,7 @@ impl Check<'_> {
             }
         }
         for clash in clashes(&self.signals.names, &self.axes.names) {
+            let mut why = "two columns of one name make a log unreadable";
             let (kind, name, message) = match clash {
                 Clash::OfMachine { signal } => {
                     let message = format!("`{signal}` is a column of every log");
@@ -211,13 +212,18 @@ impl Check<'_> {
                     let message = format!("`{signal}` is a column of axis `{axis}` in the log");
                     ("signal", signal, message)
                 }
+                Clash::OfDates { signal } => {
+                    why = "its values would be lost when the log is read";
+                    let message = format!("`{signal}` is the name of a column with dates in a log");
+                    ("signal", signal, message)
+                }
                 Clash::Axes { axis, other, column } => {
                     let message =
                         format!("axes `{other}` and `{axis}` would both have the column `{column}`");
                     ("axis", axis, message)
                 }
             };
-            let help = format!("give the {kind} another name: two columns of one name make a log unreadable");
+            let help = format!("give the {kind} another name: {why}");
             self.at(kind).key(&name).wrong_key(message, help);
         }
     }

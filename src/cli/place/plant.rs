@@ -6,6 +6,7 @@ use std::path::Path;
 use anyhow::Context;
 
 use super::Engine;
+use super::structure::named;
 use isotherm_placement::body::Progress;
 use isotherm_placement::example;
 use isotherm_placement::export::signals;
@@ -21,7 +22,7 @@ pub(super) fn read(path: &Path, engine: Engine) -> anyhow::Result<FeInput> {
     if engine == Engine::Ccx {
         anyhow::bail!("--modes needs isotherm's own finite elements: leave --engine ccx out");
     }
-    Ok(fe_input::read(path)?)
+    fe_input::read(path).map_err(|faults| named(path, faults))
 }
 
 /// Calculates the modes of the structure as JSON. They include the temperatures at the sensors and at the centres of

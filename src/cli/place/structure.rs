@@ -2,18 +2,20 @@
 //! matrix P.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::{Arguments, Engine};
+use crate::cli::loading::of_other_kind;
 use isotherm_placement::blocks::{Part, Reach, parts};
 use isotherm_placement::body::Progress;
 use isotherm_placement::ccx::Ccx;
-use isotherm_placement::fe_input::{self, FeInput};
+use isotherm_placement::fe_input::{self, Faults, FeInput};
 use isotherm_placement::mesh::Mesh;
 use isotherm_placement::problem::Load;
 use isotherm_placement::structure::{Adjoint, guideway_and_temperatures};
 use isotherm_placement::study::{Study, rows};
 use isotherm_placement::views::outside;
+use isotherm_profile::FileKind;
 
 /// Reads the FE input files, and calculates temperatures, displacements and the matrix P. The second result is a remark
 /// on the nodes that are fixed.
@@ -182,7 +184,7 @@ fn read(paths: &[PathBuf], plant: Option<&FeInput>, progress: Progress<'_>) -> a
                 input.name
             )),
             Ok(input) => inputs.push(input),
-            Err(faults) => wrong.push(faults.to_string()),
+            Err(faults) => wrong.push(named(path, faults).to_string()),
         }
     }
     if let Some((first, others)) = inputs.split_first() {
@@ -190,6 +192,15 @@ fn read(paths: &[PathBuf], plant: Option<&FeInput>, progress: Progress<'_>) -> a
     }
     anyhow::ensure!(wrong.is_empty(), "{}", wrong.join("\n"));
     Ok(inputs)
+}
+
+/// Returns the error for a file that is no FE input. It names the kind of a file without cards, if the kind is known,
+/// and has the `faults` otherwise.
+pub(super) fn named(path: &Path, faults: Faults) -> anyhow::Error {
+    match faults.is_without_cards(path) {
+        true => of_other_kind(path, FileKind::Mesh, faults),
+        false => faults.into(),
+    }
 }
 
 /// Returns the reason why two files do not describe the same structure; `None` if they do.

@@ -142,8 +142,12 @@ fn a_server_that_closes_the_connection_at_a_long_message_is_read_in_shorter_ones
     let home = tempfile::tempdir().unwrap();
     let text = with_many(&machine(closes_beyond(8192, server.port), ""), 300);
     let ended = check(home.path(), &text);
-    assert_eq!(ended.code, Some(0), "{}{}", ended.out, ended.said);
-    assert!(ended.out.contains("  signal many299 at ns=2;s=many299: "), "{}", ended.out);
+    // On a busy computer, the readings of so many nodes may be older than their `max_age`.
+    assert!(!ended.said.contains("closed"), "{}{}", ended.out, ended.said);
+    for place in 0..300 {
+        let line = format!("  signal many{place} at ns=2;s=many{place}: ");
+        assert!(ended.out.contains(&line), "{line}\n{}{}", ended.out, ended.said);
+    }
 }
 
 #[test]

@@ -108,10 +108,14 @@ impl Lane {
         self.tried.fetch_add(1, Ordering::SeqCst)
     }
 
-    /// Voids the last attempt. Its effect is gone after the next correct answers.
+    /// Voids the last attempt. Its effect is gone after the next correct answers. Another attempt is made instead, unless
+    /// the device already behaves correctly.
     pub(crate) fn voids(&self) {
         self.void.store(3, Ordering::SeqCst);
         self.is_open.store(false, Ordering::SeqCst);
+        if self.behaves() {
+            return;
+        }
         let _ = self.tried.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |tried| tried.checked_sub(1));
     }
 
@@ -454,12 +458,17 @@ fn watch(source: &dyn GatewayApi, lanes: &[Arc<Lane>], wrong: &Mutex<Vec<String>
         std::thread::sleep(Duration::from_millis(50));
     };
     let is_tried = |lane: &Arc<Lane>| lane.tried.load(Ordering::SeqCst) >= TRIES;
-    while !lanes.iter().all(is_tried) && turns(begun) < PATIENCE {
-        look(&source.status());
-    }
-    // Wait until the last replies can have an effect.
-    for _ in 0..5 {
-        look(&source.status());
+    loop {
+        while !lanes.iter().all(is_tried) && turns(begun) < PATIENCE {
+            look(&source.status());
+        }
+        // Wait until the last replies can have an effect. Meanwhile, the last attempt may be found void.
+        for _ in 0..5 {
+            look(&source.status());
+        }
+        if lanes.iter().all(is_tried) || turns(begun) >= PATIENCE {
+            break;
+        }
     }
     let status = source.status();
     let since = |lane: &Arc<Lane>| {

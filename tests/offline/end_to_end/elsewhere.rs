@@ -139,9 +139,11 @@ fn what_is_wrong_in_a_spreadsheet_is_named_with_its_own_line() {
 #[test]
 fn a_zone_that_is_none_is_refused_with_the_one_that_was_meant() {
     let home = tempfile::tempdir().unwrap();
-    for (zone, says) in
-        [("Europe/Berln", "did you mean Europe/Berlin?"), ("MEZ+1:2:3", "write a zone as Europe/Berlin")]
-    {
+    for (zone, says) in [
+        ("Europe/Berln", "did you mean Europe/Berlin?"),
+        ("MEZ+1:2:3", "write a zone as Europe/Berlin"),
+        ("UTC+1", "before UTC or after it"),
+    ] {
         let answer = asked(home.path(), &["report"], &[("day.csv", day(1))], &["--zone", zone]);
         assert_eq!(answer.code, Some(2));
         assert!(answer.said.contains(says), "{}", answer.said);

@@ -42,7 +42,7 @@ fn a_log_that_is_no_such_csv_is_reported_with_what_to_write() {
                 .join(",")
         })
         .collect();
-    all_refuse(&quoted.join("\n"), &["wrong.csv, line", "has a decimal comma; write"]);
+    all_refuse(&quoted.join("\n"), &["wrong.csv, line", "has a decimal comma; state --decimal comma"]);
     let back = day(1).replace("\n6000,", "\n60,");
     all_refuse(&back, &["wrong.csv, line 102: time runs back", "--run-column"]);
     all_refuse(&day(1).replace("time,", "when,"), &["there is no column time", "time_min"]);
@@ -172,7 +172,7 @@ fn a_file_in_the_place_of_another_is_one_error_that_names_both_kinds() {
     ] {
         file(home.path(), name, text);
     }
-    let cases: [(&[&str], i32, &str); 11] = [
+    let cases: [(&[&str], i32, &str); 13] = [
         (&["identify", "machine.toml", "machine.toml"], 1, "machine.toml: this is a profile, not a log"),
         (&["report", "module.dbc"], 1, "module.dbc: this is a DBC file, not a log"),
         (
@@ -191,6 +191,8 @@ fn a_file_in_the_place_of_another_is_one_error_that_names_both_kinds() {
         (&["check", "module.toml"], 64, "module.toml: this is a device template, not a profile"),
         (&["check", "block.toml"], 64, "block.toml: this is a model block, not a profile"),
         (&["virtual", "surface-grinder", "--faults", "one.csv"], 1, "this is a log, not a fault script"),
+        (&["place", "machine.toml"], 1, "machine.toml: this is a profile, not the mesh or input file"),
+        (&["place", "one.csv"], 1, "one.csv: this is a log, not the mesh or input file"),
         (
             &["identify", "machine.toml", "one.csv", "two.csv", "--prior", "module.toml"],
             1,
@@ -304,7 +306,6 @@ fn a_drift_report_remarks_what_cannot_be_meant() {
         "note: short lasts 4m 59s",
         "--time-unit min",
         "note: long lasts 12 days",
-        "name the column time;",
         "note: z_error_um is constant: was the probe connected?",
     ] {
         assert!(answer.out.contains(words), "{words}: {}", answer.out);

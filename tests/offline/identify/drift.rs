@@ -121,7 +121,8 @@ fn a_log_without_a_displacement_is_told_what_to_do() {
     let refused = |names: &[String]| drift(&dataset, names, None, &|_| None).unwrap_err().to_string();
     let reported = refused(&[]);
     assert!(
-        reported.contains("end with _um, or name the column with --displacement; there are hall_c, probe"),
+        reported.contains("end with _um, and")
+            && reported.contains("--displacement. The columns are hall_c, probe"),
         "{reported}"
     );
     let reported = refused(&["prob".to_owned()]);

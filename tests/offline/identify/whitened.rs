@@ -63,7 +63,11 @@ fn where_what_is_left_walks_whitened_rows_leave_less_than_minute_rows_do() {
 fn one_run_is_learnt_from_with_seven_tenths_and_told_what_that_is_worth() {
     let day = logs(&days(1, 3, 0.0));
     let alone = found(4, &day, &Settings::default());
-    let twice = found(4, &[day[0].clone(), day[0].clone()], &Settings::default());
+    // Two logs with the same rows are refused.
+    let mut repeated = dataset(&day).unwrap();
+    repeated.runs.push(repeated.runs[0].clone());
+    let both = ready(&rig::profile(4), &repeated, &rig::choice()).unwrap();
+    let twice = identify(&both, &Settings::default(), None, true, &|_, _| {}).unwrap();
     for (one, both) in alone.terms.iter().zip(&twice.terms) {
         // The same run twice has the same products. Therefore the ridge differs only by the factor for one run.
         assert!((one.gain - 0.7 * both.gain).abs() < 1e-9, "{one:?} {both:?}");

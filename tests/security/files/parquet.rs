@@ -52,9 +52,10 @@ fn a_parquet_file_cut_short_or_of_something_else_is_refused() {
         ("magic.parquet", b"PAR1PAR1"),
         ("footer.parquet", b"PAR1\xff\xff\xff\x7fPAR1"),
         ("half.parquet", &whole[..whole.len() / 2]),
-        ("text.parquet", b"time,bed\n0,20\n"),
     ] {
         let path = home.write(name, bytes);
         isotherm(&["report"], &path).is_refused(size(&path), &[name, "this is no Parquet file"]);
     }
+    let path = home.write("text.parquet", b"time,bed\n0,20\n");
+    isotherm(&["report"], &path).is_refused(size(&path), &["text.parquet", "let its name end with .csv"]);
 }

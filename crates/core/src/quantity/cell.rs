@@ -21,7 +21,7 @@ const ABSENT: [&str; 14] =
     ["na", "n/a", "n.a.", "<na>", "nat", "#n/a", "#nv", "nan", "null", "(null)", "none", "missing", "-", "."];
 
 /// Messages of loggers for a value that could not be measured.
-const FAILED: [&str; 52] = [
+const FAILED: [&str; 62] = [
     "ol",
     "+ol",
     "-ol",
@@ -74,10 +74,20 @@ const FAILED: [&str; 52] = [
     "#num!",
     "#zahl!",
     "#ref!",
+    "#valeur!",
+    "#valor!",
+    "o/l",
+    "err.",
+    "fehler",
+    "sensorfehler",
+    "fühlerbruch",
+    "bruch",
+    "sensor error",
+    "?",
 ];
 
 /// Units that may follow a number in a cell or a name in a header. The comparison ignores case.
-const UNITS: [&str; 56] = [
+const UNITS: [&str; 115] = [
     "°c",
     "℃",
     "degc",
@@ -134,6 +144,65 @@ const UNITS: [&str; 56] = [
     "°",
     "deg",
     "count",
+    "mm/s",
+    "mm/s2",
+    "mm/s²",
+    "m/s2",
+    "m/s²",
+    "km/h",
+    "mm/rev",
+    "g",
+    "kg",
+    "khz",
+    "mhz",
+    "wh",
+    "kwh",
+    "va",
+    "kva",
+    "uv",
+    "µv",
+    "kv",
+    "ohm",
+    "kohm",
+    "ω",
+    "kω",
+    "mω",
+    "mpa",
+    "psig",
+    "psia",
+    "inhg",
+    "mmhg",
+    "torr",
+    "l/s",
+    "ml/min",
+    "m3/h",
+    "m³/h",
+    "m3/min",
+    "m³/min",
+    "gpm",
+    "cfm",
+    "ppm",
+    "ppb",
+    "db",
+    "dba",
+    "db(a)",
+    "lux",
+    "lx",
+    "µm/m",
+    "um/m",
+    "µε",
+    "µs/cm",
+    "us/cm",
+    "ms/cm",
+    "g/m3",
+    "g/m³",
+    "g/kg",
+    "w/m2",
+    "w/m²",
+    "rad",
+    "mrad",
+    "counts",
+    "stk",
 ];
 
 /// Units that may follow a number without a blank, although they are letters. `A`, `V`, `N` and `W` are not among them,
@@ -142,11 +211,33 @@ const ATTACHED: [&str; 16] = [
     "c", "degc", "f", "degf", "k", "um", "nm", "mm", "rpm", "mm/min", "l/min", "bar", "hz", "ma", "ms", "min",
 ];
 
+/// Returns a unit in small letters, and in one of its spellings: `º C` becomes `°c`.
+#[must_use]
+pub fn spelled(unit: &str) -> String {
+    // Keyboards have the sign of an ordinal, and a ring, beside the sign of a degree.
+    let unit = unit.to_lowercase().replace(['º', '˚'], "°");
+    match unit.as_str() {
+        "° c" | "deg. c" | "deg.c" | "grad c" | "grad celsius" | "degrees c" | "deg celsius" | "°celsius" => {
+            "°c"
+        }
+        "° f" | "deg. f" | "deg.f" | "degrees f" | "deg fahrenheit" | "°fahrenheit" => "°f",
+        "µ" | "μ" => "µm",
+        _ => return unit,
+    }
+    .to_owned()
+}
+
 /// Returns whether this text is a unit that a log may state.
 #[must_use]
 pub fn is_unit(text: &str) -> bool {
-    let text = text.to_lowercase();
-    UNITS.contains(&text.as_str())
+    UNITS.contains(&spelled(text).as_str())
+}
+
+/// Returns whether this is the name of a column for comments. Loggers leave its cells out at the end of a row.
+#[must_use]
+pub fn is_comment(name: &str) -> bool {
+    const NAMES: [&str; 7] = ["comment", "comments", "remark", "remarks", "note", "kommentar", "bemerkung"];
+    NAMES.iter().any(|known| name.eq_ignore_ascii_case(known))
 }
 
 /// Separates the name of a column from the unit after it: `Spindle [°C]`, `bed (µm)`, `air / °C`, `t in s`. The unit is
@@ -283,6 +374,7 @@ mod tests {
             ("0.19 µm", "0.19", "µm"),
             ("0.19 \u{3bc}m", "0.19", "\u{3bc}m"),
             ("68 °F", "68", "°F"),
+            ("20.01 ºC", "20.01", "ºC"),
             ("45 %", "45", "%"),
             ("45%", "45", "%"),
             ("2.0D+01", "2.0e+01", ""),
@@ -325,7 +417,7 @@ mod tests {
         }
         for text in [
             "OL", "Over", "---", "+++++++", "1.#QNAN", "-1.#IND", "1.#INF", "1.#R", "BURNOUT", "****",
-            "-.--", "#DIV/0!", "Err",
+            "-.--", "#DIV/0!", "Err", "O/L", "Fehler",
         ] {
             assert_eq!(word(text), Cell::Failed, "{text}");
         }
@@ -351,6 +443,16 @@ mod tests {
             ("mm/min", "mm/min", None),
             ("Datum & Uhrzeit", "Datum & Uhrzeit", None),
             ("spindle", "spindle", None),
+            ("bed (ºC)", "bed", Some("ºC")),
+            ("bed [Deg. C]", "bed", Some("Deg. C")),
+            ("bed ° C", "bed", Some("° C")),
+            ("z_error_um [µ]", "z_error_um", Some("µ")),
+            ("CO2 [ppm]", "CO2", Some("ppm")),
+            ("Coil (Ω)", "Coil", Some("Ω")),
+            ("Flow [m³/h]", "Flow", Some("m³/h")),
+            ("Vibration mm/s", "Vibration", Some("mm/s")),
+            ("bearing g", "bearing g", None),
+            ("coolant in", "coolant in", None),
             ("bed (front)", "bed (front)", None),
             ("[°C]", "[°C]", None),
             ("z_error_um", "z_error_um", None),

@@ -27,6 +27,13 @@ impl DecimalMark {
         }
     }
 
+    fn name(self) -> &'static str {
+        match self {
+            DecimalMark::Point => "point",
+            DecimalMark::Comma => "comma",
+        }
+    }
+
     fn other(self) -> DecimalMark {
         match self {
             DecimalMark::Point => DecimalMark::Comma,
@@ -202,7 +209,7 @@ impl Dialect {
             // Commas separate the columns, so a comma in a cell was quoted.
             return Err(match can_be_thousands {
                 true => two_readings(text, mark, (&whole, &decimal)),
-                false => format!("`{text}` has a decimal comma; write {decimal}"),
+                false => format!("`{text}` has a decimal comma; state --decimal comma, or write {decimal}"),
             });
         }
         let is_unclear = self.is_unclear && known.is_none();
@@ -268,6 +275,12 @@ impl Dialect {
                 Some((number, unit)) if unit.is_empty() || own.is_some() => self.number(number)?.into_owned(),
                 _ => text.to_owned(),
             };
+            if unit == TimeUnit::Seconds
+                && self.zone.is_some()
+                && let Some(date) = wall::compact(text)
+            {
+                return self.wall.in_zone(date, self.zone.as_ref(), last);
+            }
             // `60 s` has a unit of its own.
             let unit = own.unwrap_or(unit);
             if unit.of_a_count().is_none()
@@ -284,6 +297,9 @@ impl Dialect {
                 unit => unit.moment(&number),
             };
         }
+        if let Some(nanos) = wall::two_parts(text, unit) {
+            return self.wall.of_day(nanos, last);
+        }
         if let Some(name) = unit.of_a_count() {
             return Err(format!("`{text}` is a date, and this column counts {name}; name the column `time`"));
         }
@@ -291,19 +307,29 @@ impl Dialect {
         if read.is_ok() {
             return read;
         }
-        match wall::read(text, self.dates) {
+        let (plain, zone) = match without_utc(text) {
+            Some(plain) => (plain, Some(TimeZone::UTC)),
+            None => (text, self.zone.clone()),
+        };
+        match wall::read(plain, self.dates) {
             None => read,
-            Some(Ok(wall::Read::Date(_) | wall::Read::Assumed(_))) if self.zone.is_none() => read,
+            Some(Ok(wall::Read::Date(_) | wall::Read::Assumed(_))) if zone.is_none() => read,
             Some(found) => match found? {
-                wall::Read::Date(wall) => self.wall.in_zone(wall, self.zone.as_ref(), last),
+                wall::Read::Date(wall) => self.wall.in_zone(wall, zone.as_ref(), last),
                 wall::Read::Assumed(wall) => {
-                    self.wall.follows(wall, text)?;
-                    self.wall.in_zone(wall, self.zone.as_ref(), last)
+                    self.wall.follows(wall, plain)?;
+                    self.wall.in_zone(wall, zone.as_ref(), last)
                 }
                 wall::Read::OfDay(nanos) => self.wall.of_day(nanos, last),
             },
         }
     }
+}
+
+/// Returns the date and time before the word `UTC`; `None` if no such word follows.
+fn without_utc(text: &str) -> Option<&str> {
+    let (plain, zone) = text.rsplit_once(' ')?;
+    ["utc", "gmt", "z"].iter().any(|word| zone.eq_ignore_ascii_case(word)).then(|| plain.trim_end())
 }
 
 fn finite(value: f64, unit: &str) -> Cell<'_> {
@@ -346,11 +372,12 @@ fn by_mark(text: &str, mark: DecimalMark) -> Result<Cow<'_, str>, String> {
         return Ok(Cow::Borrowed(text));
     }
     if whole.contains(thousands) && !has_groups(whole, thousands) {
-        let name = match mark {
-            DecimalMark::Point => "point",
-            DecimalMark::Comma => "comma",
+        let (name, other) = (mark.name(), mark.other().name());
+        let hint = match text.matches(thousands).count() == 1 && fraction.is_none() {
+            true => format!(": is the decimal mark --decimal {other}?"),
+            false => String::new(),
         };
-        return Err(format!("`{text}` is no number with a decimal {name} and groups of three digits"));
+        return Err(format!("`{text}` is no number with a decimal {name} and groups of three digits{hint}"));
     }
     Ok(Cow::Owned(read))
 }

@@ -107,7 +107,7 @@ pub struct TimeColumns {
 
 /// Names of a time column, besides `time`, `time_s` and `time_min`. The most certain names come first.
 const NAMES: [&[&str]; 4] = [
-    &["time", "zeit", "heure", "hora", "tijd", "时间", "日時", "時刻"],
+    &["time", "_time", "zeit", "heure", "hora", "tijd", "czas", "时间", "日時", "時刻"],
     &[
         "timestamp",
         "time stamp",
@@ -123,7 +123,27 @@ const NAMES: [&[&str]; 4] = [
         "date&time",
         "date and time",
         "fecha y hora",
+        "fecha/hora",
         "date et heure",
+        "date/heure",
+        "data e ora",
+        "data/ora",
+        "data e hora",
+        "data/hora",
+        "datum en tijd",
+        "datum/tijd",
+        "日期时间",
+        "日期 时间",
+        "采集时间",
+        "记录时间",
+        "日付 時間",
+        "日付 時刻",
+        "日付時刻",
+        "messzeit",
+        "messzeitpunkt",
+        "local time",
+        "log time",
+        "created_at",
         "horodatage",
         "datum & uhrzeit",
         "datum&uhrzeit",
@@ -282,6 +302,8 @@ mod tests {
             ("timestamp_ms;bed", (0, None, Milliseconds)),
             ("Zeit in Minuten;bed", (0, None, Minutes)),
             ("Date (dd/mm/yyyy);Time (hh:mm:ss);bed", (1, Some(0), Seconds)),
+            ("番号;日付 時間;ms;bed", (1, None, Seconds)),
+            ("result;table;_start;_stop;_time;_value", (4, None, Seconds)),
         ] {
             assert_eq!(found(header), Some(columns), "{header}");
         }

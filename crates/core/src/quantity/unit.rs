@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::cell::name_and_unit;
+use super::cell::{name_and_unit, spelled};
 
 /// Conversion of the values of a log column to °C, µm or the unit of the column.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -26,7 +26,7 @@ impl Conversion {
     #[must_use]
     pub fn of(name: &str, unit: &str) -> Conversion {
         let is_in_um = name.to_ascii_lowercase().ends_with("_um");
-        match unit.to_lowercase().as_str() {
+        match spelled(unit).as_str() {
             "°f" | "℉" | "f" | "degf" | "deg f" | "fahrenheit" => Conversion::Fahrenheit,
             "k" | "kelvin" => Conversion::Kelvin,
             "mm" if is_in_um => Conversion::Factor(1000.0),
@@ -86,7 +86,9 @@ mod tests {
         for (name, unit, value, converted) in [
             ("bed", "°F", 68.0, 20.0),
             ("bed", "degF", 212.0, 100.0),
-            ("bed", "°F", -9999.0, -5572.777_777_777_778),
+            ("bed", "ºF", 212.0, 100.0),
+            ("bed", "Deg. F", 68.0, 20.0),
+            ("bed", "°F", -9999.0, -5_572.777_777_777_778),
             ("bed", "K", 293.15, 20.0),
             ("bed", "°C", 20.0, 20.0),
             ("z_error_um", "mm", 0.012, 12.0),

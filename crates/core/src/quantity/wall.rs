@@ -5,6 +5,7 @@ use jiff::civil::{Date, DateTime, Time};
 use jiff::tz::{AmbiguousOffset, Offset, TimeZone};
 
 use super::Moment;
+use super::time_column::TimeUnit;
 
 const DAY: u64 = 24 * HOUR;
 const HOUR: u64 = 3_600_000_000_000;
@@ -40,11 +41,19 @@ pub(super) fn read(text: &str, order: Option<DateOrder>) -> Option<Result<Read, 
         return Some(match clock.seconds {
             Some(_) => Ok(Read::OfDay(clock.nanos())),
             None => Err(format!(
-                "`{text}` can be hours and minutes or minutes and seconds; write hours, minutes and seconds: 00:05:10"
+                "`{text}` can be hours and minutes or minutes and seconds; state --time-unit h or --time-unit min, or write \
+                 hours, minutes and seconds: 00:05:10"
             )),
         });
     }
-    let (date, time) = text.split_once([' ', 'T'])?;
+    if let Some(nanos) = since_days(text) {
+        return Some(Ok(Read::OfDay(nanos)));
+    }
+    let one_word = one_word(text);
+    let spaced = one_word.as_deref().unwrap_or(text);
+    // A month such as `OCT` contains a T.
+    let (date, time) = (spaced.split_once(' ').filter(|(date, _)| !date.contains(':')))
+        .or_else(|| spaced.split_once('T'))?;
     let clock = Clock::of(time)?;
     let is_assumed = order.is_none()
         && clock.is_of_half_days
@@ -58,6 +67,17 @@ pub(super) fn read(text: &str, order: Option<DateOrder>) -> Option<Result<Read, 
         Ok(date) => Ok(Read::Date(date.to_datetime(clock.of_day()?))),
         Err(why) => Err(why),
     })
+}
+
+/// Parses hours and minutes, or minutes and seconds, in a column of `unit`. Returns nanoseconds; `None` if the text has another
+/// format or the column another unit.
+pub(super) fn two_parts(text: &str, unit: TimeUnit) -> Option<u64> {
+    let clock = Clock::of(text).filter(|clock| clock.seconds.is_none() && !clock.is_of_half_days)?;
+    match unit {
+        TimeUnit::Hours if clock.nanos == 0 => Some(clock.nanos()),
+        TimeUnit::Minutes => Some((clock.hours * 60 + clock.minutes) * 1_000_000_000 + clock.nanos),
+        _ => None,
+    }
 }
 
 /// Parses a date without a time, as some programs write midnight. `None` if the text has another format.
@@ -83,24 +103,88 @@ fn only_order(first: u8, second: u8) -> Option<DateOrder> {
     }
 }
 
+/// Parses a date and time without separators: `20260105T060010`, `20260105060010`.
+pub(super) fn compact(text: &str) -> Option<DateTime> {
+    if !matches!(text.len(), 14 | 15) {
+        return None;
+    }
+    let (date, time) = text.split_once('T').or_else(|| text.split_at_checked(8))?;
+    let date = eight_digits(date)?;
+    if time.len() != 6 || !is_digits(time) {
+        return None;
+    }
+    let two = |at: usize| time[at..at + 2].parse::<i8>().ok();
+    Some(date.to_datetime(Time::new(two(0)?, two(2)?, two(4)?, 0).ok()?))
+}
+
+/// Parses a date without separators: `20260105`.
+fn eight_digits(date: &str) -> Option<Date> {
+    if date.len() != 8 || !is_digits(date) {
+        return None;
+    }
+    Date::new(date[..4].parse().ok()?, date[4..6].parse().ok()?, date[6..].parse().ok()?).ok()
+}
+
+fn is_digits(text: &str) -> bool {
+    !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit())
+}
+
+/// Returns a date with the name of its month, and the time after it, with the date as one word. `05 Jan 2026 06:00` and
+/// `Jan 05, 2026 06:00` become `05-Jan-2026 06:00`. `None` for any other text.
+fn one_word(text: &str) -> Option<String> {
+    let mut parts = text.split(' ').map(|part| part.trim_end_matches(',')).filter(|part| !part.is_empty());
+    let (first, second, year) = (parts.next()?, parts.next()?, parts.next()?);
+    let (day, month) = if is_digits(first) { (first, second) } else { (second, first) };
+    if !is_digits(day) || !is_digits(year) || year.len() != 4 {
+        return None;
+    }
+    month_of_name(month)?;
+    let rest: Vec<&str> = parts.collect();
+    Some(format!("{day}-{month}-{year} {}", rest.join(" ")))
+}
+
+/// Returns the nanoseconds of a time since a start, as pandas and Python write it: `1 days 06:00:10`, `1 day, 6:00:10`.
+fn since_days(text: &str) -> Option<u64> {
+    let (days, clock) = text.split_once(" day")?;
+    let clock = Clock::of(clock.trim_start_matches(['s', ',']))?;
+    let is_whole = clock.seconds.is_some() && !clock.is_of_half_days;
+    days.parse::<u64>().ok().filter(|_| is_whole)?.checked_mul(DAY)?.checked_add(clock.nanos())
+}
+
 fn parse_date(date: &str, order: Option<DateOrder>, text: &str) -> Option<Result<Date, String>> {
+    if let Some(date) = eight_digits(date) {
+        return Some(Ok(date));
+    }
+    // `2026年1月5日`
+    let dashed;
+    let date = match date.contains('年') {
+        true => {
+            dashed = date.replace(['年', '月'], "-").replace('日', "");
+            dashed.as_str()
+        }
+        false => date,
+    };
     let parts: Vec<&str> = date.split(['.', '/', '-']).collect();
     let [first, second, third] = parts.as_slice() else { return None };
     if let Some(month) = month_of_name(second) {
         let (year, day) = if first.len() == 4 { (first, third) } else { (third, first) };
-        // `05-Jan-26` has no century.
-        let year = year.parse::<i16>().ok().filter(|year| *year > 999)?;
+        let year = match (year.len(), order) {
+            // `05-Jan-26` may be a day of 2005 or of 2026.
+            (2, None) => return Some(Err(two_digits(text))),
+            (2, Some(_)) => 2000 + year.parse::<i16>().ok()?,
+            _ => year.parse::<i16>().ok().filter(|year| *year > 999)?,
+        };
         return Some(Ok(Date::new(year, month, day.parse().ok()?).ok()?));
     }
     if first.len() == 4 {
         return Some(Ok(Date::new(first.parse().ok()?, second.parse().ok()?, third.parse().ok()?).ok()?));
     }
-    if third.len() != 4 {
-        let is_number = |part: &&&str| !part.is_empty() && part.bytes().all(|byte| byte.is_ascii_digit());
-        let are_numbers = parts.iter().filter(is_number).count() == parts.len();
-        return are_numbers.then(|| Err(format!("`{text}`: write the year with four digits")));
-    }
-    let year = third.parse().ok()?;
+    let are_numbers = parts.iter().all(|part| is_digits(part));
+    let year = match (third.len(), order) {
+        (4, _) => third.parse::<i16>().ok()?,
+        (2, Some(_)) if are_numbers => 2000 + third.parse::<i16>().ok()?,
+        _ => return are_numbers.then(|| Err(two_digits(text))),
+    };
     let (one, other): (i8, i8) = (first.parse().ok()?, second.parse().ok()?);
     let known = match date.contains('.') {
         true => Some(DateOrder::DayFirst),
@@ -142,6 +226,13 @@ fn month_of_name(name: &str) -> Option<i8> {
     ];
     let name = name.to_lowercase();
     MONTHS.iter().find(|(begin, _)| name.starts_with(begin)).map(|(_, month)| *month)
+}
+
+fn two_digits(text: &str) -> String {
+    format!(
+        "`{text}`: the year has two digits; write four digits. If the year is the last number, --dates day-first or \
+         --dates month-first states the order"
+    )
 }
 
 fn two_orders(text: &str) -> String {
@@ -335,15 +426,40 @@ mod tests {
             ("05-01-2026 06:00", day, "2026-01-05T06:00:00"),
             ("05-Jan-2026 06:00:10", None, "2026-01-05T06:00:10"),
             ("2026-Dez-05 06:00:10", None, "2026-12-05T06:00:10"),
+            ("05-OCT-2026 06:00:10", None, "2026-10-05T06:00:10"),
+            ("05 Jan 2026 06:00:10,25", None, "2026-01-05T06:00:10.25"),
+            ("Jan 5, 2026 6:00:10 PM", None, "2026-01-05T18:00:10"),
+            ("2026年1月5日 06:00:10", None, "2026-01-05T06:00:10"),
+            ("20260105 06:00:10", None, "2026-01-05T06:00:10"),
+            ("05.01.26 06:00:10", day, "2026-01-05T06:00:10"),
+            ("05/01/26 06:00", day, "2026-01-05T06:00:00"),
+            ("05/01/26 06:00", month, "2026-05-01T06:00:00"),
+            ("1/31/26 6:00 AM", month, "2026-01-31T06:00:00"),
+            ("05-Jan-26 06:00:10", day, "2026-01-05T06:00:10"),
         ] {
             assert_eq!(read(text, order), at(read_as), "{text}");
         }
-        for (text, nanos) in [("00:00:10", 10_000_000_000), ("25:00:00.5", 25 * HOUR + 500_000_000)] {
+        for (text, nanos) in [
+            ("00:00:10", 10_000_000_000),
+            ("25:00:00.5", 25 * HOUR + 500_000_000),
+            ("0 days 00:00:10", 10_000_000_000),
+            ("1 days 06:00:00.5", 30 * HOUR + 500_000_000),
+            ("1 day, 6:00:00", 30 * HOUR),
+        ] {
             assert_eq!(read(text, None), Some(Ok(Read::OfDay(nanos))), "{text}");
         }
-        for text in
-            ["05.01.2026 25:00:10", "31.02.2026 06:00", "13/13/2026 06:00", "noon", "1:2:3:4", "2026-01-05"]
-        {
+        for text in [
+            "05.01.2026 25:00:10",
+            "31.02.2026 06:00",
+            "13/13/2026 06:00",
+            "noon",
+            "1:2:3:4",
+            "2026-01-05",
+            "05 Foo 2026 06:00",
+            "99999999 06:00",
+            "1 days",
+            "x days 06:00:00",
+        ] {
             assert!(!matches!(read(text, day), Some(Ok(_))), "{text}");
         }
     }
@@ -356,6 +472,8 @@ mod tests {
             ("31/01/2026 06:00", Some(DateOrder::MonthFirst), "--dates day-first"),
             ("01/31/2026 06:00", Some(DateOrder::DayFirst), "--dates month-first"),
             ("05.01.26 06:00", None, "four digits"),
+            ("05.01.26 06:00", None, "--dates day-first"),
+            ("05-Jan-26 06:00", None, "--dates"),
         ] {
             let said = read(text, order).unwrap().unwrap_err();
             assert!(said.contains(says), "{text}: {said}");
@@ -363,6 +481,33 @@ mod tests {
         assert_eq!(order("31/01/2026 06:00"), Some(DateOrder::DayFirst));
         assert_eq!(order("01/31/2026 06:00"), Some(DateOrder::MonthFirst));
         assert_eq!(order("01/05/2026 06:00"), None);
+    }
+
+    #[test]
+    fn two_parts_of_a_time_are_read_in_the_unit_of_their_column() {
+        assert_eq!(two_parts("06:30", TimeUnit::Hours), Some(HOUR * 13 / 2));
+        assert_eq!(two_parts("06:30", TimeUnit::Minutes), Some(390_000_000_000));
+        assert_eq!(two_parts("90:30.5", TimeUnit::Minutes), Some(5_430_500_000_000));
+        assert_eq!(two_parts("06:30", TimeUnit::Seconds), None);
+        assert_eq!(two_parts("6:30 PM", TimeUnit::Hours), None);
+        assert_eq!(two_parts("05.01.2026 06:30", TimeUnit::Hours), None);
+    }
+
+    #[test]
+    fn dates_and_times_without_separators_are_read() {
+        for text in ["20260105T060010", "20260105060010"] {
+            assert_eq!(compact(text), Some("2026-01-05T06:00:10".parse().unwrap()), "{text}");
+        }
+        for text in [
+            "20261305T060010",
+            "20260105T250010",
+            "2026010T0600100",
+            "1773036000000",
+            "xxxxxxxx060010",
+            "年年年年ab",
+        ] {
+            assert_eq!(compact(text), None, "{text}");
+        }
     }
 
     #[test]

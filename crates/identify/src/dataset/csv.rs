@@ -7,7 +7,7 @@ use super::head;
 use super::table::{Reader, Table, TooMuch};
 use super::tidy::Tidy;
 use super::{BadLog, Split, Uses, decode, files};
-use isotherm_core::quantity::{Dialect, with_date};
+use isotherm_core::quantity::{Dialect, is_comment, with_date};
 use isotherm_profile::safe_file::{self, quoted};
 
 /// Maximum number of columns. A file with more is not a log of a machine.
@@ -45,8 +45,8 @@ pub(super) fn from_text(
     check_header(&names).map_err(header_is_wrong)?;
     reader.get_mut().row_is_over();
     let width = names.len();
-    let unnamed = names.iter().rev().take_while(|name| name.is_empty()).count();
-    let names = with_units(names, &head.units);
+    let unnamed = names.iter().rev().take_while(|name| name.is_empty() || is_comment(name)).count();
+    let names = with_units(head.with_time(names, separator), &head.units);
     if let Some(tidy) = Tidy::find(&names, split) {
         return tidy.read((file, names.as_slice(), &head), &mut reader, dialect, (split, uses));
     }
@@ -126,8 +126,8 @@ pub(super) fn uneven_row(cells: usize, width: usize, more: &str) -> String {
     format!("{cells} cells under {width} column names{more}: {hint}")
 }
 
-/// Returns whether a row has a cell for each name. Empty cells at its end may be missing under empty names, and may be
-/// more than the names.
+/// Returns whether a row has a cell for each name. Cells at its end may be missing under `unnamed` names, which are empty or
+/// those of comments. Empty cells may be more than the names.
 pub(super) fn fits(record: &csv::StringRecord, width: usize, unnamed: usize) -> bool {
     let cells = record.len();
     cells == width

@@ -17,10 +17,10 @@ pub(super) fn read_table(file: &Path, split: &Split, uses: Uses<'_>) -> Result<T
     read_by_ending(file, split, uses).map_err(|wrong| named(file, wrong))
 }
 
-/// Returns the error about a file of another known kind; otherwise `wrong`, the error of the log.
+/// Returns the error about a file of another known kind, or whose name has the ending of another format; otherwise
+/// `wrong`, the error of the log.
 pub(super) fn named(file: &Path, wrong: BadLog) -> BadLog {
-    let other = FileKind::of_file(file).and_then(|kind| kind.instead_of(FileKind::Log));
-    other.map_or(wrong, |other| BadLog(vec![other.line(file)]))
+    FileKind::mistake(file, FileKind::Log).map_or(wrong, |line| BadLog(vec![line]))
 }
 
 fn read_by_ending(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, BadLog> {

@@ -24,8 +24,29 @@ pub(super) struct Head {
     pub(super) rows: Vec<String>,
 }
 
-/// Finds the head of a log. Returns it with a reader that begins at the column names.
-pub(super) fn start<R: Read>(mut input: R) -> io::Result<(Head, Chain<Cursor<Vec<u8>>, R>)> {
+impl Head {
+    /// Returns the names of the columns. If none of them is a time, and dates with times are under an empty first name,
+    /// this column is the time: pandas writes an index without a name in this way.
+    pub(super) fn with_time(&self, mut names: Vec<String>, separator: u8) -> Vec<String> {
+        let is_index = || {
+            let row = self.rows.iter().find(|line| !line.trim().is_empty());
+            row.is_some_and(|line| cells(line, separator).first().is_some_and(|cell| is_clock(cell)))
+        };
+        if TimeColumns::find(&names, None).is_none()
+            && let Some(first) = names.first_mut().filter(|name| name.is_empty())
+            && is_index()
+        {
+            "time".clone_into(first);
+        }
+        names
+    }
+}
+
+/// Reader that begins at the column names of a log.
+type FromNames<R> = Chain<Cursor<Vec<u8>>, R>;
+
+/// Finds the head of a log.
+pub(super) fn start<R: Read>(mut input: R) -> io::Result<(Head, FromNames<R>)> {
     let mut sample = Vec::new();
     input.by_ref().take(SAMPLE).read_to_end(&mut sample)?;
     let text = String::from_utf8_lossy(&sample);
@@ -80,17 +101,38 @@ fn find(lines: &[&str]) -> Head {
     Head { skipped: skipped as u64, after: after as u64, units, rows }
 }
 
-/// Returns whether a text has the names of columns in its first lines.
+/// Returns the index of the line with the names of columns; `None` if none of the first lines has them.
 #[cfg(feature = "tables")]
-pub(super) fn has_names(text: &[u8]) -> bool {
+pub(super) fn line_of_names(text: &[u8]) -> Option<usize> {
     let sample = &text[..text.len().min(1 << 16)];
-    names_at(&String::from_utf8_lossy(sample).lines().collect::<Vec<&str>>()).is_some()
+    names_at(&String::from_utf8_lossy(sample).lines().collect::<Vec<&str>>())
 }
 
 /// Returns the index of the line with the names of the columns.
 fn names_at(lines: &[&str]) -> Option<usize> {
-    let names = |place: &usize| are_names(lines[*place], lines.get(place + 1..).unwrap_or_default());
-    (0..lines.len().min(MOST_SKIPPED)).find(names)
+    let below = |place: usize| lines.get(place + 1..).unwrap_or_default();
+    let mut places = 0..lines.len().min(MOST_SKIPPED);
+    let named = places.clone().find(|place| are_names(lines[*place], below(*place)));
+    named.or_else(|| places.find(|place| are_names_after_index(lines[*place], below(*place))))
+}
+
+/// Returns whether a line contains the names of the columns after an index without a name, and the next line begins with
+/// a date and time.
+fn are_names_after_index(line: &str, next: &[&str]) -> bool {
+    let separator = Dialect::of(line, None).separator();
+    let found = cells(line, separator);
+    let Some(("", names)) = found.split_first().map(|(first, names)| (*first, names)) else { return false };
+    let Some(row) = next.iter().find(|line| !line.trim().is_empty()) else { return false };
+    let row = cells(row, separator);
+    !names.is_empty()
+        && names.iter().all(|name| !name.is_empty() && !is_value(name))
+        && row.len() == found.len()
+        && is_clock(row[0])
+}
+
+/// Returns whether a cell is a date and time, or a time of a day.
+fn is_clock(cell: &str) -> bool {
+    cell.contains(':') && is_value(cell)
 }
 
 /// Returns whether a line contains the names of the columns. One of them is a time, none is a value, and one of the next
@@ -159,6 +201,8 @@ mod tests {
             ),
             ("time\tbed\n[s]\t[°C]\n0\t20\n", (0, 1, "s|°C")),
             ("when,bed\n0,20\n", (0, 0, "|")),
+            ("Hall 3\n,bed,air\n2026-01-05 06:00:00,20,20\n", (1, 0, "||")),
+            (",Temperatures,\nZeit,bed,air\n06:00:00,20,20\n", (1, 0, "||")),
             ("Datum;Montag\nBediener;Meier\nZeit;bed;air\ns;°C;°C\n0;20;20\n", (2, 1, "s|°C|°C")),
             ("time,bed\n\ns,°C\n0,20\n", (0, 2, "s|°C")),
             ("Logger\ntime,bed\n", (1, 0, "|")),

@@ -66,6 +66,8 @@ pub(super) struct Found {
     pub(super) sentinels: Vec<usize>,
     /// Jumps that return after a few rows, in a column of displacements.
     pub(super) jumps: Vec<usize>,
+    /// First row after each jump that does not return, in a column of displacements. Its values are used.
+    pub(super) lasting: Vec<usize>,
 }
 
 /// Finds the implausible values of a column.
@@ -91,7 +93,7 @@ pub(super) fn find(tested: &Tested<'_>) -> Found {
         }
     }
     if kind == Kind::Displacement {
-        found.jumps = jumps(tested, &found.sentinels, usual);
+        (found.jumps, found.lasting) = jumps(tested, &found.sentinels, usual);
     }
     found
 }
@@ -142,29 +144,45 @@ fn steps(values: &[f64], good: &[usize]) -> (f64, f64) {
     (smallest.unwrap_or(0.0), steps.get(steps.len() * 9 / 10).copied().unwrap_or(0.0))
 }
 
-/// Returns the rows of jumps that return within a few rows while the machine does not move.
-fn jumps(tested: &Tested<'_>, sentinels: &[usize], usual: f64) -> Vec<usize> {
+/// Returns the rows of jumps that return within a few rows while the machine does not move, and the first row after each
+/// jump from one row to the next that does not return.
+fn jumps(tested: &Tested<'_>, sentinels: &[usize], usual: f64) -> (Vec<usize>, Vec<usize>) {
     let Tested { times, values, moved, .. } = *tested;
     let least = f64::max(JUMP.0, JUMP.1 * usual);
     let is_used = |row: &usize| values[*row].is_finite() && sentinels.binary_search(row).is_err();
     let rows: Vec<usize> = (0..values.len()).filter(is_used).collect();
-    let (mut found, mut place) = (Vec::new(), 1);
+    let (mut found, mut lasting, mut place) = (Vec::new(), Vec::new(), 1);
     while place < rows.len() {
-        let before = values[rows[place - 1]];
-        let step = (values[rows[place]] - before).abs();
+        let (before, value) = (values[rows[place - 1]], values[rows[place]]);
+        let step = (value - before).abs();
+        let stays = || {
+            let next = &rows[place + 1..rows.len().min(place + 1 + SHORT)];
+            // A fast movement over several rows is no jump.
+            let was_steady = place < 2 || (before - values[rows[place - 2]]).abs() < 0.3 * step;
+            was_steady
+                && next.len() == SHORT
+                && next.iter().all(|row| (values[*row] - value).abs() < 0.3 * step)
+                && times[rows[place]].since(times[rows[place - 1]]) <= BRIDGED
+        };
         let back = (place + 1..rows.len().min(place + 1 + SHORT)).find(|back| {
             let is_back = (values[rows[*back]] - before).abs() < 0.3 * step;
             is_back && times[rows[*back]].since(times[rows[place - 1]]) <= NEAR
         });
-        match back.filter(|_| step > least && !moved(rows[place - 1], rows[place])) {
+        let is_jump = step > least && !moved(rows[place - 1], rows[place]);
+        match back.filter(|_| is_jump) {
             Some(back) => {
                 found.extend(&rows[place..back]);
                 place = back + 1;
             }
-            None => place += 1,
+            None => {
+                if is_jump && stays() {
+                    lasting.push(rows[place]);
+                }
+                place += 1;
+            }
         }
     }
-    found
+    (found, lasting)
 }
 
 /// Implausible values of a column in one run.
@@ -187,7 +205,8 @@ pub(super) fn leave_out(
     kind: &dyn Fn(&str, &[f64]) -> Kind,
 ) -> (Vec<String>, Vec<Refusal>) {
     let (mut remarks, mut refused) = (Vec::new(), Vec::new());
-    let found = wrong(table, runs, kind);
+    let (found, lasting) = wrong(table, runs, kind);
+    remarks.extend(lasting);
     let Table { columns, times, .. } = table;
     for Wrong { place, run, rows, text, is_bridged, are_too_many } in found {
         let (name, Cells::Numbers(values)) = &mut columns[place] else { continue };
@@ -209,8 +228,13 @@ pub(super) fn leave_out(
     (remarks, refused)
 }
 
-/// Returns the implausible values of each column and run.
-fn wrong(table: &Table, runs: &[Range<usize>], kind: &dyn Fn(&str, &[f64]) -> Kind) -> Vec<Wrong> {
+/// Returns the implausible values of each column and run, and a remark about each column whose values jump and do not
+/// return.
+fn wrong(
+    table: &Table,
+    runs: &[Range<usize>],
+    kind: &dyn Fn(&str, &[f64]) -> Kind,
+) -> (Vec<Wrong>, Vec<String>) {
     let numbers = table.columns.iter().enumerate().filter_map(|(place, (name, cells))| match cells {
         // The gateway has tested its touches.
         Cells::Numbers(values) if !table.acted.contains(name) && !is_of_touches(name, &table.acted) => {
@@ -231,7 +255,7 @@ fn wrong(table: &Table, runs: &[Range<usize>], kind: &dyn Fn(&str, &[f64]) -> Ki
     // The rows are ascending.
     let failed: Vec<Vec<usize>> =
         numbers.iter().map(|(_, name, ..)| table.failed_rows(name).collect()).collect();
-    let mut found = Vec::new();
+    let (mut found, mut remarks) = (Vec::new(), Vec::new());
     for run in runs {
         let least = |(values, least): &(&[f64], f64)| f64::max(*least, MOVED * range(&values[run.clone()]));
         let steps: Vec<f64> = movers.iter().map(least).collect();
@@ -248,7 +272,7 @@ fn wrong(table: &Table, runs: &[Range<usize>], kind: &dyn Fn(&str, &[f64]) -> Ki
             }
             let conversion = table.conversions.get(name).copied().unwrap_or_default();
             let (times, own) = (&table.times[run.clone()], &values[run.clone()]);
-            let Found { sentinels, jumps } =
+            let Found { sentinels, jumps, lasting } =
                 find(&Tested { kind, times, values: own, conversion, moved: &moved });
             let mut rows: BTreeSet<usize> = sentinels.into_iter().map(|row| row + run.start).collect();
             rows.extend(failed.iter().copied());
@@ -256,6 +280,9 @@ fn wrong(table: &Table, runs: &[Range<usize>], kind: &dyn Fn(&str, &[f64]) -> Ki
             let are_too_many = count(rows.len()) / all > MOST;
             if !are_too_many && count(jumps.len()) / all <= MOST {
                 rows.extend(jumps.into_iter().map(|row| row + run.start));
+            }
+            if let Some(first) = lasting.first() {
+                remarks.push(lasting_jump(table, name, run.start + first, lasting.len()));
             }
             if rows.is_empty() {
                 continue;
@@ -265,7 +292,19 @@ fn wrong(table: &Table, runs: &[Range<usize>], kind: &dyn Fn(&str, &[f64]) -> Ki
             found.push(Wrong { place, run: run.clone(), rows, text, is_bridged, are_too_many });
         }
     }
-    found
+    (found, remarks)
+}
+
+/// Returns the remark about the jumps of a column that do not return. `first` is the row after the first of them.
+fn lasting_jump(table: &Table, name: &str, first: usize, jumps: usize) -> String {
+    let more = if jumps > 1 { format!(", and jumps {} more times", jumps - 1) } else { String::new() };
+    format!(
+        "{}, {} {}, column {name}: the value jumps from one row to the next, and stays there{more}. No machine moves so. If \
+         the probe was moved or set to zero, split the log there",
+        table.file.display(),
+        table.row,
+        table.lines.of(first)
+    )
 }
 
 /// Returns the text that names the rows of a column, with the first value.
@@ -389,7 +428,7 @@ mod tests {
         let mut speeds = vec![3000.0; 100];
         speeds[40] = 65_535.0;
         speeds[60..80].fill(0.0);
-        assert_eq!(found(Kind::Speed, &speeds), Found { sentinels: vec![40], jumps: Vec::new() });
+        assert_eq!(found(Kind::Speed, &speeds), Found { sentinels: vec![40], ..Found::default() });
     }
 
     #[test]
@@ -436,11 +475,23 @@ mod tests {
     }
 
     #[test]
+    fn a_jump_that_stays_is_found_and_its_values_are_kept() {
+        let mut values = drift();
+        values[100..].iter_mut().for_each(|value| *value -= 300.0);
+        assert_eq!(found(Kind::Displacement, &values), Found { lasting: vec![100], ..Found::default() });
+        assert_eq!(found(Kind::Position, &values), Found::default());
+        let mut slow = drift();
+        (100..110u32).for_each(|row| slow[row as usize] -= 30.0 * f64::from(row - 99));
+        slow[110..].iter_mut().for_each(|value| *value -= 300.0);
+        assert_eq!(found(Kind::Displacement, &slow).lasting, Vec::<usize>::new(), "it moves over ten rows");
+    }
+
+    #[test]
     fn a_jump_that_returns_is_found_in_displacements_only() {
         let mut values = drift();
         values[50] = 180.0;
         values[51] = 181.0;
-        assert_eq!(found(Kind::Displacement, &values), Found { sentinels: Vec::new(), jumps: vec![50, 51] });
+        assert_eq!(found(Kind::Displacement, &values), Found { jumps: vec![50, 51], ..Found::default() });
         assert_eq!(found(Kind::Other, &values), Found::default());
     }
 }

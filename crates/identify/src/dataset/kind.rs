@@ -62,7 +62,7 @@ impl Kind {
         if let Some(kind) = unit.and_then(of_unit) {
             return Some(kind);
         }
-        let name = name.to_ascii_lowercase();
+        let name = name.to_lowercase();
         // A slope has the kind `Other`, whatever its last word is.
         if name.contains("_per_") {
             return Some(Kind::Other);
@@ -101,7 +101,7 @@ pub(super) fn is_suspicious(kind: Kind, value: f64) -> bool {
 }
 
 /// Words in the names of quantities whose values may look like temperatures.
-const OTHER_QUANTITIES: [&str; 22] = [
+const OTHER_QUANTITIES: [&str; 45] = [
     "humidity",
     "rh",
     "feuchte",
@@ -124,6 +124,34 @@ const OTHER_QUANTITIES: [&str; 22] = [
     "vibration",
     "battery",
     "record",
+    "luftfeuchtigkeit",
+    "feuchtigkeit",
+    "humidité",
+    "humedad",
+    "luftdruck",
+    "öldruck",
+    "hydraulikdruck",
+    "pression",
+    "presión",
+    "volumenstrom",
+    "füllstand",
+    "débit",
+    "caudal",
+    "energy",
+    "energie",
+    "frequency",
+    "frequenz",
+    "conductivity",
+    "leitfähigkeit",
+    "weight",
+    "gewicht",
+    "batt",
+    "rssi",
+];
+/// Whole names of counters and of quantities with short names, whose values may look like temperatures.
+const OTHER_NAMES: [&str; 18] = [
+    "scan", "index", "no", "no.", "nr", "nr.", "number", "nummer", "#", "id", "count", "counter", "zähler",
+    "row", "zeile", "ms", "ph", "co2",
 ];
 
 /// Returns whether a word of the name is another quantity than a temperature, a length or a speed. A word for a
@@ -131,7 +159,8 @@ const OTHER_QUANTITIES: [&str; 22] = [
 fn names_another_quantity(name: &str) -> bool {
     let words = || name.split(|letter: char| !letter.is_alphabetic());
     let is_temperature = words().any(|word| word.starts_with("temp"));
-    !is_temperature && words().any(|word| OTHER_QUANTITIES.contains(&word))
+    OTHER_NAMES.contains(&name.trim())
+        || (!is_temperature && words().any(|word| OTHER_QUANTITIES.contains(&word)))
 }
 
 fn of_unit(unit: &str) -> Option<Kind> {

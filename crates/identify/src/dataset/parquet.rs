@@ -112,7 +112,15 @@ enum Stopped {
 
 impl From<ParquetError> for Stopped {
     fn from(why: ParquetError) -> Stopped {
-        Stopped::Wrong(why.to_string())
+        let why = why.to_string();
+        let missing = why.rsplit_once("Disabled feature at compile time: ");
+        Stopped::Wrong(match missing {
+            Some((_, compression)) => format!(
+                "the compression {compression} is not supported: write the file with the compression Snappy, Zstandard or \
+                 gzip"
+            ),
+            None => why,
+        })
     }
 }
 

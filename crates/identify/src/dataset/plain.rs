@@ -8,7 +8,7 @@ use super::formats::read_table;
 use super::table::Cells;
 use super::tidy::Tidy;
 use super::{BadLog, Split, Uses, decode, files, head};
-use isotherm_core::quantity::{Dialect, time};
+use isotherm_core::quantity::{Dialect, TimeColumns, time};
 
 /// Number of bytes in which the names of the columns are searched, as in [`head::start`].
 const LONGEST_HEAD: u64 = 1 << 16;
@@ -63,17 +63,20 @@ fn plain_csv(input: impl Read + 'static, split: &Split) -> io::Result<Option<Pla
     let separator = Dialect::of(&header, None).separator();
     let owned =
         |line: &str| head::cells(line, separator).into_iter().map(str::to_owned).collect::<Vec<String>>();
-    if Tidy::find(&owned(&header), split).is_some() {
+    let names = head.with_time(owned(&header), separator);
+    if Tidy::find(&names, split).is_some() {
         return Ok(None);
     }
+    let has_index =
+        TimeColumns::find(&owned(&header), None).is_none() && names.iter().any(|name| name == "time");
     let first_rows = head.rows.iter().map(|line| owned(line)).collect();
-    if head.after > 0 || head::uncommented(&header) != header {
+    if head.after > 0 || has_index || head::uncommented(&header) != header {
         let mut unused = Vec::new();
         for _ in 0..head.after {
             unused.clear();
             rest.by_ref().take(LONGEST_HEAD).read_until(b'\n', &mut unused)?;
         }
-        line = with_units(&owned(&header), &head.units, separator);
+        line = with_units(&names, &head.units, separator);
     }
     let input = Box::new(Cursor::new(line).chain(rest));
     Ok(Some(PlainLog { input, is_csv: true, first_rows, left_out }))
@@ -147,6 +150,8 @@ mod tests {
         let wide: Vec<u8> = "time,bed\n0,20\n".encode_utf16().flat_map(u16::to_le_bytes).collect();
         plain(&wide, "time,bed\n0,20\n", [0, 0]);
         plain(b"# logger\n# time,bed\n0,20\n", "\"time\",\"bed\"\n0,20\n", [1, 0]);
+        plain(b",bed\n2026-01-05 06:00:00,20\n", "\"time\",\"bed\"\n2026-01-05 06:00:00,20\n", [0, 0]);
+        plain(b",bed\n0,20\n", ",bed\n0,20\n", [0, 0]);
         plain(b"", "", [0, 0]);
     }
 

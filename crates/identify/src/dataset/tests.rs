@@ -73,7 +73,10 @@ fn missing_cells_are_missing_and_decimal_commas_are_reported() {
     let found = read("time,t1\n0,\n60,NaN\n120,20.5\n", &Split::default()).unwrap();
     assert!(found.runs[0].values[0][0].is_nan() && found.runs[0].values[0][1].is_nan());
     let reported = read("time,t1\n0,20\n60,\"20,5\"\n", &Split::default()).unwrap_err().to_string();
-    assert_eq!(reported, "day.csv, line 3, column t1: `20,5` has a decimal comma; write 20.5");
+    assert_eq!(
+        reported,
+        "day.csv, line 3, column t1: `20,5` has a decimal comma; state --decimal comma, or write 20.5"
+    );
     let found = read("time;t1\n0;\n;\n60;20,5\n;\n;\n", &Split::default()).unwrap();
     assert!(found.runs[0].values[0][0].is_nan() && found.runs[0].values[0][1..] == [20.5]);
     let reported = read("t1,t2\n0,20\n", &Split::default()).unwrap_err().to_string();
@@ -277,11 +280,57 @@ fn a_wrong_time_in_every_row_is_one_mistake() {
 }
 
 #[test]
+fn the_cells_of_comments_may_be_missing_at_the_end_of_a_row() {
+    let found = read("X_Value\tbed\tComment\n0\t20\n60\t21\tdoor open\n", &Split::default()).unwrap();
+    assert_eq!(found.column("bed").map(|place| found.runs[0].values[place].clone()), Some(vec![20.0, 21.0]));
+    assert!(read("time\tbed\tair\n0\t20\n", &Split::default()).is_err());
+}
+
+#[test]
+fn dates_under_an_empty_first_name_are_the_time() {
+    let split = Split { zone: Some(jiff::tz::TimeZone::UTC), ..Split::default() };
+    let found = read(",bed\n2026-01-05 06:00:00,20\n2026-01-05 06:01:00,21\n", &split).unwrap();
+    assert_eq!(found.runs[0].values, [[20.0, 21.0]]);
+    assert_eq!(found.runs[0].lasts(), Duration::from_secs(60));
+    let said = read(",bed\n0,20\n1,21\n", &split).unwrap_err().to_string();
+    assert!(said.contains("there is no column time"), "{said}");
+}
+
+#[test]
 fn other_quantities_are_no_temperatures() {
     let log = "time,bed,humidity,oil_pressure,air [%],temp_of_pressure_valve\n0,20,45,39,45,30\n60,20,46,40,46,31\n";
     let kinds: Vec<Kind> =
         read(log, &Split::default()).unwrap().columns.iter().map(|column| column.kind).collect();
     assert_eq!(kinds, [Kind::Temperature, Kind::Other, Kind::Other, Kind::Other, Kind::Temperature]);
+    // Their values are those of temperatures.
+    for header in [
+        "CO2 [ppm]",
+        "Torque (Nm)",
+        "Salt [µS/cm]",
+        "Level [dB]",
+        "Light [lux]",
+        "Weight [kg]",
+        "Energy [kWh]",
+        "P1 [MPa]",
+        "Freq [kHz]",
+        "Strain [µm/m]",
+        "Coil [Ω]",
+        "Wind [km/h]",
+        "accel [g]",
+        "Luftdruck",
+        "Öldruck",
+        "Scan",
+        "No.",
+        "pH",
+        "Füllstand",
+    ] {
+        let found = read(&format!("time,{header}\n0,20.5\n60,21\n"), &Split::default()).unwrap();
+        assert_eq!(found.columns[0].kind, Kind::Other, "{header}");
+    }
+    for header in ["coolant in", "bed (front)", "Kanal 1", "bearing A", "part"] {
+        let found = read(&format!("time,{header}\n0,20.5\n60,21\n"), &Split::default()).unwrap();
+        assert_eq!(found.columns[0].kind, Kind::Temperature, "{header}");
+    }
 }
 
 #[test]
@@ -365,16 +414,19 @@ mod of_parquet {
             "required double time; required double t1; required double t2; required binary part (UTF8);";
         let rows = 20_000;
         let (_directory, path) = file(columns, |group| {
-            let each: Vec<f64> = (0..rows).map(f64::from).collect();
-            column::<DoubleType>(group, &each, None);
-            column::<DoubleType>(group, &each, None);
-            column::<DoubleType>(group, &vec![20.0; each.len()], None);
-            column::<ByteArrayType>(group, &vec![ByteArray::from("A"); each.len()], None);
+            let times: Vec<f64> = (0..rows).map(f64::from).collect();
+            column::<DoubleType>(group, &times, None);
+            column::<DoubleType>(group, &times.iter().map(|time| time / 1000.0).collect::<Vec<f64>>(), None);
+            column::<DoubleType>(group, &vec![20.0; times.len()], None);
+            column::<ByteArrayType>(group, &vec![ByteArray::from("A"); times.len()], None);
         });
         let found = Dataset::read(&[path], &Split::default(), &|_| None, &|name| name == "t1").unwrap();
         assert_eq!(found.names(), ["t1", "t2"]);
         assert_eq!(found.unread, [Column { name: "t2".to_owned(), kind: Kind::Temperature }]);
-        assert_eq!(found.runs[0].values, [(0..rows).map(f64::from).collect::<Vec<f64>>()]);
+        assert_eq!(
+            found.runs[0].values,
+            [(0..rows).map(|row| f64::from(row) / 1000.0).collect::<Vec<f64>>()]
+        );
     }
 
     /// Writes a file with the column `time` of this type, in nanoseconds, and the column `t1`. An empty row group
@@ -450,7 +502,7 @@ mod of_parquet {
             Dataset::read(&[path], &Split::default(), &|_| None, &every_column).unwrap_err().to_string();
         assert!(said.contains("day.parquet, row 2, column time: `later`"), "{said}");
         assert!(
-            said.contains("day.parquet, row 3, column t1: `22,5` has a decimal comma; write 22.5"),
+            said.contains("day.parquet, row 3, column t1: `22,5` has a decimal comma; state --decimal comma, or write 22.5"),
             "{said}"
         );
         assert!(!said.contains("line"), "{said}");

@@ -15,7 +15,7 @@ use isotherm_profile::safe_file::{Lines, quoted};
 const MOST_VALUES: usize = 5_000_000;
 
 /// Names of a column with the names of the sensors.
-const SENSORS: [&str; 15] = [
+const SENSORS: [&str; 16] = [
     "sensor",
     "sensors",
     "sensor_id",
@@ -31,9 +31,10 @@ const SENSORS: [&str; 15] = [
     "messstelle",
     "sensorname",
     "measurement",
+    "_field",
 ];
 /// Names of a column with the values.
-const VALUES: [&str; 5] = ["value", "values", "wert", "messwert", "reading"];
+const VALUES: [&str; 6] = ["value", "values", "wert", "messwert", "reading", "_value"];
 /// Names of a column with the units.
 const UNITS: [&str; 4] = ["unit", "units", "einheit", "uom"];
 

@@ -1,12 +1,12 @@
 //! Units that a log states, in the words of a profile.
 
-use isotherm_core::quantity::Conversion;
+use isotherm_core::quantity::{Conversion, spelled};
 
 /// Returns the unit of a column in the words of a profile, after the conversion of its values; `None` if the unit is not
 /// known.
 pub(super) fn of_profile(name: &str, unit: &str) -> Option<&'static str> {
     let is_in_um = name.to_ascii_lowercase().ends_with("_um");
-    Some(match unit.to_lowercase().as_str() {
+    Some(match spelled(unit).as_str() {
         "mm" | "nm" if is_in_um => "um",
         "°c" | "℃" | "degc" | "deg c" | "c" | "celsius" | "°f" | "℉" | "degf" | "deg f" | "f"
         | "fahrenheit" | "k" | "kelvin" => "degC",
@@ -26,8 +26,7 @@ pub(super) fn are_alike(name: &str, unit: &str, other: &str) -> bool {
     // All units of other quantities have one word.
     let word = of_profile(name, unit).filter(|word| *word != "percent");
     let is_known = word.is_some() && of_profile(name, other) == word;
-    (is_known && Conversion::of(name, unit) == Conversion::of(name, other))
-        || unit.to_lowercase() == other.to_lowercase()
+    (is_known && Conversion::of(name, unit) == Conversion::of(name, other)) || spelled(unit) == spelled(other)
 }
 
 #[cfg(test)]
@@ -36,7 +35,8 @@ mod tests {
 
     #[test]
     fn units_of_one_column_may_differ_in_spelling_only() {
-        for (unit, other) in [("°C", "degC"), ("µm", "um"), ("1/min", "rpm"), ("Bar", "bar")] {
+        for (unit, other) in [("°C", "degC"), ("°C", "ºC"), ("µm", "um"), ("1/min", "rpm"), ("Bar", "bar")]
+        {
             assert!(are_alike("a", unit, other), "{unit} {other}");
         }
         for (unit, other) in [("°C", "°F"), ("µm", "mm"), ("m/min", "mm/min"), ("bar", "mbar"), ("°C", "K")]

@@ -9,7 +9,7 @@
 use std::io::Cursor;
 use std::path::Path;
 
-use calamine::{DataRef, ExcelDateTime, Reader, Xlsx};
+use calamine::{DataRef, ExcelDateTime, Reader, SheetType, Xlsx};
 
 use super::table::Table;
 use super::{BadLog, Split, Uses, csv, files, head};
@@ -33,22 +33,33 @@ pub(super) fn read(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, 
     let bytes = safe_file::read(file, LARGEST).map_err(|why| files::cannot_be_read(file, &why))?;
     zip::check(&bytes).map_err(refused)?;
     let failed = "this is no readable workbook: the reader failed; save the sheet as CSV";
-    let text = beyond(|| log_of(bytes)).unwrap_or_else(|_| Err(failed.to_owned())).map_err(refused)?;
-    // Numbers of a workbook are written with points below.
-    let split = Split { decimal: split.decimal.or(Some(DecimalMark::Point)), ..split.clone() };
+    // The decimal mark that the operator has stated is that of numbers that are texts in the sheet.
+    let stated = split.decimal;
+    let text =
+        beyond(|| log_of(bytes, stated)).unwrap_or_else(|_| Err(failed.to_owned())).map_err(refused)?;
+    let split = Split { decimal: stated.or(Some(DecimalMark::Point)), ..split.clone() };
     csv::from_text(file, text.as_slice(), &split, uses)
 }
 
 /// Returns the sheet that has a time column, as CSV.
-fn log_of(bytes: Vec<u8>) -> Result<Vec<u8>, String> {
+fn log_of(bytes: Vec<u8>, stated: Option<DecimalMark>) -> Result<Vec<u8>, String> {
     let mut book = Xlsx::new(Cursor::new(bytes)).map_err(|why| format!("this is no workbook: {why}"))?;
-    let names = book.sheet_names();
+    // Sheets with a chart or with macros have no cells.
+    let has_cells = |sheet: &&calamine::Sheet| sheet.typ == SheetType::WorkSheet;
+    let names: Vec<String> =
+        book.sheets_metadata().iter().filter(has_cells).map(|sheet| sheet.name.clone()).collect();
     let mut found: Vec<(&str, Vec<u8>)> = Vec::new();
     for name in &names {
-        let text = sheet(&mut book, name).map_err(|why| format!("sheet {name}: {why}"))?;
-        if head::has_names(&text) {
-            found.push((name.as_str(), text));
+        let (text, unclear) = sheet(&mut book, name, stated).map_err(|why| format!("sheet {name}: {why}"))?;
+        let Some(line) = head::line_of_names(&text) else { continue };
+        if let Some((row, number)) = unclear.filter(|(row, _)| *row as usize > line) {
+            return Err(format!(
+                "sheet {name}, line {}: the text `{number}` is a number with a decimal comma, or in thousands. State the \
+                 decimal mark with --decimal comma or --decimal point",
+                row + 1
+            ));
         }
+        found.push((name.as_str(), text));
     }
     match found.as_slice() {
         [] => Err(format!(
@@ -63,16 +74,31 @@ fn log_of(bytes: Vec<u8>) -> Result<Vec<u8>, String> {
     }
 }
 
-/// Returns the cells of a sheet as CSV with tabs. Each row of the sheet is one line.
-fn sheet(book: &mut Xlsx<Cursor<Vec<u8>>>, name: &str) -> Result<Vec<u8>, String> {
+/// Text with a number that can be read in two ways, and its row.
+type Unclear = (u32, String);
+
+/// Returns the cells of a sheet as CSV with tabs. Each row of the sheet is one line. Also returns the last text that is a
+/// number with two readings, if no decimal mark was stated.
+fn sheet(
+    book: &mut Xlsx<Cursor<Vec<u8>>>,
+    name: &str,
+    stated: Option<DecimalMark>,
+) -> Result<(Vec<u8>, Option<Unclear>), String> {
+    let mark = stated.unwrap_or(DecimalMark::Point);
+    let mut unclear = None;
     let mut cells = book.worksheet_cells_reader(name).map_err(|why| why.to_string())?;
     let mut lines = Lines::default();
     while let Some(cell) = cells.next_cell().map_err(|why| why.to_string())? {
         lines.go_to(cell.get_position())?;
-        lines.text.extend_from_slice(text(cell.get_value()).as_bytes());
+        let text = text(cell.get_value(), mark);
+        let is_text = matches!(cell.get_value(), DataRef::String(_) | DataRef::SharedString(_));
+        if is_text && stated.is_none() && has_two_readings(&text) {
+            unclear = Some((cell.get_position().0, text.trim_matches('"').to_owned()));
+        }
+        lines.text.extend_from_slice(text.as_bytes());
     }
     lines.end();
-    Ok(lines.text)
+    Ok((lines.text, unclear))
 }
 
 /// CSV that is being written.
@@ -123,11 +149,12 @@ impl Lines {
     }
 }
 
-/// Returns a cell as it is written in CSV.
-fn text(value: &DataRef<'_>) -> String {
+/// Returns a cell as it is written in CSV with this decimal mark.
+fn text(value: &DataRef<'_>, mark: DecimalMark) -> String {
     match value {
         DataRef::Empty => String::new(),
         DataRef::Int(value) => value.to_string(),
+        DataRef::Float(value) if mark == DecimalMark::Comma => value.to_string().replace('.', ","),
         DataRef::Float(value) => value.to_string(),
         DataRef::Bool(value) => value.to_string(),
         DataRef::String(text) => quoted(text),
@@ -136,6 +163,21 @@ fn text(value: &DataRef<'_>) -> String {
         DataRef::DateTimeIso(text) | DataRef::DurationIso(text) => quoted(text),
         DataRef::Error(error) => error.to_string(),
     }
+}
+
+/// Returns whether a text is a number whose comma is a decimal mark or separates thousands: `1,020`, `21,250 °C`.
+fn has_two_readings(text: &str) -> bool {
+    let number = text.trim_start_matches(['"', '+', '-', ' ']);
+    let end = number.find(|sign: char| !sign.is_ascii_digit() && !matches!(sign, ',' | '.'));
+    let is_digits = |part: &str| part.bytes().all(|byte| byte.is_ascii_digit());
+    let parts = number[..end.unwrap_or(number.len())].split_once(',');
+    parts.is_some_and(|(whole, rest)| {
+        (1..=3).contains(&whole.len())
+            && !whole.starts_with('0')
+            && is_digits(whole)
+            && rest.len() == 3
+            && is_digits(rest)
+    })
 }
 
 fn quoted(text: &str) -> String {
@@ -225,6 +267,57 @@ mod tests {
         assert!(found.numbers("z_error_um").is_some_and(|values| values[1].is_nan()));
         assert_eq!(found.times[1].since(found.times[0]), std::time::Duration::from_secs(6 * 3600));
         assert_eq!(found.lines.of(0), 5);
+    }
+
+    #[test]
+    fn the_stated_decimal_mark_is_that_of_texts() {
+        let rows = [
+            row(1, &["time", "bed", "air"]),
+            row(2, &["0.5", "20.125", "21,250"]),
+            row(3, &["60.5", "20", "22,5"]),
+        ];
+        let (_directory, path) = workbook(&rows.concat());
+        let comma = Split { decimal: Some(DecimalMark::Comma), ..Split::default() };
+        let found = read(&path, &comma, &every_column).unwrap();
+        assert_eq!(found.numbers("bed"), Some(&[20.125, 20.0][..]));
+        assert_eq!(found.numbers("air"), Some(&[21.25, 22.5][..]));
+        assert_eq!(found.times[0].as_nanos(), 500_000_000);
+        let said = read(&path, &Split::default(), &every_column).unwrap_err().to_string();
+        assert!(said.contains("line 2") && said.contains("21,250") && said.contains("--decimal"), "{said}");
+        let mark =
+            [("1,020", true), ("-21,250 °C", true), ("21,25", false), ("0,250", false), ("1,020.5", false)];
+        for (text, expected) in mark {
+            assert_eq!(has_two_readings(text), expected, "{text}");
+        }
+    }
+
+    #[test]
+    fn a_sheet_with_a_chart_is_no_log() {
+        let sheet = format!(
+            "<?xml version=\"1.0\"?><worksheet xmlns=\"http://schemas.openxmlformats.org/spreadsheetml/2006/main\"><sheetData>{}{}</sheetData></worksheet>",
+            row(1, &["time", "bed"]),
+            row(2, &["0", "20.5"])
+        );
+        let book =
+            PARTS[2].1.replace("</sheets>", "<sheet name=\"Chart\" sheetId=\"2\" r:id=\"rId2\"/></sheets>");
+        let relations = PARTS[3].1.replace(
+            "</Relationships>",
+            "<Relationship Id=\"rId2\" Type=\"http://schemas.openxmlformats.org/officeDocument/2006/relationships/chartsheet\" Target=\"chartsheets/sheet1.xml\"/></Relationships>",
+        );
+        let chart = "<?xml version=\"1.0\"?><chartsheet xmlns=\"http://schemas.openxmlformats.org/spreadsheetml/2006/main\"/>";
+        let parts = [
+            PARTS[0],
+            PARTS[1],
+            (PARTS[2].0, book.as_str()),
+            (PARTS[3].0, relations.as_str()),
+            ("xl/worksheets/sheet1.xml", sheet.as_str()),
+            ("xl/chartsheets/sheet1.xml", chart),
+        ];
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("day.xlsx");
+        std::fs::write(&path, zip::tests::stored(parts.into_iter())).unwrap();
+        let found = read(&path, &Split::default(), &every_column).unwrap();
+        assert_eq!(found.numbers("bed"), Some(&[20.5][..]));
     }
 
     #[test]

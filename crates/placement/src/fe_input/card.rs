@@ -254,6 +254,10 @@ impl Gathering<'_> {
         // Comments may have any encoding; everything else is ASCII.
         let text = String::from_utf8_lossy(bytes);
         let text = text.trim_start_matches('\u{feff}');
+        let is_card = |line: &str| line.trim_start().starts_with('*');
+        if !text.trim().is_empty() && !text.lines().any(is_card) {
+            return self.faults.push(Fault::of_file(path, WITHOUT_CARDS));
+        }
         let file: Rc<Path> = Rc::from(path);
         let mut lines = text.lines().enumerate().map(|(at, text)| (at + 1, text.trim())).peekable();
         let first = self.cards.len();
@@ -293,6 +297,10 @@ impl Gathering<'_> {
         }
     }
 }
+
+/// Message about a text that is no FE input file.
+pub(super) const WITHOUT_CARDS: &str = "no line begins with a card such as *NODE, so this is no FE input file. Export the mesh as \
+                                        Abaqus input (.inp) from the program that made it";
 
 /// Keyword of an artificial card at the end of an included file.
 pub(super) const INCLUDED: &str = "INCLUDED";

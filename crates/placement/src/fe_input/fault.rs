@@ -3,6 +3,8 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
+use super::card::WITHOUT_CARDS;
+
 /// One error in an FE input file, with its location.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Fault {
@@ -64,6 +66,12 @@ impl Faults {
 
     pub(super) fn is_empty(&self) -> bool {
         self.described.is_empty()
+    }
+
+    /// Returns whether the only error is that this file has no cards. It may then be a file of any other kind.
+    #[must_use]
+    pub fn is_without_cards(&self, path: &Path) -> bool {
+        matches!(&self.described[..], [only] if only.message == WITHOUT_CARDS && only.file == path)
     }
 }
 

@@ -95,7 +95,13 @@ pub(super) fn read(path: &Path, cards: Vec<Card>, mut faults: Faults) -> Result<
     reader.sort_nodes();
     read(&mut reader, Stage::Elements);
     if reader.mesh.elements.is_empty() && reader.faults.is_empty() {
-        reader.faults.push(Fault::of_file(path, "the file has no elements: does it include its mesh?"));
+        let why = match reader.outlines.is_empty() {
+            true => "the file has no elements: does it include its mesh?",
+            false => {
+                "the file has lines and surfaces, but no tetrahedra: mesh the volume too, with Gmsh by `gmsh -3`"
+            }
+        };
+        reader.faults.push(Fault::of_file(path, why));
     }
     reader.is_spoiled |= reader.faults.len() > before || reader.mesh.elements.is_empty();
     if !reader.is_spoiled {
@@ -161,6 +167,13 @@ fn known<'a>(cards: &'a [Card], faults: &mut Faults) -> Vec<(Stage, &'a Card, Re
             },
         }
     }
+    let ramp = began.filter(|step| step.value("AMPLITUDE").is_some_and(|how| how == "RAMP"));
+    if let Some(step) = ramp.filter(|_| known.iter().any(|(_, card, _)| is_transient(card))) {
+        faults.push(step.fault(
+            "AMPLITUDE=RAMP: the loads would grow during the step, and only constant loads are supported: remove \
+             AMPLITUDE=RAMP if the loads are constant",
+        ));
+    }
     match (began, cards.last()) {
         (None, Some(last)) => faults
             .push(last.fault("the file ends without a step: write *STEP, *HEAT TRANSFER, loads, *END STEP")),
@@ -168,6 +181,12 @@ fn known<'a>(cards: &'a [Card], faults: &mut Faults) -> Vec<(Stage, &'a Card, Re
         _ => {}
     }
     known
+}
+
+/// Returns whether the card begins a calculation over time. In a steady state, only the full loads count.
+fn is_transient(card: &Card) -> bool {
+    let begins = ["HEATTRANSFER", "COUPLEDTEMPERATURE-DISPLACEMENT", "UNCOUPLEDTEMPERATURE-DISPLACEMENT"];
+    begins.contains(&card.key.as_str()) && !card.has("STEADYSTATE")
 }
 
 /// Returns whether the card only removes the loads of an earlier step, of which there is none. PrePoMax writes such

@@ -182,7 +182,7 @@ pub(super) fn set(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
             } else {
                 reader.missed(
                     &line.at,
-                    format!("`{}` is neither a number nor a {what} set above", quoted(text)),
+                    format!("`{}` is no number, and no {what} set above has this name", quoted(text)),
                 );
             }
         }

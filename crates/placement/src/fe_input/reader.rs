@@ -137,11 +137,18 @@ impl Reader {
         faces
     }
 
-    /// Adds an error if a load is defined a second time. `key` identifies the load, and `what` describes it in the
-    /// message.
+    /// Adds an error if a load is defined a second time, once for each line. `key` identifies the load, and `what`
+    /// describes it in the message.
     pub(super) fn once(&mut self, line: &Line, key: (u8, usize, usize), what: impl Fn() -> String) {
-        if let Some(first) = self.once.insert(key, line.at.line) {
-            self.faults.push(line.fault(format!("{} already (line {first}); remove one of them", what())));
+        let Some(first) = self.once.insert(key, line.at.line) else { return };
+        let end = format!(" already (line {first}); remove one of them");
+        let fault = line.fault(format!("{}{end}", what()));
+        // A line for a set repeats the load of each member.
+        let is_repeated = self.faults.described.last().is_some_and(|last| {
+            (&last.file, last.line) == (&fault.file, fault.line) && last.message.ends_with(&end)
+        });
+        if !is_repeated {
+            self.faults.push(fault);
         }
     }
 

@@ -256,6 +256,19 @@ fn what_is_wrong_is_said_with_line_card_and_remedy() {
     let long = FILE.replace("BASE", &"A".repeat(81));
     assert!(said(&long).contains("longer than 80 characters"), "{}", said(&long));
     assert!(said("").contains("the FE input file is empty"));
+    for (text, is_without) in
+        [("[machine]\nname = \"m\"\n", true), ("time,bed\n0,20.1\n", true), ("1, 2\n*NODE\n", false)]
+    {
+        let (_directory, path) = place("case.inp");
+        std::fs::write(&path, text).unwrap();
+        let faults = read(&path).unwrap_err();
+        assert_eq!(faults.is_without_cards(&path), is_without, "{faults}");
+        assert_eq!(
+            faults.to_string().contains("no line begins with a card such as *NODE"),
+            is_without,
+            "{faults}"
+        );
+    }
     assert!(
         read(&PathBuf::from("no_such_file.inp"))
             .unwrap_err()

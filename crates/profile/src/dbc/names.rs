@@ -81,14 +81,22 @@ impl DbcFile {
                 && other.signals.iter().any(|known| known.name == signal.name)
         };
         if let Some(other) = self.dbc.messages.iter().find(is_same) {
-            let what = format!(
-                "messages `{}` and `{}` of the DBC file have the same identifier {} and a signal `{}` each",
-                message.name,
-                other.name,
-                shown(message.id),
-                signal.name
+            // Each signal that both have gives the same error, which is reported once.
+            let is_either = |known: &&Message| known.name == message.name || known.name == other.name;
+            let (first, second) = match self.dbc.messages.iter().find(is_either) {
+                Some(first) if first.name == other.name => (other, message),
+                _ => (message, other),
+            };
+            let at = self.entries().find(|(_, entry)| *entry == Entry::Message(&second.name));
+            let at = at.map(|(line, _)| (line, 1));
+            let message = format!(
+                "messages `{}` and `{}` of the DBC file have the same identifier {} and signals of the same name",
+                first.name,
+                second.name,
+                shown(first.id)
             );
-            return Err(Wrong::about(what, "remove one of the two messages from the DBC file"));
+            let help = "remove one of the two messages from the DBC file".to_owned();
+            return Err(Wrong { at, message, help });
         }
         Ok(signal)
     }

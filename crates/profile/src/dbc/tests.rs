@@ -173,8 +173,10 @@ fn a_name_that_occurs_twice_is_refused_at_its_second_place() {
 fn two_messages_of_one_identifier_are_refused_only_for_a_signal_that_both_have() {
     let same = "\nBO_ 2 Again: 8 Module\n SG_ Slow : 0|8@1+ (1,0) [0|0] \"\" X\n SG_ Own : 8|8@1+ (1,0) [0|0] \"\" X\n";
     for name in ["Top.Slow", "Again.Slow"] {
-        let message = with(same).signal(name, None).unwrap_err().message;
-        assert!(message.contains("the same identifier 0x002 and a signal `Slow` each"), "{message}");
+        let (message, line) = line_of(&with(same), name);
+        let wanted = "messages `Top` and `Again` of the DBC file have the same identifier 0x002 and signals of the same \
+                      name";
+        assert_eq!((message.as_str(), line.as_str()), (wanted, "BO_ 2 Again: 8 Module"));
     }
     assert!(with(same).signal("Top.T_Temp", None).is_ok() && with(same).signal("Again.Own", None).is_ok());
 }
@@ -253,6 +255,23 @@ fn the_frame_format_is_a_word_a_place_in_a_list_or_a_plain_number() {
         assert!(is_fd("15") && is_fd("14") && !is_fd("1"), "{kind}");
     }
     assert!(is_group(&number("STRING ", "\"J1939PG\"")) && is_group(&number("STRING ", "\"3\"")));
+}
+
+#[test]
+fn a_text_that_is_no_dbc_file_is_refused_with_what_is_expected() {
+    for text in ["hello\n", "ID;Frame;Signal\n123h;M;T\n", ";$FILEVERSION=1.1\n;$STARTTIME=43000.1\n"] {
+        let wrong = DbcFile::read(text.as_bytes().to_vec()).unwrap_err();
+        assert!(wrong.help.starts_with("give a DBC file"), "{text}: {}", wrong.help);
+    }
+    for text in ["", "\n\n", "VERSION \"\"\n\nNS_ :\n\nBS_:\n\nBU_: Module\n"] {
+        let wrong = DbcFile::read(text.as_bytes().to_vec()).unwrap().signal("Top.T_Temp", None).unwrap_err();
+        assert_eq!(wrong.message, "the DBC file has no messages", "{text}");
+    }
+    for scaled in ["(0,1,0)", "(NaN,0)"] {
+        let wrong = DbcFile::read(FILE.replace("(0.5,0)", scaled).into_bytes()).unwrap_err();
+        assert_eq!(wrong.at.map(|(line, _)| line), Some(12), "{scaled}");
+        assert!(wrong.help.contains("(0.1,0)") && wrong.help.contains("decimal points"), "{}", wrong.help);
+    }
 }
 
 #[test]

@@ -47,7 +47,11 @@ pub enum FileKind {
     Workbook,
     /// Compressed file (gzip).
     Compressed,
-    /// Recording of a measuring program (MF4 or BLF).
+    /// File compressed by another program (bzip2, xz, zstd or 7-Zip).
+    Packed,
+    /// Table of another program (Feather, HDF5 or MATLAB).
+    OtherTable,
+    /// Recording of a measuring program (MF4, BLF or TDMS).
     Measurement,
     /// PDF document.
     Pdf,
@@ -85,6 +89,28 @@ impl FileKind {
         })
     }
 
+    /// Returns the message about a log whose name ends as that of another format; `None` if the ending is right, or the
+    /// file is none of these logs.
+    pub(super) fn of_another_ending(self, ending: &str) -> Option<&'static str> {
+        let is_one_of = |known: &[&str]| known.iter().any(|known| ending.eq_ignore_ascii_case(known));
+        let (known, message): (&[&str], &'static str) = match self {
+            FileKind::Parquet => (&["parquet"], "this is a Parquet file: let its name end with .parquet"),
+            FileKind::Compressed => {
+                (&["gz"], "this is a file compressed by gzip: let the name of a CSV log end with .csv.gz")
+            }
+            FileKind::Workbook => (
+                &["xlsx", "xlsm", "xls", "xlsb", "ods"],
+                "this is a workbook or an archive: let the name of a workbook end with .xlsx, and extract the log from \
+                 an archive",
+            ),
+            FileKind::Log if is_one_of(&["parquet", "gz", "xlsx", "xlsm", "xls", "xlsb", "ods"]) => {
+                (&[], "this is a log as text: let its name end with .csv")
+            }
+            _ => return None,
+        };
+        (!is_one_of(known)).then_some(message)
+    }
+
     /// Returns the name of the kind, with its article.
     fn noun(self) -> &'static str {
         match self {
@@ -104,11 +130,13 @@ impl FileKind {
             FileKind::Fibex => "a FIBEX file",
             FileKind::Ldf => "an LDF file",
             FileKind::A2l => "an A2L file",
-            FileKind::Mesh => "the mesh of a finite element program",
+            FileKind::Mesh => "the mesh or input file of a finite element program",
             FileKind::Json => "a JSON document",
             FileKind::Workbook => "a workbook (.xlsx, .xls) or another archive",
             FileKind::Compressed => "a compressed file (gzip)",
-            FileKind::Measurement => "a recording of a measuring program (MF4 or BLF)",
+            FileKind::Packed => "a compressed file (bzip2, xz, zstd or 7-Zip)",
+            FileKind::OtherTable => "a table of another program (Feather, HDF5 or MATLAB)",
+            FileKind::Measurement => "a recording of a measuring program (MF4, BLF or TDMS)",
             FileKind::Pdf => "a PDF document",
             FileKind::Html => "a web page",
             FileKind::Xml => "an XML document",
@@ -164,6 +192,10 @@ impl FileKind {
             (FileKind::Fibex, _) => {
                 "convert it with canmatrix (`pip install canmatrix`): `canconvert THIS_FILE module.dbc`"
             }
+            (FileKind::Workbook | FileKind::Json, FileKind::Dbc) => {
+                "if it lists frames, convert it with canmatrix (`pip install canmatrix`): `canconvert THIS_FILE \
+                 module.dbc`"
+            }
             (FileKind::Ldf, _) => "isotherm reads no LIN bus; use a gateway from LIN to CAN or Modbus",
             (FileKind::A2l, _) => "export the frames as a DBC file with the program that wrote this file",
             (FileKind::Mesh, _) => "`isotherm place` reads it",
@@ -171,6 +203,8 @@ impl FileKind {
             (FileKind::Json, _) => "a profile names such a file at its model: file = \"model.json\"",
             (FileKind::Workbook, _) => "a workbook can only contain a log: save its sheet as CSV",
             (FileKind::Compressed, _) => "decompress it with `gunzip`",
+            (FileKind::Packed, _) => "decompress it",
+            (FileKind::OtherTable, _) => "export the table as CSV or Parquet",
             (FileKind::Measurement, _) => "export the recording as CSV",
             (FileKind::Html, _) => {
                 "the page was saved instead of the file: download the file itself, on GitHub with \"Raw\""

@@ -27,7 +27,13 @@ fn each_kind_is_recognised_by_its_content() {
         ("VERSION \"\"\n\nBU_: Module\n\nBO_ 2 Top: 8 Module\n", FileKind::Dbc),
         (EDS, FileKind::Eds),
         ("<?xml version=\"1.0\"?>\n<AUTOSAR xmlns=\"x\">\n", FileKind::Arxml),
+        ("<AR:AUTOSAR xmlns:AR=\"http://autosar.org/schema/r4.0\">\n", FileKind::Arxml),
         ("<NetworkDefinition xmlns=\"http://kayak.2codeornot2code.org/1.0\">\n", FileKind::Kcd),
+        (
+            "<?xml version=\"1.0\"?>\n<!-- from AUTOSAR -->\n<ns0:NetworkDefinition\nxmlns:ns0=\"x\">\n",
+            FileKind::Kcd,
+        ),
+        ("<note about=\"html\">see <b>FIBEX</b></note>\n", FileKind::Xml),
         ("<?xml version=\"1.0\"?><ISO15745ProfileContainer>\n", FileKind::Xdd),
         ("<fx:FIBEX VERSION=\"4\">\n", FileKind::Fibex),
         ("<!DOCTYPE html>\n<title>module.dbc</title>\n", FileKind::Html),
@@ -36,15 +42,45 @@ fn each_kind_is_recognised_by_its_content() {
         ("\nLIN_description_file;\n", FileKind::Ldf),
         ("ASAP2_VERSION 1 60\n/begin PROJECT x\n", FileKind::A2l),
         ("** a deck\n*Node\n1, 0., 0., 0.\n2, 1., 0., 0.\n", FileKind::Mesh),
+        (
+            "** a load case\n*INCLUDE, INPUT=column.inp\n*STEP\n*FILM\nFRONT, F, 26, 0.008\nBACK, F, 22, 0.008\n",
+            FileKind::Mesh,
+        ),
         ("{\"format\": \"isotherm-envelope\"}\n", FileKind::Json),
         ("PAR1\0\0", FileKind::Parquet),
         ("PK\u{3}\u{4}\0", FileKind::Workbook),
         ("MDF     4.10", FileKind::Measurement),
+        ("TDSm", FileKind::Measurement),
+        ("BZh91AY", FileKind::Packed),
+        ("ARROW1\0\0", FileKind::OtherTable),
+        ("MATLAB 5.0 MAT-file, Platform: x", FileKind::OtherTable),
         ("%PDF-1.7", FileKind::Pdf),
     ] {
         assert_eq!(FileKind::of(text.as_bytes()), Some(kind), "{text}");
     }
     assert_eq!(FileKind::of(b"\x1f\x8b\x08"), Some(FileKind::Compressed));
+}
+
+#[test]
+fn a_log_with_the_ending_of_another_format_is_named() {
+    for (kind, ending, says) in [
+        (FileKind::Parquet, "csv", Some(".parquet")),
+        (FileKind::Parquet, "Parquet", None),
+        (FileKind::Compressed, "csv", Some(".csv.gz")),
+        (FileKind::Workbook, "zip", Some(".xlsx")),
+        (FileKind::Workbook, "xls", None),
+        (FileKind::Log, "xls", Some(".csv")),
+        (FileKind::Log, "gz", Some(".csv")),
+        (FileKind::Log, "txt", None),
+        (FileKind::Profile, "csv", None),
+    ] {
+        let said = kind.of_another_ending(ending);
+        assert_eq!(said.is_some(), says.is_some(), "{kind:?} {ending}");
+        assert!(
+            said.is_none_or(|said| says.is_some_and(|says| said.ends_with(says) || said.contains(says))),
+            "{said:?}"
+        );
+    }
 }
 
 #[test]
@@ -55,7 +91,13 @@ fn other_texts_and_bytes_are_no_known_kind() {
         assert_eq!(FileKind::of(text.as_bytes()), None, "{text:?}");
     }
     // The lines above the head of a log may look like another file.
-    for above in ["[DeviceInfo]\nSerial=7\n", "machine=VMC 1\n", "title=Run 5\nsource=channel 1\n"] {
+    for above in [
+        "[DeviceInfo]\nSerial=7\n",
+        "machine=VMC 1\n",
+        "title=Run 5\nsource=channel 1\n",
+        "*** Logger 7 ***\n",
+        "* Logger 7\n",
+    ] {
         let log = format!("{above}Date;Bed\n05.01.2026 06:00:10;20,1\n05.01.2026 06:00:20;20,2\n");
         assert_eq!(FileKind::of(log.as_bytes()), Some(FileKind::Log), "{above}");
     }

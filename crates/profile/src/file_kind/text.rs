@@ -5,13 +5,13 @@ use std::borrow::Cow;
 use super::kind::FileKind;
 use super::table;
 
-/// Elements of XML documents, in the order in which they are searched.
+/// Beginnings of the names of elements in XML documents, in the order in which they are searched.
 const XML: [(&str, FileKind); 5] = [
-    ("<AUTOSAR", FileKind::Arxml),
+    ("AUTOSAR", FileKind::Arxml),
     ("NetworkDefinition", FileKind::Kcd),
     ("FIBEX", FileKind::Fibex),
     ("ISO15745Profile", FileKind::Xdd),
-    ("<html", FileKind::Html),
+    ("html", FileKind::Html),
 ];
 
 /// Beginnings of a line, in the order in which they are searched.
@@ -54,18 +54,35 @@ pub(super) fn wide(bytes: &[u8]) -> Option<String> {
     Some(String::from_utf16_lossy(&units))
 }
 
+/// Returns whether an XML document has an element whose name begins with `name`. The name may have the prefix of a
+/// namespace, such as `AR:AUTOSAR`.
+fn has_element(document: &str, name: &str) -> bool {
+    let tags = document.split('<').skip(1).map(|tag| tag.split([' ', '\t', '\r', '\n', '>', '/']));
+    tags.filter_map(|mut words| words.next()?.rsplit(':').next()).any(|element| element.starts_with(name))
+}
+
+/// Returns whether a line is a card of an FE input file, such as `*STEP`.
+fn is_card(line: &str) -> bool {
+    line.strip_prefix('*').is_some_and(|rest| rest.starts_with(|first: char| first.is_ascii_alphabetic()))
+}
+
 /// Returns the kind of a text that contains a typical line or element.
 pub(super) fn of_marks(text: &str) -> Option<FileKind> {
     let begin = text.trim_start();
     if begin.starts_with('<') {
         let is_page = begin.get(..14).is_some_and(|begin| begin.eq_ignore_ascii_case("<!doctype html"));
-        let found = XML.iter().find(|(element, _)| begin.contains(element)).map(|(_, kind)| *kind);
+        let found = XML.iter().find(|(element, _)| has_element(begin, element)).map(|(_, kind)| *kind);
         return Some(if is_page { FileKind::Html } else { found.unwrap_or(FileKind::Xml) });
     }
     if begin.starts_with('{') {
         return Some(FileKind::Json);
     }
     let lines = || text.lines().map(str::trim);
+    // A load case without its mesh has rows of numbers, as a log has.
+    let first = lines().find(|line| !line.is_empty() && !line.starts_with("**"));
+    if first.is_some_and(is_card) {
+        return Some(FileKind::Mesh);
+    }
     // Some loggers write such a section above the table.
     let is_section = |line: &str| EDS.iter().any(|section| line.eq_ignore_ascii_case(section));
     if lines().any(is_section) && table::of(text).is_none() {

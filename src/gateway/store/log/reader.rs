@@ -13,7 +13,7 @@ use super::columns::{
 };
 use isotherm_core::compensation::{Change, Control, Measured, Permit, Remembered, ReturnTo};
 use isotherm_core::quantity::{
-    Cell, Conversion, DateOrder, DecimalMark, Dialect, Micron, Moment, TimeColumns, TimeUnit,
+    Cell, Conversion, DateOrder, DecimalMark, Dialect, Micron, Moment, TimeColumns, TimeUnit, is_comment,
     names_and_units, time, with_date,
 };
 use isotherm_core::reading::{Reading, Reason};
@@ -74,7 +74,7 @@ impl<'a> From<(&'a str, Option<TimeZone>)> for Recording<'a> {
 pub struct LogRow {
     /// Number of the row's line in the log file.
     pub line: u64,
-    /// Time, as text in the log.
+    /// Time, as text in the log. A number in another unit than seconds is converted to seconds or to a date.
     pub time: String,
     /// Time, as a number.
     pub now: Moment,
@@ -170,6 +170,11 @@ struct AxisColumns {
     worse: Option<usize>,
     preferred: Option<usize>,
 }
+
+/// Size of an error that no machine has, µm. Loggers write such a number if they have no value.
+const NO_ERROR: f64 = 1e6;
+/// Smallest number of seconds since 1970 that is written as a date: that of 1980.
+const FIRST_DATE: u64 = 315_532_800;
 
 /// Maximum number of warnings. Without it, a log with a wrong clock would give one warning for each row.
 const MOST_WARNINGS: usize = 20;
@@ -270,7 +275,7 @@ impl<R: Read> LogReader<R> {
         }
         let line = self.line();
         let (found, wanted) = (self.record.len(), self.names.len());
-        if found != wanted {
+        if !self.fits() {
             if found < wanted && !self.read_record()? {
                 self.warn(format!("line {line}: the last row is incomplete and is left out"));
                 return Ok(None);
@@ -287,6 +292,16 @@ impl<R: Read> LogReader<R> {
         }
         self.last = Some(row.now);
         Ok(Some(row))
+    }
+
+    /// Returns whether the row has a cell for each name. Cells at its end may be missing under empty names and those of
+    /// comments. Empty cells may be more than the names.
+    fn fits(&self) -> bool {
+        let (found, wanted) = (self.record.len(), self.names.len());
+        match found > wanted {
+            true => self.record.iter().skip(wanted).all(|cell| cell.trim().is_empty()),
+            false => self.names[found..].iter().all(|name| name.is_empty() || is_comment(name)),
+        }
     }
 
     fn read_record(&mut self) -> Result<bool, LogError> {
@@ -352,7 +367,8 @@ impl<R: Read> LogReader<R> {
         }
         let now = self.dialect.moment_in(self.columns.time.unit, &time, self.last);
         let now = now.map_err(|message| self.error(line, columns.time, message))?;
-        let mut row = LogRow { line, time, now, ..LogRow::default() };
+        let mut row = LogRow { line, time: in_seconds(time, now), now, ..LogRow::default() };
+        let mut left_out = Vec::new();
         for (place, range) in self.columns.signals.iter().zip(&self.ranges) {
             row.readings.push(reading(self.number(line, *place)?, *range, now));
         }
@@ -362,8 +378,13 @@ impl<R: Read> LogReader<R> {
                 row.preferred.push((axis, change));
             }
             row.controls.push(self.control(line, columns)?);
-            row.errors.push(self.number(line, columns.error)?.filter(|error| error.is_finite()));
+            let error = self.number(line, columns.error)?.filter(|error| error.is_finite());
+            left_out.extend(error.filter(|error| error.abs() >= NO_ERROR));
+            row.errors.push(error.filter(|error| error.abs() < NO_ERROR));
             row.decided.push(self.decided(line, columns)?);
+        }
+        for error in left_out {
+            self.warn(format!("line {line}: an error of {error:e} µm is no measured value and is left out"));
         }
         if let Some((place, text)) = self.filled(self.columns.memory) {
             let remembered = serde_json::from_str(text).map_err(|cause| self.error(line, place, cause))?;
@@ -527,6 +548,22 @@ impl Columns {
             zero: at(ZERO),
         }
     }
+}
+
+/// Returns the text of a time, in which a number counts seconds: a number in another unit is converted. Otherwise, a file
+/// with these times would be read in the wrong unit.
+fn in_seconds(text: String, now: Moment) -> String {
+    let is_number = text.trim().replace(',', ".").parse::<f64>().is_ok();
+    if !is_number || time::parse(&text) == Ok(now) {
+        return text;
+    }
+    let (seconds, nanos) = (now.as_nanos() / 1_000_000_000, now.as_nanos() % 1_000_000_000);
+    if seconds >= FIRST_DATE {
+        let mut date = Vec::new();
+        time::write(&mut date, now);
+        return String::from_utf8_lossy(&date).into_owned();
+    }
+    format!("{seconds}.{nanos:09}").trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
 /// Checks a value as the gateway does. A value outside the sensor's range is rejected, for example −32 °C of a broken

@@ -135,7 +135,7 @@ fn what_cannot_be_read_is_named_with_its_place() {
         ("time,bed,bed\n0,1,1\n", "the column bed occurs twice"),
         (
             "time,bed\n0,1\n5,\"27,5\"\n",
-            "day.csv, line 3, column bed: `27,5` has a decimal comma; write 27.5",
+            "day.csv, line 3, column bed: `27,5` has a decimal comma; state --decimal comma, or write 27.5",
         ),
         (
             "time,bed\n0,27,5\n",
@@ -156,6 +156,40 @@ fn what_cannot_be_read_is_named_with_its_place() {
     let mut reader = LogReader::open(&sample::profile(), latin, ("day.csv", None)).unwrap();
     reader.next_row().unwrap();
     assert!(reader.next_row().unwrap_err().to_string().contains("line 3: this is not text in UTF-8"));
+}
+
+#[test]
+fn the_text_of_a_time_counts_seconds() {
+    for (log, times) in [
+        ("time_min,bed\n0.5,1\n1.5,1\n", ["30", "90"]),
+        ("time,bed\n 0.50,1\n1.5,1\n", ["0.50", "1.5"]),
+        ("time;bed\n0,5;1\n1,25;1\n", ["0.5", "1.25"]),
+        ("time_ms,bed\n1500,1\n1773036000000,1\n", ["1.5", "2026-03-09T06:00:00.000000000Z"]),
+        ("time,bed\n00:00:10,1\n00:01:10,1\n", ["00:00:10", "00:01:10"]),
+    ] {
+        let (rows, _) = rows(log).unwrap();
+        assert_eq!([rows[0].time.as_str(), rows[1].time.as_str()], times, "{log}");
+    }
+}
+
+#[test]
+fn empty_cells_may_be_more_than_the_names_and_those_of_comments_may_be_missing() {
+    let (read, _) = rows("time;bed\n0;20,5;;\n60;21;\n").unwrap();
+    assert_eq!(read.len(), 2);
+    let (read, _) = rows("time,bed,Comment\n0,20\n60,21,door open\n120,22\n").unwrap();
+    assert_eq!(read.len(), 3);
+    assert!(refused("time,bed,wheelhead\n0,20\n60,21,22\n").contains("line 2: the row has 2 cells"));
+}
+
+#[test]
+fn an_error_that_no_machine_has_is_left_out_with_its_line() {
+    let (read, warnings) = rows("time,bed,z_error_um\n0,20,1.5\n60,20,9.9E+37\n120,20,2.5\n").unwrap();
+    let errors: Vec<Option<f64>> = read.iter().map(|row| row.errors[0]).collect();
+    assert_eq!(errors, [Some(1.5), None, Some(2.5)]);
+    assert!(
+        warnings.iter().any(|warning| warning.contains("line 3: an error of 9.9e37 µm is no measured value")),
+        "{warnings:?}"
+    );
 }
 
 #[test]

@@ -48,7 +48,7 @@ fn no_number_with_two_readings_is_read() {
     let said = english().number("1,020").unwrap_err();
     assert!(said.contains("can be 1020 or 1.020") && said.contains("--decimal"), "{said}");
     let said = english().number("12,5").unwrap_err();
-    assert_eq!(said, "`12,5` has a decimal comma; write 12.5");
+    assert_eq!(said, "`12,5` has a decimal comma; state --decimal comma, or write 12.5");
     let mut counted = english();
     assert_eq!(counted.number("1,234,567").as_deref(), Ok("1234567"));
     assert_eq!(counted.number("1,020").as_deref(), Ok("1020"), "the file separates thousands by commas");
@@ -57,7 +57,8 @@ fn no_number_with_two_readings_is_read() {
         (DecimalMark::Comma, "1,020", Ok("1.020")),
         (DecimalMark::Comma, "1.020", Ok("1020")),
         (DecimalMark::Point, "1.020", Ok("1.020")),
-        (DecimalMark::Comma, "20.5", Err("groups of three digits")),
+        (DecimalMark::Comma, "20.5", Err("groups of three digits: is the decimal mark --decimal point?")),
+        (DecimalMark::Point, "20,00", Err("groups of three digits: is the decimal mark --decimal comma?")),
         (DecimalMark::Point, "A,B", Ok("A,B")),
     ] {
         let mut dialect = english().with(Some(stated), None);
@@ -141,6 +142,10 @@ fn times_by_the_clock_on_the_wall_are_those_of_the_zone() {
         ("05.07.2026 06:00:10,250", "2026-07-05T04:00:10.25Z"),
         ("2026-01-05 06:00:10+03:00", "2026-01-05T03:00:10Z"),
         ("2026-01-05T06:00:10Z", "2026-01-05T06:00:10Z"),
+        ("2026-01-05 06:00:10 UTC", "2026-01-05T06:00:10Z"),
+        ("05.07.2026 06:00:10.5 GMT", "2026-07-05T06:00:10.5Z"),
+        ("20260105T060010", "2026-01-05T05:00:10Z"),
+        ("20260105060010", "2026-01-05T05:00:10Z"),
     ] {
         assert_eq!(german().moment(text, None), utc(read), "{text}");
     }
@@ -150,6 +155,8 @@ fn times_by_the_clock_on_the_wall_are_those_of_the_zone() {
     assert_eq!(german().moment_in(TimeUnit::ExcelDays, "46090,25", None), utc("2026-03-09T05:00:00Z"));
     assert_eq!(german().moment_in(TimeUnit::Hours, "0,2", None), utc("720"));
     assert_eq!(german().moment("1,5 min", None), utc("90"));
+    assert_eq!(german().moment_in(TimeUnit::Hours, "06:30", None), utc("23400"));
+    assert_eq!(german().moment_in(TimeUnit::Minutes, "06:30", None), utc("390"));
     assert!(german().moment("1,5 mm", None).is_err());
 }
 
@@ -170,7 +177,7 @@ fn what_is_no_time_of_the_zone_says_what_to_write() {
             "Europe/Berlin has no 2026-03-29T02:30:00: the clocks of this zone were set forward",
         ),
         ("01/05/2026 06:00:00", "day and month are ambiguous"),
-        ("05.01.26 06:00:10", "write the year with four digits"),
+        ("05.01.26 06:00:10", "write four digits"),
         ("31.02.2026 06:00:10", "`31.02.2026 06:00:10` is no time"),
         ("05.01.2026 25:00:10", "is no time"),
         ("05.01.2026 6 Uhr: frueh", "is no time"),

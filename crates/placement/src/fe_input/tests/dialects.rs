@@ -52,6 +52,30 @@ fn a_coupled_transient_step_is_read_as_heat_transfer() {
 }
 
 #[test]
+fn loads_that_grow_during_a_transient_step_are_refused() {
+    let step = |amplitude: &str, card: &str| {
+        changed(&[
+            ("*STEP, INC=100", format!("*STEP, INC=100{amplitude}").as_str()),
+            ("*HEAT TRANSFER, STEADY STATE", card),
+        ])
+    };
+    for card in [
+        "*HEAT TRANSFER\n10, 100",
+        "*COUPLED TEMPERATURE-DISPLACEMENT\n10, 100",
+        "*Uncoupled Temperature-Displacement, direct\n10, 100",
+    ] {
+        let wanted = read_text(&step("", card)).unwrap_or_else(|faults| panic!("{faults}"));
+        is_read_as(&step(", AMPLITUDE=STEP", card), &wanted);
+        let said = said(&step(", amplitude=Ramp", card));
+        assert!(said.contains("*STEP: AMPLITUDE=RAMP: the loads would grow during the step"), "{said}");
+        assert_eq!(said.lines().count(), 1, "{said}");
+    }
+    // A steady state has the full loads.
+    let steady = "*HEAT TRANSFER, STEADY STATE";
+    is_read_as(&step(", AMPLITUDE=RAMP", steady), &read_text(FILE).unwrap());
+}
+
+#[test]
 fn an_omitted_coordinate_is_zero() {
     let wanted = read_text(FILE).unwrap();
     for changes in [

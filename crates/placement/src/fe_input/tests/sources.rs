@@ -68,6 +68,22 @@ fn the_output_of_gmsh_is_read_with_nodes_in_no_element_and_without_node_groups()
 }
 
 #[test]
+fn a_mesh_of_surfaces_alone_is_named() {
+    let volume = "*ELEMENT, type=C3D4, ELSET=Volume1\n4, 2, 3, 4, 5\n5, 3, 6, 4, 5\n";
+    assert!(GMSH.contains(volume));
+    let said = said(&format!("{}{REST}", GMSH.replace(volume, "")));
+    assert!(said.contains("lines and surfaces, but no tetrahedra") && said.contains("`gmsh -3`"), "{said}");
+}
+
+#[test]
+fn a_load_that_a_line_repeats_for_a_set_is_one_error() {
+    let twice = REST.replace("*END STEP", "*DFLUX\nmy_column, BF, 0.5\nmy_column, BF, 0.25\n*END STEP");
+    let said = said(&format!("{GMSH}{twice}"));
+    assert_eq!(said.lines().count(), 1, "{said}");
+    assert!(said.contains("*DFLUX: element 4 has this flux already (line "), "{said}");
+}
+
+#[test]
 fn sets_with_nodes_in_no_element_keep_their_other_nodes() {
     let sets = "*NSET, NSET=my_column, GENERATE\n1, 7, 1\n*NSET, NSET=ENDS\n1, 6, 7\n*NSET, NSET=CENTRE\n1\n";
     let input = read_text(&format!("{GMSH}{sets}{REST}")).unwrap_or_else(|faults| panic!("{faults}"));

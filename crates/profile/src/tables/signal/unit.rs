@@ -34,16 +34,19 @@ pub(crate) struct Conversion {
 pub(crate) struct Scaling {
     pub(crate) scale: Option<f64>,
     pub(crate) offset: Option<f64>,
-    /// Whether another layer or a template may set scale and offset.
+    /// Whether another layer, a template or a DBC file may set scale and offset.
     pub(crate) may_stand_elsewhere: bool,
+    /// Whether the value is described by a DBC file, whose unit may be converted.
+    pub(crate) is_in_dbc: bool,
 }
 
 impl Scaling {
     /// Returns scale and offset of a table of the merged files. A template may set those that are missing.
     pub(crate) fn of(table: &Value) -> Scaling {
         let number = |key| table.get(key).and_then(Value::as_f64);
-        let has_template = ["channel", "dbc"].iter().any(|key| table.get(key).is_some());
-        Scaling { scale: number("scale"), offset: number("offset"), may_stand_elsewhere: has_template }
+        let is_in_dbc = table.get("dbc").is_some();
+        let may_stand_elsewhere = is_in_dbc || table.get("channel").is_some();
+        Scaling { scale: number("scale"), offset: number("offset"), may_stand_elsewhere, is_in_dbc }
     }
 
     /// Returns scale and offset among the entries of a table of this layer.
@@ -55,8 +58,9 @@ impl Scaling {
             DeValue::Integer(number) => number.as_str().parse().ok(),
             _ => None,
         };
-        let may_stand_elsewhere = layer > 0 || find("channel").or(find("dbc")).is_some();
-        Scaling { scale: number("scale"), offset: number("offset"), may_stand_elsewhere }
+        let is_in_dbc = find("dbc").is_some();
+        let may_stand_elsewhere = layer > 0 || is_in_dbc || find("channel").is_some();
+        Scaling { scale: number("scale"), offset: number("offset"), may_stand_elsewhere, is_in_dbc }
     }
 }
 
@@ -150,11 +154,18 @@ impl Other {
         let Other { name, known, factor, shift, .. } = *self;
         let begin = format!("there is no {name}: write \"{known}\"");
         let part = figures(factor);
+        let less = match shift {
+            shift if shift < 0.0 => format!(" less {}", figures(-shift)),
+            _ => String::new(),
+        };
+        if beside.is_in_dbc && beside.scale.is_none() && beside.offset.is_none() {
+            return format!(
+                "{begin}, to which a value that the DBC file has in {name} is converted. If the DBC file has no unit, \
+                 write `scale` too, {part} times that of the file, and `offset`, {part} times that of the file{less}. \
+                 `range` and `max_rate` are in {known}"
+            );
+        }
         if beside.may_stand_elsewhere && (beside.scale.is_none() || beside.offset.is_none()) {
-            let less = match shift {
-                shift if shift < 0.0 => format!(" less {}", figures(-shift)),
-                _ => String::new(),
-            };
             return format!(
                 "{begin}, {part} times the scale (default 1), and {part} times the offset (default 0){less}; \
                  `range` and `max_rate` are then in {known}"
@@ -197,7 +208,7 @@ mod tests {
 
     #[test]
     fn a_unit_that_is_none_is_converted_at_the_scale_that_stands_there() {
-        let beside = |scale, offset| Scaling { scale, offset, may_stand_elsewhere: false };
+        let beside = |scale, offset| Scaling { scale, offset, ..Scaling::default() };
         for (text, beside, words) in [
             ("degF", beside(None, None), "write \"degC\" with scale = 0.5556 and offset = -17.78;"),
             ("°F", beside(Some(0.1), None), "scale = 0.05556 and offset = -17.78;"),
@@ -213,6 +224,16 @@ mod tests {
         }
         let help = Unit::help("degF", Scaling { may_stand_elsewhere: true, ..Scaling::default() });
         assert!(help.contains("0.5556 times the scale") && help.contains("less 17.78"), "{help}");
+        // The scale of a DBC file is converted too: 0.5556 alone would replace it.
+        let dbc = Scaling { may_stand_elsewhere: true, is_in_dbc: true, ..Scaling::default() };
+        let help = Unit::help("degF", dbc);
+        assert!(
+            help.contains("write \"degC\", to which a value that the DBC file has in Fahrenheit"),
+            "{help}"
+        );
+        assert!(!help.contains("default 1"), "{help}");
+        let own = Unit::help("degF", Scaling { scale: Some(0.1), offset: Some(0.0), ..dbc });
+        assert!(own.contains("write \"degC\" with scale = 0.05556 and offset = -17.78;"), "{own}");
     }
 
     #[test]

@@ -7,7 +7,7 @@
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 
-use rten::{Dimension, Model, ModelOptions, NodeId, OpRegistry, RunOptions, ThreadPool, Value, op_types};
+use rten::{Dimension, Model, ModelOptions, NodeId, RunOptions, ThreadPool, Value};
 use rten_tensor::prelude::*;
 use rten_tensor::{Tensor, TensorView};
 
@@ -17,6 +17,7 @@ use crate::border::beyond;
 mod encode;
 mod external;
 mod frame;
+mod operators;
 mod standard;
 mod trial;
 
@@ -79,7 +80,7 @@ impl Onnx {
         trial::check_tensors(&bytes)?;
         let mut hasher = DefaultHasher::new();
         bytes.hash(&mut hasher);
-        let mut options = ModelOptions::with_ops(operators());
+        let mut options = ModelOptions::with_ops(operators::operators());
         // The fused operators of the runtime panic if shapes do not fit. They save nothing in networks of this size.
         options.enable_optimization(false);
         let model = caught(|| options.load(bytes.clone()))?
@@ -190,46 +191,6 @@ fn named(dimension: &Dimension) -> String {
         Dimension::Fixed(size) => size.to_string(),
         Dimension::Symbolic(name) => name.clone(),
     }
-}
-
-/// Returns the supported operators: those with which networks of neurons, radial basis functions and linear models are
-/// exported. More would only make the program larger. `standard` replaces some other operators by these.
-fn operators() -> OpRegistry {
-    OpRegistry::with_ops(&[
-        &op_types::Abs,
-        &op_types::Add,
-        &op_types::BatchNormalization,
-        &op_types::Cast,
-        &op_types::CastLike,
-        &op_types::Clip,
-        &op_types::Concat,
-        &op_types::Div,
-        &op_types::Elu,
-        &op_types::Exp,
-        &op_types::Flatten,
-        &op_types::Gather,
-        &op_types::Gemm,
-        &op_types::Identity,
-        &op_types::LeakyRelu,
-        &op_types::MatMul,
-        &op_types::Max,
-        &op_types::Min,
-        &op_types::Mul,
-        &op_types::Neg,
-        &op_types::Pow,
-        &op_types::ReduceProd,
-        &op_types::ReduceSum,
-        &op_types::Relu,
-        &op_types::Reshape,
-        &op_types::Sigmoid,
-        &op_types::Softplus,
-        &op_types::Sqrt,
-        &op_types::Squeeze,
-        &op_types::Sub,
-        &op_types::Tanh,
-        &op_types::Transpose,
-        &op_types::Unsqueeze,
-    ])
 }
 
 /// Compares two networks. They are equal if their files and numbers of inputs are equal.

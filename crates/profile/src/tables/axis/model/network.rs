@@ -172,7 +172,7 @@ type Named = (Net, Option<Vec<String>>);
 fn net(raw: &RawModel, at: &KeyContext<'_>, name: &str, bytes: &[u8], inputs: usize) -> Option<Named> {
     use isotherm_core::compensation::model::network::Onnx;
     if !is_onnx(name) {
-        return taken(at, name, parse(bytes));
+        return taken(at, name, own_format(name, bytes));
     }
     let external = external(raw, at, name, bytes)?;
     let onnx = taken(at, name, Onnx::with_external(bytes, &external, inputs))?;
@@ -187,7 +187,18 @@ fn net(_: &RawModel, at: &KeyContext<'_>, name: &str, bytes: &[u8], _: usize) ->
                    `cargo build --release --features onnx`";
         return taken(at, name, Err(why.to_owned()));
     }
-    taken(at, name, parse(bytes))
+    taken(at, name, own_format(name, bytes))
+}
+
+/// Parses a network in the project's own format. The message about a file in the format of a training program, such as a
+/// pickle, says which files are read.
+fn own_format(name: &str, bytes: &[u8]) -> Result<Named, String> {
+    parse(bytes).map_err(|why| match has_extension(name, "json") {
+        true => why,
+        false => format!(
+            "{why}. A network is an .onnx file, or a .json file of the project's own format: export the model as ONNX"
+        ),
+    })
 }
 
 /// Reads the files next to an ONNX file that contain numbers of its tensors. If one cannot be read, reports the reason.
@@ -219,7 +230,11 @@ fn external(
 }
 
 fn is_onnx(name: &str) -> bool {
-    std::path::Path::new(name).extension().is_some_and(|extension| extension.eq_ignore_ascii_case("onnx"))
+    has_extension(name, "onnx")
+}
+
+fn has_extension(name: &str, wanted: &str) -> bool {
+    std::path::Path::new(name).extension().is_some_and(|extension| extension.eq_ignore_ascii_case(wanted))
 }
 
 /// Preview of the calculation, with the effect of each signal. Every signal is assumed in the middle of its range, and

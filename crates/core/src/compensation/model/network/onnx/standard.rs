@@ -10,6 +10,7 @@ use std::collections::{HashMap, HashSet};
 use super::encode::{self, put_bytes};
 use super::external::{External, is_external};
 use super::frame::{Field, Fields, last_text, parts, raw_fields, text};
+use super::operators::SUPPORTED;
 use crate::compensation::model::network::WIDEST;
 
 /// Domain of the operators for models that are no neural networks.
@@ -53,6 +54,7 @@ pub(super) fn rewrite(bytes: &[u8], external: &mut External<'_>) -> Result<Rewri
     for (number, value, raw) in raw_fields(bytes) {
         match (number, value) {
             (7, Field::Bytes(graph)) => {
+                check_input(graph)?;
                 let columns = columns(graph);
                 put_bytes(&mut rewritten.bytes, 7, &rewrite_graph(graph, &columns, external)?);
                 rewritten.columns.extend(columns.into_iter().map(str::to_owned));
@@ -89,12 +91,50 @@ fn rewrite_graph(bytes: &[u8], columns: &[&str], external: &mut External<'_>) ->
     Ok(graph)
 }
 
+/// Returns the input tensors that the file does not contain itself.
+fn inputs(graph: &[u8]) -> Vec<&[u8]> {
+    // Old files declare the tensors that they contain as inputs too.
+    let given: HashSet<&str> = parts(graph, 5).map(|tensor| last_text(tensor, 8)).collect();
+    parts(graph, 11).filter(|input| !given.contains(last_text(input, 1))).collect()
+}
+
+/// Kinds of floating-point numbers by their numbers in the file: single, half and double precision, and bfloat16.
+const FLOATS: [u64; 4] = [1, 10, 11, 16];
+
+/// Rejects a single input tensor of integers or texts.
+fn check_input(graph: &[u8]) -> Result<(), String> {
+    match inputs(graph)[..] {
+        [input] if tensor_kind(input).is_some_and(|kind| !FLOATS.contains(&kind)) => Err(format!(
+            "input `{}` of the network takes no floating-point numbers: export it with an input of floats, in skl2onnx \
+             with `FloatTensorType`",
+            last_text(input, 1)
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// Returns the kind of the numbers of an input tensor. `None` if the file does not state it.
+fn tensor_kind(input: &[u8]) -> Option<u64> {
+    first_number(tensor_type(input)?, 1)
+}
+
+/// Returns the description of the type of an input tensor: kind of its numbers, and shape.
+fn tensor_type(input: &[u8]) -> Option<&[u8]> {
+    parts(input, 2).flat_map(|kind| parts(kind, 1)).last()
+}
+
+/// Returns the first number in the field `wanted` of a message.
+fn first_number(message: &[u8], wanted: u64) -> Option<u64> {
+    Fields(message).flatten().find_map(|(field, value)| match value {
+        Field::Number(number) if field == wanted => Some(number),
+        _ => None,
+    })
+}
+
 /// Returns the names of the input tensors, if there are several of one number each. Exporters write one for each column
 /// of a table.
 fn columns(graph: &[u8]) -> Vec<&str> {
-    // Old files declare the tensors that they contain as inputs too.
-    let given: HashSet<&str> = parts(graph, 5).map(|tensor| last_text(tensor, 8)).collect();
-    let inputs: Vec<&[u8]> = parts(graph, 11).filter(|input| !given.contains(last_text(input, 1))).collect();
+    let inputs = inputs(graph);
     if !(2..=WIDEST).contains(&inputs.len()) || !inputs.iter().all(|input| is_column(input)) {
         return Vec::new();
     }
@@ -103,17 +143,11 @@ fn columns(graph: &[u8]) -> Vec<&str> {
 
 /// Returns whether an input tensor has one column of numbers, and one row or any number of rows.
 fn is_column(input: &[u8]) -> bool {
-    let Some(tensor) = parts(input, 2).flat_map(|kind| parts(kind, 1)).last() else { return false };
-    let number = |message: &[u8], wanted: u64| {
-        Fields(message).flatten().find_map(|(field, value)| match value {
-            Field::Number(number) if field == wanted => Some(number),
-            _ => None,
-        })
-    };
+    let Some(tensor) = tensor_type(input) else { return false };
     let dimensions = parts(tensor, 2).flat_map(|shape| parts(shape, 1));
-    let sizes: Vec<Option<u64>> = dimensions.map(|dimension| number(dimension, 1)).collect();
+    let sizes: Vec<Option<u64>> = dimensions.map(|dimension| first_number(dimension, 1)).collect();
     // Single and double precision, and integers: whatever they are, they are numbers of the gateway.
-    matches!(number(tensor, 1), Some(1 | 6 | 7 | 11)) && matches!(sizes[..], [None | Some(1), Some(1)])
+    matches!(tensor_kind(input), Some(1 | 6 | 7 | 11)) && matches!(sizes[..], [None | Some(1), Some(1)])
 }
 
 /// Rewrites one node. `truths` are the truth values that the file contains.
@@ -132,7 +166,13 @@ fn rewrite_node(
             "computes with the shape of a tensor: export the network with fixed shapes, and \
              `PolynomialFeatures` of scikit-learn with `include_bias=False`",
         )),
-        ("" | "ai.onnx", _) => without_name(message, external),
+        // The runtime reads a constant as a tensor, not as an operator.
+        ("" | "ai.onnx", operator) if operator == "Constant" || SUPPORTED.contains(&operator) => {
+            without_name(message, external)
+        }
+        ("" | "ai.onnx", _) => Err(node.refused(&format!(
+            "is not supported. Export a linear model or a neural network with usual layers instead: {SMOOTH}"
+        ))),
         (CLASSICAL, "LinearRegressor") => linear_regressor(&node),
         (CLASSICAL, "Scaler") => scaler(&node),
         (CLASSICAL, "ArrayFeatureExtractor") => array_feature_extractor(&node),

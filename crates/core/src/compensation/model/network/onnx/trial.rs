@@ -114,7 +114,7 @@ pub(super) fn run(bytes: &[u8], graph: &Graph, input: Value, options: &RunOption
 }
 
 /// Operators whose result has a shape that depends on an input other than the first.
-const SHAPED: [&str; 5] = ["Reshape", "Squeeze", "Unsqueeze", "ReduceProd", "ReduceSum"];
+const SHAPED: [&str; 6] = ["Reshape", "Squeeze", "Unsqueeze", "ReduceMean", "ReduceProd", "ReduceSum"];
 
 /// Returns the maximum number of values that a node computes, or multiplies to compute its result. `shapes`: shapes of
 /// its inputs.

@@ -185,6 +185,10 @@ fn one_input_tensor_for_each_input_is_a_row_of_them_in_their_order() {
     close(turned.output(&[3.0, 5.0, 7.0]), 357.5);
     let texts = Onnx::new(columns(&names, 8, &nodes), 3).unwrap_err();
     assert!(texts.contains("the network has 3 input tensors"), "{texts}");
+    for kind in [6, 7, 8] {
+        let why = Onnx::new(columns(&["x"], kind, &[linear("x", &[1.0], &[0.0])]), 1).unwrap_err();
+        assert!(why.contains("input `x` of the network takes no floating-point numbers"), "{why}");
+    }
     let one = Onnx::new(model(&[linear("x", &[1.0], &[0.0])], &[], Some(1)), 1).unwrap();
     assert!(one.columns().is_empty(), "one input tensor is no list of names");
 }
@@ -267,6 +271,47 @@ fn batch_normalization_at_inference_uses_the_figures_of_the_file() {
 }
 
 #[test]
+fn usual_activations_are_their_formulas() {
+    /// Operator, its attributes, and its results for 0.75 and -1.25.
+    type Case<'a> = (&'a str, &'a [(&'a str, Attribute<'a>)], [f64; 2]);
+    let cases: [Case<'_>; 5] = [
+        ("HardSigmoid", &[], [0.65, 0.25]),
+        ("HardSigmoid", &[("alpha", Float(0.25)), ("beta", Float(0.5))], [0.6875, 0.1875]),
+        ("HardSwish", &[], [0.46875, -0.364_583_333]),
+        ("Softsign", &[], [0.428_571_429, -0.555_555_556]),
+        ("Erf", &[], [0.711_155_634, -0.922_900_128]),
+    ];
+    for (operator, attributes, values) in cases {
+        let activation = with(node(operator, &["x"], "a"), attributes);
+        let nodes = [activation, node("MatMul", &["a", "w"], "y")];
+        let onnx = Onnx::new(model(&nodes, &[tensor("w", &[2, 1], &[1.0, 10.0])], Some(2)), 2).unwrap();
+        let (found, expected) = (onnx.output(&[0.75, -1.25]), values[0] + 10.0 * values[1]);
+        assert!((found - expected).abs() < 1e-5, "{operator}: {found} is not {expected}");
+    }
+    let nodes = [node("PRelu", &["x", "slope"], "a"), node("MatMul", &["a", "w"], "y")];
+    let tensors = [tensor("slope", &[2], &[0.5, 0.25]), tensor("w", &[2, 1], &[1.0, 10.0])];
+    computes(&nodes, &tensors, &[0.75, -1.25], -2.375);
+}
+
+#[test]
+fn several_models_may_be_joined_by_their_sum_or_their_mean() {
+    let tensors = [tensor("v", &[2, 1], &[1.0, 2.0]), tensor("w", &[2, 1], &[3.0, 1.0])];
+    for (operator, expected) in [("Sum", 24.0), ("Mean", 12.0)] {
+        let nodes = [
+            node("MatMul", &["x", "v"], "p"),
+            node("MatMul", &["x", "w"], "q"),
+            node(operator, &["p", "q"], "y"),
+        ];
+        computes(&nodes, &tensors, &[3.0, 4.0], expected);
+    }
+    let axis = integers("axis", &[1], &[1]);
+    let nodes = [node("ReduceMean", &["x", "axis"], "y")];
+    for inputs in [[3.0, 4.0], [-1.0, 8.0]] {
+        computes(&nodes, std::slice::from_ref(&axis), &inputs, 3.5);
+    }
+}
+
+#[test]
 fn a_node_may_have_the_name_of_a_tensor() {
     // Each node of `encode::node` is named after its operator and its output.
     let nodes =
@@ -294,6 +339,11 @@ fn other_models_are_refused_with_what_to_export_instead() {
     field(&mut distance, 7, b"com.microsoft");
     refused(&[distance], &[], &["node CDist of the domain com.microsoft is not supported"]);
     refused(&[node("Shape", &["x"], "y")], &[], &["node Shape", "`include_bias=False`"]);
+    for operator in ["Scan", "LSTM", "Conv", "NoSuchOperator"] {
+        let words =
+            [format!("node {operator} with the output `y` is not supported"), "`MLPRegressor`".to_owned()];
+        refused(&[node(operator, &["x"], "y")], &[], &words.each_ref().map(String::as_str));
+    }
 }
 
 #[test]
