@@ -99,8 +99,8 @@ pub async fn serve(
     let attendance = ServiceTimes::default();
     let readers = Arc::new(Semaphore::new(history::AT_ONCE));
     let events = Arc::new(Semaphore::new(1));
-    let language = Arc::default();
-    let room = HttpState { source, access, live, attendance: attendance.clone(), readers, events, language };
+    let login = Arc::default();
+    let room = HttpState { source, access, live, attendance: attendance.clone(), readers, events, login };
     let router = router(room.clone(), limits.body);
     let serving = door.serve(router, stopped);
     // A client that never completes its request must not delay the stop of the gateway.

@@ -12,9 +12,9 @@ use super::peer::Peer;
 use super::refusal::Refusal;
 use super::reply::CommandReply;
 use super::request::{parameter, words};
-use super::state::HttpState;
+use super::state::{HttpState, LoginTexts};
 use super::tokens::Role;
-use crate::observe::page::{self, Words};
+use crate::observe::page;
 
 const WALL: &str = "wall";
 
@@ -30,10 +30,19 @@ fn accepts_html(headers: &HeaderMap) -> bool {
         .is_some_and(|kinds| kinds.contains("text/html"))
 }
 
-/// Returns the texts of the page in a language of the profile or of the browser. The language of the profile is read
-/// only once, so that clients without access cause little work.
-fn spoken(room: &HttpState, headers: &HeaderMap) -> &'static Words {
-    words(*room.language.get_or_init(|| room.source.status().language), headers)
+/// Makes the sign-in page in a language of the profile or of the browser. Language and name of the machine are read only
+/// once, so that clients without access cause little work.
+fn sign_in_page(
+    room: &HttpState,
+    headers: &HeaderMap,
+    view: Option<&str>,
+    trouble: Option<&'static str>,
+) -> Html<String> {
+    let shown = room.login.get_or_init(|| {
+        let status = room.source.status();
+        LoginTexts { language: status.language, machine: page::title(&status).to_owned() }
+    });
+    Html(page::login(words(shown.language, headers), &shown.machine, view, trouble).into_string())
 }
 
 fn is_for_the_wall(query: Option<&str>) -> bool {
@@ -53,7 +62,7 @@ pub(super) fn page(
         _ => None,
     };
     let view = is_for_the_wall(query).then_some(WALL);
-    refusal.as_answer(Html(page::login(spoken(room, headers), view, trouble).into_string()))
+    refusal.as_answer(sign_in_page(room, headers, view, trouble))
 }
 
 pub(super) async fn show(
@@ -65,7 +74,7 @@ pub(super) async fn show(
         return Redirect::to("/").into_response();
     }
     let view = is_for_the_wall(query.as_deref()).then_some(WALL);
-    Html(page::login(spoken(&room, &headers), view, None).into_string()).into_response()
+    sign_in_page(&room, &headers, view, None).into_response()
 }
 
 pub(super) async fn begin(
