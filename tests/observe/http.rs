@@ -4,6 +4,7 @@
 
 use crate::support::fake;
 
+use std::collections::BTreeSet;
 use std::net::IpAddr;
 use std::time::Duration;
 
@@ -32,10 +33,10 @@ async fn the_page_and_its_files_come_from_the_gateway_alone() {
     assert!(page.body.contains("<h1>研削盤 &quot;3&quot;</h1>"), "and so is what people call it");
     assert!(!page.body.contains("http://") && !page.body.contains("https://"));
     assert!(!page.body.contains("style="), "the policy forbids inline style");
-    let links = page.body.split(['"']).filter(|text| text.starts_with("/page/")).collect::<Vec<_>>();
+    let links = page.body.split(['"']).filter(|text| text.starts_with("page/")).collect::<Vec<_>>();
     assert!(links.len() >= 4);
     for link in links {
-        let file = door.get(link).await;
+        let file = door.get(&format!("/{link}")).await;
         assert_eq!((file.code, file.header("x-content-type-options")), (200, "nosniff"), "{link}");
     }
     for module in [
@@ -49,6 +50,9 @@ async fn the_page_and_its_files_come_from_the_gateway_alone() {
         "uPlot.js",
         "probe.js",
         "tables.js",
+        "chart.js",
+        "events.js",
+        "recent.js",
     ] {
         let file = door.get(&format!("/page/{module}")).await;
         assert_eq!(file.header("content-type"), "text/javascript; charset=utf-8", "{module}");
@@ -57,12 +61,59 @@ async fn the_page_and_its_files_come_from_the_gateway_alone() {
     assert_eq!(door.get("/page/%2e%2e%2fCargo.toml").await.code, 404);
 }
 
+/// A proxy may serve the page below a path of its own.
+#[tokio::test]
+async fn no_address_of_the_page_begins_at_the_root_of_the_server() {
+    let door = Door::open(None).await;
+    let closed = Door::open(Some(OPERATOR)).await;
+    let login = closed.send("GET", "/", &[("Accept", "text/html")], "").await;
+    let pages = [door.get("/").await.body, door.get("/?view=wall").await.body, login.body];
+    for page in &pages {
+        for start in ["href=\"/", "src=\"/", "action=\"/"] {
+            assert!(!page.contains(start), "{start} in {page}");
+        }
+    }
+    let scripts = pages.iter().flat_map(|page| page.split('"')).filter(|text| text.ends_with(".js"));
+    let scripts = scripts.collect::<BTreeSet<_>>();
+    assert!(scripts.len() > 20, "{scripts:?}");
+    for script in scripts {
+        let text = door.get(&format!("/{script}")).await.body;
+        for start in ["fetch(\"/", "fetch(`/", "EventSource(\"/", "href = `/", "from \"/"] {
+            assert!(!text.contains(start), "{start} in {script}");
+        }
+    }
+}
+
+#[tokio::test]
+async fn the_icon_has_the_number_of_alarms() {
+    let door = Door::open(None).await;
+    for (file, count) in
+        [("icon-1.svg", ">1</text>"), ("icon-8.svg", ">8</text>"), ("icon-9.svg", ">9+</text>")]
+    {
+        let icon = door.get(&format!("/page/{file}")).await;
+        assert_eq!((icon.code, icon.header("content-type")), (200, "image/svg+xml"), "{file}");
+        assert!(icon.body.contains(count), "{}", icon.body);
+    }
+    assert_eq!(door.get("/page/icon-10.svg").await.code, 404);
+}
+
+#[tokio::test]
+async fn the_sign_in_page_names_the_machine_and_shows_nothing_else_of_it() {
+    let door = Door::open(Some(OPERATOR)).await;
+    let page = door.send("GET", "/", &[("Accept", "text/html")], "").await;
+    assert_eq!(page.code, 401);
+    assert!(page.body.contains("<h1>研削盤 &quot;3&quot;</h1>"), "{}", page.body);
+    for other in ["t1", "z_offset", "192.0.2.9", "west", "12.5"] {
+        assert!(!page.body.contains(other), "{other} in {}", page.body);
+    }
+}
+
 #[tokio::test]
 async fn the_wall_has_no_buttons_and_says_no_more_than_is_read_from_three_metres() {
     let door = Door::open(None).await;
     let wall = door.get("/?view=wall").await;
     assert_eq!((wall.code, wall.body.contains("<button"), wall.body.contains("<table")), (200, false, false));
-    assert!(wall.body.contains("/page/wall.js") && !wall.body.contains("/page/main.js"), "{}", wall.body);
+    assert!(wall.body.contains("page/wall.js") && !wall.body.contains("page/main.js"), "{}", wall.body);
     assert!(door.get("/?view=else").await.body.contains("<button"));
     let door = Door::open(Some(OPERATOR)).await;
     let refused = door.send("GET", "/?view=wall", &[("Accept", "text/html")], "").await;

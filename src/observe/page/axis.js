@@ -63,7 +63,7 @@ class Card {
     if (this.root.dataset.state !== toned) this.root.dataset.state = toned;
     badge(this.state, toned, name);
     const why = cause(axis, status);
-    const language = standsIn(axis, status) ? document.documentElement.lang : "en";
+    const language = standsIn(axis, status) || axis.probe?.worse ? document.documentElement.lang : "en";
     this.why.lang = language;
     say(this.does, why ? `${sentence}:` : sentence);
     say(this.why, brief(why));

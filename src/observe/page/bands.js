@@ -13,14 +13,16 @@ const seconds = (event) => new Date(event.at).getTime() / 1000;
 export function bands({ name, state }, events, from, to) {
   const changes = events.filter(({ kind, data }) => kind === "axis-state" && data?.axis === name && data.from !== data.to);
   const found = [];
-  let [begin, was] = [from, changes[0]?.data.from ?? state];
+  let [begin, was, isWell] = [from, changes[0]?.data.from ?? state, false];
   const close = (end) => {
-    if (toneOf(was) !== "good" && end > begin) found.push({ from: begin, to: end, tone: toneOf(was), word: known("state", was) });
+    const tone = toneOf(was);
+    // A state that the operator asked for is no trouble: the event about it says so.
+    if (tone !== "good" && end > begin) found.push({ from: begin, to: end, tone: isWell ? "off" : tone, word: known("state", was) });
   };
   for (const change of changes) {
     const at = Math.min(to, Math.max(from, seconds(change)));
     close(at);
-    [begin, was] = [at, change.data.to];
+    [begin, was, isWell] = [at, change.data.to, change.level === "info"];
   }
   close(to);
   return found;

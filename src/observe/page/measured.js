@@ -3,11 +3,12 @@
 import { clock, day, fixed, signed } from "./text.js";
 import { t } from "./words.js";
 
-// The residual error, in µm, with where it comes from. null if nobody measures it.
+// The residual error, in µm, and when it was measured; a virtual machine knows it at any time. null if nobody measures it.
+// A refused probing counts for nothing.
 export function residual({ truth, probe }) {
   if (truth) return { um: truth.left_um, at: null };
-  const last = probe?.last;
-  return last && last.residual_um !== null && last.residual_um !== undefined ? { um: last.residual_um, at: last.at } : null;
+  const last = probe?.history.at(-1);
+  return last ? { um: last[1], at: last[0] } : null;
 }
 
 // The share of today's probings whose residual was within the level that warns. null without a level, or without a probing today.
@@ -22,7 +23,7 @@ export function withinToday({ probe }, now) {
 
 export function residualText(axis, now) {
   const found = residual(axis);
-  if (found === null || found.um === null) return t("not_measured");
+  if (found === null) return t("not_measured");
   if (found.at === null) return `${signed(found.um, 1)} µm`;
   const at = new Date(found.at);
   const time = day(at) === day(now) ? clock(at, false) : `${day(at).slice(5)} ${clock(at, false)}`;
@@ -33,3 +34,7 @@ export function withinText(axis, now) {
   const found = withinToday(axis, now);
   return found === null ? "" : t("within_today", { percent: found.percent, count: found.count, um: fixed(found.um, 1) });
 }
+
+// That probings show the model to be worse than no compensation.
+export const worse = ({ touches, with_um: left, without_um: without }) =>
+  touches === 0 ? t("worse_before") : t("worse", { touches, left: fixed(left, 1), without: fixed(without, 1) });

@@ -57,8 +57,8 @@ function lookWhole(span) {
 // Shows the moment at which an alarm began, in the chart of its axis.
 export async function lookAt({ id, since: begin, text }) {
   const at = new Date(begin).getTime() / 1000;
-  const [kind, name] = id.split(" ");
-  const axis = kind === "axis" ? name : status.outputs.find((output) => output.name === name)?.axis;
+  const name = id.slice(id.lastIndexOf(" ") + 1);
+  const axis = id.includes("axis ") ? name : status.outputs.find((output) => output.name === name)?.axis;
   const chart = charts.find(({ group }) => group.axis === axis || group.lines.some(({ column }) => column === name)) ?? charts[0];
   view.moment = { at, text, chart };
   chart.root.scrollIntoView({ block: "center" });
@@ -74,8 +74,8 @@ function ofAxis(axis) {
     id: name, axis: name, title: titled(t("axis", { names: name }), axis), unit: "um",
     lines: [
       ...truth ? [{ ...line("error", t("true_error"), "--error", 1.5, [2, 3]), isTruth: true }] : [],
-      line("raw", t("raw"), "--text", 1.3, [6, 4]),
       line("cz", "Cz", "--accent", 2.5),
+      line("raw", t("raw"), "--text", 1.3, [6, 4]),
       ...truth ? [{ ...line("left", t("true_left"), "--left", 2), isTruth: true }] : [],
     ],
   };

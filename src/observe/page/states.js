@@ -1,12 +1,13 @@
 // A sign, a tone, a word and a sentence for every state. The sign and the text carry the meaning, the tone repeats it.
 
+import { worse } from "./measured.js";
 import { clock, day, fixed, labelled, say, signed, span } from "./text.js";
 import { known, t } from "./words.js";
 
 export const SIGNS = { good: "●", warn: "▲", bad: "■", off: "○" };
 
-// The tone of a decision's state, for the past; the gateway names the tone of the present.
-const TONE_OF = { active: "good", degraded: "warn", holding: "warn", waiting: "warn", ramping: "bad", zeroed: "bad", off: "off" };
+// The tone of a decision's state, for the past; the gateway names the tone of the present. Waiting is over by then.
+const TONE_OF = { active: "good", degraded: "warn", holding: "warn", waiting: "off", ramping: "bad", zeroed: "bad", off: "off" };
 
 export const toneOf = (state) => TONE_OF[state] ?? "off";
 
@@ -40,7 +41,8 @@ export const target = (axis) => (axis.armed ? `${signed(axis.cz_um, 1)} µm` : "
 export function cause(axis, status) {
   const warned = axis.warned ? t("warned", { um: fixed(axis.warn_um, 0) }) : "";
   const reason = standsIn(axis, status) || axis.cause || axis.extrapolating?.text;
-  return [reason, warned].filter(Boolean).join("; ");
+  const poor = axis.probe?.worse ? worse(axis.probe.worse) : "";
+  return [reason, warned, poor].filter(Boolean).join("; ");
 }
 
 // An axis that follows its model may still need a look.
