@@ -44,7 +44,6 @@ function show(status) {
   showOverridden(status);
   showEvents(by("events"), status.events, now, hints);
   enable(mayCommand && !status.stopping);
-  if (!performance.getEntriesByName("figures").length) performance.mark("figures");
 }
 
 function enable(may) {
