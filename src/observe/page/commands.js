@@ -68,7 +68,7 @@ function ask(command, send) {
   say(by("question-title"), t(`ask_${command}`));
   say(by("question-text"), t(`ask_${command}_text`));
   say(by("question-yes"), t(command));
-  // All axes, until a person says another thing.
+  // All axes, until the operator selects one.
   choice.value = "";
   showEffect();
   dialog.returnValue = "no";

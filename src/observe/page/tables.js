@@ -54,7 +54,7 @@ const title = ({ name, label }, small) => ({ text: label || name, small: label ?
 const OUTPUTS = { corrected: "mm", slope: "µm/mm", reference: "mm" };
 
 const signals = new Table("signals");
-// Of a register that an operator writes to as well: his part and ours.
+// The two parts of a register that an operator writes to as well: operator offset and gateway share.
 function shares({ shares }) {
   return shares ? t("shares", { base: signed(shares.base, 1), share: signed(shares.share, 1) }) : null;
 }
