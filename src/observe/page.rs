@@ -72,7 +72,8 @@ const FILES: [(&str, &str, &str); 40] = [
     ("icon-9.svg", ICON, alarm_icon!("9+")),
 ];
 
-/// Modules of the wall view. A browser loads them at once, and not one after the other as they import each other.
+/// Modules of the wall view, its own one first. A browser loads them at once, and not one after the other as they import
+/// each other.
 const WALL_MODULES: [&str; 11] = [
     "wall.js",
     "bar.js",
@@ -87,7 +88,7 @@ const WALL_MODULES: [&str; 11] = [
     "words.js",
 ];
 
-/// Modules of the front page that the wall view does not have.
+/// Modules that only the front page has. It also has those of the wall view, except the first.
 const FRONT_MODULES: [&str; 12] = [
     "main.js",
     "alarms.js",

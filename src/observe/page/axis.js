@@ -41,6 +41,8 @@ class Card {
     this.learned = new Learned(name, command);
     this.expert = new Expert();
     const more = [this.sign.root, this.learned.root];
+    this.isRow = isRow;
+    this.isChecked = false;
     if (isRow) this.expert.root.append(...more);
     this.root = element("article", { className: "card axis", id: `axis-${name}` },
       element("div", { className: "row" }, element("h2", {}, titled(t("axis", { names: name }), axis)), this.state),
@@ -84,6 +86,9 @@ class Card {
     this.withinRow.hidden = within === "";
     say(this.within, within);
     this.sign.show(axis);
+    // The question of a sign check must not stay folded.
+    if (this.isRow && axis.sign && !this.isChecked) this.expert.root.open = true;
+    this.isChecked = Boolean(axis.sign);
     this.learned.show(axis.learned);
     this.expert.show(axis, status, why ? `${sentence}: ${why}` : "", language);
   }

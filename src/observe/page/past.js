@@ -107,6 +107,7 @@ export function showPast(now) {
 
 async function load() {
   refreshed = Date.now();
+  if (charts.length === 0) return;
   const mine = (asked += 1);
   const stillNeeded = () => mine === asked;
   spans.forEach((button, span) => button.setAttribute("aria-pressed", view.to === null && span === view.span));

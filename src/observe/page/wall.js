@@ -47,20 +47,21 @@ function panel(it) {
   return root;
 }
 
+// A phone shows the name of a column before its value.
+const heads = () => [t("axis", { names: "" }).trim(), t("state"), "Cz, µm", t("target"), t("limit"), t("trend"), t("true_left")];
+
 function row(it) {
-  const cell = (...children) => element("td", {}, ...children);
+  const cells = [[it.state, " ", it.why], [it.figure], [it.target, " ", it.verified], [it.bar.root], [it.course.root], [it.residual, " ", it.expected]];
   const root = element("tr", {}, element("th", { scope: "row" }, it.name),
-    cell(it.state, " ", it.why), cell(it.figure),
-    cell(it.target, " ", it.verified), cell(it.bar.root), cell(it.course.root), cell(it.residual, " ", it.expected));
+    ...cells.map((children, place) => element("td", { "data-label": heads()[place + 1] }, ...children)));
   if (!by("axes").firstChild) by("axes").append(table());
   by("axes").querySelector("tbody").append(root);
   return root;
 }
 
 function table() {
-  const heads = [t("axis", { names: "" }).trim(), t("state"), "Cz, µm", t("target"), t("limit"), t("trend"), t("true_left")];
   return element("table", {},
-    element("thead", {}, element("tr", {}, ...heads.map((text) => element("th", { scope: "col" }, text)))),
+    element("thead", {}, element("tr", {}, ...heads().map((text) => element("th", { scope: "col" }, text)))),
     element("tbody"));
 }
 
