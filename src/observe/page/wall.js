@@ -75,7 +75,8 @@ function show(axis, status, isRow) {
   const tone = cardTone(axis, its);
   it.root.dataset.state = tone;
   say(it.state, `${SIGNS[tone]} ${name}`);
-  say(it.why, brief(cause(axis, status)));
+  const why = brief(cause(axis, status));
+  say(it.why, why === name ? "" : why);
   say(it.figure, signed(axis.verified_um, 1));
   it.figure.classList.toggle("long", it.figure.textContent.length > LONG);
   say(it.target, target(axis) ? `${isRow ? "" : `${t("target")} `}${target(axis)}` : "");
