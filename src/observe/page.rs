@@ -1,6 +1,7 @@
 //! Web page with the status: static HTML, and files that fill the page from the live stream.
 //!
-//! All files are part of the program, so the page works in a network without internet access.
+//! All files are part of the program, so the page works in a network without internet access. All addresses are relative,
+//! so the page also works below a path of a proxy.
 
 mod login;
 mod words;
@@ -63,12 +64,12 @@ const TOKEN_LINES: &str = "isotherm token --out /etc/isotherm/operator.token\n\
 /// Makes the front page. Its buttons are disabled if commands would be refused.
 pub(super) fn front(words: &Words, status: &Status, may: PageAction, is_signed_in: bool) -> Markup {
     let files = html! {
-        link rel="stylesheet" href="/page/page.css";
-        link rel="stylesheet" href="/page/axis.css";
-        link rel="stylesheet" href="/page/uPlot.css";
-        link rel="stylesheet" href="/page/past.css";
-        script defer src="/page/uPlot.js" {}
-        script type="module" src="/page/main.js" {}
+        link rel="stylesheet" href="page/page.css";
+        link rel="stylesheet" href="page/axis.css";
+        link rel="stylesheet" href="page/uPlot.css";
+        link rel="stylesheet" href="page/past.css";
+        script defer src="page/uPlot.js" {}
+        script type="module" src="page/main.js" {}
     };
     document(
         words,
@@ -81,9 +82,9 @@ pub(super) fn front(words: &Words, status: &Status, may: PageAction, is_signed_i
                 footer {
                     p {
                         "isotherm " (status.version) " · "
-                        a href="/api/status" { (words.get("status_as_json")) } " · "
-                        a href="/metrics" { (words.get("metrics")) } " · "
-                        a href="/?view=wall" { (words.get("wall_view")) }
+                        a href="api/status" { (words.get("status_as_json")) } " · "
+                        a href="metrics" { (words.get("metrics")) } " · "
+                        a href="?view=wall" { (words.get("wall_view")) }
                     }
                     p { (words.get("not_safety")) }
                 }
@@ -96,8 +97,8 @@ pub(super) fn front(words: &Words, status: &Status, may: PageAction, is_signed_i
 /// Makes the wall view: a page that is readable from three metres, and has no buttons.
 pub(super) fn wall(words: &Words, status: &Status) -> Markup {
     let files = html! {
-        link rel="stylesheet" href="/page/wall.css";
-        script type="module" src="/page/wall.js" {}
+        link rel="stylesheet" href="page/wall.css";
+        script type="module" src="page/wall.js" {}
     };
     document(
         words,
@@ -121,14 +122,14 @@ pub(super) fn wall(words: &Words, status: &Status) -> Markup {
     )
 }
 
-/// Makes the part of `<head>` that all pages share.
-fn heading(title: &str) -> Markup {
+/// Makes the part of `<head>` that all pages share. `top` is the relative address of the web page.
+fn heading(title: &str, top: &str) -> Markup {
     html! {
         meta charset="utf-8";
         meta name="viewport" content="width=device-width, initial-scale=1";
         meta name="color-scheme" content="light dark";
         title { (title) " · isotherm" }
-        link rel="icon" href="/page/icon.svg" type="image/svg+xml";
+        link rel="icon" href={ (top) "page/icon.svg" } type="image/svg+xml";
     }
 }
 
@@ -137,7 +138,7 @@ fn document(words: &Words, status: &Status, files: &Markup, body: &Markup) -> Ma
         (DOCTYPE)
         html lang=(words.language) {
             head {
-                (heading(title(status)))
+                (heading(title(status), ""))
                 // This file is part of the program, and contains no `<`.
                 script type="application/json" id="words" { (PreEscaped(words.json)) }
                 (files)
@@ -189,7 +190,7 @@ fn main(words: &Words, may: PageAction, is_signed_in: bool) -> Markup {
                 }
                 @match may {
                     PageAction::Command => {}
-                    PageAction::SignIn => { p { (words.get("commands_want_operator")) " " a href="/login" { (words.get("sign_in")) } } }
+                    PageAction::SignIn => { p { (words.get("commands_want_operator")) " " a href="login" { (words.get("sign_in")) } } }
                     PageAction::MakeToken => {
                         p { (words.get("commands_want_token")) }
                         pre { code { (TOKEN_LINES) } }
@@ -197,7 +198,7 @@ fn main(words: &Words, may: PageAction, is_signed_in: bool) -> Markup {
                 }
                 p #answer role="status" {}
                 @if is_signed_in {
-                    form method="post" action="/api/logout" { button .small type="submit" { (words.get("sign_out")) } }
+                    form method="post" action="api/logout" { button .small type="submit" { (words.get("sign_out")) } }
                 }
             }
             section #alarms .alarms hidden {
@@ -210,7 +211,7 @@ fn main(words: &Words, may: PageAction, is_signed_in: bool) -> Markup {
                 div #past-tools role="group" aria-label=(words.get("past")) {}
                 p #past-note .quiet role="status" {}
                 div #past-charts {}
-                p { a #past-download href="/api/history.csv" download { (words.get("past_download")) } }
+                p { a #past-download href="api/history.csv" download { (words.get("past_download")) } }
             }
             div #set-above hidden { (table(words, "overridden", &["setting", "in_profile", "now", "set_by"])) }
             (table(words, "signals", &["signal", "value", "quality", "age"]))

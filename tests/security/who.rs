@@ -101,7 +101,7 @@ fn whoever_has_the_viewers_token_looks_at_everything_and_commands_nothing() {
     }
     assert_eq!(site.status()["axes"][0]["armed"], false);
     let page = site.get("/", &looks).body;
-    assert!(page.contains("data-may=\"false\"") && page.contains("href=\"/login\""), "{page}");
+    assert!(page.contains("data-may=\"false\"") && page.contains("href=\"login\""), "{page}");
     assert!(site.get("/", &commands).body.contains("data-may=\"true\""));
     assert_eq!(site.post("/api/arm", &commands).code, 200);
 }
@@ -187,7 +187,7 @@ fn a_stolen_visit_is_no_token_and_ends_when_its_token_does() {
     );
     let visit = |token: &str| {
         let entered = sign_in(token);
-        assert_eq!((entered.code, entered.header("location")), (303, "/"), "{entered:?}");
+        assert_eq!((entered.code, entered.header("location")), (303, "./"), "{entered:?}");
         let (cookie, attributes) = entered.header("set-cookie").split_once("; ").unwrap();
         assert_eq!(attributes, "Path=/; HttpOnly; SameSite=Strict");
         let (name, key) = cookie.split_once('=').unwrap();

@@ -23,7 +23,7 @@ let lost = false;
 
 // A stream does not say why it ended. Whoever is no longer signed in gets the page to do so.
 async function signInAgain() {
-  const response = await fetch("/api/status", { method: "HEAD" }).catch(() => null);
+  const response = await fetch("api/status", { method: "HEAD" }).catch(() => null);
   if (response?.status === 401) location.reload();
 }
 
@@ -46,7 +46,7 @@ export function follow(show, setLost) {
   const connect = () => {
     stream?.close();
     tried = Date.now();
-    stream = new EventSource("/api/live");
+    stream = new EventSource("api/live");
     stream.addEventListener("status", (event) => {
       last = JSON.parse(event.data);
       lastHeard = new Date();

@@ -76,7 +76,7 @@ async function send(command, axis, alarm) {
     say(answer, `${clock(new Date())} ${t(command)}: ${sentence}`);
   };
   try {
-    const response = await fetch(`/api/${command}${only}`, {
+    const response = await fetch(`api/${command}${only}`, {
       method: "POST",
       headers: { "isotherm-way": "page" },
       signal: AbortSignal.timeout(PATIENCE_MS),
@@ -94,7 +94,7 @@ async function older() {
   const button = by("older");
   button.disabled = true;
   try {
-    const response = await fetch("/api/events?since=24h");
+    const response = await fetch("api/events?since=24h");
     showOlder(by("events"), (await response.json()).events);
     button.hidden = true;
   } catch {

@@ -72,11 +72,11 @@ async function load() {
   const question = new URLSearchParams({ from: moment(end() - view.span), to: moment(end()) });
   // Only a virtual machine knows the truth, and it has no rows beside those of the log.
   question.set("columns", columns(lines.flat().filter(({ truth }) => !truth)));
-  by("past-download").href = `/api/history.csv?${question}`;
+  by("past-download").href = `api/history.csv?${question}`;
   question.set("columns", columns(lines.flat()));
   question.set("points", Math.max(100, Math.min(1000, by("past-charts").clientWidth)));
   try {
-    const response = await fetch(`/api/history?${question}`);
+    const response = await fetch(`api/history?${question}`);
     const course = response.ok ? await response.json() : null;
     if (mine !== asked) return;
     const note = course === null ? (await response.text()).trim() : course.rows ? "" : t("past_nothing");

@@ -8,7 +8,7 @@ import { t } from "./words.js";
 const by = (id) => document.getElementById(id);
 const axes = new Map();
 
-if (location.search !== "?view=wall") history.replaceState(null, "", "/?view=wall");
+if (location.search !== "?view=wall") history.replaceState(null, "", "?view=wall");
 
 function panel(axis) {
   const parts = {
