@@ -339,11 +339,9 @@ fn a_browser_gets_a_page_to_sign_in_and_a_program_an_answer_it_can_read() {
     assert!(closed.code == 429 && closed.body.contains("Wait a minute"), "{closed:?}");
 }
 
-/// Test with chromium and python3, as `tests/observe/page.rs`.
-#[test]
-fn a_person_signs_in_commands_and_signs_out_in_a_real_browser() {
-    let site = Site::with(BOTH);
-    site.is_known();
+/// Signs in at the page, arms the axis and signs out, with chromium and python3 as in `tests/observe/page.rs`. `first`
+/// are words for the browser, and `armed` those while the axis is armed.
+pub(crate) fn arms_in_a_browser(page: &str, first: &[&str], armed: &[&str]) {
     let type_in = format!(
         "eval:(() => {{ const field = document.querySelector('input[name=token]'); if (field) {{ field.value = '{OPERATOR}'; \
          field.form.requestSubmit(); }} return document.querySelector('.buttons') !== null; }})()"
@@ -355,12 +353,22 @@ fn a_person_signs_in_commands_and_signs_out_in_a_real_browser() {
     let look = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/interop/look.py");
     let seen = std::process::Command::new("python3")
         .arg(look)
-        .arg(format!("http://{}/", site.address))
-        .args([&type_in, may, "click:Arm", press, "click:Sign out", is_out])
+        .arg(page)
+        .args(first)
+        .args([&type_in, may, "click:Arm", press])
+        .args(armed)
+        .args(["click:Sign out", is_out])
         .output();
     let seen = seen.unwrap_or_else(|error| panic!("no python3 ({error}): `tests/run page` installs it"));
     let said = [seen.stdout, seen.stderr].map(|said| String::from_utf8(said).unwrap()).concat();
     assert!(seen.status.success(), "{said}\n(without chromium: `tests/run page`)");
+}
+
+#[test]
+fn a_person_signs_in_commands_and_signs_out_in_a_real_browser() {
+    let site = Site::with(BOTH);
+    site.is_known();
+    arms_in_a_browser(&format!("http://{}/", site.address), &[], &[]);
     assert_eq!(site.status()["axes"][0]["armed"], true);
 }
 
