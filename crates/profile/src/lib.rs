@@ -58,7 +58,7 @@ mod written_places;
 
 pub use control_chars::{lines, one_line};
 pub use digest::{sha256, sha256_of};
-pub use error::{Errors, ProfileError, allowed, nearest};
+pub use error::{Errors, ProfileError, allowed, nearest, nearest_or_longer};
 pub use file_kind::{FileKind, Misplaced};
 pub use host_port::{NoPlace, host_and_port};
 pub use ids::{AxisId, BusId, DeviceId, OutputId, SetId};
