@@ -75,6 +75,7 @@ mod runtime;
 mod scan;
 #[cfg(feature = "identify")]
 mod select;
+mod service_user;
 mod services;
 mod sign;
 mod signals;

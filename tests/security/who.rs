@@ -2,7 +2,7 @@
 
 use std::os::unix::fs::PermissionsExt;
 
-use crate::process::{isotherm, until};
+use crate::process::{Running, isotherm, until};
 use crate::site::{BOTH, OPERATOR, SCRAPER, SCRAPES, Site, VIEWER, bearer};
 
 /// All requests that change something.
@@ -373,7 +373,7 @@ fn a_person_signs_in_commands_and_signs_out_in_a_real_browser() {
 }
 
 #[test]
-fn a_token_that_others_may_read_or_that_is_short_keeps_the_gateway_from_starting_with_what_to_do() {
+fn a_token_that_others_may_read_or_that_is_short_closes_the_page_and_the_machine_is_compensated() {
     let home = tempfile::tempdir().unwrap();
     let token = home.path().join("operator.token");
     let made = isotherm(home.path()).args(["token", "--out"]).arg(&token).output().unwrap();
@@ -392,10 +392,13 @@ fn a_token_that_others_may_read_or_that_is_short_keeps_the_gateway_from_starting
     {
         std::fs::write(&token, text).unwrap();
         std::fs::set_permissions(&token, std::fs::Permissions::from_mode(mode)).unwrap();
-        for (verb, code) in [("run", 1), ("check", 0)] {
-            let ended = isotherm(home.path()).arg(verb).arg(&profile).output().unwrap();
-            let said = String::from_utf8(ended.stderr).unwrap();
-            assert!(ended.status.code() == Some(code) && said.contains(why), "{verb}: {said}");
-        }
+        let checked = isotherm(home.path()).arg("check").arg(&profile).output().unwrap();
+        let said = String::from_utf8(checked.stderr).unwrap();
+        assert!(checked.status.success() && said.contains(why), "{said}");
     }
+    let mut gateway = Running::start(isotherm(home.path()).arg("run").arg(&profile));
+    gateway.receives("the web page on 127.0.0.3:0 is not served: the token file");
+    assert!(!gateway.so_far().iter().any(|line| line.contains("page http://")), "{:#?}", gateway.said);
+    std::fs::write(&token, OPERATOR).unwrap();
+    gateway.receives("page http://127.0.0.3:");
 }

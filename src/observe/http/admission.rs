@@ -46,9 +46,4 @@ impl Admission {
             (web.commands, web.hosts.clone(), web.trusted_proxies.clone());
         Ok(Admission { scraper, viewer, operator, commands, hosts, trusted_proxies })
     }
-
-    /// Returns whether the profile has any token. Without one, clients on other computers have no access.
-    pub fn has_token(&self) -> bool {
-        [&self.scraper, &self.viewer, &self.operator].into_iter().any(Option::is_some)
-    }
 }

@@ -122,6 +122,14 @@ pub struct Web {
     pub language: Option<Language>,
 }
 
+impl Web {
+    /// Returns whether the profile names the file of a token. Without one, clients on other computers have no access.
+    pub fn has_token(&self) -> bool {
+        let files = [&self.token_file, &self.viewer_token_file, &self.scrape_token_file];
+        files.into_iter().any(Option::is_some)
+    }
+}
+
 /// Files with the web page's certificate and key. They are read when the web page is served, and again when they
 /// change.
 #[derive(Clone, Debug, PartialEq)]
