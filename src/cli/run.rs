@@ -18,6 +18,7 @@ use super::notices;
 use super::opcua_server;
 use super::port::Port;
 use super::run_profile::{self, RunProfile};
+use super::running;
 use super::services::{Services, Sockets};
 use super::signals::{Signals, survive_file_size_limit};
 use super::volume;
@@ -129,6 +130,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
     let profile = warned(loaded);
     for overridden in &profile.overridden {
         tracing::info!("{overridden}");
+    }
+    if let Some(warning) = running::other_directory(arguments.state.as_deref(), &profile) {
+        tracing::warn!("{warning}");
     }
     let directory = state_directory(arguments.state.as_deref(), &profile)?;
     if let Some(place) = volume::volatile_mount(&directory) {
