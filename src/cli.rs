@@ -33,6 +33,7 @@ mod explain;
 mod export;
 #[cfg(any(feature = "identify", feature = "place"))]
 mod extra_files;
+mod hints;
 #[cfg(feature = "identify")]
 mod identify;
 mod init;

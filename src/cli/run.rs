@@ -153,6 +153,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
             std::process::exit(1)
         }),
         broker: figures.clone(),
+        profile_changes: run_profile::watched(kept.as_ref(), &arguments.profile),
         learn: learn_command(&arguments.profile, &directory),
         ..Options::default()
     };

@@ -75,7 +75,7 @@ pub use load::{
 };
 pub use overridden_keys::Overridden;
 pub use profile::Profile;
-pub use sources::{SOURCES_MARK, Sources};
+pub use sources::{FileStamp, SOURCES_MARK, Sources};
 pub use tables::axis::learning::{LEARNED, Learning};
 pub use tables::axis::model::network;
 pub use tables::axis::probe::ProbeInput;
