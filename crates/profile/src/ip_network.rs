@@ -24,10 +24,10 @@ impl IpNetwork {
             None => (text, None),
         };
         let address = address.parse::<IpAddr>().map_err(|_| FORM)?.to_canonical();
-        let longest = if address.is_ipv4() { 32 } else { 128 };
+        let longest: u32 = if address.is_ipv4() { 32 } else { 128 };
         let prefix = match prefix {
             Some(prefix) if prefix.bytes().all(|digit| digit.is_ascii_digit()) => {
-                prefix.parse().map_err(|_| FORM)?
+                prefix.parse::<u32>().map_err(|_| FORM)?
             }
             Some(_) => return Err(FORM),
             None => longest,

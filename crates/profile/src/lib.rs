@@ -11,8 +11,8 @@
 //! - `overridden_keys`, `protected_keys`: keys that the layers change, and keys that they must not change.
 //! - `file_kind`: kinds of files by their content, to name a file in the place of another.
 //! - `files`, `sources`: files that a profile names, and the record of everything that was read.
-//! - [`host_and_port`], `ip_network`: addresses. [`safe_file`]: files named by a user. `control_chars`: safe display of foreign
-//!   texts.
+//! - [`host_and_port`], `ip_network`: addresses. [`safe_file`]: files named by a user. `control_chars`: safe display of
+//!   foreign texts.
 //! - `template`, `dbc`: device templates, and DBC files, which describe CAN frames.
 //! - `key_context`: a key that is being checked, with its errors and warnings.
 //! - `kinds`: one folder or file for each kind of bus: its keys, addresses, read requests and preview.
