@@ -1,6 +1,7 @@
 //! Web page with the status: static HTML, and files that fill the page from the live stream.
 //!
-//! All files are part of the program, so the page works in a network without internet access.
+//! All files are part of the program, so the page works in a network without internet access. All addresses are relative,
+//! so the page also works below a path of a proxy.
 
 mod login;
 mod words;
@@ -8,7 +9,7 @@ mod words;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::status::Status;
-pub(super) use login::login;
+pub(super) use login::{LoginPlace, login};
 pub(super) use words::Words;
 
 const STYLE: &str = "text/css; charset=utf-8";
@@ -190,14 +191,14 @@ pub(super) fn wall(words: &Words, status: &Status) -> Markup {
     )
 }
 
-/// Makes the part of `<head>` that all pages share.
-fn heading(title: &str) -> Markup {
+/// Makes the part of `<head>` that all pages share. `top` is the relative address of the web page.
+fn heading(title: &str, top: &str) -> Markup {
     html! {
         meta charset="utf-8";
         meta name="viewport" content="width=device-width, initial-scale=1";
         meta name="color-scheme" content="light dark";
         title { (title) " · isotherm" }
-        link rel="icon" href="page/icon.svg" type="image/svg+xml";
+        link rel="icon" href={ (top) "page/icon.svg" } type="image/svg+xml";
     }
 }
 
@@ -211,7 +212,7 @@ fn document(words: &Words, status: &Status, files: &Markup, body: &Markup) -> Ma
         (DOCTYPE)
         html lang=(words.language) {
             head {
-                (heading(title(status)))
+                (heading(title(status), ""))
                 // This file is part of the program, and contains no `<`.
                 script type="application/json" id="words" { (PreEscaped(words.json)) }
                 (files)

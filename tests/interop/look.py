@@ -12,6 +12,7 @@ and exits with 1. Some of the words are things to do, once all words before them
   print:EXPRESSION prints the value of that, as soon as it has one
   axe:FILE         checks the page with axe-core, whose script FILE is; a serious finding is printed, and the exit code is 1
   language:de      the browser of somebody who wants that language (wherever it stands)
+  any-certificate  a browser that accepts every certificate (wherever it stands)
 
 Speaks the browser's own debugging protocol; needs nothing but Python and chromium.
 """
@@ -135,6 +136,9 @@ def main(url, words):
         command = ["chromium", "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
         languages = [word.removeprefix("language:") for word in words if word.startswith("language:")]
         words = [word for word in words if not word.startswith("language:")]
+        if "any-certificate" in words:
+            command.append("--ignore-certificate-errors")
+            words.remove("any-certificate")
         command += [f"--accept-lang={language}" for language in languages]
         command += ["--remote-debugging-port=0", f"--user-data-dir={home}", url]
         log = open(os.path.join(home, "log"), "w")

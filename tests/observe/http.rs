@@ -120,7 +120,7 @@ async fn the_wall_has_no_buttons_and_says_no_more_than_is_read_from_three_metres
     assert_eq!((refused.code, refused.body.contains("name=\"view\" value=\"wall\"")), (401, true));
     let looks = [("Accept", "text/html")];
     let entered = door.send("POST", "/login", &looks, &format!("view=wall&token={VIEWER}")).await;
-    assert_eq!((entered.code, entered.header("location")), (303, "/?view=wall"));
+    assert_eq!((entered.code, entered.header("location")), (303, "./?view=wall"));
 }
 
 #[tokio::test]
