@@ -33,6 +33,7 @@ mod explain;
 mod export;
 #[cfg(any(feature = "identify", feature = "place"))]
 mod extra_files;
+mod hints;
 #[cfg(feature = "identify")]
 mod identify;
 mod init;
@@ -75,6 +76,7 @@ mod runtime;
 mod scan;
 #[cfg(feature = "identify")]
 mod select;
+mod service_user;
 mod services;
 mod sign;
 mod signals;

@@ -173,7 +173,7 @@ impl Gateway {
             core
         };
         let shared = Shared::new(profile, clock.clone(), journal, options.dry_run, ledger, wakeups, core);
-        let shared = Arc::new(shared.showing(options.broker.clone()));
+        let shared = Arc::new(shared.showing(options.broker.clone(), options.profile_changes.clone()));
         let wire_log = WireLog::new(&shared.profile);
         Gateway { shared, options, sleepers, wire_log }
     }

@@ -6,6 +6,7 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
+use rustix::io::Errno;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpStream, ToSocketAddrs, lookup_host};
 use tokio::sync::Mutex;
@@ -38,12 +39,17 @@ pub enum ConnectError {
     Tls(TlsFault),
 }
 
+/// Returns whether an error means that this program, or this computer, has too many open files.
+pub(crate) fn is_out_of_files(error: &io::Error) -> bool {
+    matches!(Errno::from_io_error(error), Some(Errno::MFILE | Errno::NFILE))
+}
+
 /// Connects to the first of the addresses that accepts a connection.
 ///
 /// # Errors
 /// The reason why no address accepts.
 pub async fn connect(to: impl ToSocketAddrs) -> Result<TcpStream, ConnectError> {
-    let found: Vec<SocketAddr> = lookup_host(to).await.map_err(|_| ConnectError::Unresolved)?.collect();
+    let found: Vec<SocketAddr> = lookup_host(to).await.map_err(unresolved)?.collect();
     let (last, others) = found.split_last().ok_or(ConnectError::Unresolved)?;
     for address in others {
         if let Ok(Ok(stream)) = timeout(EACH, TcpStream::connect(address)).await {
@@ -51,6 +57,11 @@ pub async fn connect(to: impl ToSocketAddrs) -> Result<TcpStream, ConnectError> 
         }
     }
     TcpStream::connect(last).await.map_err(ConnectError::Unreachable)
+}
+
+/// Returns the reason why a host name has no address. A lookup opens files too.
+fn unresolved(error: io::Error) -> ConnectError {
+    if is_out_of_files(&error) { ConnectError::Unreachable(error) } else { ConnectError::Unresolved }
 }
 
 /// Performs the TLS handshake with the server `name`.

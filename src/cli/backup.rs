@@ -17,6 +17,8 @@ use crate::gateway;
 use isotherm_core::quantity::time;
 use isotherm_profile::{Profile, safe_file, sha256};
 
+mod rotate;
+
 /// Largest size of a backup in bytes. Backup and restore keep the archive in memory, and reject a larger one.
 pub(super) const LARGEST: u64 = 128 * 1024 * 1024;
 /// Version of the archive format.
@@ -39,15 +41,22 @@ pub(super) const PROFILE_MODE: u32 = 0o644;
 /// environment are not included either.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  isotherm backup my-machine.toml my-machine.tar\n  isotherm backup my-machine.toml my-machine.tar --secrets"
+    after_help = "Examples:\n  isotherm backup my-machine.toml my-machine.tar\n  isotherm backup my-machine.toml my-machine.tar --secrets\n  \
+                  isotherm backup my-machine.toml --rotate /mnt/backup --copies 14     every night"
 )]
 pub(super) struct Arguments {
     /// The machine's profile
     #[arg(value_name = "PROFILE")]
     profile: PathBuf,
     /// The file to write; an existing file is not overwritten
-    #[arg(value_name = "FILE")]
-    file: PathBuf,
+    #[arg(value_name = "FILE", required_unless_present = "rotate")]
+    file: Option<PathBuf>,
+    /// Writes a file with machine and time in its name to this directory, and removes older ones of this machine
+    #[arg(long, value_name = "DIR", conflicts_with = "file")]
+    rotate: Option<PathBuf>,
+    /// Number of backups of this machine that --rotate keeps
+    #[arg(long, value_name = "N", default_value_t = 14, requires = "rotate", value_parser = clap::value_parser!(u32).range(1..))]
+    copies: u32,
     /// Overrides one key, may be repeated: `--set bus.cell.address=10.0.0.7:502`
     #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value)]
     set: Vec<(String, String)>,
@@ -85,7 +94,8 @@ pub(super) struct Entry {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let Arguments { profile: path, file, .. } = arguments;
+    let Arguments { profile: path, .. } = arguments;
+    arguments.rotate.as_deref().map_or(Ok(()), rotate::check)?;
     let loaded = load_quietly(path, &arguments.set, false)?;
     let name = path.file_name().filter(|_| path.is_file()).and_then(|name| name.to_str());
     let name = name.with_context(|| {
@@ -150,9 +160,17 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         LARGEST >> 20
     );
     let mode = if manifest.secrets { SECRET_MODE } else { MODE };
-    write_new(file, &archive, mode, None).map_err(|error| match error.kind() {
+    let file = match &arguments.rotate {
+        Some(directory) => rotate::path(directory, &profile.name, &manifest.time),
+        None => arguments.file.clone().context("name the FILE to write, or a directory with --rotate")?,
+    };
+    write_new(&file, &archive, mode, None).map_err(|error| match error.kind() {
         ErrorKind::AlreadyExists => anyhow::anyhow!("{} exists already: give another name", file.display()),
-        _ => anyhow::Error::new(error).context(format!("{} cannot be written", file.display())),
+        _ => {
+            // An incomplete backup would count as one of the copies.
+            let _ = std::fs::remove_file(&file);
+            anyhow::Error::new(error).context(format!("{} cannot be written", file.display()))
+        }
     })?;
     for (axis, preference) in gateway::preferences_in(&directory, profile) {
         if let Some(model) = preference.preferred().name() {
@@ -160,7 +178,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
     }
     let secret = if manifest.secrets { ", including secret files" } else { "" };
-    Ok(say!("{} contains {} files of machine {}{secret}", file.display(), files.len(), profile.name)?)
+    say!("{} contains {} files of machine {}{secret}", file.display(), files.len(), profile.name)?;
+    if let Some(directory) = &arguments.rotate {
+        let copies = usize::try_from(arguments.copies).unwrap_or(usize::MAX);
+        for old in rotate::remove_old(directory, &profile.name, copies)? {
+            say!("removed: {}", old.display())?;
+        }
+    }
+    Ok(())
 }
 
 fn entry((path, mode, bytes): &(String, u32, Vec<u8>)) -> Entry {

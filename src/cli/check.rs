@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use super::broker;
 use super::certificate::Certificate;
 use super::connection_test::ConnectionTest;
+use super::hints::Hints;
 use super::loading::{ProfileArguments, load_quietly, warned};
 use super::notices;
 use super::print::print_json;
@@ -135,7 +136,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             say!("    the device serves all its values with {quirks}")?;
         }
         moved.iter().try_for_each(|moved| say!("  warning: {moved}"))?;
-        say_all!("{}{}", read_once::signals(&status), read_once::fieldbus(&status))?;
+        let mut hints = Hints::default();
+        say_all!("{}", read_once::signals(&status, &mut hints))?;
+        say_all!("{}", read_once::fieldbus(&status, &mut hints))?;
     }
     #[cfg(feature = "opcua")]
     assess(&nodes)?;

@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use super::hints::{Hints, cause};
 use super::loading::load_with;
 use super::run::known_directory;
 use super::running;
@@ -12,6 +13,9 @@ use crate::clock::Clock;
 use crate::observe::events::Entry;
 use crate::observe::events::file::{self, FileItem, begin};
 use isotherm_profile::one_line;
+
+/// Indentation of a hint below its event: the width of time and level.
+const UNDER: usize = 30;
 
 /// Shows the events that are stored in the state directory, oldest first. The gateway need not run. Times are UTC.
 ///
@@ -53,12 +57,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
     };
     let (mut out, mut written, mut count) = (Out, Ok(()), 0_u64);
+    let mut hints = Hints::default();
     file::since(&directory, &machine, since, |found| {
         match found {
             FileItem::Damage(what) => say_beside!("warning: {what}"),
             FileItem::Event(entry) => {
                 count += 1;
-                written = writeln!(out, "{}", if arguments.json { json(&entry) } else { line(&entry) });
+                let text = if arguments.json { json(&entry) + "\n" } else { lines(&entry, &mut hints) };
+                written = out.write_all(text.as_bytes());
             }
         }
         written.is_ok()
@@ -97,8 +103,34 @@ fn json(entry: &Entry) -> String {
     serde_json::to_string(entry).unwrap_or_default()
 }
 
-fn line(entry: &Entry) -> String {
+/// Returns the line of an event, with its hint below if it was not printed yet.
+fn lines(entry: &Entry, hints: &mut Hints) -> String {
     let level = format!("{:?}", entry.level).to_lowercase();
     let at = entry.at.get(..19).unwrap_or(&entry.at).replace('T', " ");
-    format!("{at}  {level:<7}  {}", one_line(&entry.text))
+    let hint = entry.data["hint"].as_str();
+    let line = format!("{at}  {level:<7}  {}\n", one_line(cause(&entry.text, hint)));
+    line + &hints.line(UNDER, hint.map(one_line).as_deref())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::observe::events::Level;
+    use serde_json::json;
+
+    #[test]
+    fn the_hint_of_events_is_printed_once() {
+        let entry = |minute: u32| Entry {
+            at: format!("2026-01-05T12:{minute:02}:00Z"),
+            kind: "device-lost".into(),
+            level: Level::Warning,
+            text: "device module: refused: is the port right?".to_owned(),
+            data: json!({ "hint": "is the port right?" }),
+        };
+        let mut hints = Hints::default();
+        let text: String = (0..3).map(|minute| lines(&entry(minute), &mut hints)).collect();
+        assert_eq!(text.lines().count(), 4, "{text}");
+        let begin = "2026-01-05 12:00:00  warning  device module: refused\n                              to do: is the port right?\n";
+        assert!(text.starts_with(begin), "{text}");
+    }
 }

@@ -39,7 +39,7 @@ pub(super) fn text(name: &str) -> Option<(PathBuf, &'static str)> {
 /// Returns the shipped machine with a similar name, for a hint, if neither a file nor a shipped machine has this name.
 pub(super) fn meant(path: &Path) -> Option<&'static str> {
     let name = path.to_str().filter(|name| !path.exists() && text(name).is_none())?;
-    isotherm_profile::nearest(name, &names().collect::<Vec<_>>())
+    isotherm_profile::nearest_or_longer(name, &names().collect::<Vec<_>>())
 }
 
 /// Loads a shipped machine with these keys overridden. Returns its profile and its plant.

@@ -12,7 +12,7 @@ use crate::fieldbus::explain;
 use crate::observe::events::{Event, PagePort};
 use crate::observe::http::Admission;
 use crate::observe::status::GatewayApi;
-use isotherm_core::explained::Cause;
+use isotherm_core::explained::{Cause, Explained};
 use isotherm_profile::{PLAIN, Web, host_and_port};
 
 /// Number of failures in a row with another cause, after which the new cause is reported.
@@ -30,13 +30,20 @@ pub(super) struct Port {
     opened: Result<TcpListener, String>,
 }
 
+/// Error: a token of the web page cannot be used. It can be corrected while the gateway runs.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub(super) struct BadToken(String);
+
 /// Open web page: its listener, its rules for clients, and its certificate.
 type Opened = (tokio::net::TcpListener, Admission, Option<Certificate>);
 
 impl Port {
-    /// Reads the tokens and the certificate of the web page. The port is not opened yet.
+    /// Reads the certificate and the tokens of the web page. The port is not opened yet.
+    ///
+    /// # Errors
+    /// The settings or the certificate are wrong, or it is a [`BadToken`].
     pub(super) fn new(web: &Web) -> anyhow::Result<Port> {
-        let admission = Admission::of(web).map_err(anyhow::Error::msg)?;
         let place = host_and_port(&web.listen);
         if let Some(help) = place.err().and_then(|why| why.help(8080, str::to_owned)) {
             anyhow::bail!("`{}` is no address to listen on; {help}", web.listen);
@@ -48,7 +55,7 @@ impl Port {
             .collect();
         let is_local = addresses.iter().all(|address| address.ip().is_loopback());
         anyhow::ensure!(
-            admission.has_token() || is_local,
+            web.has_token() || is_local,
             "the web page may listen on {} only with web.token_file in the profile; without this key, only \
              on loopback",
             web.listen
@@ -59,6 +66,7 @@ impl Port {
             web.listen
         );
         let certificate = web.tls.as_ref().map(Certificate::open).transpose()?;
+        let admission = Admission::of(web).map_err(BadToken)?;
         let opened = Err("not opened yet".to_owned());
         Ok(Port { listen: web.listen.clone(), addresses, admission, certificate, opened })
     }
@@ -81,7 +89,7 @@ impl Port {
                 Err(why) => {
                     let (listen, why) = (web.listen.clone(), format!("{why:#}"));
                     if Cause::is_news(&mut reported, why.clone(), CHANGED_AFTER) {
-                        source.report(&Event::Page(PagePort::Closed { listen, why }));
+                        source.report(&Event::Page(PagePort::NotServed { listen, why }));
                     }
                 }
             }
@@ -110,7 +118,7 @@ impl Port {
                 Ok(())
             }
             Err(error) => {
-                self.opened = Err(explain::system(&error));
+                self.opened = Err(self.why(&error).to_string());
                 Err(error)
             }
         }
@@ -124,8 +132,20 @@ impl Port {
 
     /// Returns the message about a port that cannot be opened.
     pub(super) fn closed(&self, error: &Error) -> String {
-        let why = explain::system(error);
+        let why = self.why(error);
         format!("the web page cannot listen on {} (another address: --listen): {why}", self.listen)
+    }
+
+    /// Returns cause and remedy of an error of the port.
+    fn why(&self, error: &Error) -> Explained {
+        let is_low = self.addresses.iter().any(|address| (1..1024).contains(&address.port()));
+        match error.kind() {
+            ErrorKind::PermissionDenied if is_low => Explained::new(
+                "ports below 1024 need root",
+                "choose another port, as 8080, or put a proxy in front of the web page",
+            ),
+            _ => explain::explain_system(error),
+        }
     }
 
     /// Returns the address of the web page for a browser.
@@ -174,6 +194,26 @@ pub(super) fn hostname() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_low_port_says_that_it_needs_root_and_another_one_does_not() {
+        let port = |listen: &str| Port {
+            listen: listen.to_owned(),
+            addresses: vec![listen.parse().unwrap()],
+            admission: Admission::default(),
+            certificate: None,
+            opened: Err(String::new()),
+        };
+        for (listen, kind, says) in [
+            ("127.0.0.1:80", ErrorKind::PermissionDenied, true),
+            ("127.0.0.1:1023", ErrorKind::PermissionDenied, true),
+            ("127.0.0.1:1024", ErrorKind::PermissionDenied, false),
+            ("127.0.0.1:80", ErrorKind::AddrInUse, false),
+        ] {
+            let said = port(listen).closed(&Error::from(kind));
+            assert_eq!(said.contains("ports below 1024 need root"), says, "{listen}: {said}");
+        }
+    }
 
     #[test]
     fn a_page_on_every_address_is_shown_with_the_name_of_the_computer() {

@@ -2,6 +2,7 @@
 
 use std::io::IsTerminal;
 
+use super::hints::Hints;
 use super::print::print_json;
 use super::read_once;
 use super::run::known_directory;
@@ -66,7 +67,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         if arguments.json {
             print_json(&document(&status))?;
         } else {
-            say_all!("{}", read_once::signals(&status))?;
+            say_all!("{}", read_once::signals(&status, &mut Hints::default()))?;
         }
         for NewConnectionAdvice { device, advice, .. } in read_once::examined(&profile, &status)? {
             say_beside!("device {device}: {advice}");
@@ -78,7 +79,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let text = if arguments.json {
             format!("{}\n", document(&status))
         } else {
-            format!("{}\n{}", status.now, read_once::signals(&status))
+            format!("{}\n{}", status.now, read_once::signals(&status, &mut Hints::default()))
         };
         // A closed stdout ends it.
         (!redraws || clear().is_ok()) && say_all!("{text}").is_ok()

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use anyhow::Context;
 
+use super::hints::{Hints, cause};
 use crate::clock::Clock;
 use crate::discovery::new_connection::{self, NewConnectionAdvice};
 use crate::fieldbus::line::LONGEST_GATEWAY_WAIT;
@@ -16,6 +17,8 @@ use isotherm_profile::{BusId, DeviceId, Profile, Signal};
 
 /// Longest time to wait for a frame that a CAN device sends by itself.
 const LONGEST_PERIOD: Duration = Duration::from_secs(10);
+/// Indentation of a hint below its line.
+const UNDER: usize = 6;
 /// Longest time of the first request to a device, in timeouts. On a serial line, the gateway first waits for answers to
 /// an earlier program.
 const FIRST_REQUEST: u32 = 10;
@@ -116,7 +119,11 @@ pub(super) fn examined(profile: &Profile, status: &Status) -> anyhow::Result<Vec
 pub(super) fn assess(status: &Status) -> anyhow::Result<()> {
     let bad = status.signals.iter().filter(|signal| signal.quality != "good");
     let mut of_reason: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
-    bad.for_each(|signal| of_reason.entry(&signal.reason).or_default().push(&signal.name));
+    // The hints are below the signals.
+    for signal in bad {
+        let reason = cause(&signal.reason, signal.hint.as_deref());
+        of_reason.entry(reason).or_default().push(&signal.name);
+    }
     let (count, all) = (of_reason.values().map(Vec::len).sum::<usize>(), status.signals.len());
     let bad = of_reason.iter().map(|(reason, names)| format!("{} ({reason})", names.join(", ")));
     anyhow::ensure!(
@@ -128,19 +135,22 @@ pub(super) fn assess(status: &Status) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Formats the signals as text, one line each.
-pub(super) fn signals(status: &Status) -> String {
+/// Formats the signals as text, one line each. A hint is below the first line that needs it.
+pub(super) fn signals(status: &Status, hints: &mut Hints) -> String {
     let width = status.signals.iter().map(|signal| signal.name.len()).max().unwrap_or(0).max(6);
     let lines = status.signals.iter().map(|signal| {
         let value = signal.value.map_or("—".to_owned(), |value| format!("{value:.4}"));
-        let quality = if signal.quality == "good" { "good" } else { &signal.reason };
-        format!("  {:<width$}  {value:>14} {:<6}  {quality}\n", signal.name, signal.unit)
+        let hint = signal.hint.as_deref();
+        let quality = if signal.quality == "good" { "good" } else { cause(&signal.reason, hint) };
+        let line = format!("  {:<width$}  {value:>14} {:<6}  {quality}\n", signal.name, signal.unit);
+        line + &hints.line(UNDER, hint)
     });
     lines.collect()
 }
 
-/// Formats the buses, devices and offset registers as text, one line each.
-pub(super) fn fieldbus(status: &Status) -> String {
+/// Formats the buses, devices and offset registers as text, one line each. A hint that was not printed yet is below its
+/// device.
+pub(super) fn fieldbus(status: &Status, hints: &mut Hints) -> String {
     let buses = status.buses.iter().map(|bus| {
         // `connected` is set at the end of a turn (one action of the line task), which may not have come yet.
         let answers = status.devices.iter().any(|device| device.bus == bus.name && device.state == "ok");
@@ -152,8 +162,10 @@ pub(super) fn fieldbus(status: &Status) -> String {
             ("never-answered", 0) => "no signal is read from it",
             (state, _) => state,
         };
-        let fault = if device.fault.is_empty() { String::new() } else { format!(": {}", device.fault) };
-        format!("  device {}{}: {state}{fault}\n", device.name, device.at)
+        let hint = device.hint.as_deref();
+        let fault = cause(&device.fault, hint);
+        let fault = if fault.is_empty() { String::new() } else { format!(": {fault}") };
+        format!("  device {}{}: {state}{fault}\n", device.name, device.at) + &hints.line(UNDER, hint)
     });
     let offsets = status.outputs.iter().filter(|output| output.writes == "offset").map(|output| {
         let value = output.value.map_or("not read".to_owned(), |value| format!("{value:.4} µm"));

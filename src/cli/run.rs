@@ -18,6 +18,7 @@ use super::notices;
 use super::opcua_server;
 use super::port::Port;
 use super::run_profile::{self, RunProfile};
+use super::running;
 use super::services::{Services, Sockets};
 use super::signals::{Signals, survive_file_size_limit};
 use super::volume;
@@ -130,6 +131,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
     for overridden in &profile.overridden {
         tracing::info!("{overridden}");
     }
+    if let Some(warning) = running::other_directory(arguments.state.as_deref(), &profile) {
+        tracing::warn!("{warning}");
+    }
     let directory = state_directory(arguments.state.as_deref(), &profile)?;
     if let Some(place) = volume::volatile_mount(&directory) {
         let directory = directory.display();
@@ -149,6 +153,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
             std::process::exit(1)
         }),
         broker: figures.clone(),
+        profile_changes: run_profile::watched(kept.as_ref(), &arguments.profile),
         learn: learn_command(&arguments.profile, &directory),
         ..Options::default()
     };

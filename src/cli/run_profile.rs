@@ -5,13 +5,17 @@
 use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 
 use super::loading::{ProfileArguments, load_by, load_modelled, modelled, shipped};
 use super::machines;
 use crate::gateway::{KeptProfile, memory_for_profile};
 use crate::observe::events::Event;
-use crate::observe::status::GatewayApi;
+use crate::observe::status::{GatewayApi, ProfileChanges};
 use isotherm_profile::{Errors, Loaded, Sources, environment};
+
+/// Interval at which the source files are compared with those on disk.
+const COMPARED_EVERY: Duration = Duration::from_secs(5);
 
 /// Profile with its source files.
 pub(super) struct RunProfile {
@@ -72,6 +76,30 @@ pub(super) fn report_differences(
     };
     // Without a thread, nothing is reported, and the gateway still runs.
     let _ = std::thread::Builder::new().name("profile".to_owned()).spawn(compare);
+}
+
+/// Compares the source files with those on disk for as long as the gateway runs. Returns the names of the files that
+/// differ, which a separate thread updates.
+pub(super) fn watched(kept: Option<&KeptProfile>, arguments: &ProfileArguments) -> Arc<ProfileChanges> {
+    let changes = Arc::<ProfileChanges>::default();
+    let Some(sources) = kept.and_then(|kept| kept.sources().ok()) else { return changes };
+    let (shown, arguments) = (Arc::downgrade(&changes), arguments.clone());
+    let compare = move || {
+        let mut before = None;
+        while let Some(changes) = shown.upgrade() {
+            let stamps = sources.stamps(&arguments.path);
+            // Reading large files again and again would take time from the lines.
+            if before.as_ref() != Some(&stamps) {
+                changes.note(sources.differences(&arguments.path, &environment(), &arguments.set));
+                before = Some(stamps);
+            }
+            drop(changes);
+            std::thread::sleep(COMPARED_EVERY);
+        }
+    };
+    // Without a thread, no change is shown, and the gateway still runs.
+    let _ = std::thread::Builder::new().name("profile-files".to_owned()).spawn(compare);
+    changes
 }
 
 /// Reads a profile from disk, and stores its source files in `file`.

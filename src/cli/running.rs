@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::run::known_directory;
 use crate::cli::print::say_beside;
+use crate::gateway;
 use crate::gateway::control::{self, Presence};
 use isotherm_profile::Profile;
 
@@ -15,7 +16,36 @@ use isotherm_profile::Profile;
 /// # Errors
 /// Several gateways of the machine run, and none has the expected state directory.
 pub(super) fn socket(state: Option<&Path>, profile: &Profile) -> anyhow::Result<PathBuf> {
+    if let Some(warning) = other_directory(state, profile) {
+        say_beside!("warning: {warning}");
+    }
     of_machine(state, profile.history.directory.as_deref(), &profile.name)
+}
+
+/// Returns a warning if a relative state directory has neither a saved state of this machine nor its gateway, and another
+/// known directory has. The command was then perhaps given in another working directory than before.
+pub(super) fn other_directory(state: Option<&Path>, profile: &Profile) -> Option<String> {
+    let named = state.filter(|named| named.is_relative())?;
+    let (machine, here) = (&profile.name, std::path::absolute(named).ok()?);
+    let is_of_machine = |directory: &Path| {
+        let socket = control::path(directory, machine);
+        gateway::backup::is_in(directory, machine) || control::presence(&socket) != Presence::Absent
+    };
+    if is_of_machine(&here) {
+        return None;
+    }
+    let beside = profile.path.parent().map(|directory| directory.join(named));
+    let usual = [known_directory(profile.history.directory.as_deref()), known_directory(None)];
+    let running = control::listening(machine);
+    let running = running.iter().filter_map(|socket| socket.parent().map(Path::to_owned));
+    let mut others = beside.into_iter().chain(usual).chain(running);
+    let other = others.find(|directory| is_of_machine(directory))?;
+    Some(format!(
+        "--state {} is {}, which has no state of {machine}. {} has one: was that directory meant?",
+        named.display(),
+        here.display(),
+        other.display()
+    ))
 }
 
 /// Returns the command socket of the machine with this name. `directory` is the state directory in its profile.

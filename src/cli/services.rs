@@ -8,7 +8,7 @@ use tokio::sync::watch;
 
 use super::certificate::Certificate;
 use super::descriptors::Shares;
-use super::port::Port;
+use super::port::{BadToken, Port};
 use crate::gateway::{Successor, WireLog, control};
 use crate::observe::http::{self, HttpListener, Limits};
 use crate::observe::status::GatewayApi;
@@ -51,10 +51,16 @@ impl Sockets {
     }
 
     /// Opens the port of the web page, and returns the address of the page. Returns `None` if another program has the
-    /// port, or this computer does not have the address yet. Such an error must not stop the compensation: the gateway
-    /// tries again while it runs.
+    /// port, this computer does not have the address yet, or a token cannot be used. Such an error must not stop the
+    /// compensation: the gateway tries again while it runs.
     pub(super) fn open_page_now_or_later(&mut self, web: &Web) -> anyhow::Result<Option<String>> {
-        let mut port = Port::new(web)?;
+        let mut port = match Port::new(web) {
+            Err(error) if error.is::<BadToken>() => {
+                self.open_page_later(web.clone());
+                return Ok(None);
+            }
+            port => port?,
+        };
         let opened = port.open();
         if let Err(error) = &opened
             && !Port::may_open_later(error)

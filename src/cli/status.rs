@@ -1,10 +1,12 @@
 //! `isotherm status`: shows the content of the web page, in a terminal or as JSON.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::time::Duration;
 
 use serde_json::{Map, Value};
 
+use super::hints::cause;
 use super::loading::load_quietly;
 use super::running;
 use crate::cli::print::{clear, say, say_all};
@@ -46,8 +48,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     loop {
         let status = document(&control::status(&socket)?)?;
         if arguments.healthy {
-            let missing: Vec<&str> = texts(&status["missing"]);
-            anyhow::ensure!(missing.is_empty(), "not healthy: {}", missing.join("; "));
+            if let Some(unhealthy) = unhealthy(&status) {
+                anyhow::bail!("not healthy: {unhealthy}");
+            }
             let named = status["axes"].as_object().into_iter().flatten();
             let off = named.filter(|(_, axis)| axis["left_off"] == true);
             let off: String = off
@@ -72,6 +75,21 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
 }
 
+/// Returns the reasons why the machine is not compensated, with each hint once at the end. `None` if there are none.
+fn unhealthy(status: &Value) -> Option<String> {
+    let axes = status["axes"].as_object().into_iter().flat_map(Map::values);
+    let devices = status["devices"].as_array().into_iter().flatten();
+    let hints: BTreeSet<&str> = axes.chain(devices).filter_map(|one| one["hint"].as_str()).collect();
+    let missing = texts(&status["missing"]);
+    let without = |text: &&str| {
+        hints.iter().fold((*text).to_owned(), |text, hint| cause(&text, Some(*hint)).to_owned())
+    };
+    let causes: Vec<String> = missing.iter().map(without).collect();
+    let used = hints.iter().filter(|hint| missing.iter().any(|text| text.ends_with(**hint)));
+    let used: String = used.map(|hint| format!("; to do: {hint}")).collect();
+    (!missing.is_empty()).then(|| causes.join("; ") + &used)
+}
+
 /// Parses the status, and converts its list of axes to an object with the axis names as keys.
 fn document(text: &str) -> anyhow::Result<Value> {
     let mut status: Value = serde_json::from_str(text)?;
@@ -87,4 +105,25 @@ fn document(text: &str) -> anyhow::Result<Value> {
 
 fn texts(value: &Value) -> Vec<&str> {
     value.as_array().into_iter().flatten().filter_map(Value::as_str).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn what_is_missing_has_each_hint_once_at_the_end() {
+        let hint = "is the port right?";
+        let device = |name: &str| json!({ "name": name, "state": "lost", "hint": hint });
+        let mut status = json!({
+            "axes": { "z": { "hint": "arm the axis" } },
+            "devices": [device("module"), device("cnc")],
+            "missing": [format!("device module: lost: refused: {hint}"), format!("device cnc: lost: refused: {hint}")]
+        });
+        let expected = "device module: lost: refused; device cnc: lost: refused; to do: is the port right?";
+        assert_eq!(unhealthy(&status).as_deref(), Some(expected));
+        status["missing"] = json!([]);
+        assert_eq!(unhealthy(&status), None);
+    }
 }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 
+use super::service_user;
 use crate::cli::print::{say, say_beside};
 use crate::observe::http::new_token;
 
@@ -20,7 +21,7 @@ use crate::observe::http::new_token;
 )]
 pub(super) struct Arguments {
     /// Writes the token to a new file that only its owner may read (0600), instead of to stdout; an existing file is
-    /// not overwritten
+    /// not overwritten. If root writes it below /etc/isotherm, it belongs to the user of the service
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 }
@@ -29,6 +30,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let token = new_token().context("the kernel has no random numbers")?;
     let Some(path) = &arguments.out else { return Ok(say!("{token}")?) };
     write(path, &token).with_context(|| format!("{} cannot be written", path.display()))?;
+    service_user::give(path).with_context(|| format!("{} has the wrong owner", path.display()))?;
     say_beside!(
         "below [web] of the profile: token_file = \"{0}\" (or viewer_token_file, scrape_token_file)",
         path.display()

@@ -91,6 +91,9 @@ pub enum LinkFault {
     /// The host cannot be reached.
     #[error("host not reachable")]
     Unreachable,
+    /// The program, or the whole computer, has no free file descriptor for the connection.
+    #[error("too many files are open in this program, or on this computer")]
+    NoDescriptors,
     /// The connection was closed or broken during a request.
     #[error("connection closed or broken")]
     Broken,
@@ -317,6 +320,7 @@ impl Fault {
                 LinkFault::Refused
                 | LinkFault::Unresolved
                 | LinkFault::Unreachable
+                | LinkFault::NoDescriptors
                 | LinkFault::Closed
                 | LinkFault::Absent
                 | LinkFault::Forbidden
@@ -370,9 +374,9 @@ impl Fault {
     }
 
     /// Returns whether the fault shows that neither the power nor the cable of the device is the cause: the other end
-    /// answers, or files of this computer are unusable.
+    /// answers, or files of this computer are unusable or too many.
     pub const fn excludes_wiring(self) -> bool {
-        matches!(self, Fault::Link(LinkFault::OpcUa(_) | LinkFault::Tls(_)))
+        matches!(self, Fault::Link(LinkFault::OpcUa(_) | LinkFault::Tls(_) | LinkFault::NoDescriptors))
     }
 
     /// Returns the reason for which a reading that failed with this fault is not good.

@@ -15,11 +15,16 @@ use isotherm_profile::safe_file::without_numbers;
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
 use super::kinds::{self, can, modbus, opcua};
 use super::seen::{Advice, Seen};
+use crate::net::is_out_of_files;
 
 /// Remedy for an OPC UA node whose value is not a number.
 const NOT_A_NUMBER: &str = "write another node: `isotherm read --browse` shows which nodes hold a number. A date is \
                             none. A text must contain nothing but a number, with a point. For an array, write \
                             `element`";
+
+/// Remedy for a program that may open no more files.
+const MORE_FILES: &str =
+    "raise the limit: `ulimit -n 4096` in a shell, `LimitNOFILE=4096` in a unit of systemd";
 
 /// Returns what the user can do about a fault. `None` if the text of its cause is sufficient, or if only the table in
 /// `kinds/modbus/hint.rs` has advice on it.
@@ -39,6 +44,7 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
             "is the address right, is the device powered and on this network, does a firewall block the \
              connection?"
         }
+        Fault::Link(LinkFault::NoDescriptors) => MORE_FILES,
         Fault::Link(LinkFault::Broken) => {
             "many devices accept one client at a time: is another master connected? Some devices close the \
              connection if the unit number is not theirs"
@@ -179,6 +185,7 @@ pub fn system(error: &Error) -> String {
 pub fn explain_system(error: &Error) -> Explained {
     match error.kind() {
         _ if error.get_ref().is_some() => without_numbers(&error.to_string()).into(),
+        _ if is_out_of_files(error) => Explained::new(LinkFault::NoDescriptors.to_string(), MORE_FILES),
         ErrorKind::PermissionDenied => Explained::new(
             "this user has no permission",
             "use another directory (`--state`), port or user, or have the owner give access",
@@ -218,6 +225,7 @@ mod tests {
             LinkFault::Refused,
             LinkFault::Unresolved,
             LinkFault::Unreachable,
+            LinkFault::NoDescriptors,
             LinkFault::Broken,
             LinkFault::Absent,
             LinkFault::Forbidden,
@@ -305,9 +313,10 @@ mod tests {
 
     #[test]
     fn what_the_system_says_is_said_without_its_numbers() {
-        for code in [13, 98, 99, 28, 30] {
+        for code in [13, 98, 99, 28, 30, 23, 24] {
             let said = system(&Error::from_raw_os_error(code));
             assert!(!said.contains("os error"), "{said}");
+            assert_eq!(said.contains("ulimit -n"), matches!(code, 23 | 24), "{said}");
         }
     }
 }

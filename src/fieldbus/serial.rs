@@ -102,6 +102,7 @@ fn why_not(error: Errno) -> LinkFault {
         Errno::NOENT | Errno::NODEV | Errno::NXIO | Errno::IO => LinkFault::Absent,
         Errno::ACCESS | Errno::PERM => LinkFault::Forbidden,
         Errno::BUSY | Errno::WOULDBLOCK => LinkFault::Busy,
+        Errno::MFILE | Errno::NFILE => LinkFault::NoDescriptors,
         _ => LinkFault::Unsuited,
     }
 }

@@ -10,7 +10,7 @@ use socket2::SockRef;
 use tokio::net::TcpStream;
 
 use super::error::{Fault, LinkFault};
-use crate::net::{ConnectError, connect};
+use crate::net::{ConnectError, connect, is_out_of_files};
 
 /// Opens a TCP connection to `host:port`. The system closes it if the other end does not acknowledge data within the
 /// timeout. Closing it discards data that is unsent or not acknowledged.
@@ -29,9 +29,30 @@ pub(super) async fn connected(address: &str, timeout: Duration) -> Result<TcpStr
 fn fault(error: &ConnectError) -> LinkFault {
     match error {
         ConnectError::Unresolved => LinkFault::Unresolved,
+        ConnectError::Unreachable(error) if is_out_of_files(error) => LinkFault::NoDescriptors,
         ConnectError::Unreachable(error) if error.kind() == ErrorKind::ConnectionRefused => {
             LinkFault::Refused
         }
         _ => LinkFault::Unreachable,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Error;
+
+    #[test]
+    fn a_host_is_not_blamed_for_what_this_computer_lacks() {
+        // Connection refused, no route to host, too many open files of the program, and of the computer.
+        for (code, expected) in [
+            (111, LinkFault::Refused),
+            (113, LinkFault::Unreachable),
+            (24, LinkFault::NoDescriptors),
+            (23, LinkFault::NoDescriptors),
+        ] {
+            let error = ConnectError::Unreachable(Error::from_raw_os_error(code));
+            assert_eq!(fault(&error), expected, "{code}");
+        }
     }
 }

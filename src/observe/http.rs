@@ -1,10 +1,11 @@
 //! HTTP server of the gateway: web page, status, live stream, metrics, health and commands.
 //!
 //! ```text
-//! listener (limits) ──► request (one host) ──► access (method, permission) ──► request (complete) ──► route
-//!                                                                                                     │
-//!                                                        status and commands (GatewayApi)  ◄──────────┤
-//!                                live: one status a second, shared by every open page  ◄──────────────┘
+//! listener (limits) ──► request (one host) ──► peer (proxies) ──► access (method, permission)
+//!                                                                       │
+//!                           route  ◄── request (complete)  ◄────────────┘
+//!                             ├──► status and commands (GatewayApi)
+//!                             └──► live: one status a second, shared by every open page
 //! ```
 //!
 //! The tasks of the bus lines never wait for this server. A slow client delays only itself.
@@ -16,6 +17,7 @@ mod compression;
 mod connection;
 pub(in crate::observe) mod connection_limiter;
 mod events;
+mod forwarded;
 mod history;
 mod listener;
 mod live;
@@ -60,6 +62,10 @@ use super::page::PageAction;
 use super::requester::{Requester, ServiceTimes};
 use super::status::{Command, GatewayApi, Status};
 use super::{page, prometheus};
+use isotherm_profile::IpNetwork;
+
+/// Header by which a proxy such as nginx passes on each piece of an answer at once.
+const UNBUFFERED: HeaderName = HeaderName::from_static("x-accel-buffering");
 
 /// Time in which open requests may end when the gateway stops.
 const GRACE: Duration = Duration::from_millis(500);
@@ -91,17 +97,19 @@ pub async fn serve(
     admission: Admission,
     shutdown: impl Future<Output = ()> + Send + 'static,
 ) -> io::Result<()> {
-    let door = door.into();
-    let access = Arc::new(Access::new(admission, door.address()?, door.scheme() == "https"));
+    let door: HttpListener = door.into();
+    let proxies: Arc<[IpNetwork]> = admission.trusted_proxies.as_slice().into();
+    let door = door.behind(proxies.clone());
+    let access = Arc::new(Access::new(admission, door.address()?, door.scheme()));
     let limits = door.limits();
     let (stop, stopped) = watch::channel(());
     let live = live::Live::start(Arc::clone(&source), limits.streams, stopped.clone());
     let attendance = ServiceTimes::default();
     let readers = Arc::new(Semaphore::new(history::AT_ONCE));
     let events = Arc::new(Semaphore::new(1));
-    let language = Arc::default();
-    let room = HttpState { source, access, live, attendance: attendance.clone(), readers, events, language };
-    let router = router(room.clone(), limits.body);
+    let login = Arc::default();
+    let room = HttpState { source, access, live, attendance: attendance.clone(), readers, events, login };
+    let router = router(room.clone(), limits.body, proxies);
     let serving = door.serve(router, stopped);
     // A client that never completes its request must not delay the stop of the gateway.
     let overdue = async {
@@ -118,7 +126,7 @@ pub async fn serve(
     Ok(())
 }
 
-fn router(room: HttpState, body_within: Duration) -> Router {
+fn router(room: HttpState, body_within: Duration, proxies: Arc<[IpNetwork]>) -> Router {
     let guard = middleware::from_fn_with_state(room.clone(), access::check);
     let add =
         |router: Router<HttpState>, entry: &routes::Entry| router.route(&entry.path, handlers(entry.route));
@@ -130,6 +138,7 @@ fn router(room: HttpState, body_within: Duration) -> Router {
         })
         .layer(middleware::from_fn_with_state(body_within, request::whole))
         .layer(guard)
+        .layer(middleware::from_fn_with_state(proxies, peer::behind_proxies))
         .layer(middleware::from_fn(request::for_one_host))
         .layer(middleware::map_response(with_headers))
         .with_state(room)
@@ -210,7 +219,8 @@ async fn status(State(room): State<HttpState>) -> Json<Status> {
 async fn stream(State(room): State<HttpState>, Extension(pass): Extension<Grant>) -> Response {
     let access = Arc::clone(&room.access);
     match room.live.stream(move || access.is_still(&pass)) {
-        Some(stream) => stream.into_response(),
+        // A proxy that collects an answer before it passes it on would show an old page.
+        Some(stream) => ([(UNBUFFERED, "no")], stream).into_response(),
         None => {
             let text = "Too many clients watch this machine. Close a web page, or request /api/status.\n";
             (StatusCode::SERVICE_UNAVAILABLE, [(header::RETRY_AFTER, "10")], text).into_response()

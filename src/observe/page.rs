@@ -1,6 +1,7 @@
 //! Web page with the status: static HTML, and files that fill the page from the live stream.
 //!
-//! All files are part of the program, so the page works in a network without internet access.
+//! All files are part of the program, so the page works in a network without internet access. All addresses are relative,
+//! so the page also works below a path of a proxy.
 
 mod login;
 mod words;
@@ -8,14 +9,28 @@ mod words;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::status::Status;
-pub(super) use login::login;
+pub(super) use login::{LoginPlace, login};
 pub(super) use words::Words;
 
 const STYLE: &str = "text/css; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
+const ICON: &str = "image/svg+xml";
 
-/// Name, content type and content of each file under `/page/`.
-const FILES: [(&str, &str, &str); 22] = [
+/// Makes the icon of a page with alarms, with their number in a red circle.
+macro_rules! alarm_icon {
+    ($count:literal) => {
+        concat!(
+            r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32">"##,
+            r##"<rect width="32" height="32" rx="6" fill="#1d4e5f"/><circle cx="16" cy="16" r="14" fill="#c4000f" stroke="#fff" stroke-width="2"/>"##,
+            r##"<text x="16" y="23" text-anchor="middle" font-family="sans-serif" font-weight="700" font-size="19" fill="#fff">"##,
+            $count,
+            "</text></svg>"
+        )
+    };
+}
+
+/// Name, content type and content of each file under `page/`.
+const FILES: [(&str, &str, &str); 40] = [
     ("page.css", STYLE, include_str!("page/page.css")),
     ("axis.css", STYLE, include_str!("page/axis.css")),
     ("past.css", STYLE, include_str!("page/past.css")),
@@ -26,18 +41,68 @@ const FILES: [(&str, &str, &str); 22] = [
     ("live.js", SCRIPT, include_str!("page/live.js")),
     ("words.js", SCRIPT, include_str!("page/words.js")),
     ("text.js", SCRIPT, include_str!("page/text.js")),
-    ("which.js", SCRIPT, include_str!("page/which.js")),
+    ("commands.js", SCRIPT, include_str!("page/commands.js")),
     ("states.js", SCRIPT, include_str!("page/states.js")),
     ("axis.js", SCRIPT, include_str!("page/axis.js")),
+    ("bar.js", SCRIPT, include_str!("page/bar.js")),
+    ("trend.js", SCRIPT, include_str!("page/trend.js")),
+    ("course.js", SCRIPT, include_str!("page/course.js")),
+    ("recent.js", SCRIPT, include_str!("page/recent.js")),
+    ("history.js", SCRIPT, include_str!("page/history.js")),
+    ("measured.js", SCRIPT, include_str!("page/measured.js")),
     ("sign.js", SCRIPT, include_str!("page/sign.js")),
     ("past.js", SCRIPT, include_str!("page/past.js")),
+    ("chart.js", SCRIPT, include_str!("page/chart.js")),
+    ("bands.js", SCRIPT, include_str!("page/bands.js")),
+    ("events.js", SCRIPT, include_str!("page/events.js")),
     ("alarms.js", SCRIPT, include_str!("page/alarms.js")),
     ("uPlot.js", SCRIPT, include_str!("page/uplot/uPlot.iife.min.js")),
     ("uPlot.css", STYLE, include_str!("page/uplot/uPlot.min.css")),
     ("probe.js", SCRIPT, include_str!("page/probe.js")),
     ("learned.js", SCRIPT, include_str!("page/learned.js")),
     ("tables.js", SCRIPT, include_str!("page/tables.js")),
-    ("icon.svg", "image/svg+xml", include_str!("page/icon.svg")),
+    ("icon.svg", ICON, include_str!("page/icon.svg")),
+    ("icon-1.svg", ICON, alarm_icon!("1")),
+    ("icon-2.svg", ICON, alarm_icon!("2")),
+    ("icon-3.svg", ICON, alarm_icon!("3")),
+    ("icon-4.svg", ICON, alarm_icon!("4")),
+    ("icon-5.svg", ICON, alarm_icon!("5")),
+    ("icon-6.svg", ICON, alarm_icon!("6")),
+    ("icon-7.svg", ICON, alarm_icon!("7")),
+    ("icon-8.svg", ICON, alarm_icon!("8")),
+    ("icon-9.svg", ICON, alarm_icon!("9+")),
+];
+
+/// Modules of the wall view, its own one first. A browser loads them at once, and not one after the other as they import
+/// each other.
+const WALL_MODULES: [&str; 11] = [
+    "wall.js",
+    "bar.js",
+    "course.js",
+    "history.js",
+    "live.js",
+    "measured.js",
+    "recent.js",
+    "states.js",
+    "text.js",
+    "trend.js",
+    "words.js",
+];
+
+/// Modules that only the front page has. It also has those of the wall view, except the first.
+const FRONT_MODULES: [&str; 12] = [
+    "main.js",
+    "alarms.js",
+    "axis.js",
+    "bands.js",
+    "chart.js",
+    "commands.js",
+    "events.js",
+    "learned.js",
+    "past.js",
+    "probe.js",
+    "sign.js",
+    "tables.js",
 ];
 
 /// Returns name, content type and content of a file of the web page. `None` if there is no such file.
@@ -63,12 +128,13 @@ const TOKEN_LINES: &str = "isotherm token --out /etc/isotherm/operator.token\n\
 /// Makes the front page. Its buttons are disabled if commands would be refused.
 pub(super) fn front(words: &Words, status: &Status, may: PageAction, is_signed_in: bool) -> Markup {
     let files = html! {
-        link rel="stylesheet" href="/page/page.css";
-        link rel="stylesheet" href="/page/axis.css";
-        link rel="stylesheet" href="/page/uPlot.css";
-        link rel="stylesheet" href="/page/past.css";
-        script defer src="/page/uPlot.js" {}
-        script type="module" src="/page/main.js" {}
+        link rel="stylesheet" href="page/page.css";
+        link rel="stylesheet" href="page/axis.css";
+        link rel="stylesheet" href="page/uPlot.css";
+        link rel="stylesheet" href="page/past.css";
+        (preloaded(FRONT_MODULES.iter().chain(WALL_MODULES.iter().skip(1))))
+        script defer src="page/uPlot.js" {}
+        script type="module" src="page/main.js" {}
     };
     document(
         words,
@@ -76,14 +142,16 @@ pub(super) fn front(words: &Words, status: &Status, may: PageAction, is_signed_i
         &files,
         &html! {
             body {
+                a .skip href="#axes" { (words.get("skip_to_axes")) }
+                p #lost .lost role="alert" hidden {}
                 (head(words, status))
                 (main(words, may, is_signed_in))
                 footer {
                     p {
                         "isotherm " (status.version) " · "
-                        a href="/api/status" { (words.get("status_as_json")) } " · "
-                        a href="/metrics" { (words.get("metrics")) } " · "
-                        a href="/?view=wall" { (words.get("wall_view")) }
+                        a href="api/status" { (words.get("status_as_json")) } " · "
+                        a href="metrics" { (words.get("metrics")) } " · "
+                        a href="?view=wall" { (words.get("wall_view")) }
                     }
                     p { (words.get("not_safety")) }
                 }
@@ -96,8 +164,9 @@ pub(super) fn front(words: &Words, status: &Status, may: PageAction, is_signed_i
 /// Makes the wall view: a page that is readable from three metres, and has no buttons.
 pub(super) fn wall(words: &Words, status: &Status) -> Markup {
     let files = html! {
-        link rel="stylesheet" href="/page/wall.css";
-        script type="module" src="/page/wall.js" {}
+        link rel="stylesheet" href="page/wall.css";
+        (preloaded(WALL_MODULES.iter()))
+        script type="module" src="page/wall.js" {}
     };
     document(
         words,
@@ -109,27 +178,33 @@ pub(super) fn wall(words: &Words, status: &Status) -> Markup {
                     h1 { (title(status)) }
                     p #time {}
                 }
-                main {
+                div .says-all {
                     noscript { p { (words.get("no_script")) } }
                     p #lost role="alert" hidden {}
                     p #word role="status" { (words.get("connecting")) }
                     p #sentence { (words.get("waiting_for_figures")) }
+                    p #alarms hidden { span #alarm-count {} " " span #alarm-text lang="en" {} }
                 }
-                div #axes {}
+                main #axes aria-label=(words.get("axes_title")) {}
             }
         },
     )
 }
 
-/// Makes the part of `<head>` that all pages share.
-fn heading(title: &str) -> Markup {
+/// Makes the part of `<head>` that all pages share. `top` is the relative address of the web page.
+fn heading(title: &str, top: &str) -> Markup {
     html! {
         meta charset="utf-8";
         meta name="viewport" content="width=device-width, initial-scale=1";
         meta name="color-scheme" content="light dark";
         title { (title) " · isotherm" }
-        link rel="icon" href="/page/icon.svg" type="image/svg+xml";
+        link rel="icon" href={ (top) "page/icon.svg" } type="image/svg+xml";
     }
+}
+
+/// Makes the links that load modules before the scripts that import them.
+fn preloaded<'a>(modules: impl Iterator<Item = &'a &'a str>) -> Markup {
+    html! { @for module in modules { link rel="modulepreload" href=(format!("page/{module}")); } }
 }
 
 fn document(words: &Words, status: &Status, files: &Markup, body: &Markup) -> Markup {
@@ -137,7 +212,7 @@ fn document(words: &Words, status: &Status, files: &Markup, body: &Markup) -> Ma
         (DOCTYPE)
         html lang=(words.language) {
             head {
-                (heading(title(status)))
+                (heading(title(status), ""))
                 // This file is part of the program, and contains no `<`.
                 script type="application/json" id="words" { (PreEscaped(words.json)) }
                 (files)
@@ -148,27 +223,20 @@ fn document(words: &Words, status: &Status, files: &Markup, body: &Markup) -> Ma
 }
 
 /// Returns the displayed name of the machine, or its name if it has none.
-fn title(status: &Status) -> &str {
+pub(super) fn title(status: &Status) -> &str {
     if status.label.is_empty() { &status.machine } else { &status.label }
 }
 
 fn head(words: &Words, status: &Status) -> Markup {
     html! {
-        p #lost .lost role="alert" hidden {}
         header {
             div .who {
                 h1 { (title(status)) }
                 @if !status.label.is_empty() { p .quiet { (status.machine) } }
                 p .quiet { (status.description) }
             }
-            div #overall .overall data-tone="off" {
-                p .word role="status" {
-                    span .sign aria-hidden="true" { "○" } " " span #word { (words.get("connecting")) }
-                }
-                p #sentence .sentence { (words.get("waiting_for_figures")) }
-            }
             dl .times {
-                div { dt { (words.get("machine_time")) } dd { span #machine-time { "–" } small #utc {} } }
+                div { dt { (words.get("machine_time")) } dd { span #machine-time { "–" } " " small #utc {} } }
                 div { dt { (words.get("clock")) } dd #clock-word { "–" } }
                 div { dt { (words.get("machine_on")) } dd #machine-on { "–" } }
                 div { dt { (words.get("uptime")) } dd #uptime { "–" } }
@@ -177,52 +245,94 @@ fn head(words: &Words, status: &Status) -> Markup {
     }
 }
 
+/// Makes the part with the state of the machine.
+fn overall(words: &Words) -> Markup {
+    html! {
+        section #overall .overall data-tone="off" aria-label=(words.get("state")) {
+            p .word role="status" {
+                span .sign aria-hidden="true" { "○" } " " span #word { (words.get("connecting")) }
+            }
+            p #sentence .sentence { (words.get("waiting_for_figures")) }
+            p #alarm-count .alarm-count {}
+        }
+    }
+}
+
 fn main(words: &Words, may: PageAction, is_signed_in: bool) -> Markup {
     html! {
         main {
             noscript { p .lost { (words.get("no_script")) } }
-            section .commands aria-label=(words.get("commands")) {
-                div .buttons data-may=(may == PageAction::Command) {
-                    @for command in ["arm", "disarm", "zero"] {
-                        button type="button" data-command=(command) disabled { (words.get(command)) }
-                    }
+            (overall(words))
+            section #alarms .alarms hidden aria-labelledby="alarms-title" {
+                div .head {
+                    h2 #alarms-title { (words.get("alarms")) }
+                    p .quiet { (words.get("alarms_stand")) }
                 }
-                @match may {
-                    PageAction::Command => {}
-                    PageAction::SignIn => { p { (words.get("commands_want_operator")) " " a href="/login" { (words.get("sign_in")) } } }
-                    PageAction::MakeToken => {
-                        p { (words.get("commands_want_token")) }
-                        pre { code { (TOKEN_LINES) } }
-                    }
-                }
-                p #answer role="status" {}
-                @if is_signed_in {
-                    form method="post" action="/api/logout" { button .small type="submit" { (words.get("sign_out")) } }
-                }
-            }
-            section #alarms .alarms hidden {
-                h2 { (words.get("alarms")) " " span .quiet { (words.get("alarms_stand")) } }
-                ol {}
+                ol tabindex="0" aria-labelledby="alarms-title" {}
             }
             section #axes .axes aria-label=(words.get("axes_title")) {}
-            section .list .past {
-                h2 { (words.get("past")) " " span .quiet { (words.get("past_from_logs")) } }
-                div #past-tools role="group" aria-label=(words.get("past")) {}
+            (commands(words, may, is_signed_in))
+            section #past .list .past aria-labelledby="past-title" {
+                div .head {
+                    h2 #past-title { (words.get("past")) }
+                    div #past-tools role="group" aria-label=(words.get("past")) {}
+                }
+                p .quiet { (words.get("past_from_logs")) }
                 p #past-note .quiet role="status" {}
                 div #past-charts {}
-                p { a #past-download href="/api/history.csv" download { (words.get("past_download")) } }
+                p { a #past-download href="api/history.csv" download { (words.get("past_download")) } }
             }
             div #set-above hidden { (table(words, "overridden", &["setting", "in_profile", "now", "set_by"])) }
-            (table(words, "signals", &["signal", "value", "quality", "age"]))
-            div .stack {
-                (table(words, "outputs", &["output", "value", "state", "age"]))
-                (table(words, "devices", &["device", "state", "requests", "failed"]))
-                (table(words, "buses", &["bus", "state", "cycles", "late"]))
-            }
-            section .events {
-                h2 { (words.get("events")) " " span .quiet { (words.get("newest_first")) } }
+            div .signals { (table(words, "signals", &["signal", "value", "trend", "quality", "age"])) }
+            section .events aria-labelledby="events-title" {
+                div .head {
+                    h2 #events-title { (words.get("events")) }
+                    div #event-filter role="group" aria-labelledby="events-title" {}
+                }
+                p .quiet { (words.get("newest_first")) }
+                ol #events tabindex="0" aria-labelledby="events-title" {}
                 button #older .small type="button" { (words.get("last_24_hours")) }
-                ol #events tabindex="0" aria-label=(words.get("events")) {}
+            }
+            details #expert {
+                summary { (words.get("expert")) }
+                div .stack {
+                    (table(words, "outputs", &["output", "value", "state", "age"]))
+                    (table(words, "devices", &["device", "state", "requests", "failed"]))
+                    (table(words, "buses", &["bus", "state", "cycles", "late"]))
+                }
+            }
+        }
+    }
+}
+
+/// Makes the part with the commands. Below each button, the page shows the present state and what the command will do.
+fn commands(words: &Words, may: PageAction, is_signed_in: bool) -> Markup {
+    html! {
+        section .commands aria-labelledby="commands-title" {
+            div .head {
+                h2 #commands-title { (words.get("commands")) }
+                p #outputs-now {}
+            }
+            div .buttons data-may=(may == PageAction::Command) {
+                @for command in ["arm", "disarm", "zero"] {
+                    @let does = format!("does-{command}");
+                    div .act {
+                        button type="button" data-command=(command) aria-describedby=(does) disabled { (words.get(command)) }
+                        p id=(does) {}
+                    }
+                }
+            }
+            @match may {
+                PageAction::Command => {}
+                PageAction::SignIn => { p { (words.get("commands_want_operator")) " " a href="login" { (words.get("sign_in")) } } }
+                PageAction::MakeToken => {
+                    p { (words.get("commands_want_token")) }
+                    pre tabindex="0" { code { (TOKEN_LINES) } }
+                }
+            }
+            p #answer role="status" {}
+            @if is_signed_in {
+                form method="post" action="api/logout" { button .small type="submit" { (words.get("sign_out")) } }
             }
         }
     }
@@ -234,7 +344,7 @@ fn table(words: &Words, id: &'static str, columns: &[&'static str]) -> Markup {
         section .list {
             h2 { (words.get(id)) }
             table id=(id) role="table" {
-                thead { tr { @for column in columns { th scope="col" { (words.get(column)) } } } }
+                thead role="rowgroup" { tr role="row" { @for column in columns { th scope="col" role="columnheader" { (words.get(column)) } } } }
                 tbody role="rowgroup" {}
             }
         }
@@ -248,6 +358,7 @@ fn question(words: &Words) -> Markup {
             form method="dialog" {
                 h2 #question-title {}
                 p #question-text {}
+                p #question-effect role="status" {}
                 label #question-which hidden { (words.get("which_axis")) " " select #question-axis {} }
                 menu {
                     button type="submit" value="no" autofocus { (words.get("cancel")) }

@@ -22,6 +22,7 @@ mod dial;
 mod former_registers;
 mod learned;
 mod probe;
+mod profile_changes;
 mod schema;
 
 pub use broker::{BrokerFigures, BrokerStatus};
@@ -29,6 +30,7 @@ pub use dial::DialDirection;
 pub use former_registers::{FormerRegisterStatus, ReleaseProgress, ReleaseRequest};
 pub use learned::{CandidateStatus, LearnedStatus};
 pub use probe::{GainStatus, ProbeStatus, ProbedStatus, WorseStatus};
+pub use profile_changes::ProfileChanges;
 
 /// Interface that returns the state of a running gateway and accepts commands. It can be used from any thread, and
 /// never makes the bus lines wait.
@@ -202,6 +204,8 @@ pub struct Status {
     pub language: Option<Language>,
     /// Settings that a layer above the profile has changed.
     pub overridden: Vec<Overridden>,
+    /// Files of the profile that have changed on disk since the gateway loaded them.
+    pub profile_changed: Vec<String>,
     /// Whether the gateway writes nothing to a device.
     pub dry_run: bool,
     /// Whether the gateway is stopping. States of the axes are then no faults.
@@ -482,6 +486,9 @@ pub struct SignalStatus {
     pub quality: &'static str,
     /// Reason of the quality, for display.
     pub reason: String,
+    /// Hint at the end of `reason`; `None` if it has none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub hint: Option<String>,
     /// Seconds since the measurement; `None` if nothing was measured yet.
     pub age_s: Option<f64>,
 }
@@ -523,6 +530,9 @@ pub struct DeviceStatus {
     pub state: &'static str,
     /// Fault, for display; empty if there is none.
     pub fault: String,
+    /// Hint at the end of `fault`; `None` if it has none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub hint: Option<String>,
     /// Number of requests since the start.
     pub requests: u64,
     /// Number of failed requests by cause: caller, link, peer, exception, timeout.

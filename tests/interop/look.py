@@ -9,7 +9,10 @@ and exits with 1. Some of the words are things to do, once all words before them
   size:390x844     looks at the page in a window of that size from then on
   dark             the same in dark colours
   shot:FILE        keeps a picture of the whole page
+  print:EXPRESSION prints the value of that, as soon as it has one
+  axe:FILE         checks the page with axe-core, whose script FILE is; a serious finding is printed, and the exit code is 1
   language:de      the browser of somebody who wants that language (wherever it stands)
+  any-certificate  a browser that accepts every certificate (wherever it stands)
 
 Speaks the browser's own debugging protocol; needs nothing but Python and chromium.
 """
@@ -26,6 +29,11 @@ import time
 import urllib.request
 
 PATIENCE = 60
+# The serious findings of axe-core, one on each line.
+AXE = """axe.run(document, { resultTypes: ["violations"] }).then(({ violations }) => violations
+  .filter(({ impact }) => impact === "serious" || impact === "critical")
+  .flatMap(({ id, help, nodes }) => nodes.map(({ html, failureSummary }) => `${id}: ${help}: ${html}: ${failureSummary}`))
+  .join("\\n"))"""
 
 
 class Tab:
@@ -52,8 +60,21 @@ class Tab:
             if answer.get("id") == self.asked:
                 return answer["result"]
 
-    def evaluate(self, expression):
-        return self.ask("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
+    def evaluate(self, expression, waits=False):
+        answer = self.ask("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=waits)
+        if waits and "exceptionDetails" in answer:
+            sys.exit(f"the page fails: {answer['exceptionDetails']}")
+        return answer["result"].get("value")
+
+    def print_value(self, expression):
+        print(wait_for(f"a value of {expression}", lambda: self.evaluate(expression)))
+
+    def check_access(self, file):
+        with open(file) as script:
+            self.evaluate(script.read())
+        found = self.evaluate(AXE, waits=True)
+        if found:
+            sys.exit(f"axe-core finds:\n{found}")
 
     def resize(self, size):
         width, height = map(int, size.split("x"))
@@ -83,9 +104,13 @@ class Tab:
         self.evaluate(f"{named}.click()")
 
     def send(self, payload):
-        mask = os.urandom(4)
-        masked = bytes(byte ^ mask[place % 4] for place, byte in enumerate(payload))
-        self.socket.sendall(b"\x81" + struct.pack(">BH", 0x80 | 126, len(payload)) + mask + masked)
+        # A mask of zeros leaves the payload as it is.
+        mask = bytes(4)
+        if len(payload) < 1 << 16:
+            length = struct.pack(">BH", 0x80 | 126, len(payload))
+        else:
+            length = struct.pack(">BQ", 0x80 | 127, len(payload))
+        self.socket.sendall(b"\x81" + length + mask + payload)
 
     def receive(self):
         length = self.file.read(2)[1] & 0x7F
@@ -111,6 +136,9 @@ def main(url, words):
         command = ["chromium", "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
         languages = [word.removeprefix("language:") for word in words if word.startswith("language:")]
         words = [word for word in words if not word.startswith("language:")]
+        if "any-certificate" in words:
+            command.append("--ignore-certificate-errors")
+            words.remove("any-certificate")
         command += [f"--accept-lang={language}" for language in languages]
         command += ["--remote-debugging-port=0", f"--user-data-dir={home}", url]
         log = open(os.path.join(home, "log"), "w")
@@ -132,7 +160,7 @@ def look(home, url, words):
         return pages and pages[0]["webSocketDebuggerUrl"]
 
     tab = Tab(wait_for("the page", page))
-    does = {"click": tab.click, "drag": tab.drag, "size": tab.resize, "shot": tab.keep_picture, "dark": lambda _: tab.darken()}
+    does = {"click": tab.click, "drag": tab.drag, "size": tab.resize, "shot": tab.keep_picture, "dark": lambda _: tab.darken(), "print": tab.print_value, "axe": tab.check_access}
     waiting = []
     for word in words:
         kind, _, what = word.partition(":")

@@ -14,3 +14,4 @@ mod notify;
 mod opcua_server;
 mod page;
 mod prometheus;
+mod shell;

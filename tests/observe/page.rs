@@ -8,6 +8,7 @@ use std::process::Command;
 
 use isotherm::observe::status::WorseStatus;
 
+mod drawn;
 mod frozen;
 use crate::support::fake::Door;
 use crate::support::process;
@@ -37,12 +38,26 @@ fn look(address: &str, view: &str, words: &[&str]) -> String {
     text
 }
 
+/// Opens what the page has folded.
+const OPEN: &str = "eval:(document.querySelectorAll('details').forEach((one) => { one.open = true; }), true)";
 const DAY: [&str; 4] = ["--speed", "600", "--for", "24h"];
 
 #[test]
 fn a_browser_shows_the_running_machine() {
     // The first word appears when figures have arrived, the last one when the axis is armed.
-    let words = ["Axis z", "compensating", "scale_z", "cnc_z", "verified", "holding:104", "armed"];
+    let folded = "eval:!document.body.innerText.includes('holding:104')";
+    let words = [
+        "Axis z",
+        "compensating",
+        "scale_z",
+        "Output: armed",
+        folded,
+        "size:1280x900",
+        OPEN,
+        "cnc_z",
+        "verified",
+        "holding:104",
+    ];
     let text = looked_at(&DAY, "", &words);
     assert!(text.contains("Not a safety function"), "{text}");
     assert!(!text.contains("This page needs JavaScript"), "{text}");
@@ -103,7 +118,7 @@ fn how_wrong_cz_is_expected_to_be_is_not_said_while_a_step_or_the_rate_holds_it_
         );
         let shown = format!("● {stage}");
         let hidden = "eval:document.querySelector('.expected').textContent === ''";
-        looked_at(&set, "", &["compensating", &shown, &said, hidden]);
+        looked_at(&set, "", &["compensating", OPEN, &shown, &said, hidden]);
         looked_at(&set, "/?view=wall", &["compensating", &said, hidden]);
     }
 }
@@ -135,9 +150,9 @@ fn the_page_and_the_wall_speak_the_languages_of_the_browser() {
         ("language:zh", ["补偿中", "轴 z", "已验证", "补偿值"]),
     ] {
         let whole = "eval:document.documentElement.scrollWidth <= innerWidth";
-        let words = [&[language][..], &words, &["size:390x844", whole]].concat();
-        looked_at(&DAY, "", &words);
-        looked_at(&DAY, "/?view=wall", &[&[language][..], &words[1..3]].concat());
+        let opened = [&[language, OPEN][..], &words, &["size:390x844", whole]].concat();
+        looked_at(&DAY, "", &opened);
+        looked_at(&DAY, "/?view=wall", &[&[language][..], &words[..2]].concat());
     }
 }
 
@@ -150,7 +165,18 @@ fn the_wall_is_one_colour_with_figures_of_twenty_millimetres_and_no_buttons() {
                   document.body.clientWidth === innerWidth && document.body.clientHeight >= innerHeight";
     let whole = "eval:document.documentElement.scrollWidth <= innerWidth";
     let buttons = "eval:document.querySelectorAll('button').length === 0";
-    let words = ["compensating", "Axis z", figures, colour, whole, buttons, "size:390x844", figures, whole];
+    let words = [
+        "compensating",
+        "Axis z",
+        buttons,
+        "size:1280x800",
+        figures,
+        colour,
+        whole,
+        "size:390x844",
+        figures,
+        whole,
+    ];
     looked_at(&DAY, "/?view=wall", &words);
 }
 
@@ -178,8 +204,8 @@ fn a_model_that_is_worse_than_no_compensation_is_named_with_both_figures() {
             axis.probe.as_mut().unwrap().worse = Some(worse);
         });
         for words in [
-            vec!["worse: 3.2 µm are left with the model, 2.0 µm without (last probings: 5)", amber],
-            vec!["language:de", "schlechter: 3,2 µm bleiben mit dem Modell, 2,0 µm ohne"],
+            vec![OPEN, "worse: 3.2 µm are left with the model, 2.0 µm without (last probings: 5)", amber],
+            vec![OPEN, "language:de", "schlechter: 3,2 µm bleiben mit dem Modell, 2,0 µm ohne"],
         ] {
             let address = format!("http://{}", door.address);
             tokio::task::spawn_blocking(move || look(&address, "", &words)).await.unwrap();

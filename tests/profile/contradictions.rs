@@ -266,6 +266,29 @@ fn who_may_command_the_page_is_a_word_and_everybody_on_this_computer_is_warned_o
 }
 
 #[test]
+fn a_trusted_proxy_is_an_address_or_a_network_and_needs_a_token() {
+    let listen = "listen = \"127.0.0.1:0\"";
+    let token = "token_file = \"/etc/token\"\n";
+    let proxies = |names: &str| format!("{token}trusted_proxies = [{names}]");
+    let loaded = with(listen, &proxies("\"127.0.0.1\", \"10.0.0.0/24\", \"::1\"")).unwrap();
+    let named = loaded.profile.web.unwrap().trusted_proxies;
+    assert_eq!(named.len(), 3);
+    assert!(
+        named[1].contains("10.0.0.9".parse().unwrap()) && !named[1].contains("10.0.1.9".parse().unwrap())
+    );
+    for (name, hint) in [
+        ("proxy.plant.example", "a name is not possible"),
+        ("10.0.0.0/33", "at most 32"),
+        ("::/0", "every address"),
+    ] {
+        let named = proxies(&format!("\"{name}\""));
+        refused(listen, &named, "web.trusted_proxies[0]", &format!("\"{name}\""), &[hint]);
+    }
+    let bare = "trusted_proxies = [\"127.0.0.1\"]";
+    refused(listen, bare, "web.trusted_proxies", "[\"127.0.0.1\"]", &["without a token", "token_file"]);
+}
+
+#[test]
 fn what_is_odd_but_runs_is_a_warning() {
     let loaded = with("max_age = \"5s\"", "max_age = \"1500ms\"").unwrap();
     assert!(loaded.warnings[0].message.contains("one late answer"), "{}", loaded.warnings[0]);

@@ -36,7 +36,11 @@ fn a_file_of_another_kind_as_the_profile_is_one_error_that_names_it() {
     is_named(b"[[fault]]\ndevice = \"m\"\nkind = \"silent\"\n", &["a fault script", "--faults"]);
     is_named(b"BU_: A\nBO_ 2 Top: 8 A\n", &["a DBC file, not a profile", "dbc = "]);
     is_named(b"[FileInfo]\nFileName=a.eds\n", &["an EDS file, not a profile"]);
-    is_named(b"{ \"format\": \"isotherm-envelope\" }", &["a JSON document, not a profile"]);
+    is_named(
+        b"{ \"format\": \"isotherm-envelope\" }",
+        &["a JSON document, not a profile", "a profile is TOML"],
+    );
+    is_named(b"machine:\n  name: press-7\n", &["a YAML document, not a profile", "TOML", "[machine]"]);
 }
 
 #[test]

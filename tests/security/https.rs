@@ -20,8 +20,11 @@ use crate::site::OPERATOR;
 
 const WEB: &str = "[web]\nlisten = \"127.0.0.1:0\"\ncommands = \"local\"\ntls = { cert = \"page.pem\", key = \"page.key\" }\n";
 
-/// Sends a request to a server with a certificate of this authority.
-fn asks(authority: &str, page: SocketAddr, request: &str) -> Result<String, String> {
+/// TLS connection of a client.
+pub(crate) type Secured = StreamOwned<ClientConnection, TcpStream>;
+
+/// Makes a TLS connection to a server with a certificate of this authority.
+pub(crate) fn secured(authority: &str, stream: TcpStream) -> Secured {
     let mut roots = RootCertStore::empty();
     roots.add(CertificateDer::from_pem_slice(authority.as_bytes()).unwrap()).unwrap();
     let config = ClientConfig::builder_with_provider(Arc::new(default_provider()))
@@ -29,10 +32,14 @@ fn asks(authority: &str, page: SocketAddr, request: &str) -> Result<String, Stri
         .unwrap()
         .with_root_certificates(roots)
         .with_no_client_auth();
-    let name = ServerName::from(page.ip());
-    let stream = TcpStream::connect(page).unwrap();
+    let name = ServerName::from(stream.peer_addr().unwrap().ip());
     stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
-    let mut secured = StreamOwned::new(ClientConnection::new(Arc::new(config), name).unwrap(), stream);
+    StreamOwned::new(ClientConnection::new(Arc::new(config), name).unwrap(), stream)
+}
+
+/// Sends a request to a server with a certificate of this authority.
+fn asks(authority: &str, page: SocketAddr, request: &str) -> Result<String, String> {
+    let mut secured = secured(authority, TcpStream::connect(page).unwrap());
     secured.write_all(request.as_bytes()).map_err(|error| error.to_string())?;
     let mut answer = String::new();
     secured.read_to_string(&mut answer).map_err(|error| error.to_string())?;

@@ -11,6 +11,7 @@ mod leaving;
 mod on_time;
 mod port;
 mod posted;
+mod proxied;
 mod rates;
 mod requests;
 mod rig;

@@ -47,6 +47,12 @@ pub(crate) struct Reply {
 }
 
 impl Reply {
+    pub(crate) fn parse(text: &str) -> Reply {
+        let (head, body) = text.split_once("\r\n\r\n").unwrap_or_else(|| panic!("no answer: {text:?}"));
+        let code = head.split(' ').nth(1).unwrap().parse().unwrap();
+        Reply { code, head: head.to_owned(), body: body.to_owned() }
+    }
+
     pub(crate) fn header(&self, name: &str) -> &str {
         let mut pairs = self.head.lines().filter_map(|line| line.split_once(": "));
         pairs.find(|(known, _)| known.eq_ignore_ascii_case(name)).map_or("", |(_, value)| value)
@@ -55,6 +61,16 @@ impl Reply {
     pub(crate) fn json(&self) -> Value {
         serde_json::from_str(&self.body).unwrap_or_else(|error| panic!("{error}: {}", self.body))
     }
+}
+
+/// Connects from this address of the computer to a server.
+pub(crate) fn connected(from: IpAddr, to: SocketAddr) -> TcpStream {
+    let socket = Socket::new(Domain::IPV4, Type::STREAM, None).unwrap();
+    socket.bind(&SocketAddr::from((from, 0)).into()).unwrap();
+    socket.connect(&to.into()).unwrap();
+    let stream = TcpStream::from(socket);
+    stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+    stream
 }
 
 /// Header with a token.
@@ -124,15 +140,10 @@ impl Site {
     /// Connects from this address of the computer.
     pub(crate) fn connect(&self, from: &str) -> TcpStream {
         let from: IpAddr = from.parse().unwrap();
-        let socket = Socket::new(Domain::IPV4, Type::STREAM, None).unwrap();
-        socket.bind(&SocketAddr::from((from, 0)).into()).unwrap();
         // A client with another address than loopback connects to that address.
         let to =
             if from.is_loopback() { self.address } else { SocketAddr::from((from, self.address.port())) };
-        socket.connect(&to.into()).unwrap();
-        let stream = TcpStream::from(socket);
-        stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
-        stream
+        connected(from, to)
     }
 
     pub(crate) fn get(&self, path: &str, headers: &str) -> Reply {
@@ -153,9 +164,7 @@ impl Site {
         stream.write_all(self.request(method, path, &headers, body).as_bytes()).unwrap();
         let mut text = String::new();
         stream.read_to_string(&mut text).unwrap();
-        let (head, body) = text.split_once("\r\n\r\n").unwrap_or_else(|| panic!("no answer: {text:?}"));
-        let code = head.split(' ').nth(1).unwrap().parse().unwrap();
-        Reply { code, head: head.to_owned(), body: body.to_owned() }
+        Reply::parse(&text)
     }
 
     fn request(&self, method: &str, path: &str, headers: &str, body: &str) -> String {

@@ -173,6 +173,7 @@ pub(crate) fn status() -> Status {
         unit: "degC",
         quality,
         reason: reason.into(),
+        hint: None,
         age_s,
     };
     Status {
@@ -187,6 +188,7 @@ pub(crate) fn status() -> Status {
         machine_on_s: None,
         language: None,
         overridden: Vec::new(),
+        profile_changed: Vec::new(),
         dry_run: false,
         stopping: false,
         ready: false,
@@ -257,6 +259,7 @@ pub(crate) fn status() -> Status {
             at: " (unit 1)".into(),
             state: "lost",
             fault: "no answer in time".into(),
+            hint: None,
             requests: 40,
             failures: BTreeMap::from([("timeout", 7)]),
         }],

@@ -10,5 +10,6 @@ mod cli;
 mod demo;
 mod discovery;
 mod manual;
+mod messages;
 mod preview;
 mod unread_output;

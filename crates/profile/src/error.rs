@@ -208,7 +208,18 @@ impl std::error::Error for Errors {}
 /// Builds a hint from the allowed words: "did you mean `step`? allowed: …".
 pub fn allowed<'a>(word: &str, words: impl IntoIterator<Item = &'a str>) -> String {
     let words: Vec<&str> = words.into_iter().collect();
-    listed(nearest(word, &words), &words)
+    listed(nearest_or_longer(word, &words), &words)
+}
+
+/// Returns the allowed word that was probably meant: the nearest one, or else the shortest one that contains `word`. For
+/// example `m7018` is a part of the name of a template.
+pub fn nearest_or_longer<'a>(word: &str, words: &[&'a str]) -> Option<&'a str> {
+    /// Least number of characters of a part. A shorter one is in too many words.
+    const SHORTEST: usize = 3;
+    let lower = word.to_lowercase();
+    let contains = |known: &&&str| word.len() >= SHORTEST && known.to_lowercase().contains(&lower);
+    let longer = || words.iter().filter(contains).min_by_key(|known| known.len()).copied();
+    nearest(word, words).or_else(longer)
 }
 
 /// Builds a hint from the nearest word, if any, and the allowed words.

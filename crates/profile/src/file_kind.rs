@@ -11,6 +11,7 @@ mod kind;
 mod table;
 mod text;
 mod toml_tables;
+mod yaml;
 
 pub use kind::{FileKind, Misplaced};
 
@@ -49,7 +50,8 @@ impl FileKind {
             return Some(*kind);
         }
         let text = text::decoded(head)?;
-        text::of_marks(&text).or_else(|| toml_tables::of(&text)).or_else(|| table::of(&text))
+        let of_tables = || toml_tables::of(&text).or_else(|| table::of(&text));
+        text::of_marks(&text).or_else(of_tables).or_else(|| yaml::of(&text))
     }
 
     /// Recognises the kind of the file at this path. `None` if it cannot be read, or is none of the known kinds.

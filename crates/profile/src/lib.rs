@@ -11,8 +11,8 @@
 //! - `overridden_keys`, `protected_keys`: keys that the layers change, and keys that they must not change.
 //! - `file_kind`: kinds of files by their content, to name a file in the place of another.
 //! - `files`, `sources`: files that a profile names, and the record of everything that was read.
-//! - [`host_and_port`]: addresses. [`safe_file`]: files named by a user. `control_chars`: safe display of foreign
-//!   texts.
+//! - [`host_and_port`], `ip_network`: addresses. [`safe_file`]: files named by a user. `control_chars`: safe display of
+//!   foreign texts.
 //! - `template`, `dbc`: device templates, and DBC files, which describe CAN frames.
 //! - `key_context`: a key that is being checked, with its errors and warnings.
 //! - `kinds`: one folder or file for each kind of bus: its keys, addresses, read requests and preview.
@@ -32,6 +32,7 @@ mod file_kind;
 mod files;
 mod host_port;
 mod ids;
+mod ip_network;
 mod key_context;
 mod kinds;
 mod load;
@@ -57,10 +58,11 @@ mod written_places;
 
 pub use control_chars::{lines, one_line};
 pub use digest::{sha256, sha256_of};
-pub use error::{Errors, ProfileError, allowed, nearest};
+pub use error::{Errors, ProfileError, allowed, nearest, nearest_or_longer};
 pub use file_kind::{FileKind, Misplaced};
 pub use host_port::{NoPlace, host_and_port};
 pub use ids::{AxisId, BusId, DeviceId, OutputId, SetId};
+pub use ip_network::IpNetwork;
 pub use kinds::can::emergency::Emergency;
 pub use kinds::can::node::{CanDevice, Setup};
 pub use kinds::modbus::functions::{Functions, WriteFunction};
@@ -73,7 +75,7 @@ pub use load::{
 };
 pub use overridden_keys::Overridden;
 pub use profile::Profile;
-pub use sources::{SOURCES_MARK, Sources};
+pub use sources::{FileStamp, SOURCES_MARK, Sources};
 pub use tables::axis::learning::{LEARNED, Learning};
 pub use tables::axis::model::network;
 pub use tables::axis::probe::ProbeInput;

@@ -120,7 +120,7 @@ fn read_layers(
         // A log may be too large for a profile, and a workbook is no text.
         let other = matches!(why.kind(), ErrorKind::InvalidData | ErrorKind::FileTooLarge);
         let kind = (other && matches!(files, Files::Beside(_))).then(|| FileKind::of_file(path)).flatten();
-        misplaced(path, kind).unwrap_or_else(|| Errors(vec![unreadable(&path.display().to_string(), &why)]))
+        misplaced(path, kind).unwrap_or_else(|| Errors(vec![not_read(path, &why)]))
     })?;
     let mut layers = vec![(path.to_owned(), text)];
     let local = local_beside(path);
@@ -193,6 +193,24 @@ fn strangers(environment: &Pairs) -> Option<ProfileError> {
     (!names.is_empty()).then(|| ProfileError::about("environment", message, Some(help)))
 }
 
+/// Names of the standard input, which is no file.
+const STANDARD_INPUT: [&str; 4] = ["-", "/dev/stdin", "/dev/fd/0", "/proc/self/fd/0"];
+
+/// Returns the error for a profile that cannot be read.
+fn not_read(path: &Path, why: &std::io::Error) -> ProfileError {
+    let name = path.display().to_string();
+    let (message, help) = match () {
+        () if STANDARD_INPUT.contains(&name.as_str()) => {
+            ("a profile is not read from standard input", "write it to a file, and give the name of the file")
+        }
+        () if path.is_dir() => {
+            ("this is a directory, not a profile", "give the profile in it, as DIRECTORY/my-machine.toml")
+        }
+        () => return unreadable(&name, why),
+    };
+    ProfileError::about(name, message, Some(help.to_owned()))
+}
+
 fn unreadable(name: &str, why: &std::io::Error) -> ProfileError {
     let help = match why.kind() {
         ErrorKind::NotFound => "give the path of a profile, as `profiles/surface-grinder.toml`",
@@ -213,11 +231,18 @@ fn misplaced(path: &Path, kind: Option<FileKind>) -> Option<Errors> {
     Some(Errors(vec![other.error(path.display().to_string())]))
 }
 
-/// Returns the only error if the first layer of a wrong profile is another kind of file. All keys of such a file would
-/// be unknown. `None` if it may be a profile.
+/// Returns the only error if the first layer of a wrong profile is empty or another kind of file. All keys of such a
+/// file would be missing or unknown. `None` if it may be a profile.
 fn other_file(layers: &[(PathBuf, String)], errors: &Errors) -> Option<Errors> {
     let (path, text) = layers.first()?;
     let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let is_content = |line: &str| !line.trim().is_empty() && !line.trim_start().starts_with('#');
+    if !text.lines().any(is_content) {
+        let help = "`isotherm init NAME.toml` writes a first profile";
+        let error =
+            ProfileError::about(path.display().to_string(), "the file is empty", Some(help.to_owned()));
+        return Some(Errors(vec![error]));
+    }
     let lacks_machine = errors.0.iter().any(|error| error.key == "machine");
     if let Some(stem) = name.strip_suffix(LOCAL).filter(|_| lacks_machine) {
         let message = "this is the local file of a profile, not the profile";

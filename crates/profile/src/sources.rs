@@ -10,9 +10,9 @@
 //! ```
 
 use std::collections::BTreeMap;
-use std::fs::File;
+use std::fs::{File, Metadata};
 use std::io::{BufRead, BufReader, Error, ErrorKind, Read, Result, Seek, SeekFrom};
-use std::os::unix::fs::{FileExt, PermissionsExt};
+use std::os::unix::fs::{FileExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -55,6 +55,24 @@ pub(crate) enum FileState {
 struct Record {
     name: String,
     found: FileState,
+}
+
+/// Stamp of a file or a directory. If one of its values differs, the file has changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FileStamp {
+    modified: (i64, i64),
+    place: (u64, u64),
+    size: u64,
+}
+
+impl FileStamp {
+    fn of(found: &Metadata) -> FileStamp {
+        FileStamp {
+            modified: (found.mtime(), found.mtime_nsec()),
+            place: (found.dev(), found.ino()),
+            size: found.size(),
+        }
+    }
 }
 
 /// Sources of one profile: everything that the loader read from files, environment and command line. The content is in
@@ -144,6 +162,18 @@ impl Sources {
     /// Records that there is no file at this path. The profile is then one of those that are part of the program.
     pub fn put_absent(&mut self, path: &Path) {
         self.put(&layer_name(path), FileState::Absent, &[]);
+    }
+
+    /// Returns a stamp of each file on disk: equal stamps mean that no file has changed in between. `path` is the path of
+    /// the profile.
+    pub fn stamps(&self, path: &Path) -> Vec<Option<FileStamp>> {
+        let directory = path.parent().unwrap_or(Path::new(""));
+        let stamp = |name: &String| {
+            // The names in a directory change together with the directory.
+            let place = name.rsplit_once("/*").map_or(name.as_str(), |(folder, _)| folder);
+            std::fs::metadata(directory.join(place)).ok().map(|found| FileStamp::of(&found))
+        };
+        self.known.keys().map(stamp).collect()
     }
 
     /// Returns the names of the files, variables and settings that are now different from these sources. `path` is the

@@ -1,5 +1,7 @@
 //! Syntax errors of a TOML file. The parser continues after a mistake, and may then report its consequences too. These
 //! are left out, so that one mistake is one error.
+//!
+//! The parser does not name characters that only look like those of TOML, and names in other scripts. `foreign` does.
 
 use toml::de::Error;
 
@@ -40,12 +42,26 @@ pub(crate) fn independent<'p>(text: &str, problems: &'p [Error]) -> Vec<SyntaxEr
     let mut errors = Vec::new();
     for (place, (at, message)) in found.into_iter().enumerate() {
         let is_twice = message == TWICE;
+        // A line can only be cut between two characters.
+        let at = (0..=at).rev().find(|at| text.is_char_boundary(*at)).unwrap_or_default();
         if at < line_end || (is_twice && at < table_end) {
             continue;
         }
         let rest = text.get(at..).unwrap_or_default();
         line_end = at + rest.find('\n').unwrap_or(rest.len()) + 1;
+        let line_begin =
+            text.get(..at).and_then(|before| before.rfind('\n')).map_or(0, |line_feed| line_feed + 1);
+        let line = text.get(line_begin..).and_then(|rest| rest.lines().next()).unwrap_or_default();
         let is_header = text.get(..at).is_some_and(begins_header);
+        if let Some((within, mistake)) = foreign(line) {
+            if begins_header(line) {
+                // The keys below the header then belong to the table above it.
+                table_end = at + rest.find("\n[").unwrap_or(rest.len()) + 1;
+            }
+            let Foreign { message, help } = *mistake;
+            errors.push(SyntaxError { at: line_begin + within, message, help: Some(help) });
+            continue;
+        }
         if is_twice && is_header {
             table_end = at + rest.find("\n[").unwrap_or(rest.len()) + 1;
         }
@@ -60,6 +76,52 @@ pub(crate) fn independent<'p>(text: &str, problems: &'p [Error]) -> Vec<SyntaxEr
         errors.push(SyntaxError { at, message, help });
     }
     errors
+}
+
+/// Mistake of characters that TOML does not know outside of texts.
+#[derive(Clone, Copy)]
+struct Foreign {
+    message: &'static str,
+    help: &'static str,
+}
+
+/// Quotation marks of word processors and of other keyboards.
+const QUOTATION_MARKS: [char; 10] = ['“', '”', '„', '‟', '‘', '’', '‚', '«', '»', '＂'];
+const QUOTED: Foreign = Foreign {
+    message: "these are typographic quotation marks",
+    help: "write straight ones, as \"press-7\"; a word processor or a chat has replaced them",
+};
+/// Characters of East Asian keyboards, which are as wide as a letter of their script.
+const WIDE: [char; 8] = ['＝', '［', '］', '｛', '｝', '，', '：', '＃'];
+const TOO_WIDE: Foreign = Foreign {
+    message: "this is a full-width character",
+    help: "switch the keyboard to English, and write = [ ] { } , # in their usual width",
+};
+const OTHER_SCRIPT: Foreign = Foreign {
+    message: "a name may only have the letters a to z, digits, `_` and `-`",
+    help: "write a short name in these letters, and the other one as its label: label = \"床温\"",
+};
+
+/// Returns the first character of a line that TOML does not know, with its place in the line. Texts in quotation marks
+/// and comments may contain any character.
+fn foreign(line: &str) -> Option<(usize, &'static Foreign)> {
+    let (mut quote, mut is_name) = (None, true);
+    for (place, one) in line.char_indices() {
+        match (quote, one) {
+            (Some(open), _) if one == open => quote = None,
+            (Some(_), _) => {}
+            (None, '"' | '\'') => quote = Some(one),
+            (None, '#') => return None,
+            (None, '=') => is_name = false,
+            (None, _) if QUOTATION_MARKS.contains(&one) => return Some((place, &QUOTED)),
+            (None, _) if WIDE.contains(&one) => return Some((place, &TOO_WIDE)),
+            (None, _) if is_name && !one.is_ascii() && one.is_alphabetic() => {
+                return Some((place, &OTHER_SCRIPT));
+            }
+            (None, _) => {}
+        }
+    }
+    None
 }
 
 /// Returns whether the line at the end of `before` begins as the header of a table.
@@ -100,6 +162,29 @@ mod tests {
             let found = lines(text);
             assert_eq!(found.len(), 1, "{text}: {found:?}");
             assert_eq!(found[0].0, line, "{text}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn characters_that_only_look_right_and_names_in_other_scripts_are_named() {
+        for (text, words) in [
+            ("name = “press-7”\n", "typographic quotation marks"),
+            ("name = „press-7“\n", "typographic quotation marks"),
+            ("name = ‘press-7’\n", "typographic quotation marks"),
+            ("name ＝ \"press-7\"\n", "full-width character"),
+            ("床温 = 1\n", "a name may only have the letters a to z"),
+            ("[signal.床温]\nunit = \"degC\"\n", "a name may only have the letters a to z"),
+            ("a = { b = “x” }\n", "typographic quotation marks"),
+        ] {
+            let found = lines(text);
+            assert!(found.len() == 1 && found[0].0 == 1, "{text}: {found:?}");
+            assert!(found[0].1.contains(words), "{text}: {found:?}");
+        }
+        // Other mistakes, next to texts and comments in any script.
+        for text in ["label = \"床温 “bed”\" x\n", "a = x # 床温 ＝ “bed”\n"] {
+            let found = lines(text);
+            assert!(found.len() == 1 && !found[0].1.contains("full-width"), "{text}: {found:?}");
+            assert!(foreign(text).is_none(), "{text}");
         }
     }
 

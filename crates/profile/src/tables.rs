@@ -196,8 +196,8 @@ impl Check<'_> {
         {
             let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'-');
             if name.is_empty() || !name.bytes().all(is_plain) {
-                let help =
-                    "allowed: letters a to z, digits, `_` and `-`; the name is used in logs and metrics";
+                let help = "allowed: letters a to z, digits, `_` and `-`, for logs and metrics; write the name \
+                            for people as `label`";
                 self.at(kind).key(name).wrong_key(format!("`{name}` cannot be a name"), help);
             }
         }

@@ -32,10 +32,18 @@ fn a_key_of_a_shipped_machine_can_be_overridden() {
 }
 
 #[test]
+fn a_part_of_a_name_is_no_machine_and_the_whole_name_is_suggested() {
+    let why = with_plant("grinder", &[]).unwrap_err().to_string();
+    assert!(why.contains("there is no machine `grinder`; did you mean `surface-grinder`?"), "{why}");
+}
+
+#[test]
 fn a_similar_name_is_suggested_only_for_a_name_that_is_unknown() {
     for (path, suggested) in [
         ("surface-grinder", None),
         ("surface-grindr", Some("surface-grinder")),
+        ("grinder", Some("surface-grinder")),
+        ("edm", Some("sinker-edm")),
         ("xc100-lathe-can", None),
         ("Cargo.toml", None),
         ("nothing like them", None),

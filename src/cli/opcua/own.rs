@@ -10,6 +10,7 @@ use crate::cli::backup::write_new;
 use crate::cli::port::hostname;
 use crate::cli::print::print_json;
 use crate::cli::print::{say, say_all};
+use crate::cli::service_user;
 use crate::clock::Clock;
 use crate::discovery::opcua::{Certificate, NewCertificate, make};
 use crate::fieldbus::explain;
@@ -87,6 +88,7 @@ fn made(own: &OwnFiles, cert: &Path, key: &Path, years: u32) -> anyhow::Result<V
     let NewCertificate { cert: bytes, key: secret } =
         make(&subject, &application, &host, now, YEAR * years).map_err(anyhow::Error::msg)?;
     put(key, secret.as_bytes(), OF_A_KEY)?;
+    service_user::give(key).with_context(|| format!("{} has the wrong owner", key.display()))?;
     put(cert, &bytes, OF_A_CERTIFICATE).inspect_err(|_| {
         // A key without its certificate would keep the next attempt from making both.
         let _ = std::fs::remove_file(key);

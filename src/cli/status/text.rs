@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 
+use crate::cli::hints::{Hints, cause};
 use crate::observe::events::found_worse;
 use crate::observe::status::OutputStatus;
 use isotherm_core::display::Display;
@@ -14,30 +15,36 @@ use isotherm_profile::{counted, duration_text};
 
 /// Number of last events that are shown; `isotherm events` shows all.
 const LAST_EVENTS: usize = 5;
+/// Indentation of a hint below its line.
+const UNDER: usize = 6;
 
 pub(super) fn of(status: &Value) -> String {
-    let mut text = head(status);
+    // The alarms come first, so the hints are at the alarms.
+    let mut hints = Hints::default();
+    let mut text = head(status, &mut hints);
     for (name, axis) in status["axes"].as_object().into_iter().flatten() {
-        text += &axis_lines(name, axis, status["dry_run"] == true);
+        text += &axis_lines(name, axis, status["dry_run"] == true, &mut hints);
     }
     text += &rows("set above the profile", &status["overridden"], |one| {
         let profile = one["profile"].as_str().unwrap_or("nothing");
         let (key, now, from) = (word(&one["key"]), word(&one["now"]), word(&one["from"]));
         format!("  {key} = {now}, in the profile {profile}, from {from}\n")
     });
-    text += &rows("signals", &status["signals"], signal);
-    text += &rows("outputs", &status["outputs"], output);
-    text += &rows("devices", &status["devices"], device);
+    text += &rows("signals", &status["signals"], |one| signal(one, &mut hints));
+    text += &rows("outputs", &status["outputs"], |one| output(one, &hints));
+    text += &rows("devices", &status["devices"], |one| device(one, &mut hints));
     let events = status["events"].as_array().map_or(&[][..], Vec::as_slice);
     let last = Value::Array(events[events.len().saturating_sub(LAST_EVENTS)..].to_vec());
     text + &rows("last events", &last, |event| {
-        format!("  {}  {}\n", moment(&event["at"]), word(&event["text"]))
+        let hint = event["data"]["hint"].as_str();
+        let line = format!("  {}  {}\n", moment(&event["at"]), cause(word(&event["text"]), hint));
+        line + &hints.line(UNDER, hint)
     })
 }
 
 /// Returns the lines about the machine and its clock, whether the gateway is stopping or writes nothing, and the active
 /// alarms.
-fn head(status: &Value) -> String {
+fn head(status: &Value, hints: &mut Hints) -> String {
     let mut text = format!(
         "{} at {} UTC, clock {}, up for {}\n",
         labelled(word(&status["machine"]), word(&status["label"])),
@@ -51,7 +58,14 @@ fn head(status: &Value) -> String {
     if status["dry_run"] == true {
         text += "dry run: the gateway computes and shows values, and writes nothing\n";
     }
-    text + &broker(&status["mqtt"]) + &rows("alarms", &status["alarms"], alarm)
+    let changed: Vec<&str> =
+        status["profile_changed"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+    if !changed.is_empty() {
+        let files = changed.join(", ");
+        text +=
+            &format!("changed on disk since the start: {files}; `isotherm restart PROFILE --keep` uses it\n");
+    }
+    text + &broker(&status["mqtt"]) + &rows("alarms", &status["alarms"], |one| alarm(one, hints))
 }
 
 /// Returns a line about publishing to the MQTT broker; empty if the profile has none.
@@ -81,23 +95,24 @@ fn broker(mqtt: &Value) -> String {
     format!("broker {}: {goes}{waits}{host}{refused}\n", word(&mqtt["broker"]))
 }
 
-fn alarm(alarm: &Value) -> String {
+fn alarm(alarm: &Value, hints: &mut Hints) -> String {
     let seen = match &alarm["acknowledged"] {
         Value::Null => String::new(),
         seen => format!(" (seen at {} {})", moment(&seen["at"]), word(&seen["by"])),
     };
-    format!("  {}  {}{seen}\n", moment(&alarm["since"]), word(&alarm["text"]))
+    let hint = alarm["hint"].as_str();
+    let line = format!("  {}  {}{seen}\n", moment(&alarm["since"]), cause(word(&alarm["text"]), hint));
+    line + &hints.line(UNDER, hint)
 }
 
-fn axis_lines(name: &str, axis: &Value, dry_run: bool) -> String {
+fn axis_lines(name: &str, axis: &Value, dry_run: bool, hints: &mut Hints) -> String {
     let mut text = format!("\naxis {}: {}\n", labelled(name, word(&axis["label"])), word(&axis["display"]));
     // Writing to a string never fails.
-    for key in ["cause", "hint"] {
-        let said = word(&axis[key]);
-        if !said.is_empty() {
-            let _ = writeln!(text, "  {said}");
-        }
+    let why = word(&axis["cause"]);
+    if !why.is_empty() {
+        let _ = writeln!(text, "  {why}");
     }
+    text += &hints.line(2, axis["hint"].as_str());
     if let waiting @ Value::Object(_) = &axis["waiting"] {
         let _ = writeln!(
             text,
@@ -203,22 +218,24 @@ fn worse_model(worse: &Value) -> String {
     format!("{found}; {does}")
 }
 
-fn signal(signal: &Value) -> String {
+fn signal(signal: &Value, hints: &mut Hints) -> String {
     let unit = Unit::named(word(&signal["unit"])).map_or(String::new(), |unit| unit.to_string());
     let (value, unit) = match signal["value"].as_f64() {
         Some(value) if unit == "bool" => (if value > 0.0 { "on" } else { "off" }.to_owned(), ""),
         Some(value) => (format!("{value:.3}"), unit.as_str()),
         None => ("—".to_owned(), unit.as_str()),
     };
-    let quality = if signal["quality"] == "good" { "good" } else { word(&signal["reason"]) };
-    format!("  {:<16}{value:>12} {unit:<6} {quality}{}\n", word(&signal["name"]), aside(signal))
+    let hint = signal["hint"].as_str();
+    let quality = if signal["quality"] == "good" { "good" } else { cause(word(&signal["reason"]), hint) };
+    let line = format!("  {:<16}{value:>12} {unit:<6} {quality}{}\n", word(&signal["name"]), aside(signal));
+    line + &hints.line(UNDER, hint)
 }
 
-fn output(output: &Value) -> String {
+fn output(output: &Value, hints: &Hints) -> String {
     let unit = OutputStatus::unit_of(word(&output["writes"]));
     let decimals = if unit == "µm" { 1 } else { 4 };
     let value = output["value"].as_f64().map_or("—".to_owned(), |value| format!("{value:.decimals$}"));
-    let notes = [&output["note"], &output["handshake"]].map(word);
+    let notes = [&output["note"], &output["handshake"]].map(|note| hints.without(word(note)));
     let notes: String =
         notes.iter().filter(|note| !note.is_empty()).map(|note| format!(": {note}")).collect();
     let name = word(&output["name"]);
@@ -227,14 +244,16 @@ fn output(output: &Value) -> String {
     format!("  {name:<16}{value:>12} {unit:<6} {state}{notes}  ({device}, {register})\n")
 }
 
-fn device(device: &Value) -> String {
-    let fault = word(&device["fault"]);
+fn device(device: &Value, hints: &mut Hints) -> String {
+    let hint = device["hint"].as_str();
+    let fault = cause(word(&device["fault"]), hint);
     let fault = if fault.is_empty() { String::new() } else { format!(": {fault}") };
-    format!("  {:<16}{}{fault}{}\n", word(&device["name"]), word(&device["state"]), aside(device))
+    let line = format!("  {:<16}{}{fault}{}\n", word(&device["name"]), word(&device["state"]), aside(device));
+    line + &hints.line(UNDER, hint)
 }
 
 /// Returns a heading and a line for each element; empty if there are no elements.
-fn rows(heading: &str, of: &Value, row: impl Fn(&Value) -> String) -> String {
+fn rows(heading: &str, of: &Value, row: impl FnMut(&Value) -> String) -> String {
     let rows: String = of.as_array().into_iter().flatten().map(row).collect();
     if rows.is_empty() { rows } else { format!("\n{heading}\n{rows}") }
 }
@@ -270,6 +289,33 @@ mod tests {
     use super::*;
     use serde_json::json;
 
+    fn lines(axis: &Value) -> String {
+        axis_lines("z", axis, false, &mut Hints::default())
+    }
+
+    #[test]
+    fn a_hint_is_printed_once_below_the_first_line_that_needs_it() {
+        let (why, hint) = ("no program listens at this port", "is the port right?");
+        let joined = format!("{why}: {hint}");
+        let signal = |name: &str| json!({ "name": name, "quality": "timeout", "reason": joined, "hint": hint, "unit": "degC" });
+        let mut status = json!({
+            "machine": "press", "label": "", "now": "2026-01-05T12:00:00Z", "clock": "synchronised", "uptime_s": 5.0,
+            "alarms": [{ "since": "2026-01-05T12:00:00Z", "text": format!("device module: {joined}"), "hint": hint }],
+            "axes": { "z": { "display": "frozen", "cause": why, "hint": hint, "has_model": false } },
+            "signals": [signal("bed"), signal("column")],
+            "devices": [{ "name": "module", "state": "lost", "fault": joined, "hint": hint }],
+            "events": [{ "at": "2026-01-05T12:00:00Z", "text": joined, "data": { "hint": hint } }]
+        });
+        let text = of(&status);
+        assert_eq!((text.matches(hint).count(), text.matches(why).count()), (1, 6), "{text}");
+        assert!(text.contains(&format!("device module: {why}\n      to do: {hint}\n")), "{text}");
+        // Without an alarm, the hint is at the next line that needs it.
+        status["alarms"] = json!([]);
+        let text = of(&status);
+        assert!(text.contains(&format!("axis z: frozen\n  {why}\n  to do: {hint}\n")), "{text}");
+        assert_eq!(text.matches(hint).count(), 1, "{text}");
+    }
+
     #[test]
     fn beside_what_a_model_asks_for_stands_how_wrong_it_is_expected_to_be_and_why_a_probing_was_not_believed()
     {
@@ -278,7 +324,7 @@ mod tests {
             "raw_um": -12.34, "expected_um": 2.13, "acted": ["round"],
             "probe": { "last": { "at": "2026-01-05T12:00:00Z", "error_um": 9.0, "refused": "measure again" } }
         });
-        let text = axis_lines("z", &axis, false);
+        let text = lines(&axis);
         assert!(
             text.contains("model rises requests -12.3 µm, expected within ±2.1 µm (1 σ); guard: round\n"),
             "{text}"
@@ -290,10 +336,10 @@ mod tests {
             "{text}"
         );
         axis["expected_touches"] = json!(24);
-        let text = axis_lines("z", &axis, false);
+        let text = lines(&axis);
         assert!(text.contains("expected within ±2.1 µm (1 σ, touches: 24); guard: round\n"), "{text}");
         (axis["expected_um"], axis["probe"]["last"]["refused"]) = (Value::Null, Value::Null);
-        let text = axis_lines("z", &axis, false);
+        let text = lines(&axis);
         assert!(text.contains("requests -12.3 µm; guard: round\n") && !text.contains("probed"), "{text}");
     }
 
@@ -306,20 +352,20 @@ mod tests {
                 "in_use_um": 6.94, "candidate_um": 3.81, "better": true
             } }
         });
-        let text = axis_lines("z", &axis, false);
+        let text = lines(&axis);
         let words = "  candidate learned-2026-01-31-3fa2: since 2026-01-26, it would have left 3.8 instead of 6.9 µm \
                      (days: 5, touches: 40); `isotherm adopt` adopts it\n";
         assert!(text.ends_with(words), "{text}");
         (axis["learned"]["waiting"], axis["learned"]["auto"]) = (json!(""), json!(true));
-        let text = axis_lines("z", &axis, false);
+        let text = lines(&axis);
         assert!(text.contains("the change to the model of the profile waits until Cz can be kept"), "{text}");
         assert!(text.ends_with("; it is adopted at the next datum\n"), "{text}");
         axis["learned"]["adopted"] = json!("learned-2026-01-31-3fa2");
-        let text = axis_lines("z", &axis, false);
+        let text = lines(&axis);
         assert!(text.contains("follows the learned model learned-2026-01-31-3fa2\n"), "{text}");
         assert!(!text.contains("candidate"), "{text}");
         axis["learned"] = Value::Null;
-        assert!(!axis_lines("z", &axis, false).contains("learned"));
+        assert!(!lines(&axis).contains("learned"));
     }
 
     #[test]
@@ -329,23 +375,23 @@ mod tests {
             "probe": { "worse": { "touches": 5, "without_um": 2.04, "with_um": 3.16, "ramps": false } }
         });
         assert!(
-            axis_lines("z", &axis, false).ends_with(
+            lines(&axis).ends_with(
                 "\n  the model is worse than no compensation: the residual error is 3.2 µm with the model, \
                  2.0 µm without (root mean square of the last 5 touches); Cz still follows the model\n"
             ),
             "{}",
-            axis_lines("z", &axis, false)
+            lines(&axis)
         );
         (axis["probe"]["worse"]["touches"], axis["probe"]["worse"]["ramps"]) = (json!(0), json!(true));
         assert!(
-            axis_lines("z", &axis, false).ends_with(
+            lines(&axis).ends_with(
                 "\n  the model is worse than no compensation: as touches show that were made before the \
                  last datum (zero point of Cz); Cz goes to zero until touches show that the model is better\n"
             ),
             "{}",
-            axis_lines("z", &axis, false)
+            lines(&axis)
         );
         axis["probe"]["worse"] = Value::Null;
-        assert!(!axis_lines("z", &axis, false).contains("worse"));
+        assert!(!lines(&axis).contains("worse"));
     }
 }

@@ -1,6 +1,7 @@
 //! State of the gateway for people and programs. It is derived from a copy of the shared state, so that the lock is
 //! held only while the copy is made.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -127,6 +128,7 @@ pub(super) fn status(shared: &Shared) -> Status {
         machine_on_s: picture.machine_on.map(|span| span.as_secs_f64()),
         language: shared.profile.web.as_ref().and_then(|web| web.language),
         overridden: shared.profile.overridden.clone(),
+        profile_changed: shared.profile_changes.read(),
         dry_run: shared.dry_run,
         stopping: picture.stopping,
         ready: picture.device_health.devices.iter().all(|device| device.answered)
@@ -289,6 +291,10 @@ fn signals(shared: &Shared, picture: &StatusSnapshot) -> Vec<SignalStatus> {
     signals
         .map(|((place, signal), reading)| {
             let taken = picture.latest.taken(SignalId(place));
+            let why = match reading.quality {
+                Quality::Good => Explained::default(),
+                Quality::Bad(reason) => picture.device_health.why(SignalId(place), reason),
+            };
             SignalStatus {
                 name: signal.name.clone(),
                 label: signal.label.clone(),
@@ -299,10 +305,8 @@ fn signals(shared: &Shared, picture: &StatusSnapshot) -> Vec<SignalStatus> {
                     Quality::Good => "good",
                     Quality::Bad(reason) => reason.code(),
                 },
-                reason: match reading.quality {
-                    Quality::Good => String::new(),
-                    Quality::Bad(reason) => picture.device_health.why(SignalId(place), reason).to_string(),
-                },
+                reason: why.to_string(),
+                hint: why.hint.map(Cow::into_owned),
                 age_s: (taken > Moment::default() && reading.quality != Quality::Bad(Reason::NeverRead))
                     .then(|| picture.now.since(taken).as_secs_f64()),
             }
@@ -328,27 +332,28 @@ fn buses(shared: &Shared, picture: &StatusSnapshot) -> Vec<BusStatus> {
 fn devices(shared: &Shared, picture: &StatusSnapshot) -> Vec<DeviceStatus> {
     let devices = shared.profile.devices.iter().zip(&picture.device_health.devices).enumerate();
     devices
-        .map(|(place, (device, count))| DeviceStatus {
-            name: device.name.clone(),
-            label: device.label.clone(),
-            bus: shared.profile.bus(device.bus).name.clone(),
-            unit: device.unit,
-            at: device.at(),
-            state: match (&count.lost, count.answered) {
-                (Some(lost), _) if lost.answers_since.is_none() => "lost",
-                (_, false) => "never-answered",
-                (_, true) if picture.devices.changed(DeviceId(place)).is_some() => "not-as-expected",
-                (_, true) => "ok",
-            },
-            fault: count
-                .lost
-                .as_ref()
-                .filter(|lost| lost.answers_since.is_none())
-                .map(|lost| lost.fault.to_string())
-                .or_else(|| picture.devices.changed(DeviceId(place)))
-                .unwrap_or_default(),
-            requests: count.requests,
-            failures: count.failures.clone(),
+        .map(|(place, (device, count))| {
+            let changed = picture.devices.changed(DeviceId(place));
+            let (state, fault) = match &count.lost {
+                Some(lost) if lost.answers_since.is_none() => ("lost", lost.fault.clone()),
+                _ if !count.answered => ("never-answered", changed.unwrap_or_default().into()),
+                _ => match changed {
+                    Some(changed) => ("not-as-expected", changed.into()),
+                    None => ("ok", Explained::default()),
+                },
+            };
+            DeviceStatus {
+                name: device.name.clone(),
+                label: device.label.clone(),
+                bus: shared.profile.bus(device.bus).name.clone(),
+                unit: device.unit,
+                at: device.at(),
+                state,
+                fault: fault.to_string(),
+                hint: fault.hint.map(Cow::into_owned),
+                requests: count.requests,
+                failures: count.failures.clone(),
+            }
         })
         .collect()
 }

@@ -10,7 +10,7 @@ use crate::fieldbus::connection::Dial;
 use crate::fieldbus::dial;
 use crate::gateway::store::disk::{Disk, Files};
 use crate::observe::events::EventListener;
-use crate::observe::status::BrokerFigures;
+use crate::observe::status::{BrokerFigures, ProfileChanges};
 use isotherm_profile::Bus;
 
 /// Function that creates the connection of a bus. It returns `None` for a bus that needs no connection.
@@ -45,6 +45,8 @@ pub struct Options {
     pub is_unchecked: bool,
     /// Figures about publishing to an MQTT broker; `None` without a broker.
     pub broker: Option<Arc<BrokerFigures>>,
+    /// Files of the profile that have changed on disk. Empty if no other part compares them.
+    pub profile_changes: Arc<ProfileChanges>,
     /// Receiver of every event since the start; `None` if no other part requires them.
     pub listener: Option<EventListener>,
     /// Handover from the previous program in the same process, or the reason why it is rejected. `Ok(None)` after an
@@ -71,6 +73,7 @@ impl Default for Options {
             pace: None,
             is_unchecked: false,
             broker: None,
+            profile_changes: Arc::default(),
             listener: None,
             handover: Ok(None),
             learn: None,

@@ -17,7 +17,7 @@ use crate::clock::{Clock, Wakeup};
 use crate::gateway::state::dependents::{Dependents, RunConfig};
 use crate::gateway::store::ledger::Ledger;
 use crate::observe::events::{Event, Journal};
-use crate::observe::status::BrokerFigures;
+use crate::observe::status::{BrokerFigures, ProfileChanges};
 use isotherm_core::continuity::Break;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, Profile};
@@ -58,6 +58,8 @@ pub(crate) struct Shared {
     rates: Mutex<Rates>,
     /// Figures about publishing to an MQTT broker; `None` without a broker.
     pub(in crate::gateway) broker: Option<Arc<BrokerFigures>>,
+    /// Files of the profile that have changed on disk.
+    pub(in crate::gateway) profile_changes: Arc<ProfileChanges>,
 }
 
 impl Shared {
@@ -88,14 +90,19 @@ impl Shared {
             resting: AtomicUsize::new(0),
             rates: Mutex::default(),
             broker: None,
+            profile_changes: Arc::default(),
             clock,
             profile,
         }
     }
 
-    /// Adds the figures about publishing to an MQTT broker.
-    pub(in crate::gateway) fn showing(self, broker: Option<Arc<BrokerFigures>>) -> Shared {
-        Shared { broker, ..self }
+    /// Adds the figures about publishing to an MQTT broker, and the changed files of the profile.
+    pub(in crate::gateway) fn showing(
+        self,
+        broker: Option<Arc<BrokerFigures>>,
+        profile_changes: Arc<ProfileChanges>,
+    ) -> Shared {
+        Shared { broker, profile_changes, ..self }
     }
 
     /// Locks the state until the returned lock guard is dropped. If a task has panicked with the lock, the gateway is

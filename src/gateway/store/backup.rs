@@ -28,6 +28,11 @@ pub fn take(directory: &Path, machine: &str) -> Result<Option<(String, Vec<u8>)>
     }
 }
 
+/// Returns whether a directory contains the saved state of this machine.
+pub fn is_in(directory: &Path, machine: &str) -> bool {
+    path(directory, machine).exists()
+}
+
 /// Converts the files of a backup to the files to be written to a state directory. The state in them is marked as in
 /// question.
 ///

@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use super::description::{EventDescription, caused, plain};
 use isotherm_core::events::EventKind;
+use isotherm_core::explained::Explained;
 
 /// Change in the port of the web page, if the profile requires the page.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -14,6 +15,13 @@ pub enum PagePort {
         /// Host and port.
         listen: String,
         /// Reason as a sentence.
+        why: String,
+    },
+    /// The web page does not listen, because a token or its certificate cannot be used.
+    NotServed {
+        /// Host and port.
+        listen: String,
+        /// Reason as a sentence, with its remedy.
         why: String,
     },
     /// The web page listens now.
@@ -28,6 +36,12 @@ impl PagePort {
         match self {
             PagePort::Closed { listen, why } => {
                 caused(format!("the web page cannot listen on {listen} (another address: --listen)"), why)
+                    .of(EventKind::PageClosed)
+            }
+            PagePort::NotServed { listen, why } => {
+                let again =
+                    "the gateway reads the file again every ten seconds, and the compensation continues";
+                caused(format!("the web page on {listen} is not served"), Explained::new(why, again))
                     .of(EventKind::PageClosed)
             }
             PagePort::Open { listen } => {

@@ -144,6 +144,7 @@ fn troubles() -> Vec<Event> {
         Event::Adoption(Adoption::Superseded { axis: name(), model: "learned-2026-01-31-3fa2".into() }),
         Event::Adoption(Adoption::Failed { why: "exit code 1".into() }),
         Event::Page(PagePort::Closed { listen: "a:1".into(), why: "taken".into() }),
+        Event::Page(PagePort::NotServed { listen: "a:1".into(), why: "the token is too short".into() }),
         Event::Token(PageToken::Gone { role: "viewer", why: "deleted".into() }),
         Event::Broker(Broker::Down { broker: name(), why: "no answer".into() }),
         Event::Broker(Broker::Dropped { broker: name(), count: 3 }),

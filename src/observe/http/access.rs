@@ -9,7 +9,8 @@
 //! | is on this computer, no such line in the profile | everything, unless the profile has a viewer's token | no |
 //! | any other | `/healthz`, and the sign-in page | no |
 //!
-//! A client is on this computer if it connects over loopback without a proxy. As the host, its request must name
+//! A client is on this computer if it connects over loopback without a proxy. A client behind one of `trusted_proxies`
+//! never is; its address is the one that the proxy reports. As the host, its request must name
 //! `localhost`, an IP address, or a name of the profile. This protects against DNS rebinding: another site lets one of
 //! its own names point to this computer, so that its scripts could read and command as if they were those of the page.
 //! With an IP address, this attack is not possible.
@@ -25,6 +26,7 @@ use axum::response::{IntoResponse, Response};
 use isotherm_profile::Commands;
 
 use super::admission::Admission;
+use super::forwarded::Scheme;
 use super::peer::Peer;
 use super::refusal::{Counts, Refusal};
 use super::refusals::{Refusals, Reports, TokenReport};
@@ -73,8 +75,8 @@ pub(super) struct Access {
     commands: Commands,
     hosts: Vec<String>,
     listens_at: SocketAddr,
-    /// Whether the page uses TLS. Browsers then send the cookie only over TLS.
-    is_secure: bool,
+    /// Scheme of this server. A trusted proxy may report another one, which its clients see.
+    scheme: Scheme,
     tokens: Tokens,
     sessions: Mutex<Sessions>,
     refusals: Mutex<Refusals>,
@@ -97,7 +99,7 @@ pub(super) async fn check(
     if FOR_EVERYBODY.contains(&request.uri().path()) {
         return next.run(request).await;
     }
-    let refusal = match room.access.assess(&request, peer.ip()) {
+    let refusal = match room.access.assess(&request, &peer) {
         Ok(pass) => {
             request.extensions_mut().insert(pass);
             return next.run(request).await;
@@ -113,7 +115,7 @@ pub(super) async fn check(
         room.source.turned_away(command, &peer.requester(request.headers()), &refusal.message());
     }
     if refusal.is_mended_by_signing_in() && super::login::is_asked_by_a_person(&request) {
-        return super::login::page(&room, request.headers(), request.uri().query(), &refusal);
+        return super::login::page(&room, request.headers(), request.uri(), &refusal);
     }
     refusal.into_response()
 }
@@ -138,12 +140,12 @@ fn now() -> Duration {
 }
 
 impl Access {
-    pub(super) fn new(admission: Admission, listens_at: SocketAddr, is_secure: bool) -> Access {
+    pub(super) fn new(admission: Admission, listens_at: SocketAddr, scheme: Scheme) -> Access {
         Access {
             commands: admission.commands,
             hosts: admission.hosts,
             listens_at,
-            is_secure,
+            scheme,
             tokens: Tokens::new([admission.scraper, admission.viewer, admission.operator]),
             sessions: Mutex::default(),
             refusals: Mutex::default(),
@@ -211,27 +213,36 @@ impl Access {
     ///
     /// # Errors
     /// The kernel has no random numbers.
-    pub(super) fn begin_visit(&self, shown: (Role, u64)) -> std::io::Result<String> {
+    pub(super) fn begin_visit(&self, shown: (Role, u64), peer: &Peer) -> std::io::Result<String> {
         let key = SessionKey::of(random()?);
         lock(&self.sessions).begin(key, shown, now());
-        Ok(self.cookie(&key.text()))
+        Ok(self.cookie(&key.text(), peer))
     }
 
     /// Ends the session of a request. Returns the value of the header that removes the cookie.
-    pub(super) fn end_visit(&self, headers: &HeaderMap) -> String {
-        self.keys(headers).into_iter().for_each(|key| lock(&self.sessions).end(key));
-        self.cookie("; Max-Age=0")
+    pub(super) fn end_visit(&self, headers: &HeaderMap, peer: &Peer) -> String {
+        self.keys(headers, peer).into_iter().for_each(|key| lock(&self.sessions).end(key));
+        self.cookie("; Max-Age=0", peer)
     }
 
-    fn cookie(&self, value: &str) -> String {
-        let secure = if self.is_secure { "; Secure" } else { "" };
-        format!("{}={value}; Path=/; HttpOnly; SameSite=Strict{secure}", self.cookie_name())
+    /// Returns a cookie that is valid for the page only. Browsers send it only over TLS if the page uses TLS.
+    fn cookie(&self, value: &str, peer: &Peer) -> String {
+        let secure = match peer.scheme(self.scheme) {
+            Scheme::Https => "; Secure",
+            Scheme::Http => "",
+        };
+        let (name, prefix) = (self.cookie_name(peer), peer.prefix());
+        format!("{name}={value}; Path={prefix}/; HttpOnly; SameSite=Strict{secure}")
     }
 
     /// Returns the name of the cookie. It contains the port, because a browser sends a cookie to all ports of a host,
-    /// and each port may be another gateway.
-    fn cookie_name(&self) -> String {
-        let prefix = if self.is_secure { "__Host-" } else { "" };
+    /// and each port may be another gateway. A browser accepts `__Host-` only for the top of a host.
+    fn cookie_name(&self, peer: &Peer) -> String {
+        let prefix = match peer.scheme(self.scheme) {
+            Scheme::Https if peer.prefix().is_empty() => "__Host-",
+            Scheme::Https => "__Secure-",
+            Scheme::Http => "",
+        };
         format!("{prefix}isotherm_visit_{}", self.listens_at.port())
     }
 
@@ -244,7 +255,7 @@ impl Access {
         Some(role)
     }
 
-    fn assess(&self, request: &Request, peer: IpAddr) -> Result<Grant, Refusal> {
+    fn assess(&self, request: &Request, peer: &Peer) -> Result<Grant, Refusal> {
         let (headers, changes) = (request.headers(), changes(request));
         let Some(pass) = self.who(request, peer)? else {
             let is_named = self.tokens.any() || !is_local(request, peer) || self.knows_host(headers);
@@ -261,7 +272,7 @@ impl Access {
         if !changes {
             return Ok(pass);
         }
-        if !matches!(pass.by, By::Token(_)) && !self.is_own_page(headers) {
+        if !matches!(pass.by, By::Token(_)) && !self.is_own_page(headers, peer) {
             return Err(Refusal::StrangeOrigin);
         }
         match pass.by {
@@ -273,17 +284,17 @@ impl Access {
     }
 
     /// Returns the highest role of the client. `None` if it has no role.
-    fn who(&self, request: &Request, peer: IpAddr) -> Result<Option<Grant>, Refusal> {
+    fn who(&self, request: &Request, peer: &Peer) -> Result<Option<Grant>, Refusal> {
         let headers = request.headers();
         if let Some(token) = bearer(headers).filter(|_| self.tokens.any()) {
-            let (role, version) = self.shown(token, peer)?;
+            let (role, version) = self.shown(token, peer.ip())?;
             return Ok(Some(Grant { role, by: By::Token(version) }));
         }
         // Automatic requests of an open page do not extend an operator's session.
         let is_use = changes(request) || request.uri().path() == "/";
         let uses = |role| is_use || role == Role::Viewer;
         let session = |key| Some(Grant { role: self.session(key, uses)?, by: By::Session(key) });
-        let session = self.keys(headers).into_iter().find_map(session);
+        let session = self.keys(headers, peer).into_iter().find_map(session);
         let may_command = session.is_some_and(|pass| pass.role == Role::Operator);
         let here = if may_command { None } else { self.role_here(request, peer) };
         Ok(here
@@ -294,7 +305,7 @@ impl Access {
 
     /// Returns the role that every client on this computer has. `None` if the client is elsewhere, or has no role
     /// without a token.
-    fn role_here(&self, request: &Request, peer: IpAddr) -> Option<Role> {
+    fn role_here(&self, request: &Request, peer: &Peer) -> Option<Role> {
         if !is_local(request, peer) || !self.knows_host(request.headers()) {
             return None;
         }
@@ -322,11 +333,14 @@ impl Access {
 
     /// Returns whether a request comes from the gateway's own web page. Browsers send the origin of a request; a
     /// request without `Origin` comes from another program.
-    pub(super) fn is_own_page(&self, headers: &HeaderMap) -> bool {
+    pub(super) fn is_own_page(&self, headers: &HeaderMap, peer: &Peer) -> bool {
         match text(headers, "origin") {
             Some(origin) => {
-                let scheme = if self.is_secure { "https://" } else { "http://" };
-                let (place, host) = (origin.strip_prefix(scheme), text(headers, "host"));
+                let scheme = match peer.scheme(self.scheme) {
+                    Scheme::Https => "https://",
+                    Scheme::Http => "http://",
+                };
+                let (place, host) = (origin.strip_prefix(scheme), peer.host(headers));
                 place.zip(host).is_some_and(|(place, host)| place.eq_ignore_ascii_case(host))
             }
             None => {
@@ -336,8 +350,8 @@ impl Access {
         }
     }
 
-    fn keys(&self, headers: &HeaderMap) -> Vec<SessionKey> {
-        let name = self.cookie_name();
+    fn keys(&self, headers: &HeaderMap, peer: &Peer) -> Vec<SessionKey> {
+        let name = self.cookie_name(peer);
         let lines = headers.get_all(header::COOKIE).into_iter().filter_map(|line| line.to_str().ok());
         let pairs = lines.flat_map(|line| line.split(';')).filter_map(|pair| pair.trim().split_once('='));
         pairs.filter(|(known, _)| *known == name).filter_map(|(_, value)| SessionKey::parse(value)).collect()
@@ -361,14 +375,15 @@ fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
 
 /// Returns whether a request comes from this computer without a proxy, as far as its headers show. A request with
 /// HTTP/1.0 is treated as that of a proxy: nginx uses this version by default, and adds no header. Current browsers do
-/// not use it.
-fn is_local(request: &Request, peer: IpAddr) -> bool {
+/// not use it. A request from the address of a trusted proxy is never local, even without its headers.
+fn is_local(request: &Request, peer: &Peer) -> bool {
     let was_sent_on = |name: &HeaderName| {
         let name = name.as_str();
         name.starts_with("x-forwarded") || ["forwarded", "x-real-ip", "via"].contains(&name)
     };
     let is_of_today = request.version() > Version::HTTP_10;
-    is_of_today && peer.to_canonical().is_loopback() && !request.headers().keys().any(was_sent_on)
+    let is_direct = !peer.is_proxied() && !request.headers().keys().any(was_sent_on);
+    is_of_today && is_direct && peer.ip().to_canonical().is_loopback()
 }
 
 fn text<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a str> {

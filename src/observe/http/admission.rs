@@ -1,6 +1,6 @@
 //! Rules for access to the web page, from the profile.
 
-use isotherm_profile::{Commands, Web};
+use isotherm_profile::{Commands, IpNetwork, Web};
 
 use super::tokens::TokenFile;
 
@@ -17,6 +17,8 @@ pub struct Admission {
     pub commands: Commands,
     /// Host names of the web page, in addition to `localhost` and IP addresses.
     pub hosts: Vec<String>,
+    /// Proxies that report the client of a request.
+    pub trusted_proxies: Vec<IpNetwork>,
 }
 
 impl Admission {
@@ -40,12 +42,8 @@ impl Admission {
                 ));
             }
         }
-        let (commands, hosts) = (web.commands, web.hosts.clone());
-        Ok(Admission { scraper, viewer, operator, commands, hosts })
-    }
-
-    /// Returns whether the profile has any token. Without one, clients on other computers have no access.
-    pub fn has_token(&self) -> bool {
-        [&self.scraper, &self.viewer, &self.operator].into_iter().any(Option::is_some)
+        let (commands, hosts, trusted_proxies) =
+            (web.commands, web.hosts.clone(), web.trusted_proxies.clone());
+        Ok(Admission { scraper, viewer, operator, commands, hosts, trusted_proxies })
     }
 }

@@ -12,6 +12,8 @@ pub struct Limits {
     pub connections: usize,
     /// Maximum number of simultaneous connections from one IPv4 address, or from one IPv6 network (64-bit prefix).
     pub of_one_address: usize,
+    /// Maximum number of simultaneous connections from one trusted proxy, which has many clients.
+    pub of_one_proxy: usize,
     /// Maximum number of simultaneous live streams of the status (`/api/live`).
     pub streams: usize,
     /// Timeout for the head of a request, or for the TLS handshake and the first head.
@@ -33,9 +35,11 @@ impl Default for Limits {
 impl Limits {
     /// Returns the limits for this maximum number of simultaneous connections.
     pub fn of(connections: usize) -> Limits {
+        let most = (connections - connections.div_ceil(4)).max(1);
         Limits {
             connections,
-            of_one_address: (connections - connections.div_ceil(4)).clamp(1, 16),
+            of_one_address: most.min(16),
+            of_one_proxy: most,
             streams: connections.div_ceil(2),
             head: Duration::from_secs(10),
             body: Duration::from_secs(10),
@@ -66,10 +70,19 @@ impl ConnectionLimiter {
 
     /// Returns a permit for a connection from this address. `None` if a limit is reached.
     pub(in crate::observe) fn admit(self: &Arc<ConnectionLimiter>, address: IpAddr) -> Option<Permit> {
+        self.admit_up_to(self.limits.of_one_address, address)
+    }
+
+    /// Returns a permit for a connection from this trusted proxy. `None` if a limit is reached.
+    pub(in crate::observe) fn admit_proxy(self: &Arc<ConnectionLimiter>, address: IpAddr) -> Option<Permit> {
+        self.admit_up_to(self.limits.of_one_proxy, address)
+    }
+
+    fn admit_up_to(self: &Arc<ConnectionLimiter>, most: usize, address: IpAddr) -> Option<Permit> {
         let address = counted(address);
         let mut inside = self.inside.lock().unwrap_or_else(PoisonError::into_inner);
         let (all, of_it) = (inside.values().sum::<usize>(), inside.get(&address).copied().unwrap_or(0));
-        if all >= self.limits.connections || of_it >= self.limits.of_one_address {
+        if all >= self.limits.connections || of_it >= most {
             return None;
         }
         inside.insert(address, of_it + 1);
@@ -125,6 +138,15 @@ mod tests {
                 "{connections}"
             );
         }
+    }
+
+    #[test]
+    fn a_trusted_proxy_has_more_and_never_all() {
+        let limiter = Arc::new(ConnectionLimiter::new(Limits::of(64)));
+        let [proxy, other] = ["127.0.0.1", "127.0.0.2"].map(|address| address.parse().unwrap());
+        let of_proxy: Vec<Permit> = std::iter::from_fn(|| limiter.admit_proxy(proxy)).collect();
+        let of_other: Vec<Permit> = std::iter::from_fn(|| limiter.admit(other)).collect();
+        assert_eq!((of_proxy.len(), of_other.len()), (48, 16));
     }
 
     #[test]

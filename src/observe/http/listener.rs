@@ -17,8 +17,9 @@ use tokio_rustls::rustls::ServerConfig;
 
 use super::connection::{self, Line, ended};
 use super::connection_limiter::{ConnectionLimiter, Limits};
+use super::forwarded::Scheme;
 use crate::clock::BootClock;
-use isotherm_profile::counted;
+use isotherm_profile::{IpNetwork, counted};
 
 /// Receiver of the present TLS configuration. The certificate may be renewed while the page is served.
 pub type TlsReceiver = watch::Receiver<Arc<ServerConfig>>;
@@ -29,11 +30,13 @@ pub struct HttpListener {
     listener: TcpListener,
     shown: Option<TlsReceiver>,
     limits: Limits,
+    /// Proxies with a larger share of the connections.
+    proxies: Arc<[IpNetwork]>,
 }
 
 impl From<TcpListener> for HttpListener {
     fn from(listener: TcpListener) -> HttpListener {
-        HttpListener { listener, shown: None, limits: Limits::default() }
+        HttpListener { listener, shown: None, limits: Limits::default(), proxies: Arc::from([]) }
     }
 }
 
@@ -50,13 +53,18 @@ impl HttpListener {
         HttpListener { shown, ..self }
     }
 
+    /// Sets the proxies that have a larger share of the connections.
+    pub(super) fn behind(self, proxies: Arc<[IpNetwork]>) -> HttpListener {
+        HttpListener { proxies, ..self }
+    }
+
     pub(super) fn limits(&self) -> Limits {
         self.limits
     }
 
-    /// Returns the scheme of the page's address: `http` or `https`.
-    pub(super) fn scheme(&self) -> &'static str {
-        if self.shown.is_some() { "https" } else { "http" }
+    /// Returns the scheme of this server.
+    pub(super) fn scheme(&self) -> Scheme {
+        if self.shown.is_some() { Scheme::Https } else { Scheme::Http }
     }
 
     pub(super) fn address(&self) -> io::Result<SocketAddr> {
@@ -82,7 +90,12 @@ impl HttpListener {
                     continue;
                 }
             };
-            let Some(place) = limiter.admit(address.ip()) else {
+            let is_proxy = self.proxies.iter().any(|network| network.contains(address.ip()));
+            let place = match is_proxy {
+                true => limiter.admit_proxy(address.ip()),
+                false => limiter.admit(address.ip()),
+            };
+            let Some(place) = place else {
                 turned_away.one(self.limits.connections);
                 refuse(stream, self.shown.is_none());
                 // Other tasks run on this thread as well.

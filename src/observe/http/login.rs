@@ -5,16 +5,16 @@
 use axum::body::Bytes;
 use axum::extract::rejection::BytesRejection;
 use axum::extract::{ConnectInfo, RawQuery, Request, State};
-use axum::http::{HeaderMap, Method, StatusCode, header};
+use axum::http::{HeaderMap, Method, StatusCode, Uri, header};
 use axum::response::{Html, IntoResponse, Json, Redirect, Response};
 
 use super::peer::Peer;
 use super::refusal::Refusal;
 use super::reply::CommandReply;
-use super::request::{parameter, words};
-use super::state::HttpState;
+use super::request::{parameter, top, words};
+use super::state::{HttpState, LoginTexts};
 use super::tokens::Role;
-use crate::observe::page::{self, Words};
+use crate::observe::page::{self, LoginPlace};
 
 const WALL: &str = "wall";
 
@@ -30,21 +30,37 @@ fn accepts_html(headers: &HeaderMap) -> bool {
         .is_some_and(|kinds| kinds.contains("text/html"))
 }
 
-/// Returns the texts of the page in a language of the profile or of the browser. The language of the profile is read
-/// only once, so that clients without access cause little work.
-fn spoken(room: &HttpState, headers: &HeaderMap) -> &'static Words {
-    words(*room.language.get_or_init(|| room.source.status().language), headers)
+/// Makes the sign-in page in a language of the profile or of the browser, with the view to show afterwards and the key of
+/// an error message. `top` is the relative address of the web page. Language and name of the machine are read only once,
+/// so that clients without access cause little work.
+fn sign_in_page(
+    room: &HttpState,
+    headers: &HeaderMap,
+    top: &str,
+    (view, trouble): (Option<&str>, Option<&'static str>),
+) -> Html<String> {
+    let shown = room.login.get_or_init(|| {
+        let status = room.source.status();
+        LoginTexts { language: status.language, machine: page::title(&status).to_owned() }
+    });
+    let place = LoginPlace { machine: &shown.machine, top };
+    Html(page::login(words(shown.language, headers), place, view, trouble).into_string())
 }
 
 fn is_for_the_wall(query: Option<&str>) -> bool {
     query.and_then(|query| parameter(query, "view")).as_deref() == Some(WALL)
 }
 
-/// Makes the sign-in page, as the answer to a refused request.
-pub(super) fn page(
+/// Makes the sign-in page, as the answer to a refused request for this address.
+pub(super) fn page(room: &HttpState, headers: &HeaderMap, uri: &Uri, refusal: &Refusal) -> Response {
+    page_at(room, headers, (uri.path(), uri.query()), refusal)
+}
+
+/// Makes the sign-in page for this path, with a view that the query or the form names.
+fn page_at(
     room: &HttpState,
     headers: &HeaderMap,
-    query: Option<&str>,
+    (path, query): (&str, Option<&str>),
     refusal: &Refusal,
 ) -> Response {
     let trouble = match refusal {
@@ -53,7 +69,7 @@ pub(super) fn page(
         _ => None,
     };
     let view = is_for_the_wall(query).then_some(WALL);
-    refusal.as_answer(Html(page::login(spoken(room, headers), view, trouble).into_string()))
+    refusal.as_answer(sign_in_page(room, headers, &top(path), (view, trouble)))
 }
 
 pub(super) async fn show(
@@ -62,10 +78,10 @@ pub(super) async fn show(
     headers: HeaderMap,
 ) -> Response {
     if !room.access.has_tokens() {
-        return Redirect::to("/").into_response();
+        return Redirect::to("./").into_response();
     }
     let view = is_for_the_wall(query.as_deref()).then_some(WALL);
-    Html(page::login(spoken(&room, &headers), view, None).into_string()).into_response()
+    sign_in_page(&room, &headers, "", (view, None)).into_response()
 }
 
 pub(super) async fn begin(
@@ -77,7 +93,7 @@ pub(super) async fn begin(
     let refused = |refusal: Refusal, form: &str| {
         room.access.refused.count(refusal.why());
         if accepts_html(&headers) && refusal.is_mended_by_signing_in() {
-            return page(&room, &headers, Some(form), &refusal);
+            return page_at(&room, &headers, ("/login", Some(form)), &refusal);
         }
         refusal.into_response()
     };
@@ -85,7 +101,7 @@ pub(super) async fn begin(
         Ok(body) => String::from_utf8_lossy(body),
         Err(why) => return (why.status(), "The token is too long.\n").into_response(),
     };
-    if !room.access.is_own_page(&headers) {
+    if !room.access.is_own_page(&headers, &peer) {
         return refused(Refusal::StrangeOrigin, &form);
     }
     if !room.access.has_tokens() {
@@ -98,19 +114,24 @@ pub(super) async fn begin(
         Ok(shown) => shown,
         Err(refusal) => return refused(refusal, &form),
     };
-    let _ended = room.access.end_visit(&headers);
-    let Ok(cookie) = room.access.begin_visit(shown) else {
+    let _ended = room.access.end_visit(&headers, &peer);
+    let Ok(cookie) = room.access.begin_visit(shown, &peer) else {
         let text = "The kernel has no random numbers: nobody can sign in.\n";
         return (StatusCode::SERVICE_UNAVAILABLE, text).into_response();
     };
-    let to = if is_for_the_wall(Some(&form)) { "/?view=wall" } else { "/" };
+    // Relative addresses, because the page may be below a path of a proxy.
+    let to = if is_for_the_wall(Some(&form)) { "./?view=wall" } else { "./" };
     ([(header::SET_COOKIE, cookie)], Redirect::to(to)).into_response()
 }
 
-pub(super) async fn end(State(room): State<HttpState>, headers: HeaderMap) -> Response {
-    let gone = [(header::SET_COOKIE, room.access.end_visit(&headers))];
+pub(super) async fn end(
+    State(room): State<HttpState>,
+    ConnectInfo(peer): ConnectInfo<Peer>,
+    headers: HeaderMap,
+) -> Response {
+    let gone = [(header::SET_COOKIE, room.access.end_visit(&headers, &peer))];
     if accepts_html(&headers) {
-        return (gone, Redirect::to("/")).into_response();
+        return (gone, Redirect::to("../")).into_response();
     }
     (gone, Json(CommandReply { done: true, answer: "signed out".to_owned() })).into_response()
 }

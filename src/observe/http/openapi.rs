@@ -81,7 +81,7 @@ fn document() -> Value {
             "description": "API of a gateway for the thermal compensation of one machine tool. It is not a safety function.",
             "license": { "name": "Apache-2.0", "identifier": "Apache-2.0" },
         },
-        "servers": [{ "url": "/" }],
+        "servers": [{ "url": "." }],
         "paths": paths,
         "components": {
             "schemas": types.take_definitions(true),

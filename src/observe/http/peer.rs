@@ -1,29 +1,103 @@
-//! Client at the other end of a connection.
+//! Client of a request: at the other end of the connection, or behind a trusted proxy there.
 
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
 
-use axum::http::HeaderMap;
+use axum::extract::{ConnectInfo, Request, State};
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
 
+use super::forwarded::{Disagreement, Forwarded, Scheme};
 use crate::observe::requester::{Channel, Connection, Requester};
+use isotherm_profile::IpNetwork;
 
 /// Header by which the web page marks its own requests. Commands of other programs do not have it.
 const WAY: &str = "isotherm-way";
 
-/// Address of the client, and its connection, which shows whether the client still waits.
+/// Address of the client, and the connection of its request, which shows whether the client still waits.
 #[derive(Clone)]
 pub(super) struct Peer {
     address: SocketAddr,
     connection: Arc<Connection>,
+    arrival: Arrival,
+}
+
+/// Way of a request to this server.
+#[derive(Clone)]
+enum Arrival {
+    /// From the client, or from a proxy that is not trusted.
+    Direct,
+    /// Through a trusted proxy, with its report.
+    Proxied(Arc<Forwarded>),
+}
+
+/// Reads the report of a trusted proxy, before the access check and the handlers read the peer of the request.
+pub(super) async fn behind_proxies(
+    State(trusted): State<Arc<[IpNetwork]>>,
+    ConnectInfo(peer): ConnectInfo<Peer>,
+    mut request: Request,
+    next: Next,
+) -> Response {
+    match peer.reported(request.headers(), &trusted) {
+        Ok(peer) => {
+            request.extensions_mut().insert(ConnectInfo(peer));
+            next.run(request).await
+        }
+        Err(Disagreement) => {
+            let text = "The headers Forwarded and X-Forwarded-… of this request differ. Let the proxy remove \
+                        the one that it does not set.\n";
+            (StatusCode::BAD_REQUEST, text).into_response()
+        }
+    }
 }
 
 impl Peer {
     pub(super) fn new(address: SocketAddr, connection: Arc<Connection>) -> Peer {
-        Peer { address, connection }
+        Peer { address, connection, arrival: Arrival::Direct }
+    }
+
+    /// Returns the peer of a request with these headers. If its connection is that of a trusted proxy, it is the
+    /// client that the proxy reports.
+    fn reported(self, headers: &HeaderMap, trusted: &[IpNetwork]) -> Result<Peer, Disagreement> {
+        let proxy = self.address.ip();
+        if !trusted.iter().any(|network| network.contains(proxy)) {
+            return Ok(self);
+        }
+        let report = Forwarded::read(headers, proxy, trusted)?;
+        Ok(Peer { arrival: Arrival::Proxied(Arc::new(report)), ..self })
+    }
+
+    fn report(&self) -> Option<&Forwarded> {
+        match &self.arrival {
+            Arrival::Direct => None,
+            Arrival::Proxied(report) => Some(report),
+        }
     }
 
     pub(super) fn ip(&self) -> IpAddr {
-        self.address.ip()
+        self.report().map_or(self.address.ip(), |report| report.client)
+    }
+
+    /// Returns whether the request came through a trusted proxy. Such a client is never on this computer.
+    pub(super) fn is_proxied(&self) -> bool {
+        self.report().is_some()
+    }
+
+    /// Returns the scheme of the page's address in the browser. `own` is the scheme of this server.
+    pub(super) fn scheme(&self, own: Scheme) -> Scheme {
+        self.report().and_then(|report| report.scheme).unwrap_or(own)
+    }
+
+    /// Returns host and port of the page's address in the browser.
+    pub(super) fn host<'a>(&'a self, headers: &'a HeaderMap) -> Option<&'a str> {
+        let reported = self.report().and_then(|report| report.host.as_deref());
+        reported.or_else(|| headers.get(header::HOST)?.to_str().ok())
+    }
+
+    /// Returns the path of the page on the proxy, without a slash at its end. It is empty without a proxy.
+    pub(super) fn prefix(&self) -> &str {
+        self.report().map_or("", |report| report.prefix.as_str())
     }
 
     pub(super) fn requester(&self, headers: &HeaderMap) -> Requester {

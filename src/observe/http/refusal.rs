@@ -111,7 +111,8 @@ impl Refusal {
                  the name, name it in [web] hosts, or start the gateway with a token."
             }
             Refusal::StrangeOrigin => {
-                "Commands from a browser are accepted only from the gateway's own page."
+                "Commands from a browser are accepted only from the gateway's own page. Behind a proxy, name it in \
+                 [web] trusted_proxies, and let it send X-Forwarded-Proto and X-Forwarded-Host."
             }
             Refusal::NotFromHere => {
                 "Without a token this gateway answers only requests from its own computer, but not from a \

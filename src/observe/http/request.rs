@@ -63,6 +63,14 @@ pub(super) async fn whole(State(longest): State<Duration>, request: Request, nex
     }
 }
 
+/// Returns the address of the web page relative to this path: `../` for each directory. It is also right below a path of
+/// a proxy.
+pub(super) fn top(path: &str) -> String {
+    /// Number of directories above which a path has no page.
+    const DEEPEST: usize = 16;
+    "../".repeat(path.matches('/').count().saturating_sub(1).min(DEEPEST))
+}
+
 /// Returns the value of a parameter in the query; `None` if the query does not contain it.
 pub(super) fn parameter(query: &str, name: &str) -> Option<String> {
     let mut pairs = query.split('&').filter_map(|pair| pair.split_once('='));
@@ -74,4 +82,23 @@ pub(super) fn parameter(query: &str, name: &str) -> Option<String> {
 pub(super) fn words(named: Option<Language>, headers: &HeaderMap) -> &'static Words {
     let accepted = headers.get(header::ACCEPT_LANGUAGE).and_then(|given| given.to_str().ok());
     Words::choose(named, accepted.unwrap_or_default())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_page_is_found_from_every_path() {
+        for (path, page) in [
+            ("/", ""),
+            ("/login", ""),
+            ("/api/status", "../"),
+            ("/api/axes/z/measured", "../../../"),
+            ("", ""),
+        ] {
+            assert_eq!(top(path), page, "{path}");
+        }
+        assert!(top(&"/".repeat(50_000)).len() < 100);
+    }
 }

@@ -22,8 +22,15 @@ pub(super) struct HttpState {
     pub(super) readers: Arc<Semaphore>,
     /// Permit for a request that reads the events.
     pub(super) events: Arc<Semaphore>,
-    /// Language of the profile. It is read for the first answer to a client that may not read the status.
-    pub(super) language: Arc<OnceLock<Option<Language>>>,
+    /// Texts of the sign-in page. They are read for the first answer to a client that may not read the status.
+    pub(super) login: Arc<OnceLock<LoginTexts>>,
+}
+
+/// Texts of the profile that the sign-in page needs.
+pub(super) struct LoginTexts {
+    pub(super) language: Option<Language>,
+    /// Displayed name of the machine.
+    pub(super) machine: String,
 }
 
 impl HttpState {

@@ -17,6 +17,7 @@ fn signal(name: &str, value: Option<f64>, quality: &'static str, age_s: Option<f
         unit: "degC",
         quality,
         reason: if quality == "good" { String::new() } else { quality.to_owned() },
+        hint: None,
         age_s,
     }
 }
@@ -45,6 +46,7 @@ pub(super) fn status() -> Status {
         machine_on_s: None,
         language: None,
         overridden: Vec::new(),
+        profile_changed: Vec::new(),
         dry_run: false,
         stopping: false,
         ready: true,
@@ -62,6 +64,7 @@ pub(super) fn status() -> Status {
             at: " (unit 1)".to_owned(),
             state: "ok",
             fault: String::new(),
+            hint: None,
             requests: 40,
             failures: BTreeMap::new(),
         }],

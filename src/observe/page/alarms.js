@@ -1,30 +1,39 @@
-// What went wrong and has not come to its end; and that somebody has seen it.
+// The faults that have not ended, and whether a person has seen them.
 
-import { badge } from "./states.js";
+import { TONES } from "./events.js";
+import { badge, byUrgency } from "./states.js";
 import { Hint, clock, day, element, say, withoutHint } from "./text.js";
 import { english, known, t } from "./words.js";
 
-const TONES = { info: "off", warning: "warn", error: "bad" };
 const rows = new Map();
 
 class Row {
-  constructor(alarm, acknowledge) {
+  constructor(alarm, acts) {
     this.level = element("span", { className: "badge" });
     this.since = element("time", { dateTime: alarm.since, title: alarm.since });
     this.text = english(element("span", { className: "text" }));
     this.hint = new Hint();
     this.seen = element("small");
+    this.link = element("a", { href: "#past", className: "moment" }, t("in_chart"));
+    this.link.addEventListener("click", (event) => {
+      event.preventDefault();
+      acts.lookAt(alarm);
+    });
     this.button = element("button", { type: "button", className: "small" }, t("acknowledge"));
-    this.button.addEventListener("click", () => acknowledge(alarm.id));
-    this.root = element("li", {}, this.since, this.level, element("span", {}, this.text, this.hint.root, this.seen), this.button);
+    this.button.addEventListener("click", () => acts.acknowledge(alarm.id));
+    this.root = element("li", {}, this.level, this.since, this.link,
+      element("span", { className: "what" }, this.text, this.hint.root, this.seen), this.button);
   }
 
-  show({ level, since, text, hint, acknowledged }, now, may) {
+  show({ level, since, text, hint, acknowledged }, now, may, hints) {
     const [at, today] = [new Date(since), day(now)];
-    badge(this.level, TONES[level] ?? "off", known("level", level));
+    const tone = TONES[level] ?? "off";
+    if (this.root.dataset.level !== tone) this.root.dataset.level = tone;
+    badge(this.level, tone, known("level", level));
     say(this.since, day(at) === today ? clock(at) : `${day(at).slice(5)} ${clock(at)}`);
     say(this.text, withoutHint(text, hint));
-    this.hint.show(hint);
+    this.link.ariaLabel = `${t("in_chart")}: ${this.text.textContent}`;
+    this.hint.showOnce(hint, hints);
     say(this.seen, acknowledged ? t("acknowledged", { by: acknowledged.by, time: clock(new Date(acknowledged.at)) }) : "");
     this.root.classList.toggle("seen", acknowledged !== null);
     this.button.hidden = acknowledged !== null;
@@ -32,7 +41,8 @@ class Row {
   }
 }
 
-export function showAlarms(section, status, acknowledge, may) {
+// `acts` has `acknowledge(id)` and `lookAt(alarm)`; `hints` gets the hints that are shown.
+export function showAlarms(section, status, acts, may, hints) {
   const { alarms } = status;
   section.hidden = alarms.length === 0;
   const list = section.querySelector("ol");
@@ -43,13 +53,13 @@ export function showAlarms(section, status, acknowledge, may) {
     row.root.remove();
     rows.delete(known);
   }
-  for (const alarm of alarms) {
-    if (!rows.has(key(alarm))) {
-      rows.set(key(alarm), new Row(alarm, acknowledge));
-      list.prepend(rows.get(key(alarm)).root);
-    }
-    rows.get(key(alarm)).show(alarm, new Date(status.now), may);
-  }
+  byUrgency(alarms).forEach((alarm, place) => {
+    if (!rows.has(key(alarm))) rows.set(key(alarm), new Row(alarm, acts));
+    const row = rows.get(key(alarm));
+    // A row in its place is not moved: that would take the focus from its button.
+    if (list.children[place] !== row.root) list.insertBefore(row.root, list.children[place] ?? null);
+    row.show(alarm, new Date(status.now), may, hints);
+  });
 }
 
 export function enableAlarms(may) {

@@ -10,6 +10,9 @@ const RETRY_MS = 2000;
 const GIVE_UP_MS = 10000;
 
 const title = document.title;
+const icon = document.querySelector("link[rel=icon]");
+// There is an icon with each number up to this one; the last means as many or more.
+const MOST_ON_ICON = 9;
 // Stylesheets show these beside what is old.
 document.documentElement.style.setProperty("--old", JSON.stringify(t("old")));
 document.documentElement.style.setProperty("--last-known", JSON.stringify(t("last_known")));
@@ -21,9 +24,18 @@ let lastHeard = null;
 let last = null;
 let lost = false;
 
+// The number of alarms is seen on a tab that is not open: in its title and its icon.
+function mark(alarms) {
+  const count = alarms ? `(${alarms}) ` : "";
+  const whole = (lost ? `${t("no_connection")} · ` : count) + title;
+  if (document.title !== whole) document.title = whole;
+  const file = alarms ? `page/icon-${Math.min(alarms, MOST_ON_ICON)}.svg` : "page/icon.svg";
+  if (icon.getAttribute("href") !== file) icon.setAttribute("href", file);
+}
+
 // A stream does not say why it ended. Whoever is no longer signed in gets the page to do so.
 async function signInAgain() {
-  const response = await fetch("/api/status", { method: "HEAD" }).catch(() => null);
+  const response = await fetch("api/status", { method: "HEAD" }).catch(() => null);
   if (response?.status === 401) location.reload();
 }
 
@@ -33,7 +45,7 @@ export function follow(show, setLost) {
   const change = (now) => {
     lost = now;
     document.body.classList.toggle("stale", now);
-    document.title = (now ? `${t("no_connection")} · ` : "") + title;
+    mark(last?.alarms.length ?? 0);
     if (!now) return setLost(null);
     const since = lastHeard ?? opened;
     const time = `${clock(since)} ${offset(since)}`;
@@ -46,13 +58,16 @@ export function follow(show, setLost) {
   const connect = () => {
     stream?.close();
     tried = Date.now();
-    stream = new EventSource("/api/live");
+    stream = new EventSource("api/live");
     stream.addEventListener("status", (event) => {
       last = JSON.parse(event.data);
       lastHeard = new Date();
       showIn(last.zone);
       if (lost) change(false);
+      mark(last.alarms.length);
       show(last);
+      // The bench of the page measures until here.
+      if (performance.getEntriesByName("figures").length === 0) performance.mark("figures");
     });
     // A browser gives up by itself after some kinds of failure; coming back is decided here.
     stream.addEventListener("error", () => {

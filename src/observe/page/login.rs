@@ -4,22 +4,36 @@ use maud::{DOCTYPE, Markup, html};
 
 use super::{Words, heading};
 
-/// Makes the sign-in page, which does not show the name of the machine. `view` is the page to show after signing in,
-/// and `trouble` the key of an error message.
-pub(in crate::observe) fn login(words: &Words, view: Option<&str>, trouble: Option<&'static str>) -> Markup {
+/// Machine and address of a sign-in page.
+#[derive(Clone, Copy)]
+pub(in crate::observe) struct LoginPlace<'a> {
+    /// Displayed name of the machine.
+    pub(in crate::observe) machine: &'a str,
+    /// Relative address of the web page.
+    pub(in crate::observe) top: &'a str,
+}
+
+/// Makes a sign-in page. `view` is the page to show after signing in, and `trouble` the key of an error message.
+pub(in crate::observe) fn login(
+    words: &Words,
+    LoginPlace { machine, top }: LoginPlace<'_>,
+    view: Option<&str>,
+    trouble: Option<&'static str>,
+) -> Markup {
     html! {
         (DOCTYPE)
         html lang=(words.language) {
             head {
-                (heading(words.get("sign_in")))
-                link rel="stylesheet" href="/page/login.css";
+                (heading(machine, top))
+                link rel="stylesheet" href={ (top) "page/login.css" };
             }
             body {
                 main {
-                    h1 { "isotherm" }
+                    p .program { "isotherm" }
+                    h1 { (machine) }
                     p { (words.get("sign_in_text")) }
                     @if let Some(trouble) = trouble { p .trouble role="alert" { (words.get(trouble)) } }
-                    form method="post" action="/login" {
+                    form method="post" action={ (top) "login" } {
                         // User name under which a password manager stores the token.
                         input type="hidden" name="username" value="isotherm" autocomplete="username";
                         @if let Some(view) = view { input type="hidden" name="view" value=(view); }

@@ -2,20 +2,20 @@
 
 import { enableAlarms, showAlarms } from "./alarms.js";
 import { enableAxes, showAxes } from "./axis.js";
+import { enableCommands, listen, mayCommand, showCommands } from "./commands.js";
+import { addFilters, showEvents, showOlder } from "./events.js";
 import { follow } from "./live.js";
-import { showPast } from "./past.js";
+import { lookAt, showPast } from "./past.js";
+import { keep } from "./recent.js";
 import { SIGNS, overall } from "./states.js";
-import { showEvents, showOlder, showOverridden, showTables } from "./tables.js";
+import { drawAgain, drawSignals, showOverridden, showTables } from "./tables.js";
 import { bothTimes, clock, say, span } from "./text.js";
-import * as which from "./which.js";
 import { known, t } from "./words.js";
 
 // What the gateway has not begun by then is never done: it sees that nobody waits any more.
 const PATIENCE_MS = 5000;
 
 const by = (id) => document.getElementById(id);
-const buttons = [...document.querySelectorAll(".buttons button")];
-const mayCommand = document.querySelector(".buttons").dataset.may === "true";
 
 function show(status) {
   const [tone, word, sentence] = overall(status);
@@ -23,6 +23,8 @@ function show(status) {
   say(by("overall").querySelector(".sign"), SIGNS[tone]);
   say(by("word"), word);
   say(by("sentence"), sentence);
+  const { length } = status.alarms;
+  say(by("alarm-count"), length ? t("alarms_count", { count: length }) : t("alarms_none"));
   const now = new Date(status.now);
   const [here, utc] = bothTimes(now);
   say(by("machine-time"), here);
@@ -30,18 +32,22 @@ function show(status) {
   say(by("clock-word"), known("clock", status.clock));
   say(by("machine-on"), status.machine_on_s === null ? t("machine_not_on") : span(status.machine_on_s));
   say(by("uptime"), span(status.uptime_s));
-  showAxes(by("axes"), status, send);
-  which.offer(status.axes);
-  showAlarms(by("alarms"), status, acknowledge, mayCommand);
+  keep(status, drawAgain);
+  // A hint is shown once on a screen: at its alarm, else at its axis, else at its newest event.
+  const hints = new Set();
+  showAlarms(by("alarms"), status, acts, mayCommand, hints);
+  showAxes(by("axes"), status, send, hints);
+  showCommands(status);
   showPast(status);
   showTables(status);
+  drawSignals(status);
   showOverridden(status);
-  showEvents(by("events"), status.events, now);
+  showEvents(by("events"), status.events, now, hints);
   enable(mayCommand && !status.stopping);
 }
 
 function enable(may) {
-  buttons.forEach((button) => (button.disabled = !may));
+  enableCommands(may);
   enableAxes(may);
   enableAlarms(may);
 }
@@ -54,18 +60,10 @@ function setLost(sentence, stopped) {
   say(by("lost"), sentence);
 }
 
-function ask(command) {
-  const dialog = by("question");
-  say(by("question-title"), t(`ask_${command}`));
-  say(by("question-text"), t(`ask_${command}_text`));
-  say(by("question-yes"), t(command));
-  which.reset();
-  dialog.returnValue = "no";
-  dialog.showModal();
-  dialog.addEventListener("close", () => dialog.returnValue === "yes" && send(command, which.chosen()), { once: true });
-}
-
-const acknowledge = (alarm) => send("acknowledge", null, alarm);
+const acts = {
+  acknowledge: (alarm) => send("acknowledge", null, alarm),
+  lookAt,
+};
 
 async function send(command, axis, alarm) {
   const answer = by("answer");
@@ -76,7 +74,7 @@ async function send(command, axis, alarm) {
     say(answer, `${clock(new Date())} ${t(command)}: ${sentence}`);
   };
   try {
-    const response = await fetch(`/api/${command}${only}`, {
+    const response = await fetch(`api/${command}${only}`, {
       method: "POST",
       headers: { "isotherm-way": "page" },
       signal: AbortSignal.timeout(PATIENCE_MS),
@@ -94,7 +92,7 @@ async function older() {
   const button = by("older");
   button.disabled = true;
   try {
-    const response = await fetch("/api/events?since=24h");
+    const response = await fetch("api/events?since=24h");
     showOlder(by("events"), (await response.json()).events);
     button.hidden = true;
   } catch {
@@ -103,5 +101,6 @@ async function older() {
 }
 
 by("older").addEventListener("click", older);
-buttons.forEach((button) => button.addEventListener("click", () => ask(button.dataset.command)));
+addFilters(by("event-filter"), by("events"));
+listen(send);
 follow(show, setLost);

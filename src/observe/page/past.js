@@ -1,26 +1,32 @@
-// What was: Cz, what the models asked for, and temperatures, from the gateway's own logs, however long the page is open.
+// The history of each axis and of the temperatures, from the gateway's own logs, however long the page is open.
 
-import { clock, day, element, fixed, labelled, quantity, say, zoneName } from "./text.js";
+import { bands, marks } from "./bands.js";
+import { Chart } from "./chart.js";
+import { since } from "./events.js";
+import { byColumn, inTurn, packed, query } from "./history.js";
+import { element, labelled, say, titled } from "./text.js";
 import { t } from "./words.js";
 
 const SPANS = [["1h", 3600], ["8h", 8 * 3600], ["24h", 86400], ["7d", 7 * 86400], ["30d", 30 * 86400]];
 const SHORTEST_S = 10;
 const LONGEST_S = 400 * 86400;
 const REFRESH_MS = 10000;
-const HEIGHT = 240;
-const COLOURS = ["#0b7fab", "#d1495b", "#2a9d5c", "#b7791f", "#8064c8", "#c2469a", "#3d8b99", "#7a8790"];
+// An alarm is looked at with this much before and after it.
+const AROUND_S = 1800;
 
 const by = (id) => document.getElementById(id);
-// `to` is null where it is now; `at` is the gateway's now, in seconds.
-const view = { span: 8 * 3600, to: null, at: null };
-let lines = null;
-let charts = [];
+// `to` is null where it is now; `at` is the gateway's now, in seconds. `moment` is that of an alarm, which one chart names.
+const view = { span: 8 * 3600, to: null, at: null, moment: null };
+let status = null;
+let charts = null;
 let asked = 0;
 let refreshed = 0;
+// The events that were read for the charts, since a moment.
+let read = { from: Infinity, events: [] };
 
 const spans = new Map(SPANS.map(([name, span]) => {
   const button = element("button", { type: "button", className: "small" }, t(`past_${name}`));
-  button.addEventListener("click", () => look(span, null));
+  button.addEventListener("click", () => lookWhole(span));
   return [span, button];
 }));
 
@@ -39,24 +45,60 @@ const tools = [
 function look(span, to) {
   view.span = Math.min(LONGEST_S, Math.max(SHORTEST_S, span));
   view.to = to === null || to >= view.at ? null : to;
-  load();
+  return load();
+}
+
+// Looks at the last part of the past, and no longer at an alarm.
+function lookWhole(span) {
+  view.moment = null;
+  look(span, null);
+}
+
+// Shows the moment at which an alarm began, in the chart of its axis.
+export async function lookAt({ id, since: begin, text }) {
+  const at = new Date(begin).getTime() / 1000;
+  const name = id.slice(id.lastIndexOf(" ") + 1);
+  const axis = id.includes("axis ") ? name : status.outputs.find((output) => output.name === name)?.axis;
+  const chart = charts.find(({ group }) => group.axis === axis || group.lines.some(({ column }) => column === name)) ?? charts[0];
+  view.moment = { at, text, chart };
+  chart.root.scrollIntoView({ block: "center" });
+  chart.root.focus({ preventScroll: true });
+  await look(2 * AROUND_S, at + AROUND_S);
+}
+
+// The lines of an axis: Cz and the value of its model, and where the errors are known, those as well.
+function ofAxis(axis) {
+  const { name, truth } = axis;
+  const line = (what, label, colour, width, dash = []) => ({ column: `${name}_${what}_um`, label, colour, width, dash, unit: "um" });
+  return {
+    id: name, axis: name, title: titled(t("axis", { names: name }), axis), unit: "um",
+    lines: [
+      ...truth ? [{ ...line("error", t("true_error"), "--error", 1.5, [2, 3]), isTruth: true }] : [],
+      line("cz", "Cz", "--accent", 2.5),
+      line("raw", t("raw"), "--text", 1.3, [6, 4]),
+      ...truth ? [{ ...line("left", t("true_left"), "--left", 2), isTruth: true }] : [],
+    ],
+  };
 }
 
 // Which columns there are is known from the first status.
-export function showPast(status) {
-  view.at = new Date(status.now).getTime() / 1000;
-  if (lines === null) {
-    by("past-tools").append(...spans.values(), ...tools);
-    const ofAxis = (axis, index) => [
-      ["cz", "Cz", []], ["raw", t("raw"), [5, 4]],
-      ...axis.truth ? [["error", t("true_error"), [2, 3], 1], ["left", t("true_left"), [9, 3], 2]] : [],
-    ].map(([column, title, dash, truth]) =>
-      ({ column: `${axis.name}_${column}_um`, label: `${title} ${labelled(axis)}`, unit: "um", dash, index, truth }));
-    const temperatures = status.signals.filter(({ unit }) => unit === "degC" || unit === "K");
-    lines = [
-      status.axes.filter((axis) => !axis.release).flatMap(ofAxis),
-      temperatures.map((signal, index) => ({ column: signal.name, label: labelled(signal), unit: signal.unit, dash: [], index })),
-    ].filter((one) => one.length);
+function make() {
+  by("past-tools").append(...spans.values(), ...tools);
+  const temperatures = status.signals.filter(({ unit }) => unit === "degC" || unit === "K");
+  const line = (signal, index) => ({ column: signal.name, label: labelled(signal), unit: signal.unit, dash: [], width: 2, index });
+  const groups = status.axes.filter(({ release }) => !release).map(ofAxis);
+  if (temperatures.length) {
+    groups.push({ id: "signals-of-temperature", axis: null, title: t("temperatures"), unit: temperatures[0].unit, lines: temperatures.map(line) });
+  }
+  charts = groups.map((group) => new Chart(group, (from, to) => look(to - from, to), () => lookWhole(8 * 3600)));
+  by("past-charts").append(...charts.map(({ root }) => root));
+}
+
+export function showPast(now) {
+  status = now;
+  view.at = new Date(now.now).getTime() / 1000;
+  if (charts === null) {
+    make();
     load();
   } else if (view.to === null && !document.hidden && Date.now() - refreshed > Math.max(REFRESH_MS, view.span)) {
     load();
@@ -65,105 +107,83 @@ export function showPast(status) {
 
 async function load() {
   refreshed = Date.now();
+  if (charts.length === 0) return;
   const mine = (asked += 1);
+  const stillNeeded = () => mine === asked;
   spans.forEach((button, span) => button.setAttribute("aria-pressed", view.to === null && span === view.span));
-  const moment = (seconds) => new Date(seconds * 1000).toISOString();
-  const columns = (some) => some.map(({ column }) => column).slice(0, 64).join(",");
-  const question = new URLSearchParams({ from: moment(end() - view.span), to: moment(end()) });
+  const [from, to] = [end() - view.span, end()];
+  const lines = charts.flatMap(({ group }) => group.lines);
   // Only a virtual machine knows the truth, and it has no rows beside those of the log.
-  question.set("columns", columns(lines.flat().filter(({ truth }) => !truth)));
-  by("past-download").href = `/api/history.csv?${question}`;
-  question.set("columns", columns(lines.flat()));
-  question.set("points", Math.max(100, Math.min(1000, by("past-charts").clientWidth)));
+  const logged = lines.filter(({ isTruth }) => !isTruth).map(({ column }) => column);
+  by("past-download").href = `api/history.csv?${query(from, to, logged)}`;
   try {
-    const response = await fetch(`/api/history?${question}`);
-    const course = response.ok ? await response.json() : null;
-    if (mine !== asked) return;
-    const note = course === null ? (await response.text()).trim() : course.rows ? "" : t("past_nothing");
-    by("past-note").lang = course === null ? "en" : "";
-    say(by("past-note"), note);
-    if (course) draw(course);
+    const found = new Map();
+    let [rows, note] = [0, ""];
+    for (const columns of packed(charts.map(({ group }) => group.lines.map(({ column }) => column)))) {
+      const question = query(from, to, columns);
+      question.set("points", Math.max(100, Math.min(1000, charts[0].size().width)));
+      const response = await inTurn(`api/history?${question}`, stillNeeded);
+      if (response === null || !stillNeeded()) return;
+      if (!response.ok) {
+        note = (await response.text()).trim();
+        continue;
+      }
+      const course = await response.json();
+      rows += course.rows;
+      byColumn(course).forEach((values, name) => found.set(name, values));
+    }
+    if (!stillNeeded()) return;
+    by("past-note").lang = note ? "en" : document.documentElement.lang;
+    say(by("past-note"), note || (rows ? "" : t("past_nothing")));
+    if (found.size === 0) return;
+    draw(found, from, to);
+    await readEvents(from);
+    if (stillNeeded()) draw(found, from, to);
   } catch {
-    if (mine === asked) say(by("past-note"), t("no_connection"));
+    if (stillNeeded()) say(by("past-note"), t("no_connection"));
   }
 }
 
-// The smallest and the largest value of a stretch stand at the same time: a line through both loses no peak.
-function data(course, group) {
-  const of = new Map(course.columns.map((column) => [column.name, column]));
+// Reads the events of a longer span than was read before. The newer ones arrive with each status.
+async function readEvents(from) {
+  if (read.from <= from) return;
+  const response = await inTurn(`api/events?since=${encodeURIComponent(new Date(from * 1000).toISOString())}`);
+  if (response?.ok) read = { from, events: (await response.json()).events };
+}
+
+// The smallest and the largest value of an interval are drawn at the same time: a line through both loses no peak.
+function data({ lines }, found) {
   const twice = (one, other) => one.flatMap((value, place) => [value, other[place]]);
-  const empty = course.time.map(() => null);
-  const columns = group.map(({ column }) => of.get(column) ?? { min: empty, max: empty });
-  return [twice(course.time, course.time), ...columns.map(({ min, max }) => twice(min, max))];
+  const { time } = found.get(lines[0].column) ?? { time: [] };
+  const empty = { min: time.map(() => null), max: time.map(() => null) };
+  return [twice(time, time), ...lines.map(({ column }) => found.get(column) ?? empty).map(({ min, max }) => twice(min, max))];
 }
 
-function draw(course) {
-  if (!charts.length) charts = lines.map((group) => new uPlot(options(group), [[]], by("past-charts")));
-  const [from, to] = [end() - view.span, end()];
-  charts.forEach((chart, place) => {
-    chart.setSize({ width: by("past-charts").clientWidth, height: HEIGHT });
-    chart.setData(data(course, lines[place]), false);
-    chart.setScale("x", { min: from, max: to });
-  });
+// The time of the first value. A span that began before it is shown from there on.
+function begin(found) {
+  const firsts = [...found.values()].map(({ time, min }) => time[min.findIndex((value) => value !== null)]).filter((at) => at !== undefined);
+  return Math.min(...firsts);
 }
 
-function options(group) {
-  const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name);
-  const axis = () => ({ stroke: colour("--quiet"), grid: { stroke: colour("--line"), width: 1 }, ticks: { stroke: colour("--line") } });
-  const least = group[0].unit === "um" ? 2 : 1;
-  const range = (_, min, max) => {
-    if (min === null || min > max) return [-least / 2, least / 2];
-    const more = Math.max((least - (max - min)) / 2, (max - min) * 0.08);
-    return [min - more, max + more];
-  };
-  const at = (seconds) => (seconds === null || seconds === undefined ? "–" : `${day(new Date(seconds * 1000))} ${clock(new Date(seconds * 1000))}`);
-  return {
-    width: by("past-charts").clientWidth,
-    height: HEIGHT,
-    tzDate: (seconds) => uPlot.tzDate(new Date(seconds * 1000), zoneName()),
-    scales: { x: { time: true, auto: false }, y: { range } },
-    axes: [
-      { ...axis(), values: (_, splits, __, ___, step) => splits.map((split, place) => tick(splits, place, step)) },
-      { ...axis(), size: 60, values: (_, splits, __, ___, step) => splits.map((split) => fixed(split, step < 1 ? 1 : 0)), label: quantity(0, group[0].unit).split(" ")[1], labelSize: 20 },
-    ],
-    series: [
-      { label: t("machine_time"), value: (_, seconds) => at(seconds) },
-      ...group.map(({ label, dash, index, truth, unit }) => ({
-        label, dash, stroke: dash.length && !truth ? colour("--text") : COLOURS[(index + (truth ?? 0)) % COLOURS.length], width: dash.length ? 1.3 : 2, points: { show: false },
-        value: (_, value) => (value === null || value === undefined ? "–" : quantity(value, unit)),
-      })),
-    ],
-    cursor: {
-      drag: { x: true, y: false, setScale: false },
-      sync: { key: "past" },
-      bind: { dblclick: () => () => look(8 * 3600, null) },
-    },
-    legend: { markers: { dash: (chart, line) => (chart.series[line].dash?.length ? "dashed" : "solid") } },
-    hooks: { setSelect: [zoom] },
-  };
+function draw(found, from, to) {
+  const first = begin(found);
+  const isFitted = Number.isFinite(first) && view.moment === null && first - from > view.span / 50 && to - first > SHORTEST_S;
+  const left = isFitted ? first : from;
+  // Later events say in which state the axis was before them.
+  const events = since(left, read.events);
+  for (const chart of charts) {
+    const axis = status.axes.find(({ name }) => name === chart.group.axis);
+    chart.show(data(chart.group, found), {
+      bands: axis ? bands(axis, events, left, to) : [],
+      marks: marks(chart.group.axis, events, left, to),
+      dots: (axis?.probe?.history ?? []).map(([at, um]) => [new Date(at).getTime() / 1000, um]),
+      limit: axis?.limit_um ?? null,
+      moment: view.moment,
+    }, left, to);
+  }
 }
 
-function tick(splits, place, step) {
-  const date = new Date(splits[place] * 1000);
-  const its = day(date).slice(5);
-  if (step >= 86400) return its;
-  const before = place ? day(new Date(splits[place - 1] * 1000)).slice(5) : "";
-  return clock(date, step < 60) + (before === its ? "" : `\n${its}`);
-}
-
-// What was drawn over with the mouse is looked at closely.
-function zoom(chart) {
-  const { left, width } = chart.select;
-  if (width < 5) return;
-  const [from, to] = [left, left + width].map((place) => chart.posToVal(place, "x"));
-  chart.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
-  look(to - from, to);
-}
-
-new ResizeObserver(() => charts.forEach((chart) => chart.setSize({ width: by("past-charts").clientWidth, height: HEIGHT })))
-  .observe(by("past-charts"));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
-  charts.forEach((chart) => chart.destroy());
-  charts = [];
-  if (lines) load();
+  charts?.forEach((chart) => chart.destroy());
+  if (charts) load();
 });

@@ -1,6 +1,7 @@
 // What probings taught an axis: the last one, the correction, and the residuals with the level at which people are warned. And whether
 // they show that the model is worse than no compensation.
 
+import { worse } from "./measured.js";
 import { clock, day, element, fixed, say, signed, svg } from "./text.js";
 import { t } from "./words.js";
 
@@ -8,9 +9,6 @@ const HEIGHT = 90;
 const LEFT = 46;
 const RIGHT = 10;
 const EDGE = 12;
-
-const worse = ({ touches, with_um: left, without_um: without }) =>
-  touches === 0 ? t("worse_before") : t("worse", { touches, left: fixed(left, 1), without: fixed(without, 1) });
 
 const stamp = (text) => `${day(new Date(text)).slice(5)} ${clock(new Date(text), false)}`;
 

@@ -1,9 +1,15 @@
 // A sign, a tone, a word and a sentence for every state. The sign and the text carry the meaning, the tone repeats it.
 
+import { worse } from "./measured.js";
 import { clock, day, fixed, labelled, say, signed, span } from "./text.js";
 import { known, t } from "./words.js";
 
 export const SIGNS = { good: "●", warn: "▲", bad: "■", off: "○" };
+
+// The tone of a decision's state, for the past; the gateway names the tone of the present. Waiting is over by then.
+const TONE_OF = { active: "good", degraded: "warn", holding: "warn", waiting: "off", ramping: "bad", zeroed: "bad", off: "off" };
+
+export const toneOf = (state) => TONE_OF[state] ?? "off";
 
 // What is shown follows from what is decided and what was verified; the gateway says which.
 const stateOf = (axis) => axis.shown;
@@ -23,10 +29,25 @@ export function axisState(axis, status) {
   return [tone, known("state", axis.shown), does(axis)];
 }
 
-// The age of the figure that was verified in the control, and then the target of an armed axis, which may never arrive.
+// The age of the figure that was verified in the control.
 export function verified(axis) {
-  const age = axis.verified_um === null ? t("not_verified") : t("verified_ago", { span: span(axis.verified_age_s) });
-  return axis.armed ? `${age} · ${t("target", { um: signed(axis.cz_um, 1) })}` : age;
+  return axis.verified_um === null ? t("not_verified") : t("verified_ago", { span: span(axis.verified_age_s) });
+}
+
+// The target of an armed axis, which may never arrive. Empty for an axis that writes nothing.
+export const target = (axis) => (axis.armed ? `${signed(axis.cz_um, 1)} µm` : "");
+
+// Why an axis does not simply follow its model; empty if it does.
+export function cause(axis, status) {
+  const warned = axis.warned ? t("warned", { um: fixed(axis.warn_um, 0) }) : "";
+  const reason = standsIn(axis, status) || axis.cause || axis.extrapolating?.text;
+  const poor = axis.probe?.worse ? worse(axis.probe.worse) : "";
+  return [reason, warned, poor].filter(Boolean).join("; ");
+}
+
+// An axis that follows its model may still need a look.
+export function cardTone(axis, tone) {
+  return tone === "good" && (axis.warned || axis.extrapolating || axis.probe?.worse) ? "warn" : tone;
 }
 
 // How wrong Cz is expected to be, where it is what the model asks for: not at its limit, and not on its way there.
@@ -57,6 +78,14 @@ export const outputTone = (state) => OUTPUT[state] ?? "warn";
 export function badge(node, tone, word) {
   if (node.dataset.tone !== tone) node.dataset.tone = tone;
   say(node, `${SIGNS[tone]} ${word}`);
+}
+
+const URGENCY = ["error", "warning", "info"];
+
+// Alarms with the most urgent ones first: errors, those that nobody has seen, then the newest.
+export function byUrgency(alarms) {
+  const rank = ({ level, acknowledged }) => URGENCY.indexOf(level) + (acknowledged ? 0.5 : 0);
+  return [...alarms].sort((one, other) => rank(one) - rank(other) || (one.since < other.since ? 1 : -1));
 }
 
 // In which order an axis speaks for the machine.

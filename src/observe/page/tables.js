@@ -1,8 +1,15 @@
-// The lists: signals, outputs, devices, buses, events. A row is made once and then only its text changes.
+// The lists: signals, outputs, devices, buses. A row is made once and then only its text changes.
 
+import { lastHour, spanOf } from "./recent.js";
 import { badge, outputTone } from "./states.js";
-import { Hint, clock, day, element, quantity, say, signed, span, withoutHint } from "./text.js";
-import { english, known, t } from "./words.js";
+import { element, quantity, say, signed, span, withoutHint } from "./text.js";
+import { Trend } from "./trend.js";
+import { known, t } from "./words.js";
+
+// The lines of the signals are drawn again after this time: many lines every second cost a slow computer too much.
+const DRAW_MS = 5000;
+// A course of less than this looks flat, by unit; of other units, any change is drawn.
+const LEAST = { degC: 1, K: 1, um: 2, bool: 1 };
 
 const count = (number) => number.toLocaleString("en").replaceAll(",", "\u202f");
 
@@ -13,20 +20,23 @@ class Table {
     this.rows = new Map();
   }
 
-  // Each cell: { text, small, tone }. A tone makes the text a badge, small stands below it.
+  // Each cell: { text, small, tone, drawing }. A tone makes the text a badge, small stands below it.
   row(name, cells) {
     if (!this.rows.has(name)) {
       const made = cells.map((_, index) => {
         const main = element("span");
         const small = element("small");
         const cell = element(index ? "td" : "th", index ? { role: "cell" } : { scope: "row", role: "rowheader" }, main, small);
+        if (cells[index].drawing) cell.replaceChildren(cells[index].drawing);
         return { cell, main, small };
       });
       this.rows.set(name, made);
       this.body.append(element("tr", { role: "row" }, ...made.map(({ cell }) => cell)));
     }
     this.rows.get(name).forEach(({ cell, main, small }, index) => {
-      const { text, tone, small: below = "", figure = false } = cells[index];
+      const { text, tone, small: below = "", figure = false, drawing } = cells[index];
+      cell.classList.toggle("drawing", drawing !== undefined);
+      if (drawing) return;
       cell.classList.toggle("number", figure);
       if (figure) cell.dataset.label = this.labels[index];
       main.classList.toggle("badge", tone !== undefined);
@@ -44,7 +54,7 @@ const title = ({ name, label }, small) => ({ text: label || name, small: label ?
 const OUTPUTS = { corrected: "mm", slope: "µm/mm", reference: "mm" };
 
 const signals = new Table("signals");
-// Of a register that an operator writes to as well: his part and ours.
+// The two parts of a register that an operator writes to as well: operator offset and gateway share.
 function shares({ shares }) {
   return shares ? t("shares", { base: signed(shares.base, 1), share: signed(shares.share, 1) }) : null;
 }
@@ -71,6 +81,33 @@ function believed({ name, quality }, { axes }) {
   return ["warn", t(found.frozen ? "frozen" : "not_believed")];
 }
 
+const trends = new Map();
+let drawn = 0;
+
+// Draws the last hour of every signal.
+export function drawSignals(status) {
+  if (Date.now() - drawn < DRAW_MS || document.hidden) return;
+  drawn = Date.now();
+  const span = spanOf(status);
+  for (const { name, unit } of status.signals) {
+    const points = lastHour(name);
+    const values = points.flatMap(([at, low, high]) => (low === null || at < span.from ? [] : [low, high]));
+    const [low, high] = [Math.min(...values), Math.max(...values)].map((value) => quantity(value, unit));
+    const label = values.length ? t("trend_from_to", { low, high }) : t("past_nothing");
+    trends.get(name)?.show({ points, ...span, least: LEAST[unit] ?? 0, label });
+  }
+}
+
+// Draws again at once, because more of the past has arrived.
+export function drawAgain() {
+  drawn = 0;
+}
+
+function trendOf(name) {
+  if (!trends.has(name)) trends.set(name, new Trend(t("trend")));
+  return trends.get(name).root;
+}
+
 export function showTables(status) {
   for (const signal of status.signals) {
     const good = signal.quality === "good";
@@ -78,6 +115,7 @@ export function showTables(status) {
     signals.row(signal.name, [
       title(signal, signal.device),
       { text: quantity(signal.value, signal.unit), figure: true },
+      { drawing: trendOf(signal.name) },
       { text: word, tone, small: good ? "" : reason(signal, status) },
       { text: signal.age_s === null ? t("never") : span(signal.age_s), figure: true },
     ]);
@@ -126,38 +164,4 @@ export function showOverridden(status) {
   for (const { key, profile, now, from } of status.overridden) {
     overridden.row(key, [{ text: key }, { text: profile ?? "–" }, { text: now }, { text: from }]);
   }
-}
-
-const LEVELS = { info: "off", warning: "warn", error: "bad" };
-let shown = "";
-let older = [];
-let newest = [];
-const same = (one, other) => one.at === other.at && one.text === other.text;
-
-export function showEvents(list, events, now) {
-  if (older.length) older.push(...newest.filter((event) => !events.some((other) => same(event, other))));
-  newest = events;
-  const all = [...older, ...events];
-  const last = all.at(-1);
-  const mark = `${all.length} ${last?.at} ${last?.text}`;
-  if (mark === shown) return;
-  shown = mark;
-  const rows = all.map((event) => {
-    const at = new Date(event.at);
-    const time = day(at) === day(now) ? clock(at) : `${day(at).slice(5)} ${clock(at)}`;
-    const level = element("span", { className: "badge" });
-    badge(level, LEVELS[event.level] ?? "off", known("level", event.level));
-    const hint = new Hint();
-    hint.show(event.data?.hint);
-    return element("li", {}, element("time", { dateTime: event.at, title: event.at }, time), level,
-      element("span", { className: "text" }, english(element("span", {}, withoutHint(event.text, event.data?.hint))), hint.root));
-  });
-  list.replaceChildren(...rows.reverse());
-}
-
-// Those before the first that the gateway shows by itself.
-export function showOlder(list, events) {
-  const first = newest.length ? events.findIndex((event) => same(event, newest[0])) : -1;
-  older = first < 0 ? events.filter((event) => !newest.some((other) => same(event, other))) : events.slice(0, first);
-  showEvents(list, newest, new Date());
 }

@@ -117,6 +117,21 @@ export class Hint {
     this.root.hidden = !hint;
     say(this.text, hint ?? "");
   }
+
+  // Shows the hint unless it is already on the screen: `shown` has the hints above, and gets this one.
+  showOnce(hint, shown) {
+    this.show(shown.has(hint) ? null : hint);
+    if (hint) shown.add(hint);
+  }
+}
+
+// The first clause of a sentence, cut after five words: enough to know what it is about.
+const WORDS = 5;
+
+export function brief(text) {
+  const [clause] = text.split(/; |, | \(|[。，；]/);
+  const words = clause.trim().split(/\s+/);
+  return words.length > WORDS ? `${words.slice(0, WORDS).join(" ")} …` : words.join(" ");
 }
 
 // A sentence without the hint at its end.

@@ -1,28 +1,102 @@
-// What is read from three metres: one word for the machine, and a figure for each axis.
+// What is read from three metres: one word for the machine, the alarms, and a figure for each axis with its limit and its last hour.
 
+import { Bar } from "./bar.js";
+import { Course } from "./course.js";
 import { follow } from "./live.js";
-import { SIGNS, axisState, expected, overall, verified } from "./states.js";
-import { bothTimes, element, say, signed, titled } from "./text.js";
-import { t } from "./words.js";
+import { residualText, withinToday } from "./measured.js";
+import { keep } from "./recent.js";
+import { SIGNS, axisState, byUrgency, cardTone, cause, expected, overall, target, verified } from "./states.js";
+import { bothTimes, brief, element, say, signed, titled, withoutHint } from "./text.js";
+import { english, t } from "./words.js";
 
 const by = (id) => document.getElementById(id);
+// More axes than this are rows of a table.
+const MOST_PANELS = 4;
+// A figure of more characters is set more closely.
+const LONG = 5;
 const axes = new Map();
 
-if (location.search !== "?view=wall") history.replaceState(null, "", "/?view=wall");
+if (location.search !== "?view=wall") history.replaceState(null, "", "?view=wall");
 
-function panel(axis) {
-  const parts = {
+// The parts of an axis, which panel and row show in their own order.
+function parts(axis) {
+  return {
+    name: titled(t("axis", { names: axis.name }), axis),
     figure: element("span", { className: "figure" }),
-    expected: element("p", { className: "expected" }),
-    verified: element("p", { className: "verified" }),
-    state: element("p", { className: "state" }),
+    target: element("span", { className: "target" }),
+    verified: element("span", { className: "verified" }),
+    expected: element("span", { className: "expected" }),
+    state: element("span", { className: "state" }),
+    why: english(element("span", { className: "why" })),
+    residual: element("span", { className: "residual" }),
+    bar: new Bar(),
+    course: new Course(),
   };
-  by("axes").append(element("section", {},
-    element("h2", {}, titled(t("axis", { names: axis.name }), axis)),
-    element("p", { className: "cz" }, parts.figure, " ", element("span", { className: "unit" }, "µm")),
-    parts.verified, parts.expected, parts.state));
-  axes.set(axis.name, parts);
-  return parts;
+}
+
+const unit = () => element("span", { className: "unit" }, "µm");
+
+function panel(it) {
+  const root = element("section", { className: "panel" },
+    element("h2", {}, it.name), element("p", { className: "says" }, it.state, " ", it.why),
+    element("p", { className: "cz" }, it.figure, " ", unit()),
+    element("p", { className: "second" }, it.target, " ", it.verified),
+    it.bar.root, it.course.root,
+    element("p", { className: "measured" }, it.residual, " ", it.expected));
+  by("axes").append(root);
+  return root;
+}
+
+// A phone shows the name of a column before its value.
+const heads = () => [t("axis", { names: "" }).trim(), t("state"), "Cz, µm", t("target"), t("limit"), t("trend"), t("true_left")];
+
+function row(it) {
+  const cells = [[it.state, " ", it.why], [it.figure], [it.target, " ", it.verified], [it.bar.root], [it.course.root], [it.residual, " ", it.expected]];
+  const root = element("tr", {}, element("th", { scope: "row" }, it.name),
+    ...cells.map((children, place) => element("td", { "data-label": heads()[place + 1] }, ...children)));
+  if (!by("axes").firstChild) by("axes").append(table());
+  by("axes").querySelector("tbody").append(root);
+  return root;
+}
+
+function table() {
+  return element("table", {},
+    element("thead", {}, element("tr", {}, ...heads().map((text) => element("th", { scope: "col" }, text)))),
+    element("tbody"));
+}
+
+function show(axis, status, isRow) {
+  if (!axes.has(axis.name)) {
+    const it = parts(axis);
+    axes.set(axis.name, { ...it, root: isRow ? row(it) : panel(it) });
+  }
+  const it = axes.get(axis.name);
+  const [its, name] = axisState(axis, status);
+  const tone = cardTone(axis, its);
+  it.root.dataset.state = tone;
+  say(it.state, `${SIGNS[tone]} ${name}`);
+  const why = brief(cause(axis, status));
+  say(it.why, why === name ? "" : why);
+  say(it.figure, signed(axis.verified_um, 1));
+  it.figure.classList.toggle("long", it.figure.textContent.length > LONG);
+  say(it.target, target(axis) ? `${isRow ? "" : `${t("target")} `}${target(axis)}` : "");
+  say(it.verified, verified(axis));
+  say(it.expected, expected(axis));
+  const now = new Date(status.now);
+  const within = withinToday(axis, now);
+  const error = [residualText(axis, now), within === null ? "" : `${t("in_limits")}: ${within.percent} %`].filter(Boolean).join(" · ");
+  say(it.residual, isRow ? error : `${t("true_left")}: ${error}`);
+  it.bar.show(axis);
+  it.course.show(axis, status);
+}
+
+// The most urgent alarm and the number of them: a wall has no room for all.
+function alarms({ alarms: all }) {
+  by("alarms").hidden = all.length === 0;
+  if (all.length === 0) return;
+  say(by("alarm-count"), t("alarms_count", { count: all.length }));
+  const [{ text, hint }] = byUrgency(all);
+  say(by("alarm-text"), withoutHint(text, hint));
 }
 
 follow((status) => {
@@ -31,14 +105,12 @@ follow((status) => {
   say(by("word"), `${SIGNS[tone]} ${word}`);
   say(by("sentence"), sentence);
   say(by("time"), bothTimes(new Date(status.now)).filter(Boolean).join(" · "));
-  for (const axis of status.axes) {
-    const { figure, expected: within, verified: stands, state } = axes.get(axis.name) ?? panel(axis);
-    const [its, name] = axisState(axis, status);
-    say(figure, signed(axis.verified_um, 1));
-    say(stands, verified(axis));
-    say(within, expected(axis));
-    say(state, `${SIGNS[its]} ${name}`);
-  }
+  alarms(status);
+  keep(status);
+  const isRow = status.axes.length > MOST_PANELS;
+  by("axes").dataset.count = status.axes.length;
+  by("axes").classList.toggle("many", isRow);
+  status.axes.forEach((axis) => show(axis, status, isRow));
 }, (sentence, stopped) => {
   by("lost").hidden = sentence === null;
   if (sentence === null) return;

@@ -200,6 +200,51 @@ fn passwords_and_keys_of_every_kind_of_line_are_secret_and_what_is_put_back_is_i
 }
 
 #[test]
+fn of_the_backups_in_a_directory_the_newest_are_kept_and_other_files_are_not_touched() {
+    let mut bench = named("rotated");
+    let home = bench.home.path().to_owned();
+    let directory = home.join("backups");
+    let rotate = |copies: &str| {
+        let mut command = isotherm(&home);
+        command.arg("backup").arg(&bench.profile).arg("--rotate").arg(&directory).args(["--copies", copies]);
+        said(command.arg("--state").arg(home.join("state")))
+    };
+    let (code, reported) = rotate("2");
+    assert!(code == 1 && reported.contains("does not exist: create it, or mount its drive"), "{reported}");
+    std::fs::create_dir(&directory).unwrap();
+    let [first, second, other] =
+        ["rotated-2020-01-01T02-15-00Z.tar", "rotated-2020-01-02T02-15-00Z.tar", "rotated-notes.tar"];
+    for name in [first, second, other] {
+        std::fs::write(directory.join(name), name).unwrap();
+    }
+    let (code, reported) = rotate("2");
+    assert!(
+        code == 0 && reported.contains(&format!("removed: {}", directory.join(first).display())),
+        "{reported}"
+    );
+    let names = || {
+        let entries = std::fs::read_dir(&directory).unwrap().map(|entry| entry.unwrap().file_name());
+        let mut names: Vec<String> = entries.map(|name| name.into_string().unwrap()).collect();
+        names.sort();
+        names
+    };
+    let found = names();
+    assert_eq!(found.len(), 3, "{found:?}");
+    assert!(found.contains(&second.to_owned()) && found.contains(&other.to_owned()), "{found:?}");
+    let new = found.iter().find(|name| *name != second && *name != other).unwrap();
+    assert!(new.starts_with("rotated-2") && new.ends_with("Z.tar"), "{new}");
+    for wrong in ["0", "-1", "two"] {
+        assert_eq!(rotate(wrong).0, 2, "{wrong}");
+    }
+    let both = said(isotherm(&home).arg("backup").arg(&bench.profile).args(["a.tar", "--rotate", "."]));
+    assert_eq!(both.0, 2, "{both:?}");
+    let (file, elsewhere) = (directory.join(new), home.join("elsewhere"));
+    stop(&mut bench);
+    let (code, reported) = restore(&bench, &file, &elsewhere, &elsewhere.join("state"));
+    assert_eq!(code, 0, "{reported}");
+}
+
+#[test]
 fn nothing_is_restored_through_a_link() {
     let mut bench = named("linked");
     let file = backup(&bench, "walker.tar", &[]);

@@ -11,7 +11,7 @@ use isotherm::virtual_machine::{FaultScript, PlantSpec, Setup, VirtualMachine};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Commands, Profile, parse_with};
 
-use super::look;
+use super::{OPEN, look};
 
 const GRINDER: &str = include_str!("../../../profiles/surface-grinder.toml");
 const STAND_INS: &str = r#"{ "format": "isotherm-stand-ins", "version": 1, "sensors": [
@@ -94,7 +94,10 @@ fn who_is_frozen_since_when_and_who_stands_in_is_read_on_the_page_and_on_the_wal
     // The expected error is unknown while a sensor has a stand-in.
     let unreported = "eval:document.querySelector('.expected').textContent === ''";
     let row = "eval:[...document.querySelectorAll('#signals tr')].some((row) => row.innerText.includes('▲ frozen'))";
-    let words = [first, card, unreported, row, "size:390x844", whole];
+    // The card has the first words; the details have the whole sentence.
+    let brief = "eval:document.querySelector('.axis .why').innerText === \
+                 'follows a fallback model: wheelhead frozen since 10:30'";
+    let words = [first, brief, OPEN, card, unreported, row, "size:390x844", whole];
     let text = looked_at_from(10, "", &words);
     // The text is that of the gateway's event.
     assert!(text.contains("axis z: wheelhead frozen for "), "{text}");
@@ -125,19 +128,17 @@ fn each_language_says_it_in_its_own_words_and_marks_them_as_its_own() {
 fn a_control_that_does_not_answer_is_unreachable_with_the_verified_value_and_its_age() {
     let silent = "[[fault]]\ndevice = \"cnc\"\nkind = \"silent\"\nat = \"179min\"";
     let red = "eval:document.body.innerHTML.includes('unreachable')";
-    let held = [
-        "unreachable",
-        "last verified ",
-        "the control may hold another value now",
-        "verified ",
-        " · target ",
-    ];
+    let held =
+        ["unreachable", "last verified ", "the control may hold another value now", "verified ", "Target"];
     // The hint is shown once, on a line of its own.
     let hint = "eval:[...document.querySelectorAll('.axis, #alarms li, #events li')].some((node) => \
                 node.querySelector('.hint:not([hidden])')?.innerText.startsWith('To do: is the unit number right'))";
     let once = "eval:[...document.querySelectorAll('#alarms .text, #events .text > span')].every((node) => \
                 !node.innerText.includes('is the unit number right'))";
-    let text = looked_at_after(silent, 10, "", &[&held[..], &[red, hint, once]].concat());
+    // A hint is shown once, above the axes, and not again at the axis or its events.
+    let alone = "eval:[...document.querySelectorAll('.hint:not([hidden])')].filter((node) => \
+                 node.innerText.includes('is the unit number right')).length === 1";
+    let text = looked_at_after(silent, 10, "", &[&held[..], &[red, hint, once, alone]].concat());
     assert!(!text.contains("Every armed axis follows its model"), "{text}");
     assert!(!text.contains("expected within"), "{text}");
     looked_at_after(silent, 10, "/?view=wall", &held);

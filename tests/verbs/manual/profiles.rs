@@ -16,8 +16,15 @@ fn base() -> Table {
     read("tests/verbs/manual/base.toml").parse().unwrap()
 }
 
+/// Device templates of the manual, which the parts use.
+fn templates() -> impl Iterator<Item = (String, Vec<u8>)> {
+    let named =
+        |block: Block| Some((format!("devices/{}.toml", block.says("template")?), block.text.into_bytes()));
+    toml_blocks().into_iter().filter_map(named)
+}
+
 /// Files that the parts name.
-fn beside() -> Vec<(&'static str, Vec<u8>)> {
+fn beside() -> Vec<(String, Vec<u8>)> {
     const DBC: &str = "VERSION \"\"\n\nBU_: Module\n\nBO_ 256 Top: 8 Module\n SG_ TL_Temp : 0|16@1- (0.0625,0) [0|0] \"degC\" Module\n";
     const MATRIX: &str = r#"{ "format": "isotherm-matrix", "version": 1, "blocks": ["base", "front", "back"], "guide_mm": [0, 400],
         "P": [[0, 0, 0], [0, 0, 0], [0.001, 0.001, -0.001], [0, 0, 0], [0, 0, 0], [0.002, 0.002, -0.002]] }"#;
@@ -45,12 +52,14 @@ fn beside() -> Vec<(&'static str, Vec<u8>)> {
         ("page.key", page.key),
     ];
     let pem = pem.into_iter().map(|(name, text)| (name, text.into_bytes()));
-    texts.chain(pem).chain([("spindle.onnx", network)]).collect()
+    let files = texts.chain(pem).chain([("spindle.onnx", network)]);
+    files.map(|(name, bytes)| (name.to_owned(), bytes)).chain(templates()).collect()
 }
 
 fn taken(text: &str) -> Result<Loaded, Errors> {
     let beside = beside();
-    let files: Vec<(&str, &[u8])> = beside.iter().map(|(name, bytes)| (*name, bytes.as_slice())).collect();
+    let files: Vec<(&str, &[u8])> =
+        beside.iter().map(|(name, bytes)| (name.as_str(), bytes.as_slice())).collect();
     parse_with(Path::new("manual.toml"), text, &files, &[], &[])
 }
 
@@ -113,6 +122,12 @@ fn every_profile_and_every_part_of_one_is_taken() {
             };
             if let Err(error) = PlantSpec::parse_with(&toml::to_string(&plant).unwrap(), &modes) {
                 refused.push(format!("{}: {error}", block.place));
+            }
+        } else if let Some(template) = block.says("template") {
+            // The parts that use a template accept it.
+            let user = format!("template = \"{template}\"");
+            if !toml_blocks().iter().any(|other| other.is("part") && other.text.contains(&user)) {
+                refused.push(format!("{}: no part of a profile has {user}", block.place));
             }
         } else if block.is("part") {
             counted[2] += 1;

@@ -43,6 +43,8 @@ pub enum FileKind {
     Mesh,
     /// JSON document.
     Json,
+    /// YAML document.
+    Yaml,
     /// Workbook of a spreadsheet program, or another ZIP archive.
     Workbook,
     /// Compressed file (gzip).
@@ -132,6 +134,7 @@ impl FileKind {
             FileKind::A2l => "an A2L file",
             FileKind::Mesh => "the mesh or input file of a finite element program",
             FileKind::Json => "a JSON document",
+            FileKind::Yaml => "a YAML document",
             FileKind::Workbook => "a workbook (.xlsx, .xls) or another archive",
             FileKind::Compressed => "a compressed file (gzip)",
             FileKind::Packed => "a compressed file (bzip2, xz, zstd or 7-Zip)",
@@ -199,7 +202,14 @@ impl FileKind {
             (FileKind::Ldf, _) => "isotherm reads no LIN bus; use a gateway from LIN to CAN or Modbus",
             (FileKind::A2l, _) => "export the frames as a DBC file with the program that wrote this file",
             (FileKind::Mesh, _) => "`isotherm place` reads it",
-            (FileKind::Json, FileKind::Log) => "save the log as CSV",
+            (FileKind::Json | FileKind::Yaml, FileKind::Log) => "save the log as CSV",
+            (FileKind::Json, FileKind::Profile) => {
+                "a profile is TOML: [machine] and name = \"press-7\" in the place of \"machine\": { \"name\": … }. \
+                 `isotherm init` writes one. A model in JSON is named by the profile: file = \"model.json\""
+            }
+            (FileKind::Yaml, FileKind::Profile | FileKind::Template) => {
+                "it must be TOML: [machine] and name = \"press-7\" in the place of `machine:` and `name: press-7`"
+            }
             (FileKind::Json, _) => "a profile names such a file at its model: file = \"model.json\"",
             (FileKind::Workbook, _) => "a workbook can only contain a log: save its sheet as CSV",
             (FileKind::Compressed, _) => "decompress it with `gunzip`",
@@ -209,7 +219,7 @@ impl FileKind {
             (FileKind::Html, _) => {
                 "the page was saved instead of the file: download the file itself, on GitHub with \"Raw\""
             }
-            (FileKind::Pdf | FileKind::Xml, _) => "give another file",
+            (FileKind::Pdf | FileKind::Xml | FileKind::Yaml, _) => "give another file",
         }
     }
 }

@@ -47,6 +47,8 @@ fn each_kind_is_recognised_by_its_content() {
             FileKind::Mesh,
         ),
         ("{\"format\": \"isotherm-envelope\"}\n", FileKind::Json),
+        ("---\n# a press\nmachine:\n  name: press-7\nbus:\n  cell: { type: modbus-tcp }\n", FileKind::Yaml),
+        ("signals:\n  - name: bed\n    unit: degC\n", FileKind::Yaml),
         ("PAR1\0\0", FileKind::Parquet),
         ("PK\u{3}\u{4}\0", FileKind::Workbook),
         ("MDF     4.10", FileKind::Measurement),
@@ -85,9 +87,15 @@ fn a_log_with_the_ending_of_another_format_is_named() {
 
 #[test]
 fn other_texts_and_bytes_are_no_known_kind() {
-    for text in
-        ["", "\n\n", "a sentence, and another one\nwith, commas\n", "[signal.bed]\nregister = 3\n", "\0\0\0"]
-    {
+    for text in [
+        "",
+        "\n\n",
+        "a sentence, and another one\nwith, commas\n",
+        "[signal.bed]\nregister = 3\n",
+        "\0\0\0",
+        "Note: a\ntext\n",
+        "Serial: 7\n",
+    ] {
         assert_eq!(FileKind::of(text.as_bytes()), None, "{text:?}");
     }
     // The lines above the head of a log may look like another file.

@@ -7,6 +7,7 @@ use serde::Deserialize;
 
 use super::KeyContext;
 use crate::host_port::{host_and_port, is_loopback};
+use crate::ip_network::IpNetwork;
 
 /// Web page, API and metrics.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -35,6 +36,10 @@ pub(crate) struct RawWeb {
     /// Names under which the web page may be opened without a token, in addition to localhost and its addresses.
     #[serde(default)]
     hosts: Vec<String>,
+    /// Addresses or networks of proxies in front of the web page, as "10.0.0.7" or "10.0.0.0/24". Only from them the
+    /// headers `Forwarded` and `X-Forwarded-…` are used. Requests from these addresses always need a token.
+    #[serde(default)]
+    trusted_proxies: Vec<String>,
     /// Language of the web page. Default: the first language that the browser prefers and the web page has, otherwise
     /// English.
     language: Option<Language>,
@@ -111,8 +116,18 @@ pub struct Web {
     pub commands: Commands,
     /// Names of the web page, in addition to localhost and its addresses.
     pub hosts: Vec<String>,
+    /// Proxies that report the client of a request, and the address of the page in its browser.
+    pub trusted_proxies: Vec<IpNetwork>,
     /// Language of the web page. `None` for the browser's language.
     pub language: Option<Language>,
+}
+
+impl Web {
+    /// Returns whether the profile names the file of a token. Without one, clients on other computers have no access.
+    pub fn has_token(&self) -> bool {
+        let files = [&self.token_file, &self.viewer_token_file, &self.scrape_token_file];
+        files.into_iter().any(Option::is_some)
+    }
 }
 
 /// Files with the web page's certificate and key. They are read when the web page is served, and again when they
@@ -170,10 +185,27 @@ impl RawWeb {
             scrape_token_file: file(&self.scrape_token_file),
             commands: self.commands.unwrap_or_default(),
             hosts: self.hosts.clone(),
+            trusted_proxies: self.proxies(at, has_token),
             tls: self.tls.as_ref().and_then(|tls| tls.resolve(&at.key("tls"))),
             plain: self.plain.unwrap_or(false),
             language: self.language,
         }
+    }
+
+    fn proxies(&self, at: &KeyContext<'_>, has_token: bool) -> Vec<IpNetwork> {
+        let at = at.key("trusted_proxies");
+        if !self.trusted_proxies.is_empty() && !has_token {
+            let help = "give `token_file`, a file with the token that clients must send";
+            at.invalid("`trusted_proxies` has no effect without a token: only this computer may view", help);
+        }
+        let mut proxies = Vec::new();
+        for (place, text) in self.trusted_proxies.iter().enumerate() {
+            match IpNetwork::parse(text) {
+                Ok(network) => proxies.push(network),
+                Err(help) => at.item(place).invalid(format!("`{text}` is no address and no network"), help),
+            }
+        }
+        proxies
     }
 
     fn without_tls(&self, at: &KeyContext<'_>, listen: &str) {

@@ -77,6 +77,7 @@ impl GatewayApi for Machine {
             machine_on_s: None,
             language: None,
             overridden: Vec::new(),
+            profile_changed: Vec::new(),
             dry_run: false,
             stopping: false,
             ready: true,

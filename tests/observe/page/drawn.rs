@@ -1,0 +1,266 @@
+//! What the page and the wall view draw, in a real browser in front of a simulated gateway.
+
+use std::path::PathBuf;
+
+use isotherm::observe::events::{Acknowledgement, Alarm, Entry, Level};
+use isotherm::observe::status::Status;
+use isotherm_core::display::Display;
+
+use super::{OPEN, look};
+use crate::http::OPERATOR;
+use crate::support::fake::Door;
+
+const NO_SCROLLING: &str = "eval:document.documentElement.scrollHeight <= innerHeight && document.documentElement.scrollWidth <= innerWidth";
+/// Nothing reaches over the right edge of the window.
+const NOTHING_CUT: &str = "eval:[...document.querySelectorAll('body *')].every((node) => !node.checkVisibility() || \
+                           node.getBoundingClientRect().right <= innerWidth + 1)";
+
+/// Looks at a page of a simulated gateway after these changes to its status.
+fn looked_at_with(change: impl FnOnce(&mut Status), views: &[(&str, &[&str])]) -> Vec<String> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let door = Door::open(None).await;
+        door.change(change);
+        let mut texts = Vec::new();
+        for (view, words) in views {
+            let (address, view) = (format!("http://{}", door.address), (*view).to_owned());
+            let words: Vec<String> = words.iter().map(|word| (*word).to_owned()).collect();
+            let look = move || look(&address, &view, &words.iter().map(String::as_str).collect::<Vec<_>>());
+            texts.push(tokio::task::spawn_blocking(look).await.unwrap());
+        }
+        texts
+    })
+}
+
+/// Gives the machine axes with these names, in each state in turn.
+fn with_axes(status: &mut Status, names: &[&str]) {
+    let states = [Display::Active, Display::Degraded, Display::Holding, Display::Ramping];
+    let axis = status.axes[0].clone();
+    status.axes = names
+        .iter()
+        .zip(states.iter().cycle())
+        .map(|(name, shown)| {
+            let mut axis = axis.clone();
+            axis.name = (*name).to_owned();
+            axis.label = if *name == "z" { "Main spindle" } else { "" }.to_owned();
+            axis.shown = *shown;
+            axis.verified_um = Some(-112.5);
+            axis
+        })
+        .collect();
+}
+
+fn alarm(id: &str, level: Level, since: &str) -> Alarm {
+    Alarm {
+        id: id.into(),
+        kind: "signal-bad".into(),
+        level,
+        since: since.into(),
+        text: format!("{id}: open circuit: look at the sensor"),
+        cause: None,
+        hint: Some("look at the sensor".into()),
+        acknowledged: None,
+    }
+}
+
+#[test]
+fn a_wall_shows_three_axes_without_scrolling_with_limit_and_trend() {
+    let bars = "eval:document.querySelectorAll('.panel .track').length === 3 && document.querySelectorAll('.panel .trend').length === 3";
+    // CSS has 96 pixels per inch; a digit has 0.7 of its font's size.
+    let figures = "eval:[...document.querySelectorAll('.figure')].every((figure) => \
+                   parseFloat(getComputedStyle(figure).fontSize) * 0.7 / 96 * 25.4 >= 20)";
+    let words = [
+        "Main spindle",
+        "−112.5",
+        bars,
+        "size:1920x1080",
+        NO_SCROLLING,
+        NOTHING_CUT,
+        figures,
+        "size:1280x800",
+        NO_SCROLLING,
+        NOTHING_CUT,
+        figures,
+        "size:390x844",
+        NOTHING_CUT,
+    ];
+    let raise = |status: &mut Status| {
+        with_axes(status, &["x", "y", "z"]);
+        status.alarms = vec![alarm("signal bed", Level::Warning, "2026-07-02T11:50:00Z")];
+    };
+    let texts = looked_at_with(raise, &[("/?view=wall", &words)]);
+    assert!(
+        texts[0].contains("Active alarms: 1") && texts[0].contains("signal bed: open circuit"),
+        "{}",
+        texts[0]
+    );
+}
+
+#[test]
+fn a_wall_shows_eight_axes_as_a_table_and_the_page_as_rows() {
+    let rows = "eval:document.querySelectorAll('#axes tbody tr').length === 8 && document.querySelectorAll('.track').length === 8";
+    let names = ["x1", "x2", "y", "z", "w", "b", "u", "v"];
+    let wall = [
+        "Axis x1",
+        rows,
+        "size:1920x1080",
+        NO_SCROLLING,
+        "size:1280x800",
+        NO_SCROLLING,
+        "size:390x844",
+        NOTHING_CUT,
+    ];
+    let many = "eval:document.querySelectorAll('.axes.many .axis').length === 8";
+    let page = [
+        "Axis x1",
+        many,
+        "size:1920x1080",
+        NOTHING_CUT,
+        "size:1280x800",
+        NOTHING_CUT,
+        "size:390x844",
+        NOTHING_CUT,
+    ];
+    looked_at_with(|status| with_axes(status, &names), &[("/?view=wall", &wall), ("", &page)]);
+}
+
+#[test]
+fn alarms_stand_first_with_their_number_in_title_and_icon_and_lead_to_their_moment() {
+    let counted = "eval:document.title.startsWith('(2) ') && \
+                   document.querySelector('link[rel=icon]').getAttribute('href') === 'page/icon-2.svg'";
+    // The most urgent one first, and all of them above the axes.
+    let first = "eval:document.querySelector('#alarms li .text').innerText.startsWith('axis z') && \
+                 document.querySelector('#alarms').getBoundingClientRect().top < document.querySelector('#axes').getBoundingClientRect().top";
+    let hint = "eval:[...document.querySelectorAll('.hint:not([hidden])')].filter((node) => \
+                node.innerText.includes('look at the sensor')).length === 1";
+    let press = "eval:(document.querySelector('#alarms li .moment').click(), true)";
+    let moment = "eval:document.activeElement.id === 'chart-z' && (({ searchParams: p }) => \
+                  new Date(p.get('from')) < new Date('2026-07-02T11:50:00Z') && \
+                  new Date(p.get('to')) - new Date(p.get('from')) === 3600000)(new URL(document.querySelector('#past-download').href))";
+    let raise = |status: &mut Status| {
+        let mut seen = alarm("signal t1", Level::Warning, "2026-07-02T11:55:00Z");
+        let by = Acknowledgement { at: "2026-07-02T11:56:00Z".into(), by: "by anna".into() };
+        seen.acknowledged = Some(by);
+        status.alarms = vec![seen, alarm("axis z", Level::Error, "2026-07-02T11:50:00Z")];
+    };
+    let words = ["seen at", counted, first, hint, "size:1280x900", press, moment];
+    looked_at_with(raise, &[("", &words)]);
+}
+
+#[test]
+fn what_nobody_measures_is_not_measured_and_commands_say_what_they_will_do() {
+    let unmeasured = |status: &mut Status| {
+        with_axes(status, &["y", "z"]);
+        status.axes[0].probe = None;
+        status.axes[1].arming.armed = false;
+    };
+    let measured = "eval:[...document.querySelectorAll('.axis')].map((axis) => axis.querySelector('.measured').innerText.includes('not measured'))\
+                    .join() === 'true,false'";
+    // One of one probing of the day was within its level of ±4 µm.
+    let within = "100 % (probings: 1, ±4.0 µm)";
+    let asked = "eval:document.querySelector('#question').open && document.querySelector('#question-effect').innerText.startsWith('Not armed: Main spindle (z).')";
+    let words = [
+        measured,
+        within,
+        "Output: y armed, Main spindle (z) not armed",
+        "Not armed: Main spindle (z). The gateway will write offsets there, starting from the present register values.",
+        "Armed now: y −112.5 µm. The gateway will stop writing, and the registers keep these values.",
+        "Cz now: y −112.5 µm, z −112.5 µm.",
+        "click:Arm",
+        asked,
+    ];
+    looked_at_with(unmeasured, &[("", &words)]);
+}
+
+#[test]
+fn events_are_filtered_by_level() {
+    let texts = |test: &str| {
+        format!(
+            "eval:(([...all]) => {test})([...document.querySelectorAll('#events .text')].map((node) => node.innerText))"
+        )
+    };
+    let [two, one] = ["all.length === 2", "all.length === 1 && all[0].includes('stale')"].map(texts);
+    let none = "No such events.";
+    let add = |status: &mut Status| {
+        let at = "2026-07-02T11:40:00Z".to_owned();
+        let text = "the gateway has started".to_owned();
+        let data = serde_json::Value::Null;
+        status.events.insert(0, Entry { at, kind: "started".into(), level: Level::Info, data, text });
+    };
+    let (two, one) = (two.as_str(), one.as_str());
+    let words = [two, "click:Warnings and errors", one, "click:Errors", none, "click:All", two];
+    looked_at_with(add, &[("", &words)]);
+}
+
+/// Checks the pure parts of the page's scripts, which the page has loaded.
+#[test]
+fn the_first_clause_of_a_cause_and_the_bands_of_states_are_found() {
+    let module = |file: &str, test: &str| {
+        format!(
+            "eval:((name) => globalThis[name] ? (({{ brief, bands, packed, withinToday }}) => {test})(globalThis[name]) : \
+             (import('/page/{file}').then((it) => {{ globalThis[name] = it; }}), false))('{file}')"
+        )
+    };
+    let brief = module(
+        "text.js",
+        "[['bed: open circuit (raw 0x7fff)', 'bed: open circuit'], ['no answer in time; 3 tries', 'no answer in time'], \
+          ['one two three four five six', 'one two three four five …'], ['wheelhead 自 10:30 起冻结，用由', 'wheelhead 自 10:30 起冻结'], ['', '']]\
+          .every(([text, short]) => brief(text) === short)",
+    );
+    // Off until 100, active until 200, frozen to the end; and a ramp that the operator asked for.
+    let bands = module(
+        "bands.js",
+        "(() => { const change = (at, from, to, level) => ({ kind: 'axis-state', level, at: new Date(at * 1000).toISOString(), \
+          data: { axis: 'z', from, to } }); const axis = { name: 'z', state: 'holding' }; \
+          const events = [change(100, 'off', 'active', 'info'), change(200, 'active', 'holding', 'warning')]; \
+          const found = bands(axis, events, 50, 300).map(({ from, to, tone }) => [from, to, tone].join()).join(' '); \
+          const asked = bands(axis, [change(100, 'active', 'ramping', 'info')], 50, 300).map(({ tone }) => tone).join(); \
+          const none = bands({ name: 'z', state: 'active' }, [], 50, 300).length; \
+          return found === '50,100,off 200,300,warn' && asked === 'off' && none === 0; })()",
+    );
+    let packed = module(
+        "history.js",
+        "(() => { const group = (count) => Array(count).fill('a'); \
+          return packed([group(40), group(20), group(10), group(70)]).map((one) => one.length).join() === '60,10,64'; })()",
+    );
+    let within = module(
+        "measured.js",
+        "(() => { const at = (hour, um) => [`2026-07-02T${hour}:00:00Z`, um]; const now = new Date('2026-07-02T12:00:00Z'); \
+          const probe = { warn_um: 4, history: [['2026-06-30T10:00:00Z', 9], at('08', 1), at('09', -4), at('10', 4.1)] }; \
+          return withinToday({ probe }, now).percent === 66 && withinToday({ probe: null }, now) === null \
+            && withinToday({ probe: { ...probe, warn_um: null } }, now) === null; })()",
+    );
+    looked_at_with(|_| (), &[("", &["Axis z", &brief, &bands, &packed, &within])]);
+}
+
+/// Returns the script of axe-core, which `tests/run page` installs.
+fn axe() -> String {
+    let target = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).parent().unwrap().to_path_buf();
+    let script = target.join("tools/node/node_modules/axe-core/axe.min.js");
+    assert!(script.exists(), "axe-core is not installed: `tests/run tools` does it");
+    format!("axe:{}", script.display())
+}
+
+#[test]
+fn axe_core_finds_nothing_serious_on_the_page_the_wall_and_the_page_to_sign_in() {
+    let axe = axe();
+    let raise = |status: &mut Status| {
+        with_axes(status, &["x", "y", "z"]);
+        status.alarms = vec![alarm("signal t1", Level::Warning, "2026-07-02T11:55:00Z")];
+    };
+    let check = axe.as_str();
+    let page = ["Main spindle", OPEN, "size:1280x900", check, "dark", check, "size:390x844", check];
+    let wall = ["Main spindle", "size:1920x1080", check, "dark", check];
+    looked_at_with(raise, &[("", &page), ("/?view=wall", &wall)]);
+    let many = ["Axis v", "size:1920x1080", check];
+    let names = ["x1", "x2", "y", "z", "w", "b", "u", "v"];
+    looked_at_with(|status| with_axes(status, &names), &[("", &many), ("/?view=wall", &many)]);
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let door = Door::open(Some(OPERATOR)).await;
+        let address = format!("http://{}", door.address);
+        let words = ["Sign in".to_owned(), axe.clone(), "dark".to_owned(), axe];
+        let look = move || look(&address, "/login", &words.each_ref().map(String::as_str));
+        tokio::task::spawn_blocking(look).await.unwrap();
+    });
+}

@@ -1,0 +1,90 @@
+//! Messages of the verbs about mistakes of a user: one sentence for each, with what to do.
+
+use std::path::Path;
+use std::process::Stdio;
+
+use crate::cli::{Ended, ended, machine};
+use crate::support::process::{Running, file, isotherm, until};
+
+/// Runs `check` on a path, and returns its exit code and its messages.
+fn check(home: &Path, path: &Path) -> Ended {
+    ended(isotherm(home).arg("check").arg(path).stdin(Stdio::null()))
+}
+
+#[test]
+fn a_file_that_is_no_profile_is_one_error_that_says_what_it_is() {
+    let home = tempfile::tempdir().unwrap();
+    let (text, _) = machine(home.path());
+    let name = text.lines().find(|line| line.starts_with("name")).unwrap();
+    for (title, written, words) in [
+        ("yaml", "machine:\n  name: press-7\n".to_owned(), "this is a YAML document, not a profile"),
+        ("json", "{ \"machine\": { \"name\": \"press-7\" } }\n".to_owned(), "a profile is TOML"),
+        ("quotes", text.replace(name, "name = “press-7”"), "these are typographic quotation marks"),
+        ("script", text.replace(name, &format!("{name}\n名前 = 1")), "letters a to z"),
+        ("empty", String::new(), "the file is empty"),
+        ("comment", "# nothing yet\n\n".to_owned(), "the file is empty"),
+    ] {
+        let path = file(home.path(), &format!("{title}.toml"), &written);
+        let Ended { code, said, .. } = check(home.path(), &path);
+        assert!(code == Some(64) && said.contains(words) && said.contains("\n  help: "), "{title}: {said}");
+        assert!(said.ends_with("1 error in the profile\n"), "{title}: {said}");
+    }
+    for (path, words) in [
+        (home.path(), "this is a directory, not a profile"),
+        (Path::new("-"), "not read from standard input"),
+        (Path::new("/dev/stdin"), "not read from standard input"),
+    ] {
+        let Ended { code, said, .. } = check(home.path(), path);
+        assert!(code == Some(64) && said.contains(words), "{}: {said}", path.display());
+        assert!(said.ends_with("1 error in the profile\n"), "{}: {said}", path.display());
+    }
+}
+
+#[test]
+fn a_relative_state_directory_without_the_state_names_the_one_that_has_it() {
+    let home = tempfile::tempdir().unwrap();
+    let (text, _) = machine(home.path());
+    let name = text.lines().find_map(|line| line.strip_prefix("name = \"")?.strip_suffix('"')).unwrap();
+    let profile = file(home.path(), "machine.toml", &text);
+    let (state, elsewhere) = (home.path().join("state"), home.path().join("elsewhere"));
+    for directory in [&state, &elsewhere] {
+        std::fs::create_dir(directory).unwrap();
+    }
+    file(&state, &format!("{name}.state.json"), "{}");
+    let status = |from: &Path, state: &str| {
+        let mut command = isotherm(home.path());
+        ended(command.arg("status").arg(&profile).args(["--state", state]).current_dir(from)).said
+    };
+    let said = status(&elsewhere, "state");
+    let words = [format!("which has no state of {name}. "), format!("{} has one", state.display())];
+    assert!(words.iter().all(|words| said.contains(words)), "{said}");
+    for (from, state) in [(home.path(), "state"), (&elsewhere, state.to_str().unwrap())] {
+        let said = status(from, state);
+        assert!(!said.contains("has no state of"), "{state}: {said}");
+    }
+}
+
+#[test]
+fn status_says_that_the_profile_has_changed_since_the_start() {
+    let home = tempfile::tempdir().unwrap();
+    let (text, _) = machine(home.path());
+    let profile = file(home.path(), "machine.toml", &text);
+    let state = home.path().join("state");
+    let mut gateway =
+        Running::start(isotherm(home.path()).arg("run").arg(&profile).arg("--state").arg(&state));
+    gateway.receives("the gateway runs");
+    let status = || ended(isotherm(home.path()).arg("status").arg(&profile).arg("--state").arg(&state)).out;
+    let words = "changed on disk since the start: machine.toml; `isotherm restart PROFILE --keep` uses it";
+    let before = status();
+    assert!(before.contains("clock ") && !before.contains("changed on disk"), "{before}");
+    std::fs::write(&profile, format!("{text}\n# another line\n")).unwrap();
+    until("the change is seen", || match status() {
+        said if said.contains(words) => Ok(()),
+        said => Err(said),
+    });
+    std::fs::write(&profile, &text).unwrap();
+    until("the profile is the old one again", || match status() {
+        said if said.contains("changed on disk") => Err(said),
+        _ => Ok(()),
+    });
+}
