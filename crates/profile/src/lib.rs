@@ -8,6 +8,7 @@
 //! - `load`, `merge`, `schema_check`, `source_map`: reading the layers, merging them, checking them against the schema,
 //!   and the place of each key.
 //! - `syntax_errors`: the mistakes of a file that is no valid TOML, without their consequences.
+//! - [`edit`]: a model put into the text of a profile; comments stay.
 //! - `overridden_keys`, `protected_keys`: keys that the layers change, and keys that they must not change.
 //! - `file_kind`: kinds of files by their content, to name a file in the place of another.
 //! - `files`, `sources`: files that a profile names, and the record of everything that was read.
@@ -27,6 +28,7 @@ mod dbc;
 mod digest;
 mod document;
 mod duration;
+pub mod edit;
 mod error;
 mod file_kind;
 mod files;
@@ -78,7 +80,7 @@ pub use sources::{SOURCES_MARK, Sources};
 pub use tables::axis::learning::{LEARNED, Learning};
 pub use tables::axis::model::network;
 pub use tables::axis::probe::ProbeInput;
-pub use tables::axis::{Axis, Purpose};
+pub use tables::axis::{Axis, NO_MACHINE_START, Purpose};
 pub use tables::bus::tls::{NamedFile, TLS_PORT, Tls};
 pub use tables::bus::transport::Transport;
 pub use tables::bus::{Bus, Sync};

@@ -9,6 +9,10 @@ use isotherm_core::compensation::settings::Datum;
 
 /// Largest plausible limit of Cz, µm. A larger number was probably meant in another unit.
 const LARGE_LIMIT: f64 = 500.0;
+/// Warning about a model that counts from machine start if no signal shows the start. The gateway then keeps the first
+/// good reading of its first run as the reference, also over restarts.
+pub const NO_MACHINE_START: &str = "The model counts from machine start, but no signal tells when that is ([machine] on). Without it the reference \
+     temperature stays that of the first run for ever.";
 /// Temperature of a workshop, °C. A model should give a small value if the whole machine has this temperature.
 const WORKSHOP: f64 = 20.0;
 
@@ -50,13 +54,10 @@ pub(in crate::tables) fn warn(check: &Check<'_>, profile: &Profile) {
     }
     if profile.machine.on.is_none() && !from_start.is_empty() {
         let names = from_start.join(" and ");
-        let message = format!(
-            "the reference of {names} is \"start\", but no signal shows when the machine is switched on. The \
-             gateway then keeps the first good reading of the first run as the reference, also over \
-             restarts, even if the machine is warm"
+        let help = format!(
+            "models from machine start: {names}. Write on = \"…\" in [machine], the signal whose rising edge shows that \
+             the machine is switched on; or write the references as numbers or \"zero\""
         );
-        let help = "write in [machine] on = \"…\", the signal whose rising edge shows that the machine is \
-                    switched on; or write the references as numbers or \"zero\"";
-        check.at("machine").warn_key(message, Some(help));
+        check.at("machine").warn_key(NO_MACHINE_START, Some(&help));
     }
 }
