@@ -60,6 +60,7 @@ pub use lifecycle::successor::{CHECK_ONLY, Checked, Program, Successor};
 pub use line::certificates;
 pub use line::wire_log::WireLog;
 pub use state::causes::how_to_find_a_model;
+pub use state::sign::sign_expectation;
 pub(crate) use state::causes::why_by_decision;
 #[cfg(feature = "identify")]
 pub(crate) use state::learning::change as model_change;
