@@ -23,7 +23,7 @@ const STEPS: [(&str, &str); 8] = [
 pub(super) fn after_init(profile: &str, axis: &str) -> String {
     let lines = STEPS.iter().map(|(command, sees)| {
         let command = format!("isotherm {}", command.replace("{}", profile).replace("AXIS", axis));
-        format!("  {command:<64} {sees}\n")
+        format!("  {command:<68} {sees}\n")
     });
     format!("Next, with what must be seen:\n{}", lines.collect::<String>())
 }
