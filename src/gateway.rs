@@ -60,10 +60,10 @@ pub use lifecycle::successor::{CHECK_ONLY, Checked, Program, Successor};
 pub use line::certificates;
 pub use line::wire_log::WireLog;
 pub use state::causes::how_to_find_a_model;
-pub use state::sign::sign_expectation;
 pub(crate) use state::causes::why_by_decision;
 #[cfg(feature = "identify")]
 pub(crate) use state::learning::change as model_change;
+pub use state::sign::sign_expectation;
 pub use store::disk::{Disk, Files, make_directory};
 pub use store::{backup, candidates, log, templates};
 

@@ -74,11 +74,11 @@ fn nothing_that_moves_an_axis_has_a_default() {
     assert!(shown.contains("this question has no default"), "{shown}");
     for (options, missing) in [
         (&["--yes"][..], "--output is needed"),
-        (&["--yes", "--output", "40105"], "--output-type is needed"),
-        (&["--yes", "--output", "40105", "--output-type", "i32"], "--output-word-order is needed"),
-        (&["--yes", "--output", "40105", "--output-type", "i16"], "--output-scale is needed"),
-        (&["--yes", "--output", "plc-block"], "--control-base is needed"),
-        (&["--yes", "--axis", "x", "--output", "linuxcnc-eoffset"], "--diameter is needed"),
+        (&["--yes", "--output", "40105"][..], "--output-type is needed"),
+        (&["--yes", "--output", "40105", "--output-type", "i32"][..], "--output-word-order is needed"),
+        (&["--yes", "--output", "40105", "--output-type", "i16"][..], "--output-scale is needed"),
+        (&["--yes", "--output", "plc-block"][..], "--control-base is needed"),
+        (&["--yes", "--axis", "x", "--output", "linuxcnc-eoffset"][..], "--diameter is needed"),
     ] {
         let (answers, ..) = answered_with(options, "");
         let why = answers.unwrap_err().to_string();
