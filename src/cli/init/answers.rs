@@ -63,7 +63,7 @@ impl Line {
 /// Module that measures the temperatures.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Module {
-    Template(ModuleTemplate),
+    Template(Box<ModuleTemplate>),
     /// Module without a template: the register of the first temperature, and the form of each.
     SpelledOut(Register, ValueForm),
 }
@@ -103,7 +103,7 @@ pub(super) fn module(text: &str, known: &[Outline]) -> Result<Option<Outline>, S
 /// Register or template by which Cz is written.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Target {
-    Template(ControlTemplate),
+    Template(Box<ControlTemplate>),
     Register(u16, ValueForm),
 }
 

@@ -216,7 +216,7 @@ impl Asking<'_, '_> {
             };
             keys.push((key, value));
         }
-        Ok(Module::Template(ModuleTemplate { outline, variant, base, keys }))
+        Ok(Module::Template(Box::new(ModuleTemplate { outline, variant, base, keys })))
     }
 
     /// Asks for type, word order and scale of a value. `known` contains the answers of the Enter key. `given` are the
@@ -316,7 +316,7 @@ impl Asking<'_, '_> {
         let bits = outline.bits.clone();
         let keys = changed_keys(&target, form);
         let target = target.name;
-        Ok((Target::Template(ControlTemplate { outline, target, base, keys }), bits))
+        Ok((Target::Template(Box::new(ControlTemplate { outline, target, base, keys })), bits))
     }
 
     /// Asks for the line and the unit of the control. The line is `None` if it is that of the module.

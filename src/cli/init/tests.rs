@@ -89,9 +89,8 @@ fn nothing_that_moves_an_axis_has_a_default() {
 #[test]
 fn the_template_of_the_control_gives_the_form_of_the_offset() {
     let (answers, ..) = answered_with(&["--yes", "--output", "plc-block", "--control-base", "40101"], "");
-    let Target::Template(ControlTemplate { base, keys, target, .. }) = answers.unwrap().target else {
-        panic!("plc-block is a template")
-    };
+    let Target::Template(template) = answers.unwrap().target else { panic!("plc-block is a template") };
+    let ControlTemplate { base, keys, target, .. } = *template;
     assert_eq!((base, keys, target.as_str()), (Some(100), vec![], "z"));
     let options = ["--yes", "--output", "plc-block", "--control-base", "0", "--output-scale", "-0.1"];
     let answers = answered_with(&options, "").0.unwrap();
@@ -108,23 +107,23 @@ fn every_module_and_every_control_that_is_offered_gives_a_profile_that_check_tak
         if !outline.temperatures.is_empty() {
             answers.signals = (0..outline.temperatures.len()).map(|place| format!("s{place}")).collect();
             let value = |key: &str| if key == "word_order" { "\"msw-first\"" } else { "0.1" };
-            answers.module = Module::Template(ModuleTemplate {
+            answers.module = Module::Template(Box::new(ModuleTemplate {
                 variant: outline.variants.first().cloned(),
                 base: outline.is_movable.then_some(0),
                 keys: outline.asks.iter().map(|(key, _)| (key.clone(), value(key).to_owned())).collect(),
                 outline: outline.clone(),
-            });
+            }));
             taken(&answers);
         }
         for target in outline.targets.iter().filter(|_| !outline.sends_text) {
             let mut answers = usual();
             answers.axis.clone_from(&target.name);
-            answers.target = Target::Template(ControlTemplate {
+            answers.target = Target::Template(Box::new(ControlTemplate {
                 target: target.name.clone(),
                 base: outline.is_movable.then_some(0),
                 keys: Vec::new(),
                 outline: outline.clone(),
-            });
+            }));
             if let Some(bit) = outline.bits.first() {
                 answers.machine_on = MachineOn::Channel(bit.clone());
             }

@@ -19,7 +19,7 @@ const AT_THE_KEYBOARD: Duration = Duration::from_millis(300);
 const AT_THE_GAUGE: Duration = Duration::from_secs(10);
 const LONG: Duration = Duration::from_secs(120);
 
-/// Devices as they are wired: `isotherm init` is told only what a person can read on them.
+/// Devices as they are wired: `isotherm init` gets only what a person can read on them.
 const WIRED: &str = r#"
 [machine]
 name = "my-machine"
