@@ -16,8 +16,6 @@ use model::RawModel;
 use model::uniform_temperature::UniformTemperature;
 use probe::{ProbeInput, RawProbe};
 
-pub use doubts::NO_MACHINE_START;
-
 pub(super) mod doubts;
 pub(super) mod intercept_slope;
 pub(crate) mod learning;

@@ -5,14 +5,11 @@ use super::model::uniform_temperature::UniformTemperature;
 use crate::Profile;
 use crate::document;
 use crate::tables::Check;
+use crate::wording::NO_MACHINE_START;
 use isotherm_core::compensation::settings::Datum;
 
 /// Largest plausible limit of Cz, µm. A larger number was probably meant in another unit.
 const LARGE_LIMIT: f64 = 500.0;
-/// Warning about a model that counts from machine start if no signal shows the start. The gateway then keeps the first
-/// good reading of its first run as the reference, also over restarts.
-pub const NO_MACHINE_START: &str = "The model counts from machine start, but no signal tells when that is ([machine] on). Without it the reference \
-     temperature stays that of the first run for ever.";
 /// Temperature of a workshop, °C. A model should give a small value if the whole machine has this temperature.
 const WORKSHOP: f64 = 20.0;
 
