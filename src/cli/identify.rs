@@ -11,8 +11,8 @@ use super::loading::load_quietly;
 use super::print::print_json;
 use super::progress::Progress;
 use super::runs::Runs;
-use super::values::one_of;
-use crate::cli::print::Out;
+use super::values::{one_of, wrong_arguments};
+use crate::cli::print::{Out, say_beside};
 use crate::clock::Clock;
 use isotherm_core::compensation::model::Outside;
 use isotherm_identify::applied::Applied;
@@ -24,9 +24,12 @@ use isotherm_identify::report::{self, Subject};
 use isotherm_identify::setup::{Choice, ready, units, without_cz, without_incomplete};
 use isotherm_identify::written::written;
 use isotherm_identify::{Identified, identify, uses};
-use isotherm_profile::Profile;
+use isotherm_profile::{NO_MACHINE_START, Profile};
+
+use into_profile::{IntoProfile, IntoProfileArguments};
 
 mod balls;
+mod into_profile;
 mod prior;
 mod text;
 
@@ -40,7 +43,7 @@ mod text;
 /// mended (repaired) or left out. Each run is once held out, that is, used only to test the model from the other runs.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  isotherm identify my-machine.toml mon.csv tue.csv wed.csv --axis z --error z_error_um\n  isotherm identify my-machine.toml week.parquet --gap 2h --axis z --write z-model.toml --report z.html\n  isotherm identify --balls touches.csv --recorded mon.csv --out mon-drift.csv"
+    after_help = "Examples:\n  isotherm identify my-machine.toml mon.csv tue.csv wed.csv --axis z --error z_error_um\n  isotherm identify my-machine.toml campaign/ --axis z --into-profile\n  isotherm identify my-machine.toml week.parquet --gap 2h --axis z --write z-model.toml --report z.html\n  isotherm identify --balls touches.csv --recorded mon.csv --out mon-drift.csv"
 )]
 pub(super) struct Arguments {
     /// Profile of the machine, or the name of a shipped one
@@ -130,9 +133,11 @@ pub(super) struct Arguments {
     /// Writes the [[axis.…model]] block to this file, and the files that the block names to the same directory
     #[arg(long, value_name = "MODEL.toml")]
     write: Option<PathBuf>,
+    #[command(flatten)]
+    into: IntoProfileArguments,
     /// Also writes a block, or models for lost sensors, that makes too many runs worse than without compensation. Too
     /// many are more than a third of six or more held-out runs
-    #[arg(long, requires = "write")]
+    #[arg(long)]
     force: bool,
     /// Writes a page with diagrams as one file, for any browser
     #[arg(long, value_name = "OUT.html")]
@@ -172,6 +177,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             "{log} is a log; name the machine's profile first: isotherm identify my-machine.toml {log} …"
         );
     }
+    if arguments.force && arguments.write.is_none() && !arguments.into.into_profile {
+        return Err(wrong_arguments("--force needs --write or --into-profile"));
+    }
+    let before = arguments.into.into_profile.then(|| into_profile::text_of(path)).transpose()?;
     let profile = load_quietly(path, &arguments.set, arguments.json)?.profile;
     let mut beside = ExtraFiles::default();
     let (found, document, columns) = find(arguments, &profile, &mut beside)?;
@@ -186,9 +195,21 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         None => {
             text::render(&mut Out, &found, arguments.probe)?;
             columns.render(&mut Out)?;
+            let counts_from_start =
+                || written(&found, "model", arguments.outside).block.contains("\"start\"");
+            if profile.machine.on.is_none() && before.is_none() && counts_from_start() {
+                say_beside!("note: {NO_MACHINE_START}");
+            }
         }
     }
-    beside.end(arguments.json)
+    beside.end(arguments.json)?;
+    let Some(before) = before else { return Ok(()) };
+    if let Some(why) = found.refusal().filter(|_| !arguments.force) {
+        anyhow::bail!("{} is not changed: {why}", path.display());
+    }
+    let found = if arguments.force { found } else { found.without_harmful_fallbacks().0 };
+    let edit = IntoProfile::prepare(path, before, &found, arguments.outside)?;
+    edit.ask_and_write(&profile, &found.axis, arguments.into.yes)
 }
 
 /// Identifies the model. Also returns the JSON document, if it was requested, and the use of the columns.
@@ -236,7 +257,7 @@ fn find(
         settings.lags = arguments.lags.iter().map(|lag| (!lag.is_zero()).then_some(*lag)).collect();
     }
     let probe = arguments.probe.map(|interval| interval.as_secs_f64());
-    let fallbacks = arguments.write.is_some() || arguments.report.is_some();
+    let fallbacks = arguments.write.is_some() || arguments.report.is_some() || arguments.into.into_profile;
     let progress = Progress::begin("runs held out");
     let note = |done, all| progress.note("runs held out", done, all);
     let found = identify(&ready, &settings, probe, fallbacks, &note).map_err(anyhow::Error::msg)?;

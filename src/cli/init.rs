@@ -1,30 +1,39 @@
-//! `isotherm init`: writes a first profile from a few answers.
+//! `isotherm init`: writes a first profile from a few answers, and reads every value once.
 
-use std::io::{BufRead, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use super::new_file;
-use super::print::{Out, say, say_beside};
-use isotherm_profile::template::{Outline, on_modbus};
+use super::hints::Hints;
+use super::loading::load_with;
+use super::print::{Out, say, say_all, say_beside};
+use super::run::known_directory;
+use super::{new_file, read_once};
+use isotherm_profile::template::outlines;
 
 mod answers;
+mod ask;
 mod questions;
+mod serial_settings;
+mod steps;
 #[cfg(test)]
 mod tests;
 mod text;
+mod value_form;
 
-use answers::{Answers, Line, Module, Target};
+use answers::Answers;
 use questions::Questions;
 
-/// Asks for machine, bus, thermocouple module, axis and output. From the answers it writes a profile with comments,
-/// which `check` accepts.
+/// Asks for machine, bus, temperature module, axis and output. From the answers it writes a profile with comments,
+/// which `check` accepts. Then it reads every value once, so that a wrong register is seen at once. It writes to no
+/// device.
 ///
-/// The verb does not ask for values that are given as options. The coefficients of the axis are found later, by
-/// `isotherm record` and `isotherm identify`.
+/// The verb does not ask for values that are given as options. What would move an axis if it were wrong has no default:
+/// destination, type, word order and scale of the offset. The coefficients of the axis are found later, by `isotherm
+/// record` and `isotherm identify`.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm init\n  isotherm init press-7.toml --yes --machine press-7 --bus 192.168.0.10:502 --module \
-                  icp-das-m7018 --signals bed,column --output plc-block --control 192.168.0.20:502"
+                  icp-das-m7018 --signals bed,column --output plc-block --control-base 0 --control 192.168.0.20:502\n  isotherm init \
+                  press-7.toml --yes --output 40105 --output-type i32 --output-word-order msw-first --output-scale 0.1"
 )]
 pub(super) struct Arguments {
     /// The profile to write [default: <machine>.toml]
@@ -33,37 +42,82 @@ pub(super) struct Arguments {
     /// The machine's name, in file names and on the gateway's web page
     #[arg(long, value_name = "NAME")]
     machine: Option<String>,
-    /// Address of the thermocouple module: 192.168.0.10:502, or a serial port: /dev/ttyUSB0
+    /// Address of the temperature module: 192.168.0.10:502, or a serial port: /dev/ttyUSB0
     #[arg(long, value_name = "ADDRESS|PORT")]
     bus: Option<String>,
+    /// Baud rate of the module's serial line
+    #[arg(long, value_name = "BAUD")]
+    baud: Option<String>,
+    /// Parity of the module's serial line: none, even, odd
+    #[arg(long, value_name = "PARITY")]
+    parity: Option<String>,
     /// The module's device template, or `none` to write its registers in the profile
     #[arg(long, value_name = "TEMPLATE")]
     module: Option<String>,
     /// The variant of the module's template, for example the type of thermocouple
     #[arg(long, value_name = "VARIANT")]
     variant: Option<String>,
+    /// The first register of the module, if its template does not fix it
+    #[arg(long, value_name = "N")]
+    base: Option<String>,
     /// The unit number of the module
     #[arg(long, value_name = "N")]
     unit: Option<String>,
+    /// Register of the first temperature of a module without a template: input:0 or 30001
+    #[arg(long, value_name = "REGISTER")]
+    register: Option<String>,
+    /// Type of the temperatures: i16, u16, i32, u32, f32
+    #[arg(long = "type", value_name = "TYPE")]
+    data_type: Option<String>,
+    /// Word order of the temperatures: msw-first, lsw-first
+    #[arg(long, value_name = "ORDER")]
+    word_order: Option<String>,
+    /// Degrees Celsius per count of the temperatures
+    #[arg(long, value_name = "DEGREES", allow_hyphen_values = true)]
+    scale: Option<String>,
     /// Names of the measured temperatures, in the order of the module's channels
     #[arg(long, value_name = "NAMES")]
     signals: Option<String>,
     /// The axis to compensate
     #[arg(long, value_name = "AXIS")]
     axis: Option<String>,
+    /// Whether the control shows the axis as a diameter, as X of a lathe: yes, no
+    #[arg(long, value_name = "YES|NO")]
+    diameter: Option<String>,
     /// Limit of Cz: its largest permitted absolute value, µm
     #[arg(long, value_name = "UM")]
     limit: Option<String>,
-    /// Destination of Cz: the control's device template, or a register, for example holding:104
+    /// Destination of Cz: the control's device template, or a register, for example holding:104 or 40105
     #[arg(long, value_name = "TEMPLATE|REGISTER")]
     output: Option<String>,
+    /// Type of the offset: i16, u16, i32, u32, f32
+    #[arg(long, value_name = "TYPE")]
+    output_type: Option<String>,
+    /// Word order of the offset: msw-first, lsw-first
+    #[arg(long, value_name = "ORDER")]
+    output_word_order: Option<String>,
+    /// Micrometres per count of the offset; negative if the control subtracts it
+    #[arg(long, value_name = "UM", allow_hyphen_values = true)]
+    output_scale: Option<String>,
+    /// The first register of the control, if its template does not fix it
+    #[arg(long, value_name = "N")]
+    control_base: Option<String>,
     /// Address of the control, if it is on another line than the module
     #[arg(long, value_name = "ADDRESS|PORT")]
     control: Option<String>,
     /// The unit number of the control
     #[arg(long, value_name = "N")]
     control_unit: Option<String>,
-    /// Asks no questions: values that are not given as options get their defaults
+    /// Baud rate of the control's serial line
+    #[arg(long, value_name = "BAUD")]
+    control_baud: Option<String>,
+    /// Parity of the control's serial line: none, even, odd
+    #[arg(long, value_name = "PARITY")]
+    control_parity: Option<String>,
+    /// Bit of the control that is 1 while the machine is on: a channel of its template, discrete:0, holding:16.3, or none
+    #[arg(long, value_name = "BIT")]
+    machine_on: Option<String>,
+    /// Asks no questions and reads nothing: values that are not given as options get their defaults
     #[arg(long, short)]
     yes: bool,
 }
@@ -72,119 +126,66 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(file) = arguments.file.as_deref().filter(|file| file.exists()) {
         anyhow::bail!("{} exists already and is not overwritten: name another file", file.display());
     }
-    let answers = ask(arguments, &mut std::io::stdin().lock(), &mut Out)?;
-    let file = arguments.file.clone().unwrap_or_else(|| format!("{}.toml", answers.machine).into());
-    let text = text::profile(&answers);
-    isotherm_profile::parse(&file, &text, &[], &[]).map_err(|errors| {
-        anyhow::anyhow!(
-            "{errors}\nthe profile is not written, because with these answers it would have errors"
-        )
-    })?;
-    new_file::create(&file, &text)?;
-    let shown = file.display();
-    say!("{shown} is written. Next:")?;
-    for (verb, what) in [
-        ("check", "shows what the profile means, and what would be read and written"),
-        ("check --online", "also reads from every device, and writes nothing"),
-        ("record --out day-1.csv", "records a day; measure the error at the same time"),
-        (
-            "identify day-1.csv day-2.csv",
-            "finds the coefficients; replace the model in comments by its output",
-        ),
-    ] {
-        let (verb, more) = verb.split_once(' ').unwrap_or((verb, ""));
-        let command = format!("isotherm {verb} {shown} {more}");
-        say!("  {:<56} {what}", command.trim_end())?;
+    let (mut input, mut out) = (std::io::stdin().lock(), Out);
+    let mut questions = Questions::new(&mut input, &mut out, arguments.yes);
+    let directory = arguments.file.as_deref().and_then(Path::parent).unwrap_or(Path::new(""));
+    let answers = ask::ask(arguments, &outlines(directory), &serial_settings::find, &mut questions)?;
+    let file = write(arguments.file.as_deref(), &answers, &mut questions)?;
+    let shown = file.display().to_string();
+    say!("{shown} is written.")?;
+    let agreed = questions.agrees(
+        "Read every value once now? Nothing is written to a device",
+        "The gateway connects to module and control, and shows each temperature and the offset register.",
+    )?;
+    if agreed {
+        show_values(&file, &shown)?;
     }
+    say_all!("{}", steps::after_init(&shown, &answers.axis))?;
     Ok(())
 }
 
-fn ask(arguments: &Arguments, input: &mut dyn BufRead, out: &mut dyn Write) -> anyhow::Result<Answers> {
-    let mut questions = Questions { input, out, takes_defaults: arguments.yes };
-    let given = |option: &Option<String>| option.clone();
-    let machine = questions.ask(
-        "machine",
-        given(&arguments.machine),
-        ("The machine's name", "my-machine"),
-        answers::machine,
-    )?;
-    let where_ = "The thermocouple module's address (192.168.0.10:502) or serial port (/dev/ttyUSB0)";
-    let line = questions.ask("bus", given(&arguments.bus), (where_, "192.168.0.10:502"), Line::parse)?;
-    if arguments.module.is_none() && !arguments.yes {
-        questions.show("Known modules, by their templates:")?;
-        for outline in answers::modules() {
-            questions.show(&format!("  {:<26} {}", outline.name, outline.title))?;
+/// Writes the profile. If that fails, asks for another file, so that the answers are not lost. At the end of the
+/// answers, the error contains the command that repeats them.
+fn write(file: Option<&Path>, answers: &Answers, questions: &mut Questions<'_>) -> anyhow::Result<PathBuf> {
+    let text = text::profile(answers);
+    let mut file = file.map_or_else(|| PathBuf::from(format!("{}.toml", answers.machine)), Path::to_owned);
+    loop {
+        let again = |file: &str, questions: &Questions<'_>| {
+            format!("the same answers without questions:\n  {}", questions.command(file))
+        };
+        let parsed = isotherm_profile::parse_beside(&file, &text);
+        if let Err(errors) = parsed {
+            anyhow::bail!(
+                "{errors}\nthe profile is not written, because with these answers it would have errors; {}",
+                again(&file.display().to_string(), questions)
+            );
+        }
+        let Err(why) = new_file::create(&file, &text) else { return Ok(file) };
+        if questions.takes_defaults {
+            return Err(why);
+        }
+        questions.show(&why.to_string())?;
+        match questions.line("Another file for the profile: ")? {
+            Some(other) if !other.trim().is_empty() => file = PathBuf::from(other.trim()),
+            Some(_) => {}
+            None => anyhow::bail!("{why}; {}", again("OTHER.toml", questions)),
         }
     }
-    let what = "The module's template, or none";
-    let module = questions.ask("module", given(&arguments.module), (what, "none"), Module::parse)?;
-    let variant = variant(&mut questions, module.outline(), given(&arguments.variant))?;
-    let unit = questions.ask("unit", given(&arguments.unit), ("The module's unit", "1"), answers::unit)?;
-    let most = module.channels();
-    let what = format!("Names of the measured temperatures, in the order of the channels, at most {most}");
-    let names = |text: &str| answers::signals(text, most);
-    let signals = questions.ask("signals", given(&arguments.signals), (&what, "bed,column"), names)?;
-    let axis =
-        questions.ask("axis", given(&arguments.axis), ("The axis to compensate", "z"), answers::name)?;
-    let most = "Largest absolute value of its Cz, µm";
-    let limit = questions.ask("limit", given(&arguments.limit), (most, "40"), answers::limit)?;
-    if arguments.output.is_none() && !arguments.yes {
-        questions.show(
-            "Known controls, by their templates; for any other control, give a register, for example \
-             holding:104:",
-        )?;
-        for outline in on_modbus().filter(|outline| !outline.targets.is_empty()) {
-            questions.show(&format!(
-                "  {:<26} {} ({})",
-                outline.name,
-                outline.title,
-                outline.targets.join(", ")
-            ))?;
-        }
-    }
-    let target = |text: &str| Target::parse(text, &axis);
-    let what = "Destination of Cz: the control's template, or a register";
-    let target = questions.ask("output", given(&arguments.output), (what, "holding:104"), target)?;
-    let what = "The control's address or serial port, or `same` for the module's line";
-    let (sends_text, usual) = if module.sends_text() { (true, "192.168.0.20:502") } else { (false, "same") };
-    let other_line = |text: &str| match text {
-        "same" if sends_text => {
-            Err("the module sends text, so the control needs another line: write 192.168.0.20:502, or \
-                 /dev/ttyUSB1"
-                .to_owned())
-        }
-        "same" => Ok(None),
-        address => Line::parse(address).map(Some),
-    };
-    let control = questions.ask("control", given(&arguments.control), (what, usual), other_line)?;
-    let other = if control.is_none() && unit == 1 { "2" } else { "1" };
-    let control_unit = questions.ask(
-        "control-unit",
-        given(&arguments.control_unit),
-        ("The control's unit", other),
-        answers::unit,
-    )?;
-    if control.is_none() && control_unit == unit {
-        say_beside!(
-            "module and control are both unit {unit} of one line: this works only if they are one device"
-        );
-    }
-    Ok(Answers { machine, line, module, variant, unit, signals, axis, limit, target, control, control_unit })
 }
 
-fn variant(
-    questions: &mut Questions<'_>,
-    outline: Option<&Outline>,
-    given: Option<String>,
-) -> anyhow::Result<Option<String>> {
-    let Some(outline) = outline.filter(|outline| !outline.variants.is_empty()) else { return Ok(None) };
-    let variants = &outline.variants;
-    let usual = variants.iter().find(|variant| *variant == "K").or_else(|| variants.first());
-    let what = format!("The template's variant: {}", variants.join(", "));
-    let known = |text: &str| {
-        let found = variants.iter().find(|variant| variant.eq_ignore_ascii_case(text));
-        found.cloned().ok_or_else(|| isotherm_profile::allowed(text, variants.iter().map(String::as_str)))
-    };
-    let usual = usual.map(String::as_str).unwrap_or_default();
-    questions.ask("variant", given, (&what, usual), known).map(Some)
+/// Reads every signal and every offset register once, and prints the values.
+fn show_values(file: &Path, shown: &str) -> anyhow::Result<()> {
+    let profile = load_with(file, &[], false)?;
+    let directory = known_directory(profile.history.directory.as_deref());
+    let status = read_once::once(profile, directory)?;
+    let mut hints = Hints::default();
+    say_all!("{}", read_once::signals(&status, &mut hints))?;
+    say_all!("{}", read_once::fieldbus(&status, &mut hints))?;
+    if let Err(why) = read_once::assess(&status) {
+        say_beside!("{why}");
+        say_beside!(
+            "correct the lines of these signals in {shown}, then repeat: isotherm check {shown} --online"
+        );
+    }
+    Ok(())
 }

@@ -47,14 +47,11 @@ pub(super) fn warned(loaded: Loaded) -> Profile {
     loaded.profile
 }
 
-/// Loads a profile in which at least one axis has a model. A profile without a model can be used to record and
-/// identify, but not to run the gateway.
+/// Loads a profile in which at least one axis has a model. A profile without a model can be used to record, to identify
+/// and to check the sign of an axis.
 pub(super) fn load_modelled(arguments: &ProfileArguments, json: bool) -> anyhow::Result<Loaded> {
-    modelled(&arguments.path, load_quietly(&arguments.path, &arguments.set, json)?)
-}
-
-/// Returns the profile at this path, if at least one of its axes has a model. Otherwise returns an error.
-pub(super) fn modelled(path: &Path, loaded: Loaded) -> anyhow::Result<Loaded> {
+    let path = &arguments.path;
+    let loaded = load_quietly(path, &arguments.set, json)?;
     let axes = &loaded.profile.axes;
     let unmodelled: Vec<&str> = axes.iter().map(|axis| axis.settings.name.as_str()).collect();
     if axes.is_empty() || axes.iter().any(Axis::has_model) {

@@ -6,7 +6,7 @@ use std::time::Duration;
 use serde_json::Value;
 
 use super::command::RunningGateway;
-use super::loading::{ProfileArguments, load_modelled};
+use super::loading::{ProfileArguments, load};
 use super::restart;
 use super::values::typed;
 use crate::cli::print::say_beside;
@@ -48,7 +48,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let Arguments { profile, output, yes, gateway } = arguments;
     let clock = BootClock::default();
     let begun = clock.passed();
-    let profile = load_modelled(profile, gateway.json)?.profile;
+    let profile = load(profile, gateway.json)?;
     let within = restart::limit(clock.passed() - begun);
     let socket = gateway.socket(&profile)?;
     let status: Value = serde_json::from_str(&control::status(&socket)?).unwrap_or_default();

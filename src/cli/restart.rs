@@ -6,7 +6,7 @@ use std::time::Duration;
 use serde_json::Value;
 
 use super::command::RunningGateway;
-use super::loading::{ProfileArguments, WrongProfile, load_modelled};
+use super::loading::{ProfileArguments, WrongProfile, load_quietly};
 use super::running;
 use crate::cli::print::say_beside;
 use crate::clock::BootClock;
@@ -43,7 +43,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let Arguments { profile, gateway, .. } = arguments;
     let clock = BootClock::default();
     let begun = clock.passed();
-    let loaded = load_modelled(profile, gateway.json).inspect_err(|_| {
+    let loaded = load_quietly(&profile.path, &profile.set, gateway.json).inspect_err(|_| {
         // The gateway also reports that the profile is wrong, if it can be found.
         if let Some(said) = report_wrong(&profile.path, gateway) {
             say_beside!("{said}");

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::loading::{ProfileArguments, load_by, load_modelled, modelled, shipped};
+use super::loading::{ProfileArguments, load_by, load_quietly, shipped};
 use super::machines;
 use crate::gateway::{KeptProfile, memory_for_profile};
 use crate::observe::events::Event;
@@ -54,7 +54,7 @@ impl RunProfile {
             Some((path, text)) if !sources.has_file(&arguments.path) => parse_shipped(&path, text, &sources),
             _ => isotherm_profile::load_from(path, &sources),
         })?;
-        Ok(Some(RunProfile { loaded: modelled(path, loaded)?, kept: Some(kept.clone()) }))
+        Ok(Some(RunProfile { loaded, kept: Some(kept.clone()) }))
     }
 }
 
@@ -108,7 +108,7 @@ pub(super) fn read(
     file: Option<File>,
 ) -> anyhow::Result<(Loaded, Option<Sources>)> {
     let ProfileArguments { path, set } = arguments;
-    let Some(file) = file else { return Ok((load_modelled(arguments, false)?, None)) };
+    let Some(file) = file else { return Ok((load_quietly(path, set, false)?, None)) };
     let mut sources = Some(Sources::create(file, &environment(), set));
     let load = || -> Result<Loaded, Errors> {
         let Some(mut kept) = sources.take() else { return isotherm_profile::load(path, set, &environment()) };
@@ -122,7 +122,7 @@ pub(super) fn read(
         sources = Some(kept);
         Ok(loaded)
     };
-    let loaded = modelled(path, load_by(path, false, load)?)?;
+    let loaded = load_by(path, false, load)?;
     Ok((loaded, sources))
 }
 

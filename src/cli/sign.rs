@@ -1,18 +1,28 @@
 //! `isotherm sign`: a guided check with a dial gauge that an axis moves in the right direction.
 
+use std::path::Path;
+use std::time::Duration;
+
+use serde_json::Value;
+
 use super::command::RunningGateway;
 use super::loading::{ProfileArguments, load};
 use super::print::print_json;
 use super::values::typed;
 use crate::cli::print::{say, say_beside};
-use crate::gateway::control;
+use crate::gateway::{control, sign_expectation};
 use crate::observe::status::{Command, DialDirection};
 
+/// Interval of the checks whether the axis is ready.
+const LOOK_AGAIN: Duration = Duration::from_secs(1);
+
 /// Checks with a dial gauge that an axis moves in the right direction. The running gateway moves Cz of the axis by +5
-/// µm and back, within the limits of the profile. You enter the direction in which the pointer of the gauge moved.
+/// µm and back, within the limits of the profile. You enter the direction in which the pointer of the gauge moved. Then
+/// the verb shows the expected direction.
 ///
-/// The axis must be armed and compensating. During the check nothing else changes its Cz. If you do not answer in time,
-/// or leave, the gateway removes the +5 µm.
+/// The axis must be armed. The verb waits until it compensates. An axis without a model is armed for the check only, and
+/// its Cz is zero before and after. During the check nothing else changes Cz. If you do not answer in time, or leave, the
+/// gateway removes the +5 µm.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm sign my-machine.toml --axis z\n  isotherm sign my-machine.toml --axis z --answer plus"
@@ -32,9 +42,15 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let Arguments { profile, axis, answer, gateway } = arguments;
+    let path = &profile.path;
     let profile = load(profile, gateway.json)?;
     let (socket, axis) = (gateway.socket(&profile)?, axis.as_deref());
     let named = axis.or(profile.axes.first().map(|axis| axis.settings.name.as_str())).unwrap_or_default();
+    anyhow::ensure!(
+        axis.is_some() || profile.axes.len() < 2,
+        "there are several axes: name the one that is meant (--axis)"
+    );
+    wait_until_ready(&socket, named, path)?;
     if answer.is_none() {
         say_beside!(
             "Put a dial gauge between tool and work, along {named}, and set it to zero (or look at the \
@@ -43,8 +59,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         );
         typed()?;
     }
-    let (must, _while_it_is_there) = control::sign(&socket, axis, |said| say_beside!("{said}"))?;
-    say_beside!("{must}");
+    let (there, _while_it_is_there) = control::sign(&socket, axis, |said| say_beside!("{said}"))?;
+    say_beside!("{there}");
     let moved = match answer.as_deref() {
         Some(word) => moved(word),
         None => ask()?,
@@ -52,6 +68,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let moved = moved.ok_or_else(|| anyhow::anyhow!("no answer; the gateway removes the offset"))?;
     let said = control::send(&socket, Command::Signed(moved), axis)?;
     if gateway.json {
+        let place = profile.axes.iter().position(|axis| axis.settings.name == named);
+        let must = place.map(|place| format!("{named}: {}", sign_expectation(&profile, place)));
         print_json(&serde_json::json!({
             "axis": named, "must": must, "moved": moved, "right": moved == DialDirection::Plus, "answer": said.text(),
         }))?;
@@ -61,6 +79,63 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     anyhow::ensure!(moved == DialDirection::Plus, "{}", said.text());
     Ok(())
 }
+
+/// Waits until the axis compensates and its registers hold its offset. Prints each new reason for which it waits. An
+/// axis without a model is not waited for, because the check itself arms it.
+fn wait_until_ready(socket: &Path, axis: &str, profile: &Path) -> anyhow::Result<()> {
+    let mut said = String::new();
+    loop {
+        // Without a gateway, this ends with the error.
+        let status: Value = serde_json::from_str(&control::status(socket)?)?;
+        let axes = status["axes"].as_array().map_or(&[][..], Vec::as_slice);
+        let Some(own) = axes.iter().find(|own| own["name"] == axis) else { return Ok(()) };
+        match readiness(own) {
+            Readiness::Ready => return Ok(()),
+            Readiness::Off => anyhow::bail!(
+                "axis {axis} is off; arm it first (`isotherm arm {} --axis {axis}`)",
+                profile.display()
+            ),
+            Readiness::Waits => {}
+        }
+        let why = own["why"].as_str().filter(|why| !why.is_empty());
+        let why = why.unwrap_or("its registers do not hold its offset yet");
+        if why != said {
+            say_beside!("{axis}: waiting until the axis is ready: {why}");
+            why.clone_into(&mut said);
+        }
+        std::thread::sleep(LOOK_AGAIN);
+    }
+}
+
+/// Readiness of an axis for a sign check.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Readiness {
+    /// The gateway can begin the check, or can say why not.
+    Ready,
+    /// The axis is armed or waits to be armed, and does not compensate yet.
+    Waits,
+    /// The axis is off, and nobody has requested to arm it.
+    Off,
+}
+
+/// Returns the readiness of an axis from its part of the status.
+fn readiness(axis: &Value) -> Readiness {
+    if axis["has_model"] == false {
+        return Readiness::Ready;
+    }
+    let is_following = ["active", "degraded"].iter().any(|state| axis["state"] == *state);
+    let apart = |verified: f64, cz: f64| (verified - cz).abs() > SETTLED_UM;
+    let is_behind =
+        axis["verified_um"].as_f64().zip(axis["cz_um"].as_f64()).is_some_and(|(at, cz)| apart(at, cz));
+    match (axis["armed"] == true, axis["waiting"].is_null()) {
+        (true, _) if is_following && !is_behind => Readiness::Ready,
+        (false, true) => Readiness::Off,
+        _ => Readiness::Waits,
+    }
+}
+
+/// Largest distance between Cz and the register of an axis that is ready, µm. The gateway checks it exactly.
+const SETTLED_UM: f64 = 1.0;
 
 fn moved(word: &str) -> Option<DialDirection> {
     DialDirection::ALL.into_iter().find(|(name, _)| *name == word).map(|(_, moved)| moved)
@@ -77,6 +152,39 @@ fn ask() -> anyhow::Result<Option<DialDirection>> {
         let Some(text) = typed()? else { return Ok(None) };
         if let Some(moved) = moved(text.trim()) {
             return Ok(Some(moved));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn the_check_waits_for_an_axis_that_will_compensate_and_for_no_other() {
+        let axis = |armed: bool, state: &str, verified: f64| {
+            json!({ "armed": armed, "state": state, "cz_um": 3.0,
+            "verified_um": verified, "waiting": null, "has_model": true })
+        };
+        for (axis, expected) in [
+            (axis(true, "active", 3.0), Readiness::Ready),
+            (axis(true, "degraded", 3.4), Readiness::Ready),
+            (axis(true, "active", 0.0), Readiness::Waits),
+            (axis(true, "holding", 3.0), Readiness::Waits),
+            (axis(false, "off", 3.0), Readiness::Off),
+            (json!({ "armed": false, "state": "off", "waiting": {}, "has_model": true }), Readiness::Waits),
+            (
+                json!({ "armed": false, "state": "off", "waiting": null, "has_model": false }),
+                Readiness::Ready,
+            ),
+            (
+                json!({ "armed": true, "state": "active", "verified_um": null, "cz_um": 1.0 }),
+                Readiness::Ready,
+            ),
+        ] {
+            assert_eq!(readiness(&axis), expected, "{axis}");
         }
     }
 }

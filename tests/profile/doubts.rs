@@ -66,10 +66,14 @@ fn a_start_that_nothing_tells_is_doubted() {
     doubted(
         &without,
         "machine",
-        &["first good reading", "even if the machine is warm", "on = ", "`difference`"],
+        &[
+            "The model counts from machine start, but no signal tells when that is ([machine] on)",
+            "on = ",
+            "`difference`",
+        ],
     );
     let of_t = without.replacen("reference = \"start\"", "reference = 20.0", 1);
-    doubted(&of_t, "machine", &["`bed only`", "first good reading"]);
+    doubted(&of_t, "machine", &["`bed only`", "stays that of the first run for ever"]);
     let fixed = of_t.replacen("b*t + c", "b + c", 1);
     assert_eq!(parse(&fixed).unwrap().warnings, []);
 }

@@ -315,6 +315,9 @@ catalogue! {
     /// The gateway delays the next change of a register. A late write may still arrive, and the change would be too far
     /// from its value.
     WaitsForLateWrite = warning("waits-for-late-write").hint(LOSES_ANSWERS);
+    /// The previous run did not stop in order, or nothing is known of it. One of its writes may still arrive. Therefore
+    /// the gateway first only reads the register.
+    WaitsAfterStart = info("waits-after-start");
     /// Writes to a register are acknowledged, but the register cannot be read.
     NotReadBack = info("not-read-back").word(UNVERIFIED);
     /// The acknowledge signal of the control was set before the gateway set the strobe signal, and stayed set.

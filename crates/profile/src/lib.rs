@@ -8,6 +8,7 @@
 //! - `load`, `merge`, `schema_check`, `source_map`: reading the layers, merging them, checking them against the schema,
 //!   and the place of each key.
 //! - `syntax_errors`: the mistakes of a file that is no valid TOML, without their consequences.
+//! - [`edit`]: a model put into the text of a profile; comments stay.
 //! - `overridden_keys`, `protected_keys`: keys that the layers change, and keys that they must not change.
 //! - `file_kind`: kinds of files by their content, to name a file in the place of another.
 //! - `files`, `sources`: files that a profile names, and the record of everything that was read.
@@ -27,6 +28,7 @@ mod dbc;
 mod digest;
 mod document;
 mod duration;
+pub mod edit;
 mod error;
 mod file_kind;
 mod files;
@@ -71,7 +73,8 @@ pub use kinds::modbus::serial::{Parity, Serial};
 pub use kinds::opcua::connection::{OpcUa, Security, User, server_url};
 pub use kinds::opcua::nodes::{ReadBy, SourceTime};
 pub use load::{
-    Loaded, environment, load, load_and_keep, load_before_certificates, load_from, parse, parse_with,
+    Loaded, environment, load, load_and_keep, load_before_certificates, load_from, parse, parse_beside,
+    parse_with,
 };
 pub use overridden_keys::Overridden;
 pub use profile::Profile;
@@ -112,4 +115,4 @@ pub use tables::signal::limits::{DefaultLimits, DefaultRange};
 pub use tables::signal::unit::Unit;
 pub use tables::web::{Commands, Language, PLAIN, Web, WebTls};
 pub use template::Template;
-pub use wording::{counted, duration_text};
+pub use wording::{NO_MACHINE_START, counted, duration_text};

@@ -158,6 +158,16 @@ pub fn parse_with(
     layered(&[(name.to_owned(), text.to_owned())], &Files::Inside(files), settings, environment)
 }
 
+/// Loads a profile from a text that is not saved yet, as if it were the file at this path: files that it names are next
+/// to that path. Other layers do not apply.
+///
+/// # Errors
+/// All mistakes in the profile, each with its place.
+pub fn parse_beside(path: &Path, text: &str) -> Result<Loaded, Errors> {
+    let disk = Disk::new(path.parent().unwrap_or(Path::new("")), Certificates::Needed, None);
+    layered(&[(path.to_owned(), text.to_owned())], &Files::Beside(&disk), &[], &[])
+}
+
 /// Returns the environment variables that begin with `ISOTHERM_`: those that set keys of a profile, and others that may
 /// be misspelled.
 pub fn environment() -> Vec<(String, String)> {

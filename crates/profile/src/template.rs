@@ -24,7 +24,7 @@ mod shipped;
 mod used;
 
 pub use changes::changes;
-pub use outline::{Outline, on_modbus, on_text};
+pub use outline::{Outline, OutlineTarget, outlines};
 pub use schema::schema;
 pub(crate) use shipped::dbc;
 pub use shipped::names;

@@ -1,7 +1,10 @@
 //! Answers to the questions, and their checks.
 
-use isotherm_profile::allowed;
-use isotherm_profile::template::{Outline, on_modbus, on_text};
+use super::serial_settings::SerialSettings;
+use super::value_form::ValueForm;
+use crate::discovery::{Register, Table};
+use isotherm_profile::template::Outline;
+use isotherm_profile::{Flag, allowed};
 
 /// Values from which the first profile is written.
 #[derive(Clone, Debug, PartialEq)]
@@ -9,28 +12,30 @@ pub(super) struct Answers {
     pub(super) machine: String,
     pub(super) line: Line,
     pub(super) module: Module,
-    pub(super) variant: Option<String>,
     pub(super) unit: u8,
     pub(super) signals: Vec<String>,
     pub(super) axis: String,
+    /// Whether the position of the axis is a diameter, as that of X of a lathe.
+    pub(super) diameter: bool,
     pub(super) limit: f64,
     pub(super) target: Target,
     /// Line of the control, if it is not the line of the module.
     pub(super) control: Option<Line>,
     pub(super) control_unit: u8,
+    pub(super) machine_on: MachineOn,
 }
 
 /// Line to which the module or the control is connected: Modbus, or text from the module.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Line {
     Tcp(String),
-    Serial(String),
+    Serial(String, SerialSettings),
 }
 
 impl Line {
     pub(super) fn parse(text: &str) -> Result<Line, String> {
         if text.starts_with('/') {
-            return Ok(Line::Serial(text.to_owned()));
+            return Ok(Line::Serial(text.to_owned(), SerialSettings::default()));
         }
         let example = "write 192.168.0.10:502, or /dev/ttyUSB0";
         if text.contains("//") {
@@ -55,69 +60,141 @@ impl Line {
     }
 }
 
-/// Returns the shipped templates of modules that measure temperatures.
-pub(super) fn modules() -> impl Iterator<Item = Outline> {
-    on_modbus().chain(on_text()).filter(|outline| !outline.temperatures.is_empty())
+/// Module that measures the temperatures.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Module {
+    Template(Box<ModuleTemplate>),
+    /// Module without a template: the register of the first temperature, and the form of each.
+    SpelledOut(Register, ValueForm),
 }
 
-/// Module that measures the temperatures.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Module {
-    Template(Outline),
-    SpelledOut,
+/// Template of the module, with the answers that it needs.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct ModuleTemplate {
+    pub(super) outline: Outline,
+    pub(super) variant: Option<String>,
+    /// First register of the module, if its template does not fix it.
+    pub(super) base: Option<u16>,
+    /// Keys of the channels that the template leaves to the profile, each with its value in the notation of a profile.
+    pub(super) keys: Vec<(String, String)>,
 }
 
 impl Module {
-    pub(super) fn parse(text: &str) -> Result<Module, String> {
-        if text == "none" {
-            return Ok(Module::SpelledOut);
-        }
-        let found = modules().find(|outline| outline.name == text);
-        let known = || modules().map(|outline| outline.name);
-        found.map(Module::Template).ok_or_else(|| allowed(text, known().chain(["none"])))
+    pub(super) fn template(&self) -> Option<&ModuleTemplate> {
+        if let Module::Template(template) = self { Some(template) } else { None }
     }
 
     /// Returns whether the module sends lines of text, so that the control needs a line of its own.
     pub(super) fn sends_text(&self) -> bool {
-        self.outline().is_some_and(|outline| outline.sends_text)
+        self.template().is_some_and(|template| template.outline.sends_text)
     }
+}
 
-    pub(super) fn outline(&self) -> Option<&Outline> {
-        if let Module::Template(outline) = self { Some(outline) } else { None }
+/// Finds the template of a module by its name; `None` for the answer `none`.
+pub(super) fn module(text: &str, known: &[Outline]) -> Result<Option<Outline>, String> {
+    if text == "none" {
+        return Ok(None);
     }
-
-    /// Returns how many temperatures the module can measure.
-    pub(super) fn channels(&self) -> usize {
-        self.outline().map_or(32, |outline| outline.temperatures.len())
-    }
+    let found = known.iter().find(|outline| outline.name == text).cloned();
+    let names = || known.iter().map(|outline| outline.name.as_str()).chain(["none"]);
+    found.map(Some).ok_or_else(|| allowed(text, names()))
 }
 
 /// Register or template by which Cz is written.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) enum Target {
-    /// Device template, and the name of the output in it to which Cz is written.
-    Template(Outline, String),
+    Template(Box<ControlTemplate>),
+    Register(u16, ValueForm),
+}
+
+/// Template of the control, with the answers that it needs.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct ControlTemplate {
+    pub(super) outline: Outline,
+    /// Target to which Cz is written.
+    pub(super) target: String,
+    /// First register of the control, if its template does not fix it.
+    pub(super) base: Option<u16>,
+    /// Keys of the output that differ from the template, each with its value in the notation of a profile.
+    pub(super) keys: Vec<(String, String)>,
+}
+
+/// Destination of Cz before its form is known.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Destination {
+    Template(Outline),
     Register(u16),
 }
 
-impl Target {
-    pub(super) fn parse(text: &str, axis: &str) -> Result<Target, String> {
-        if let Some(register) = text.strip_prefix("holding:") {
-            let register = register
-                .parse()
-                .map_err(|_| "write a register such as holding:104, from 0 to 65534".to_owned());
-            return register.map(Target::Register);
-        }
-        let mut taking = on_modbus().filter(|outline| !outline.targets.is_empty());
-        let known = || on_modbus().filter(|outline| !outline.targets.is_empty()).map(|outline| outline.name);
-        let outline = taking.find(|outline| outline.name == text);
-        let outline = outline
-            .ok_or_else(|| format!("{}; or write a register such as holding:104", allowed(text, known())))?;
-        let target =
-            outline.targets.iter().find(|target| *target == axis).or_else(|| outline.targets.first());
-        let target = target.cloned().unwrap_or_default();
-        Ok(Target::Template(outline, target))
+/// Parses a template of a control, or a register in either notation.
+pub(super) fn destination(text: &str, known: &[Outline]) -> Result<Destination, String> {
+    if let Some(outline) = known.iter().find(|outline| outline.name == text) {
+        return Ok(Destination::Template(outline.clone()));
     }
+    let looks_like_a_register = text.contains(':') || text.bytes().all(|byte| byte.is_ascii_digit());
+    if looks_like_a_register {
+        let register: Register = text.parse()?;
+        return match register {
+            Register { table: Table::Holding, offset } if offset < u16::MAX => {
+                Ok(Destination::Register(offset))
+            }
+            _ => {
+                Err(format!("{text} cannot be written: write a holding register, from holding:0 (40001) on"))
+            }
+        };
+    }
+    let names = known.iter().map(|outline| outline.name.as_str());
+    Err(format!("{}; or write a register such as holding:104, which is 40105", allowed(text, names)))
+}
+
+/// Parses the register of the first temperature, in either notation.
+pub(super) fn first_register(text: &str) -> Result<Register, String> {
+    let register: Register = text.parse()?;
+    match register.table {
+        Table::Input | Table::Holding => Ok(register),
+        Table::Coil | Table::Discrete => {
+            Err(format!("{text} is one bit: write an input or holding register, such as input:0"))
+        }
+    }
+}
+
+/// Signal that is set while the machine is on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum MachineOn {
+    /// No signal shows when the machine is switched on.
+    Unknown,
+    /// Channel of the control's template.
+    Channel(String),
+    /// Coil, discrete input, or bit of a register of the control.
+    Bit(Flag),
+}
+
+/// Parses the signal that is set while the machine is on. `channels` are the bits of the control's template.
+pub(super) fn machine_on(text: &str, channels: &[String]) -> Result<MachineOn, String> {
+    if text == "none" {
+        return Ok(MachineOn::Unknown);
+    }
+    if channels.iter().any(|channel| channel == text) {
+        return Ok(MachineOn::Channel(text.to_owned()));
+    }
+    if !text.bytes().any(|byte| byte.is_ascii_digit()) {
+        let words = channels.iter().map(String::as_str).chain(["none"]);
+        return Err(format!("{}; or write a bit such as discrete:0 or holding:16.3", allowed(text, words)));
+    }
+    let flag: Flag = text.parse()?;
+    match (flag.bit, flag.address.table.is_bits()) {
+        (None, false) => Err(format!("{text} is a whole register: add the bit, such as {text}.0")),
+        _ => Ok(MachineOn::Bit(flag)),
+    }
+}
+
+/// Parses the first register of a block: a number, or a register in either notation. Five digits that begin with 3 or 4
+/// are a Modicon number, as elsewhere.
+pub(super) fn base(text: &str) -> Result<u16, String> {
+    let is_modicon = text.len() > 4 && text.starts_with(['3', '4']);
+    let register = || text.parse::<Register>().ok().map(|register| register.offset);
+    let base = if is_modicon || text.contains(':') { register() } else { text.parse().ok() };
+    base.ok_or_else(|| "write the first register, such as 100 or holding:100, which is 40101".to_owned())
 }
 
 pub(super) fn machine(text: &str) -> Result<String, String> {
@@ -161,5 +238,5 @@ pub(super) fn unit(text: &str) -> Result<u8, String> {
 
 pub(super) fn limit(text: &str) -> Result<f64, String> {
     let limit = text.replace(',', ".").parse().ok().filter(|limit| (1.0..=500.0).contains(limit));
-    limit.ok_or_else(|| "write micrometres from 1 to 500, such as 40".to_owned())
+    limit.ok_or_else(|| "write micrometres from 1 to 500, such as 10".to_owned())
 }

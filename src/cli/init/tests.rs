@@ -1,12 +1,38 @@
+use std::path::Path;
+
+use super::answers::{ControlTemplate, Line, MachineOn, Module, ModuleTemplate, Target};
+use super::serial_settings::SerialSettings;
 use super::*;
-use isotherm_profile::preview;
-use isotherm_profile::template::on_text;
+use crate::discovery::bus::Parity;
+use isotherm_profile::template::Outline;
+use isotherm_profile::{Writes, preview};
+
+/// Answers up to the destination of Cz by Enter, then a register with type, word order and scale, then Enter again.
+const USUAL: &str = "\n\n\n\n\n\n\n\n\n\n40105\ni32\nmsw-first\n0.1\n\n\n\n";
+
+const FOUND: SerialSettings = SerialSettings { baud: 19_200, parity: Parity::Even };
+
+fn known() -> Vec<Outline> {
+    outlines(Path::new("/nowhere"))
+}
+
+/// Asks with these options. A unit on a port that begins with `/dev/tty` answers with [`FOUND`].
+fn answered_with(options: &[&str], lines: &str) -> (anyhow::Result<Answers>, String, String) {
+    let words = ["init"].into_iter().chain(options.iter().copied());
+    let arguments = <Parser as clap::Parser>::parse_from(words).arguments;
+    let (mut input, mut shown) = (lines.as_bytes(), Vec::<u8>::new());
+    let mut questions = Questions::new(&mut input, &mut shown, arguments.yes);
+    let find = |port: &str, _: u8| -> Result<Option<SerialSettings>, String> {
+        Ok(port.starts_with("/dev/tty").then_some(FOUND))
+    };
+    let answers = ask::ask(&arguments, &known(), &find, &mut questions);
+    let command = questions.command("first.toml");
+    (answers, String::from_utf8(shown).unwrap(), command)
+}
 
 fn answered(lines: &str) -> (anyhow::Result<Answers>, String) {
-    let arguments = <Parser as clap::Parser>::parse_from(["init"]).arguments;
-    let mut shown = Vec::new();
-    let answers = ask(&arguments, &mut lines.as_bytes(), &mut shown);
-    (answers, String::from_utf8(shown).unwrap())
+    let (answers, shown, _) = answered_with(&[], lines);
+    (answers, shown)
 }
 
 #[derive(clap::Parser)]
@@ -18,39 +44,91 @@ struct Parser {
 #[track_caller]
 fn taken(answers: &Answers) -> isotherm_profile::Profile {
     let text = text::profile(answers);
-    let profile = isotherm_profile::parse(std::path::Path::new("first.toml"), &text, &[], &[]);
+    let profile = isotherm_profile::parse(Path::new("first.toml"), &text, &[], &[]);
     profile.unwrap_or_else(|errors| panic!("{errors}\n{text}")).profile
 }
 
+#[track_caller]
 fn usual() -> Answers {
-    answered(&"\n".repeat(20)).0.unwrap()
+    let (answers, shown) = answered(USUAL);
+    answers.unwrap_or_else(|error| panic!("{error}\n{shown}"))
 }
 
 #[test]
-fn enter_alone_gives_a_profile_that_check_takes() {
+fn the_defaults_and_a_register_give_a_profile_that_check_takes() {
     let profile = taken(&usual());
     assert_eq!(profile.name, "my-machine");
     assert_eq!(profile.signals.len(), 2);
+    assert_eq!(profile.outputs[0].writes, Writes::Offset);
+    let limit = profile.axes[0].settings.guard.limit.get();
+    assert!((limit - 10.0).abs() < 1e-9, "{limit}");
     let warnings: Vec<String> = preview::warnings(&profile).iter().map(ToString::to_string).collect();
     assert!(warnings.iter().all(|warning| warning.contains("model")), "{warnings:?}");
 }
 
 #[test]
+fn nothing_that_moves_an_axis_has_a_default() {
+    let (answers, shown) = answered(&"\n".repeat(40));
+    let why = answers.unwrap_err().to_string();
+    assert!(why.contains("the answers ended before `Destination of Cz"), "{why}");
+    assert!(shown.contains("this question has no default"), "{shown}");
+    for (options, missing) in [
+        (&["--yes"][..], "--output is needed"),
+        (&["--yes", "--output", "40105"][..], "--output-type is needed"),
+        (&["--yes", "--output", "40105", "--output-type", "i32"][..], "--output-word-order is needed"),
+        (&["--yes", "--output", "40105", "--output-type", "i16"][..], "--output-scale is needed"),
+        (&["--yes", "--output", "plc-block"][..], "--control-base is needed"),
+        (&["--yes", "--axis", "x", "--output", "linuxcnc-eoffset"][..], "--diameter is needed"),
+    ] {
+        let (answers, ..) = answered_with(options, "");
+        let why = answers.unwrap_err().to_string();
+        assert!(why.contains(missing), "{options:?}: {why}");
+    }
+}
+
+#[test]
+fn the_template_of_the_control_gives_the_form_of_the_offset() {
+    let (answers, ..) = answered_with(&["--yes", "--output", "plc-block", "--control-base", "40101"], "");
+    let Target::Template(template) = answers.unwrap().target else { panic!("plc-block is a template") };
+    let ControlTemplate { base, keys, target, .. } = *template;
+    assert_eq!((base, keys, target.as_str()), (Some(100), vec![], "z"));
+    let options = ["--yes", "--output", "plc-block", "--control-base", "0", "--output-scale", "-0.1"];
+    let answers = answered_with(&options, "").0.unwrap();
+    let profile = taken(&answers);
+    let scale = profile.outputs[0].encoding.scale.get();
+    assert!((scale + 0.1).abs() < 1e-9, "the profile overrides the template: {scale}");
+}
+
+#[test]
 fn every_module_and_every_control_that_is_offered_gives_a_profile_that_check_takes() {
-    for outline in on_modbus().chain(on_text()) {
+    for outline in known() {
         let mut answers = usual();
         answers.control = outline.sends_text.then(|| Line::Tcp("192.168.0.20:502".to_owned()));
         if !outline.temperatures.is_empty() {
             answers.signals = (0..outline.temperatures.len()).map(|place| format!("s{place}")).collect();
-            answers.variant = outline.variants.first().cloned();
-            answers.module = Module::Template(outline.clone());
+            let value = |key: &str| if key == "word_order" { "\"msw-first\"" } else { "0.1" };
+            answers.module = Module::Template(Box::new(ModuleTemplate {
+                variant: outline.variants.first().cloned(),
+                base: outline.is_movable.then_some(0),
+                keys: outline.asks.iter().map(|(key, _)| (key.clone(), value(key).to_owned())).collect(),
+                outline: outline.clone(),
+            }));
             taken(&answers);
         }
-        for axis in &outline.targets {
+        for target in outline.targets.iter().filter(|_| !outline.sends_text) {
             let mut answers = usual();
-            answers.axis.clone_from(axis);
-            answers.target = Target::parse(outline.name, axis).unwrap();
-            taken(&answers);
+            answers.axis.clone_from(&target.name);
+            answers.target = Target::Template(Box::new(ControlTemplate {
+                target: target.name.clone(),
+                base: outline.is_movable.then_some(0),
+                keys: Vec::new(),
+                outline: outline.clone(),
+            }));
+            if let Some(bit) = outline.bits.first() {
+                answers.machine_on = MachineOn::Channel(bit.clone());
+            }
+            let profile = taken(&answers);
+            assert_eq!(profile.machine.on.is_some(), !outline.bits.is_empty(), "{}", outline.name);
         }
     }
 }
@@ -58,43 +136,102 @@ fn every_module_and_every_control_that_is_offered_gives_a_profile_that_check_tak
 #[test]
 fn what_is_no_answer_is_asked_for_again_with_the_reason() {
     let (answers, shown) = answered(
-        "Press 7\npress-7\nhttp://192.168.0.10\ncan0\n/dev/ttyUSB0\nicp-das-m7081\nicp-das-m7018\n0\n3\nbed,bed\nbed,col umn\nbed\n\
-         1z\ny\n9000\n25,5\nplc-blok\nplc-block\n192.168.0.20\n\n",
+        "Press 7\npress-7\nhttp://192.168.0.10\ncan0\n/dev/ttyUSB0\nicp-das-m7081\nicp-das-m7018\n0\n3\nperhaps\nyes\n\n\n\
+         bed,bed\nbed,col umn\nbed\n1z\ny\n9000\n25,5\nplc-blok\ninput:3\nplc-block\nhundred\n100\n\n\n0\n\n192.168.0.20\n\n\
+         referenced\n",
     );
-    let answers = answers.unwrap();
-    assert_eq!((answers.machine.as_str(), answers.unit, answers.limit), ("press-7", 3, 25.5));
+    let answers = answers.unwrap_or_else(|error| panic!("{error}\n{shown}"));
+    assert_eq!((answers.machine.as_str(), answers.unit), ("press-7", 3));
+    assert!((answers.limit - 25.5).abs() < 1e-9);
     assert_eq!(
-        (answers.line, answers.control),
-        (Line::Serial("/dev/ttyUSB0".to_owned()), Some(Line::Tcp("192.168.0.20:502".to_owned())))
+        (&answers.line, &answers.control),
+        (&Line::Serial("/dev/ttyUSB0".to_owned(), FOUND), &Some(Line::Tcp("192.168.0.20:502".to_owned())))
     );
-    assert_eq!((answers.signals, answers.axis), (vec!["bed".to_owned()], "y".to_owned()));
+    assert_eq!((&answers.signals, answers.axis.as_str()), (&vec!["bed".to_owned()], "y"));
+    assert_eq!(answers.machine_on, MachineOn::Channel("referenced".to_owned()));
+    taken(&answers);
     for why in [
         "lower-case letters, digits and hyphens",
         "an address without a prefix",
         "can0 is a CAN interface",
         "did you mean `icp-das-m7018`?",
         "a unit from 1 to 247",
+        "write yes or no",
+        "unit 3 answers at 19200 baud, parity even",
         "bed is given twice",
         "`col umn`",
         "`1z`",
         "from 1 to 500",
         "did you mean `plc-block`?",
+        "input:3 cannot be written",
+        "write the first register",
+        "a number other than 0",
     ] {
         assert!(shown.contains(why), "{why}: {shown}");
     }
 }
 
 #[test]
+fn a_question_mark_explains_every_question() {
+    let explained = USUAL.split('\n').map(|answer| format!("?\n{answer}\n")).collect::<String>();
+    let (answers, shown) = answered(&explained);
+    assert_eq!(answers.unwrap_or_else(|error| panic!("{error}\n{shown}")), usual());
+    for help in ["The name becomes part of file names", "one-based as 40105", "its reference temperature"] {
+        assert!(shown.contains(help), "{help}: {shown}");
+    }
+}
+
+#[test]
+fn the_settings_of_a_line_are_tried_only_after_a_yes() {
+    let (answers, shown, _) = answered_with(&["--bus", "/dev/ttyUSB0"], "\n\n\nno\n4800\nodd\n");
+    let why = answers.unwrap_err().to_string();
+    assert!(
+        why.contains("Register of the first temperature") && !shown.contains("answers at"),
+        "{why} {shown}"
+    );
+    let options = ["--yes", "--bus", "/dev/ttyUSB0", "--output", "linuxcnc-eoffset"];
+    let answers = answered_with(&options, "").0.unwrap();
+    assert_eq!(answers.line, Line::Serial("/dev/ttyUSB0".to_owned(), SerialSettings::default()));
+    let options = ["--bus", "/dev/nothing", "--module", "none", "--unit", "4"];
+    let (_, shown, _) = answered_with(&options, "\nyes\n\n");
+    assert!(shown.contains("unit 4 answers with no setting"), "{shown}");
+}
+
+#[test]
+fn the_signal_that_shows_the_machine_on_becomes_the_machine_start() {
+    for (answer, address) in [("holding:16.3", "holding:16"), ("10004", "discrete:3"), ("coil:7", "coil:7")] {
+        let answers = answered(&USUAL.replacen("0.1\n\n\n\n", &format!("0.1\n\n\n{answer}\n"), 1)).0.unwrap();
+        let profile = taken(&answers);
+        let on = profile.machine.on.map(|id| profile.signal(id)).unwrap();
+        let register = on.address.register().unwrap().to_string();
+        assert_eq!((on.name.as_str(), register.as_str()), ("machine_on", address));
+    }
+    let (_, shown) = answered(&USUAL.replacen("0.1\n\n\n\n", "0.1\n\n\nholding:5\n\n", 1));
+    assert!(shown.contains("add the bit"), "{shown}");
+}
+
+#[test]
+fn the_diameter_is_asked_for_on_the_axis_of_a_lathe() {
+    let lines = USUAL.replacen("\n\n\n40105", "\nx\n\nyes\n\n40105", 1);
+    let (answers, shown) = answered(&lines);
+    let profile = taken(&answers.unwrap_or_else(|error| panic!("{error}\n{shown}")));
+    assert!(profile.axes[0].diameter, "{shown}");
+}
+
+#[test]
 fn a_module_that_sends_text_is_on_a_line_of_its_own() {
     let (answers, shown) = answered(
-        "press-7\n/dev/ttyUSB0\nicp-das-i7018-dcon\n\n4\nbed,column\nz\n40\nholding:104\nsame\n/dev/ttyUSB1\n\n",
+        "press-7\n/dev/ttyUSB0\nicp-das-i7018-dcon\n\n4\n\n\nbed,column\nz\n40\nholding:104\ni32\nmsw-first\n0.1\nsame\n\
+         /dev/ttyUSB1\n\nno\n\n\n\n",
     );
     let answers = answers.unwrap_or_else(|error| panic!("{error}\n{shown}"));
     assert!(shown.contains("the control needs another line"), "{shown}");
-    assert_eq!(answers.control, Some(Line::Serial("/dev/ttyUSB1".to_owned())));
-    assert_eq!(answers.variant.as_deref(), Some("checksum-off"));
+    assert_eq!(answers.control, Some(Line::Serial("/dev/ttyUSB1".to_owned(), SerialSettings::default())));
+    let variant = answers.module.template().and_then(|template| template.variant.as_deref());
+    assert_eq!(variant, Some("checksum-off"));
     let profile = taken(&answers);
-    assert!(profile.signals.iter().all(|signal| signal.address.text().is_some()), "{profile:?}");
+    let measured = profile.signals.iter().filter(|signal| signal.name != "machine_on");
+    assert!(measured.map(|signal| signal.address.text()).all(|text| text.is_some()), "{profile:?}");
     assert_eq!(profile.buses.len(), 2);
 }
 
@@ -103,4 +240,31 @@ fn answers_that_end_write_nothing() {
     let (answers, _) = answered("press-7\n");
     let why = answers.unwrap_err().to_string();
     assert!(why.contains("the answers ended") && why.contains("--yes"), "{why}");
+}
+
+#[test]
+fn the_command_with_all_answers_gives_the_same_profile() {
+    let (answers, _, command) = answered_with(&[], USUAL);
+    let words: Vec<&str> = command.split(' ').skip(3).collect();
+    assert_eq!((words[0], words.last()), ("--yes", Some(&"--machine-on=none")), "{command}");
+    let again = answered_with(&words, "").0.unwrap();
+    assert_eq!(again, answers.unwrap(), "{command}");
+}
+
+#[test]
+fn a_file_that_exists_keeps_the_answers_for_another_file() {
+    let home = tempfile::tempdir().unwrap();
+    let (taken, free) = (home.path().join("taken.toml"), home.path().join("free.toml"));
+    std::fs::write(&taken, "of another machine").unwrap();
+    let lines = format!("\n{}\n{}\n", taken.display(), free.display());
+    let (mut input, mut shown) = (lines.as_bytes(), Vec::<u8>::new());
+    let mut questions = Questions::new(&mut input, &mut shown, false);
+    let written = write(Some(&taken), &usual(), &mut questions).unwrap();
+    assert_eq!(written, free);
+    assert_eq!(std::fs::read_to_string(&taken).unwrap(), "of another machine");
+    assert!(std::fs::read_to_string(&free).unwrap().contains("[output.cnc_z]"));
+    let (mut input, mut shown) = ("".as_bytes(), Vec::<u8>::new());
+    let mut questions = Questions::new(&mut input, &mut shown, false);
+    let why = write(Some(&taken), &usual(), &mut questions).unwrap_err().to_string();
+    assert!(why.contains("exists already") && why.contains("isotherm init OTHER.toml --yes"), "{why}");
 }

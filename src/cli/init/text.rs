@@ -2,7 +2,8 @@
 
 use std::fmt::Write;
 
-use super::answers::{Answers, Line, Module, Target};
+use super::answers::{Answers, Line, MachineOn, Module, Target};
+use crate::discovery::Register;
 
 /// Returns the text of a profile with comments, which `check` accepts.
 pub(super) fn profile(answers: &Answers) -> String {
@@ -17,7 +18,18 @@ fn write_profile(text: &mut String, answers: &Answers) -> std::fmt::Result {
     writeln!(
         text,
         "# Written by `isotherm init`. `isotherm check` explains it; `isotherm schema` is the JSON Schema for an editor.\n\n\
-         [machine]\nname   = \"{machine}\"\nsettle = \"3min\"                     # \"start\" references are the mean over this long\n\
+         [machine]\nname   = \"{machine}\""
+    )?;
+    match answers.machine_on {
+        MachineOn::Unknown => writeln!(
+            text,
+            "# on   = \"machine_on\"               # a signal that is 1 while the machine is on: \"start\" references need it"
+        )?,
+        _ => writeln!(text, "on     = \"machine_on\"               # its rising edge is the machine start")?,
+    }
+    writeln!(
+        text,
+        "settle = \"3min\"                     # \"start\" references are the mean over this long\n\
          arm    = \"manual\"                   # nothing is written before `isotherm arm`; \"auto\" arms by itself\n"
     )?;
     match answers.module.sends_text() {
@@ -28,28 +40,27 @@ fn write_profile(text: &mut String, answers: &Answers) -> std::fmt::Result {
         line(text, "control", control)?;
     }
     module(text, answers)?;
-    let control_bus = if answers.control.is_some() { "control" } else { "cell" };
-    writeln!(
-        text,
-        "[device.cnc]                         # the control\nbus   = \"{control_bus}\"\nunit  = {}\nevery = \"1s\"",
-        answers.control_unit
-    )?;
-    if let Target::Template(outline, _) = &answers.target {
-        writeln!(text, "template = \"{}\"", outline.name)?;
-        if outline.is_movable {
-            writeln!(text, "base  = 0                           # first register; ask the machine builder")?;
-        }
-    }
+    control(text, answers)?;
+    machine_on(text, &answers.machine_on)?;
     let first = answers.signals.first().map(String::as_str).unwrap_or_default();
     writeln!(
         text,
-        "\n[axis.{axis}]\nlimit    = {limit:?}                     # µm: |Cz| is never larger\n\
+        "[axis.{axis}]\nlimit    = {limit:?}                     # µm: |Cz| is never larger\n\
          step     = 1.0                      # µm: largest change of one update\n\
          rate     = 0.5                      # µm per second\ndeadband = 0.1                      # µm: smaller changes are not made\n\
-         every    = \"10s\"                    # interval between updates\n\
-         on_fault = {{ action = \"ramp\", after = \"60s\" }}\n\n\
+         every    = \"10s\"                    # interval between updates"
+    )?;
+    if answers.diameter {
+        writeln!(
+            text,
+            "diameter = true                     # the position is a diameter: twice Cz is written"
+        )?;
+    }
+    writeln!(
+        text,
+        "on_fault = {{ action = \"ramp\", after = \"60s\" }}\n\n\
          # The coefficients come from the machine: record a few days with `isotherm record`, and measure the error at the same time.\n\
-         # Then replace these lines by the output of `isotherm identify`. Cz = -e; without a model nothing is compensated.\n\
+         # `isotherm identify --into-profile` then adds the model here. Cz = -e; without a model nothing is compensated.\n\
          # [[axis.{axis}.model]]\n# name  = \"{first}\"\n# kind  = \"linear\"\n\
          # terms = [ {{ signal = \"{first}\", gain = -4.0, reference = \"start\" }} ]   # µm per °C\n"
     )?;
@@ -68,11 +79,13 @@ fn line(text: &mut String, name: &str, line: &Line) -> std::fmt::Result {
             "[bus.{name}]\ntype    = \"modbus-tcp\"\naddress = \"{address}\"\n\
              timeout = \"300ms\"                   # shorter than every `every` below\n"
         ),
-        Line::Serial(port) => writeln!(
+        Line::Serial(port, settings) => writeln!(
             text,
             "[bus.{name}]\ntype    = \"modbus-rtu\"\nport    = \"{port}\"             # a name below /dev/serial/by-id stays the same\n\
-             baud    = 9600                      # the setting of the devices\nparity  = \"none\"\nstop_bits = 1\n\
-             timeout = \"300ms\"                   # shorter than every `every` below\n"
+             baud    = {}                      # the setting of the devices\nparity  = \"{}\"\nstop_bits = 1\n\
+             timeout = \"300ms\"                   # shorter than every `every` below\n",
+            settings.baud,
+            settings.parity.word()
         ),
     }
 }
@@ -85,12 +98,14 @@ fn line_of_text(text: &mut String, name: &str, line: &Line) -> std::fmt::Result 
             "[bus.{name}]                           # lines of text through a serial server\ntype    = \"serial-ascii\"\n\
              address = \"{address}\"\ntimeout = \"300ms\"                   # shorter than every `every` below\n"
         ),
-        Line::Serial(port) => writeln!(
+        Line::Serial(port, settings) => writeln!(
             text,
             "[bus.{name}]                           # lines of text\ntype    = \"serial-ascii\"\n\
              port    = \"{port}\"             # a name below /dev/serial/by-id stays the same\n\
-             baud    = 9600                      # the setting of the module\ndata_bits = 8\nparity  = \"none\"\n\
-             stop_bits = 1\ntimeout = \"300ms\"                   # shorter than every `every` below\n"
+             baud    = {}                      # the setting of the module\ndata_bits = 8\nparity  = \"{}\"\n\
+             stop_bits = 1\ntimeout = \"300ms\"                   # shorter than every `every` below\n",
+            settings.baud,
+            settings.parity.word()
         ),
     }
 }
@@ -98,38 +113,51 @@ fn line_of_text(text: &mut String, name: &str, line: &Line) -> std::fmt::Result 
 fn module(text: &mut String, answers: &Answers) -> std::fmt::Result {
     writeln!(
         text,
-        "[device.module]                      # the thermocouple module\nbus   = \"cell\"\nunit  = {}\nevery = \"1s\"                        # how \
+        "[device.module]                      # the temperature module\nbus   = \"cell\"\nunit  = {}\nevery = \"1s\"                        # how \
          often it is read",
         answers.unit
     )?;
-    if let Module::Template(outline) = &answers.module {
-        writeln!(text, "template = \"{}\"   # {}", outline.name, outline.title)?;
-        if let Some(variant) = &answers.variant {
+    if let Some(template) = answers.module.template() {
+        writeln!(text, "template = \"{}\"   # {}", template.outline.name, template.outline.title)?;
+        if let Some(variant) = &template.variant {
             writeln!(text, "variant = \"{variant}\"")?;
         }
-        if outline.is_movable {
+        if let Some(base) = template.base {
             writeln!(
                 text,
-                "base  = 0                           # first register; it depends on the node's modules"
+                "base  = {base}                           # first register; it depends on the node's modules"
             )?;
         }
     }
     for (place, signal) in answers.signals.iter().enumerate() {
         writeln!(text, "\n[signal.{signal}]\ndevice   = \"module\"")?;
-        match answers.module.outline().and_then(|outline| outline.temperatures.get(place)) {
-            Some(channel) => {
+        match &answers.module {
+            Module::Template(template) => {
+                let channel =
+                    template.outline.temperatures.get(place).map(String::as_str).unwrap_or_default();
                 writeln!(text, "channel  = {channel}")?;
-                for (key, why) in answers.module.outline().into_iter().flat_map(|outline| &outline.asks) {
-                    let guess = if key == "word_order" { "\"msw-first\"" } else { "0.1" };
-                    writeln!(text, "{key:<8} = {guess}   # A GUESS, to be tried: {why}")?;
+                for (key, value) in &template.keys {
+                    writeln!(text, "{key:<8} = {value}   # compare with a thermometer")?;
                 }
             }
-            None => writeln!(
-                text,
-                "register = \"input:{place}\"                # zero-based; \"3{:04}\" means the same\ntype     = \"i16\"\n\
-                 scale    = 0.1                      # °C per count\nbad      = [-32768, 32767]           # values that mean a broken wire",
-                place + 1
-            )?,
+            Module::SpelledOut(first, form) => {
+                let width = usize::from(form.data_type.registers());
+                let offset = u16::try_from(usize::from(first.offset) + place * width).unwrap_or(u16::MAX);
+                let register = Register { offset, ..*first };
+                writeln!(
+                    text,
+                    "register = \"{register}\"                # zero-based; \"{}\" means the same\ntype     = \"{}\"",
+                    register.modicon(),
+                    form.data_type.name()
+                )?;
+                if let Some(order) = form.word_order {
+                    writeln!(text, "word_order = \"{order}\"")?;
+                }
+                writeln!(text, "scale    = {:?}                      # °C per count", form.scale)?;
+                if form.data_type == crate::discovery::DataType::I16 {
+                    writeln!(text, "bad      = [-32768, 32767]           # values that mean a broken wire")?;
+                }
+            }
         }
         writeln!(
             text,
@@ -139,6 +167,34 @@ fn module(text: &mut String, answers: &Answers) -> std::fmt::Result {
     writeln!(text)
 }
 
+fn control(text: &mut String, answers: &Answers) -> std::fmt::Result {
+    let bus = if answers.control.is_some() { "control" } else { "cell" };
+    writeln!(
+        text,
+        "[device.cnc]                         # the control\nbus   = \"{bus}\"\nunit  = {}\nevery = \"1s\"",
+        answers.control_unit
+    )?;
+    if let Target::Template(template) = &answers.target {
+        writeln!(text, "template = \"{}\"", template.outline.name)?;
+        if let Some(base) = template.base {
+            writeln!(text, "base  = {base}                           # first register of the block")?;
+        }
+    }
+    writeln!(text)
+}
+
+fn machine_on(text: &mut String, signal: &MachineOn) -> std::fmt::Result {
+    let place = match signal {
+        MachineOn::Unknown => return Ok(()),
+        MachineOn::Channel(channel) => format!("channel  = \"{channel}\""),
+        MachineOn::Bit(bit) => format!("register = \"{bit}\""),
+    };
+    writeln!(
+        text,
+        "[signal.machine_on]                  # 1 while the machine is on\ndevice   = \"cnc\"\n{place}\nunit     = \"bool\"\nmax_age  = \"5s\"\n"
+    )
+}
+
 fn output(text: &mut String, answers: &Answers) -> std::fmt::Result {
     let axis = &answers.axis;
     writeln!(
@@ -146,16 +202,32 @@ fn output(text: &mut String, answers: &Answers) -> std::fmt::Result {
         "[output.cnc_{axis}]                       # writes Cz to the control\naxis     = \"{axis}\"\ndevice   = \"cnc\""
     )?;
     match &answers.target {
-        Target::Template(_, target) => writeln!(text, "channel  = \"{target}\"")?,
-        Target::Register(register) => writeln!(
-            text,
-            "writes   = \"offset\"\nregister = \"holding:{register}\"\ntype     = \"i32\"\nword_order = \"msw-first\"             # 32 bits have no \
-             default order\nscale    = 0.1                      # µm per count; negative if the control subtracts it"
-        )?,
+        Target::Template(template) => {
+            writeln!(text, "channel  = \"{}\"", template.target)?;
+            for (key, value) in &template.keys {
+                writeln!(text, "{key:<8} = {value}")?;
+            }
+        }
+        Target::Register(register, form) => {
+            writeln!(
+                text,
+                "writes   = \"offset\"\nregister = \"holding:{register}\"              # {} in one-based notation\ntype     = \"{}\"",
+                Register { table: crate::discovery::Table::Holding, offset: *register }.modicon(),
+                form.data_type.name()
+            )?;
+            if let Some(order) = form.word_order {
+                writeln!(text, "word_order = \"{order}\"")?;
+            }
+            writeln!(
+                text,
+                "scale    = {:?}                      # µm per count; negative if the control subtracts it",
+                form.scale
+            )?;
+        }
     }
     writeln!(text, "verify   = \"read-back\"\n")?;
     match &answers.target {
-        Target::Template(outline, _) if outline.has_heartbeat => writeln!(
+        Target::Template(template) if template.outline.has_heartbeat => writeln!(
             text,
             "[heartbeat]                          # without it, the control detects a failed gateway\ndevice = \"cnc\"\nevery  = \"500ms\"\n"
         ),

@@ -235,8 +235,9 @@ impl CommandHandle {
     pub(super) fn signing(&self, axis: Option<&str>) -> Result<Answer, String> {
         let axis = one(&self.chosen(axis)?)?;
         let mut core = self.0.core();
-        signing::follow(&mut core, self.0.clock.now());
-        signing::progress(&core, axis).map_err(|why| why.to_string())
+        let now = self.0.clock.now();
+        signing::follow(&mut core, now);
+        signing::progress(&core, axis, now).map_err(|why| why.to_string())
     }
 
     pub(super) fn arming(&self, axis: Option<&str>) -> Result<Answer, Explained> {

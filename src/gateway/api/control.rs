@@ -15,10 +15,10 @@
 //! `arm` → `ok z: armed`, `error …`, or after 3 s `waits z: waiting to arm: …`. With `stay` more lines follow: `waits`
 //! for each new reason, `still` once a second, and finally `ok` or `error`.
 //!
-//! `sign axis=z stay` moves Cz a little in the plus direction. The answers are `waits …`, and `ok` when the output has
-//! this Cz, with the direction in which a gauge must have moved. The connection stays open until the check is over; if
+//! `sign axis=z stay` moves Cz a little in the plus direction, as soon as the axis is ready. The answers are `waits …`, and
+//! `ok` when the output has this Cz, so that the gauge may be read. The connection stays open until the check is over; if
 //! the client closes it, the check ends. `sign-plus`, `sign-minus` and `sign-none`, on another connection, report in
-//! which direction the gauge moved. Cz then returns to the value of the model.
+//! which direction the gauge moved. The answer says how it must have moved. Cz then returns to the value of the model.
 //!
 //! `adopt axis=z` adopts the learned model of an axis, and `adopt-back axis=z` returns to the model before.
 //!

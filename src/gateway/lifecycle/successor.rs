@@ -287,7 +287,11 @@ impl Successor {
             if core.phase.is_stopping() {
                 return Err("the gateway is stopping".into());
             }
-            let moved = core.arming.as_slice().iter().position(|arming| arming.sign.is_some());
+            // An axis without a model is armed only for a check of its sign, and returns to zero after it.
+            let axes = core.arming.as_slice().iter().zip(&self.shared.profile.axes);
+            let moved = axes
+                .map(|(arming, axis)| arming.sign.is_some() || (arming.is_armed() && !axis.has_model()))
+                .position(|is_moved| is_moved);
             if let Some(axis) = moved {
                 let name = &self.shared.profile.axes[axis].settings.name;
                 return Err(Explained::new(

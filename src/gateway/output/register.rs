@@ -71,6 +71,10 @@ impl OutputRegister {
             }
             None => {
                 let state = State::new(&settings, shared.ledger.at_start(output).as_ref(), now);
+                if !state.is_settled() && !shared.dry_run {
+                    let (output, late) = (output.name.clone(), settings.late);
+                    shared.report(&Event::WaitsAfterStart { output, late });
+                }
                 Controller::new(&settings, state, shared.pauses(), now)
             }
         };

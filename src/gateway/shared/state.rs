@@ -16,6 +16,7 @@ use crate::gateway::state::probing::{Probing, acting};
 use crate::gateway::state::reported_conditions::ReportedConditions;
 use crate::gateway::state::restart::Restarts;
 use crate::gateway::state::run_phase::RunPhase;
+use crate::gateway::state::sign::SignCheck;
 use crate::gateway::state::signal_table::SignalTable;
 use crate::gateway::state::units::part;
 use crate::gateway::store::places::Moves;
@@ -270,7 +271,7 @@ impl GatewayState {
             let arming = &self.arming[axis];
             let permit = arming.permit(profile, axis, &self.outputs, self.runs_fault_actions(), *dry_run);
             let Arming { take_over, take_over_slope, trust, return_to, .. } = *arming;
-            let sign = arming.sign.as_ref().map(|check| check.to);
+            let sign = arming.sign.as_ref().and_then(SignCheck::target);
             let Probing { forget, measured, .. } = self.probing[axis];
             let plain = Control { permit, take_over, take_over_slope, sign, trust, ..Control::default() };
             self.controls[axis] = Control { forget, measured, return_to, ..plain };
@@ -297,8 +298,9 @@ impl GatewayState {
             }
             let snapshot = Snapshot::new(now, self.board.seen());
             let found = self.devices.of_axis(axis);
-            let ready =
-                *found == Continuity::Confirmed && self.compensation.has_usable_model(axis, &snapshot);
+            let has_value =
+                !profile.axes[axis].has_model() || self.compensation.has_usable_model(axis, &snapshot);
+            let ready = *found == Continuity::Confirmed && has_value;
             let beyond = self.compensation.beyond_error(axis, &snapshot);
             let name = &profile.axes[axis].settings.name;
             let attempt = match found {
@@ -319,11 +321,14 @@ impl GatewayState {
                         None => (Channel::Auto, "arm = \"auto\"".to_owned()),
                     };
                     let trust = self.arming[axis].trust;
+                    // A sign check may wait for the axis.
+                    let sign = self.arming[axis].sign.take();
                     self.arming[axis] = Arming {
                         state: ArmingState::Armed(if by_person { Who::Person } else { Who::Policy }),
                         take_over: Some(from),
                         take_over_slope,
                         trust,
+                        sign,
                         ..Arming::default()
                     };
                     for place in 0..self.outputs.ids(axis).len() {

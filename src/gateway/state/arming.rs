@@ -53,6 +53,8 @@ pub(in crate::gateway) struct Arming {
     pub(in crate::gateway) asked: Option<ArmRequest>,
     /// Sign check with a dial gauge that is under way.
     pub(in crate::gateway) sign: Option<SignCheck>,
+    /// Reason why the last sign check ended without an answer.
+    pub(in crate::gateway) sign_ended: Option<Explained>,
     /// Reason for the last refused attempt to arm. The same reason is not reported a second time.
     pub(in crate::gateway) refusal: Option<Explained>,
     /// Cz from which the next step of the axis resumes.
@@ -116,10 +118,16 @@ impl Arming {
         self.why = why;
     }
 
-    /// Returns whether the axis must be armed as soon as possible. An axis without a model is never armed.
+    /// Returns whether a sign check moves the axis now, so that it does not follow its model.
+    pub(in crate::gateway) fn is_moved_by_sign_check(&self) -> bool {
+        self.sign.as_ref().is_some_and(|check| check.target().is_some())
+    }
+
+    /// Returns whether the axis must be armed as soon as possible. An axis without a model is armed only for a check of
+    /// its sign.
     pub(in crate::gateway) fn is_wanted(&self, profile: &Profile, axis: usize) -> bool {
         match profile.arm {
-            _ if !profile.axes[axis].has_model() => false,
+            _ if !profile.axes[axis].has_model() => self.asked.is_some() && self.sign.is_some(),
             Arm::Auto => !self.is_latched() || self.asked.is_some(),
             Arm::Manual => self.asked.is_some(),
         }
@@ -141,7 +149,7 @@ impl Arming {
     /// Returns the intended operation of the axis, for its display.
     pub(in crate::gateway) fn intent(&self, profile: &Profile, axis: usize) -> Intent {
         match self.sign {
-            _ if !profile.axes[axis].has_model() => Intent::Unmodelled,
+            None if !profile.axes[axis].has_model() => Intent::Unmodelled,
             _ if self.is_waiting(profile, axis) => Intent::Arm,
             Some(_) => Intent::CheckSign,
             None => Intent::Follow,

@@ -47,8 +47,8 @@ pub(in crate::gateway) fn unmodelled(profile: &Profile, axis: usize) -> Explaine
 pub fn how_to_find_a_model(profile: &Profile, axis: usize) -> String {
     let (path, name) = (profile.path.display(), &profile.axes[axis].settings.name);
     format!(
-        "record runs with `isotherm record {path} --out campaign/`, find the model with `isotherm identify {path} campaign/ \
-         --axis {name} --write model.toml`, and put the block of model.toml into the profile"
+        "record runs with `isotherm record {path} --out campaign/`, then find the model and put it into the profile with \
+         `isotherm identify {path} campaign/ --axis {name} --into-profile`"
     )
 }
 
@@ -57,11 +57,13 @@ impl CauseInputs<'_> {
     /// changes by itself, because a changed text would be reported as a new cause.
     pub(in crate::gateway) fn explained(&self) -> Explained {
         let CauseInputs { profile, axis, arming, decision, .. } = *self;
-        if !profile.axes[axis].has_model() {
+        let has_model = profile.axes[axis].has_model();
+        // An axis without a model is armed only for a check of its sign.
+        if !has_model && !arming.is_armed() && arming.asked.is_none() {
             return unmodelled(profile, axis);
         }
         let has_own = !profile.axes[axis].settings.own_models().is_empty();
-        if !has_own && decision.model.is_none() && decision.lacks.is_none() {
+        if has_model && !has_own && decision.model.is_none() && decision.lacks.is_none() {
             let name = &profile.axes[axis].settings.name;
             let path = profile.path.display();
             return Explained::new(

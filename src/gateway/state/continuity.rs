@@ -100,7 +100,7 @@ impl Devices {
         compensation: &Compensation,
         arming: &DirtyVec<Arming>,
     ) {
-        let follows = |axis: usize| arming[axis].is_armed() && arming[axis].sign.is_none();
+        let follows = |axis: usize| arming[axis].is_armed() && !arming[axis].is_moved_by_sign_check();
         let holds = |axis: &usize| {
             let Arming { take_over, take_over_slope, .. } = arming[*axis];
             let decision = compensation.decision(*axis).filter(|_| follows(*axis))?;

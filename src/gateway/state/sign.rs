@@ -21,12 +21,28 @@ pub const PATIENCE: Duration = Duration::from_secs(180);
 #[derive(Clone, Debug)]
 pub(in crate::gateway) struct SignCheck {
     pub(in crate::gateway) by: Arc<Requester>,
+    pub(in crate::gateway) stage: SignStage,
+    /// Time at which the check ends without an answer. Cz then returns.
+    pub(in crate::gateway) until: Moment,
+}
+
+/// Stage of a sign check.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in crate::gateway) enum SignStage {
+    /// The check waits until the axis compensates and its registers hold its offset.
+    Waits,
+    /// Cz moves to the value at which the gauge is read.
+    Moves(SignMove),
+    /// The registers hold this value, so that the gauge may be read.
+    Reached(SignMove),
+}
+
+/// Movement of a sign check.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in crate::gateway) struct SignMove {
     pub(in crate::gateway) from: Micron,
     /// Cz at which the gauge is read.
     pub(in crate::gateway) to: Micron,
-    /// Time at which Cz returns without an answer.
-    pub(in crate::gateway) until: Moment,
-    pub(in crate::gateway) is_there: bool,
 }
 
 /// Saved result of the sign check of an axis. The result is part of the saved state.
@@ -47,17 +63,46 @@ impl SignMemory {
     }
 }
 
+impl SignMove {
+    /// Returns the movement from this Cz in the plus direction.
+    pub(in crate::gateway) fn beginning_at(from: Micron) -> SignMove {
+        SignMove { from, to: Micron::new(from.get() + WAY).unwrap_or(from) }
+    }
+
+    /// Returns the distance of the movement.
+    pub(in crate::gateway) fn way(self) -> Micron {
+        self.to - self.from
+    }
+}
+
 impl SignCheck {
-    /// Returns the status of the check for the display.
-    pub(in crate::gateway) fn status(&self, profile: &Profile, axis: usize, now: Moment) -> SignStatus {
-        SignStatus {
-            asked: self.by.way.by(&self.by.who),
-            by_um: (self.to - self.from).get(),
-            there: self.is_there,
-            expires_s: self.until.since(now).as_secs_f64(),
-            must: must(profile, axis, self.to - self.from),
+    /// Returns the Cz that the check requests instead of the value of the model; `None` while it waits.
+    pub(in crate::gateway) fn target(&self) -> Option<Micron> {
+        match self.stage {
+            SignStage::Waits => None,
+            SignStage::Moves(moved) | SignStage::Reached(moved) => Some(moved.to),
         }
     }
+
+    /// Returns the status of the check for the display.
+    pub(in crate::gateway) fn status(&self, profile: &Profile, axis: usize, now: Moment) -> SignStatus {
+        let moved = match self.stage {
+            SignStage::Waits => SignMove::beginning_at(Micron::ZERO),
+            SignStage::Moves(moved) | SignStage::Reached(moved) => moved,
+        };
+        SignStatus {
+            asked: self.by.way.by(&self.by.who),
+            by_um: moved.way().get(),
+            there: matches!(self.stage, SignStage::Reached(_)),
+            expires_s: self.until.since(now).as_secs_f64(),
+            must: must(profile, axis, moved.way()),
+        }
+    }
+}
+
+/// Returns, as text, how a gauge or the readout must have moved in the sign check of an axis.
+pub fn sign_expectation(profile: &Profile, axis: usize) -> String {
+    must(profile, axis, SignMove::beginning_at(Micron::ZERO).way())
 }
 
 /// Returns, as text, the direction in which a gauge or the readout must have moved.

@@ -355,6 +355,15 @@ events! {
                  too large"
             )
         );
+        WaitsAfterStart {
+            output: String,
+            #[serde(rename = "late_s", serialize_with = "in_seconds")]
+            late: Duration,
+        } => plain(format!(
+            "output {output}: no orderly stop of the last run is known; the gateway waits {} for late writes before it \
+             changes the register",
+            seconds(late)
+        ));
         NotReadBack { output: String } =>
             plain(format!("output {output}: acknowledged, not read back: the register cannot be read"));
         OperatorChange { output: String, from: String, to: String, share: String } => plain(format!(

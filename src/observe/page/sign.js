@@ -14,7 +14,7 @@ export class Sign {
     };
     this.prepares = false;
     this.text = element("span");
-    this.must = english(element("span"));
+    this.reason = english(element("span"));
     this.begin = button("sign", () => { this.prepares = true; this.arrange(null); });
     this.move = button("sign_move", () => { this.prepares = false; command("sign", name); });
     this.ways = WAYS.map((way) => button(way, () => command(way, name)));
@@ -23,27 +23,38 @@ export class Sign {
       this.prepares = false;
       this.arrange(null);
     });
-    this.root = element("p", { className: "waiting" }, this.text, " ", this.must, " ",
+    this.root = element("p", { className: "waiting" }, this.text, " ", this.reason, " ",
       this.begin, this.move, ...this.ways, this.cancel);
     this.name = name;
   }
 
   show(axis) {
     this.axis = axis;
-    this.root.hidden = !axis.armed && !axis.sign_checked;
+    this.root.hidden = !this.may() && !axis.sign_checked;
     this.arrange(axis.sign);
   }
 
+  // An axis without a model is armed by the check itself.
+  may() {
+    return Boolean(this.axis?.armed || this.axis?.has_model === false);
+  }
+
+  // A check that was requested waits until the axis compensates.
+  waits(sign) {
+    return Boolean(sign && !sign.there && this.axis?.why);
+  }
+
   arrange(sign) {
-    this.begin.hidden = this.prepares || Boolean(sign) || !this.axis?.armed;
+    this.begin.hidden = this.prepares || Boolean(sign) || !this.may();
     this.move.hidden = !this.prepares || Boolean(sign);
     this.ways.forEach((way) => (way.hidden = !sign?.there));
     this.cancel.hidden = !this.prepares && !sign;
-    say(this.must, sign?.there ? `${sign.must}.` : "");
+    say(this.reason, this.waits(sign) ? this.axis.cause : "");
     say(this.text, this.sentence(sign));
   }
 
   sentence(sign) {
+    if (this.waits(sign)) return t("sign_waits");
     if (sign) return sign.there ? t("sign_which", { span: span(sign.expires_s) }) : t("sign_moving");
     if (this.prepares) return t("sign_prepare", { axis: this.name });
     const last = this.axis?.sign_checked;

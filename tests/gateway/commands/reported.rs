@@ -108,3 +108,17 @@ fn arming_by_the_profile_and_after_a_restart_are_told_apart() {
     });
     std::thread::sleep(Duration::from_millis(100));
 }
+
+#[test]
+fn after_a_kill_the_wait_for_late_writes_is_logged_with_its_length() {
+    let mut bench = Bench::of(|text| text);
+    bench.is_in_state("active");
+    bench.restart();
+    bench.is_in_state("active");
+    assert_eq!(bench.reported("waits-after-start"), [""; 0], "an orderly stop leaves no write behind");
+    bench.gateway.signal("KILL");
+    bench.gateway.ends_within(Duration::from_secs(60));
+    bench.restart_killed();
+    let waits = bench.reported("waits-after-start");
+    assert!(waits.len() == 1 && waits[0].contains("waits 30s for late writes"), "{waits:?}");
+}

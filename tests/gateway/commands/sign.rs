@@ -3,7 +3,8 @@
 use std::io::Write;
 use std::time::Duration;
 
-use crate::commands::bench::Bench;
+use crate::commands::bench::{Bench, OPEN_CIRCUIT};
+use crate::commands::device::What;
 use crate::commands::process::{Running, until};
 
 const SOON: Duration = Duration::from_secs(60);
@@ -38,12 +39,19 @@ fn a_person_at_a_terminal_is_guided_and_the_answer_is_kept_over_a_restart() {
     assert_eq!(bench.count("command"), 0, "nothing moves before a person says so");
     asked.stdin().write_all(b"\n").unwrap();
     asked.receives("z: Cz goes from 0.0 µm to 5.0 µm");
-    asked.receives("z: the tool must have moved by 5.0 µm in plus direction of z, relative to the workpiece");
+    let there = asked.receives("z: Cz has changed by 5.0 µm; read the gauge now");
+    assert!(
+        !asked.so_far().iter().any(|line| line.contains("must have moved")),
+        "the answer is not known yet: {there}"
+    );
     stands_at(&bench, 50);
     let sign = bench.axis()["sign"].clone();
     assert_eq!((&sign["by_um"], &sign["there"]), (&5.0.into(), &true.into()), "{sign}");
     asked.stdin().write_all(b"perhaps\nplus\n").unwrap();
-    asked.receives("the sign is right");
+    let said = asked.receives("the sign is right");
+    let expected =
+        "z: the tool must have moved by 5.0 µm in plus direction of z, relative to the workpiece; ";
+    assert!(said.starts_with(expected), "{said}");
     assert_eq!(asked.ends_within(SOON).code(), Some(0));
     stands_at(&bench, 0);
     let steps: Vec<String> =
@@ -63,7 +71,7 @@ fn an_answer_after_ten_seconds_counts_at_a_terminal_and_over_the_api() {
     asked.receives("Put a dial gauge");
     std::thread::sleep(AT_HUMAN_SPEED);
     asked.stdin().write_all(b"\n").unwrap();
-    asked.receives("must have moved by 5.0 µm in plus direction of z");
+    asked.receives("read the gauge now");
     std::thread::sleep(AT_HUMAN_SPEED);
     assert_eq!((bench.axis()["sign"]["there"].clone(), offset(&bench)), (true.into(), 50));
     asked.stdin().write_all(b"plus\n").unwrap();
@@ -90,7 +98,7 @@ fn a_terminal_that_is_closed_at_the_gauge_ends_the_check() {
         let bench = bench();
         let mut asked = Running::start(&mut bench.verb(&["sign"]));
         asked.stdin().write_all(b"\n").unwrap();
-        asked.receives("must have moved");
+        asked.receives("read the gauge now");
         std::thread::sleep(Duration::from_secs(4));
         assert_eq!((bench.axis()["sign"]["there"].clone(), offset(&bench)), (true.into(), 50), "{signal}");
         asked.signal(signal);
@@ -137,7 +145,7 @@ fn who_goes_or_takes_it_back_or_switches_off_ends_it() {
     let bench = bench();
     let mut asked = Running::start(&mut bench.verb(&["sign"]));
     asked.stdin().write_all(b"\n").unwrap();
-    asked.receives("must have moved");
+    asked.receives("read the gauge now");
     asked.signal("KILL");
     asked.ends_within(SOON);
     stands_at(&bench, 0);
@@ -158,6 +166,88 @@ fn who_goes_or_takes_it_back_or_switches_off_ends_it() {
     let (code, said) = bench.ask(&["sign", "--answer", "plus"]);
     assert!(code == 1 && said.contains("arm it first"), "{said}");
     assert_eq!((bench.axis()["sign_checked"].clone(), offset(&bench)), (serde_json::Value::Null, 0));
+}
+
+#[test]
+fn the_check_waits_until_the_axis_is_ready() {
+    let bench = bench();
+    bench.device.asks(OPEN_CIRCUIT);
+    bench.is_in_state("holding");
+    let mut asked = Running::start(&mut bench.verb(&["sign", "--axis", "z"]));
+    asked.receives("z: waiting until the axis is ready: bed has an open circuit");
+    // Also a program waits: the gateway accepts the request, and moves nothing.
+    let (code, said) = bench.http("POST", "/api/sign?axis=z", "");
+    assert!(code == 202 && said.contains("the sign check waits for the axis"), "{code} {said}");
+    assert_eq!((bench.axis()["sign"]["there"].clone(), offset(&bench)), (false.into(), 0));
+    assert_eq!(bench.http("POST", "/api/cancel?axis=z", "").0, 200);
+    bench.device.asks(0);
+    asked.receives("Put a dial gauge");
+    asked.stdin().write_all(b"\n").unwrap();
+    asked.receives("read the gauge now");
+    asked.stdin().write_all(b"plus\n").unwrap();
+    asked.receives("the sign is right");
+    assert_eq!(asked.ends_within(SOON).code(), Some(0));
+    stands_at(&bench, 0);
+}
+
+#[test]
+fn without_a_gateway_nobody_is_sent_to_the_gauge() {
+    let bench = bench();
+    bench.gateway.signal("TERM");
+    until("the gateway has ended", || match bench.ask(&["sign", "--axis", "z", "--answer", "plus"]) {
+        (1, said) if said.contains("no gateway of this machine is running") => Ok(()),
+        (_, said) => Err(said),
+    });
+    let (code, said) = bench.ask(&["sign", "--axis", "z"]);
+    assert!(code == 1 && !said.contains("dial gauge"), "{said}");
+}
+
+#[test]
+fn an_axis_without_a_model_is_armed_for_the_check_and_off_again_after_it() {
+    let bench = Bench::of(|text| {
+        let (before, behind) = text.split_once("[[axis.z.model]]").unwrap();
+        let (_, output) = behind.split_once("[output.cnc_z]").unwrap();
+        format!("{before}[output.cnc_z]{output}").replace("limit = 2000.0", "limit = 40.0")
+    });
+    until("the register was read", || match bench.axis()["verified_um"].as_f64() {
+        Some(_) => Ok(()),
+        None => Err(bench.axis().to_string()),
+    });
+    assert_eq!(
+        (bench.axis()["state"].clone(), bench.axis()["has_model"].clone()),
+        ("off".into(), false.into())
+    );
+    for (word, code, says) in [("plus", 0, "the sign is right"), ("minus", 1, "the sign is WRONG")] {
+        let (ended, said) = bench.ask(&["sign", "--axis", "z", "--answer", word]);
+        assert!(ended == code && said.contains(says), "{said}");
+        bench.is_in_state("off");
+        stands_at(&bench, 0);
+        assert_eq!(bench.axis()["sign_checked"][1], word);
+    }
+    let state = bench.device.state();
+    let written = state.seen.iter().filter_map(|seen| match seen.what {
+        What::Wrote { to, .. } => Some(to),
+        What::Asked { .. } | What::Looked => None,
+    });
+    let written: Vec<i16> = written.collect();
+    drop(state);
+    assert_eq!(
+        (written.iter().min(), written.iter().max()),
+        (Some(&0), Some(&50)),
+        "+5 µm, and nothing else"
+    );
+    assert!(bench.reported("disarmed").iter().all(|text| text.contains("the sign check is over")));
+    let (code, said) = bench.ask(&["arm", "--axis", "z"]);
+    assert!(code == 1 && said.contains("no model"), "{said}");
+
+    // Who leaves at the gauge leaves zero behind.
+    let mut asked = Running::start(&mut bench.verb(&["sign", "--axis", "z"]));
+    asked.stdin().write_all(b"\n").unwrap();
+    asked.receives("read the gauge now");
+    asked.signal("KILL");
+    asked.ends_within(SOON);
+    stands_at(&bench, 0);
+    bench.is_in_state("off");
 }
 
 #[test]
@@ -197,8 +287,8 @@ fn a_person_is_guided_on_the_page() {
         .arg(look)
         .arg(format!("http://{}/", bench.page))
         .args(words)
-        .args(["must have moved by 5.0 µm in plus direction of z", "Which way did the gauge move?"])
-        .args(["click:Moved to plus", "the sign is right", "Sign checked 2"])
+        .args(["Which way did the gauge move?", "click:Moved to plus"])
+        .args(["must have moved by 5.0 µm in plus direction of z", "the sign is right", "Sign checked 2"])
         .output()
         .unwrap_or_else(|error| panic!("no python3 ({error}): `tests/run page` installs it"));
     let said = [seen.stdout, seen.stderr].map(|said| String::from_utf8(said).unwrap()).concat();

@@ -12,6 +12,7 @@ mod freezes;
 mod frozen_days;
 mod gaps;
 mod harm;
+mod into_profile;
 mod learned;
 mod lost;
 mod position;

@@ -6,6 +6,7 @@ mod beside;
 mod book;
 use crate::support::certificates;
 mod commands;
+mod first_day;
 mod generated;
 mod links;
 use crate::support::process;

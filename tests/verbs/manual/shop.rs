@@ -154,7 +154,7 @@ fn whole_profile() -> String {
 }
 
 /// Log of eight hours, minute by minute: the bed warms by some degrees, and the error follows with −4 µm/°C.
-fn cold_start(day: usize) -> String {
+pub(crate) fn cold_start(day: usize) -> String {
     let mut log = "time_min,bed,column,head,z_error_um\n".to_owned();
     let rise = 4.0 + day as f64;
     for minute in 0..480 {

@@ -303,6 +303,10 @@ impl Axis {
             (AxisState::Active | AxisState::Degraded, Some(chosen)) => {
                 (Some((control.sign.unwrap_or(chosen.raw), chosen.slope)), Pace::Follow)
             }
+            // An axis without models is armed only for a check of its sign, and then returns to zero.
+            (AxisState::Active, None) => {
+                (Some((control.sign.unwrap_or(Micron::ZERO), Micron::ZERO)), Pace::Follow)
+            }
             (AxisState::Ramping, _) => (Some((Micron::ZERO, Micron::ZERO)), ramp),
             (AxisState::Holding(_), None) => (returns.map(|to| (to.cz, to.slope)), Pace::Follow),
             _ => (None, Pace::Follow),
@@ -393,6 +397,7 @@ impl Axis {
                 AxisState::Active
             }
             (Permit::Armed, Some(_)) => AxisState::Degraded,
+            (Permit::Armed, None) if self.settings.models.is_empty() => AxisState::Active,
             (Permit::Armed | Permit::Unverified | Permit::Held, _) => self.fault_action(now, false),
             (Permit::Stopping, _) => self.fault_action(now, true),
         }

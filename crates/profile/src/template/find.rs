@@ -17,7 +17,7 @@ use crate::source_map::SourceMap;
 use crate::tables::signal::unit::Scaling;
 
 /// Directory of the user's own templates, next to the profile.
-const DIRECTORY: &str = "devices";
+pub(super) const DIRECTORY: &str = "devices";
 
 /// Template as a device uses it: with the chosen variant, and with `base` added to the register numbers.
 #[derive(Clone, Debug, Default)]

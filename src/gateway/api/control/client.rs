@@ -102,7 +102,7 @@ fn stay(
 }
 
 /// Requests the running gateway to move the Cz of an axis a little in the plus direction, and waits until the output
-/// has this Cz. `show` receives the progress. The returned text says how a gauge must have moved. The second value
+/// has this Cz. `show` receives the progress. The returned text says that the gauge may be read. The second value
 /// holds the connection: when it is dropped, Cz returns.
 ///
 /// # Errors

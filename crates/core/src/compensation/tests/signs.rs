@@ -48,3 +48,21 @@ fn a_fault_and_the_limit_come_before_a_sign_check() {
     rig.permit(Permit::Off);
     assert!((steps(&mut rig, 0.0, 2)[1] - 40.0).abs() < 1e-9, "an axis that is off moves nothing");
 }
+
+#[test]
+fn an_axis_without_a_model_goes_to_zero_and_follows_only_a_sign_check() {
+    let mut rig = Rig::new(axis(Vec::new()));
+    let begun = rig.found(3.0).step();
+    assert_eq!((begun.state, begun.model, begun.raw), (AxisState::Active, None, None));
+    let rest = rig.run(100.0);
+    assert!(rest.windows(2).all(|pair| (pair[1].cz - pair[0].cz).get().abs() <= 1.0 + 1e-9), "{rest:?}");
+    assert!(rest.last().unwrap().cz.get().abs() < 1e-9, "{rest:?}");
+    let there = steps(&mut rig, 5.0, 7);
+    assert!((there[6] - 5.0).abs() < 1e-9, "{there:?}");
+    let back = rig.run(100.0);
+    assert!(back.last().unwrap().cz.get().abs() < 1e-9, "{back:?}");
+    rig.permit(Permit::Unverified);
+    assert_eq!(rig.after(10.0).state.name(), "holding", "a write that is not verified moves nothing");
+    rig.permit(Permit::Off);
+    assert_eq!(rig.after(10.0).state, AxisState::Off);
+}

@@ -5,6 +5,7 @@ use super::model::uniform_temperature::UniformTemperature;
 use crate::Profile;
 use crate::document;
 use crate::tables::Check;
+use crate::wording::NO_MACHINE_START;
 use isotherm_core::compensation::settings::Datum;
 
 /// Largest plausible limit of Cz, µm. A larger number was probably meant in another unit.
@@ -50,13 +51,10 @@ pub(in crate::tables) fn warn(check: &Check<'_>, profile: &Profile) {
     }
     if profile.machine.on.is_none() && !from_start.is_empty() {
         let names = from_start.join(" and ");
-        let message = format!(
-            "the reference of {names} is \"start\", but no signal shows when the machine is switched on. The \
-             gateway then keeps the first good reading of the first run as the reference, also over \
-             restarts, even if the machine is warm"
+        let help = format!(
+            "models from machine start: {names}. Write in [machine] on = \"…\", the signal that is 1 while the machine is \
+             on; or write the references as numbers or \"zero\""
         );
-        let help = "write in [machine] on = \"…\", the signal whose rising edge shows that the machine is \
-                    switched on; or write the references as numbers or \"zero\"";
-        check.at("machine").warn_key(message, Some(help));
+        check.at("machine").warn_key(NO_MACHINE_START, Some(&help));
     }
 }

@@ -1,0 +1,213 @@
+//! Edits of the text of a profile: the model of an axis, and the signal that shows the machine on. Everything else stays
+//! as it was written, comments and order included.
+//!
+//! The edits work on lines. Each result is parsed again and compared with the profile before, so that an edit that
+//! changes anything else is refused.
+
+use std::ops::Range;
+
+use toml::{Table, Value};
+
+/// Text of a profile with another model of an axis.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ModelEdit {
+    /// Text of the whole profile.
+    pub text: String,
+    /// First line of the new model, counted from 1.
+    pub line: usize,
+    /// Number of models that were replaced.
+    pub replaced: usize,
+}
+
+/// Table of a profile in its text.
+struct Section {
+    /// Path of the header: `[axis.z]` is axis, z.
+    path: Vec<String>,
+    /// Lines of the table, with the comments directly above its header and without blank lines at its end.
+    lines: Range<usize>,
+    header: usize,
+}
+
+/// Puts the `[[axis.….model]]` tables of `block` into the text of a profile. They replace the models that the axis has.
+///
+/// # Errors
+/// Returns why the text cannot be edited, in one sentence.
+pub fn put_model(text: &str, axis: &str, block: &str) -> Result<ModelEdit, String> {
+    let models = |text: &str| -> Result<(Table, Option<Value>), String> {
+        let mut table: Table = parsed(text)?;
+        let axis = table.get_mut("axis").and_then(|axes| axes.get_mut(axis)?.as_table_mut());
+        let models = axis.and_then(|axis| axis.remove("model"));
+        Ok((table, models))
+    };
+    let new = models(block)?.1.ok_or_else(|| format!("the block contains no [[axis.{axis}.model]]"))?;
+    let (rest, before) = models(text)?;
+    let lines: Vec<&str> = text.split_inclusive('\n').collect();
+    let sections = sections(&lines)?;
+    let is_model =
+        |section: &&Section| section.path.iter().map(String::as_str).take(3).eq(["axis", axis, "model"]);
+    let removed: Vec<&Section> = sections.iter().filter(is_model).collect();
+    let own = sections.iter().find(|section| section.path == ["axis", axis]);
+    let place = removed.first().map(|section| section.lines.start);
+    let place = place.or(own.map(|section| section.lines.end));
+    let place = place.ok_or_else(|| format!("there is no line [axis.{axis}]"))?;
+    let is_kept = |at: &usize| !removed.iter().any(|section| section.lines.contains(at));
+    let part = |range: Range<usize>| range.filter(is_kept).map(|at| lines[at]).collect::<String>();
+    let ending = if text.contains("\r\n") { "\r\n" } else { "\n" };
+    let block = block.trim().lines().collect::<Vec<_>>().join(ending);
+    let (above, below) = (part(0..place), part(place..lines.len()));
+    let (above, below) = (above.trim_end(), below.trim_start_matches(['\r', '\n']));
+    let above = if above.is_empty() { String::new() } else { format!("{above}{ending}{ending}") };
+    let line = above.lines().count() + 1;
+    let mut edited = format!("{above}{block}{ending}");
+    if !below.is_empty() {
+        edited.extend([ending, below]);
+    }
+    let (rest_now, now) = models(&edited)?;
+    if rest_now != rest || now.as_ref() != Some(&new) {
+        return Err(format!("its tables of axis {axis} are written in an unusual way"));
+    }
+    let replaced = before.as_ref().and_then(Value::as_array).map_or(0, Vec::len);
+    Ok(ModelEdit { text: edited, line, replaced })
+}
+
+/// Adds `on`, the signal whose rising edge is the machine start, to `[machine]` in the text of a profile.
+///
+/// # Errors
+/// Returns why the text cannot be edited, in one sentence.
+pub fn put_machine_on(text: &str, signal: &str) -> Result<String, String> {
+    let mut expected = parsed(text)?;
+    let machine = expected.get_mut("machine").and_then(Value::as_table_mut);
+    let machine = machine.ok_or_else(|| "it has no [machine]".to_owned())?;
+    if machine.insert("on".to_owned(), Value::from(signal)).is_some() {
+        return Err("[machine] already has `on`".to_owned());
+    }
+    let lines: Vec<&str> = text.split_inclusive('\n').collect();
+    let sections = sections(&lines)?;
+    let header = sections.iter().find(|section| section.path == ["machine"]).map(|section| section.header);
+    let header = header.ok_or_else(|| "there is no line [machine]".to_owned())?;
+    let ending = if text.contains("\r\n") { "\r\n" } else { "\n" };
+    let key = format!("on     = {}{ending}", Value::from(signal));
+    let above = lines[..=header].concat();
+    let gap = if above.ends_with('\n') { "" } else { ending };
+    let edited = format!("{above}{gap}{key}{}", lines[header + 1..].concat());
+    match parsed(&edited)? == expected {
+        true => Ok(edited),
+        false => Err("[machine] is written in an unusual way".to_owned()),
+    }
+}
+
+fn parsed(text: &str) -> Result<Table, String> {
+    text.parse::<Table>().map_err(|why| format!("it is no valid TOML: {}", why.message()))
+}
+
+/// Returns the tables of a profile in the order of its lines.
+fn sections(lines: &[&str]) -> Result<Vec<Section>, String> {
+    let headers = headers(lines);
+    // Comments directly above a header belong to it.
+    let begin = |header: usize| {
+        let comments = lines[..header].iter().rev().take_while(|line| line.trim_start().starts_with('#'));
+        header - comments.count()
+    };
+    let mut sections = Vec::new();
+    for (place, header) in headers.iter().enumerate() {
+        let next = headers.get(place + 1).map_or(lines.len(), |next| begin(*next));
+        let blank = lines[*header + 1..next.max(*header + 1)].iter().rev();
+        let end = next.max(*header + 1) - blank.take_while(|line| line.trim().is_empty()).count();
+        sections.push(Section { path: path(lines[*header])?, lines: begin(*header)..end, header: *header });
+    }
+    Ok(sections)
+}
+
+/// Returns the keys in the header of a table: axis and z of `[axis.z]`.
+fn path(header: &str) -> Result<Vec<String>, String> {
+    let mut keys = Vec::new();
+    let mut inner = Value::Table(parsed(header)?);
+    loop {
+        let table = match inner {
+            Value::Table(table) => table,
+            Value::Array(mut list) => match list.pop() {
+                Some(Value::Table(table)) => table,
+                _ => return Ok(keys),
+            },
+            _ => return Ok(keys),
+        };
+        let Some((key, value)) = table.into_iter().next() else { return Ok(keys) };
+        keys.push(key);
+        inner = value;
+    }
+}
+
+/// Part of TOML text in which a line begins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Within {
+    /// Between keys, or in a value with this number of open brackets.
+    Keys(usize),
+    /// Text of several lines. The field is its quote, and `usize` the number of brackets that are open around it.
+    Text(&'static str, usize),
+}
+
+/// Returns the indices of the lines that are headers of tables.
+fn headers(lines: &[&str]) -> Vec<usize> {
+    let (mut within, mut found) = (Within::Keys(0), Vec::new());
+    for (place, line) in lines.iter().enumerate() {
+        if within == Within::Keys(0) && line.trim_start().starts_with('[') {
+            found.push(place);
+        } else {
+            within = after(line, within);
+        }
+    }
+    found
+}
+
+/// Returns the part of the text in which the next line begins.
+fn after(line: &str, mut within: Within) -> Within {
+    let mut rest = line;
+    loop {
+        match within {
+            Within::Text(quote, open) => {
+                let Some(end) = end_of_text(rest, quote) else { return within };
+                rest = &rest[end..];
+                within = Within::Keys(open);
+            }
+            Within::Keys(open) => {
+                let Some(at) = rest.find(['#', '"', '\'', '[', ']', '{', '}']) else { return within };
+                let (special, behind) = (rest.as_bytes()[at], &rest[at + 1..]);
+                let quote = if special == b'"' { "\"\"\"" } else { "'''" };
+                match special {
+                    b'#' => return within,
+                    b'[' | b'{' => (rest, within) = (behind, Within::Keys(open + 1)),
+                    b']' | b'}' => (rest, within) = (behind, Within::Keys(open.saturating_sub(1))),
+                    _ if rest[at..].starts_with(quote) => {
+                        (rest, within) = (&rest[at + 3..], Within::Text(quote, open));
+                    }
+                    _ => match end_of_text(behind, &quote[..1]) {
+                        Some(end) => rest = &behind[end..],
+                        None => return within,
+                    },
+                }
+            }
+        }
+    }
+}
+
+/// Returns the index after the end of a quoted text; `None` if it does not end in this line. In texts with `"`, a
+/// backslash hides the next character.
+fn end_of_text(text: &str, quote: &str) -> Option<usize> {
+    let mut from = 0;
+    while from < text.len() {
+        let rest = &text[from..];
+        if rest.starts_with('\\') && quote.starts_with('"') {
+            from += 1 + rest[1..].chars().next().map_or(0, char::len_utf8);
+        } else if rest.starts_with(quote) {
+            let more = rest[quote.len()..].bytes().take_while(|byte| quote.as_bytes()[0] == *byte).count();
+            // A text of several lines may end with two quotes of its own.
+            return Some(from + quote.len() + if quote.len() == 3 { more.min(2) } else { 0 });
+        } else {
+            from += rest.chars().next().map_or(1, char::len_utf8);
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,475 @@
+//! Questions of `isotherm init` in their order, from the name of the machine to the signal that shows it on.
+
+use super::Arguments;
+use super::answers::{
+    self, Answers, ControlTemplate, Destination, Line, MachineOn, Module, ModuleTemplate, Target,
+};
+use super::questions::{Question, Questions, yes_or_no};
+use super::serial_settings::{FindSettings, SerialSettings, extent};
+use super::value_form::{self, ValueForm};
+use crate::discovery::bus::{Parity, baud};
+use isotherm_profile::duration_text;
+use isotherm_profile::template::{Outline, OutlineTarget};
+
+/// Most temperatures of a module without a template.
+const MOST_SIGNALS: usize = 32;
+
+/// Asks all questions that no option answers. `known` are the templates, and `find` tries the settings of a serial port.
+pub(super) fn ask(
+    arguments: &Arguments,
+    known: &[Outline],
+    find: FindSettings<'_>,
+    questions: &mut Questions<'_>,
+) -> anyhow::Result<Answers> {
+    let mut asking = Asking { arguments, find, questions };
+    if !arguments.yes {
+        asking.questions.show("Enter takes the answer in brackets; ? explains a question.")?;
+    }
+    let machine = asking.text(
+        ("machine", "The machine's name", Some("my-machine")),
+        "The name becomes part of file names: lower-case letters, digits and hyphens.",
+        arguments.machine.as_deref(),
+        answers::machine,
+    )?;
+    let line = asking.text(
+        ("bus", "Address or serial port of the temperature module", Some("192.168.0.10:502")),
+        "On a network: address and port, such as 192.168.0.10:502. On a serial line: a port such as /dev/ttyUSB0; a name \
+         below /dev/serial/by-id stays the same after a restart.",
+        arguments.bus.as_deref(),
+        Line::parse,
+    )?;
+    let (outline, variant, base) = asking.module(known)?;
+    let unit = asking.unit(
+        ("unit", "Unit number of the module", "1"),
+        "The Modbus unit, often set by switches on the module; `isotherm scan` finds it.",
+        arguments.unit.as_deref(),
+    )?;
+    let sends_text = outline.as_ref().is_some_and(|outline| outline.sends_text);
+    let given = (arguments.baud.as_deref(), arguments.parity.as_deref());
+    let line = asking.settled(line, (unit, sends_text), ("baud", "parity"), given)?;
+    let module = asking.channels(outline, variant, base)?;
+    let most = module.template().map_or(MOST_SIGNALS, |template| template.outline.temperatures.len());
+    let signals = asking.text(
+        (
+            "signals",
+            &format!("Names of the temperatures, in the order of the channels, at most {most}"),
+            Some(if most > 1 { "bed,column" } else { "bed" }),
+        ),
+        "A name for each sensor that is connected, such as bed,column,spindle, from the first channel on. Letters, digits \
+         and underscores.",
+        arguments.signals.as_deref(),
+        |text| answers::signals(text, most),
+    )?;
+    let axis = asking.text(
+        ("axis", "The axis to compensate", Some("z")),
+        "The axis as the control names it. Further axes are added to the profile later.",
+        arguments.axis.as_deref(),
+        answers::name,
+    )?;
+    let diameter = asking.diameter(&axis)?;
+    let limit = asking.text(
+        ("limit", "Largest absolute value of its Cz, µm", Some("10")),
+        "Cz is what is added to the position. Keep the limit small until the sign is checked with a gauge.",
+        arguments.limit.as_deref(),
+        answers::limit,
+    )?;
+    let (target, bits) = asking.target(known, &axis)?;
+    let (control, control_unit) = asking.control(module.sends_text(), unit)?;
+    let machine_on = asking.machine_on(&bits)?;
+    Ok(Answers {
+        machine,
+        line,
+        module,
+        unit,
+        signals,
+        axis,
+        diameter,
+        limit,
+        target,
+        control,
+        control_unit,
+        machine_on,
+    })
+}
+
+/// Options, and the questions for what they do not contain.
+struct Asking<'a, 'q> {
+    arguments: &'a Arguments,
+    find: FindSettings<'a>,
+    questions: &'a mut Questions<'q>,
+}
+
+impl Asking<'_, '_> {
+    fn text<T>(
+        &mut self,
+        (option, text, usual): (&'static str, &str, Option<&str>),
+        help: &str,
+        given: Option<&str>,
+        understand: impl Fn(&str) -> Result<T, String>,
+    ) -> anyhow::Result<T> {
+        self.questions.ask(Question { option, text, usual, help }, given, understand)
+    }
+
+    fn unit(
+        &mut self,
+        (option, text, usual): (&'static str, &str, &str),
+        help: &str,
+        given: Option<&str>,
+    ) -> anyhow::Result<u8> {
+        self.text((option, text, Some(usual)), help, given, answers::unit)
+    }
+
+    /// Asks for the template of the module, its variant and its first register.
+    fn module(
+        &mut self,
+        known: &[Outline],
+    ) -> anyhow::Result<(Option<Outline>, Option<String>, Option<u16>)> {
+        let modules: Vec<Outline> =
+            known.iter().filter(|outline| !outline.temperatures.is_empty()).cloned().collect();
+        if self.arguments.module.is_none() && !self.arguments.yes {
+            self.questions.show("Known modules, by their templates:")?;
+            for Outline { name, title, .. } in &modules {
+                self.questions.show(&format!("  {name:<26} {title}"))?;
+            }
+        }
+        let outline = self.text(
+            ("module", "Template of the module, or none", Some("none")),
+            "A template knows the registers of a module. Without one, the registers are asked. Templates of your own are \
+             files devices/NAME.toml next to the profile.",
+            self.arguments.module.as_deref(),
+            |text| answers::module(text, &modules),
+        )?;
+        let Some(outline) = outline else { return Ok((None, None, None)) };
+        let variant = self.variant(&outline)?;
+        let base = match outline.is_movable {
+            true => Some(self.text(
+                ("base", "First register of the module", Some("0")),
+                "The registers of this module begin where the other modules of its node end.",
+                self.arguments.base.as_deref(),
+                answers::base,
+            )?),
+            false => None,
+        };
+        Ok((Some(outline), variant, base))
+    }
+
+    fn variant(&mut self, outline: &Outline) -> anyhow::Result<Option<String>> {
+        let variants = &outline.variants;
+        let Some(first) = variants.first() else { return Ok(None) };
+        let usual = variants.iter().find(|variant| *variant == "K").unwrap_or(first);
+        let known = |text: &str| {
+            let found = variants.iter().find(|variant| variant.eq_ignore_ascii_case(text));
+            let words = variants.iter().map(String::as_str);
+            found.cloned().ok_or_else(|| isotherm_profile::allowed(text, words))
+        };
+        let text = format!("Variant of the module: {}", variants.join(", "));
+        let help = "The setting of the module, for example the type of its thermocouples.";
+        self.text(("variant", &text, Some(usual)), help, self.arguments.variant.as_deref(), known).map(Some)
+    }
+
+    /// Returns the module with the form of its temperatures: from its template, or asked.
+    fn channels(
+        &mut self,
+        outline: Option<Outline>,
+        variant: Option<String>,
+        base: Option<u16>,
+    ) -> anyhow::Result<Module> {
+        let Some(outline) = outline else {
+            let register = self.text(
+                ("register", "Register of the first temperature", Some("input:0")),
+                "Zero-based as input:0 or holding:0, or one-based as 30001 or 40001. The others follow it.",
+                self.arguments.register.as_deref(),
+                answers::first_register,
+            )?;
+            let usual =
+                ValueForm { data_type: crate::discovery::DataType::I16, word_order: None, scale: 0.1 };
+            let unknown = OutlineTarget {
+                name: String::new(),
+                data_type: Some(usual.data_type.name().to_owned()),
+                word_order: None,
+                scale: Some(usual.scale),
+            };
+            let given = [&self.arguments.data_type, &self.arguments.word_order, &self.arguments.scale];
+            let form = self.form(&OF_TEMPERATURE, &unknown, given.map(|given| given.as_deref()))?;
+            return Ok(Module::SpelledOut(register, form));
+        };
+        let mut keys = Vec::new();
+        for (key, why) in outline.asks.clone() {
+            let value = match key.as_str() {
+                "word_order" => self
+                    .text(
+                        ("word-order", "Word order of the temperatures", Some("msw-first")),
+                        &format!("msw-first or lsw-first: {why}"),
+                        self.arguments.word_order.as_deref(),
+                        value_form::word_order,
+                    )
+                    .map(|order| format!("\"{order}\""))?,
+                "scale" => self
+                    .text(
+                        ("scale", "Degrees Celsius per count", Some("0.1")),
+                        &why,
+                        self.arguments.scale.as_deref(),
+                        value_form::scale,
+                    )
+                    .map(|scale| format!("{scale:?}"))?,
+                _ => continue,
+            };
+            keys.push((key, value));
+        }
+        Ok(Module::Template(Box::new(ModuleTemplate { outline, variant, base, keys })))
+    }
+
+    /// Asks for type, word order and scale of a value. `known` contains the answers of the Enter key. `given` are the
+    /// options.
+    fn form(
+        &mut self,
+        questions: &FormQuestions,
+        known: &OutlineTarget,
+        [data_type, word_order, scale]: [Option<&str>; 3],
+    ) -> anyhow::Result<ValueForm> {
+        let FormQuestions { options, texts, scale_help } = questions;
+        let data_type = self.text(
+            (options[0], texts[0], known.data_type.as_deref()),
+            "i16, u16, i32, u32 or f32: the manual of the device, or the PLC programmer, knows it.",
+            data_type,
+            value_form::data_type,
+        )?;
+        let word_order = match data_type.registers() > 1 {
+            true => Some(self.text(
+                (options[1], texts[1], known.word_order.as_deref()),
+                "msw-first: the most significant register comes first. lsw-first: the least significant one.",
+                word_order,
+                value_form::word_order,
+            )?),
+            false => None,
+        };
+        let usual = known.scale.map(|scale| scale.to_string());
+        let scale =
+            self.text((options[2], texts[2], usual.as_deref()), scale_help, scale, value_form::scale)?;
+        Ok(ValueForm { data_type, word_order, scale })
+    }
+
+    /// Asks whether the position of an axis is a diameter, if the axis has a name that lathes use for it.
+    fn diameter(&mut self, axis: &str) -> anyhow::Result<bool> {
+        let given = self.arguments.diameter.as_deref();
+        if given.is_none() && !axis.to_ascii_lowercase().starts_with(['x', 'u']) {
+            return Ok(false);
+        }
+        self.text(
+            (
+                "diameter",
+                &format!("Does the control show {axis} as a diameter, as a lathe does? yes or no"),
+                None,
+            ),
+            "yes: twice Cz is written, because the diameter changes by twice as much as the radius.",
+            given,
+            yes_or_no,
+        )
+    }
+
+    /// Asks for the destination of Cz and the form of the offset. Also returns the bits of the control's template.
+    fn target(&mut self, known: &[Outline], axis: &str) -> anyhow::Result<(Target, Vec<String>)> {
+        let controls: Vec<Outline> = known
+            .iter()
+            .filter(|outline| !outline.targets.is_empty() && !outline.sends_text)
+            .cloned()
+            .collect();
+        if self.arguments.output.is_none() && !self.arguments.yes {
+            self.questions
+                .show("Known controls, by their templates; for any other control, give its register:")?;
+            for Outline { name, title, targets, .. } in &controls {
+                let targets: Vec<&str> = targets.iter().map(|target| target.name.as_str()).collect();
+                self.questions.show(&format!("  {name:<26} {title} ({})", targets.join(", ")))?;
+            }
+        }
+        let destination = self.text(
+            ("output", "Destination of Cz: template of the control, or its register", None),
+            "A register of the control, zero-based as holding:104 or one-based as 40105. The control adds its value to the \
+             position.",
+            self.arguments.output.as_deref(),
+            |text| answers::destination(text, &controls),
+        )?;
+        let given = [
+            self.arguments.output_type.as_deref(),
+            self.arguments.output_word_order.as_deref(),
+            self.arguments.output_scale.as_deref(),
+        ];
+        let outline = match destination {
+            Destination::Register(register) => {
+                let form = self.form(&OF_OFFSET, &NOTHING_KNOWN, given)?;
+                return Ok((Target::Register(register, form), Vec::new()));
+            }
+            Destination::Template(outline) => outline,
+        };
+        let target = outline.targets.iter().find(|target| target.name == axis).or(outline.targets.first());
+        let target = target.cloned().unwrap_or(NOTHING_KNOWN);
+        let base = match outline.is_movable {
+            true => Some(self.text(
+                ("control-base", "First register of the control's block", None),
+                "The register from which the machine builder or the PLC programmer laid out the block: 0, 100, or 40101.",
+                self.arguments.control_base.as_deref(),
+                answers::base,
+            )?),
+            false => None,
+        };
+        let form = self.form(&OF_OFFSET, &target, given)?;
+        let bits = outline.bits.clone();
+        let keys = changed_keys(&target, form);
+        let target = target.name;
+        Ok((Target::Template(Box::new(ControlTemplate { outline, target, base, keys })), bits))
+    }
+
+    /// Asks for the line and the unit of the control. The line is `None` if it is that of the module.
+    fn control(&mut self, is_of_text: bool, module_unit: u8) -> anyhow::Result<(Option<Line>, u8)> {
+        let usual = if is_of_text { "192.168.0.20:502" } else { "same" };
+        let other_line = |text: &str| match text {
+            "same" if is_of_text => {
+                Err("the module sends text, so the control needs another line: write 192.168.0.20:502, or \
+                     /dev/ttyUSB1"
+                    .to_owned())
+            }
+            "same" => Ok(None),
+            address => Line::parse(address).map(Some),
+        };
+        let control = self.text(
+            ("control", "Address or serial port of the control, or same for the module's line", Some(usual)),
+            "Address and port, such as 192.168.0.20:502, or a serial port. Write same if module and control are units of \
+             one line.",
+            self.arguments.control.as_deref(),
+            other_line,
+        )?;
+        let other = if control.is_none() && module_unit == 1 { "2" } else { "1" };
+        let unit = self.unit(
+            ("control-unit", "Unit number of the control", other),
+            "The Modbus unit of the control; over a network it is often 1.",
+            self.arguments.control_unit.as_deref(),
+        )?;
+        let Some(line) = control else {
+            if unit == module_unit {
+                self.questions.show(&format!(
+                    "module and control are both unit {unit} of one line: this works only if they are one device"
+                ))?;
+            }
+            return Ok((None, unit));
+        };
+        let given = (self.arguments.control_baud.as_deref(), self.arguments.control_parity.as_deref());
+        let line = self.settled(line, (unit, false), ("control-baud", "control-parity"), given)?;
+        Ok((Some(line), unit))
+    }
+
+    /// Asks for the signal that is set while the machine is on. `bits` are the bits of the control's template.
+    fn machine_on(&mut self, bits: &[String]) -> anyhow::Result<MachineOn> {
+        let usual = bits.iter().find(|bit| *bit == "on").map_or("none", String::as_str);
+        let examples = if bits.is_empty() { String::new() } else { format!("{}, ", bits.join(", ")) };
+        self.text(
+            ("machine-on", "Bit of the control that is 1 while the machine is on, or none", Some(usual)),
+            &format!(
+                "A model often counts from machine start. Without this bit, its reference temperature stays that of the \
+                 first run for ever. Write {examples}discrete:0, coil:0, holding:16.3 or none."
+            ),
+            self.arguments.machine_on.as_deref(),
+            |text| answers::machine_on(text, bits),
+        )
+    }
+
+    /// Returns the line with baud rate and parity. A serial line without options is tried after a yes, or asked. The
+    /// settings of a line with text are only asked.
+    fn settled(
+        &mut self,
+        line: Line,
+        (unit, sends_text): (u8, bool),
+        (baud_option, parity_option): (&'static str, &'static str),
+        (baud_given, parity_given): (Option<&str>, Option<&str>),
+    ) -> anyhow::Result<Line> {
+        let (port, mut usual) = match line {
+            Line::Serial(port, usual) => (port, usual),
+            tcp @ Line::Tcp(_) => return Ok(tcp),
+        };
+        if baud_given.is_none() && parity_given.is_none() && !sends_text {
+            usual = self.tried(&port, unit)?.unwrap_or(usual);
+        }
+        let baud = self.text(
+            (baud_option, &format!("Baud rate of {port}"), Some(&usual.baud.to_string())),
+            "The setting of the devices on this line; their manual or their switches show it.",
+            baud_given,
+            baud,
+        )?;
+        let parity = self.text(
+            (parity_option, &format!("Parity of {port}"), Some(usual.parity.word())),
+            "none, even or odd: the setting of the devices on this line.",
+            parity_given,
+            str::parse::<Parity>,
+        )?;
+        Ok(Line::Serial(port, SerialSettings { baud, parity }))
+    }
+
+    /// Tries the settings of a port after a yes. Returns those with which the unit answers.
+    fn tried(&mut self, port: &str, unit: u8) -> anyhow::Result<Option<SerialSettings>> {
+        let (count, longest) = extent();
+        let agreed = self.questions.agrees(
+            &format!("Find baud rate and parity of {port} by trying? Only reads, at most {}", duration_text(longest)),
+            &format!(
+                "Unit {unit} gets two reads with each of {count} settings. Other devices on the line see bytes that they \
+                 ignore. Answer no if another program or master uses the line."
+            ),
+        )?;
+        if !agreed {
+            return Ok(None);
+        }
+        let found = (self.find)(port, unit);
+        self.questions.show(&match &found {
+            Ok(Some(SerialSettings { baud, parity })) => {
+                format!("  unit {unit} answers at {baud} baud, parity {}", parity.word())
+            }
+            Ok(None) => {
+                format!("  unit {unit} answers with no setting: check its number, power and wires A and B")
+            }
+            Err(why) => format!("  {why}"),
+        })?;
+        Ok(found.unwrap_or_default())
+    }
+}
+
+/// Options and texts of the questions for the form of a value: type, word order and scale.
+struct FormQuestions {
+    options: [&'static str; 3],
+    texts: [&'static str; 3],
+    scale_help: &'static str,
+}
+
+const OF_TEMPERATURE: FormQuestions = FormQuestions {
+    options: ["type", "word-order", "scale"],
+    texts: ["Type of the temperatures", "Word order of the temperatures", "Degrees Celsius per count"],
+    scale_help: "0.1 if the register shows 215 at 21.5 °C.",
+};
+
+const OF_OFFSET: FormQuestions = FormQuestions {
+    options: ["output-type", "output-word-order", "output-scale"],
+    texts: [
+        "Type of the offset register",
+        "Word order of the offset",
+        "Micrometres per count of the offset, negative if the control subtracts it",
+    ],
+    scale_help: "0.1 if the control adds 1 µm for the value 10. A wrong scale moves the axis too far.",
+};
+
+/// Target of which nothing is known, so that every question must be answered.
+const NOTHING_KNOWN: OutlineTarget =
+    OutlineTarget { name: String::new(), data_type: None, word_order: None, scale: None };
+
+/// Returns the keys of an output that differ from the target of its template.
+fn changed_keys(target: &OutlineTarget, form: ValueForm) -> Vec<(String, String)> {
+    let mut keys = Vec::new();
+    if target.data_type.as_deref() != Some(form.data_type.name()) {
+        keys.push(("type".to_owned(), format!("\"{}\"", form.data_type.name())));
+    }
+    if let Some(order) = form.word_order.map(|order| order.to_string())
+        && target.word_order.as_deref() != Some(order.as_str())
+    {
+        keys.push(("word_order".to_owned(), format!("\"{order}\"")));
+    }
+    if target.scale.is_none_or(|scale| (scale - form.scale).abs() > 0.0) {
+        keys.push(("scale".to_owned(), format!("{:?}", form.scale)));
+    }
+    keys
+}

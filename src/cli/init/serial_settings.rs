@@ -1,0 +1,74 @@
+//! Baud rate and parity of a serial line, found by trying: each setting gets two reads from one unit.
+
+use std::time::Duration;
+
+use crate::discovery::bus::{LineAddress, Parity, Serial};
+use crate::discovery::scan::{AnswerKind, Event, Scan};
+use crate::discovery::{Register, Table};
+use crate::fieldbus::explain::explain_on;
+use isotherm_profile::Quirks;
+
+/// Settings that are tried, the most frequent first.
+const BAUDS: [u32; 5] = [9600, 19_200, 38_400, 57_600, 115_200];
+const PARITIES: [Parity; 3] = [Parity::None, Parity::Even, Parity::Odd];
+/// Registers that are read. Some units answer only for a register that they have.
+const REGISTERS: [Register; 2] =
+    [Register { table: Table::Holding, offset: 0 }, Register { table: Table::Input, offset: 0 }];
+const TIMEOUT: Duration = Duration::from_millis(300);
+
+/// Baud rate and parity of a serial line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct SerialSettings {
+    pub(super) baud: u32,
+    pub(super) parity: Parity,
+}
+
+impl Default for SerialSettings {
+    fn default() -> SerialSettings {
+        SerialSettings { baud: BAUDS[0], parity: Parity::None }
+    }
+}
+
+/// Function that finds the settings with which a unit on a port answers. Returns `None` if it answers with none of
+/// them, and an error in one sentence if the port cannot be used.
+pub(super) type FindSettings<'a> = &'a dyn Fn(&str, u8) -> Result<Option<SerialSettings>, String>;
+
+/// Number of settings that are tried, and the longest time for them.
+pub(super) fn extent() -> (usize, Duration) {
+    let count = BAUDS.len() * PARITIES.len();
+    let requests = u32::try_from(count * REGISTERS.len()).unwrap_or(u32::MAX);
+    // A request waits for its timeout, and for the line to be silent before it.
+    (count, (TIMEOUT * 2).saturating_mul(requests))
+}
+
+/// Tries every setting on this port until the unit answers. Writes to no register.
+pub(super) fn find(port: &str, unit: u8) -> Result<Option<SerialSettings>, String> {
+    let address: LineAddress = format!("rtu://{port}").parse()?;
+    let runtime = crate::cli::runtime::start().map_err(|error| error.to_string())?;
+    for baud in BAUDS {
+        for parity in PARITIES {
+            let line = address.with_serial(|serial| Serial { baud, parity, ..serial });
+            let scan = Scan {
+                bus: line.bus(TIMEOUT),
+                lines: vec![line],
+                quirks: Quirks::default(),
+                units: unit..=unit,
+                registers: REGISTERS.to_vec(),
+                trace: None,
+            };
+            let mut answers = false;
+            let note = |event: Event| {
+                if let Event::Found(_, found) = event {
+                    answers |= !matches!(found.how, AnswerKind::Garbled(_));
+                }
+            };
+            if let Err(failed) = runtime.block_on(scan.run(note)) {
+                return Err(explain_on(address.transport, failed.fault).to_string());
+            }
+            if answers {
+                return Ok(Some(SerialSettings { baud, parity }));
+            }
+        }
+    }
+    Ok(None)
+}
