@@ -36,6 +36,7 @@ mod table;
 mod tests;
 mod tidy;
 mod unit;
+mod words;
 #[cfg(feature = "tables")]
 mod workbook;
 

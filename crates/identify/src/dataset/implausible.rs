@@ -1,4 +1,5 @@
-//! Values that no sensor measured: overloads and errors of a logger that were written as numbers, and its messages.
+//! Values that no sensor measured: overloads and errors of a logger that were written as numbers, its messages, and words
+//! such as `n/a`.
 //!
 //! A suspicious value, such as 9.9E37, 850 or 0, counts only if it stands apart from the values before and after it by
 //! more than the machine moves between two rows. The rows are left out and named. Short gaps of a temperature are bridged
@@ -251,8 +252,10 @@ fn wrong(
         })
         .collect();
     // The rows are ascending.
-    let failed: Vec<Vec<usize>> =
-        numbers.iter().map(|(_, name, ..)| table.failed_rows(name).collect()).collect();
+    let words: Vec<[Vec<usize>; 2]> = numbers
+        .iter()
+        .map(|(_, name, ..)| [table.failed_rows(name).collect(), table.unavailable_rows(name).collect()])
+        .collect();
     let (mut found, mut remarks) = (Vec::new(), Vec::new());
     for run in runs {
         let least = |(values, least): &(&[f64], f64)| f64::max(*least, MOVED * range(&values[run.clone()]));
@@ -262,10 +265,12 @@ fn wrong(
                 (values[run.start + row] - values[run.start + before]).abs() > *step
             })
         };
-        for ((place, name, values, kind), failed) in numbers.iter().copied().zip(&failed) {
-            let until = |end: usize| failed.partition_point(|row| *row < end);
-            let failed = &failed[until(run.start)..until(run.end)];
-            if least_distance(kind).is_none() && failed.is_empty() {
+        for ((place, name, values, kind), words) in numbers.iter().copied().zip(&words) {
+            let [failed, unavailable] = words.each_ref().map(|rows| {
+                let until = |end: usize| rows.partition_point(|row| *row < end);
+                &rows[until(run.start)..until(run.end)]
+            });
+            if least_distance(kind).is_none() && failed.is_empty() && unavailable.is_empty() {
                 continue;
             }
             let conversion = table.conversions.get(name).copied().unwrap_or_default();
@@ -279,6 +284,8 @@ fn wrong(
             if !are_too_many && count(jumps.len()) / all <= MOST {
                 rows.extend(jumps.into_iter().map(|row| row + run.start));
             }
+            // The log itself says that these values are missing, so any number of them is a gap.
+            rows.extend(unavailable.iter().copied());
             if let Some(first) = lasting.first() {
                 remarks.push(lasting_jump(table, name, run.start + first, lasting.len()));
             }
@@ -316,7 +323,7 @@ fn remark(
     let value = match conversion.revert(values[first]) {
         value if value.is_finite() && value.abs() < HUGE => value.to_string(),
         value if value.is_finite() => format!("{value:e}"),
-        _ => table.failed_word(name),
+        _ => table.word(name, first).to_owned(),
     };
     let lines: Vec<String> =
         rows.iter().skip(1).take(NAMED).map(|row| table.lines.of(*row).to_string()).collect();

@@ -478,7 +478,7 @@ impl<R: Read> LogReader<R> {
         match self.dialect.clone().cell(text) {
             Ok(Cell::Number(value, "")) => Ok(Some(conversion.apply(value))),
             Ok(Cell::Number(value, unit)) => Ok(Some(Conversion::of(&self.names[place], unit).apply(value))),
-            Ok(Cell::Absent) => Ok(None),
+            Ok(Cell::Absent | Cell::Unavailable) => Ok(None),
             Ok(Cell::Failed) => Ok(Some(f64::NAN)),
             Ok(Cell::Text) => Err(self.error(line, place, format!("`{text}` is no number"))),
             Err(message) => Err(self.error(line, place, message)),
