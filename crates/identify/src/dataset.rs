@@ -25,6 +25,7 @@ mod gzip;
 mod head;
 mod implausible;
 mod kind;
+mod measured;
 #[cfg(feature = "parquet")]
 mod parquet;
 mod plain;
@@ -43,6 +44,7 @@ mod workbook;
 pub use error::{BadLog, Refusal};
 pub use explain::{CsvLayout, ExplainedColumn, ExplainedRow, Explanation, TimeLayout, explain};
 pub use kind::Kind;
+pub use measured::Implausible;
 pub use plain::{PlainLog, plain_log};
 pub use run::Run;
 pub use split::Split;

@@ -186,15 +186,34 @@ fn jumps(tested: &Tested<'_>, sentinels: &[usize], usual: f64) -> (Vec<usize>, V
 }
 
 /// Implausible values of a column in one run.
-struct Wrong {
+pub(super) struct Wrong {
     /// Index of the column in the table.
-    place: usize,
+    pub(super) place: usize,
     run: Range<usize>,
-    rows: BTreeSet<usize>,
+    pub(super) rows: BTreeSet<usize>,
     /// Text that names the rows.
     text: String,
     is_bridged: bool,
     are_too_many: bool,
+}
+
+impl Wrong {
+    /// Returns the message about too many values; `None` if they are few.
+    pub(super) fn refusal(&self) -> Option<String> {
+        self.are_too_many.then(|| {
+            format!(
+                "{}: more than {:.0} % of the values: leave this column or this log out, or repair the measurement",
+                self.text,
+                100.0 * MOST
+            )
+        })
+    }
+
+    /// Returns the remark about the values that were left out. `is_bridged` is whether a gap of them was bridged.
+    pub(super) fn left_out(&self, is_bridged: bool) -> String {
+        let done = if is_bridged { "; gaps of up to 5 min were bridged by straight lines" } else { "" };
+        format!("{}: left out{done}", self.text)
+    }
 }
 
 /// Leaves the implausible values of a table out, in each of its runs. Returns remarks with file, line and value, and the
@@ -208,29 +227,21 @@ pub(super) fn leave_out(
     let (found, lasting) = wrong(table, runs, kind);
     remarks.extend(lasting);
     let Table { columns, times, .. } = table;
-    for Wrong { place, run, rows, text, is_bridged, are_too_many } in found {
-        let (name, Cells::Numbers(values)) = &mut columns[place] else { continue };
+    for wrong in found {
+        let Wrong { place, run, rows, is_bridged, .. } = &wrong;
+        let (name, Cells::Numbers(values)) = &mut columns[*place] else { continue };
         rows.iter().for_each(|row| values[*row] = f64::NAN);
-        if are_too_many {
-            let message = format!(
-                "{text}: more than {:.0} % of the values: leave this column or this log out, or repair the measurement",
-                100.0 * MOST
-            );
-            refused.push(Refusal { column: name.clone(), message });
-            continue;
+        match wrong.refusal() {
+            Some(message) => refused.push(Refusal { column: name.clone(), message }),
+            None => remarks.push(wrong.left_out(*is_bridged && bridge(times, values, rows, run))),
         }
-        let done = match is_bridged && bridge(times, values, &rows, &run) {
-            true => "; gaps of up to 5 min were bridged by straight lines",
-            false => "",
-        };
-        remarks.push(format!("{text}: left out{done}"));
     }
     (remarks, refused)
 }
 
 /// Returns the implausible values of each column and run, and a remark about each column whose values jump and do not
 /// return.
-fn wrong(
+pub(super) fn wrong(
     table: &Table,
     runs: &[Range<usize>],
     kind: &dyn Fn(&str, &[f64]) -> Kind,
