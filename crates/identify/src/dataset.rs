@@ -112,14 +112,16 @@ impl Dataset {
         units: Units<'_>,
         uses: Uses<'_>,
     ) -> Result<Dataset, BadLog> {
-        let (mut tables, mut wrong) = (Vec::new(), Vec::new());
-        for file in files::logs(files, &mut wrong) {
+        let (mut tables, mut wrong, mut remarks) = (Vec::new(), Vec::new(), Vec::new());
+        for file in files::logs(files, &mut wrong, &mut remarks) {
             match read_table(&file, split, uses) {
                 Ok(table) => tables.push(table),
                 Err(BadLog(found)) => wrong.extend(found),
             }
         }
-        Dataset::from_tables(BadLog::unless(wrong, tables)?, split, units)
+        let mut dataset = Dataset::from_tables(BadLog::unless(wrong, tables)?, split, units)?;
+        dataset.remarks.splice(0..0, remarks);
+        Ok(dataset)
     }
 
     /// Adds the readings of a dial gauge as the column `error`. The file has a time column and one column in µm, or in
