@@ -67,6 +67,10 @@ const UNREAD: [(&[&str], &str); 3] = [
     ),
 ];
 
+/// Remedy for a file that needs the feature `tables`.
+const NO_TABLES: &str = "this program was built without workbooks and compressed logs: save it as CSV, or use a packaged \
+                         program";
+
 /// Use of a file in a directory of logs.
 #[derive(Debug, PartialEq, Eq)]
 enum Use {
@@ -82,14 +86,9 @@ fn use_of(path: &Path) -> Use {
     if name.starts_with(['.', '~']) || is_of_outputs(path) || path.is_dir() {
         return Use::Nothing;
     }
-    let needs_tables = || {
-        match cfg!(feature = "tables") {
+    let needs_tables = || match cfg!(feature = "tables") {
         true => Use::Log,
-        false => Use::Unread(
-            "this program was built without workbooks and compressed logs: save it as CSV, or use a packaged program"
-                .to_owned(),
-        ),
-    }
+        false => Use::Unread(NO_TABLES.to_owned()),
     };
     let (stem, ending) = name.rsplit_once('.').unwrap_or((name.as_str(), ""));
     let is_text = |ending: &str| ending == "csv" || TEXTS.contains(&ending);
