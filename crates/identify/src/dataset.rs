@@ -31,6 +31,7 @@ mod parquet;
 mod plain;
 mod repeats;
 mod run;
+mod spaced;
 mod split;
 mod table;
 #[cfg(test)]

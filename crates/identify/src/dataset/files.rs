@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-use super::{BadLog, decode, head};
+use super::{BadLog, decode, head, spaced};
 use isotherm_profile::{FileKind, safe_file};
 
 /// Number of bytes of a text file in which the names of columns are searched.
@@ -116,7 +116,7 @@ fn is_log(path: &Path) -> bool {
     let begin = || -> io::Result<Vec<u8>> {
         let (decoded, _) = decode::utf8(safe_file::open(path)?)?;
         let mut text = Vec::new();
-        decoded.take(SAMPLE).read_to_end(&mut text)?;
+        spaced::columns(decoded)?.take(SAMPLE).read_to_end(&mut text)?;
         Ok(text)
     };
     // A file that cannot be read is named when it is read as a log.

@@ -113,7 +113,7 @@ pub(super) fn has_rows(text: &[u8]) -> bool {
 }
 
 /// Returns the index of the line with the names of the columns.
-fn names_at(lines: &[&str]) -> Option<usize> {
+pub(super) fn names_at(lines: &[&str]) -> Option<usize> {
     let below = |place: usize| lines.get(place + 1..).unwrap_or_default();
     let mut places = 0..lines.len().min(MOST_SKIPPED);
     let named = places.clone().find(|place| are_names(lines[*place], below(*place)));

@@ -8,7 +8,7 @@ use std::path::Path;
 use super::formats::read_table;
 use super::table::Cells;
 use super::tidy::Tidy;
-use super::{BadLog, Implausible, Split, Units, Uses, decode, files, head, measured};
+use super::{BadLog, Implausible, Split, Units, Uses, decode, files, head, measured, spaced};
 use isotherm_core::quantity::{Dialect, TimeColumns, names_and_units, time};
 
 /// Number of bytes in which the names of the columns are searched, as in [`head::start`].
@@ -67,7 +67,7 @@ pub fn plain_log(
 /// the log is long.
 fn plain_csv(input: impl Read + 'static, split: &Split) -> io::Result<Option<(PlainLog, Vec<String>)>> {
     let (decoded, _) = decode::utf8(input)?;
-    let (head, rest) = head::start(decoded)?;
+    let (head, rest) = head::start(spaced::columns(decoded)?)?;
     let left_out = [head.skipped, head.after];
     let mut rest = BufReader::new(rest);
     let mut line = Vec::new();
@@ -171,6 +171,7 @@ mod tests {
         plain(&wide, "time,bed\n0,20\n", [0, 0]);
         plain(b"# logger\n# time,bed\n0,20\n", "\"time\",\"bed\"\n0,20\n", [1, 0]);
         plain(b",bed\n2026-01-05 06:00:00,20\n", "\"time\",\"bed\"\n2026-01-05 06:00:00,20\n", [0, 0]);
+        plain(b"Logger\n time    bed\n    0   20.5\n", "time\tbed\n0\t20.5\n", [1, 0]);
         plain(b",bed\n0,20\n", ",bed\n0,20\n", [0, 0]);
         plain(b"", "", [0, 0]);
     }
