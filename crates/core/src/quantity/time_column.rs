@@ -28,10 +28,14 @@ impl TimeUnit {
     /// Returns the unit with this name in a header or in a cell.
     pub(super) fn of(name: &str) -> Option<TimeUnit> {
         Some(match name.to_ascii_lowercase().as_str() {
-            "ms" | "msec" | "millisecond" | "milliseconds" | "millisekunden" => TimeUnit::Milliseconds,
-            "s" | "sec" | "secs" | "second" | "seconds" | "sek" | "sekunden" | "秒" => TimeUnit::Seconds,
-            "min" | "mins" | "minute" | "minutes" | "minuten" | "分" => TimeUnit::Minutes,
-            "h" | "hr" | "hrs" | "hour" | "hours" | "std" | "stunden" => TimeUnit::Hours,
+            "ms" | "msec" | "millisecond" | "milliseconds" | "millisekunden" | "мс" => {
+                TimeUnit::Milliseconds
+            }
+            "s" | "sec" | "secs" | "second" | "seconds" | "sek" | "sekunden" | "с" | "сек" | "秒" => {
+                TimeUnit::Seconds
+            }
+            "min" | "mins" | "minute" | "minutes" | "minuten" | "мин" | "分" => TimeUnit::Minutes,
+            "h" | "hr" | "hrs" | "hour" | "hours" | "std" | "stunden" | "ч" => TimeUnit::Hours,
             "d" | "day" | "days" | "tage" => TimeUnit::Days,
             _ => return None,
         })
@@ -107,7 +111,24 @@ pub struct TimeColumns {
 
 /// Names of a time column, besides `time`, `time_s` and `time_min`. The most certain names come first.
 const NAMES: [&[&str]; 4] = [
-    &["time", "_time", "zeit", "heure", "hora", "tijd", "czas", "时间", "日時", "時刻"],
+    &[
+        "time",
+        "_time",
+        "zeit",
+        "heure",
+        "hora",
+        "tijd",
+        "czas",
+        "čas",
+        "tid",
+        "время",
+        "час",
+        "时间",
+        "時間",
+        "日時",
+        "時刻",
+        "시간",
+    ],
     &[
         "timestamp",
         "time stamp",
@@ -130,6 +151,10 @@ const NAMES: [&[&str]; 4] = [
         "data/ora",
         "data e hora",
         "data/hora",
+        "дата и время",
+        "дата/время",
+        "дата время",
+        "метка времени",
         "datum en tijd",
         "datum/tijd",
         "日期时间",
@@ -166,7 +191,7 @@ const NAMES: [&[&str]; 4] = [
     &DATES,
 ];
 /// Names of a column with the date. If a log has no other time column, its times are there too.
-const DATES: [&str; 5] = ["date", "datum", "fecha", "日期", "日付"];
+const DATES: [&str; 7] = ["date", "datum", "fecha", "дата", "日期", "日付", "날짜"];
 
 /// Names of columns whose numbers, if they are dates of this century, are days of a spreadsheet.
 const NAMED_FOR_DATES: [&str; 2] = ["dat", "stamp"];
@@ -296,6 +321,8 @@ mod tests {
             ("Date;Time;bed", (1, Some(0), Seconds)),
             ("bed;Datum;Uhrzeit", (2, Some(1), Seconds)),
             ("Datum & Uhrzeit;bed", (0, None, Seconds)),
+            ("Дата;Время;Станина", (1, Some(0), Seconds)),
+            ("Время [мин];Станина", (0, None, Minutes)),
             ("Zeitstempel;bed", (0, None, Seconds)),
             ("bed;Datum", (1, None, Seconds)),
             ("Elapsed Time (sec);bed", (0, None, Seconds)),

@@ -32,7 +32,9 @@ pub(super) fn from_text(
     let (skipped, after) = (head.skipped, head.after);
     let separator = dialect.separator();
     let header_is_wrong = |why: String| {
-        let hint = encoding.map(|encoding| format!(" (read as {encoding})")).unwrap_or_default();
+        let hint = encoding
+            .map(|encoding| format!(" (read as {encoding}: if letters are wrong, save the log as UTF-8)"))
+            .unwrap_or_default();
         BadLog(vec![format!("{}, line {}: {why}{hint}", file.display(), skipped + 1)])
     };
     let mut reader = csv::ReaderBuilder::new().flexible(true).delimiter(separator).from_reader(input);
