@@ -33,6 +33,7 @@ mod repeats;
 mod run;
 mod spaced;
 mod split;
+mod steps;
 mod table;
 #[cfg(test)]
 mod tests;

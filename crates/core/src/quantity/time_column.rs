@@ -105,6 +105,8 @@ pub struct TimeColumns {
     pub date: Option<usize>,
     /// Unit of the times, if they are numbers.
     pub unit: TimeUnit,
+    /// Whether the name of the column or the operator states that unit. Otherwise, it is assumed.
+    pub is_stated: bool,
     /// Whether the name of the column states that its times are in UTC.
     pub is_in_utc: bool,
 }
@@ -223,7 +225,9 @@ impl TimeColumns {
             Stated::Nothing | Stated::Utc => TimeUnit::Seconds,
         };
         let is_in_utc = stated_by_name == Stated::Utc;
-        Some(TimeColumns { time, date, unit: stated.unwrap_or(unit), is_in_utc })
+        let is_stated =
+            stated.is_some() || (names[time] != "time" && matches!(stated_by_name, Stated::Unit(_)));
+        Some(TimeColumns { time, date, unit: stated.unwrap_or(unit), is_stated, is_in_utc })
     }
 
     /// Returns the unit of the numbers in the time column, after the first of them is known. Numbers of this century
@@ -339,6 +343,15 @@ mod tests {
         {
             assert_eq!(found(header), None, "{header}");
         }
+        let stated = |name: &str, unit| {
+            TimeColumns::find(&[name.to_owned()], unit).is_some_and(|found| found.is_stated)
+        };
+        for (name, is_stated) in
+            [("time", false), ("Zeit", false), ("timestamp utc", false), ("time_s", true), ("t [s]", true)]
+        {
+            assert_eq!(stated(name, None), is_stated, "{name}");
+            assert!(stated(name, Some(Seconds)), "{name}");
+        }
         let zones = ["Time (UTC)", "time", "timestamp utc"]
             .map(|name| TimeColumns::find(&[name.to_owned()], None).is_some_and(|found| found.is_in_utc));
         assert_eq!(zones, [true, false, true]);
@@ -379,7 +392,8 @@ mod tests {
 
     #[test]
     fn days_of_a_spreadsheet_are_recognised_only_under_a_name_of_dates() {
-        let columns = TimeColumns { time: 0, date: None, unit: TimeUnit::Seconds, is_in_utc: false };
+        let columns =
+            TimeColumns { time: 0, date: None, unit: TimeUnit::Seconds, is_stated: false, is_in_utc: false };
         assert_eq!(columns.unit_of("Datum", "46090.25"), TimeUnit::ExcelDays);
         assert_eq!(columns.unit_of("timestamp", "46090,25"), TimeUnit::ExcelDays);
         assert_eq!(columns.unit_of("time", "46090.25"), TimeUnit::Seconds);

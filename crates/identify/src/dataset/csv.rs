@@ -134,7 +134,7 @@ pub(super) fn fits(record: &csv::StringRecord, width: usize, unnamed: usize) -> 
 }
 
 /// Adds the units of a second line to the names of the columns.
-fn with_units(names: Vec<String>, units: &[String]) -> Vec<String> {
+pub(super) fn with_units(names: Vec<String>, units: &[String]) -> Vec<String> {
     let mut names = names;
     for (name, unit) in names.iter_mut().zip(units) {
         if !name.is_empty() && !unit.is_empty() {

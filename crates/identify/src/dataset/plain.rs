@@ -8,7 +8,7 @@ use std::path::Path;
 use super::formats::read_table;
 use super::table::Cells;
 use super::tidy::Tidy;
-use super::{BadLog, Implausible, Split, Units, Uses, decode, files, head, measured, spaced};
+use super::{BadLog, Implausible, Split, Units, Uses, decode, files, head, measured, spaced, steps};
 use isotherm_core::quantity::{Dialect, TimeColumns, names_and_units, time};
 
 /// Number of bytes in which the names of the columns are searched, as in [`head::start`].
@@ -52,6 +52,7 @@ pub fn plain_log(
     };
     match plain.map_err(|why| files::cannot_be_read(file, &why))? {
         Some((log, names)) => {
+            steps::check(&file.display().to_string(), (names.as_slice(), log.first_rows.as_slice()), split)?;
             let is_measured = |(name, _): &(String, String)| split.displacements.contains(name);
             let implausible = match names_and_units(&names).iter().any(is_measured) {
                 true => measured::in_file(file, split, (units, uses))?,
@@ -63,8 +64,8 @@ pub fn plain_log(
     }
 }
 
-/// Reads CSV in any encoding of a logger, without the lines around the column names. Also returns these names. `None` if
-/// the log is long.
+/// Reads CSV in any encoding of a logger, without the lines around the column names. Also returns these names, with
+/// their units. `None` if the log is long.
 fn plain_csv(input: impl Read + 'static, split: &Split) -> io::Result<Option<(PlainLog, Vec<String>)>> {
     let (decoded, _) = decode::utf8(input)?;
     let (head, rest) = head::start(spaced::columns(decoded)?)?;
@@ -93,6 +94,7 @@ fn plain_csv(input: impl Read + 'static, split: &Split) -> io::Result<Option<(Pl
     }
     let input = Box::new(Cursor::new(line).chain(rest));
     let implausible = Implausible::default();
+    let names = super::csv::with_units(names, &head.units);
     Ok(Some((PlainLog { input, is_csv: true, first_rows, left_out, implausible }, names)))
 }
 
@@ -152,6 +154,8 @@ fn csv_of_table(
 
 #[cfg(test)]
 mod tests {
+    use isotherm_core::quantity::TimeUnit;
+
     use super::*;
 
     #[track_caller]
@@ -217,6 +221,33 @@ mod tests {
         let input = std::fs::File::open(&path).unwrap();
         let uses = |name: &str| ["bed", "z_error_um"].contains(&name);
         plain_log(&path, input, &split, (&|_: &str| None, &uses)).map(|log| log.implausible)
+    }
+
+    #[test]
+    fn times_without_a_unit_that_may_be_milliseconds_are_asked_for() {
+        let read = |head: &str, split: &Split| {
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("day.csv");
+            std::fs::write(&path, format!("{head}\n0,20\n1000,21\n2000,22\n3000,23\n")).unwrap();
+            let input = std::fs::File::open(&path).unwrap();
+            let every = super::super::every_column;
+            let plain = plain_log(&path, input, split, (&|_: &str| None, &every)).map(drop);
+            (plain, read_table(&path, split, &every).map(drop))
+        };
+        for head in ["time,bed", "Zeit,bed", "timestamp,bed"] {
+            let (plain, table) = read(head, &Split::default());
+            for said in [plain.unwrap_err().to_string(), table.unwrap_err().to_string()] {
+                assert!(
+                    said.contains("the rows are 1000 s apart") && said.contains("--time-unit s, ms"),
+                    "{said}"
+                );
+            }
+            let stated = Split { time_unit: Some(TimeUnit::Milliseconds), ..Split::default() };
+            assert_eq!(read(head, &stated), (Ok(()), Ok(())));
+        }
+        for head in ["time_s,bed", "Zeit [ms],bed", "time,bed\nms,°C", "time,bed\ns,°C"] {
+            assert_eq!(read(head, &Split::default()), (Ok(()), Ok(())), "{head}");
+        }
     }
 
     #[test]

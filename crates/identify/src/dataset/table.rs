@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::unit::are_alike;
 use super::words::{MOST_WORDS, Messages, Words};
-use super::{BadLog, active_cz};
+use super::{BadLog, active_cz, steps};
 use isotherm_core::quantity::{
     Cell, Conversion, DateOrder, DecimalMark, Dialect, Moment, TimeColumns, TimeUnit, names_and_units,
 };
@@ -186,6 +186,8 @@ pub(super) struct Reader {
     time: TimeColumns,
     /// Unit of the times that are numbers; `None` before the first row.
     unit: Option<TimeUnit>,
+    /// Whether the first time is a number.
+    is_count: bool,
     /// Number of columns that are read completely, without the time.
     kept: usize,
     /// Word for a row in messages: line or row.
@@ -224,6 +226,7 @@ impl Reader {
             table: Table { file: file.to_owned(), row, ..Table::default() },
             time,
             unit: None,
+            is_count: false,
             kept: columns.iter().filter(|column| column.is_used && !column.is_over).count(),
             columns,
             row,
@@ -328,6 +331,9 @@ impl Reader {
         let unit = *self.unit.get_or_insert_with(|| self.time.unit_of(&self.columns[place].name, time));
         match self.dialect.moment_in(unit, &quoted(time), last) {
             Ok(moment) => {
+                if self.table.times.is_empty() {
+                    self.is_count = time.trim().replace(',', ".").parse::<f64>().is_ok();
+                }
                 self.table.times.push(moment);
                 self.table.lines.push(number);
                 Ok(true)
@@ -426,6 +432,13 @@ impl Reader {
             let (at, name) = (&self.row, quoted(&self.columns[self.time.time].name));
             let message = format!("{}, {at} {number}, column {name}: {why}{more}", self.table.file.display());
             self.listed.insert(0, message);
+        }
+        if self.is_count && !self.time.is_stated && self.unit == Some(TimeUnit::Seconds) {
+            let first = self.table.times.iter().take(steps::COMPARED);
+            let times: Vec<f64> = first.map(|at| at.since(Moment::default()).as_secs_f64()).collect();
+            if let Some(why) = steps::question(&self.columns[self.time.time].name, &times) {
+                self.listed.insert(0, format!("{}: {why}", self.table.file.display()));
+            }
         }
         if self.table.times.is_empty() && self.listed.is_empty() {
             self.refuse(empty.0, None, empty.1);
