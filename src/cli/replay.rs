@@ -116,22 +116,32 @@ fn opened<'a>(
     name: &'a str,
 ) -> anyhow::Result<(Box<dyn Read>, Recording<'a>)> {
     use isotherm_identify::dataset::{Split, plain_log};
+    use isotherm_identify::setup::units;
     let errors: Vec<String> =
         profile.axes.iter().map(|axis| format!("{}_error_um", axis.settings.name)).collect();
     let uses = |column: &str| {
         profile.signals.iter().any(|signal| signal.name == column)
             || errors.iter().any(|error| error == column)
     };
+    let units = units(profile);
     let LogFormat { decimal, dates, time_unit, .. } = arguments.format;
-    let split = Split { zone: Some(arguments.format.zone()), decimal, dates, time_unit, ..Split::default() };
-    let log = plain_log(&arguments.recording, log, &split, &uses)?;
+    let split = Split {
+        zone: Some(arguments.format.zone()),
+        decimal,
+        dates,
+        time_unit,
+        displacements: errors.clone(),
+        ..Split::default()
+    };
+    let log = plain_log(&arguments.recording, log, &split, (&units, &uses))?;
+    let (implausible, remarks) = (log.implausible.lines, log.implausible.remarks);
     let recording = match log.is_csv {
         true => {
             Recording { first_rows: log.first_rows, left_out: log.left_out, ..recording(arguments, name) }
         }
         false => Recording::from(name),
     };
-    Ok((log.input, recording))
+    Ok((log.input, Recording { implausible, remarks, ..recording }))
 }
 
 /// Opens the log for the reader of rows. Without `identify`, it is CSV in UTF-8 that begins with the column names.

@@ -247,7 +247,8 @@ pub(crate) fn csv(data: &[u8]) {
 fn replay_as_identify_reads(path: &Path) {
     use isotherm::cli::replay::{Recording, replay};
     let file = std::fs::File::open(path).expect("a file");
-    if let Ok(log) = plain_log(path, file, &Split::default(), &every_column) {
+    let split = Split { displacements: vec!["z_error_um".to_owned()], ..Split::default() };
+    if let Ok(log) = plain_log(path, file, &split, (&|_: &str| None, &every_column)) {
         let (first_rows, left_out) = (log.first_rows, log.left_out);
         let recording = Recording { name: "fuzz.csv", first_rows, left_out, ..Recording::default() };
         if let Err(why) = replay(&USUAL, log.input, recording, None) {

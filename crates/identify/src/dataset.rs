@@ -25,23 +25,28 @@ mod gzip;
 mod head;
 mod implausible;
 mod kind;
+mod measured;
 #[cfg(feature = "parquet")]
 mod parquet;
 mod plain;
 mod repeats;
 mod run;
+mod spaced;
 mod split;
+mod steps;
 mod table;
 #[cfg(test)]
 mod tests;
 mod tidy;
 mod unit;
+mod words;
 #[cfg(feature = "tables")]
 mod workbook;
 
 pub use error::{BadLog, Refusal};
 pub use explain::{CsvLayout, ExplainedColumn, ExplainedRow, Explanation, TimeLayout, explain};
 pub use kind::Kind;
+pub use measured::Implausible;
 pub use plain::{PlainLog, plain_log};
 pub use run::Run;
 pub(crate) use run::{Datum, Errors, Origin};
@@ -110,14 +115,16 @@ impl Dataset {
         units: Units<'_>,
         uses: Uses<'_>,
     ) -> Result<Dataset, BadLog> {
-        let (mut tables, mut wrong) = (Vec::new(), Vec::new());
-        for file in files::logs(files, &mut wrong) {
+        let (mut tables, mut wrong, mut remarks) = (Vec::new(), Vec::new(), Vec::new());
+        for file in files::logs(files, &mut wrong, &mut remarks) {
             match read_table(&file, split, uses) {
                 Ok(table) => tables.push(table),
                 Err(BadLog(found)) => wrong.extend(found),
             }
         }
-        Dataset::from_tables(BadLog::unless(wrong, tables)?, split, units)
+        let mut dataset = Dataset::from_tables(BadLog::unless(wrong, tables)?, split, units)?;
+        dataset.remarks.splice(0..0, remarks);
+        Ok(dataset)
     }
 
     /// Adds the readings of a dial gauge as the column `error`. The file has a time column and one column in µm, or in

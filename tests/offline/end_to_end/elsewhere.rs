@@ -112,6 +112,41 @@ fn replay_reads_below_the_lines_of_a_logger_and_leaves_no_part_of_its_output() {
 }
 
 #[test]
+fn replay_leaves_out_the_errors_that_identify_leaves_out() {
+    let home = tempfile::tempdir().unwrap();
+    let model = "[[axis.z.model]]\nname = \"m\"\nkind = \"linear\"\nterms = [ { signal = \"bearing\", gain = -2.0, reference = \
+                 20.0 } ]\n";
+    let profile =
+        crate::end_to_end::process::file(home.path(), "plant.toml", &format!("{PROFILE}{model}{OUTPUT}"));
+    let replayed = |wrong: &dyn Fn(usize) -> Option<&'static str>| {
+        let line = |(number, line): (usize, &str)| match (wrong(number), line.rsplit_once(',')) {
+            (Some(word), Some((rest, _))) => format!("{rest},{word}\n"),
+            _ => format!("{line}\n"),
+        };
+        let log: String = (1..).zip(in_utc(1).lines()).map(line).collect();
+        let verb = ["replay", profile.to_str().unwrap()];
+        asked(home.path(), &verb, &[("day.csv", log)], &["--json", "--out", "out.csv"])
+    };
+    for word in ["999.9", "-9999", "OL", "n/a"] {
+        let answer = replayed(&|line| [100, 101].contains(&line).then_some(word));
+        assert_eq!(answer.code, Some(0), "{}", answer.said);
+        let remark =
+            format!("line 100, column z_error_um: `{word}` is no measured value, also in line 101: left out");
+        assert!(answer.out.contains(&remark), "{}", answer.out);
+        let rows = std::fs::read_to_string(home.path().join("out.csv")).unwrap();
+        let residual =
+            |line: usize| rows.lines().nth(line - 1).unwrap().rsplit(',').next().unwrap().to_owned();
+        assert_eq!([residual(100), residual(101)], [String::new(), String::new()], "{word}");
+        assert!(!residual(102).is_empty() && !residual(99).is_empty(), "{word}");
+    }
+    std::fs::remove_file(home.path().join("out.csv")).unwrap();
+    let many = replayed(&|line| (line > 1 && line % 10 == 0).then_some("999.9"));
+    assert_eq!(many.code, Some(1), "{}", many.out);
+    assert!(many.said.contains("more than 5 % of the values"), "{}", many.said);
+    assert!(!home.path().join("out.csv").exists());
+}
+
+#[test]
 fn what_is_wrong_in_a_spreadsheet_is_named_with_its_own_line() {
     let home = tempfile::tempdir().unwrap();
     let said = |from: &str, to: &str| {

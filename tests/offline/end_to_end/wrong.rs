@@ -237,7 +237,12 @@ fn what_cannot_be_learnt_from_is_reported_by_identify_and_select() {
     }
     let few = |number: u32| written(&HEADER, &rows(number).into_iter().step_by(150).collect::<Vec<_>>());
     let logs = [("one.csv", few(1)), ("two.csv", few(2))];
-    let answer = identify(home.path(), PROFILE, &logs, &["--method", "ols", "--keep", "bearing,oil,post"]);
+    let answer = identify(
+        home.path(),
+        PROFILE,
+        &logs,
+        &["--method", "ols", "--keep", "bearing,oil,post", "--time-unit", "s"],
+    );
     assert!(answer.said.contains("terms cannot be identified from"), "{}", answer.said);
 }
 

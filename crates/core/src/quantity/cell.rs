@@ -8,20 +8,46 @@ use std::borrow::Cow;
 pub enum Cell<'a> {
     /// Finite number, and the unit that follows it in the cell. The unit is empty if the cell has none.
     Number(f64, &'a str),
-    /// No value: the cell is empty, or contains a word such as `NaN` or `n/a`.
+    /// No value: the cell is empty, or contains what programs write for an empty cell, such as `NaN` or `null`.
     Absent,
+    /// Words for a value that is not available, such as `n/a`, `#NV` or `-`.
+    Unavailable,
     /// Message of a logger instead of a value, such as `OL`, `Over` or `---`.
     Failed,
     /// Any other text.
     Text,
 }
 
-/// Words for a missing value. Programs write them where no value was measured.
-const ABSENT: [&str; 14] =
-    ["na", "n/a", "n.a.", "<na>", "nat", "#n/a", "#nv", "nan", "null", "(null)", "none", "missing", "-", "."];
+/// Words of programs for an empty cell.
+const ABSENT: [&str; 7] = ["<na>", "nat", "nan", "null", "(null)", "none", "."];
+
+/// Words of people, spreadsheets and historians for a value that is not available.
+const UNAVAILABLE: [&str; 21] = [
+    "na",
+    "n/a",
+    "n.a.",
+    "n. a.",
+    "#n/a",
+    "#n/a n/a",
+    "#nv",
+    "n.v.",
+    "k.a.",
+    "k. a.",
+    "n.d.",
+    "n/d",
+    "\\n",
+    "missing",
+    "not available",
+    "no value",
+    "keine daten",
+    "kein wert",
+    "-",
+    "\u{2013}",
+    "\u{2014}",
+];
 
 /// Messages of loggers for a value that could not be measured.
-const FAILED: [&str; 62] = [
+const FAILED: [&str; 99] = [
     "ol",
     "+ol",
     "-ol",
@@ -84,6 +110,43 @@ const FAILED: [&str; 62] = [
     "bruch",
     "sensor error",
     "?",
+    "-ol-",
+    "o.r.",
+    "ovf",
+    "of",
+    "ofl",
+    "ufl",
+    "overrun",
+    "over temp",
+    "hi",
+    "lo",
+    "high",
+    "low",
+    "hhh",
+    "hhhh",
+    "lll",
+    "llll",
+    "open t/c",
+    "t/c open",
+    "tc open",
+    "open sensor",
+    "sensor open",
+    "open input",
+    "n/c",
+    "not connected",
+    "unplugged",
+    "short circuit",
+    "drahtbruch",
+    "leitungsbruch",
+    "kurzschluss",
+    "ungültig",
+    "bad input",
+    "bad quality",
+    "no good",
+    "no signal",
+    "comm fail",
+    "comm error",
+    "i/o timeout",
 ];
 
 /// Units that may follow a number in a cell or a name in a header. The comparison ignores case.
@@ -275,9 +338,25 @@ pub(super) fn word(text: &str) -> Cell<'static> {
         "true" => Cell::Number(1.0, ""),
         "false" => Cell::Number(0.0, ""),
         _ if is_one_of(&ABSENT) => Cell::Absent,
+        _ if is_one_of(&UNAVAILABLE) => Cell::Unavailable,
         _ if is_one_of(&FAILED) || is_filler(text) || is_of_windows(text) => Cell::Failed,
+        _ if is_of_spreadsheet(text) || is_numbered_error(text) => Cell::Failed,
         _ => Cell::Text,
     }
+}
+
+/// Returns whether the text is an error of a spreadsheet in any language: `#VALUE!`, `#BEZUG!`, `#NAME?`.
+fn is_of_spreadsheet(text: &str) -> bool {
+    let word = text.strip_prefix('#').and_then(|rest| rest.strip_suffix(['!', '?']));
+    word.is_some_and(|word| !word.is_empty() && !word.contains(char::is_whitespace))
+}
+
+/// Returns whether the text is an error of a logger with its number: `Err1`, `Error 12`, `ERR:03`.
+fn is_numbered_error(text: &str) -> bool {
+    let text = text.to_ascii_lowercase();
+    let rest = text.strip_prefix("error").or_else(|| text.strip_prefix("err"));
+    let number = rest.map(|rest| rest.trim_start_matches([' ', '.', ':', '-', '_', '#']));
+    number.is_some_and(|number| !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
 /// Returns whether the text repeats one sign, as displays do for an overload: `---`, `+++++++`, `****`.
@@ -287,9 +366,12 @@ fn is_filler(text: &str) -> bool {
 }
 
 /// Returns whether the text is a number that is none, as programs of Windows print it: `1.#QNAN`, `-1.#IND`, `1.#INF`.
-/// With two decimals, they print `1.#R` and `1.#J`.
+/// With two decimals, they print `1.#R` and `1.#J`. Later versions print `nan(ind)` and `nan(snan)`.
 fn is_of_windows(text: &str) -> bool {
     let text = text.trim_start_matches(['+', '-']).to_ascii_uppercase();
+    if ["NAN(IND)", "NAN(SNAN)", "QNAN", "SNAN"].contains(&text.as_str()) {
+        return true;
+    }
     let rest = text.strip_prefix("1.#").or_else(|| text.strip_prefix("1,#"));
     rest.is_some_and(|rest| ["QN", "SN", "NAN", "IN", "R", "J"].iter().any(|word| rest.starts_with(word)))
 }
@@ -412,16 +494,47 @@ mod tests {
 
     #[test]
     fn words_are_missing_values_messages_of_a_logger_or_texts() {
-        for text in ["", "NaN", "n/a", "#N/A", "#NV", "null", "-", "NA"] {
+        for text in ["", "NaN", "nan", "null", "<NA>", "None"] {
             assert_eq!(word(text), Cell::Absent, "{text}");
         }
+        for text in ["n/a", "N/A", "#N/A", "#NV", "-", "–", "—", "NA", "k.A.", "\\N", "missing"] {
+            assert_eq!(word(text), Cell::Unavailable, "{text}");
+        }
         for text in [
-            "OL", "Over", "---", "+++++++", "1.#QNAN", "-1.#IND", "1.#INF", "1.#R", "BURNOUT", "****",
-            "-.--", "#DIV/0!", "Err", "O/L", "Fehler",
+            "OL",
+            "Over",
+            "---",
+            "+++++++",
+            "1.#QNAN",
+            "-1.#IND",
+            "1.#INF",
+            "1.#R",
+            "BURNOUT",
+            "****",
+            "-.--",
+            "#DIV/0!",
+            "Err",
+            "O/L",
+            "Fehler",
+            "#NAME?",
+            "#BEZUG!",
+            "#VALEUR!",
+            "Err1",
+            "Error 12",
+            "-nan(ind)",
+            "nan(ind)",
+            "OVF",
+            "Drahtbruch",
+            "T/C open",
+            "Comm Fail",
+            "HHHH",
+            "Lo",
         ] {
             assert_eq!(word(text), Cell::Failed, "{text}");
         }
-        for text in ["A7", "idle", "oops", "closed", "armed", "x"] {
+        for text in
+            ["A7", "idle", "oops", "closed", "armed", "x", "#1", "#!", "errand", "error x", "terror 1"]
+        {
             assert_eq!(word(text), Cell::Text, "{text}");
         }
         assert_eq!(word("true"), Cell::Number(1.0, ""));

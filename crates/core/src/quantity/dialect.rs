@@ -63,15 +63,15 @@ pub struct Dialect {
 }
 
 impl Dialect {
-    /// Detects the format from the header line. Comma, semicolon or tab separates the columns: the one that occurs most
-    /// often outside quotes. Commas are also common inside names.
+    /// Detects the format from the header line. Comma, semicolon, tab or pipe separates the columns: the one that occurs
+    /// most often outside quotes. Commas are also common inside names.
     #[must_use]
     pub fn of(header: &str, zone: Option<TimeZone>) -> Dialect {
         // Every other part is inside quotes.
         let open = || header.split('"').step_by(2).flat_map(str::bytes);
         let count = |separator: u8| open().filter(|byte| *byte == separator).count();
         // `max_by_key` returns the last maximum.
-        let there = [b',', b';', b'\t'].into_iter().filter(|separator| count(*separator) > 0);
+        let there = [b'|', b',', b';', b'\t'].into_iter().filter(|separator| count(*separator) > 0);
         let separator = there.max_by_key(|separator| count(*separator));
         Dialect {
             separator: separator.unwrap_or(b','),

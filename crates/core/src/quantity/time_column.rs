@@ -28,10 +28,14 @@ impl TimeUnit {
     /// Returns the unit with this name in a header or in a cell.
     pub(super) fn of(name: &str) -> Option<TimeUnit> {
         Some(match name.to_ascii_lowercase().as_str() {
-            "ms" | "msec" | "millisecond" | "milliseconds" | "millisekunden" => TimeUnit::Milliseconds,
-            "s" | "sec" | "secs" | "second" | "seconds" | "sek" | "sekunden" | "秒" => TimeUnit::Seconds,
-            "min" | "mins" | "minute" | "minutes" | "minuten" | "分" => TimeUnit::Minutes,
-            "h" | "hr" | "hrs" | "hour" | "hours" | "std" | "stunden" => TimeUnit::Hours,
+            "ms" | "msec" | "millisecond" | "milliseconds" | "millisekunden" | "мс" => {
+                TimeUnit::Milliseconds
+            }
+            "s" | "sec" | "secs" | "second" | "seconds" | "sek" | "sekunden" | "с" | "сек" | "秒" => {
+                TimeUnit::Seconds
+            }
+            "min" | "mins" | "minute" | "minutes" | "minuten" | "мин" | "分" => TimeUnit::Minutes,
+            "h" | "hr" | "hrs" | "hour" | "hours" | "std" | "stunden" | "ч" => TimeUnit::Hours,
             "d" | "day" | "days" | "tage" => TimeUnit::Days,
             _ => return None,
         })
@@ -101,13 +105,32 @@ pub struct TimeColumns {
     pub date: Option<usize>,
     /// Unit of the times, if they are numbers.
     pub unit: TimeUnit,
+    /// Whether the name of the column or the operator states that unit. Otherwise, it is assumed.
+    pub is_stated: bool,
     /// Whether the name of the column states that its times are in UTC.
     pub is_in_utc: bool,
 }
 
 /// Names of a time column, besides `time`, `time_s` and `time_min`. The most certain names come first.
 const NAMES: [&[&str]; 4] = [
-    &["time", "_time", "zeit", "heure", "hora", "tijd", "czas", "时间", "日時", "時刻"],
+    &[
+        "time",
+        "_time",
+        "zeit",
+        "heure",
+        "hora",
+        "tijd",
+        "czas",
+        "čas",
+        "tid",
+        "время",
+        "час",
+        "时间",
+        "時間",
+        "日時",
+        "時刻",
+        "시간",
+    ],
     &[
         "timestamp",
         "time stamp",
@@ -130,6 +153,10 @@ const NAMES: [&[&str]; 4] = [
         "data/ora",
         "data e hora",
         "data/hora",
+        "дата и время",
+        "дата/время",
+        "дата время",
+        "метка времени",
         "datum en tijd",
         "datum/tijd",
         "日期时间",
@@ -166,7 +193,7 @@ const NAMES: [&[&str]; 4] = [
     &DATES,
 ];
 /// Names of a column with the date. If a log has no other time column, its times are there too.
-const DATES: [&str; 5] = ["date", "datum", "fecha", "日期", "日付"];
+const DATES: [&str; 7] = ["date", "datum", "fecha", "дата", "日期", "日付", "날짜"];
 
 /// Names of columns whose numbers, if they are dates of this century, are days of a spreadsheet.
 const NAMED_FOR_DATES: [&str; 2] = ["dat", "stamp"];
@@ -198,7 +225,9 @@ impl TimeColumns {
             Stated::Nothing | Stated::Utc => TimeUnit::Seconds,
         };
         let is_in_utc = stated_by_name == Stated::Utc;
-        Some(TimeColumns { time, date, unit: stated.unwrap_or(unit), is_in_utc })
+        let is_stated =
+            stated.is_some() || (names[time] != "time" && matches!(stated_by_name, Stated::Unit(_)));
+        Some(TimeColumns { time, date, unit: stated.unwrap_or(unit), is_stated, is_in_utc })
     }
 
     /// Returns the unit of the numbers in the time column, after the first of them is known. Numbers of this century
@@ -296,6 +325,8 @@ mod tests {
             ("Date;Time;bed", (1, Some(0), Seconds)),
             ("bed;Datum;Uhrzeit", (2, Some(1), Seconds)),
             ("Datum & Uhrzeit;bed", (0, None, Seconds)),
+            ("Дата;Время;Станина", (1, Some(0), Seconds)),
+            ("Время [мин];Станина", (0, None, Minutes)),
             ("Zeitstempel;bed", (0, None, Seconds)),
             ("bed;Datum", (1, None, Seconds)),
             ("Elapsed Time (sec);bed", (0, None, Seconds)),
@@ -311,6 +342,15 @@ mod tests {
             ["when;bed", "t;bed", "t_min;bed", "air time [°C];bed", "Time [°C];bed", "Time (ticks);bed"]
         {
             assert_eq!(found(header), None, "{header}");
+        }
+        let stated = |name: &str, unit| {
+            TimeColumns::find(&[name.to_owned()], unit).is_some_and(|found| found.is_stated)
+        };
+        for (name, is_stated) in
+            [("time", false), ("Zeit", false), ("timestamp utc", false), ("time_s", true), ("t [s]", true)]
+        {
+            assert_eq!(stated(name, None), is_stated, "{name}");
+            assert!(stated(name, Some(Seconds)), "{name}");
         }
         let zones = ["Time (UTC)", "time", "timestamp utc"]
             .map(|name| TimeColumns::find(&[name.to_owned()], None).is_some_and(|found| found.is_in_utc));
@@ -352,7 +392,8 @@ mod tests {
 
     #[test]
     fn days_of_a_spreadsheet_are_recognised_only_under_a_name_of_dates() {
-        let columns = TimeColumns { time: 0, date: None, unit: TimeUnit::Seconds, is_in_utc: false };
+        let columns =
+            TimeColumns { time: 0, date: None, unit: TimeUnit::Seconds, is_stated: false, is_in_utc: false };
         assert_eq!(columns.unit_of("Datum", "46090.25"), TimeUnit::ExcelDays);
         assert_eq!(columns.unit_of("timestamp", "46090,25"), TimeUnit::ExcelDays);
         assert_eq!(columns.unit_of("time", "46090.25"), TimeUnit::Seconds);

@@ -6,7 +6,7 @@ use super::active_cz::is_of_machine;
 use super::head;
 use super::table::{Reader, Table, TooMuch};
 use super::tidy::Tidy;
-use super::{BadLog, Split, Uses, decode, files};
+use super::{BadLog, Split, Uses, decode, files, spaced};
 use isotherm_core::quantity::{Dialect, is_comment, with_date};
 use isotherm_profile::safe_file::{self, quoted};
 
@@ -27,13 +27,15 @@ pub(super) fn from_text(
 ) -> Result<Table, BadLog> {
     let unreadable = |why: std::io::Error| files::cannot_be_read(file, &why);
     let (decoded, encoding) = decode::utf8(input).map_err(unreadable)?;
-    let (head, input) = head::start(decoded).map_err(unreadable)?;
+    let (head, input) = head::start(spaced::columns(decoded).map_err(unreadable)?).map_err(unreadable)?;
     let (first, input) = safe_file::first_line(input).map_err(unreadable)?;
     let dialect = Dialect::of(&first, split.zone.clone()).with(split.decimal, split.dates);
     let (skipped, after) = (head.skipped, head.after);
     let separator = dialect.separator();
     let header_is_wrong = |why: String| {
-        let hint = encoding.map(|encoding| format!(" (read as {encoding})")).unwrap_or_default();
+        let hint = encoding
+            .map(|encoding| format!(" (read as {encoding}: if letters are wrong, save the log as UTF-8)"))
+            .unwrap_or_default();
         BadLog(vec![format!("{}, line {}: {why}{hint}", file.display(), skipped + 1)])
     };
     let mut reader = csv::ReaderBuilder::new().flexible(true).delimiter(separator).from_reader(input);
@@ -105,7 +107,7 @@ pub(super) fn from_text(
     let is_cut_off = is_of_gateway && ends_uneven && uneven.is_some_and(|(_, _, lines)| lines == 1);
     if let Some((line, cells, lines)) = uneven.filter(|_| !is_cut_off) {
         let more = if lines > 1 { format!(", also in {} more lines", lines - 1) } else { String::new() };
-        rows.refuse(line, None, uneven_row(cells, width, &more));
+        rows.refuse(line, None, uneven_row((cells, width), separator, &more));
     }
     rows.finish((2 + skipped + after, "there are no rows under the header"))
 }
@@ -118,9 +120,12 @@ pub(super) fn own_line<R: std::io::Read>(reader: &csv::Reader<R>, record: &csv::
 }
 
 /// Returns the message about a row with more or fewer cells than names.
-pub(super) fn uneven_row(cells: usize, width: usize, more: &str) -> String {
+pub(super) fn uneven_row((cells, width): (usize, usize), separator: u8, more: &str) -> String {
     let hint = match cells > width {
-        true => "if these are decimal commas, write points; a comma only separates columns",
+        true if separator == b',' => {
+            "if these are decimal commas, write points; a comma only separates columns"
+        }
+        true => "each column needs a name",
         false => "an empty cell also needs its separator",
     };
     format!("{cells} cells under {width} column names{more}: {hint}")
@@ -136,7 +141,7 @@ pub(super) fn fits(record: &csv::StringRecord, width: usize, unnamed: usize) -> 
 }
 
 /// Adds the units of a second line to the names of the columns.
-fn with_units(names: Vec<String>, units: &[String]) -> Vec<String> {
+pub(super) fn with_units(names: Vec<String>, units: &[String]) -> Vec<String> {
     let mut names = names;
     for (name, unit) in names.iter_mut().zip(units) {
         if !name.is_empty() && !unit.is_empty() {

@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::formats::{named, read_table};
 use super::head::{self, Head};
 use super::table::{Cells, Table, Understood};
-use super::{BadLog, Kind, Split, Uses, decode, every_column, files, unit};
+use super::{BadLog, Kind, Split, Uses, decode, every_column, files, spaced, unit};
 use isotherm_core::quantity::{DateOrder, DecimalMark, Dialect, Moment, TimeUnit, time};
 
 /// Number of bytes from which a CSV log is explained.
@@ -118,7 +118,9 @@ fn of_csv(file: &Path, split: &Split, found: &mut Explanation) -> Result<Found, 
     let unreadable = |why: std::io::Error| files::cannot_be_read(file, &why);
     let (decoded, encoding) = decode::utf8(files::open(file)?).map_err(unreadable)?;
     let mut text = Vec::new();
-    decoded.take(SAMPLE).read_to_end(&mut text).map_err(unreadable)?;
+    let columns = spaced::columns(decoded).map_err(unreadable)?;
+    let are_spaced = columns.are_spaced();
+    columns.take(SAMPLE).read_to_end(&mut text).map_err(unreadable)?;
     if text.len() as u64 == SAMPLE
         && let Some(end) = text.iter().rposition(|byte| *byte == b'\n')
     {
@@ -130,7 +132,9 @@ fn of_csv(file: &Path, split: &Split, found: &mut Explanation) -> Result<Found, 
     rest.take(SAMPLE).read_to_end(&mut names).map_err(unreadable)?;
     let names = String::from_utf8_lossy(&names);
     let separator = match Dialect::of(names.lines().next().unwrap_or_default(), None).separator() {
+        _ if are_spaced => "blank",
         b';' => "semicolon",
+        b'|' => "pipe",
         b'\t' => "tab",
         _ => "comma",
     };
@@ -290,6 +294,21 @@ mod tests {
             "line 4:",
         ] {
             assert!(text.contains(part), "{part}: {text}");
+        }
+    }
+
+    #[test]
+    fn pipes_and_blanks_separate_columns() {
+        for (log, separator) in [
+            (b"time|bed\n0|20.5\n".as_slice(), "pipe"),
+            (b"time | bed \n 0 | 20.5\n".as_slice(), "pipe"),
+            (b"  time     bed\n     0    20.5\n".as_slice(), "blank"),
+            (b"Agilent 34970A\n\ntime bed\n[s] [\xb0C]\n0 20.5\n".as_slice(), "blank"),
+        ] {
+            let found = explained(log);
+            assert_eq!(found.csv.clone().unwrap().separator, separator, "{found}");
+            assert_eq!(found.columns[0].name, "bed", "{found}");
+            assert_eq!(found.rows[0].values, [Some(20.5)], "{found}");
         }
     }
 

@@ -108,8 +108,15 @@ pub(super) fn line_of_names(text: &[u8]) -> Option<usize> {
     names_at(&String::from_utf8_lossy(sample).lines().collect::<Vec<&str>>())
 }
 
+/// Returns whether a text has a line with the names of columns, and another line below it.
+pub(super) fn has_rows(text: &[u8]) -> bool {
+    let text = String::from_utf8_lossy(text);
+    let lines: Vec<&str> = text.lines().collect();
+    names_at(&lines).is_some_and(|names| lines[names + 1..].iter().any(|line| !line.trim().is_empty()))
+}
+
 /// Returns the index of the line with the names of the columns.
-fn names_at(lines: &[&str]) -> Option<usize> {
+pub(super) fn names_at(lines: &[&str]) -> Option<usize> {
     let below = |place: usize| lines.get(place + 1..).unwrap_or_default();
     let mut places = 0..lines.len().min(MOST_SKIPPED);
     let named = places.clone().find(|place| are_names(lines[*place], below(*place)));

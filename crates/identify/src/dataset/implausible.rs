@@ -1,4 +1,5 @@
-//! Values that no sensor measured: overloads and errors of a logger that were written as numbers, and its messages.
+//! Values that no sensor measured: overloads and errors of a logger that were written as numbers, its messages, and words
+//! such as `n/a`.
 //!
 //! A suspicious value, such as 9.9E37, 850 or 0, counts only if it stands apart from the values before and after it by
 //! more than the machine moves between two rows. The rows are left out and named. Short gaps of a temperature are bridged
@@ -186,15 +187,34 @@ fn jumps(tested: &Tested<'_>, sentinels: &[usize], usual: f64) -> (Vec<usize>, V
 }
 
 /// Implausible values of a column in one run.
-struct Wrong {
+pub(super) struct Wrong {
     /// Index of the column in the table.
-    place: usize,
+    pub(super) place: usize,
     run: Range<usize>,
-    rows: BTreeSet<usize>,
+    pub(super) rows: BTreeSet<usize>,
     /// Text that names the rows.
     text: String,
     is_bridged: bool,
     are_too_many: bool,
+}
+
+impl Wrong {
+    /// Returns the message about too many values; `None` if they are few.
+    pub(super) fn refusal(&self) -> Option<String> {
+        self.are_too_many.then(|| {
+            format!(
+                "{}: more than {:.0} % of the values: leave this column or this log out, or repair the measurement",
+                self.text,
+                100.0 * MOST
+            )
+        })
+    }
+
+    /// Returns the remark about the values that were left out. `is_bridged` is whether a gap of them was bridged.
+    pub(super) fn left_out(&self, is_bridged: bool) -> String {
+        let done = if is_bridged { "; gaps of up to 5 min were bridged by straight lines" } else { "" };
+        format!("{}: left out{done}", self.text)
+    }
 }
 
 /// Leaves the implausible values of a table out, in each of its runs. Returns remarks with file, line and value, and the
@@ -208,29 +228,21 @@ pub(super) fn leave_out(
     let (found, lasting) = wrong(table, runs, kind);
     remarks.extend(lasting);
     let Table { columns, times, .. } = table;
-    for Wrong { place, run, rows, text, is_bridged, are_too_many } in found {
-        let (name, Cells::Numbers(values)) = &mut columns[place] else { continue };
+    for wrong in found {
+        let Wrong { place, run, rows, is_bridged, .. } = &wrong;
+        let (name, Cells::Numbers(values)) = &mut columns[*place] else { continue };
         rows.iter().for_each(|row| values[*row] = f64::NAN);
-        if are_too_many {
-            let message = format!(
-                "{text}: more than {:.0} % of the values: leave this column or this log out, or repair the measurement",
-                100.0 * MOST
-            );
-            refused.push(Refusal { column: name.clone(), message });
-            continue;
+        match wrong.refusal() {
+            Some(message) => refused.push(Refusal { column: name.clone(), message }),
+            None => remarks.push(wrong.left_out(*is_bridged && bridge(times, values, rows, run))),
         }
-        let done = match is_bridged && bridge(times, values, &rows, &run) {
-            true => "; gaps of up to 5 min were bridged by straight lines",
-            false => "",
-        };
-        remarks.push(format!("{text}: left out{done}"));
     }
     (remarks, refused)
 }
 
 /// Returns the implausible values of each column and run, and a remark about each column whose values jump and do not
 /// return.
-fn wrong(
+pub(super) fn wrong(
     table: &Table,
     runs: &[Range<usize>],
     kind: &dyn Fn(&str, &[f64]) -> Kind,
@@ -253,8 +265,10 @@ fn wrong(
         })
         .collect();
     // The rows are ascending.
-    let failed: Vec<Vec<usize>> =
-        numbers.iter().map(|(_, name, ..)| table.failed_rows(name).collect()).collect();
+    let words: Vec<[Vec<usize>; 2]> = numbers
+        .iter()
+        .map(|(_, name, ..)| [table.failed_rows(name).collect(), table.unavailable_rows(name).collect()])
+        .collect();
     let (mut found, mut remarks) = (Vec::new(), Vec::new());
     for run in runs {
         let least = |(values, least): &(&[f64], f64)| f64::max(*least, MOVED * range(&values[run.clone()]));
@@ -264,10 +278,12 @@ fn wrong(
                 (values[run.start + row] - values[run.start + before]).abs() > *step
             })
         };
-        for ((place, name, values, kind), failed) in numbers.iter().copied().zip(&failed) {
-            let until = |end: usize| failed.partition_point(|row| *row < end);
-            let failed = &failed[until(run.start)..until(run.end)];
-            if least_distance(kind).is_none() && failed.is_empty() {
+        for ((place, name, values, kind), words) in numbers.iter().copied().zip(&words) {
+            let [failed, unavailable] = words.each_ref().map(|rows| {
+                let until = |end: usize| rows.partition_point(|row| *row < end);
+                &rows[until(run.start)..until(run.end)]
+            });
+            if least_distance(kind).is_none() && failed.is_empty() && unavailable.is_empty() {
                 continue;
             }
             let conversion = table.conversions.get(name).copied().unwrap_or_default();
@@ -281,6 +297,8 @@ fn wrong(
             if !are_too_many && count(jumps.len()) / all <= MOST {
                 rows.extend(jumps.into_iter().map(|row| row + run.start));
             }
+            // The log itself says that these values are missing, so any number of them is a gap.
+            rows.extend(unavailable.iter().copied());
             if let Some(first) = lasting.first() {
                 remarks.push(lasting_jump(table, name, run.start + first, lasting.len()));
             }
@@ -318,7 +336,7 @@ fn remark(
     let value = match conversion.revert(values[first]) {
         value if value.is_finite() && value.abs() < HUGE => value.to_string(),
         value if value.is_finite() => format!("{value:e}"),
-        _ => table.failed_word(name),
+        _ => table.word(name, first).to_owned(),
     };
     let lines: Vec<String> =
         rows.iter().skip(1).take(NAMED).map(|row| table.lines.of(*row).to_string()).collect();

@@ -1,14 +1,15 @@
 //! Logs as CSV in UTF-8 that begins with the column names, for the reader of rows in `isotherm replay`. A log is thereby
 //! read in the same encodings, and below the same lines of a logger, as by `isotherm identify`.
 
+use std::collections::HashMap;
 use std::io::{self, BufRead, BufReader, Cursor, Read, Write};
 use std::path::Path;
 
 use super::formats::read_table;
 use super::table::Cells;
 use super::tidy::Tidy;
-use super::{BadLog, Split, Uses, decode, files, head};
-use isotherm_core::quantity::{Dialect, TimeColumns, time};
+use super::{BadLog, Implausible, Split, Units, Uses, decode, files, head, measured, spaced, steps};
+use isotherm_core::quantity::{Dialect, TimeColumns, names_and_units, time};
 
 /// Number of bytes in which the names of the columns are searched, as in [`head::start`].
 const LONGEST_HEAD: u64 = 1 << 16;
@@ -23,18 +24,22 @@ pub struct PlainLog {
     pub first_rows: Vec<Vec<String>>,
     /// Number of lines of the file before the names, and between the names and the first row, which are not in `input`.
     pub left_out: [u64; 2],
+    /// Values of the columns `split.displacements` that no sensor measured. In a log that is no CSV, they are empty cells
+    /// already, and no lines are given.
+    pub implausible: Implausible,
 }
 
 /// Reads any log that [`Dataset::read`](super::Dataset::read) reads. `input` is the opened file. Of a log that is no CSV, only
 /// the columns that are used are read, without texts.
 ///
 /// # Errors
-/// Those of [`Dataset::read`](super::Dataset::read) for this file, except those in a row of a CSV log.
+/// - Those of [`Dataset::read`](super::Dataset::read) for this file, except those in a row of a CSV log.
+/// - A column of `split.displacements` has too many values that no sensor measured.
 pub fn plain_log(
     file: &Path,
     input: impl Read + 'static,
     split: &Split,
-    uses: Uses<'_>,
+    (units, uses): (Units<'_>, Uses<'_>),
 ) -> Result<PlainLog, BadLog> {
     let ending = file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
     let plain = match ending.to_ascii_lowercase().as_str() {
@@ -46,15 +51,24 @@ pub fn plain_log(
         _ => plain_csv(input, split),
     };
     match plain.map_err(|why| files::cannot_be_read(file, &why))? {
-        Some(log) => Ok(log),
-        None => csv_of_table(file, split, uses),
+        Some((log, names)) => {
+            steps::check(&file.display().to_string(), (names.as_slice(), log.first_rows.as_slice()), split)?;
+            let is_measured = |(name, _): &(String, String)| split.displacements.contains(name);
+            let implausible = match names_and_units(&names).iter().any(is_measured) {
+                true => measured::in_file(file, split, (units, uses))?,
+                false => Implausible::default(),
+            };
+            Ok(PlainLog { implausible, ..log })
+        }
+        None => csv_of_table(file, split, (units, uses)),
     }
 }
 
-/// Reads CSV in any encoding of a logger, without the lines around the column names. `None` if the log is long.
-fn plain_csv(input: impl Read + 'static, split: &Split) -> io::Result<Option<PlainLog>> {
+/// Reads CSV in any encoding of a logger, without the lines around the column names. Also returns these names, with
+/// their units. `None` if the log is long.
+fn plain_csv(input: impl Read + 'static, split: &Split) -> io::Result<Option<(PlainLog, Vec<String>)>> {
     let (decoded, _) = decode::utf8(input)?;
-    let (head, rest) = head::start(decoded)?;
+    let (head, rest) = head::start(spaced::columns(decoded)?)?;
     let left_out = [head.skipped, head.after];
     let mut rest = BufReader::new(rest);
     let mut line = Vec::new();
@@ -79,7 +93,9 @@ fn plain_csv(input: impl Read + 'static, split: &Split) -> io::Result<Option<Pla
         line = with_units(&names, &head.units, separator);
     }
     let input = Box::new(Cursor::new(line).chain(rest));
-    Ok(Some(PlainLog { input, is_csv: true, first_rows, left_out }))
+    let implausible = Implausible::default();
+    let names = super::csv::with_units(names, &head.units);
+    Ok(Some((PlainLog { input, is_csv: true, first_rows, left_out, implausible }, names)))
 }
 
 /// Returns the line with the names of the columns and their units.
@@ -96,8 +112,13 @@ fn with_units(names: &[String], units: &[String], separator: u8) -> Vec<u8> {
 }
 
 /// Reads the columns of a log that are used, as CSV.
-fn csv_of_table(file: &Path, split: &Split, uses: Uses<'_>) -> Result<PlainLog, BadLog> {
-    let table = read_table(file, split, uses)?;
+fn csv_of_table(
+    file: &Path,
+    split: &Split,
+    (units, uses): (Units<'_>, Uses<'_>),
+) -> Result<PlainLog, BadLog> {
+    let mut table = read_table(file, split, uses)?;
+    let implausible = Implausible { lines: HashMap::new(), ..measured::leave_out(&mut table, split, units)? };
     let columns: Vec<(&String, &Vec<f64>)> = table
         .columns
         .iter()
@@ -127,16 +148,19 @@ fn csv_of_table(file: &Path, split: &Split, uses: Uses<'_>) -> Result<PlainLog, 
         is_csv: false,
         first_rows: Vec::new(),
         left_out: [0; 2],
+        implausible,
     })
 }
 
 #[cfg(test)]
 mod tests {
+    use isotherm_core::quantity::TimeUnit;
+
     use super::*;
 
     #[track_caller]
     fn plain(log: &[u8], expected: &str, left_out: [u64; 2]) {
-        let mut found = plain_csv(Cursor::new(log.to_vec()), &Split::default()).unwrap().unwrap();
+        let (mut found, _) = plain_csv(Cursor::new(log.to_vec()), &Split::default()).unwrap().unwrap();
         let mut text = String::new();
         found.input.read_to_string(&mut text).unwrap();
         assert_eq!((text.as_str(), found.left_out), (expected, left_out));
@@ -151,6 +175,7 @@ mod tests {
         plain(&wide, "time,bed\n0,20\n", [0, 0]);
         plain(b"# logger\n# time,bed\n0,20\n", "\"time\",\"bed\"\n0,20\n", [1, 0]);
         plain(b",bed\n2026-01-05 06:00:00,20\n", "\"time\",\"bed\"\n2026-01-05 06:00:00,20\n", [0, 0]);
+        plain(b"Logger\n time    bed\n    0   20.5\n", "time\tbed\n0\t20.5\n", [1, 0]);
         plain(b",bed\n0,20\n", ",bed\n0,20\n", [0, 0]);
         plain(b"", "", [0, 0]);
     }
@@ -164,8 +189,8 @@ mod tests {
         let mut encoder = GzEncoder::new(std::fs::File::create(&path).unwrap(), Compression::default());
         encoder.write_all(b"Logger\ntime,bed\n0,20\n").unwrap();
         encoder.finish().unwrap();
-        let uses = super::super::every_column;
-        let mut found = plain_log(&path, io::empty(), &Split::default(), &uses).unwrap();
+        let every = super::super::every_column;
+        let mut found = plain_log(&path, io::empty(), &Split::default(), (&|_: &str| None, &every)).unwrap();
         let mut text = String::new();
         found.input.read_to_string(&mut text).unwrap();
         assert_eq!((text.as_str(), found.left_out), ("time,bed\n0,20\n", [1, 0]));
@@ -174,9 +199,70 @@ mod tests {
     #[test]
     fn the_cells_of_the_first_rows_are_known() {
         let log = b"Date,Time,bed\n31/01/2026,06:00:00,20\n".to_vec();
-        let found = plain_csv(Cursor::new(log), &Split::default()).unwrap().unwrap();
+        let (found, _) = plain_csv(Cursor::new(log), &Split::default()).unwrap().unwrap();
         assert_eq!(found.first_rows, [["31/01/2026", "06:00:00", "20"]]);
         let long = b"time,sensor,value\n0,bed,20\n".to_vec();
         assert!(plain_csv(Cursor::new(long), &Split::default()).unwrap().is_none(), "it is read as a table");
+    }
+
+    /// Logs of 100 minutes, in which the function changes a cell of the error.
+    #[track_caller]
+    fn found_in(change: impl Fn(u32) -> Option<&'static str>) -> Result<Implausible, BadLog> {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("day.csv");
+        let row = |row: u32| {
+            let error = change(row).map_or_else(|| (10.0 + 0.1 * f64::from(row)).to_string(), str::to_owned);
+            format!("{};{error};20,5\n", 60 * row)
+        };
+        let rows: String = (0..100).map(row).collect();
+        std::fs::write(&path, format!("Logger\nZeit;z_error_um;bed\ns;µm;°C\n{}", rows.replace('.', ",")))
+            .unwrap();
+        let split = Split { displacements: vec!["z_error_um".to_owned()], ..Split::default() };
+        let input = std::fs::File::open(&path).unwrap();
+        let uses = |name: &str| ["bed", "z_error_um"].contains(&name);
+        plain_log(&path, input, &split, (&|_: &str| None, &uses)).map(|log| log.implausible)
+    }
+
+    #[test]
+    fn times_without_a_unit_that_may_be_milliseconds_are_asked_for() {
+        let read = |head: &str, split: &Split| {
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("day.csv");
+            std::fs::write(&path, format!("{head}\n0,20\n1000,21\n2000,22\n3000,23\n")).unwrap();
+            let input = std::fs::File::open(&path).unwrap();
+            let every = super::super::every_column;
+            let plain = plain_log(&path, input, split, (&|_: &str| None, &every)).map(drop);
+            (plain, read_table(&path, split, &every).map(drop))
+        };
+        for head in ["time,bed", "Zeit,bed", "timestamp,bed"] {
+            let (plain, table) = read(head, &Split::default());
+            for said in [plain.unwrap_err().to_string(), table.unwrap_err().to_string()] {
+                assert!(
+                    said.contains("the rows are 1000 s apart") && said.contains("--time-unit s, ms"),
+                    "{said}"
+                );
+            }
+            let stated = Split { time_unit: Some(TimeUnit::Milliseconds), ..Split::default() };
+            assert_eq!(read(head, &stated), (Ok(()), Ok(())));
+        }
+        for head in ["time_s,bed", "Zeit [ms],bed", "time,bed\nms,°C", "time,bed\ns,°C"] {
+            assert_eq!(read(head, &Split::default()), (Ok(()), Ok(())), "{head}");
+        }
+    }
+
+    #[test]
+    fn implausible_values_of_a_measured_error_are_found_by_line() {
+        for word in ["999.9", "0", "-9999", "9.9E37", "OL", "n/a"] {
+            let found = found_in(|row| [40, 41].contains(&row).then_some(word)).unwrap();
+            assert_eq!(found.lines["z_error_um"], [44, 45], "{word}");
+            let said = found.remarks.join("; ");
+            assert!(said.contains("line 44, column z_error_um: `") && said.contains("left out"), "{said}");
+        }
+        let found = found_in(|_| None).unwrap();
+        assert_eq!(found, Implausible::default());
+        let said = found_in(|row| (row % 10 == 5).then_some("999.9")).unwrap_err().to_string();
+        assert!(said.contains("more than 5 % of the values"), "{said}");
+        let said = found_in(|row| (row == 40).then_some("hot")).unwrap().remarks.join("; ");
+        assert!(said.contains("were not searched") && said.contains("`hot` is no number"), "{said}");
     }
 }

@@ -87,7 +87,8 @@ fn of_table(mut table: Table, names: &[String], split: &Split, kind: KindOf<'_>)
     }
     let stem = table.file.file_stem().and_then(|stem| stem.to_str()).unwrap_or("run");
     // A compressed log is named day.csv.gz.
-    let stem = stem.strip_suffix(".csv").unwrap_or(stem);
+    let is_compressed = table.file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("gz"));
+    let stem = stem.rsplit_once('.').filter(|_| is_compressed).map_or(stem, |(stem, _)| stem);
     let (mut named, mut wrong) = (Vec::new(), Vec::new());
     for (number, rows) in (1..).zip(parts.iter().cloned()) {
         let label = label(&rows);

@@ -5,7 +5,8 @@ use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use super::unit::are_alike;
-use super::{BadLog, active_cz};
+use super::words::{MOST_WORDS, Messages, Words};
+use super::{BadLog, active_cz, steps};
 use isotherm_core::quantity::{
     Cell, Conversion, DateOrder, DecimalMark, Dialect, Moment, TimeColumns, TimeUnit, names_and_units,
 };
@@ -17,8 +18,6 @@ use isotherm_profile::safe_file::quoted;
 const MOST_ROWS: usize = 20_000_000;
 /// Maximum number of numbers of a file; with 8 bytes each, they take 1.2 GB.
 const MOST_NUMBERS: usize = 150_000_000;
-/// Maximum number of different texts in a column that divides runs.
-const MOST_WORDS: usize = 100_000;
 /// Number of rows of an unused log column from which its kind is guessed.
 const SAMPLED: usize = 1000;
 /// Maximum number of listed errors; further errors are only counted.
@@ -53,7 +52,9 @@ pub(super) struct Table {
     /// Unused columns without any number, with the reason.
     pub(super) texts: Vec<(String, String)>,
     /// Messages of a logger instead of values, by the name of the column.
-    failed: HashMap<String, Failed>,
+    failed: HashMap<String, Messages>,
+    /// Words for values that are not available, such as `n/a`, by the name of the column.
+    unavailable: HashMap<String, Messages>,
     /// Names of the columns that contain the active Cz (Cz that acted during the measurement).
     pub(super) acted: Vec<String>,
     /// Rows directly after a zero command, each with the axis of the command; `None` for all axes. Only a log of the
@@ -78,24 +79,6 @@ pub(super) struct Understood {
     pub(super) dates: Option<DateOrder>,
 }
 
-/// Rows of a column with a message of the logger, such as `OL` or `---`, instead of a value.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-struct Failed {
-    rows: Vec<u32>,
-    /// First of these messages.
-    first: String,
-}
-
-impl Failed {
-    fn push(&mut self, row: usize, text: &str) {
-        if self.rows.is_empty() {
-            text.clone_into(&mut self.first);
-        }
-        // The number of rows is limited to [`MOST_ROWS`].
-        self.rows.extend(u32::try_from(row));
-    }
-}
-
 /// Cells of a column.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Cells {
@@ -105,37 +88,6 @@ pub(super) enum Cells {
     Text(Words),
     /// First numbers of an unused column, from which its kind is guessed.
     Unread(Vec<f64>),
-}
-
-/// Trimmed texts of a column; each different text is stored once.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Words {
-    places: Vec<u32>,
-    words: Vec<String>,
-    known: HashMap<String, u32>,
-}
-
-impl Words {
-    /// Returns the texts in the order of the rows.
-    pub(super) fn iter(&self) -> impl Iterator<Item = &str> {
-        self.places.iter().map(|place| self.words[*place as usize].as_str())
-    }
-
-    /// Adds the text of a row. Returns `false` if there are too many different texts.
-    fn push(&mut self, text: &str) -> bool {
-        let place = match self.known.get(text) {
-            Some(place) => *place,
-            None if self.words.len() == MOST_WORDS => return false,
-            None => {
-                let place = u32::try_from(self.words.len()).unwrap_or(u32::MAX);
-                self.words.push(text.to_owned());
-                self.known.insert(text.to_owned(), place);
-                place
-            }
-        };
-        self.places.push(place);
-        true
-    }
 }
 
 /// Line number of each row in its file. Only numbers that are not the number of the previous row plus one are stored.
@@ -186,12 +138,18 @@ impl Table {
 
     /// Returns the rows of this column with a message of the logger instead of a value.
     pub(super) fn failed_rows(&self, name: &str) -> impl Iterator<Item = usize> {
-        self.failed.get(name).into_iter().flat_map(|failed| &failed.rows).map(|row| *row as usize)
+        self.failed.get(name).into_iter().flat_map(Messages::rows)
     }
 
-    /// Returns the first message of the logger in this column; empty if there is none.
-    pub(super) fn failed_word(&self, name: &str) -> String {
-        self.failed.get(name).map(|failed| failed.first.clone()).unwrap_or_default()
+    /// Returns the rows of this column with a word for a value that is not available.
+    pub(super) fn unavailable_rows(&self, name: &str) -> impl Iterator<Item = usize> {
+        self.unavailable.get(name).into_iter().flat_map(Messages::rows)
+    }
+
+    /// Returns the word in this row of a column instead of a value; empty if there is none.
+    pub(super) fn word(&self, name: &str, row: usize) -> &str {
+        let mut kinds = [&self.failed, &self.unavailable].into_iter();
+        kinds.find_map(|words| words.get(name)?.of(row)).unwrap_or_default()
     }
 
     /// Returns the unused columns, with their first numbers.
@@ -217,7 +175,8 @@ struct Column {
     /// Unit in the header or in the first cell with a unit; empty if there is none.
     unit: String,
     conversion: Conversion,
-    failed: Failed,
+    failed: Messages,
+    unavailable: Messages,
     /// Whether the column is used. Only the first cells of an unused column are read.
     is_used: bool,
     /// Whether reading of the column has ended, because it is not needed or an error has been reported.
@@ -232,6 +191,8 @@ pub(super) struct Reader {
     time: TimeColumns,
     /// Unit of the times that are numbers; `None` before the first row.
     unit: Option<TimeUnit>,
+    /// Whether the first time is a number.
+    is_count: bool,
     /// Number of columns that are read completely, without the time.
     kept: usize,
     /// Word for a row in messages: line or row.
@@ -270,6 +231,7 @@ impl Reader {
             table: Table { file: file.to_owned(), row, ..Table::default() },
             time,
             unit: None,
+            is_count: false,
             kept: columns.iter().filter(|column| column.is_used && !column.is_over).count(),
             columns,
             row,
@@ -374,6 +336,9 @@ impl Reader {
         let unit = *self.unit.get_or_insert_with(|| self.time.unit_of(&self.columns[place].name, time));
         match self.dialect.moment_in(unit, &quoted(time), last) {
             Ok(moment) => {
+                if self.table.times.is_empty() {
+                    self.is_count = time.trim().replace(',', ".").parse::<f64>().is_ok();
+                }
                 self.table.times.push(moment);
                 self.table.lines.push(number);
                 Ok(true)
@@ -416,6 +381,12 @@ impl Reader {
                 }
                 f64::NAN
             }
+            Cell::Unavailable => {
+                if column.is_used {
+                    column.unavailable.push(column.numbers.len(), &text);
+                }
+                f64::NAN
+            }
         };
         column.has_numbers |= read.is_finite();
         column.numbers.push(read);
@@ -440,6 +411,9 @@ impl Reader {
     pub(super) fn number(&mut self, place: usize, value: f64) {
         let column = &mut self.columns[place];
         column.has_numbers |= value.is_finite();
+        if value.is_infinite() && column.is_used {
+            column.failed.push(column.numbers.len(), &value.to_string());
+        }
         column.numbers.push(if value.is_finite() { column.conversion.apply(value) } else { f64::NAN });
         if column.has_numbers {
             column.words = None;
@@ -465,6 +439,13 @@ impl Reader {
             let (at, name) = (&self.row, quoted(&self.columns[self.time.time].name));
             let message = format!("{}, {at} {number}, column {name}: {why}{more}", self.table.file.display());
             self.listed.insert(0, message);
+        }
+        if self.is_count && !self.time.is_stated && self.unit == Some(TimeUnit::Seconds) {
+            let first = self.table.times.iter().take(steps::COMPARED);
+            let times: Vec<f64> = first.map(|at| at.since(Moment::default()).as_secs_f64()).collect();
+            if let Some(why) = steps::question(&self.columns[self.time.time].name, &times) {
+                self.listed.insert(0, format!("{}: {why}", self.table.file.display()));
+            }
         }
         if self.table.times.is_empty() && self.listed.is_empty() {
             self.refuse(empty.0, None, empty.1);
@@ -504,12 +485,28 @@ impl Reader {
         if column.conversion != Conversion::Same {
             self.table.conversions.insert(name.to_owned(), column.conversion);
         }
-        if !column.failed.rows.is_empty() {
-            self.table.failed.insert(name.to_owned(), column.failed);
+        let first_word =
+            column.failed.rows().next().into_iter().chain(column.unavailable.rows().next()).min();
+        for (words, of_table) in
+            [(column.failed, &mut self.table.failed), (column.unavailable, &mut self.table.unavailable)]
+        {
+            if words.rows().next().is_some() {
+                of_table.insert(name.to_owned(), words);
+            }
         }
         let Some((line, text)) = column.text else {
             if column.is_used && !column.is_over && !column.has_numbers {
-                self.table.lost.push((name.to_owned(), "it has no values".to_owned()));
+                let why = match first_word {
+                    Some(row) => {
+                        let (line, word) = (self.table.lines.of(row), self.table.word(name, row));
+                        format!(
+                            "{} {line}: `{word}` is no measured value, and no {} has one",
+                            self.row, self.row
+                        )
+                    }
+                    None => "it has no values".to_owned(),
+                };
+                self.table.lost.push((name.to_owned(), why));
             }
             let of = if column.is_used { Cells::Numbers } else { Cells::Unread };
             return of(column.numbers);

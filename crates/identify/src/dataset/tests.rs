@@ -214,10 +214,68 @@ fn values_that_no_sensor_measured_are_left_out_with_file_line_and_value() {
         assert!(remark.contains(&expected), "{remark}");
         assert!(found.implausible.is_empty(), "{:?}", found.implausible);
     }
-    let many = read(&log_of_error(|row| (row % 10 == 5).then_some("9.9E+37")), &Split::default()).unwrap();
-    assert_eq!(many.implausible.len(), 1);
-    assert!(many.implausible[0].message.contains("more than 5 % of the values"), "{:?}", many.implausible);
+    for word in ["9.9E+37", "OL", "---"] {
+        let many = read(&log_of_error(|row| (row % 10 == 5).then_some(word)), &Split::default()).unwrap();
+        assert_eq!(many.implausible.len(), 1, "{word}");
+        assert!(
+            many.implausible[0].message.contains("more than 5 % of the values"),
+            "{:?}",
+            many.implausible
+        );
+    }
     assert_eq!(read(&log_of_error(|_| None), &Split::default()).unwrap().remarks, Vec::<String>::new());
+}
+
+#[test]
+fn words_for_missing_values_are_named_and_any_number_of_them_is_a_gap() {
+    for word in ["n/a", "#N/A", "#NV", "-", "missing", "k.A."] {
+        let found = read(&log_of_error(|row| (row % 10 == 5).then_some(word)), &Split::default()).unwrap();
+        let values = &found.runs[0].values[0];
+        assert!(values[5].is_nan() && values[6].is_finite() && values[95].is_nan(), "{word}");
+        assert!(found.implausible.is_empty(), "{:?}", found.implausible);
+        let expected = format!(
+            "day.csv, line 7, column z_error_um: `{word}` is no measured value, also in line 17, 27, 37, 47, 57 and 4 more: \
+             left out"
+        );
+        assert_eq!(found.remarks, [expected]);
+    }
+    for word in ["", "NaN", "null"] {
+        let found = read(&log_of_error(|row| (row % 10 == 5).then_some(word)), &Split::default()).unwrap();
+        assert_eq!(found.remarks, Vec::<String>::new(), "{word}");
+    }
+}
+
+#[test]
+fn the_remark_about_a_run_has_the_first_word_of_that_run() {
+    let log = log_of_error(|row| match row {
+        10 => Some("n/a"),
+        60 => Some("Over"),
+        61 => Some("OL"),
+        _ => None,
+    });
+    // The second run begins two hours later.
+    let late = |line: &str| match line.split_once(',') {
+        Some((time, rest)) if time.parse::<u32>().is_ok_and(|time| time >= 3000) => {
+            format!("{},{rest}\n", time.parse::<u32>().unwrap() + 7200)
+        }
+        _ => format!("{line}\n"),
+    };
+    let log: String = log.lines().map(late).collect();
+    let split = Split { gap: Some(Duration::from_secs(3600)), ..Split::default() };
+    let found = read(&log, &split).unwrap();
+    assert_eq!(found.runs.len(), 2);
+    let said = found.remarks.join("; ");
+    assert!(
+        said.contains("line 12, column z_error_um: `n/a`")
+            && said.contains("line 62, column z_error_um: `Over`"),
+        "{said}"
+    );
+}
+
+#[test]
+fn a_column_of_messages_only_is_named_with_the_first_of_them() {
+    let found = read("time,bed,air\n0,,20\n60,OL,21\n", &Split::default()).unwrap();
+    assert_eq!(found.lost[0].message, "day.csv, line 3: `OL` is no measured value, and no line has one");
 }
 
 #[test]

@@ -89,7 +89,7 @@ impl Tidy {
             let line = own_line + head.skipped;
             let unnamed = names.iter().rev().take_while(|name| name.is_empty()).count();
             if !fits(&record, names.len(), unnamed) {
-                return Err(refused(line, uneven_row(record.len(), names.len(), "")));
+                return Err(refused(line, uneven_row((record.len(), names.len()), separator, "")));
             }
             let cell = |place: usize| record.get(place).unwrap_or_default().trim();
             let time = with_date(cell(self.times.time), self.times.date.map(cell));

@@ -4,7 +4,7 @@ use super::kind::FileKind;
 
 /// Number of lines that are compared.
 const COMPARED: usize = 300;
-const SEPARATORS: [char; 3] = ['\t', ';', ','];
+const SEPARATORS: [char; 4] = ['\t', ';', ',', '|'];
 /// First column of a log without rows.
 const TIMES: [&str; 8] = ["time", "time_s", "time_min", "timestamp", "date", "datetime", "zeit", "datum"];
 

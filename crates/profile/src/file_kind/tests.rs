@@ -20,6 +20,7 @@ fn each_kind_is_recognised_by_its_content() {
         ("[[fault]]\ndevice = \"module\"\nkind = \"silent\"\n", FileKind::FaultScript),
         ("time,bed,spindle\n0,20.1,20.5\n60,20.2,20.9\n", FileKind::Log),
         ("time,bed\n", FileKind::Log),
+        ("time|bed\n0|20.1\n60|20.2\n", FileKind::Log),
         (
             "Logger 7\nSerial: 12\nDate;Bed\n05.01.2026 06:00:10;20,1\n05.01.2026 06:00:20;20,2\n",
             FileKind::Log,

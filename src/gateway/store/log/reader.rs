@@ -17,8 +17,8 @@ use isotherm_core::quantity::{
     names_and_units, time, with_date,
 };
 use isotherm_core::reading::{Reading, Reason};
-use isotherm_profile::Profile;
 use isotherm_profile::safe_file::{self, Lines, quoted};
+use isotherm_profile::{Axis, Profile};
 
 /// Column of a log from elsewhere: measured error of an axis.
 const ERROR: &str = "error_um";
@@ -55,6 +55,10 @@ pub struct Recording<'a> {
     /// Number of lines of the file before the column names, and between the names and the first row, which the reader
     /// does not get.
     pub left_out: [u64; 2],
+    /// Lines of the measured errors that no sensor measured, in ascending order, by the name of the column.
+    pub implausible: HashMap<String, Vec<u64>>,
+    /// Remarks about the file that were made before its rows are read.
+    pub remarks: Vec<String>,
 }
 
 impl<'a> From<&'a str> for Recording<'a> {
@@ -135,6 +139,8 @@ pub struct LogReader<R> {
     axes: Vec<String>,
     columns: Columns,
     ranges: Vec<Option<(f64, f64)>>,
+    /// Lines of the measured errors of each axis that no sensor measured, in ascending order.
+    implausible: Vec<Vec<u64>>,
     record: StringRecord,
     last: Option<Moment>,
     warnings: Vec<String>,
@@ -189,8 +195,8 @@ impl<R: Read> LogReader<R> {
         input: R,
         recording: impl Into<Recording<'a>>,
     ) -> Result<LogReader<R>, LogError> {
-        let Recording { name: file, zone, decimal, dates, time_unit, first_rows, left_out } =
-            recording.into();
+        let recording: Recording<'a> = recording.into();
+        let Recording { name: file, zone, decimal, dates, time_unit, first_rows, left_out, .. } = recording;
         let [before, after] = left_out;
         let error =
             |message: String| LogError { file: file.to_owned(), line: 1 + before, column: None, message };
@@ -230,10 +236,14 @@ impl<R: Read> LogReader<R> {
                 format!("none of the profile's signals is in the log: {}", quoted(&missing.join(", ")));
             return Err(error(message));
         }
-        let warnings = match missing.as_slice() {
-            [] => Vec::new(),
-            names => vec![format!("{file}: not in the log: {}", quoted(&names.join(", ")))],
-        };
+        let mut warnings = recording.remarks;
+        if !missing.is_empty() {
+            warnings.push(format!("{file}: not in the log: {}", quoted(&missing.join(", "))));
+        }
+        let mut lines = recording.implausible;
+        let lines_of =
+            |axis: &Axis| lines.remove(&format!("{}_{ERROR}", axis.settings.name)).unwrap_or_default();
+        let implausible = profile.axes.iter().map(lines_of).collect();
         let ranges = profile.signals.iter().map(|signal| signal.range).collect();
         let record = StringRecord::new();
         let axes = profile.axes.iter().map(|axis| axis.settings.name.clone()).collect();
@@ -249,6 +259,7 @@ impl<R: Read> LogReader<R> {
             axes,
             columns,
             ranges,
+            implausible,
             record,
             last: None,
             warnings,
@@ -372,13 +383,15 @@ impl<R: Read> LogReader<R> {
         for (place, range) in self.columns.signals.iter().zip(&self.ranges) {
             row.readings.push(reading(self.number(line, *place)?, *range, now));
         }
-        for (axis, columns) in self.columns.axes.iter().enumerate() {
+        let axes = self.columns.axes.iter().zip(&self.implausible);
+        for (axis, (columns, implausible)) in axes.enumerate() {
             if let Some((place, text)) = self.filled(columns.preferred) {
                 let change = serde_json::from_str(text).map_err(|cause| self.error(line, place, cause))?;
                 row.preferred.push((axis, change));
             }
             row.controls.push(self.control(line, columns)?);
             let error = self.number(line, columns.error)?.filter(|error| error.is_finite());
+            let error = error.filter(|_| implausible.binary_search(&line).is_err());
             left_out.extend(error.filter(|error| error.abs() >= NO_ERROR));
             row.errors.push(error.filter(|error| error.abs() < NO_ERROR));
             row.decided.push(self.decided(line, columns)?);
@@ -486,7 +499,7 @@ impl<R: Read> LogReader<R> {
         match self.dialect.clone().cell(text) {
             Ok(Cell::Number(value, "")) => Ok(Some(conversion.apply(value))),
             Ok(Cell::Number(value, unit)) => Ok(Some(Conversion::of(&self.names[place], unit).apply(value))),
-            Ok(Cell::Absent) => Ok(None),
+            Ok(Cell::Absent | Cell::Unavailable) => Ok(None),
             Ok(Cell::Failed) => Ok(Some(f64::NAN)),
             Ok(Cell::Text) => Err(self.error(line, place, format!("`{text}` is no number"))),
             Err(message) => Err(self.error(line, place, message)),

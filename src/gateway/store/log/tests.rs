@@ -193,6 +193,21 @@ fn an_error_that_no_machine_has_is_left_out_with_its_line() {
 }
 
 #[test]
+fn errors_in_the_lines_of_implausible_values_are_left_out() {
+    let log = "time,bed,z_error_um\n0,20,1.5\n60,20,999.9\n120,20,2.5\n";
+    let implausible = [("z_error_um".to_owned(), vec![3])].into_iter().collect();
+    let remarks = vec!["day.csv, line 3: left out".to_owned()];
+    let recording = Recording { name: "day.csv", implausible, remarks, ..Recording::default() };
+    let mut reader = LogReader::open(&sample::profile(), log.as_bytes(), recording).unwrap();
+    let mut errors = Vec::new();
+    while let Some(row) = reader.next_row().unwrap() {
+        errors.push(row.errors[0]);
+    }
+    assert_eq!(errors, [Some(1.5), None, Some(2.5)]);
+    assert_eq!(reader.warnings()[0], "day.csv, line 3: left out");
+}
+
+#[test]
 fn time_that_runs_back_is_a_warning_with_its_line() {
     let (rows, warnings) =
         rows("time,bed,wheelhead,hydraulics_on,zero_button\n10,1,,,\n5,1,,,\n6,1,,,\n").unwrap();

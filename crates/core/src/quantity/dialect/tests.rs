@@ -23,6 +23,8 @@ fn columns_are_separated_by_what_the_first_line_has_most_of() {
         ("time,\"a;b;c;d\",e", b','),
         ("", b','),
         ("time;T1, front", b';'),
+        ("time|a|b", b'|'),
+        ("time,a|b", b','),
     ] {
         assert_eq!(Dialect::of(header, None).separator(), separator, "{header}");
     }

@@ -1,0 +1,74 @@
+//! Implausible values of measured errors, for the reader of rows in `isotherm replay`. They are the values that
+//! [`Dataset::read`](super::Dataset::read) leaves out.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use super::formats::read_table;
+use super::implausible::{Wrong, wrong};
+use super::table::{Cells, Table};
+use super::{BadLog, Kind, Split, Units, Uses, unit};
+
+/// Values of the measured errors in one log that no sensor measured.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Implausible {
+    /// Lines of these values, in ascending order, by the name of the column.
+    pub lines: HashMap<String, Vec<u64>>,
+    /// Remarks with file, line and value.
+    pub remarks: Vec<String>,
+}
+
+/// Finds these values in the columns `split.displacements` of a log. A log that the reader of rows may read, but this
+/// function does not, gives a remark.
+///
+/// # Errors
+/// A column has too many of these values.
+pub(super) fn in_file(
+    file: &Path,
+    split: &Split,
+    (units, uses): (Units<'_>, Uses<'_>),
+) -> Result<Implausible, BadLog> {
+    // A displacement may jump while the machine moves.
+    let is_mover =
+        |name: &str| matches!(Kind::of_name(name, units(name)), Some(Kind::Speed | Kind::Position));
+    match read_table(file, split, &|name: &str| uses(name) || is_mover(name)) {
+        Ok(mut table) => leave_out(&mut table, split, units),
+        Err(BadLog(why)) => {
+            let why = why.first().map(String::as_str).unwrap_or_default();
+            let remark = format!("implausible values of the measured error were not searched: {why}");
+            Ok(Implausible { remarks: vec![remark], ..Implausible::default() })
+        }
+    }
+}
+
+/// Leaves these values of a table out.
+///
+/// # Errors
+/// A column has too many of them.
+pub(super) fn leave_out(table: &mut Table, split: &Split, units: Units<'_>) -> Result<Implausible, BadLog> {
+    let of_profile = |name: &str| {
+        let logged = table.units.get(name).and_then(|logged| unit::of_profile(name, logged));
+        units(name).or(logged)
+    };
+    let kind = |name: &str, values: &[f64]| match Kind::of_name(name, of_profile(name)) {
+        None if split.displacements.iter().any(|known| known == name) => Kind::Displacement,
+        _ => Kind::guess(name, of_profile(name), std::iter::once(values)),
+    };
+    let (found, lasting) = wrong(table, std::slice::from_ref(&(0..table.times.len())), &kind);
+    let (mut implausible, mut refused) =
+        (Implausible { remarks: lasting, ..Implausible::default() }, Vec::new());
+    for wrong in found {
+        let Wrong { place, rows, .. } = &wrong;
+        let Some((name, Cells::Numbers(values))) = table.columns.get_mut(*place) else { continue };
+        if !split.displacements.contains(name) {
+            continue;
+        }
+        rows.iter().for_each(|row| values[*row] = f64::NAN);
+        implausible.lines.insert(name.clone(), rows.iter().map(|row| table.lines.of(*row)).collect());
+        match wrong.refusal() {
+            Some(why) => refused.push(why),
+            None => implausible.remarks.push(wrong.left_out(false)),
+        }
+    }
+    BadLog::unless(refused, implausible)
+}

@@ -1,0 +1,101 @@
+//! Steps of times that are numbers without a unit. Milliseconds must not be read as seconds.
+
+use super::{BadLog, Split};
+use isotherm_core::quantity::{TimeColumns, TimeUnit};
+use isotherm_profile::safe_file::quoted;
+
+/// Number of rows that are compared.
+pub(super) const COMPARED: usize = 1000;
+/// Seconds since 1970 of the first number that is read as a date: that of 1980.
+const FIRST_DATE: f64 = 315_532_800.0;
+/// Step above which the rows of a log are hours apart, s.
+const HOURS: f64 = 7200.0;
+/// Steps of a logger in whole minutes that are longer than a second is in milliseconds, s.
+const USUAL: [f64; 3] = [1200.0, 1800.0, 3600.0];
+/// Number of rows that no person writes, so that their step is that of a logger.
+const OF_LOGGER: usize = 100;
+
+/// Returns the step between times without a unit, s, if they may be milliseconds: the rows are hours apart, or all steps
+/// are thousands, or a logger has a step that is near one second in milliseconds. `None` if the times are seconds.
+fn step_in_question(times: &[f64]) -> Option<f64> {
+    if times.len() < 3 || times[0] >= FIRST_DATE {
+        return None;
+    }
+    let mut steps: Vec<f64> =
+        times.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0).collect();
+    steps.sort_by(f64::total_cmp);
+    let usual = *steps.get(steps.len() / 2)?;
+    let is_thousands = |step: &f64| (step / 1000.0 - (step / 1000.0).round()).abs() < 1e-9;
+    let is_usual = USUAL.iter().any(|known| (usual - known).abs() < 0.01 * known);
+    let is_of_logger = times.len() >= OF_LOGGER && usual > 950.0 && !is_usual;
+    (usual > HOURS || (steps.len() > 1 && steps.iter().all(is_thousands)) || is_of_logger).then_some(usual)
+}
+
+/// Returns the question about the unit of these times, which are seconds if no unit is stated; `None` if they are seconds.
+pub(super) fn question(name: &str, times: &[f64]) -> Option<String> {
+    let step = step_in_question(times)?;
+    Some(format!(
+        "the rows are {step} s apart if column {} is in seconds: state the unit of the times with --time-unit s, ms or min",
+        quoted(name)
+    ))
+}
+
+/// Checks the times in the first rows of a log, as texts. `names` are the names of its columns with their units.
+///
+/// # Errors
+/// The unit of the times must be stated.
+pub(super) fn check(
+    place: &str,
+    (names, rows): (&[String], &[Vec<String>]),
+    split: &Split,
+) -> Result<(), BadLog> {
+    let Some(columns) = TimeColumns::find(names, split.time_unit) else { return Ok(()) };
+    let time = |cells: &Vec<String>| cells.get(columns.time)?.replace(',', ".").parse::<f64>().ok();
+    let times: Vec<f64> = rows.iter().take(COMPARED).map_while(time).collect();
+    let first = times.first().map(f64::to_string).unwrap_or_default();
+    let name = &names[columns.time];
+    if columns.is_stated || columns.unit_of(name, &first) != TimeUnit::Seconds {
+        return Ok(());
+    }
+    match question(name, &times) {
+        Some(why) => Err(BadLog(vec![format!("{place}: {why}")])),
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_that_may_be_milliseconds_are_in_question() {
+        let every = |step: f64, rows: u32| (0..rows).map(|row| step * f64::from(row)).collect::<Vec<f64>>();
+        for (step, rows) in
+            [(1000.0, 3), (2000.0, 300), (5000.0, 4), (10_000.0, 300), (60_000.0, 300), (86_400.0, 10)]
+        {
+            assert_eq!(step_in_question(&every(step, rows)), Some(step), "{step}");
+        }
+        for (step, rows) in [
+            (1.0, 300),
+            (10.0, 300),
+            (60.0, 300),
+            (100.0, 300),
+            (300.0, 300),
+            (900.0, 300),
+            (1800.0, 300),
+            (3600.0, 300),
+            (7200.0, 5),
+            (60_000.0, 2),
+        ] {
+            assert_eq!(step_in_question(&every(step, rows)), None, "{step}");
+        }
+        let uneven: Vec<f64> =
+            (0..300u32).map(|row| 1000.0 * f64::from(row) + f64::from(row * 7 % 5)).collect();
+        assert!(step_in_question(&uneven).is_some(), "a logger is late by some milliseconds");
+        let by_hand = [0.0, 1500.0, 4000.0, 9100.0];
+        assert_eq!(step_in_question(&by_hand), None);
+        let dates: Vec<f64> = every(86_400.0, 10).iter().map(|time| 1_767_592_800.0 + time).collect();
+        assert_eq!(step_in_question(&dates), None);
+        assert_eq!(step_in_question(&[5.0; 10]), None);
+    }
+}

@@ -1,0 +1,83 @@
+//! Texts of a column: those that divide runs, and the words that stand instead of values.
+
+use std::collections::HashMap;
+
+/// Maximum number of different texts in a column.
+pub(super) const MOST_WORDS: usize = 100_000;
+
+/// Trimmed texts of a column; each different text is stored once.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Words {
+    places: Vec<u32>,
+    words: Vec<String>,
+    known: HashMap<String, u32>,
+}
+
+impl Words {
+    /// Returns the texts in the order of the rows.
+    pub(super) fn iter(&self) -> impl Iterator<Item = &str> {
+        self.places.iter().map(|place| self.words[*place as usize].as_str())
+    }
+
+    /// Returns the text at this place in the order of the rows.
+    fn at(&self, place: usize) -> Option<&str> {
+        self.words.get(*self.places.get(place)? as usize).map(String::as_str)
+    }
+
+    /// Adds the first text once more. Returns `false` if there is no text yet.
+    fn repeat_first(&mut self) -> bool {
+        let has_words = !self.words.is_empty();
+        if has_words {
+            self.places.push(0);
+        }
+        has_words
+    }
+
+    /// Adds the text of a row. Returns `false` if there are too many different texts.
+    pub(super) fn push(&mut self, text: &str) -> bool {
+        let place = match self.known.get(text) {
+            Some(place) => *place,
+            None if self.words.len() == MOST_WORDS => return false,
+            None => {
+                let place = u32::try_from(self.words.len()).unwrap_or(u32::MAX);
+                self.words.push(text.to_owned());
+                self.known.insert(text.to_owned(), place);
+                place
+            }
+        };
+        self.places.push(place);
+        true
+    }
+}
+
+/// Rows of a column with a word, such as `OL`, `---` or `n/a`, instead of a value.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Messages {
+    /// Rows in ascending order.
+    rows: Vec<u32>,
+    /// Word in each of these rows.
+    words: Words,
+}
+
+impl Messages {
+    /// Adds the word in a row, which is not before the rows so far.
+    pub(super) fn push(&mut self, row: usize, text: &str) {
+        // The number of rows is limited to that of a table. Further words are as the first one.
+        if let Ok(row) = u32::try_from(row)
+            && (self.words.push(text) || self.words.repeat_first())
+        {
+            self.rows.push(row);
+        }
+    }
+
+    /// Returns the rows.
+    pub(super) fn rows(&self) -> impl Iterator<Item = usize> {
+        self.rows.iter().map(|row| *row as usize)
+    }
+
+    /// Returns the word in this row; `None` if it has a value.
+    pub(super) fn of(&self, row: usize) -> Option<&str> {
+        let place = self.rows.binary_search(&u32::try_from(row).ok()?).ok()?;
+        self.words.at(place)
+    }
+}
