@@ -45,12 +45,13 @@ pub fn put_model(text: &str, axis: &str, block: &str) -> Result<ModelEdit, Strin
     let sections = sections(&lines)?;
     let is_model =
         |section: &&Section| section.path.iter().map(String::as_str).take(3).eq(["axis", axis, "model"]);
-    let removed: Vec<&Section> = sections.iter().filter(is_model).collect();
+    let removed: Vec<Range<usize>> =
+        sections.iter().filter(is_model).map(|section| without_loose_comments(&lines, section)).collect();
     let own = sections.iter().find(|section| section.path == ["axis", axis]);
-    let place = removed.first().map(|section| section.lines.start);
+    let place = removed.first().map(|range| range.start);
     let place = place.or(own.map(|section| section.lines.end));
     let place = place.ok_or_else(|| format!("there is no line [axis.{axis}]"))?;
-    let is_kept = |at: &usize| !removed.iter().any(|section| section.lines.contains(at));
+    let is_kept = |at: &usize| !removed.iter().any(|range| range.contains(at));
     let part = |range: Range<usize>| range.filter(is_kept).map(|at| lines[at]).collect::<String>();
     let ending = if text.contains("\r\n") { "\r\n" } else { "\n" };
     let block = block.trim().lines().collect::<Vec<_>>().join(ending);
@@ -116,6 +117,18 @@ fn sections(lines: &[&str]) -> Result<Vec<Section>, String> {
         sections.push(Section { path: path(lines[*header])?, lines: begin(*header)..end, header: *header });
     }
     Ok(sections)
+}
+
+/// Returns the lines of a table without the comments at its end that a blank line separates from it. Such comments
+/// belong to the rest of the file.
+fn without_loose_comments(lines: &[&str], section: &Section) -> Range<usize> {
+    let Section { lines: Range { start, end }, header, .. } = section;
+    let is_blank = |line: &&str| line.trim().is_empty();
+    let is_loose = |line: &&&str| line.trim().is_empty() || line.trim_start().starts_with('#');
+    let loose = lines[header + 1..*end].iter().rev().take_while(is_loose).count();
+    let begin = end - loose;
+    let blank = lines[begin..*end].iter().position(is_blank);
+    *start..blank.map_or(*end, |blank| begin + blank)
 }
 
 /// Returns the keys in the header of a table: axis and z of `[axis.z]`.

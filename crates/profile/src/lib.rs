@@ -73,8 +73,8 @@ pub use kinds::modbus::serial::{Parity, Serial};
 pub use kinds::opcua::connection::{OpcUa, Security, User, server_url};
 pub use kinds::opcua::nodes::{ReadBy, SourceTime};
 pub use load::{
-    Loaded, environment, load, load_and_keep, load_before_certificates, load_from, parse, parse_beside,
-    parse_with,
+    Loaded, environment, load, load_and_keep, load_before_certificates, load_edited, load_from, parse,
+    parse_beside, parse_with,
 };
 pub use overridden_keys::Overridden;
 pub use profile::Profile;

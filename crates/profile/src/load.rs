@@ -122,6 +122,15 @@ fn read_layers(
         let kind = (other && matches!(files, Files::Beside(_))).then(|| FileKind::of_file(path)).flatten();
         misplaced(path, kind).unwrap_or_else(|| Errors(vec![not_read(path, &why)]))
     })?;
+    let layers = with_local(path, text, files)?;
+    let mut loaded = layered(&layers, files, settings, environment)?;
+    let names = layers.iter().filter_map(|(path, _)| path.file_name());
+    loaded.files = names.map(|name| name.to_string_lossy().into_owned()).collect();
+    Ok(loaded)
+}
+
+/// Returns the layers that are files: the profile with this text, and the local file next to it.
+fn with_local(path: &Path, text: String, files: &Files<'_>) -> Result<Vec<(PathBuf, String)>, Errors> {
     let mut layers = vec![(path.to_owned(), text)];
     let local = local_beside(path);
     match files.layer(&local) {
@@ -129,10 +138,7 @@ fn read_layers(
         Err(why) if why.kind() == ErrorKind::NotFound => {}
         Err(why) => return Err(Errors(vec![unreadable(&local.display().to_string(), &why)])),
     }
-    let mut loaded = layered(&layers, files, settings, environment)?;
-    let names = layers.iter().filter_map(|(path, _)| path.file_name());
-    loaded.files = names.map(|name| name.to_string_lossy().into_owned()).collect();
-    Ok(loaded)
+    Ok(layers)
 }
 
 /// Loads a profile from a text, for example one that is part of the program. Such a profile cannot refer to files.
@@ -166,6 +172,17 @@ pub fn parse_with(
 pub fn parse_beside(path: &Path, text: &str) -> Result<Loaded, Errors> {
     let disk = Disk::new(path.parent().unwrap_or(Path::new("")), Certificates::Needed, None);
     layered(&[(path.to_owned(), text.to_owned())], &Files::Beside(&disk), &[], &[])
+}
+
+/// Loads a profile as [`load`] does, but with a text that is not saved yet in place of the file. The local file and
+/// `environment` apply.
+///
+/// # Errors
+/// All mistakes in the profile, each with its place.
+pub fn load_edited(path: &Path, text: &str, environment: &Pairs) -> Result<Loaded, Errors> {
+    let disk = Disk::new(path.parent().unwrap_or(Path::new("")), Certificates::Needed, None);
+    let files = Files::Beside(&disk);
+    layered(&with_local(path, text.to_owned(), &files)?, &files, &[], environment)
 }
 
 /// Returns the environment variables that begin with `ISOTHERM_`: those that set keys of a profile, and others that may

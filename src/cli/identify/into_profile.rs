@@ -1,12 +1,14 @@
 //! `--into-profile`: puts the identified model into the profile after a yes. Everything else in the file stays as it was
 //! written. The profile before is kept next to it.
 
+use std::fs::Metadata;
 use std::io::Write;
 use std::os::unix::fs::{MetadataExt, chown};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 
+use crate::cli::backup::write_new;
 use crate::cli::print::{Out, say, say_beside};
 use crate::cli::values::{typed, wrong_arguments};
 use isotherm_core::compensation::model::Outside;
@@ -14,7 +16,7 @@ use isotherm_core::compensation::reference::Reference;
 use isotherm_identify::Identified;
 use isotherm_identify::written::{Written, written};
 use isotherm_profile::edit::{ModelEdit, put_machine_on, put_model};
-use isotherm_profile::{NO_MACHINE_START, Profile, counted, parse_beside, safe_file};
+use isotherm_profile::{NO_MACHINE_START, Profile, counted, environment, load_edited, safe_file};
 
 /// Largest number at the end of the names of a model's files.
 const MOST_FILES: u32 = 10_000;
@@ -34,7 +36,7 @@ pub(super) struct IntoProfileArguments {
 
 /// Edit of a profile that waits for the yes of the operator.
 pub(super) struct IntoProfile {
-    /// The file, behind all links.
+    /// The profile, as the user named it. Its files are next to this path, also if it is a link.
     path: PathBuf,
     text: String,
     before: String,
@@ -63,10 +65,8 @@ impl IntoProfile {
         found: &Identified,
         outside: Outside,
     ) -> anyhow::Result<IntoProfile> {
-        let shown = profile.display();
-        let path = profile.canonicalize().with_context(|| format!("{shown} cannot be found"))?;
-        let directory = path.parent().unwrap_or(Path::new("")).to_owned();
-        let written = with_new_files(found, &path, &directory, outside)?;
+        let (shown, path) = (profile.display(), profile.to_owned());
+        let written = with_new_files(found, &path, outside)?;
         let by_hand = "; --write writes the block to a file, to be pasted by hand";
         let edit = put_model(&before, &found.axis, &written.block);
         let ModelEdit { text, line, replaced } =
@@ -88,17 +88,8 @@ impl IntoProfile {
         if !yes && !agrees("Put it in?")? {
             anyhow::bail!("{shown} is not changed");
         }
-        self.write_files()?;
-        let new = self.parsed().inspect_err(|_| self.remove_files())?;
-        let counts_from_start =
-            new.axes.iter().any(|own| own.settings.name == axis && own.counts_from(Reference::Start));
-        if counts_from_start && new.machine.on.is_none() {
-            self.ask_for_the_start(profile, yes)?;
-        }
-        let old = self.path.with_added_extension("old");
-        let kept = std::fs::write(&old, &self.before);
-        kept.with_context(|| format!("{} cannot be written, so {shown} is not changed", old.display()))?;
-        replace(&self.path, &self.text).with_context(|| format!("{shown} cannot be written"))?;
+        let written = self.write(profile, axis, yes);
+        let old = written.inspect_err(|_| self.remove_files())?;
         say!("the model is in {shown}, line {}; the profile before is {}", self.line, old.display())?;
         for (name, _) in &self.written.files {
             say!("a file of it is {name}, next to the profile")?;
@@ -111,12 +102,32 @@ impl IntoProfile {
         self.path.parent().unwrap_or(Path::new(""))
     }
 
-    fn write_files(&self) -> anyhow::Result<()> {
+    /// Writes the files of the model, the profile before, and the profile. Returns the path of the profile before.
+    fn write(&mut self, profile: &Profile, axis: &str, yes: bool) -> anyhow::Result<PathBuf> {
+        let shown = self.path.display().to_string();
+        // The profile may be a link, which stays.
+        let file = self.path.canonicalize().with_context(|| format!("{shown} cannot be found"))?;
+        let like = file.metadata().with_context(|| format!("{shown} cannot be read"))?;
         for (name, text) in &self.written.files {
             let path = self.directory().join(name);
-            std::fs::write(&path, text).with_context(|| format!("{} cannot be written", path.display()))?;
+            put(&path, text, &like).with_context(|| format!("{} cannot be written", path.display()))?;
         }
-        Ok(())
+        let new = self.parsed()?;
+        let counts_from_start =
+            new.axes.iter().any(|own| own.settings.name == axis && own.counts_from(Reference::Start));
+        if counts_from_start && new.machine.on.is_none() {
+            self.ask_for_the_start(profile, yes)?;
+            self.parsed()?;
+        }
+        anyhow::ensure!(
+            text_of(&self.path)? == self.before,
+            "{shown} is not changed, because somebody has changed it since the beginning: repeat the command"
+        );
+        let old = self.path.with_added_extension("old");
+        let kept = put(&old, &self.before, &like);
+        kept.with_context(|| format!("{} cannot be written, so {shown} is not changed", old.display()))?;
+        put(&file, &self.text, &like).with_context(|| format!("{shown} cannot be written"))?;
+        Ok(old)
     }
 
     /// Removes the files of the model, because the profile does not name them.
@@ -128,7 +139,7 @@ impl IntoProfile {
 
     /// Returns the profile with the model. The files that it names must exist.
     fn parsed(&self) -> anyhow::Result<Profile> {
-        let parsed = parse_beside(&self.path, &self.text);
+        let parsed = load_edited(&self.path, &self.text, &environment());
         Ok(parsed
             .map_err(|errors| anyhow::anyhow!("with this model the profile has errors:\n{errors}"))?
             .profile)
@@ -141,7 +152,12 @@ impl IntoProfile {
         if yes {
             return Ok(());
         }
-        let names: Vec<&str> = profile.signals.iter().map(|signal| signal.name.as_str()).collect();
+        let bits = profile.signals.iter().filter(|signal| signal.unit.0 == "bool");
+        let names: Vec<&str> = bits.map(|signal| signal.name.as_str()).collect();
+        if names.is_empty() {
+            say_beside!("  no signal of the profile is a bit; add one, and write it into [machine] as `on`");
+            return Ok(());
+        }
         loop {
             prompt(&format!(
                 "Signal that is 1 while the machine is on ({}), or none [none]: ",
@@ -167,31 +183,32 @@ impl IntoProfile {
 }
 
 /// Returns the block and the files of a model. Their names do not exist yet, so that the profile before stays valid.
-fn with_new_files(
-    found: &Identified,
-    path: &Path,
-    directory: &Path,
-    outside: Outside,
-) -> anyhow::Result<Written> {
+fn with_new_files(found: &Identified, path: &Path, outside: Outside) -> anyhow::Result<Written> {
+    let directory = path.parent().unwrap_or(Path::new(""));
     let stem = path.file_stem().and_then(|stem| stem.to_str()).unwrap_or("model");
     let mut numbered =
         (1..MOST_FILES).map(|number| written(found, &format!("{stem}-{}-{number}", found.axis), outside));
     let is_new = |written: &Written| {
         !written.files.iter().any(|(name, _)| directory.join(name).symlink_metadata().is_ok())
     };
-    numbered.find(is_new).with_context(|| format!("{} has too many files of models", directory.display()))
+    numbered
+        .find(is_new)
+        .with_context(|| format!("there are too many files of models next to {}", path.display()))
 }
 
-/// Replaces a file at once. The new file has the permissions and the owner of the old one, if this user may set them.
-fn replace(path: &Path, text: &str) -> std::io::Result<()> {
+/// Writes a complete file, and replaces an existing one at once. The file has the permissions and the owner of the
+/// profile, if this user may set them, because it may contain the same passwords, and the same gateway reads it.
+fn put(path: &Path, text: &str, profile: &Metadata) -> std::io::Result<()> {
+    const PERMISSIONS: u32 = 0o777;
     let new = path.with_added_extension("new");
-    let old = std::fs::metadata(path)?;
-    let mut file = std::fs::File::create(&new)?;
-    file.write_all(text.as_bytes())?;
-    file.set_permissions(old.permissions())?;
-    file.sync_all()?;
-    let _ = chown(&new, Some(old.uid()), Some(old.gid()));
-    std::fs::rename(&new, path)
+    let _ = std::fs::remove_file(&new);
+    let written = write_new(&new, text.as_bytes(), profile.mode() & PERMISSIONS, None).and_then(|()| {
+        let _ = chown(&new, Some(profile.uid()), Some(profile.gid()));
+        std::fs::rename(&new, path)
+    });
+    written.inspect_err(|_| {
+        let _ = std::fs::remove_file(&new);
+    })
 }
 
 fn prompt(text: &str) -> std::io::Result<()> {

@@ -1,8 +1,9 @@
 //! `identify --into-profile`: the model is in the profile after a yes, and nothing else in it changes.
 
-use std::io::Write;
+use std::io::{Read, Write};
+use std::os::unix::fs::{PermissionsExt, symlink};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 
 use super::rig;
 use super::whitened::{days, logs};
@@ -17,18 +18,31 @@ fn bench() -> String {
     text.replacen("[output.z]", "# the register\n[output.z]", 1)
 }
 
-/// Runs `identify --into-profile` with these answers. Returns its output, and whether it succeeded.
-fn identify(home: &Path, arguments: &[&str], answers: &str) -> (String, bool) {
+fn start(home: &Path, arguments: &[&str]) -> Child {
     let mut command = Command::new(env!("CARGO_BIN_EXE_isotherm"));
     command.env_clear().env("HOME", home).current_dir(home);
     command.args(["identify", "bench.toml"]).args(rig::logs(home, &logs(&days(4, 11, 0.1))));
     command.arg("--into-profile").args(arguments);
     command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-    let mut child = command.spawn().unwrap();
+    command.spawn().unwrap()
+}
+
+/// Runs `identify --into-profile` with these answers. Returns its output, and whether it succeeded.
+fn identify(home: &Path, arguments: &[&str], answers: &str) -> (String, bool) {
+    let mut child = start(home, arguments);
     child.stdin.take().unwrap().write_all(answers.as_bytes()).unwrap();
     let ended = child.wait_with_output().unwrap();
     let said = [ended.stdout, ended.stderr].map(|text| String::from_utf8(text).unwrap()).concat();
     (said, ended.status.success())
+}
+
+/// Files of the profile and its models.
+fn left(home: &Path) -> Vec<String> {
+    let names = std::fs::read_dir(home).unwrap().map(|entry| entry.unwrap().file_name());
+    let mut left: Vec<String> = names.map(|name| name.into_string().unwrap()).collect();
+    left.retain(|name| name.starts_with("bench"));
+    left.sort_unstable();
+    left
 }
 
 fn read(home: &Path, name: &str) -> String {
@@ -79,12 +93,53 @@ fn without_a_yes_nothing_changes() {
         assert!(!is_good && said.contains("is not changed"), "{said}");
     }
     assert_eq!(read(home, "bench.toml"), bench());
-    let mut left: Vec<String> = std::fs::read_dir(home)
-        .unwrap()
-        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-        .collect();
-    left.retain(|name| name.starts_with("bench"));
-    assert_eq!(left, ["bench.toml"], "no file of a model is left behind");
+    assert_eq!(left(home), ["bench.toml"], "no file of a model is left behind");
+}
+
+#[test]
+fn a_profile_that_somebody_changes_meanwhile_is_not_overwritten() {
+    let home = tempfile::tempdir().unwrap();
+    let home = home.path();
+    std::fs::write(home.join("bench.toml"), bench()).unwrap();
+    let mut child = start(home, &[]);
+    let (mut out, mut said, mut byte) = (child.stdout.take().unwrap(), Vec::new(), [0_u8]);
+    while !said.ends_with(b"Put it in?") {
+        out.read_exact(&mut byte).unwrap();
+        said.extend(byte);
+    }
+    let by_hand = bench() + "# by hand\n";
+    std::fs::write(home.join("bench.toml"), &by_hand).unwrap();
+    child.stdin.take().unwrap().write_all(b" yes\nnone\n").unwrap();
+    out.read_to_end(&mut said).unwrap();
+    let ended = child.wait_with_output().unwrap();
+    let why = String::from_utf8(ended.stderr).unwrap();
+    assert!(!ended.status.success() && why.contains("somebody has changed it"), "{why}");
+    assert_eq!(read(home, "bench.toml"), by_hand);
+    assert_eq!(left(home), ["bench.toml"], "no file of a model is left behind");
+}
+
+#[test]
+fn a_link_stays_the_local_file_applies_and_the_profile_before_is_as_secret_as_the_profile() {
+    let home = tempfile::tempdir().unwrap();
+    let (home, plant) = (home.path(), home.path().join("plant"));
+    std::fs::create_dir(&plant).unwrap();
+    let address = "address = \"127.0.0.1:1502\"\n";
+    assert!(bench().contains(address));
+    std::fs::write(plant.join("seven.toml"), bench().replace(address, "")).unwrap();
+    std::fs::set_permissions(plant.join("seven.toml"), PermissionsExt::from_mode(0o600)).unwrap();
+    symlink(plant.join("seven.toml"), home.join("bench.toml")).unwrap();
+    std::fs::write(home.join("bench.local.toml"), format!("[bus.b]\n{address}")).unwrap();
+    let (said, is_good) = identify(home, &[], "yes\nrunning\n");
+    assert!(is_good, "{said}");
+    assert!(home.join("bench.toml").symlink_metadata().unwrap().is_symlink());
+    assert!(std::fs::read_to_string(plant.join("seven.toml")).unwrap().contains("[[axis.z.model]]"));
+    let loaded = isotherm_profile::load(&home.join("bench.toml"), &[], &[]);
+    let profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;
+    assert!(profile.axes[0].has_model(), "{said}");
+    for name in ["bench.toml", "bench.toml.old"] {
+        let mode = std::fs::metadata(home.join(name)).unwrap().permissions().mode();
+        assert_eq!(mode & 0o777, 0o600, "{name}");
+    }
 }
 
 #[test]
@@ -94,6 +149,10 @@ fn a_start_that_no_signal_shows_is_asked_for_and_may_stay_unknown() {
     std::fs::write(home.join("bench.toml"), bench()).unwrap();
     let (said, is_good) = identify(home, &[], "y\nruning\nnone\n");
     assert!(is_good && said.contains("did you mean `running`?"), "{said}");
+    assert!(
+        said.contains("while the machine is on (running), or none"),
+        "a temperature is not offered: {said}"
+    );
     let loaded = isotherm_profile::load(&home.join("bench.toml"), &[], &[]).unwrap();
     assert!(loaded.profile.machine.on.is_none() && loaded.profile.axes[0].has_model());
 }

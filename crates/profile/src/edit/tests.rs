@@ -50,6 +50,21 @@ fn another_model_replaces_the_first_one_with_its_comments() {
 }
 
 #[test]
+fn a_comment_behind_a_blank_line_stays_when_the_model_above_it_is_replaced() {
+    let text = "[axis.z]\nlimit = 1.0\n\n[[axis.z.model]]\nname = \"u\"\n# of the model\n\n# ---- outputs ----\n\n\
+                # the output\n[output.cnc_z]\naxis = \"z\"\n";
+    let ModelEdit { text: edited, replaced, .. } = put_model(text, "z", BLOCK).unwrap();
+    assert_eq!(replaced, 1);
+    assert!(
+        edited.ends_with(
+            "\nname = \"v\"\n\n# ---- outputs ----\n\n# the output\n[output.cnc_z]\naxis = \"z\"\n"
+        )
+    );
+    assert!(!edited.contains("of the model"), "{edited}");
+    assert_eq!(put_model(&edited, "z", BLOCK).unwrap().text, edited);
+}
+
+#[test]
 fn the_last_table_of_a_file_and_other_line_ends_are_edited_too() {
     let text = "[machine]\r\nname = \"m\"\r\n[axis.z]\r\nlimit = 1.0";
     let edited = put_model(text, "z", "[[axis.z.model]]\nname = \"u\"").unwrap().text;
