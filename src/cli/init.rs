@@ -137,8 +137,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         "Read every value once now? Nothing is written to a device",
         "The gateway connects to module and control, and shows each temperature and the offset register.",
     )?;
-    if agreed {
-        show_values(&file, &shown)?;
+    // The steps are shown also if the values cannot be read.
+    if agreed && let Err(why) = show_values(&file, &shown) {
+        say_beside!("{why:#}");
     }
     say_all!("{}", steps::after_init(&shown, &answers.axis))?;
     Ok(())

@@ -58,6 +58,16 @@ impl Line {
             _ => Err(format!("`{text}` is no address; {example}")),
         }
     }
+
+    /// Returns whether both are one line: they have the same address, or the same port.
+    pub(super) fn is_same(&self, other: &Line) -> bool {
+        match (self, other) {
+            (Line::Tcp(own), Line::Tcp(other)) | (Line::Serial(own, _), Line::Serial(other, _)) => {
+                own == other
+            }
+            _ => false,
+        }
+    }
 }
 
 /// Module that measures the temperatures.

@@ -74,7 +74,7 @@ pub(super) fn ask(
         answers::limit,
     )?;
     let (target, bits) = asking.target(known, &axis)?;
-    let (control, control_unit) = asking.control(module.sends_text(), unit)?;
+    let (control, control_unit) = asking.control(&line, module.sends_text(), unit)?;
     let machine_on = asking.machine_on(&bits)?;
     Ok(Answers {
         machine,
@@ -320,16 +320,24 @@ impl Asking<'_, '_> {
     }
 
     /// Asks for the line and the unit of the control. The line is `None` if it is that of the module.
-    fn control(&mut self, is_of_text: bool, module_unit: u8) -> anyhow::Result<(Option<Line>, u8)> {
+    fn control(
+        &mut self,
+        module: &Line,
+        is_of_text: bool,
+        module_unit: u8,
+    ) -> anyhow::Result<(Option<Line>, u8)> {
         let usual = if is_of_text { "192.168.0.20:502" } else { "same" };
-        let other_line = |text: &str| match text {
-            "same" if is_of_text => {
-                Err("the module sends text, so the control needs another line: write 192.168.0.20:502, or \
-                     /dev/ttyUSB1"
-                    .to_owned())
+        let other_line = |text: &str| {
+            let line = if text == "same" { None } else { Some(Line::parse(text)?) };
+            // A line has one bus, also if its address is written a second time.
+            match line.filter(|line| !line.is_same(module)) {
+                None if is_of_text => Err(
+                    "the module sends text, so the control needs another line: write 192.168.0.20:502, or \
+                         /dev/ttyUSB1"
+                        .to_owned(),
+                ),
+                line => Ok(line),
             }
-            "same" => Ok(None),
-            address => Line::parse(address).map(Some),
         };
         let control = self.text(
             ("control", "Address or serial port of the control, or same for the module's line", Some(usual)),

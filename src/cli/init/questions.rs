@@ -124,14 +124,17 @@ impl<'a> Questions<'a> {
 
     /// Returns the command that gives the same answers without questions.
     pub(super) fn command(&self, file: &str) -> String {
-        let options = self.taken.iter().map(|(option, answer)| {
-            let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.,:/@".contains(&byte);
-            match !answer.is_empty() && answer.bytes().all(is_plain) {
-                true => format!(" --{option}={answer}"),
-                false => format!(" --{option}='{}'", answer.replace('\'', "'\\''")),
-            }
-        });
-        format!("isotherm init {file} --yes{}", options.collect::<String>())
+        let options = self.taken.iter().map(|(option, answer)| format!(" --{option}={}", in_a_shell(answer)));
+        format!("isotherm init {} --yes{}", in_a_shell(file), options.collect::<String>())
+    }
+}
+
+/// Returns a word as it is written in the command line of a shell.
+fn in_a_shell(word: &str) -> String {
+    let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.,:/@".contains(&byte);
+    match !word.is_empty() && word.bytes().all(is_plain) {
+        true => word.to_owned(),
+        false => format!("'{}'", word.replace('\'', "'\\''")),
     }
 }
 

@@ -236,6 +236,18 @@ fn a_module_that_sends_text_is_on_a_line_of_its_own() {
 }
 
 #[test]
+fn a_control_at_the_address_of_the_module_is_on_its_line() {
+    let lines = USUAL.replacen("0.1\n\n", "0.1\n192.168.0.10\n", 1);
+    let (answers, shown) = answered(&lines);
+    let answers = answers.unwrap_or_else(|error| panic!("{error}\n{shown}"));
+    assert_eq!((&answers.control, answers.control_unit), (&None, 2));
+    assert_eq!(taken(&answers).buses.len(), 1);
+    let options =
+        ["--yes", "--bus", "/dev/ttyUSB0", "--output", "linuxcnc-eoffset", "--control", "/dev/ttyUSB0"];
+    assert_eq!(answered_with(&options, "").0.unwrap().control, None, "a port has one bus");
+}
+
+#[test]
 fn answers_that_end_write_nothing() {
     let (answers, _) = answered("press-7\n");
     let why = answers.unwrap_err().to_string();
@@ -267,4 +279,5 @@ fn a_file_that_exists_keeps_the_answers_for_another_file() {
     let mut questions = Questions::new(&mut input, &mut shown, false);
     let why = write(Some(&taken), &usual(), &mut questions).unwrap_err().to_string();
     assert!(why.contains("exists already") && why.contains("isotherm init OTHER.toml --yes"), "{why}");
+    assert_eq!(questions.command("my mill.toml"), "isotherm init 'my mill.toml' --yes");
 }
