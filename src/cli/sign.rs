@@ -12,6 +12,7 @@ use super::values::typed;
 use crate::cli::print::{say, say_beside};
 use crate::gateway::{control, sign_expectation};
 use crate::observe::status::{Command, DialDirection};
+use isotherm_profile::allowed;
 
 /// Interval of the checks whether the axis is ready.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
@@ -57,7 +58,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
              readout). Keep everyone away from the moving parts. Enter moves the offset by +5 µm, Ctrl-C \
              ends the check."
         );
-        typed()?;
+        anyhow::ensure!(typed()?.is_some(), "no answer; nothing was moved (--answer is for scripts)");
     }
     let (there, _while_it_is_there) = control::sign(&socket, axis, |said| say_beside!("{said}"))?;
     say_beside!("{there}");
@@ -88,7 +89,10 @@ fn wait_until_ready(socket: &Path, axis: &str, profile: &Path) -> anyhow::Result
         // Without a gateway, this ends with the error.
         let status: Value = serde_json::from_str(&control::status(socket)?)?;
         let axes = status["axes"].as_array().map_or(&[][..], Vec::as_slice);
-        let Some(own) = axes.iter().find(|own| own["name"] == axis) else { return Ok(()) };
+        let Some(own) = axes.iter().find(|own| own["name"] == axis) else {
+            let names = axes.iter().filter_map(|own| own["name"].as_str());
+            anyhow::bail!("the running gateway has no axis `{axis}`: {}", allowed(axis, names));
+        };
         match readiness(own) {
             Readiness::Ready => return Ok(()),
             Readiness::Off => anyhow::bail!(

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::state::GatewayState;
-use crate::gateway::state::arming::ArmRequest;
+use crate::gateway::state::arming::{ArmRequest, ArmingState};
 use crate::gateway::state::causes::unmodelled;
 use crate::gateway::state::sign::{PATIENCE, SignCheck, SignMove, SignStage, WAY, is_at, must, refused};
 use crate::observe::events::Event;
@@ -227,7 +227,8 @@ fn begin_movement(
     }
 }
 
-/// Disarms an axis without a model when its Cz has returned to zero after a sign check.
+/// Disarms an axis without a model when its Cz has returned to zero after a sign check. Nobody has switched the axis off:
+/// with a model, it is armed as the profile says.
 fn disarm_unmodelled(core: &mut GatewayState, axis: usize) {
     let (profile, _) = given(core);
     let arming = &core.arming[axis];
@@ -240,6 +241,7 @@ fn disarm_unmodelled(core: &mut GatewayState, axis: usize) {
     if is_at_zero && core.has_arrived(axis) {
         let why = unmodelled(&profile, axis).within(|cause| format!("the sign check is over, and {cause}"));
         core.disarm(AxisId(axis), why);
+        core.arming[axis].state = ArmingState::Off;
     }
 }
 

@@ -203,6 +203,18 @@ fn without_a_gateway_nobody_is_sent_to_the_gauge() {
 }
 
 #[test]
+fn without_an_operator_or_for_an_unknown_axis_nothing_moves() {
+    let bench = bench();
+    bench.is_in_state("active");
+    // Standard input has ended, so nobody can press Enter.
+    let (code, said) = bench.ask(&["sign", "--axis", "z"]);
+    assert!(code == 1 && said.contains("nothing was moved"), "{said}");
+    let (code, said) = bench.ask(&["sign", "--axis", "q"]);
+    assert!(code == 1 && said.contains("no axis `q`") && !said.contains("dial gauge"), "{said}");
+    assert_eq!((bench.reported("sign-ended"), offset(&bench)), (Vec::new(), 0));
+}
+
+#[test]
 fn an_axis_without_a_model_is_armed_for_the_check_and_off_again_after_it() {
     let bench = Bench::of(|text| {
         let (before, behind) = text.split_once("[[axis.z.model]]").unwrap();

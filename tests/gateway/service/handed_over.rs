@@ -221,3 +221,22 @@ fn thousands_of_axes_that_are_off_stay_off() {
     std::thread::sleep(Duration::from_millis(300));
     assert_eq!(service.events("started").len(), 2);
 }
+
+#[test]
+fn an_axis_that_got_its_model_after_a_sign_check_is_armed_as_the_profile_says() {
+    let mut whole = String::new();
+    let service = Service::start(|text| {
+        whole.clone_from(&text);
+        let (before, behind) = text.split_once("[[axis.z.model]]").unwrap();
+        let (_, output) = behind.split_once("[output.cnc_z]").unwrap();
+        format!("{before}[output.cnc_z]{output}")
+    });
+    let checked = service.verb(&["sign", "--axis", "z", "--answer", "plus"]);
+    assert!(checked.status.success(), "{checked:?}");
+    service.rewrite(|_| whole);
+    until("the new program runs", || match service.restart(&[]) {
+        (Some(0), _) => Ok(()),
+        (_, said) => Err(said),
+    });
+    service.walks_to(30);
+}
