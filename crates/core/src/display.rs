@@ -5,7 +5,7 @@
 //! | has no model | | no model yet |
 //! | is off, or waits to be armed | | off, waiting to arm |
 //! | is armed | a device does not answer | unreachable: the control may hold another value than the verified one |
-//! | moves for a sign check | answer | sign check |
+//! | moves for a sign check, or returns from one without a model | answer | sign check |
 //! | follows a model, or is frozen | answer | compensating, fallback model, frozen |
 //! | has decided zero | hold another Cz, or nothing was verified | returning to zero |
 //! | has decided zero | hold zero, verified | at zero |
@@ -85,7 +85,7 @@ impl Tone {
 /// Requested mode of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Intent {
-    /// No mode: the profile has no model for the axis.
+    /// No mode: the profile has no model for the axis. If it is armed, it returns to zero after a sign check.
     Unmodelled,
     /// Arm the axis as soon as the missing condition for arming is met.
     Arm,
@@ -117,7 +117,10 @@ impl Display {
             (AxisState::Off, Intent::Unmodelled) => Display::Unmodelled,
             (AxisState::Off, _) => Display::Off,
             _ if held == KnownCz::Unreachable => Display::Unreachable,
-            (AxisState::Active | AxisState::Degraded, Intent::CheckSign) => Display::SignCheck,
+            // Without a model, the axis returns to zero after a sign check, and does not compensate.
+            (AxisState::Active | AxisState::Degraded, Intent::CheckSign | Intent::Unmodelled) => {
+                Display::SignCheck
+            }
             (AxisState::Active, _) => Display::Active,
             (AxisState::Degraded, _) => Display::Degraded,
             (AxisState::Holding(_), _) => Display::Holding,
@@ -188,7 +191,7 @@ mod tests {
                 let moves = matches!(display, Active | Degraded);
                 let checked = if moves { Display::SignCheck } else { display };
                 assert_eq!(of(Intent::CheckSign), checked, "{state:?} {held:?}");
-                let unmodelled = if display == Off { Display::Unmodelled } else { display };
+                let unmodelled = if display == Off { Display::Unmodelled } else { checked };
                 assert_eq!(of(Intent::Unmodelled), unmodelled, "{state:?} {held:?}");
             }
         }
