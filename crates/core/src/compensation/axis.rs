@@ -398,6 +398,8 @@ impl Axis {
             }
             (Permit::Armed, Some(_)) => AxisState::Degraded,
             (Permit::Armed, None) if self.settings.models.is_empty() => AxisState::Active,
+            // No later start would return the value of a sign check, because the axis then stays off.
+            (Permit::Stopping, None) if self.settings.models.is_empty() => self.returns_to_zero(),
             (Permit::Armed | Permit::Unverified | Permit::Held, _) => self.fault_action(now, false),
             (Permit::Stopping, _) => self.fault_action(now, true),
         }

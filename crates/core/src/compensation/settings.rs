@@ -174,9 +174,10 @@ impl AxisSettings {
         let period = self.ramp_period();
         let a_step_each = self.guard.step.get() / period.as_secs_f64();
         let speed = match self.on_fault {
-            OnFault::Hold => return Duration::ZERO,
+            OnFault::Hold if !self.models.is_empty() => return Duration::ZERO,
             OnFault::Zero => a_step_each,
-            OnFault::Ramp { .. } => a_step_each.min(self.guard.rate.get()),
+            // An axis without a model never keeps the value of a sign check.
+            OnFault::Hold | OnFault::Ramp { .. } => a_step_each.min(self.guard.rate.get()),
         };
         let way = Duration::try_from_secs_f64(cz.abs().get() / speed).unwrap_or(Duration::MAX);
         way.saturating_add(period * 2)

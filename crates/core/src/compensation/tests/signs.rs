@@ -66,3 +66,18 @@ fn an_axis_without_a_model_goes_to_zero_and_follows_only_a_sign_check() {
     rig.permit(Permit::Off);
     assert_eq!(rig.after(10.0).state, AxisState::Off);
 }
+
+#[test]
+fn a_stop_leaves_no_sign_check_behind_on_an_axis_without_a_model() {
+    let settings = AxisSettings { on_fault: OnFault::Hold, ..axis(Vec::new()) };
+    let longest = settings.time_to_rest(um(5.0)).as_secs_f64();
+    let mut rig = Rig::new(settings);
+    rig.found(0.0).step();
+    let there = steps(&mut rig, 5.0, 7);
+    assert!((there[6] - 5.0).abs() < 1e-9, "{there:?}");
+    let back = rig.permit(Permit::Stopping).run(longest);
+    let last = back.last().unwrap();
+    assert_eq!((last.state, last.cz), (AxisState::Zeroed, Micron::ZERO), "{back:?}");
+    let kept = AxisSettings { on_fault: OnFault::Hold, ..axis(vec![difference()]) };
+    assert_eq!(kept.time_to_rest(um(5.0)), Duration::ZERO, "a model goes on from the value that is kept");
+}
