@@ -71,7 +71,7 @@ impl OutputRegister {
             }
             None => {
                 let state = State::new(&settings, shared.ledger.at_start(output).as_ref(), now);
-                if !state.is_settled() && !shared.dry_run {
+                if !state.is_settled() && !settings.late.is_zero() && !shared.dry_run {
                     let (output, late) = (output.name.clone(), settings.late);
                     shared.report(&Event::WaitsAfterStart { output, late });
                 }

@@ -362,7 +362,7 @@ events! {
         } => plain(format!(
             "output {output}: no orderly stop of the last run is known; the gateway waits {} for late writes before it \
              changes the register",
-            seconds(late)
+            duration_text(*late)
         ));
         NotReadBack { output: String } =>
             plain(format!("output {output}: acknowledged, not read back: the register cannot be read"));
