@@ -232,7 +232,8 @@ fn power_and_cable_are_not_named_if_they_cannot_be_the_cause() {
 
 #[test]
 fn the_wait_after_a_kill_is_stated_also_if_it_is_shorter_than_a_second() {
-    for (milliseconds, said) in [(600, "waits 600ms for late writes"), (30_000, "waits 30s for late writes")] {
+    for (milliseconds, said) in [(600, "waits 600ms for late writes"), (30_000, "waits 30s for late writes")]
+    {
         let late = Duration::from_millis(milliseconds);
         let entry = Event::WaitsAfterStart { output: "z".to_owned(), late }.entry(Moment::default());
         assert!(entry.text.contains(said), "{}", entry.text);
