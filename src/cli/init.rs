@@ -90,6 +90,9 @@ pub(super) struct Arguments {
     /// Destination of Cz: the control's device template, or a register, for example holding:104 or 40105
     #[arg(long, value_name = "TEMPLATE|REGISTER")]
     output: Option<String>,
+    /// Target of the control's template that receives Cz, if none has the name of the axis
+    #[arg(long, value_name = "TARGET")]
+    output_target: Option<String>,
     /// Type of the offset: i16, u16, i32, u32, f32
     #[arg(long, value_name = "TYPE")]
     output_type: Option<String>,

@@ -301,8 +301,7 @@ impl Asking<'_, '_> {
             }
             Destination::Template(outline) => outline,
         };
-        let target = outline.targets.iter().find(|target| target.name == axis).or(outline.targets.first());
-        let target = target.cloned().unwrap_or(NOTHING_KNOWN);
+        let target = self.target_of(&outline, axis)?;
         let base = match outline.is_movable {
             true => Some(self.text(
                 ("control-base", "First register of the control's block", None),
@@ -317,6 +316,29 @@ impl Asking<'_, '_> {
         let keys = changed_keys(&target, form);
         let target = target.name;
         Ok((Target::Template(Box::new(ControlTemplate { outline, target, base, keys })), bits))
+    }
+
+    /// Returns the target of the template with the name of the axis, or its only target. Asks for any other, because
+    /// another target moves another axis.
+    fn target_of(&mut self, outline: &Outline, axis: &str) -> anyhow::Result<OutlineTarget> {
+        let targets = &outline.targets;
+        let named =
+            |name: &str| targets.iter().find(|target| target.name.eq_ignore_ascii_case(name)).cloned();
+        let given = self.arguments.output_target.as_deref();
+        let only = if let [only] = targets.as_slice() { Some(only.clone()) } else { None };
+        if given.is_none()
+            && let Some(found) = named(axis).or(only)
+        {
+            return Ok(found);
+        }
+        let names = || targets.iter().map(|target| target.name.as_str());
+        let listed = names().collect::<Vec<_>>().join(", ");
+        self.text(
+            ("output-target", &format!("Target of the template for axis {axis}: {listed}"), None),
+            "The template has a register for each of these axes. Another one than that of the axis moves another axis.",
+            given,
+            |text| named(text).ok_or_else(|| isotherm_profile::allowed(text, names())),
+        )
     }
 
     /// Asks for the line and the unit of the control. The line is `None` if it is that of the module.

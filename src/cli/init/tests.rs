@@ -100,6 +100,22 @@ fn the_template_of_the_control_gives_the_form_of_the_offset() {
 }
 
 #[test]
+fn no_target_is_guessed_for_an_axis_that_the_template_does_not_name() {
+    let target = |options: &[&str]| {
+        let usual = ["--yes", "--output", "plc-block", "--control-base", "0"];
+        let answers = answered_with(&[&usual, options].concat(), "").0.map_err(|why| why.to_string())?;
+        let Target::Template(template) = answers.target else { panic!("plc-block is a template") };
+        Ok::<String, String>(template.target)
+    };
+    assert_eq!(target(&["--axis", "Z"]), Ok("z".to_owned()), "another target would move another axis");
+    let why = target(&["--axis", "w"]).unwrap_err();
+    assert!(why.contains("--output-target is needed"), "{why}");
+    assert_eq!(target(&["--axis", "w", "--output-target", "y"]), Ok("y".to_owned()));
+    let why = target(&["--axis", "w", "--output-target", "q"]).unwrap_err();
+    assert!(why.contains("allowed: x, y, z"), "{why}");
+}
+
+#[test]
 fn every_module_and_every_control_that_is_offered_gives_a_profile_that_check_takes() {
     for outline in known() {
         let mut answers = usual();
