@@ -63,8 +63,10 @@ pub fn put_model(text: &str, axis: &str, block: &str) -> Result<ModelEdit, Strin
     if !below.is_empty() {
         edited.extend([ending, below]);
     }
-    let (rest_now, now) = models(&edited)?;
-    if rest_now != rest || now.as_ref() != Some(&new) {
+    // An array `model = [ … ]` and a table cannot be joined: the text before was valid, the edited one is not.
+    let is_as_meant =
+        models(&edited).is_ok_and(|(rest_now, now)| rest_now == rest && now.as_ref() == Some(&new));
+    if !is_as_meant {
         return Err(format!("its tables of axis {axis} are written in an unusual way"));
     }
     let replaced = before.as_ref().and_then(Value::as_array).map_or(0, Vec::len);
