@@ -93,6 +93,19 @@ pub(super) struct Entry {
     pub(super) sha256: String,
 }
 
+impl Arguments {
+    /// Prints a note about a backup. With `--rotate` it is a part of the result: cron sends what is on stderr by mail.
+    fn note(&self, text: &str) -> std::io::Result<()> {
+        match self.rotate {
+            Some(_) => say!("{text}"),
+            None => {
+                say_beside!("{text}");
+                Ok(())
+            }
+        }
+    }
+}
+
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let Arguments { profile: path, .. } = arguments;
     arguments.rotate.as_deref().map_or(Ok(()), rotate::check)?;
@@ -115,15 +128,15 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for name in &names {
         let shown = beside.join(name);
         if secrets.contains(name) && !arguments.secrets {
-            say_beside!(
+            arguments.note(&format!(
                 "left out, because it is secret: {} (--secrets includes such files)",
                 shown.display()
-            );
+            ))?;
         } else if !is_below(Path::new(name)) {
-            say_beside!(
+            arguments.note(&format!(
                 "left out, because it is outside the profile's directory: {}; copy this file yourself",
                 shown.display()
-            );
+            ))?;
         } else {
             let bytes = safe_file::read(&shown, LARGEST)
                 .with_context(|| format!("{} cannot be read", shown.display()))?;
@@ -139,6 +152,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             directory.display()
         );
     }
+    let has_state = kept.is_some();
     files.extend(kept.into_iter().map(|(name, bytes)| (format!("{STATE}/{name}"), MODE, bytes)));
     let mut now = Vec::new();
     time::write(&mut now, Clock::wall().time_of_day());
@@ -164,26 +178,35 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         Some(directory) => rotate::path(directory, &profile.name, &manifest.time),
         None => arguments.file.clone().context("name the FILE to write, or a directory with --rotate")?,
     };
-    write_new(&file, &archive, mode, None).map_err(|error| match error.kind() {
-        ErrorKind::AlreadyExists => anyhow::anyhow!("{} exists already: give another name", file.display()),
-        _ => {
-            // An incomplete backup would count as one of the copies.
-            let _ = std::fs::remove_file(&file);
-            anyhow::Error::new(error).context(format!("{} cannot be written", file.display()))
+    let written = match &arguments.rotate {
+        Some(_) => rotate::write(&file, &archive, mode),
+        None => write_new(&file, &archive, mode, None),
+    };
+    written.map_err(|error| match error.kind() {
+        ErrorKind::AlreadyExists if arguments.rotate.is_none() => {
+            anyhow::anyhow!("{} exists already: give another name", file.display())
         }
+        _ => anyhow::Error::new(error).context(format!("{} cannot be written", file.display())),
     })?;
     for (axis, preference) in gateway::preferences_in(&directory, profile) {
         if let Some(model) = preference.preferred().name() {
-            say_beside!("axis {axis} follows the learned model {model}, which is part of the state");
+            arguments.note(&format!(
+                "axis {axis} follows the learned model {model}, which is part of the state"
+            ))?;
         }
     }
     let secret = if manifest.secrets { ", including secret files" } else { "" };
     say!("{} contains {} files of machine {}{secret}", file.display(), files.len(), profile.name)?;
-    if let Some(directory) = &arguments.rotate {
-        let copies = usize::try_from(arguments.copies).unwrap_or(usize::MAX);
-        for old in rotate::remove_old(directory, &profile.name, copies)? {
-            say!("removed: {}", old.display())?;
+    match arguments.rotate {
+        Some(_) if has_state => {
+            let copies = usize::try_from(arguments.copies).unwrap_or(usize::MAX);
+            for old in rotate::remove_old(&file, &profile.name, copies)? {
+                say!("removed: {}", old.display())?;
+            }
         }
+        // Otherwise, after a wrong --state, backups without state would replace those that have it.
+        Some(_) => say_beside!("no older backup is removed, because this one contains no state"),
+        None => {}
     }
     Ok(())
 }
@@ -248,7 +271,7 @@ pub(super) fn is_below(path: &Path) -> bool {
 }
 
 /// Writes a new file and waits until it is on disk. If an owner is given, the file belongs to this user and group. An
-/// existing file is an error.
+/// existing file is an error. After another error, there is no file.
 pub(super) fn write_new(
     path: &Path,
     bytes: &[u8],
@@ -256,10 +279,15 @@ pub(super) fn write_new(
     owner: Option<(u32, u32)>,
 ) -> std::io::Result<()> {
     let mut file = std::fs::OpenOptions::new().write(true).create_new(true).mode(mode).open(path)?;
-    file.set_permissions(std::fs::Permissions::from_mode(mode))?;
-    if let Some((user, group)) = owner {
-        std::os::unix::fs::fchown(&file, Some(user), Some(group))?;
-    }
-    file.write_all(bytes)?;
-    file.sync_all()
+    let mut fill = || {
+        file.set_permissions(std::fs::Permissions::from_mode(mode))?;
+        if let Some((user, group)) = owner {
+            std::os::unix::fs::fchown(&file, Some(user), Some(group))?;
+        }
+        file.write_all(bytes)?;
+        file.sync_all()
+    };
+    fill().inspect_err(|_| {
+        let _ = std::fs::remove_file(path);
+    })
 }

@@ -1,7 +1,12 @@
 //! User of the service. A secret file that root creates must belong to this user, because nobody else may read it.
 
-use std::os::unix::fs::chown;
+use std::fs::OpenOptions;
+use std::io::{Error, ErrorKind, Result};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt, fchown};
 use std::path::Path;
+
+use anyhow::Context;
+use rustix::fs::OFlags;
 
 use crate::cli::print::say_beside;
 use isotherm_profile::safe_file;
@@ -24,7 +29,10 @@ enum Owner {
 
 /// Gives a new secret file to the user of the service, if root has created it next to the profiles of the service.
 /// Elsewhere, prints the command for that.
-pub(super) fn give(path: &Path) -> std::io::Result<()> {
+///
+/// # Errors
+/// The owner cannot be changed. The message contains the command that changes it.
+pub(super) fn give(path: &Path) -> anyhow::Result<()> {
     let is_root = rustix::process::geteuid().is_root();
     let users = safe_file::read_text(Path::new("/etc/passwd")).unwrap_or_default();
     let directory = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -32,7 +40,12 @@ pub(super) fn give(path: &Path) -> std::io::Result<()> {
     match owner(is_root, &users, &directory) {
         Owner::Creator => {}
         Owner::Service(user, group) => {
-            chown(path, Some(user), Some(group))?;
+            let shown = path.display();
+            give_to(path, (user, group)).with_context(|| {
+                format!(
+                    "{shown} belongs to root, and the service cannot read it: chown {USER}:{USER} {shown}"
+                )
+            })?;
             say_beside!("{} belongs to {USER}, the user of the service", path.display());
         }
         Owner::PerhapsService => say_beside!(
@@ -41,6 +54,18 @@ pub(super) fn give(path: &Path) -> std::io::Result<()> {
         ),
     }
     Ok(())
+}
+
+/// Gives a file to this user and group. A link is not followed, and a file with a second name is not given away: a user
+/// who may write to the directory could otherwise get any file of root.
+fn give_to(path: &Path, (user, group): (u32, u32)) -> Result<()> {
+    let flags = (OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::NOCTTY).bits().cast_signed();
+    let file = OpenOptions::new().read(true).custom_flags(flags).open(path)?;
+    let found = file.metadata()?;
+    if !found.is_file() || found.nlink() != 1 {
+        return Err(Error::new(ErrorKind::InvalidInput, "another program has replaced the file"));
+    }
+    fchown(&file, Some(user), Some(group))
 }
 
 fn owner(is_root: bool, users: &str, directory: &Path) -> Owner {
@@ -58,6 +83,24 @@ fn owner(is_root: bool, users: &str, directory: &Path) -> Owner {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn neither_a_link_nor_a_file_with_a_second_name_is_given_away() {
+        let home = tempfile::tempdir().unwrap();
+        let [token, other, link, second] =
+            ["token", "other", "link", "second"].map(|name| home.path().join(name));
+        for file in [&token, &other] {
+            std::fs::write(file, "secret").unwrap();
+        }
+        std::os::unix::fs::symlink(&other, &link).unwrap();
+        std::fs::hard_link(&other, &second).unwrap();
+        let own = std::fs::metadata(&token).unwrap();
+        let given = |path: &Path| give_to(path, (own.uid(), own.gid()));
+        given(&token).unwrap();
+        for path in [&link, &second, &other, &home.path().to_owned()] {
+            assert!(given(path).is_err(), "{}", path.display());
+        }
+    }
 
     #[test]
     fn what_root_creates_for_the_service_belongs_to_the_service() {

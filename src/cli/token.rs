@@ -30,7 +30,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let token = new_token().context("the kernel has no random numbers")?;
     let Some(path) = &arguments.out else { return Ok(say!("{token}")?) };
     write(path, &token).with_context(|| format!("{} cannot be written", path.display()))?;
-    service_user::give(path).with_context(|| format!("{} has the wrong owner", path.display()))?;
+    service_user::give(path)?;
     say_beside!(
         "below [web] of the profile: token_file = \"{0}\" (or viewer_token_file, scrape_token_file)",
         path.display()

@@ -188,6 +188,9 @@ fn only_a_trusted_proxy_names_its_clients_and_none_of_them_is_local() {
     }
     let differ = format!("{}Forwarded: for=127.0.0.1\r\n", of("192.0.2.8"));
     assert_eq!(site.get("/api/status", &format!("{differ}{right}")).code, 400);
+    // The open quote would make the entry of the proxy a part of the client's text.
+    let open = "Forwarded: for=192.0.2.8;by=\", for=192.0.2.7\r\n";
+    assert_eq!(site.get("/api/status", &format!("{open}{right}")).code, 400);
 }
 
 #[test]

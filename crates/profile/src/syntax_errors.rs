@@ -92,10 +92,10 @@ const QUOTED: Foreign = Foreign {
     help: "write straight ones, as \"press-7\"; a word processor or a chat has replaced them",
 };
 /// Characters of East Asian keyboards, which are as wide as a letter of their script.
-const WIDE: [char; 8] = ['＝', '［', '］', '｛', '｝', '，', '：', '＃'];
+const WIDE: [char; 9] = ['＝', '［', '］', '｛', '｝', '，', '：', '＃', '\u{3000}'];
 const TOO_WIDE: Foreign = Foreign {
     message: "this is a full-width character",
-    help: "switch the keyboard to English, and write = [ ] { } , # in their usual width",
+    help: "switch the keyboard to English, and write = [ ] { } , # and blanks in their usual width",
 };
 const OTHER_SCRIPT: Foreign = Foreign {
     message: "a name may only have the letters a to z, digits, `_` and `-`",
@@ -121,7 +121,9 @@ fn foreign(line: &str) -> Option<(usize, &'static Foreign)> {
             (None, _) => {}
         }
     }
-    None
+    // A text with a straight mark before it and a typographic one after it has no end.
+    let (place, last) = line.trim_end().char_indices().next_back()?;
+    (quote.is_some() && QUOTATION_MARKS.contains(&last)).then_some((place, &QUOTED))
 }
 
 /// Returns whether the line at the end of `before` begins as the header of a table.
@@ -171,7 +173,9 @@ mod tests {
             ("name = “press-7”\n", "typographic quotation marks"),
             ("name = „press-7“\n", "typographic quotation marks"),
             ("name = ‘press-7’\n", "typographic quotation marks"),
+            ("name = \"press-7”\n", "typographic quotation marks"),
             ("name ＝ \"press-7\"\n", "full-width character"),
+            ("name\u{3000}= \"press-7\"\n", "full-width character"),
             ("床温 = 1\n", "a name may only have the letters a to z"),
             ("[signal.床温]\nunit = \"degC\"\n", "a name may only have the letters a to z"),
             ("a = { b = “x” }\n", "typographic quotation marks"),

@@ -1,8 +1,11 @@
 //! Backups in a directory, of which the newest are kept. Their names contain machine and time.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+
+use super::write_new;
 
 /// Ending of the name of a backup.
 const ENDING: &str = ".tar";
@@ -25,30 +28,44 @@ pub(super) fn check(directory: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Removes the backups of this machine except the newest `copies`, and returns the removed files. Other files in the
-/// directory are not touched.
-pub(super) fn remove_old(directory: &Path, machine: &str, copies: usize) -> anyhow::Result<Vec<PathBuf>> {
+/// Writes a new backup. Only a complete one gets its name, because an incomplete one would count as one of the copies.
+pub(super) fn write(file: &Path, archive: &[u8], mode: u32) -> std::io::Result<()> {
+    if file.exists() {
+        return Err(ErrorKind::AlreadyExists.into());
+    }
+    let part = file.with_added_extension("part");
+    write_new(&part, archive, mode, None)?;
+    std::fs::rename(&part, file)
+}
+
+/// Removes the backups of this machine except `new` and the newest of the others, so that `copies` are left. Returns the
+/// removed files. Other files in the directory are not touched.
+pub(super) fn remove_old(new: &Path, machine: &str, copies: usize) -> anyhow::Result<Vec<PathBuf>> {
+    let directory = new.parent().unwrap_or(Path::new("."));
     let shown = directory.display();
     let mut names = Vec::new();
     for entry in std::fs::read_dir(directory).with_context(|| format!("{shown} cannot be read"))? {
         let entry = entry.with_context(|| format!("{shown} cannot be read"))?;
         names.extend(entry.file_name().into_string());
     }
+    let new = new.file_name().and_then(|name| name.to_str()).unwrap_or_default();
     let old: Vec<PathBuf> =
-        expired(names, machine, copies).into_iter().map(|name| directory.join(name)).collect();
+        expired(names, machine, copies, new).into_iter().map(|name| directory.join(name)).collect();
     for file in &old {
         std::fs::remove_file(file).with_context(|| format!("{} cannot be removed", file.display()))?;
     }
     Ok(old)
 }
 
-/// Returns the names of the backups of this machine except the newest `copies`. Names in the order of the alphabet are
-/// in the order of time.
-fn expired(names: Vec<String>, machine: &str, copies: usize) -> Vec<String> {
-    let mut own: Vec<String> = names.into_iter().filter(|name| is_backup(name, machine)).collect();
-    own.sort();
-    own.truncate(own.len().saturating_sub(copies));
-    own
+/// Returns the names of the backups of this machine except `new` and the newest of the others, so that `copies` are left.
+/// Names in the order of the alphabet are in the order of time. The new one is kept in any case: a clock that was set
+/// back makes its name the oldest.
+fn expired(names: Vec<String>, machine: &str, copies: usize, new: &str) -> Vec<String> {
+    let mut old: Vec<String> =
+        names.into_iter().filter(|name| name != new && is_backup(name, machine)).collect();
+    old.sort();
+    old.truncate((old.len() + 1).saturating_sub(copies));
+    old
 }
 
 fn is_backup(name: &str, machine: &str) -> bool {
@@ -84,9 +101,34 @@ mod tests {
             "mill-2026-11-01T02-15-0xZ.tar".to_owned(),
         ];
         names.extend(others);
-        assert_eq!(expired(names.clone(), "mill", 3), [of("mill", 1), of("mill", 2)]);
-        assert_eq!(expired(names.clone(), "mill", 5), [""; 0]);
-        assert_eq!(expired(names.clone(), "mill", 100), [""; 0]);
-        assert_eq!(expired(names, "mill-7", 1), [""; 0]);
+        let new = of("mill", 5);
+        assert_eq!(expired(names.clone(), "mill", 3, &new), [of("mill", 1), of("mill", 2)]);
+        assert_eq!(expired(names.clone(), "mill", 5, &new), [""; 0]);
+        assert_eq!(expired(names.clone(), "mill", 100, &new), [""; 0]);
+        assert_eq!(expired(names, "mill-7", 1, &of("mill-7", 1)), [""; 0]);
+    }
+
+    #[test]
+    fn a_backup_never_removes_itself_whatever_the_clock_says() {
+        let new = "mill-1970-01-01T00-00-07Z.tar".to_owned();
+        let later = ["mill-2026-11-01T02-15-00Z.tar", "mill-2037-01-01T00-00-00Z.tar"].map(str::to_owned);
+        let names = [later.as_slice(), std::slice::from_ref(&new)].concat();
+        assert_eq!(expired(names.clone(), "mill", 2, &new), [later[0].clone()]);
+        assert_eq!(expired(names, "mill", 1, &new), later);
+    }
+
+    #[test]
+    fn an_incomplete_backup_is_not_one_of_the_copies() {
+        let home = tempfile::tempdir().unwrap();
+        let [old, new] = [1, 2].map(|day| path(home.path(), "mill", &format!("2026-11-0{day}T02:15:00Z")));
+        std::fs::write(&old, "old").unwrap();
+        // The computer was switched off while this one was written.
+        let torn = path(home.path(), "mill", "2026-11-01T12:00:00Z").with_added_extension("part");
+        std::fs::write(&torn, "ha").unwrap();
+        write(&new, b"new", 0o640).unwrap();
+        assert_eq!(write(&new, b"another", 0o640).unwrap_err().kind(), ErrorKind::AlreadyExists);
+        assert!(remove_old(&new, "mill", 2).unwrap().is_empty());
+        assert_eq!(remove_old(&new, "mill", 1).unwrap(), [old]);
+        assert_eq!((std::fs::read(&new).unwrap(), torn.exists()), (b"new".to_vec(), true));
     }
 }

@@ -88,11 +88,11 @@ fn made(own: &OwnFiles, cert: &Path, key: &Path, years: u32) -> anyhow::Result<V
     let NewCertificate { cert: bytes, key: secret } =
         make(&subject, &application, &host, now, YEAR * years).map_err(anyhow::Error::msg)?;
     put(key, secret.as_bytes(), OF_A_KEY)?;
-    service_user::give(key).with_context(|| format!("{} has the wrong owner", key.display()))?;
     put(cert, &bytes, OF_A_CERTIFICATE).inspect_err(|_| {
         // A key without its certificate would keep the next attempt from making both.
         let _ = std::fs::remove_file(key);
     })?;
+    service_user::give(key)?;
     Ok(bytes)
 }
 

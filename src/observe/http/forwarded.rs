@@ -32,10 +32,15 @@ pub(super) struct Forwarded {
     pub(super) prefix: String,
 }
 
-/// Error of a request in which `Forwarded` and `X-Forwarded-…` differ. The proxy sets one of them, and passes on the
-/// other one as the client has sent it.
+/// Reason to reject a request: a client may have forged the report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Disagreement;
+pub(super) enum UnusableReport {
+    /// `Forwarded` and `X-Forwarded-…` differ. The proxy sets one of them, and passes on the other one as the client has
+    /// sent it.
+    Differs,
+    /// A quote in `Forwarded` is not closed. The entry of the proxy would be a part of the client's text.
+    OpenQuote,
+}
 
 /// Values of one form of headers. `None` for a value that is not reported.
 #[derive(Debug, Default)]
@@ -51,8 +56,8 @@ impl Forwarded {
         headers: &HeaderMap,
         peer: IpAddr,
         trusted: &[IpNetwork],
-    ) -> Result<Forwarded, Disagreement> {
-        let (standard, usual) = (standard(headers, trusted), usual(headers, trusted));
+    ) -> Result<Forwarded, UnusableReport> {
+        let (standard, usual) = (standard(headers, trusted)?, usual(headers, trusted));
         Ok(Forwarded {
             client: one_of(standard.client, usual.client)?.unwrap_or(peer),
             scheme: one_of(standard.scheme, usual.scheme)?,
@@ -63,27 +68,32 @@ impl Forwarded {
 }
 
 /// Returns the value that one form or both report.
-fn one_of<T: PartialEq>(one: Option<T>, other: Option<T>) -> Result<Option<T>, Disagreement> {
+fn one_of<T: PartialEq>(one: Option<T>, other: Option<T>) -> Result<Option<T>, UnusableReport> {
     match (one, other) {
-        (Some(one), Some(other)) if one != other => Err(Disagreement),
+        (Some(one), Some(other)) if one != other => Err(UnusableReport::Differs),
         (one, other) => Ok(one.or(other)),
     }
 }
 
 /// Reads `Forwarded: for=192.0.2.7;proto=https;host=gw7, for=10.0.0.7`.
-fn standard(headers: &HeaderMap, trusted: &[IpNetwork]) -> Report {
-    let elements: Vec<&str> = lines(headers, "forwarded").flat_map(|line| split(line, ',')).collect();
+fn standard(headers: &HeaderMap, trusted: &[IpNetwork]) -> Result<Report, UnusableReport> {
+    let text = joined(headers, "forwarded");
+    // A proxy closes its own quotes, so an odd number means that the client has left one open.
+    if text.matches('"').count() % 2 == 1 {
+        return Err(UnusableReport::OpenQuote);
+    }
+    let elements: Vec<&str> = split(&text, ',').filter(|element| !element.trim().is_empty()).collect();
     let nodes: Vec<Option<IpAddr>> =
         elements.iter().map(|element| address(parameter(element, "for")?)).collect();
     let (client, count) = walk(&nodes, trusted);
     let Some(element) = elements.len().checked_sub(count).and_then(|place| elements.get(place)) else {
-        return Report::default();
+        return Ok(Report::default());
     };
-    Report {
+    Ok(Report {
         client,
         scheme: parameter(element, "proto").and_then(scheme),
         host: parameter(element, "host").filter(|value| is_host(value)).map(str::to_owned),
-    }
+    })
 }
 
 /// Returns the value of a parameter in an element of `Forwarded`, without its quotes.
@@ -95,17 +105,19 @@ fn parameter<'a>(element: &'a str, name: &str) -> Option<&'a str> {
 
 /// Reads `X-Forwarded-For`, `X-Forwarded-Proto` and `X-Forwarded-Host`.
 fn usual(headers: &HeaderMap, trusted: &[IpNetwork]) -> Report {
-    let nodes: Vec<Option<IpAddr>> = entries(headers, "x-forwarded-for").into_iter().map(address).collect();
+    let texts =
+        ["x-forwarded-for", "x-forwarded-proto", "x-forwarded-host"].map(|name| joined(headers, name));
+    let [nodes, schemes, hosts] = texts.each_ref().map(|text| entries(text));
+    let nodes: Vec<Option<IpAddr>> = nodes.into_iter().map(address).collect();
     let (client, count) = walk(&nodes, trusted);
     // Many proxies replace these two, so that they have fewer entries.
-    let of_the_same_proxy = |name: &str| {
-        let values = entries(headers, name);
-        values.get(values.len().saturating_sub(count.max(1))).copied()
+    let of_the_same_proxy = |values: &[&str]| {
+        values.get(values.len().saturating_sub(count.max(1))).map(|value| (*value).to_owned())
     };
     Report {
         client,
-        scheme: of_the_same_proxy("x-forwarded-proto").and_then(scheme),
-        host: of_the_same_proxy("x-forwarded-host").filter(|host| is_host(host)).map(str::to_owned),
+        scheme: of_the_same_proxy(&schemes).and_then(|word| scheme(&word)),
+        host: of_the_same_proxy(&hosts).filter(|host| is_host(host)),
     }
 }
 
@@ -124,15 +136,16 @@ fn walk(nodes: &[Option<IpAddr>], trusted: &[IpNetwork]) -> (Option<IpAddr>, usi
     (client, count)
 }
 
-/// Returns the values of a header, one for each line.
-fn lines<'a>(headers: &'a HeaderMap, name: &str) -> impl Iterator<Item = &'a str> {
-    headers.get_all(name).into_iter().filter_map(|line| line.to_str().ok())
+/// Returns the lines of a header as one. A byte of a client that is no text is replaced, so that it cannot hide the entry
+/// that a proxy has added to its line.
+fn joined(headers: &HeaderMap, name: &str) -> String {
+    let lines = headers.get_all(name).into_iter().map(|line| String::from_utf8_lossy(line.as_bytes()));
+    lines.collect::<Vec<_>>().join(", ")
 }
 
 /// Returns the entries of a header whose values are separated by commas.
-fn entries<'a>(headers: &'a HeaderMap, name: &str) -> Vec<&'a str> {
-    let entries = lines(headers, name).flat_map(|line| line.split(',')).map(str::trim);
-    entries.filter(|entry| !entry.is_empty()).collect()
+fn entries(text: &str) -> Vec<&str> {
+    text.split(',').map(str::trim).filter(|entry| !entry.is_empty()).collect()
 }
 
 /// Splits a text at each separator that is not within quotes.
@@ -179,6 +192,7 @@ fn prefix(headers: &HeaderMap) -> Option<&str> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use axum::http::HeaderValue;
     use proptest::prelude::*;
 
     const PEER: &str = "127.0.0.1";
@@ -187,12 +201,12 @@ mod tests {
         let mut headers = HeaderMap::new();
         for (name, value) in lines {
             let name: axum::http::HeaderName = name.parse().unwrap();
-            headers.append(name, value.parse().unwrap());
+            headers.append(name, HeaderValue::from_bytes(value.as_bytes()).unwrap());
         }
         headers
     }
 
-    fn read(lines: &[(&str, &str)]) -> Result<Forwarded, Disagreement> {
+    fn read(lines: &[(&str, &str)]) -> Result<Forwarded, UnusableReport> {
         let trusted = ["127.0.0.1", "10.0.0.0/24"].map(|text| IpNetwork::parse(text).unwrap());
         Forwarded::read(&headers(lines), PEER.parse().unwrap(), &trusted)
     }
@@ -212,13 +226,15 @@ mod tests {
             ("x-forwarded-for", "192.0.2.7, unknown", PEER),
             ("x-forwarded-for", "192.0.2.7, unknown, 10.0.0.7", "10.0.0.7"),
             ("x-forwarded-for", "", PEER),
+            // A client can send bytes that are no text in the line to which the proxy adds its address.
+            ("x-forwarded-for", "é, 192.0.2.7", "192.0.2.7"),
+            ("forwarded", "for=é, for=192.0.2.7", "192.0.2.7"),
             ("x-real-ip", "192.0.2.7", PEER),
             ("forwarded", "for=192.0.2.7;proto=https", "192.0.2.7"),
             ("forwarded", "For=\"[2001:db8::7]:4711\"", "2001:db8::7"),
             ("forwarded", "for=192.0.2.66, for=192.0.2.7;by=10.0.0.7, for=10.0.0.7", "192.0.2.7"),
             ("forwarded", "for=_hidden", PEER),
-            // An open quote hides what follows, and gains nothing.
-            ("forwarded", "for=\"192.0.2.66, for=192.0.2.7", PEER),
+            ("forwarded", "for=192.0.2.66;by=\",\", for=192.0.2.7, ", "192.0.2.7"),
         ] {
             let report = read(&[(name, value)]).unwrap();
             assert_eq!(report.client, client.parse::<IpAddr>().unwrap(), "{name}: {value}");
@@ -272,17 +288,29 @@ mod tests {
     #[test]
     fn what_one_form_says_and_the_other_contradicts_is_refused() {
         let usual = ("x-forwarded-for", "192.0.2.7");
-        assert_eq!(read(&[usual, ("forwarded", "for=127.0.0.1")]), Err(Disagreement));
+        assert_eq!(read(&[usual, ("forwarded", "for=127.0.0.1")]), Err(UnusableReport::Differs));
         assert_eq!(
             read(&[usual, ("x-forwarded-proto", "https"), ("forwarded", "for=192.0.2.7;proto=http")]),
-            Err(Disagreement)
+            Err(UnusableReport::Differs)
         );
         assert_eq!(
             read(&[("x-forwarded-host", "gw7"), ("forwarded", "for=192.0.2.7;host=gw8")]),
-            Err(Disagreement)
+            Err(UnusableReport::Differs)
         );
         let both = read(&[usual, ("forwarded", "for=192.0.2.7;proto=https")]).unwrap();
         assert_eq!((both.client.to_string(), both.scheme), ("192.0.2.7".to_owned(), Some(Scheme::Https)));
+    }
+
+    /// The entry that the proxy adds would be a part of the client's text, and the client's own address would count.
+    #[test]
+    fn a_quote_that_a_client_leaves_open_is_refused() {
+        let proxy = ", for=192.0.2.7;proto=https";
+        for forged in ["for=\"192.0.2.66", "for=192.0.2.66;by=\"", "for=192.0.2.66;by=\"\\\"\""] {
+            let line = format!("{forged}{proxy}");
+            assert_eq!(read(&[("forwarded", line.as_str())]), Err(UnusableReport::OpenQuote), "{line}");
+            let apart = [("forwarded", forged), ("forwarded", "for=\"[2001:db8::7]:4711\"")];
+            assert_eq!(read(&apart), Err(UnusableReport::OpenQuote), "{forged}");
+        }
     }
 
     #[test]
@@ -309,6 +337,12 @@ mod tests {
             let honest = read(&[("x-forwarded-for", "192.0.2.7")]).unwrap();
             let line = format!("{forged}, 192.0.2.7");
             prop_assert_eq!(read(&[("x-forwarded-for", line.as_str())]).map(|report| report.client), Ok(honest.client));
+            for proxy in ["for=192.0.2.7", "For=\"192.0.2.7:4711\";proto=https"] {
+                let line = format!("{forged}, {proxy}");
+                if let Ok(report) = read(&[("forwarded", line.as_str())]) {
+                    prop_assert_eq!(report.client, honest.client, "{}", line);
+                }
+            }
         }
     }
 }

@@ -8,7 +8,7 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-use super::forwarded::{Disagreement, Forwarded, Scheme};
+use super::forwarded::{Forwarded, Scheme, UnusableReport};
 use crate::observe::requester::{Channel, Connection, Requester};
 use isotherm_profile::IpNetwork;
 
@@ -44,9 +44,17 @@ pub(super) async fn behind_proxies(
             request.extensions_mut().insert(ConnectInfo(peer));
             next.run(request).await
         }
-        Err(Disagreement) => {
-            let text = "The headers Forwarded and X-Forwarded-… of this request differ. Let the proxy remove \
-                        the one that it does not set.\n";
+        Err(unusable) => {
+            let text = match unusable {
+                UnusableReport::Differs => {
+                    "The headers Forwarded and X-Forwarded-… of this request differ. Let the proxy remove the \
+                     one that it does not set.\n"
+                }
+                UnusableReport::OpenQuote => {
+                    "A quote in the header Forwarded of this request is not closed. Let the proxy replace this \
+                     header.\n"
+                }
+            };
             (StatusCode::BAD_REQUEST, text).into_response()
         }
     }
@@ -59,7 +67,7 @@ impl Peer {
 
     /// Returns the peer of a request with these headers. If its connection is that of a trusted proxy, it is the
     /// client that the proxy reports.
-    fn reported(self, headers: &HeaderMap, trusted: &[IpNetwork]) -> Result<Peer, Disagreement> {
+    fn reported(self, headers: &HeaderMap, trusted: &[IpNetwork]) -> Result<Peer, UnusableReport> {
         let proxy = self.address.ip();
         if !trusted.iter().any(|network| network.contains(proxy)) {
             return Ok(self);

@@ -212,6 +212,10 @@ fn of_the_backups_in_a_directory_the_newest_are_kept_and_other_files_are_not_tou
     let (code, reported) = rotate("2");
     assert!(code == 1 && reported.contains("does not exist: create it, or mount its drive"), "{reported}");
     std::fs::create_dir(&directory).unwrap();
+    until("the state is kept", || match home.join("state/rotated.state.json").exists() {
+        true => Ok(()),
+        false => Err("no state yet".to_owned()),
+    });
     let [first, second, other] =
         ["rotated-2020-01-01T02-15-00Z.tar", "rotated-2020-01-02T02-15-00Z.tar", "rotated-notes.tar"];
     for name in [first, second, other] {
@@ -242,6 +246,15 @@ fn of_the_backups_in_a_directory_the_newest_are_kept_and_other_files_are_not_tou
     stop(&mut bench);
     let (code, reported) = restore(&bench, &file, &elsewhere, &elsewhere.join("state"));
     assert_eq!(code, 0, "{reported}");
+    // After a wrong --state, a backup without state replaces none that has it.
+    let apart = home.join("apart");
+    std::fs::create_dir(&apart).unwrap();
+    std::fs::write(apart.join(first), first).unwrap();
+    let mut stateless = isotherm(&home);
+    stateless.arg("backup").arg(&bench.profile).arg("--rotate").arg(&apart).args(["--copies", "1"]);
+    let (code, reported) = said(stateless.arg("--state").arg(home.join("no-state")));
+    assert!(code == 0 && reported.contains("no older backup is removed"), "{reported}");
+    assert!(apart.join(first).exists());
 }
 
 #[test]
