@@ -31,7 +31,7 @@ struct Demo {
 impl Demo {
     fn start() -> Demo {
         let mut command = Command::new(env!("CARGO_BIN_EXE_isotherm"));
-        command.args(["demo", "--listen", "127.0.0.1:0", "--speed", "600", "--for", "24h"]);
+        command.args(["demo", "--listen", "127.0.0.1:0", "--speed", "600", "--for", "240h"]);
         let mut program = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
         let mut lines = BufReader::new(program.stdout.take().unwrap()).lines();
         let address = lines.find_map(|line| Some(line.unwrap().trim().strip_prefix("page  ")?.to_owned()));

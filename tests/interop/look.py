@@ -58,13 +58,14 @@ class Tab:
         while True:
             answer = json.loads(self.receive())
             if answer.get("id") == self.asked:
-                return answer["result"]
+                # A page that loads itself again has no answer in this moment.
+                return answer.get("result", {})
 
     def evaluate(self, expression, waits=False):
         answer = self.ask("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=waits)
         if waits and "exceptionDetails" in answer:
             sys.exit(f"the page fails: {answer['exceptionDetails']}")
-        return answer["result"].get("value")
+        return answer.get("result", {}).get("value")
 
     def print_value(self, expression):
         print(wait_for(f"a value of {expression}", lambda: self.evaluate(expression)))

@@ -77,7 +77,7 @@ fn units_are_written_as_people_do_a_bit_is_on_or_off_and_a_time_has_its_zone() {
 fn what_was_set_above_the_profile_stands_on_the_page_with_both_values() {
     let set = ["--set", "axis.z.limit=30", "--speed", "600", "--for", "24h"];
     let row = "eval:document.querySelectorAll('#overridden tbody tr').length === 1";
-    let narrow = "eval:document.documentElement.scrollWidth <= innerWidth";
+    let narrow = "eval:document.documentElement.scrollWidth <= document.documentElement.clientWidth";
     let text =
         looked_at(&set, "", &["Set above the profile", "--set axis.z.limit", row, "size:390x844", narrow]);
     assert!(text.contains("40.0") && text.contains("30"), "{text}");
@@ -88,7 +88,7 @@ fn how_wrong_cz_is_expected_to_be_stands_beside_it_and_on_the_wall() {
     let model = "axis.z.model=[{ name = \"difference\", kind = \"linear\", expected = { since_datum = [0.0, 4.41] }, terms = [\
                  { signal = \"bed\", gain = 2.4, reference = 0.0 }, { signal = \"wheelhead\", gain = -2.4, reference = 0.0 }] }]";
     let set = [&["--set", model][..], &DAY].concat();
-    let whole = "eval:document.documentElement.scrollWidth <= innerWidth";
+    let whole = "eval:document.documentElement.scrollWidth <= document.documentElement.clientWidth";
     let words = ["compensating", "expected within ± 2.1 µm", "size:390x844", whole];
     looked_at(&set, "", &words);
     looked_at(&set, "/?view=wall", &words);
@@ -149,7 +149,7 @@ fn the_page_and_the_wall_speak_the_languages_of_the_browser() {
         ("language:ja", ["補正中", "軸 z", "確認済み", "補正値"]),
         ("language:zh", ["补偿中", "轴 z", "已验证", "补偿值"]),
     ] {
-        let whole = "eval:document.documentElement.scrollWidth <= innerWidth";
+        let whole = "eval:document.documentElement.scrollWidth <= document.documentElement.clientWidth";
         let opened = [&[language, OPEN][..], &words, &["size:390x844", whole]].concat();
         looked_at(&DAY, "", &opened);
         looked_at(&DAY, "/?view=wall", &[&[language][..], &words[..2]].concat());
@@ -163,7 +163,7 @@ fn the_wall_is_one_colour_with_figures_of_twenty_millimetres_and_no_buttons() {
                    .every((figure) => parseFloat(getComputedStyle(figure).fontSize) * 0.7 / 96 * 25.4 >= 20)";
     let colour = "eval:getComputedStyle(document.body).backgroundColor === 'rgb(0, 112, 47)' && \
                   document.body.clientWidth === innerWidth && document.body.clientHeight >= innerHeight";
-    let whole = "eval:document.documentElement.scrollWidth <= innerWidth";
+    let whole = "eval:document.documentElement.scrollWidth <= document.documentElement.clientWidth";
     let buttons = "eval:document.querySelectorAll('button').length === 0";
     let words = [
         "compensating",

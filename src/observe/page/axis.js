@@ -65,7 +65,9 @@ class Card {
     if (this.root.dataset.state !== toned) this.root.dataset.state = toned;
     badge(this.state, toned, name);
     const why = cause(axis, status);
-    const language = standsIn(axis, status) || axis.probe?.worse ? document.documentElement.lang : "en";
+    // The gateway's own sentences are English.
+    const isOwn = !standsIn(axis, status) && Boolean(axis.cause || axis.extrapolating);
+    const language = isOwn ? "en" : document.documentElement.lang;
     this.why.lang = language;
     say(this.does, why ? `${sentence}:` : sentence);
     say(this.why, brief(why));

@@ -1,6 +1,7 @@
 // What happened to an axis in a span: the states that it was in, and the events that are marked in its chart.
 
 import { toneOf } from "./states.js";
+import { withoutHint } from "./text.js";
 import { known } from "./words.js";
 
 // Events that explain a course although they are no trouble.
@@ -33,7 +34,7 @@ export function marks(name, events, from, to) {
   const isMarked = ({ kind, level, data }) =>
     kind !== "axis-state" && (level !== "info" || MARKED.has(kind)) && (data?.axis === undefined || data.axis === name);
   return events.filter(isMarked)
-    .map((event) => ({ at: seconds(event), level: event.level, text: event.text }))
+    .map((event) => ({ at: seconds(event), level: event.level, text: withoutHint(event.text, event.data?.hint) }))
     .filter(({ at }) => at >= from && at <= to)
     .slice(-MOST_MARKS);
 }

@@ -19,6 +19,7 @@ const values = (some) => some.map((axis) => `${axis.name} ${signed(axis.verified
 
 // What a command finds at these axes, and what it will do there.
 function effect(command, some) {
+  if (some.length === 0) return t("no_axes");
   const armed = some.filter((axis) => axis.armed);
   const [off, bare] = [true, false].map((has) => some.filter((axis) => !axis.armed && axis.has_model === has));
   if (command === "arm") {
@@ -34,8 +35,9 @@ function effect(command, some) {
 // The state of the outputs, as the commands find it.
 function outputs() {
   const armed = axes.filter((axis) => axis.armed);
-  if (armed.length === axes.length) return t("output_armed");
+  // A machine without axes has nothing armed.
   if (armed.length === 0) return t("output_not_armed");
+  if (armed.length === axes.length) return t("output_armed");
   return t("output_partly", { armed: names(armed), off: names(axes.filter((axis) => !axis.armed)) });
 }
 

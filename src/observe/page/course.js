@@ -23,7 +23,7 @@ export class Course {
     const good = points.filter(([at, value]) => value !== null && at >= span.from);
     const [first, last] = [good[0], good.at(-1)];
     // What began only now has no change in an hour.
-    const isWhole = first && last[0] - first[0] > HOUR_S / 2;
+    const isWhole = first && last[0] - first[0] > 0.9 * HOUR_S;
     const change = isWhole ? t("trend_change", { um: signed(last[2] - first[1], 1) }) : "";
     say(this.change, change);
     this.trend.show({

@@ -13,11 +13,14 @@ const FILTERS = [
 ];
 
 let shown = "";
-let older = [];
+// null until they are requested.
+let older = null;
 let newest = [];
 let [[, levels]] = FILTERS;
 let hintsAbove = new Set();
 let at = new Date();
+// Older events stay in the list for as long as its button says.
+const OLDER_MS = 24 * 3600 * 1000;
 
 const same = (one, other) => one.at === other.at && one.text === other.text;
 
@@ -33,7 +36,7 @@ function item(event, now, hints) {
 }
 
 function draw(list) {
-  const all = [...older, ...newest].filter(({ level }) => levels.includes(level));
+  const all = [...older ?? [], ...newest].filter(({ level }) => levels.includes(level));
   const last = all.at(-1);
   const mark = [all.length, last?.at, last?.text, levels.length, ...hintsAbove].join("\n");
   if (mark === shown) return;
@@ -46,7 +49,10 @@ function draw(list) {
 
 // `hints` has the hints that are on the screen already.
 export function showEvents(list, events, now, hints) {
-  if (older.length) older.push(...newest.filter((event) => !events.some((other) => same(event, other))));
+  if (older) {
+    older.push(...newest.filter((event) => !events.some((other) => same(event, other))));
+    older = older.filter((event) => now - new Date(event.at) < OLDER_MS);
+  }
   [newest, at, hintsAbove] = [events, now, hints];
   draw(list);
 }
@@ -71,6 +77,9 @@ export function addFilters(group, list) {
   });
   group.append(...buttons);
 }
+
+// Whether no event is missing between those that were read at a moment and the last ones of the gateway.
+export const isComplete = (seconds) => newest.length === 0 || new Date(newest[0].at).getTime() / 1000 <= seconds;
 
 // The known events since a moment, with those that arrived after `earlier` was read.
 export function since(seconds, earlier) {

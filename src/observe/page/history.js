@@ -1,6 +1,8 @@
 // Reads values from the gateway's logs, one request at a time: the gateway reads its logs for few clients at once.
 
 const AGAIN_MS = [1000, 2000, 4000, 8000];
+// The gateway reads for one minute at most. A path that is dead must not keep the next request waiting for ever.
+const PATIENCE_MS = 75000;
 // Largest number of columns that one request may name.
 export const MOST_COLUMNS = 64;
 
@@ -11,7 +13,7 @@ const pause = (ms) => new Promise((done) => setTimeout(done, ms));
 // A gateway that reads for others already answers 503, and has time again in a moment.
 async function request(path) {
   for (const wait of [...AGAIN_MS, 0]) {
-    const response = await fetch(path);
+    const response = await fetch(path, { signal: AbortSignal.timeout(PATIENCE_MS) });
     if (response.status !== 503 || wait === 0) return response;
     await pause(wait);
   }

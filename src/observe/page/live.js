@@ -23,6 +23,7 @@ let tried = 0;
 let lastHeard = null;
 let last = null;
 let lost = false;
+let drawn = null;
 
 // The number of alarms is seen on a tab that is not open: in its title and its icon.
 function mark(alarms) {
@@ -32,6 +33,11 @@ function mark(alarms) {
   const file = alarms ? `page/icon-${Math.min(alarms, MOST_ON_ICON)}.svg` : "page/icon.svg";
   if (icon.getAttribute("href") !== file) icon.setAttribute("href", file);
 }
+
+// What the page has drawn belongs to one gateway with one profile. After a restart with another program or other axes,
+// figures of the former ones would stay as if they were live.
+const shape = ({ version, machine, axes, signals, outputs, devices, buses }) =>
+  JSON.stringify([version, machine, ...[axes, signals, outputs, devices, buses].map((all) => all.map(({ name, label }) => [name, label]))]);
 
 // A stream does not say why it ended. Whoever is no longer signed in gets the page to do so.
 async function signInAgain() {
@@ -61,6 +67,8 @@ export function follow(show, setLost) {
     stream = new EventSource("api/live");
     stream.addEventListener("status", (event) => {
       last = JSON.parse(event.data);
+      drawn ??= shape(last);
+      if (drawn !== shape(last)) return location.reload();
       lastHeard = new Date();
       showIn(last.zone);
       if (lost) change(false);

@@ -14,6 +14,9 @@ import { known, t } from "./words.js";
 
 // What the gateway has not begun by then is never done: it sees that nobody waits any more.
 const PATIENCE_MS = 5000;
+// A new answer is in sight wherever its button is, and returns to the commands after this time.
+const FRESH_MS = 15000;
+let fresh = null;
 
 const by = (id) => document.getElementById(id);
 
@@ -72,6 +75,9 @@ async function send(command, axis, alarm) {
   const said = (tone, sentence) => {
     answer.dataset.tone = tone;
     say(answer, `${clock(new Date())} ${t(command)}: ${sentence}`);
+    answer.classList.add("fresh");
+    clearTimeout(fresh);
+    fresh = setTimeout(() => answer.classList.remove("fresh"), FRESH_MS);
   };
   try {
     const response = await fetch(`api/${command}${only}`, {

@@ -4,9 +4,11 @@ import { clock, day, fixed, signed } from "./text.js";
 import { t } from "./words.js";
 
 // The residual error, in µm, and when it was measured; a virtual machine knows it at any time. null if nobody measures it.
-// A refused probing counts for nothing.
+// A refused probing counts for nothing. The last accepted one says what was measured with the Cz that acted; the history of
+// earlier ones, what the model would have left.
 export function residual({ truth, probe }) {
   if (truth) return { um: truth.left_um, at: null };
+  if (probe?.last && !probe.last.refused) return { um: probe.last.error_um, at: probe.last.at };
   const last = probe?.history.at(-1);
   return last ? { um: last[1], at: last[0] } : null;
 }

@@ -2,9 +2,9 @@
 
 import { bands, marks } from "./bands.js";
 import { Chart } from "./chart.js";
-import { since } from "./events.js";
+import { isComplete, since } from "./events.js";
 import { byColumn, inTurn, packed, query } from "./history.js";
-import { element, labelled, say, titled } from "./text.js";
+import { element, labelled, say, titled, withoutHint } from "./text.js";
 import { t } from "./words.js";
 
 const SPANS = [["1h", 3600], ["8h", 8 * 3600], ["24h", 86400], ["7d", 7 * 86400], ["30d", 30 * 86400]];
@@ -21,8 +21,8 @@ let status = null;
 let charts = null;
 let asked = 0;
 let refreshed = 0;
-// The events that were read for the charts, since a moment.
-let read = { from: Infinity, events: [] };
+// The events that were read for the charts: since `from`, at the gateway's time `at`.
+let read = { from: Infinity, at: -Infinity, events: [] };
 
 const spans = new Map(SPANS.map(([name, span]) => {
   const button = element("button", { type: "button", className: "small" }, t(`past_${name}`));
@@ -55,12 +55,17 @@ function lookWhole(span) {
 }
 
 // Shows the moment at which an alarm began, in the chart of its axis.
-export async function lookAt({ id, since: begin, text }) {
+export async function lookAt({ id, since: begin, text, hint }) {
   const at = new Date(begin).getTime() / 1000;
   const name = id.slice(id.lastIndexOf(" ") + 1);
-  const axis = id.includes("axis ") ? name : status.outputs.find((output) => output.name === name)?.axis;
-  const chart = charts.find(({ group }) => group.axis === axis || group.lines.some(({ column }) => column === name)) ?? charts[0];
-  view.moment = { at, text, chart };
+  // As "axis z" and "arming of axis z"; "sensor of axis z: bed" is rather about the sensor.
+  const axis = id.match(/axis ([^ :]+)$/)?.[1] ?? status.outputs.find((output) => output.name === name)?.axis;
+  const about = id.match(/axis ([^ :]+):/)?.[1];
+  const chart = charts.find(({ group }) => group.axis === axis)
+    ?? charts.find(({ group }) => group.lines.some(({ column }) => column === name))
+    ?? charts.find(({ group }) => group.axis === about) ?? charts[0];
+  if (!chart) return;
+  view.moment = { at, text: withoutHint(text, hint), chart };
   chart.root.scrollIntoView({ block: "center" });
   chart.root.focus({ preventScroll: true });
   await look(2 * AROUND_S, at + AROUND_S);
@@ -144,11 +149,13 @@ async function load() {
   }
 }
 
-// Reads the events of a longer span than was read before. The newer ones arrive with each status.
+// Reads the events of a longer span than was read before. The newer ones arrive with each status, and are read again only
+// if more arrived meanwhile than a status has.
 async function readEvents(from) {
-  if (read.from <= from) return;
-  const response = await inTurn(`api/events?since=${encodeURIComponent(new Date(from * 1000).toISOString())}`);
-  if (response?.ok) read = { from, events: (await response.json()).events };
+  if (read.from <= from && isComplete(read.at)) return;
+  const [begin, now] = [Math.min(from, read.from), view.at];
+  const response = await inTurn(`api/events?since=${encodeURIComponent(new Date(begin * 1000).toISOString())}`);
+  if (response?.ok) read = { from: begin, at: now, events: (await response.json()).events };
 }
 
 // The smallest and the largest value of an interval are drawn at the same time: a line through both loses no peak.

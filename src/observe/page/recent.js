@@ -34,7 +34,10 @@ async function load(status, now, changed) {
       question.set("points", POINTS);
       const response = await inTurn(`api/history?${question}`);
       if (!response?.ok) continue;
-      for (const [name, { time, min, max }] of byColumn(await response.json())) {
+      const course = await response.json();
+      // The clock was set back meanwhile.
+      if (loadedAt !== now) return;
+      for (const [name, { time, min, max }] of byColumn(course)) {
         const later = (courses.get(name) ?? []).filter(([at]) => at > now);
         courses.set(name, [...time.map((at, place) => [at, min[place], max[place]]), ...later]);
       }
@@ -62,6 +65,11 @@ function add(name, at, value) {
 // Takes the values of a status. `changed()` is called when more of the past has arrived.
 export function keep(status, changed = () => {}) {
   const now = seconds(status);
+  // The clock was set back, or another demo runs at this address: what was read lies in the future.
+  if (loadedAt !== null && now < loadedAt) {
+    courses.clear();
+    [loadedAt, loadedMs] = [null, 0];
+  }
   for (const axis of status.axes) {
     add(`${axis.name}_cz_um`, now, axis.cz_um);
     add(`${axis.name}_raw_um`, now, axis.raw_um);

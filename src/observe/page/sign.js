@@ -1,7 +1,7 @@
 // The guided check of an axis's sign with a dial gauge: prepare, move, look, answer.
 
 import { bothTimes, element, say, span } from "./text.js";
-import { english, t } from "./words.js";
+import { english, known, t } from "./words.js";
 
 const WAYS = ["sign-plus", "sign-minus", "sign-none"];
 
@@ -16,7 +16,7 @@ export class Sign {
     this.text = element("span");
     this.reason = english(element("span"));
     this.begin = button("sign", () => { this.prepares = true; this.arrange(null); });
-    this.move = button("sign_move", () => { this.prepares = false; command("sign", name); });
+    this.move = button("sign_move", () => { this.prepares = false; this.arrange(null); command("sign", name); });
     this.ways = WAYS.map((way) => button(way, () => command(way, name)));
     this.cancel = button("cancel", () => {
       if (this.axis?.sign) command("cancel", name);
@@ -30,6 +30,8 @@ export class Sign {
 
   show(axis) {
     this.axis = axis;
+    // A check that runs is prepared, and an axis that was disarmed meanwhile cannot be checked.
+    if (axis.sign || !this.may()) this.prepares = false;
     this.root.hidden = !this.may() && !axis.sign_checked;
     this.arrange(axis.sign);
   }
@@ -51,6 +53,10 @@ export class Sign {
     this.cancel.hidden = !this.prepares && !sign;
     say(this.reason, this.waits(sign) ? this.axis.cause : "");
     say(this.text, this.sentence(sign));
+    // A wrong sign stays in sight: every µm makes the error larger.
+    const isWrong = !sign && !this.prepares && (this.axis?.sign_checked?.[1] ?? "plus") !== "plus";
+    if (isWrong) this.text.dataset.tone = "bad";
+    else delete this.text.dataset.tone;
   }
 
   sentence(sign) {
@@ -58,7 +64,7 @@ export class Sign {
     if (sign) return sign.there ? t("sign_which", { span: span(sign.expires_s) }) : t("sign_moving");
     if (this.prepares) return t("sign_prepare", { axis: this.name });
     const last = this.axis?.sign_checked;
-    return last ? t("sign_last", { when: bothTimes(new Date(last[0]))[0], moved: t(`sign-${last[1]}`) }) : t("sign_never");
+    return last ? t("sign_last", { when: bothTimes(new Date(last[0]))[0], moved: known("sign_found", last[1]) }) : t("sign_never");
   }
 
   enable(may) {

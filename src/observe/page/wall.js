@@ -78,7 +78,9 @@ function show(axis, status, isRow) {
   const why = brief(cause(axis, status));
   say(it.why, why === name ? "" : why);
   say(it.figure, signed(axis.verified_um, 1));
-  it.figure.classList.toggle("long", it.figure.textContent.length > LONG);
+  const { length } = it.figure.textContent;
+  it.figure.classList.toggle("long", length > LONG);
+  it.figure.style.setProperty("--characters", length);
   say(it.target, target(axis) ? `${isRow ? "" : `${t("target")} `}${target(axis)}` : "");
   say(it.verified, verified(axis));
   say(it.expected, expected(axis));

@@ -1,19 +1,20 @@
 //! What the page and the wall view draw, in a real browser in front of a simulated gateway.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use isotherm::observe::events::{Acknowledgement, Alarm, Entry, Level};
-use isotherm::observe::status::Status;
+use isotherm::observe::status::{DialDirection, Status};
 use isotherm_core::display::Display;
 
 use super::{OPEN, look};
 use crate::http::OPERATOR;
 use crate::support::fake::Door;
 
-const NO_SCROLLING: &str = "eval:document.documentElement.scrollHeight <= innerHeight && document.documentElement.scrollWidth <= innerWidth";
-/// Nothing reaches over the right edge of the window.
+const NO_SCROLLING: &str = "eval:document.documentElement.scrollHeight <= innerHeight && document.documentElement.scrollWidth <= document.documentElement.clientWidth";
+/// Nothing reaches over the right edge of the window. (`innerWidth` of a phone grows with what does.)
 const NOTHING_CUT: &str = "eval:[...document.querySelectorAll('body *')].every((node) => !node.checkVisibility() || \
-                           node.getBoundingClientRect().right <= innerWidth + 1)";
+                           node.getBoundingClientRect().right <= document.documentElement.clientWidth + 1)";
 
 /// Looks at a page of a simulated gateway after these changes to its status.
 fn looked_at_with(change: impl FnOnce(&mut Status), views: &[(&str, &[&str])]) -> Vec<String> {
@@ -69,6 +70,8 @@ fn a_wall_shows_three_axes_without_scrolling_with_limit_and_trend() {
     // CSS has 96 pixels per inch; a digit has 0.7 of its font's size.
     let figures = "eval:[...document.querySelectorAll('.figure')].every((figure) => \
                    parseFloat(getComputedStyle(figure).fontSize) * 0.7 / 96 * 25.4 >= 20)";
+    let within = "eval:[...document.querySelectorAll('.panel .figure')].every((figure) => \
+                  figure.getBoundingClientRect().right <= figure.closest('.panel').getBoundingClientRect().right)";
     let words = [
         "Main spindle",
         "−112.5",
@@ -77,18 +80,23 @@ fn a_wall_shows_three_axes_without_scrolling_with_limit_and_trend() {
         NO_SCROLLING,
         NOTHING_CUT,
         figures,
+        within,
         "size:1280x800",
         NO_SCROLLING,
         NOTHING_CUT,
         figures,
+        within,
         "size:390x844",
         NOTHING_CUT,
+        within,
     ];
+    // The longest words.
+    let german = ["language:de", "−112,5", "size:1280x800", NO_SCROLLING, figures, within];
     let raise = |status: &mut Status| {
         with_axes(status, &["x", "y", "z"]);
         status.alarms = vec![alarm("signal bed", Level::Warning, "2026-07-02T11:50:00Z")];
     };
-    let texts = looked_at_with(raise, &[("/?view=wall", &words)]);
+    let texts = looked_at_with(raise, &[("/?view=wall", &words), ("/?view=wall", &german)]);
     assert!(
         texts[0].contains("Active alarms: 1") && texts[0].contains("signal bed: open circuit"),
         "{}",
@@ -111,17 +119,43 @@ fn a_wall_shows_eight_axes_as_a_table_and_the_page_as_rows() {
         NOTHING_CUT,
     ];
     let many = "eval:document.querySelectorAll('.axes.many .axis').length === 8";
+    let apart = "eval:[...document.querySelectorAll('.many .cz .whole')].every((figure) => \
+                 figure.getBoundingClientRect().right <= figure.closest('.cz').getBoundingClientRect().right)";
     let page = [
         "Axis x1",
         many,
         "size:1920x1080",
         NOTHING_CUT,
+        apart,
         "size:1280x800",
         NOTHING_CUT,
+        apart,
         "size:390x844",
         NOTHING_CUT,
     ];
     looked_at_with(|status| with_axes(status, &names), &[("/?view=wall", &wall), ("", &page)]);
+}
+
+#[test]
+fn every_state_is_whole_in_four_languages_at_three_sizes() {
+    let every = |status: &mut Status| {
+        let axis = status.axes[0].clone();
+        let of = |(shown, name): (Display, &str)| {
+            let mut axis = axis.clone();
+            axis.name = name.into();
+            axis.shown = shown;
+            axis
+        };
+        status.axes = Display::ALL.iter().map(|&(shown, name, ..)| of((shown, name))).collect();
+    };
+    let all = format!("eval:document.querySelectorAll('.figure').length === {}", Display::ALL.len());
+    for language in ["language:en", "language:de", "language:ja", "language:zh"] {
+        let sizes =
+            ["size:390x844", NOTHING_CUT, "size:1280x900", NOTHING_CUT, "size:1920x1080", NOTHING_CUT];
+        let words = [&[language, &all][..], &sizes].concat();
+        let opened = [&words[..], &[OPEN, "size:390x844", NOTHING_CUT]].concat();
+        looked_at_with(every, &[("", &opened), ("/?view=wall", &words)]);
+    }
 }
 
 #[test]
@@ -173,6 +207,62 @@ fn what_nobody_measures_is_not_measured_and_commands_say_what_they_will_do() {
 }
 
 #[test]
+fn a_wrong_sign_stays_in_sight_and_the_answer_to_a_command_is_seen_from_everywhere() {
+    let checked = |status: &mut Status| {
+        status.axes[0].sign_checked = Some(("2026-07-02T11:00:00Z".into(), DialDirection::Minus));
+    };
+    let red = "eval:[...document.querySelectorAll('.axis [data-tone=bad]')].some((node) => node.innerText.includes('WRONG'))";
+    let press = "eval:(scrollTo(0, document.body.scrollHeight), document.querySelector('.axis .learned button').click(), true)";
+    let seen = "eval:(({ top, bottom }) => top >= 0 && bottom <= innerHeight)(document.querySelector('#answer').getBoundingClientRect())";
+    let words = [
+        "Sign checked 2026-07-02 13:00:00 UTC+2: Moved to minus, but must move to plus.",
+        red,
+        "size:1280x900",
+        press,
+        "size:1280x800",
+        "axis z follows another model",
+        seen,
+    ];
+    looked_at_with(checked, &[("", &words)]);
+}
+
+#[test]
+fn a_machine_without_axes_has_nothing_armed() {
+    let words = ["Output: not armed", "There is no axis."];
+    looked_at_with(|status| status.axes.clear(), &[("", &words), ("/?view=wall", &["off"])]);
+}
+
+/// An open page belongs to the gateway that it was opened at. Without this, figures of the former axes would stay.
+#[test]
+fn a_gateway_that_returns_with_other_axes_is_drawn_anew() {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let door = Door::open(None).await;
+        for view in ["", "/?view=wall"] {
+            let [from, to] = if view.is_empty() { ["z", "y"] } else { ["y", "x"] };
+            let drawn = format!("Axis {from}");
+            // The page tells this test that it has drawn the first axes.
+            let tells = "eval:(fetch('/api/acknowledge?alarm=signal%20t1', \
+                         { method: 'POST', headers: { 'isotherm-way': 'page' } }), true)";
+            let gone = format!(
+                "eval:![...document.querySelectorAll('h2')].some((head) => head.innerText === '{drawn}')"
+            );
+            let new = format!("Axis {to}");
+            let words =
+                [drawn.as_str(), "size:1280x900", tells, "size:1280x800", &new, &gone].map(str::to_owned);
+            let (address, before) = (format!("http://{}", door.address), door.askers().len());
+            let look = move || look(&address, view, &words.each_ref().map(String::as_str));
+            let look = tokio::task::spawn_blocking(look);
+            while door.askers().len() == before && !look.is_finished() {
+                tokio::time::sleep(Duration::from_millis(50)).await;
+            }
+            door.change(|status| status.axes[0].name = to.into());
+            look.await.unwrap();
+        }
+    });
+}
+
+#[test]
 fn events_are_filtered_by_level() {
     let texts = |test: &str| {
         format!(
@@ -197,7 +287,7 @@ fn events_are_filtered_by_level() {
 fn the_first_clause_of_a_cause_and_the_bands_of_states_are_found() {
     let module = |file: &str, test: &str| {
         format!(
-            "eval:((name) => globalThis[name] ? (({{ brief, bands, packed, withinToday }}) => {test})(globalThis[name]) : \
+            "eval:((name) => globalThis[name] ? (({{ brief, bands, packed, withinToday, residual, isComplete, keep, lastHour }}) => {test})(globalThis[name]) : \
              (import('/page/{file}').then((it) => {{ globalThis[name] = it; }}), false))('{file}')"
         )
     };
@@ -230,7 +320,28 @@ fn the_first_clause_of_a_cause_and_the_bands_of_states_are_found() {
           return withinToday({ probe }, now).percent === 66 && withinToday({ probe: null }, now) === null \
             && withinToday({ probe: { ...probe, warn_um: null } }, now) === null; })()",
     );
-    looked_at_with(|_| (), &[("", &["Axis z", &brief, &bands, &packed, &within])]);
+    // What was measured with the Cz that acted; a refused probing counts for nothing.
+    let residual = module(
+        "measured.js",
+        "(() => { const history = [['2026-07-02T08:00:00Z', 1]]; const last = { at: '2026-07-02T08:00:00Z', error_um: 9, refused: null }; \
+          const of = (probe) => residual({ probe })?.um; \
+          return of({ history, last }) === 9 && of({ history, last: { ...last, refused: 'no' } }) === 1 && of({ history: [], last: null }) === undefined; })()",
+    );
+    // The last event that a status has is of 11:59.
+    let complete = module(
+        "events.js",
+        "['2026-07-02T11:58:00Z', '2026-07-02T12:00:00Z'].map((at) => isComplete(new Date(at) / 1000)).join() === 'false,true'",
+    );
+    // A clock that is set back does not stop the last hour.
+    let set_back = module(
+        "recent.js",
+        "(globalThis.setBack ??= ['13', '11'].map((hour) => { keep({ now: `2026-07-02T${hour}:00:00Z`, axes: [], signals: [{ name: 'q', value: 1 }] }); \
+          return lastHour('q').map(([at]) => new Date(at * 1000).toISOString().slice(11, 13)).join('+'); }).join()) === '13,11'",
+    );
+    looked_at_with(
+        |_| (),
+        &[("", &["Axis z", &brief, &bands, &packed, &within, &residual, &complete, &set_back])],
+    );
 }
 
 /// Returns the script of axe-core, which `tests/run page` installs.

@@ -87,7 +87,7 @@ fn looked_at_after(faults: &str, hour: i8, view: &str, words: &[&str]) -> String
 
 #[test]
 fn who_is_frozen_since_when_and_who_stands_in_is_read_on_the_page_and_on_the_wall() {
-    let whole = "eval:document.documentElement.scrollWidth <= innerWidth";
+    let whole = "eval:document.documentElement.scrollWidth <= document.documentElement.clientWidth";
     let frozen = "wheelhead frozen since 10:30, replaced by a stand-in from 2 other sensors";
     let card: &str = &format!("follows a fallback model: {frozen}");
     let first: &str = &format!("Axis z: follows a fallback model ({frozen}).");
