@@ -1,0 +1,24 @@
+//! Operators of the runtime that a network may have.
+
+use rten::{OpRegistry, op_types};
+
+/// Defines the operators of the runtime that a network may have, and their names.
+macro_rules! operators {
+    ($($name:ident)*) => {
+        /// Names of the supported operators.
+        pub(super) const SUPPORTED: &[&str] = &[$(stringify!($name)),*];
+
+        /// Returns the supported operators.
+        pub(super) fn operators() -> OpRegistry {
+            OpRegistry::with_ops(&[$(&op_types::$name),*])
+        }
+    };
+}
+
+// Operators with which networks of neurons, radial basis functions and linear models are exported, and the mean of several
+// of them. More would only make the program larger. `standard` replaces some other operators by these.
+operators! {
+    Abs Add BatchNormalization Cast CastLike Clip Concat Div Elu Erf Exp Flatten Gather Gelu Gemm
+    HardSigmoid HardSwish Identity LeakyRelu MatMul Max Mean Min Mul Neg PRelu Pow ReduceMean ReduceProd
+    ReduceSum Relu Reshape Sigmoid Softplus Softsign Sqrt Squeeze Sub Sum Tanh Transpose Unsqueeze
+}
