@@ -51,7 +51,7 @@ pub use plain::{PlainLog, plain_log};
 pub use run::Run;
 pub(crate) use run::{Datum, Errors, Origin};
 pub use split::Split;
-pub use table::{Uses, every_column};
+pub use table::{Units, Uses, every_column};
 
 use formats::read_table;
 use split::Divided;
@@ -99,10 +99,6 @@ pub struct Column {
     /// Kind of quantity, guessed from unit, name and values.
     pub kind: Kind,
 }
-
-/// Function that returns the unit that the profile gives for a log column; `None` if the profile has no signal of this
-/// name.
-pub type Units<'a> = &'a dyn Fn(&str) -> Option<&'static str>;
 
 impl Dataset {
     /// Reads log files, and all logs in directories, and divides them into runs.

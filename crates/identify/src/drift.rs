@@ -128,7 +128,7 @@ pub fn drift(
     if columns.is_empty() && wrong.is_empty() {
         wrong.push(format!(
             "no column is a displacement. Let the name of a column in µm end with _um, and that of a column in mm \
-             with _um [mm], or name a column in µm with --displacement. The columns are {all}"
+             with _um [mm]. Or name a column in µm with --displacement. The columns are {all}"
         ));
     }
     let in_mm = columns.iter().filter(|column| dataset.columns[**column].kind == Kind::Position);

@@ -1,13 +1,13 @@
 //! Implausible values of measured errors, for the reader of rows in `isotherm replay`. They are the values that
-//! [`Dataset::read`](super::Dataset::read) leaves out.
+//! `identify` leaves out.
 
 use std::collections::HashMap;
 use std::path::Path;
 
 use super::formats::read_table;
 use super::implausible::{Wrong, wrong};
-use super::table::{Cells, Table};
-use super::{BadLog, Kind, Split, Units, Uses, unit};
+use super::table::{Cells, Table, Units, Uses};
+use super::{BadLog, Kind, Split, unit};
 
 /// Values of the measured errors in one log that no sensor measured.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

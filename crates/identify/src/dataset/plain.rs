@@ -6,9 +6,9 @@ use std::io::{self, BufRead, BufReader, Cursor, Read, Write};
 use std::path::Path;
 
 use super::formats::read_table;
-use super::table::Cells;
+use super::table::{Cells, Units, Uses};
 use super::tidy::Tidy;
-use super::{BadLog, Implausible, Split, Units, Uses, decode, files, head, measured, spaced, steps};
+use super::{BadLog, Implausible, Split, decode, files, head, measured, spaced, steps};
 use isotherm_core::quantity::{Dialect, TimeColumns, names_and_units, time};
 
 /// Number of bytes in which the names of the columns are searched, as in [`head::start`].
@@ -52,7 +52,11 @@ pub fn plain_log(
     };
     match plain.map_err(|why| files::cannot_be_read(file, &why))? {
         Some((log, names)) => {
-            steps::check(&file.display().to_string(), (names.as_slice(), log.first_rows.as_slice()), split)?;
+            steps::check(
+                &file.display().to_string(),
+                (names.as_slice(), log.first_rows.as_slice()),
+                split.time_unit,
+            )?;
             let is_measured = |(name, _): &(String, String)| split.displacements.contains(name);
             let implausible = match names_and_units(&names).iter().any(is_measured) {
                 true => measured::in_file(file, split, (units, uses))?,

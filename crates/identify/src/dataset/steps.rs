@@ -1,6 +1,6 @@
 //! Steps of times that are numbers without a unit. Milliseconds must not be read as seconds.
 
-use super::{BadLog, Split};
+use super::BadLog;
 use isotherm_core::quantity::{TimeColumns, TimeUnit};
 use isotherm_profile::safe_file::quoted;
 
@@ -47,9 +47,9 @@ pub(super) fn question(name: &str, times: &[f64]) -> Option<String> {
 pub(super) fn check(
     place: &str,
     (names, rows): (&[String], &[Vec<String>]),
-    split: &Split,
+    time_unit: Option<TimeUnit>,
 ) -> Result<(), BadLog> {
-    let Some(columns) = TimeColumns::find(names, split.time_unit) else { return Ok(()) };
+    let Some(columns) = TimeColumns::find(names, time_unit) else { return Ok(()) };
     let time = |cells: &Vec<String>| cells.get(columns.time)?.replace(',', ".").parse::<f64>().ok();
     let times: Vec<f64> = rows.iter().take(COMPARED).map_while(time).collect();
     let first = times.first().map(f64::to_string).unwrap_or_default();

@@ -23,6 +23,10 @@ const SAMPLED: usize = 1000;
 /// Maximum number of listed errors; further errors are only counted.
 const MOST_LISTED: usize = 20;
 
+/// Function that returns the unit that the profile gives for a log column; `None` if the profile has no signal of this
+/// name.
+pub type Units<'a> = &'a dyn Fn(&str) -> Option<&'static str>;
+
 /// Function that returns whether a column is used, by its name. Unused columns are not read completely, because a log
 /// may have hundreds of columns, of which a model requires ten.
 pub type Uses<'a> = &'a dyn Fn(&str) -> bool;
