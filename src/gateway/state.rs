@@ -21,4 +21,6 @@ pub(super) mod scales;
 pub(super) mod sign;
 pub(super) mod signal_table;
 pub(super) mod stand_in;
+#[cfg(test)]
+mod test_profiles;
 pub(super) mod units;

@@ -113,46 +113,16 @@ impl PlannedReads {
 
 #[cfg(test)]
 mod tests {
+    use super::super::test_profiles::{THREE_SIGNALS, bench};
     use super::*;
     use crate::fieldbus::error::LinkFault;
     use isotherm_core::codec::{Register, Table};
-    use std::path::Path;
-
-    /// Profile with a read over a gap, and a read of one signal.
-    const PROFILE: &str = r#"
-        [machine]
-        name = "bench"
-        [bus.cell]
-        type = "modbus-tcp"
-        address = "127.0.0.1:1502"
-        [device.module]
-        bus = "cell"
-        unit = 1
-        [signal.bed]
-        device = "module"
-        register = "input:0"
-        type = "i16"
-        unit = "degC"
-        max_age = "5s"
-        [signal.spindle]
-        device = "module"
-        register = "input:4"
-        type = "i16"
-        unit = "degC"
-        max_age = "5s"
-        [signal.oil]
-        device = "module"
-        register = "holding:0"
-        type = "i16"
-        unit = "degC"
-        max_age = "5s"
-    "#;
 
     const MODULE: DeviceId = DeviceId(0);
     const TIMEOUT: Result<(), Fault> = Err(Fault::Timeout);
 
     fn planned() -> (PlannedReads, [SignalId; 3]) {
-        let profile = isotherm_profile::parse(Path::new("bench.toml"), PROFILE, &[], &[]).unwrap().profile;
+        let profile = bench(THREE_SIGNALS);
         let named = |name: &str| profile.signals.iter().position(|signal| signal.name == name).unwrap();
         let signals = ["bed", "spindle", "oil"].map(|name| SignalId(named(name)));
         (PlannedReads::of(&profile), signals)
