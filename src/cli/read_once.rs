@@ -7,16 +7,21 @@ use std::time::Duration;
 use anyhow::Context;
 
 use super::hints::{Hints, cause};
+use crate::cli::print::say_beside;
 use crate::clock::Clock;
 use crate::discovery::new_connection::{self, NewConnectionAdvice};
 use crate::fieldbus::line::LONGEST_GATEWAY_WAIT;
 use crate::gateway::{Gateway, Options};
 use crate::observe::status::{DeviceStatus, Status};
-use isotherm_profile::counted;
-use isotherm_profile::{BusId, DeviceId, Profile, Signal};
+use isotherm_profile::{Bus, BusId, Device, DeviceId, Profile, Signal};
+use isotherm_profile::{counted, duration_text};
 
 /// Longest time to wait for a frame that a CAN device sends by itself.
 const LONGEST_PERIOD: Duration = Duration::from_secs(10);
+/// Time after which a line on stderr names the devices of which a result is missing.
+const NAMED_AFTER: Duration = Duration::from_secs(2);
+/// Maximum number of devices that are named individually; the others are only counted.
+const MOST_NAMES: usize = 5;
 /// Indentation of a hint below its line.
 const UNDER: usize = 6;
 /// Longest time of the first request to a device, in timeouts. On a serial line, the gateway first waits for answers to
@@ -67,12 +72,18 @@ pub(super) fn watch(
         let mut sleeper = clock.join();
         let looking = async {
             let begun = clock.now();
+            let mut is_named = false;
             while clock.now() < begun.after(longest) {
                 let status = source.status();
                 if is_complete(&status)
                     || (clock.now() >= begun.after(patience) && is_tried(&status, &requested))
                 {
                     break;
+                }
+                if !is_named && clock.now() >= begun.after(NAMED_AFTER) {
+                    is_named = true;
+                    let most = duration_text(Duration::from_secs(longest.as_secs() + 1));
+                    say_beside!("waiting for {}, {most} in total at most", awaited(&status));
                 }
                 sleeper.sleep(Duration::from_millis(20)).await;
             }
@@ -100,8 +111,30 @@ fn is_tried(status: &Status, requested: &[bool]) -> bool {
         && status.devices.iter().all(|device| device.state != "never-answered" || device.requests == 0)
 }
 
+/// Names the devices of which a result is missing: those that were not tried yet, and those of a signal without a value
+/// or of an offset register that was not read.
+fn awaited(status: &Status) -> String {
+    let is_awaited = |device: &&DeviceStatus| {
+        let mut signals = status.signals.iter().filter(|signal| signal.device == device.name);
+        let mut outputs = status.outputs.iter().filter(|output| output.device == device.name);
+        (device.state == "never-answered" && device.requests > 0)
+            || signals.any(|signal| signal.quality == "never-read")
+            || outputs.any(|output| output.writes == "offset" && output.value.is_none())
+    };
+    let awaited: Vec<String> = status
+        .devices
+        .iter()
+        .filter(is_awaited)
+        .map(|device| format!("device {} on bus {}", device.name, device.bus))
+        .collect();
+    match awaited.len().checked_sub(MOST_NAMES).filter(|more| *more > 0) {
+        Some(more) => format!("{} and {}", awaited[..MOST_NAMES].join(", "), counted(more, "other device")),
+        None => awaited.join(", "),
+    }
+}
+
 /// Tests each Modbus bus on which no device answers on a new connection, see [`new_connection`]. Tests nothing if all
-/// devices have answered all reads of signals.
+/// devices have answered all reads of signals. A line on stderr names each bus whose test takes long.
 pub(super) fn examined(profile: &Profile, status: &Status) -> anyhow::Result<Vec<NewConnectionAdvice>> {
     // A device that loses the first request may have answered a later one. A device without signals is only written to.
     let is_missing = status.signals.iter().any(|signal| signal.quality == "timeout");
@@ -112,7 +145,14 @@ pub(super) fn examined(profile: &Profile, status: &Status) -> anyhow::Result<Vec
     if !is_missing && !status.devices.iter().any(is_silent) {
         return Ok(Vec::new());
     }
-    Ok(super::runtime::start()?.block_on(new_connection::examined(profile)))
+    let begins = |bus: &Bus, device: &Device| {
+        say_beside!(
+            "no device on bus {} answers: testing whether device {} answers after a pause, or at the second request",
+            bus.name,
+            device.name
+        );
+    };
+    Ok(super::runtime::start()?.block_on(new_connection::examined(profile, begins)))
 }
 
 /// Returns an error if a signal cannot be used. The error lists such signals by reason.

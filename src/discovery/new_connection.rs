@@ -1,5 +1,5 @@
 //! Test of a device that does not answer: whether it ignores requests for a time after connecting, or loses the first
-//! request of each connection. The test only reads.
+//! request of each connection. Also detects a line that returns each request. The test only reads.
 
 use std::fmt;
 use std::time::Duration;
@@ -8,9 +8,11 @@ use serde::Serialize;
 
 use crate::discovery::bus::LineAddress;
 use crate::discovery::unit_reader::UnitReader;
+use crate::fieldbus::error::{Fault, PeerFault};
+use crate::fieldbus::explain::explain_on;
 use crate::fieldbus::wire::{ModbusRequest, Request};
 use isotherm_core::codec::Register;
-use isotherm_profile::{Bus, BusId, Profile, Quirks, duration_text};
+use isotherm_profile::{Bus, BusId, Device, Profile, Quirks, duration_text};
 
 /// Pauses after connecting that are tried, the shortest first.
 const PAUSES: [Duration; 2] = [Duration::from_millis(500), LONGEST_PAUSE];
@@ -28,7 +30,7 @@ pub enum NewConnection {
     LosesFirst,
 }
 
-/// Device of a profile with such a behaviour.
+/// Device of a profile with such a behaviour, or on a line that returns each request.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct NewConnectionAdvice {
     /// Name of the bus in the profile.
@@ -37,6 +39,16 @@ pub struct NewConnectionAdvice {
     pub device: String,
     /// Description of the behaviour, and what to do.
     pub advice: String,
+}
+
+/// Result of a read on a new connection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum ReadResult {
+    /// The unit answers, with data or with a refusal.
+    Answered,
+    Silent,
+    /// The request itself came back, and the unit is silent.
+    Echoed,
 }
 
 /// Describes the behaviour, and names the key for it.
@@ -87,22 +99,33 @@ pub async fn examine(
     None
 }
 
-/// Sends a read on a new connection. Returns whether the unit answers, with data or with a refusal.
-async fn is_answered(
+/// Returns whether the unit answers a read on a new connection.
+async fn is_answered(line: &LineAddress, bus: &Bus, quirks: Quirks, unit: u8, read: (Register, u16)) -> bool {
+    send(line, bus, quirks, unit, read).await == ReadResult::Answered
+}
+
+/// Sends a read on a new connection.
+async fn send(
     line: &LineAddress,
     bus: &Bus,
     quirks: Quirks,
     unit: u8,
     (from, count): (Register, u16),
-) -> bool {
-    match UnitReader::new(line, bus, quirks, None).read(unit, from, count).await {
-        Ok(_) => true,
-        Err(fault) => fault.is_refusal() && !fault.is_of_a_gateway(),
+) -> ReadResult {
+    let mut reader = UnitReader::new(line, bus, quirks, None);
+    let answer = reader.read(unit, from, count).await;
+    match answer {
+        Ok(_) => ReadResult::Answered,
+        Err(fault) if fault.is_refusal() && !fault.is_of_a_gateway() => ReadResult::Answered,
+        Err(Fault::Timeout) if reader.has_come_back() => ReadResult::Echoed,
+        Err(_) => ReadResult::Silent,
     }
 }
 
-/// Tests the Modbus buses of a profile on which no device answers. Returns the devices that need a setting.
-pub async fn examined(profile: &Profile) -> Vec<NewConnectionAdvice> {
+/// Tests the Modbus buses of a profile on which no device answers. Calls `begins` with the bus and the device before
+/// the part of a test that takes long. Returns the devices that need a setting, and those on a line that returns each
+/// request.
+pub async fn examined(profile: &Profile, begins: impl Fn(&Bus, &Device)) -> Vec<NewConnectionAdvice> {
     let mut found = Vec::new();
     for (place, bus) in profile.buses.iter().enumerate() {
         let reads = profile.devices_on(BusId(place)).filter_map(|(id, device)| {
@@ -116,16 +139,24 @@ pub async fn examined(profile: &Profile) -> Vec<NewConnectionAdvice> {
         let reads: Vec<_> = reads.take(DEVICES).collect();
         let Some((first, read)) = reads.first().copied() else { continue };
         let line = LineAddress::of(bus);
-        let mut does_answer = false;
+        let (mut does_answer, mut is_echoed) = (false, false);
         for (device, read) in &reads {
-            does_answer = does_answer || is_answered(&line, bus, device.quirks, device.unit, *read).await;
+            let result = send(&line, bus, device.quirks, device.unit, *read).await;
+            does_answer = result == ReadResult::Answered;
+            is_echoed |= result == ReadResult::Echoed;
+            if does_answer {
+                break;
+            }
         }
         if does_answer {
             continue;
         }
-        if let Some(behaviour) = examine(&line, bus, first.quirks, first.unit, read).await {
-            let (bus, device) = (bus.name.clone(), first.name.clone());
-            found.push(NewConnectionAdvice { bus, device, advice: behaviour.to_string() });
+        begins(bus, first);
+        let behaviour = examine(&line, bus, first.quirks, first.unit, read).await;
+        let echo = || explain_on(bus.transport, Fault::Peer(PeerFault::Echoed)).to_string();
+        let advice = behaviour.map(|behaviour| behaviour.to_string()).or_else(|| is_echoed.then(echo));
+        if let Some(advice) = advice {
+            found.push(NewConnectionAdvice { bus: bus.name.clone(), device: first.name.clone(), advice });
         }
     }
     found

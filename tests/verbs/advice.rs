@@ -341,9 +341,13 @@ fn on_a_line_that_returns_each_request_the_echo_is_named() {
     let home = tempfile::tempdir().unwrap();
     let line = format!("rtu+tcp://{}", rtu(|asked| vec![asked.to_vec()]));
     let verbs = [scan(home.path(), &line, "1..5"), register(home.path(), &line, "holding:0", "1")];
-    all_say(&verbs, &["the request itself comes back instead of a reply; ", "no device answers"]);
+    let words = ["the request itself comes back instead of a reply; ", "no device answers"];
+    all_say(&verbs, &words);
     let (_, found) = &verbs[0];
     assert!(found.contains("no unit answered") && !found.contains("[device."), "{found}");
+    let address = line.trim_start_matches("rtu+tcp://");
+    let text = profile(&format!("type = \"modbus-rtu-over-tcp\"\naddress = \"{address}\""), &[0]);
+    all_say(&online(home.path(), &text), &words);
 }
 
 #[test]
@@ -378,7 +382,12 @@ fn a_silent_serial_line_is_reported_after_its_first_request_has_ended() {
     let _open = File::options().read(true).write(true).open(&path).unwrap();
     let serial =
         format!("type = \"modbus-rtu\"\nport = \"{path}\"\nbaud = 9600\nparity = \"none\"\nstop_bits = 1");
-    all_say(&online(home.path(), &profile(&serial, &[0])), &["no answer in time"]);
+    let words = [
+        "no answer in time",
+        "waiting for device module on bus cell, ",
+        "no device on bus cell answers: testing whether device module answers after a pause",
+    ];
+    all_say(&online(home.path(), &profile(&serial, &[0])), &words);
 }
 
 #[test]

@@ -95,9 +95,9 @@ fn each_behaviour_names_its_key() {
     }
 }
 
-fn profile(address: &str) -> Profile {
+fn profile(kind: &str, address: &str) -> Profile {
     let text = format!(
-        "[machine]\nname = \"cell\"\n[bus.cell]\ntype = \"modbus-tcp\"\naddress = \"{address}\"\ntimeout = \"250ms\"\n\
+        "[machine]\nname = \"cell\"\n[bus.cell]\ntype = \"{kind}\"\naddress = \"{address}\"\ntimeout = \"250ms\"\n\
          [device.one]\nbus = \"cell\"\nunit = 1\nevery = \"1s\"\n[signal.bed]\ndevice = \"one\"\n\
          register = \"holding:0\"\ntype = \"i16\"\nunit = \"degC\"\n"
     );
@@ -105,11 +105,51 @@ fn profile(address: &str) -> Profile {
     loaded.unwrap_or_else(|errors| panic!("{errors}")).profile
 }
 
+/// Advice for this profile, and the devices that were named before the long part of a test.
+async fn advice(profile: &Profile) -> (Vec<NewConnectionAdvice>, Vec<String>) {
+    let named = std::cell::RefCell::new(Vec::new());
+    let found = examined(profile, |bus, device| {
+        named.borrow_mut().push(format!("{} on {}", device.name, bus.name));
+    });
+    let found = found.await;
+    (found, named.into_inner())
+}
+
 #[tokio::test]
 async fn the_devices_of_a_profile_are_tested_if_none_answers() {
-    let advice = examined(&profile(&serve(Peer::Loses(1)))).await;
-    let [NewConnectionAdvice { bus, device, advice }] = advice.as_slice() else { panic!("{advice:?}") };
+    let (found, named) = advice(&profile("modbus-tcp", &serve(Peer::Loses(1)))).await;
+    let [NewConnectionAdvice { bus, device, advice: text }] = found.as_slice() else { panic!("{found:?}") };
     assert_eq!((bus.as_str(), device.as_str()), ("cell", "one"));
-    assert!(advice.contains("loses_first_request"), "{advice}");
-    assert_eq!(examined(&profile(&serve(Peer::Loses(0)))).await, []);
+    assert!(text.contains("loses_first_request"), "{text}");
+    assert_eq!(named, ["one on cell"]);
+    let answers = profile("modbus-tcp", &serve(Peer::Loses(0)));
+    assert_eq!(advice(&answers).await, (Vec::new(), Vec::new()));
+}
+
+/// Returns the address of a peer that sends all bytes back.
+fn echo() -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    std::thread::spawn(move || {
+        for stream in listener.incoming() {
+            let mut stream = stream.unwrap();
+            std::thread::spawn(move || {
+                let mut bytes = [0; 64];
+                while let Ok(count @ 1..) = stream.read(&mut bytes) {
+                    if stream.write_all(&bytes[..count]).is_err() {
+                        return;
+                    }
+                }
+            });
+        }
+    });
+    address
+}
+
+#[tokio::test]
+async fn a_line_that_returns_each_request_is_named() {
+    let (found, _) = advice(&profile("modbus-rtu-over-tcp", &echo())).await;
+    let [NewConnectionAdvice { device, advice: text, .. }] = found.as_slice() else { panic!("{found:?}") };
+    assert_eq!(device, "one");
+    assert!(text.starts_with("the request itself comes back instead of a reply; "), "{text}");
 }
