@@ -97,6 +97,7 @@ mod set;
 mod set_controller;
 mod set_members;
 mod set_phase;
+mod set_words;
 mod settings;
 mod slots;
 mod state;

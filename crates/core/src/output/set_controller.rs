@@ -18,21 +18,19 @@ use serde::{Deserialize, Serialize};
 use super::controller::Controller;
 use super::demand::{Input, SetCommit};
 use super::handshake::HandshakeFault;
-use super::heartbeat::{Beat, count_after};
+use super::heartbeat::Beat;
 use super::numbers::Attempt;
 use super::set::{
-    ControlWord, OutputAnswer, OwnWords, SetAction, SetDemand, SetInput, SetSettings, SetWords, StrobeResult,
-    WriteResult,
+    OutputAnswer, OwnWords, SetAction, SetDemand, SetInput, SetSettings, SetWords, StrobeResult, WriteResult,
 };
 use super::set_members::{Choice, SetMembers};
 use super::set_phase::{After, DropReason, NextPhase, Phase, PromiseState, Reason};
+use super::set_words::WrittenWords;
 use super::strobe::{AcknowledgeResult, Awaited, Strobe, StrobeLevel};
 use super::transaction::Transaction;
 use super::{Action, Fact};
 use crate::quantity::{Counts, Moment, Shift, Shifted};
 
-/// Largest count of the heartbeat of an output set. It is positive even in a register that the control reads as signed.
-const HIGHEST_BEAT: u16 = 32767;
 /// Least time between a failure and the next attempt.
 const RETRY: Duration = Duration::from_secs(1);
 
@@ -48,13 +46,8 @@ pub struct SetController {
     found: Vec<Counts>,
     /// Number of restarts of the control so far.
     restarts: u64,
-    /// Count of the heartbeat in its register.
-    beat: u16,
-    /// Control word in its register, if known.
-    control: Option<u16>,
-    /// Whether the control word may indicate that every axis is armed.
-    may_say_enabled: bool,
-    written_at: Moment,
+    #[serde(flatten)]
+    words: WrittenWords,
     /// Earliest time for the next attempt.
     tries_from: Moment,
     #[serde(skip)]
@@ -79,10 +72,7 @@ impl SetController {
             phase: Phase::Rest,
             found: Vec::new(),
             restarts: 0,
-            beat: 0,
-            control: None,
-            may_say_enabled: false,
-            written_at: Moment::default(),
+            words: WrittenWords::default(),
             tries_from: now,
             faults: Vec::new(),
         };
@@ -117,7 +107,7 @@ impl SetController {
 
     /// Returns whether the control word may indicate that every axis is armed.
     pub fn may_say_enabled(&self) -> bool {
-        self.may_say_enabled
+        self.words.may_say_enabled()
     }
 
     /// Returns whether the line task began its work on an output too late for the last decision.
@@ -139,7 +129,7 @@ impl SetController {
             SetInput::Member { place, answer } => self.answer(settings, *place, *answer, now),
             SetInput::DiskNotYet => self.disk_not_yet(settings, now),
             SetInput::Read { values, number, beat, asked } => {
-                self.beat = beat.unwrap_or(self.beat);
+                self.words.receive_beat(*beat);
                 self.read(settings, (values, *number, *asked), now);
             }
             SetInput::NoAnswer => self.no_answer(settings, now),
@@ -389,18 +379,10 @@ impl SetController {
         }
         let has_words = settings.words != SetWords::None && self.demand.beat != Beat::Silent;
         let is_driven = self.members.is_driven();
-        let is_due = self.refreshes(settings).is_some_and(|refresh| now >= refresh);
+        let is_due = self.words.refreshes(settings).is_some_and(|refresh| now >= refresh);
         let is_untaken = self.is_bound() && (has_words || self.members.is_settled());
-        (has_words && (is_due || self.has_news(settings))) || (is_driven && (is_due || is_untaken))
-    }
-
-    fn has_news(&self, settings: &SetSettings) -> bool {
-        settings.words.has_control() && self.control != Some(self.demand.control)
-    }
-
-    /// Returns the time when the output set must be sent again without a change. `None` if there is no such time.
-    fn refreshes(&self, settings: &SetSettings) -> Option<Moment> {
-        settings.refresh.map(|refresh| self.written_at.after(refresh))
+        (has_words && (is_due || self.words.has_news(settings, &self.demand)))
+            || (is_driven && (is_due || is_untaken))
     }
 
     fn read(
@@ -474,17 +456,15 @@ impl SetController {
 
     fn own(&self, settings: &SetSettings) -> OwnWords {
         let number = settings.has_number.then(|| self.transaction.next_number());
-        let beat =
-            if self.demand.beat == Beat::Counts { count_after(self.beat, HIGHEST_BEAT) } else { self.beat };
-        OwnWords { number, beat, control: self.demand.control }
+        self.words.next(&self.demand, number)
     }
 
     /// Drops the writes of the outputs. Heartbeat and control word are then written alone, if the control accepts them
     /// without the values.
     fn give_up(&mut self, settings: &SetSettings, now: Moment) {
         self.members.give_up_writing(settings, now);
-        let is_due =
-            self.refreshes(settings).is_some_and(|refresh| now >= refresh) || self.has_news(settings);
+        let is_due = self.words.refreshes(settings).is_some_and(|refresh| now >= refresh)
+            || self.words.has_news(settings, &self.demand);
         if settings.words.can_leave_alone() && self.demand.beat != Beat::Silent && is_due {
             self.phase = Phase::WriteOwn(self.own(settings));
         } else {
@@ -494,7 +474,7 @@ impl SetController {
 
     /// Delays the next attempt to write the set, but not beyond the time of its next refresh.
     fn put_off(&mut self, settings: &SetSettings, now: Moment) {
-        let refresh = self.refreshes(settings).filter(|refresh| *refresh > now);
+        let refresh = self.words.refreshes(settings).filter(|refresh| *refresh > now);
         self.tries_from = now.after(RETRY).min(refresh.unwrap_or(Moment::END));
         self.phase = Phase::Rest;
     }
@@ -503,7 +483,7 @@ impl SetController {
         match std::mem::take(&mut self.phase) {
             Phase::Write { values, own, .. } => {
                 self.members.sent(settings, &values, result, left);
-                self.words_sent(own, result, left);
+                self.words.sent(own, result, left);
                 let is_done = result == WriteResult::Done;
                 if result.may_have_arrived() {
                     let values = values.iter().map(|value| value.counts()).collect();
@@ -518,20 +498,10 @@ impl SetController {
                 }
             }
             Phase::WriteOwn(own) => {
-                self.words_sent(own, result, left);
+                self.words.sent(own, result, left);
                 self.put_off(settings, left);
             }
             phase => self.phase = phase,
-        }
-    }
-
-    fn words_sent(&mut self, own: OwnWords, result: WriteResult, left: Moment) {
-        if result.may_have_arrived() {
-            let is_done = result == WriteResult::Done;
-            (self.beat, self.written_at) = (own.beat, left);
-            self.control = is_done.then_some(own.control);
-            let says_enabled = own.control & ControlWord::ENABLE != 0;
-            self.may_say_enabled = says_enabled || (self.may_say_enabled && !is_done);
         }
     }
 
@@ -560,7 +530,7 @@ impl SetController {
     fn due(&self, settings: &SetSettings, now: Moment) -> Moment {
         let is_unfinished = self.strobe.level() == StrobeLevel::Up || self.is_bound();
         let tries = is_unfinished.then_some(self.tries_from.max(now));
-        let refreshes = self.refreshes(settings).map(|at| at.max(self.tries_from));
+        let refreshes = self.words.refreshes(settings).map(|at| at.max(self.tries_from));
         [self.members.wakes(now), tries, refreshes].into_iter().flatten().min().unwrap_or(Moment::END)
     }
 
@@ -573,7 +543,7 @@ impl SetController {
             members: self.members.moved(&to, now),
             strobe: self.strobe.moved(&to),
             transaction: self.transaction.moved(&to),
-            written_at: to(self.written_at),
+            words: self.words.moved(&to),
             tries_from: to(self.tries_from),
             demand: SetDemand::default(),
             faults: Vec::new(),
@@ -589,7 +559,7 @@ impl Shifted for SetController {
         self.strobe.shift(by);
         self.demand.shift(by);
         self.phase.shift(by);
-        self.written_at.shift(by);
+        self.words.shift(by);
         self.tries_from.shift(by);
     }
 }

@@ -5,8 +5,8 @@ use proptest::prelude::*;
 use super::cells::PLAIN;
 use super::*;
 use isotherm_core::output::{
-    Action, Beat, Condition, Controller, Demand, Fact, Input, Mode, NotSent, OutputDecision, Rules, Settings,
-    State, Verify, Who,
+    Action, Beat, CommitTrigger, Condition, Controller, Demand, Fact, Input, Mode, NotSent, OutputDecision,
+    Rules, SetController, SetSettings, SetWords, Settings, State, Strobe, Verify, Who,
 };
 use isotherm_core::quantity::{Counts, Moment};
 
@@ -245,6 +245,24 @@ fn the_state_of_a_register_is_logged_as_by_earlier_versions() {
             assert_eq!(serde_json::to_value(read).unwrap(), logged);
         }
     }
+}
+
+#[test]
+fn the_words_of_a_set_are_logged_as_by_earlier_versions() {
+    let settings = SetSettings {
+        members: Vec::new(),
+        taking: CommitTrigger::AtOnce,
+        has_number: false,
+        timeout: None,
+        refresh: None,
+        words: SetWords::None,
+    };
+    let set = SetController::new(&settings, Vec::new(), (Strobe::new(false), true), NOON);
+    let logged = serde_json::to_value(&set).unwrap();
+    for key in ["beat", "control", "may_say_enabled", "written_at"] {
+        assert!(logged.get(key).is_some(), "{key}: {logged}");
+    }
+    assert_eq!(serde_json::from_value::<SetController>(logged).unwrap(), set);
 }
 
 /// Log in which both outputs are armed and reach their targets.
