@@ -65,6 +65,7 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
              waits longer each time. With quirks.close_after_each both masters can use the device"
         }
         Fault::Link(LinkFault::Can(fault)) => can::hint(fault),
+        Fault::Link(LinkFault::OpcUa(fault)) => fault.hint(),
         Fault::Link(LinkFault::Tls(fault)) => return modbus::hint::inside_tls(fault),
         Fault::Peer(PeerFault::Malformed) => {
             "on a serial line, check baud rate and parity, and that no two units have one number; over TCP: \
@@ -281,14 +282,20 @@ mod tests {
         let refused = LinkFault::OpcUa(OpcUaFault::Refused(Status(0x8083_0000)));
         let session =
             [OpcUaFault::UserRefused, OpcUaFault::NotTrusted, OpcUaFault::NoSession, OpcUaFault::Clock];
-        let answered = session.map(LinkFault::OpcUa).into_iter().chain([refused]);
-        for fault in answered.chain([LinkFault::Tls(TlsFault::Expired)]).map(Fault::Link) {
+        let answered: Vec<Fault> =
+            session.map(LinkFault::OpcUa).into_iter().chain([refused]).map(Fault::Link).collect();
+        for fault in answered.iter().copied().chain([Fault::Link(LinkFault::Tls(TlsFault::Expired))]) {
             assert!(fault.excludes_wiring(), "{fault:?}");
         }
         for fault in [LinkFault::Refused, LinkFault::Unreachable, LinkFault::Broken, LinkFault::Absent] {
             assert!(!Fault::Link(fault).excludes_wiring(), "{fault:?}");
         }
         assert!(!Fault::Timeout.excludes_wiring());
+        for fault in answered {
+            let Explained { cause, hint } = explain_on(Transport::OpcUa, fault);
+            let hint = hint.unwrap_or_default();
+            assert!(!hint.is_empty() && !cause.contains(&*hint), "{cause}; {hint}");
+        }
         let said = explain_on(Transport::OpcUa, Fault::Link(refused)).to_string();
         assert!(said.ends_with("; the server's own log or display says why"), "{said}");
     }

@@ -15,7 +15,6 @@ use super::kind::{BusKind, LinePlace, ScanKind, VirtualLine};
 use super::target::host_of_url;
 use crate::fieldbus::connection::Dial;
 use crate::fieldbus::error::{Fault, LinkFault, PeerFault};
-use crate::fieldbus::kinds::opcua::fault::OpcUaFault;
 use isotherm_core::reading::Status;
 use isotherm_profile::{Bus, Transport, server_url};
 
@@ -78,7 +77,6 @@ const fn hint(fault: Fault) -> Option<&'static str> {
             "the server or a network device has closed the connection: was the server restarted? The \
              server's own log says why"
         }
-        Fault::Link(LinkFault::OpcUa(OpcUaFault::Refused(_))) => "the server's own log or display says why",
         Fault::Peer(PeerFault::Malformed) => {
             "the answer is not OPC UA: does a network device change it? The server's own log may say more"
         }

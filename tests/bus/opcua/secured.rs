@@ -6,6 +6,7 @@ use std::time::Duration;
 use super::process::{Running, isotherm};
 use super::rig::{Line, Server, machine, no_session, profile, python};
 use super::words::typing;
+use isotherm::fieldbus::explain::explain;
 use isotherm::fieldbus::kinds::opcua::check as opcua_check;
 use isotherm::fieldbus::kinds::opcua::fault::OpcUaFault;
 use isotherm::fieldbus::wire::Answer;
@@ -74,13 +75,15 @@ async fn an_expired_certificate_of_either_end_is_told_with_what_to_do() {
     let text = machine(server.port, &secured("sign-and-encrypt", "old", ""));
     let fault = Line::new(profile(&text, directory.path())).signals().await.unwrap_err();
     assert_eq!(fault, no_session(OpcUaFault::OursExpired));
-    assert!(fault.to_string().contains("make a new one (`isotherm opcua certificate PROFILE`)"), "{fault}");
+    let said = explain(fault);
+    assert!(said.contains("make a new one (`isotherm opcua certificate PROFILE`)"), "{said}");
     let old = serve(directory.path(), "old", &[]);
     std::fs::copy(directory.path().join("old.der"), directory.path().join("trusted/old.der")).unwrap();
     let text = machine(old.port, &secured("sign-and-encrypt", "own", ""));
     let fault = Line::new(profile(&text, directory.path())).signals().await.unwrap_err();
     assert_eq!(fault, no_session(OpcUaFault::Expired));
-    assert!(fault.to_string().contains("renew it at the server"), "{fault}");
+    let said = explain(fault);
+    assert!(said.contains("renew it at the server"), "{said}");
 }
 
 #[tokio::test]

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use super::rig::{Line, SHORTLY, Server, no_session};
 use isotherm::fieldbus::error::{Fault, Outcome};
+use isotherm::fieldbus::explain::explain;
 use isotherm::fieldbus::kinds::opcua::fault::OpcUaFault;
 use isotherm::fieldbus::wire::Answer;
 use isotherm_core::reading::Status;
@@ -60,7 +61,8 @@ async fn a_full_session_table_is_told_with_what_to_do_and_is_over_when_a_place_i
     let mut line = Line::to(&server);
     let fault = line.signals().await.unwrap_err();
     assert_eq!(fault, no_session(OpcUaFault::NoSession));
-    assert!(fault.to_string().contains("close another client"), "{fault}");
+    let said = explain(fault);
+    assert!(said.contains("the server has no session left; close another client"), "{said}");
     server.does("sessions 1");
     assert_eq!(line.signals().await, Ok([Ok(20.0), Ok(100.0)]));
 }
@@ -112,7 +114,7 @@ async fn a_server_that_refuses_a_channel_speaks_opc_ua_and_its_reason_is_reporte
         let mut line = Line::new(super::rig::profile(&super::rig::machine(port, ""), directory.path()));
         let fault = line.signals().await.unwrap_err();
         assert_eq!(fault, no_session(why));
-        let said = fault.to_string();
+        let said = explain(fault);
         assert!(said.contains(words) && !said.contains("does not speak"), "{said}");
     }
 }
