@@ -139,7 +139,7 @@ macro_rules! catalogue {
 // first part of the list.
 catalogue! {
     /// The state of an axis has changed, or the cause of this state has changed.
-    AxisState = warning("axis-state").or_info().raises("axis {axis}").ends(&["axis {axis}", "level of axis {axis}"])
+    AxisState = warning("axis-state").or_info().raises("axis {axis}").ends(&["axis {axis}", "Cz of axis {axis}"])
         .hint("look at the alarms of the signals, devices and outputs of the axis");
     /// An axis was switched off.
     Disarmed = warning("disarmed").hint("arm the axis when the cause is corrected");
@@ -223,7 +223,7 @@ catalogue! {
     /// Cz of an axis is no longer at its limit: the model requests less, or the axis is off or at zero.
     LimitOver = info("limit-over").ends(&["limit of axis {axis}"]);
     /// The absolute value of an axis's Cz is above the warning level.
-    Warned = warning("warned").raises("level of axis {axis}")
+    Warned = warning("warned").raises("Cz of axis {axis}")
         .hint("measure a part, and compare the sensors of the axis with each other");
     /// The model of an axis requests more Cz than the error level, and is no longer used.
     BeyondError = error("beyond-error").raises("model of axis {axis}")

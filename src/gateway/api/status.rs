@@ -157,7 +157,7 @@ fn ended(status: &Status) -> Vec<String> {
     let good = status.signals.iter().filter(|signal| signal.quality == "good");
     let verified = status.outputs.iter().filter(|output| output.state == "verified");
     let ours = status.outputs.iter().filter(|output| output.state != "foreign");
-    (calm.map(|axis| format!("level of axis {}", axis.name)))
+    (calm.map(|axis| format!("Cz of axis {}", axis.name)))
         .chain(good.map(|signal| format!("signal {}", signal.name)))
         .chain(verified.map(|output| format!("output {}", output.name)))
         .chain(ours.map(|output| format!("foreign write to {}", output.name)))

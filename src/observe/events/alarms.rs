@@ -120,7 +120,7 @@ mod tests {
     use super::*;
     use crate::observe::events::Event;
     use isotherm_core::explained::Explained;
-    use isotherm_core::quantity::Moment;
+    use isotherm_core::quantity::{Micron, Moment};
 
     fn seen(by: &str) -> Acknowledgement {
         Acknowledgement { at: "2026-07-02T12:00:00Z".to_owned(), by: by.to_owned() }
@@ -156,11 +156,23 @@ mod tests {
         assert_eq!(
             change,
             Change { raised: None, ended: vec!["axis z".to_owned()] },
-            "its level never stood"
+            "its Cz never raised one"
         );
         assert_eq!(ids(&alarms), Vec::<String>::new());
         note(&mut alarms, &bad());
         assert_eq!(by(&alarms), [None]);
+    }
+
+    #[test]
+    fn the_alarm_of_the_warning_level_names_cz_and_ends_with_the_axis() {
+        let mut alarms = Alarms::default();
+        let um = |um| Micron::new(um).unwrap();
+        let warned = Event::Warned { axis: "z".into(), cz: um(31.0), warn: um(30.0) };
+        let raised = alarms.note(warned.kind(), &warned.entry(Moment::default())).raised;
+        assert_eq!(raised.as_deref(), Some("Cz of axis z"));
+        let over = state("active", false);
+        let ended = alarms.note(over.kind(), &over.entry(Moment::default())).ended;
+        assert_eq!(ended, ["Cz of axis z"]);
     }
 
     #[test]
