@@ -179,7 +179,16 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         None => arguments.file.clone().context("name the FILE to write, or a directory with --rotate")?,
     };
     let written = match &arguments.rotate {
-        Some(_) => rotate::write(&file, &archive, mode),
+        Some(directory) => {
+            // First, because incomplete files could fill the disk.
+            match rotate::remove_incomplete(directory, &profile.name) {
+                Ok(removed) => removed
+                    .iter()
+                    .try_for_each(|part| say!("removed, because it is incomplete: {}", part.display()))?,
+                Err(why) => say_beside!("{why:#}"),
+            }
+            rotate::write(&file, &archive, mode)
+        }
         None => write_new(&file, &archive, mode, None),
     };
     written.map_err(|error| match error.kind() {

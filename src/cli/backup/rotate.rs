@@ -9,6 +9,8 @@ use super::write_new;
 
 /// Ending of the name of a backup.
 const ENDING: &str = ".tar";
+/// Further ending of a backup that is not complete yet.
+const PART: &str = "part";
 /// Form of the time in a name: a digit for each 0, and the other characters as they are.
 const TIME: &str = "0000-00-00T00-00-00Z";
 
@@ -33,7 +35,7 @@ pub(super) fn write(file: &Path, archive: &[u8], mode: u32) -> std::io::Result<(
     if file.exists() {
         return Err(ErrorKind::AlreadyExists.into());
     }
-    let part = file.with_added_extension("part");
+    let part = file.with_added_extension(PART);
     write_new(&part, archive, mode, None)?;
     std::fs::rename(&part, file)
 }
@@ -42,19 +44,37 @@ pub(super) fn write(file: &Path, archive: &[u8], mode: u32) -> std::io::Result<(
 /// removed files. Other files in the directory are not touched.
 pub(super) fn remove_old(new: &Path, machine: &str, copies: usize) -> anyhow::Result<Vec<PathBuf>> {
     let directory = new.parent().unwrap_or(Path::new("."));
+    let new = new.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+    remove(directory, expired(names(directory)?, machine, copies, new))
+}
+
+/// Removes the incomplete backups of this machine, which remain after a kill or a power cut. Returns the removed files.
+pub(super) fn remove_incomplete(directory: &Path, machine: &str) -> anyhow::Result<Vec<PathBuf>> {
+    let mut incomplete = names(directory)?;
+    incomplete.retain(|name| {
+        let complete = name.strip_suffix(PART).and_then(|rest| rest.strip_suffix('.'));
+        complete.is_some_and(|name| is_backup(name, machine))
+    });
+    remove(directory, incomplete)
+}
+
+/// Returns the names of the files in a directory that are text.
+fn names(directory: &Path) -> anyhow::Result<Vec<String>> {
     let shown = directory.display();
     let mut names = Vec::new();
     for entry in std::fs::read_dir(directory).with_context(|| format!("{shown} cannot be read"))? {
         let entry = entry.with_context(|| format!("{shown} cannot be read"))?;
         names.extend(entry.file_name().into_string());
     }
-    let new = new.file_name().and_then(|name| name.to_str()).unwrap_or_default();
-    let old: Vec<PathBuf> =
-        expired(names, machine, copies, new).into_iter().map(|name| directory.join(name)).collect();
-    for file in &old {
+    Ok(names)
+}
+
+fn remove(directory: &Path, names: Vec<String>) -> anyhow::Result<Vec<PathBuf>> {
+    let files: Vec<PathBuf> = names.into_iter().map(|name| directory.join(name)).collect();
+    for file in &files {
         std::fs::remove_file(file).with_context(|| format!("{} cannot be removed", file.display()))?;
     }
-    Ok(old)
+    Ok(files)
 }
 
 /// Returns the names of the backups of this machine except `new` and the newest of the others, so that `copies` are left.
@@ -118,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn an_incomplete_backup_is_not_one_of_the_copies() {
+    fn an_incomplete_backup_is_not_one_of_the_copies_and_is_removed_by_the_next_one() {
         let home = tempfile::tempdir().unwrap();
         let [old, new] = [1, 2].map(|day| path(home.path(), "mill", &format!("2026-11-0{day}T02:15:00Z")));
         std::fs::write(&old, "old").unwrap();
@@ -130,5 +150,11 @@ mod tests {
         assert!(remove_old(&new, "mill", 2).unwrap().is_empty());
         assert_eq!(remove_old(&new, "mill", 1).unwrap(), [old]);
         assert_eq!((std::fs::read(&new).unwrap(), torn.exists()), (b"new".to_vec(), true));
+        let others = ["mill-7-2026-11-01T12-00-00Z.tar.part", "mill-notes.tar.part", "mill.part"];
+        let others = others.map(|name| home.path().join(name));
+        others.iter().for_each(|other| std::fs::write(other, "ha").unwrap());
+        assert_eq!(remove_incomplete(home.path(), "mill").unwrap(), [torn]);
+        assert!(remove_incomplete(home.path(), "mill").unwrap().is_empty());
+        assert!(others.iter().all(|other| other.exists()) && new.exists());
     }
 }
