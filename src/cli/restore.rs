@@ -12,6 +12,7 @@ use super::backup::{
     write_new,
 };
 use super::run::known_directory;
+use super::service_user;
 use crate::cli::print::say;
 use crate::gateway;
 use crate::gateway::control::{self, Presence};
@@ -28,6 +29,8 @@ const MOST_FILES: usize = 4096;
 /// The verb checks everything before it writes anything. It does not replace newer files. It does nothing while the
 /// gateway of the machine runs. The backup does not contain what was written to the registers after it was made. Every
 /// axis is therefore off until an operator arms it.
+///
+/// If root restores secret files below /etc/isotherm, they belong to the user of the service.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Example:\n  isotherm restore my-machine.tar --to /etc/isotherm --state /var/lib/isotherm"
@@ -96,13 +99,20 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let profile = arguments.to.join(&manifest.profile);
     let profile = profile.display();
-    Ok(say!(
+    say!(
         "{machine} is restored as it was at {taken}: files written: {}, state in {}. What was written to its registers \
          after the backup is not known. Every axis is off until an operator arms it.\nNext: isotherm check \
          {profile}",
         planned.len(),
         directory.display()
-    )?)
+    )?;
+    secrets_of_root(&planned).try_for_each(service_user::give)
+}
+
+/// Returns the written secret files that belong to root, because their directory does.
+fn secrets_of_root(written: &[Planned]) -> impl Iterator<Item = &Path> {
+    let secrets = written.iter().filter(|file| file.mode == SECRET_MODE).map(|file| file.path.as_path());
+    secrets.filter(|path| path.symlink_metadata().is_ok_and(|found| found.uid() == 0))
 }
 
 /// Returns the manifest of an archive, and the bytes of each file in it.

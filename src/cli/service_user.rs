@@ -49,7 +49,7 @@ pub(super) fn give(path: &Path) -> anyhow::Result<()> {
             say_beside!("{} belongs to {USER}, the user of the service", path.display());
         }
         Owner::PerhapsService => say_beside!(
-            "only root may read it; if the service uses it: chown {USER}:{USER} {}",
+            "only root may read {0}; if the service uses it: chown {USER}:{USER} {0}",
             path.display()
         ),
     }

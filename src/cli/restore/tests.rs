@@ -164,3 +164,23 @@ fn whatever_is_changed_in_a_backup_it_is_refused_or_the_files_are_the_same() {
     }
     assert!(refused > 1000 && same > 0, "{refused} refused, {same} the same");
 }
+
+#[test]
+fn only_secrets_of_root_are_given_to_the_service() {
+    let home = tempfile::tempdir().unwrap();
+    let file = |name: &str, mode: u32| {
+        let path = home.path().join(name);
+        std::fs::write(&path, name).unwrap();
+        Planned { path, mode, bytes: Vec::new() }
+    };
+    let written = [file("m.toml", PROFILE_MODE), file("operator.token", SECRET_MODE), file("state", MODE)];
+    let given: Vec<&Path> = secrets_of_root(&written).collect();
+    let is_root = rustix::process::geteuid().is_root();
+    let expected: Vec<&Path> =
+        written[1..2].iter().map(|file| file.path.as_path()).filter(|_| is_root).collect();
+    assert_eq!(given, expected);
+    if is_root {
+        std::os::unix::fs::chown(&written[1].path, Some(65534), None).unwrap();
+        assert_eq!(secrets_of_root(&written).count(), 0, "it belongs to the user of its directory");
+    }
+}
