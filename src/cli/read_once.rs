@@ -111,8 +111,8 @@ fn is_tried(status: &Status, requested: &[bool]) -> bool {
         && status.devices.iter().all(|device| device.state != "never-answered" || device.requests == 0)
 }
 
-/// Names the devices of which a result is missing: those that were not tried yet, and those of a signal without a value
-/// or of an offset register that was not read.
+/// Names the devices of which a result is missing. Such a device was not tried yet, or has a signal or an offset
+/// register that was not read.
 fn awaited(status: &Status) -> String {
     let is_awaited = |device: &&DeviceStatus| {
         let mut signals = status.signals.iter().filter(|signal| signal.device == device.name);
