@@ -3,6 +3,7 @@
 use std::io::{IsTerminal, Write};
 use std::time::Duration;
 
+use super::hints::Hints;
 use super::print::print_json;
 use super::signals::Signals;
 use super::target::{self, Line, Target};
@@ -164,6 +165,7 @@ struct ScanResults {
     found: Vec<(LineAddress, Responder)>,
     /// Faults that show something about a line, but no unit. Each is in the list once.
     noticed: Vec<(LineAddress, Fault)>,
+    hints: Hints,
     ranges: Vec<(u8, RegisterRange)>,
     /// Unit that answers only with another setting, and its behaviour. `None` if there is no such unit, or if units
     /// have answered without one.
@@ -183,6 +185,7 @@ impl ScanResults {
         ScanResults {
             found,
             noticed: Vec::new(),
+            hints: Hints::default(),
             ranges,
             needs: None,
             asked: 0,
@@ -210,7 +213,8 @@ impl ScanResults {
             Event::Noticed(line, fault) => {
                 let noticed = (line, fault);
                 if !self.noticed.contains(&noticed) {
-                    self.say(&text::noticed(&noticed));
+                    let said = text::noticed(&noticed, &mut self.hints);
+                    self.say(&said);
                     self.noticed.push(noticed);
                 }
             }

@@ -6,13 +6,18 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::ScanResults;
+use crate::cli::hints::Hints;
 use crate::discovery::bus::{LineAddress, ScanKind};
 use crate::discovery::register_search::RegisterRange;
 use crate::discovery::scan::{AnswerKind, Responder, Scan, heeds_no_number};
 use crate::discovery::{Fault, PeerFault};
 use crate::fieldbus::explain::explain_on;
+use isotherm_core::explained::Explained;
 use isotherm_profile::duration_text;
 use isotherm_profile::{BusId, Profile};
+
+/// Indentation of a hint below its line.
+const UNDER: usize = 6;
 
 /// Returns a sentence about the requests of the scan, and its longest duration.
 pub(super) fn plan(scan: &Scan) -> String {
@@ -122,9 +127,11 @@ fn profile_lines(found: &[&(LineAddress, Responder)], known: Option<(&Profile, B
     if text.is_empty() { text } else { format!("\n# for a profile:\n{text}") }
 }
 
-/// Describes a fault that shows something about a line, with its remedy.
-pub(super) fn noticed((line, fault): &(LineAddress, Fault)) -> String {
-    format!("{line}: {}", explain_on(line.transport, *fault))
+/// Describes a fault that shows something about a line. A remedy that was not printed yet is below it.
+pub(super) fn noticed((line, fault): &(LineAddress, Fault), hints: &mut Hints) -> String {
+    let Explained { cause, hint } = explain_on(line.transport, *fault);
+    let said = format!("{line}: {cause}\n") + &hints.line(UNDER, hint.as_deref());
+    said.trim_end().to_owned()
 }
 
 pub(super) fn nobody(scan: &Scan, noticed: &[(LineAddress, Fault)]) -> String {
@@ -157,4 +164,22 @@ pub(super) fn document(scan: &Scan, seen: &ScanResults, stopped: Option<&str>) -
         "registers": registers.collect::<Vec<_>>(),
         "stopped": stopped,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_hint_of_a_fault_is_printed_once_for_all_lines() {
+        let mut hints = Hints::default();
+        let mut said =
+            |line: &str| noticed(&(line.parse().unwrap(), Fault::Peer(PeerFault::Echoed)), &mut hints);
+        let [first, second] = ["rtu+tcp://10.0.0.7:4001", "rtu+tcp://10.0.0.7:4002"].map(&mut said);
+        let cause = "the request itself comes back instead of a reply";
+        let (line, hint) = first.split_once('\n').unwrap();
+        assert_eq!(line, format!("rtu+tcp://10.0.0.7:4001: {cause}"));
+        assert!(hint.starts_with("      to do: "), "{hint}");
+        assert_eq!(second, format!("rtu+tcp://10.0.0.7:4002: {cause}"));
+    }
 }
