@@ -19,7 +19,7 @@ use isotherm_profile::{counted, duration_text};
 /// Longest time to wait for a frame that a CAN device sends by itself.
 const LONGEST_PERIOD: Duration = Duration::from_secs(10);
 /// Time after which a line on stderr names the devices of which a result is missing.
-const NAMED_AFTER: Duration = Duration::from_secs(2);
+const NAMED_AFTER: Duration = Duration::from_secs(1);
 /// Maximum number of devices that are named individually; the others are only counted.
 const MOST_NAMES: usize = 5;
 /// Indentation of a hint below its line.
