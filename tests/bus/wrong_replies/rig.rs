@@ -35,6 +35,17 @@ const PATIENCE: u32 = 20_000;
 const FORGIVEN: u32 = 20_000;
 /// Correct answers until a good device must be accepted. A busy computer may delay any one of them beyond the timeout.
 const CHANCES: u32 = 12;
+/// Correct answers to writes after which one of them must have been accepted.
+const CHANCES_OF_WRITES: u32 = 3;
+
+/// Counts of a lane when its device begins to behave correctly.
+#[derive(Clone, Copy)]
+struct Since {
+    read: u32,
+    written: u32,
+    /// Number of writes that the gateway counts as done.
+    writes_done: u64,
+}
 
 pub(crate) type Life = Arc<dyn Fn(Peer) -> Living + Send + Sync>;
 pub(crate) type Living = Pin<Box<dyn Future<Output = io::Result<()>> + Send>>;
@@ -199,18 +210,21 @@ impl Lane {
         [&self.shown, &self.refusals, &self.surplus].into_iter().map(|one| one.load(Ordering::SeqCst)).sum()
     }
 
-    /// Returns whether the device has sent so many correct answers since then that one of them must be accepted.
-    fn had_its_chances(&self, since: (u32, u64)) -> bool {
-        self.read.load(Ordering::SeqCst) >= since.0 + CHANCES
+    /// Returns whether the device has sent so many correct answers since then that one of them must be accepted. On a
+    /// busy computer, many reads may be answered before the first write is due.
+    fn had_its_chances(&self, status: &Status, since: Since) -> bool {
+        let has_output = status.outputs.iter().any(|one| one.name == self.names[1]);
+        self.read.load(Ordering::SeqCst) >= since.read + CHANCES
+            && (!has_output || self.written.load(Ordering::SeqCst) >= since.written + CHANCES_OF_WRITES)
     }
 
     /// Returns whether the gateway has accepted correct answers since the device behaves correctly.
-    fn is_accepted(&self, status: &Status, since: (u32, u64)) -> bool {
+    fn is_accepted(&self, status: &Status, since: Since) -> bool {
         let signal = status.signals.iter().find(|one| one.name == self.names[0]).unwrap();
         let written = status.outputs.iter().find(|one| one.name == self.names[1]);
         signal.quality == "good"
-            && self.read.load(Ordering::SeqCst) >= since.0 + 2
-            && written.is_none_or(|output| output.writes_done > since.1)
+            && self.read.load(Ordering::SeqCst) >= since.read + 2
+            && written.is_none_or(|output| output.writes_done > since.writes_done)
     }
 }
 
@@ -473,9 +487,11 @@ fn watch(source: &dyn GatewayApi, lanes: &[Arc<Lane>], wrong: &Mutex<Vec<String>
     let status = source.status();
     let since = |lane: &Arc<Lane>| {
         let done = status.outputs.iter().find(|one| one.name == lane.names[1]);
-        (lane.read.load(Ordering::SeqCst), done.map_or(0, |one| one.writes_done))
+        let count = |counter: &AtomicU32| counter.load(Ordering::SeqCst);
+        let writes_done = done.map_or(0, |one| one.writes_done);
+        Since { read: count(&lane.read), written: count(&lane.written), writes_done }
     };
-    let since: Vec<(u32, u64)> = lanes.iter().map(since).collect();
+    let since: Vec<Since> = lanes.iter().map(since).collect();
     lanes.iter().for_each(|lane| lane.behaves.store(true, Ordering::SeqCst));
     let begun = lanes[0].turned();
     loop {
@@ -486,7 +502,7 @@ fn watch(source: &dyn GatewayApi, lanes: &[Arc<Lane>], wrong: &Mutex<Vec<String>
         if left.is_empty() {
             return;
         }
-        let had_its_chances = left.iter().any(|(lane, since)| lane.had_its_chances(**since));
+        let had_its_chances = left.iter().any(|(lane, since)| lane.had_its_chances(&status, **since));
         if turns(begun) > FORGIVEN && (had_its_chances || turns(begun) > 8 * FORGIVEN) {
             let left: Vec<&String> = left.iter().map(|(lane, _)| &lane.names[2]).collect();
             let faults: Vec<_> = status.devices.iter().map(|one| (&one.name, &one.fault)).collect();
