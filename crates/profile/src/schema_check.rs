@@ -245,6 +245,10 @@ impl SchemaCheck<'_> {
 /// Mark of a text in the schema that may have line breaks and tabs.
 const LINES: &str = "x-lines";
 
+/// Mark of a text in the schema that is sent to a device, or compared with what a device sends. It may have control
+/// characters of ASCII.
+const CONTROL: &str = "x-control";
+
 /// Part of the message about invisible characters. They could control a terminal or end a line, and so falsify the text
 /// after them.
 const UNSEEN: &str = "has invisible characters, or a line break";
@@ -254,7 +258,11 @@ const SEEN: &str = "write one line, with visible characters only";
 fn wrong_text(schema: &Value, is_duration: bool, text: &str, beside: Scaling) -> Option<(String, String)> {
     // A text that its reader parses, for example JSON, may have several lines.
     let has_lines = schema.get(LINES).is_some();
-    if text.contains(|one: char| is_unseen(one) && !(has_lines && matches!(one, '\n' | '\r' | '\t'))) {
+    let has_control = schema.get(CONTROL).is_some();
+    let is_allowed = |one: char| {
+        (has_lines && matches!(one, '\n' | '\r' | '\t')) || (has_control && one.is_ascii_control())
+    };
+    if text.contains(|one: char| is_unseen(one) && !is_allowed(one)) {
         return Some((format!("the text `{text}` {UNSEEN}"), SEEN.to_owned()));
     }
     let words = schema.get("enum").and_then(Value::as_array);

@@ -58,10 +58,12 @@ pub(crate) struct RawSignal {
     /// Serial-ascii: pattern of the line of text with the value, for example "{number} mm" or ">{skip 2}{number}{any}".
     /// `{number.3}` requires three decimals, `{number 8}` eight characters, `{number,}` has a decimal comma, and `{sum}`
     /// is the checksum of DCON.
+    #[schemars(extend("x-control" = true))]
     pub(crate) text: Option<String>,
     /// Serial-ascii: text that the gateway sends before each read, for example "#{unit}\r" or "\u0002". `{unit}` is the
     /// `unit` of the device in two hexadecimal digits, `{sum}` the checksum of DCON. Default: nothing is sent, because
     /// the device sends its text without a request.
+    #[schemars(extend("x-control" = true))]
     pub(crate) request: Option<String>,
     /// Type of the value. Required for input and holding registers. For bits of a register, "i16" is a signed number;
     /// "u32" and "i32" are bits of two registers. For a node, its own type; by default any number is accepted.

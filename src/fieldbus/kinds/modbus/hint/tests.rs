@@ -37,7 +37,7 @@ fn each_observation_leads_to_its_key_and_its_chapter() {
         (peer(PeerFault::Length), Asked::Any, None),
         (peer(PeerFault::Function), ONE, Some((Some("register"), "troubleshooting.md#read-a-register"))),
         (peer(PeerFault::Function), Asked::Write(6), None),
-        (peer(PeerFault::Text(TextProtocol::ModbusAscii)), ONE, Some(protocol)),
+        (peer(PeerFault::Text(TextProtocol::ModbusAscii)), ONE, Some((Some("type"), protocol.1))),
         (peer(PeerFault::Text(TextProtocol::Dcon)), ONE, Some(protocol)),
         (peer(PeerFault::Text(TextProtocol::Other)), ONE, Some(protocol)),
         (peer(PeerFault::Echoed), ONE, Some(protocol)),
