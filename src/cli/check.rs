@@ -71,8 +71,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for (axis, preference) in preferences_in(&directory, &profile) {
         if let Some(model) = preference.preferred().name() {
             say_beside!(
-                "note: axis {axis} follows the learned model {model}; its models in the profile are the fallbacks \
-                 (isotherm adopt --export writes it, --back returns to the model before)"
+                "note: axis {axis} follows the learned model {model}; its models in the profile are the fallbacks. \
+                 isotherm adopt --export writes the learned model, and --back returns to the model before"
             );
         }
     }

@@ -59,7 +59,7 @@ pub(super) struct Arguments {
     /// use
     #[arg(long, value_name = "ADDR")]
     listen: Option<String>,
-    /// Simulates ten days instead, without a web page: the machine is probed once an hour, a model is learned each
+    /// Simulates ten days instead, without a web page. The machine is probed once an hour, a model is learned each
     /// night, and a better one is adopted. The model at the start is that of another machine
     #[cfg(feature = "identify")]
     #[arg(long, conflicts_with_all = ["set", "speed", "span", "listen", "stay"])]

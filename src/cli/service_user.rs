@@ -56,7 +56,7 @@ pub(super) fn give(path: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Gives a file to this user and group. A link is not followed, and a file with a second name is not given away: a user
+/// Gives a file to this user and group. A link is not followed, and a file with a second name is not given away. A user
 /// who may write to the directory could otherwise get any file of root.
 fn give_to(path: &Path, (user, group): (u32, u32)) -> Result<()> {
     let flags = (OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::NOCTTY).bits().cast_signed();

@@ -93,15 +93,17 @@ const TOP: [&str; 16] = [
 const LONGEST: usize = 600;
 
 /// Parts of file names. These files may use the word for the time between login and logout, of an OPC UA client, of TLS
-/// or of a browser at the page.
-const LOGINS: [&str; 9] = [
+/// or of a browser at the page, also behind a proxy. MQTT uses it for what a broker keeps of a client.
+const LOGINS: [&str; 11] = [
     "opcua",
     "page",
     "observe/http",
     "docs/api.md",
+    "docs/proxy.md",
     "docs/threat-model.md",
     "tests/security",
     "fieldbus",
+    "mqtt",
     "continuity",
     "rules/budget",
 ];

@@ -321,7 +321,7 @@ fn too_long(message: &Message, size: usize) -> Wrong {
     let name = &message.name;
     Wrong::about(
         format!(
-            "`{name}` is a J1939 parameter group of {size} bytes, but a classic frame has {CLASSIC}: devices send it in \
+            "`{name}` is a J1939 parameter group of {size} bytes, but a classic frame has {CLASSIC}. Devices send it in \
              parts (transport protocol), which isotherm does not join"
         ),
         format!(

@@ -110,7 +110,7 @@ impl Check<'_> {
         let settle = raw.machine.as_ref().and_then(|machine| machine.settle);
         self.axes.resolved =
             self.each(&self.axes, &raw.axis, |raw, _, at, name| raw.resolve(settle, at, name));
-        axis::learning::add_slots(self);
+        axis::learned_model::add_slots(self);
         default_limits::set_default_limits(self);
         self.outputs.resolved = self.each(&self.outputs, &raw.output, RawOutput::resolve);
         axis::intercept_slope::resolve(self);

@@ -197,7 +197,7 @@ fn with_new_files(found: &Identified, path: &Path, outside: Outside) -> anyhow::
 }
 
 /// Writes a complete file, and replaces an existing one at once. The file has the permissions and the owner of the
-/// profile, if this user may set them, because it may contain the same passwords, and the same gateway reads it.
+/// profile, if this user may set them. It may contain the same passwords, and the same gateway reads it.
 fn put(path: &Path, text: &str, profile: &Metadata) -> std::io::Result<()> {
     const PERMISSIONS: u32 = 0o777;
     let new = path.with_added_extension("new");

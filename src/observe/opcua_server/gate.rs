@@ -138,7 +138,7 @@ impl Pace {
     }
 }
 
-/// What both directions of a connection share.
+/// State that both directions of a connection share.
 #[derive(Default)]
 struct Shared {
     /// Held while an answer waits for the client.

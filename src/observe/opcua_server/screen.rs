@@ -67,7 +67,7 @@ enum Channel {
     Secured(&'static str),
 }
 
-/// What follows the bytes that were passed on.
+/// Next step after the bytes that were passed on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Then {
     /// Further bytes may be passed on.
@@ -121,7 +121,7 @@ pub(super) struct Screen {
     head: Vec<u8>,
     /// Number of bytes that are still to come of a message that may be passed on.
     left: usize,
-    /// What follows this message.
+    /// Next step after this message.
     then: Then,
 }
 

@@ -1,4 +1,4 @@
-//! What the page and the wall view draw, in a real browser in front of a simulated gateway.
+//! Contents of the page and the wall view in a real browser, in front of a simulated gateway.
 
 use std::path::PathBuf;
 use std::time::Duration;

@@ -18,6 +18,7 @@ use probe::{ProbeInput, RawProbe};
 
 pub(super) mod doubts;
 pub(super) mod intercept_slope;
+pub(super) mod learned_model;
 pub(crate) mod learning;
 pub(crate) mod model;
 pub(crate) mod probe;

@@ -37,7 +37,7 @@ pub(crate) struct RawBus {
     /// and port of a serial server, or `port`.
     pub(crate) address: Option<String>,
     /// Timeout of an answer. Default "500ms", or half the shortest period of reads and writes on the line if that is
-    /// less; "2s" on a sysfs line, "1s" on a serial-ascii line.
+    /// less. Default on a sysfs line "2s", on a serial-ascii line "1s".
     pub(crate) timeout: Option<Timespan>,
     /// Time during which a write without an answer may still arrive, from `timeout` to "10min". Default "30s"; on a
     /// serial port twice `timeout`, because no network delays the write.

@@ -175,7 +175,7 @@ impl Sight {
                 PROTOCOL,
             ),
             Sight::Echoed => (
-                "an adapter or a serial server returns what is sent, and no device answers: check its mode (echo, \
+                "an adapter or a serial server returns what is sent, and no device answers. Check its mode (echo, \
                  loopback), the wires to the device, the unit number and the baud rate",
                 None,
                 PROTOCOL,

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::learning::{AdoptWord, LearnWord, Learning};
+use super::learning::{AdoptWord, LearnWord, Learning, LearningKeys};
 use super::{Axis, RawAxis, level};
 use crate::tables::signal::Signal;
 use crate::tables::{KeyContext, optional};
@@ -42,18 +42,18 @@ pub(super) struct RawProbe {
     warn: Option<f64>,
     /// Adjustment of the gains of linear models to measured errors, by recursive least squares. Default: the gains do
     /// not change.
-    pub(super) gains: Option<RawGains>,
+    gains: Option<RawGains>,
     /// Action while the last probings show that the model is worse than no compensation. "warn": an alarm (default).
     /// "ramp": an alarm, and Cz goes to zero at `rate` until the model is better again.
     worse: Option<WorseWord>,
     /// Learning of a model from the measured errors. With "daily", the gateway learns once a day, and judges the result
     /// against the model in use. It needs a build with the feature `identify`.
-    pub(super) learn: Option<LearnWord>,
+    learn: Option<LearnWord>,
     /// Signals that the learned model must not use. Default: it uses every temperature and every speed.
-    pub(super) learn_without: Option<Vec<String>>,
+    learn_without: Option<Vec<String>>,
     /// Adoption of a learned model that is better than the model in use. "propose": an operator adopts it (default).
     /// "auto": the gateway adopts it, at a datum (zero point of Cz) only.
-    pub(super) adopt: Option<AdoptWord>,
+    adopt: Option<AdoptWord>,
 }
 
 /// Reaction while a model is worse than no compensation.
@@ -68,7 +68,7 @@ enum WorseWord {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "ProbeGains")]
-pub(super) struct RawGains {
+struct RawGains {
     /// Factor by which each probing reduces the weight of all earlier ones, above 0 and up to 1. With 1, no probing
     /// loses weight.
     #[schemars(required)]
@@ -115,7 +115,13 @@ impl RawProbe {
         }
         let gains = optional(self.gains.as_ref(), |gains| gains.resolve(&at.key("gains"), axis));
         let input = self.input(at, axis.diameter.unwrap_or(false));
-        let learning = self.learning(at);
+        let learning = LearningKeys {
+            learn: self.learn,
+            learn_without: self.learn_without.as_deref(),
+            adopt: self.adopt,
+            adjusts_gains: self.gains.is_some(),
+        };
+        let learning = learning.resolve(at);
         let settings = ProbeSettings {
             limit: Micron::new(limit?)?,
             filter: filter?,
