@@ -16,6 +16,9 @@
 //! | [`When::Now`] | in the first step in which Cz can be kept |
 //! | [`When::AtDatum`] | in the step in which a datum (zero point of Cz) of the axis is complete, if Cz can be kept |
 //!
+//! A datum is a capture of the references of the preferred model or of the slot, such as a machine start. On an axis with
+//! the datum "zero", only a zero command captures one.
+//!
 //! Nothing moves at a change: the correction of the new model becomes the offset that keeps Cz. With the datum "zero",
 //! its zero point becomes the value that keeps Cz. A change waits while the offset would exceed the limit of the probe. It
 //! also waits while the present or the new model has no value, or is outside its envelope, and while a stand-in replaces

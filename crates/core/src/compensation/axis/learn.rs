@@ -51,8 +51,8 @@ impl Axis {
     }
 
     /// Applies the demands of `control` about probings: discards the corrections, or corrects the models with a
-    /// measured error. Returns whether a datum (zero point of Cz) of the preferred or of the learned model has just
-    /// been captured.
+    /// measured error. Returns whether the references of the preferred or of the learned model have just been captured,
+    /// if they are the datum (zero point of Cz) of the axis.
     pub(super) fn be_taught(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, control: Control) -> bool {
         let Some(settings) = self.settings.probe else { return false };
         let at_datum = self.restart(snapshot, machine, &settings);
@@ -71,7 +71,8 @@ impl Axis {
     }
 
     /// Resets the correction of each model whose datum or references have just been captured completely. Returns
-    /// whether the preferred or the learned model is among them.
+    /// whether the preferred or the learned model is among them. On an axis with the datum "zero", returns `false`:
+    /// references are no datum there.
     fn restart(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, settings: &ProbeSettings) -> bool {
         if self.zeroing.is_open() {
             return false;
@@ -86,7 +87,7 @@ impl Axis {
             }
         }
         self.probe.models = models;
-        at_datum
+        at_datum && self.settings.datum != Datum::Zero
     }
 
     /// Returns the result of a measured error for the model in use, without a change of the axis.

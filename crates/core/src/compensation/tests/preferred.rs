@@ -144,19 +144,22 @@ fn a_change_at_a_datum_waits_for_it() {
 }
 
 #[test]
-fn a_machine_start_is_a_datum() {
-    let mut rig = Rig::with(MachineSettings { on: Some(ON), ..zeroing_machine() }, learning_axis());
-    rig.values[2] = 1.0;
-    rig.step();
-    rig.run(60.0);
-    rig.show(29.0, 25.0).run(3600.0);
-    rig.prefer(change(learned("a", [1.0, 2.0, -0.5]), When::AtDatum)).unwrap();
-    rig.values[2] = 0.0;
-    rig.run(600.0);
-    assert_eq!(rig.preferred(), None);
-    rig.values[2] = 1.0;
-    rig.run(120.0);
-    assert_eq!(rig.preferred(), Some("a".to_owned()));
+fn a_machine_start_is_a_datum_unless_zero_commands_set_it() {
+    for (datum, adopted) in [(Datum::Model, Some("a".to_owned())), (Datum::Zero, None)] {
+        let settings = AxisSettings { datum, ..learning_axis() };
+        let mut rig = Rig::with(MachineSettings { on: Some(ON), ..zeroing_machine() }, settings);
+        rig.values[2] = 1.0;
+        rig.step();
+        rig.run(60.0);
+        rig.show(29.0, 25.0).run(3600.0);
+        rig.prefer(change(learned("a", [1.0, 2.0, -0.5]), When::AtDatum)).unwrap();
+        rig.values[2] = 0.0;
+        rig.run(600.0);
+        assert_eq!(rig.preferred(), None, "{datum:?}");
+        rig.values[2] = 1.0;
+        rig.run(120.0);
+        assert_eq!(rig.preferred(), adopted, "{datum:?}");
+    }
 }
 
 #[test]
