@@ -241,10 +241,13 @@ fn a_server_that_stamps_only_changes_is_told_with_the_key_that_says_so() {
     let home = tempfile::tempdir().unwrap();
     let ended = check(home.path(), &machine(server.port, ""));
     assert_eq!(ended.code, Some(1), "{}{}", ended.out, ended.said);
-    let said = "s ago by the server; write source_time = \"changed\" at device cnc if the server stamps only changes";
+    let hint = "to do: write source_time = \"changed\" at device cnc if the server stamps only changes\n";
     for text in [&ended.out, &ended.said] {
-        assert!(text.contains("stale: stamped 9") && text.contains(said), "{text}");
+        assert!(text.contains("stale: stamped 9") && text.contains(" s ago by the server"), "{text}");
     }
+    // The hint is below the signal only.
+    assert!(ended.out.contains(&format!(" s ago by the server\n      {hint}")), "{}", ended.out);
+    assert!(!ended.said.contains("source_time"), "{}", ended.said);
     let changed =
         machine(server.port, "").replace("every = \"100ms\"", "every = \"100ms\"\nsource_time = \"changed\"");
     let ended = check(home.path(), &changed);
