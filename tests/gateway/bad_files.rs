@@ -87,7 +87,6 @@ impl Home {
 #[test]
 fn what_a_profile_names_is_refused_at_once_whatever_lies_there() {
     let model = with("kind  = \"linear\"", "kind = \"matrix\"\nfile = \"there\"");
-    let web = format!("{MACHINE}\n[web]\nlisten = \"127.0.0.1:0\"\ntoken_file = \"HERE\"\n");
     let bus =
         "[bus.can]\ntype = \"can\"\ninterface = \"vcan0\"\n[device.node]\nbus = \"can\"\ndbc = \"there\"\n";
     let dbc = format!("{MACHINE}\n{bus}");
@@ -95,25 +94,40 @@ fn what_a_profile_names_is_refused_at_once_whatever_lies_there() {
     let tls = "timeout = \"300ms\"\ntls = { ca = \"there\", cert = \"there\", key = \"there\" }";
     let tls = with("timeout = \"300ms\"", tls);
     for (what, lay) in OBSTACLES {
-        for (text, name, code) in [
-            (MACHINE, "machine.local.toml", 64),
-            (&model, "there", 64),
-            (&dbc, "there", 64),
-            (&tls, "there", 64),
-            (&template, "devices/mine.toml", 64),
-            (&web, "there", 1),
+        for (text, name) in [
+            (MACHINE, "machine.local.toml"),
+            (&model, "there"),
+            (&dbc, "there"),
+            (&tls, "there"),
+            (&template, "devices/mine.toml"),
         ] {
-            let home = Home::new("");
+            let home = Home::new(text);
             let there = home.path(name);
             std::fs::create_dir_all(there.parent().unwrap()).unwrap();
             lay(&there);
-            file(home.home.path(), "machine.toml", &text.replace("HERE", there.to_str().unwrap()));
-            home.refuses(code, &[what, there.file_name().unwrap().to_str().unwrap()]);
+            home.refuses(64, &[what, there.file_name().unwrap().to_str().unwrap()]);
         }
         let home = Home::new("");
         std::fs::remove_file(&home.profile).unwrap();
         lay(&home.profile);
         home.refuses(64, &[what, "machine.toml"]);
+    }
+}
+
+#[test]
+fn a_gateway_runs_without_its_page_whatever_lies_in_the_place_of_a_token() {
+    for (what, lay) in OBSTACLES {
+        let web = "[web]\nlisten = \"127.0.0.1:0\"\ntoken_file = \"there\"\n";
+        let home = Home::new(&format!("{MACHINE}\n{web}"));
+        let there = home.path("there");
+        lay(&there);
+        let mut program = Running::start(&mut home.run());
+        let line = program.receives("is not served");
+        assert!(line.contains(what) && line.contains(there.to_str().unwrap()), "{what}: {line}");
+        program.signal("TERM");
+        program.ends_within(SOON);
+        let said = program.said.join("\n");
+        assert!(said.contains("the gateway runs"), "{what}: {said}");
     }
 }
 
