@@ -258,7 +258,7 @@ fn months_over_a_changed_profile_are_read_by_the_programs_of_the_manual() {
         "print('counts', log.select(pl.len()).collect().item(), [log.select(pl.col(name).count()).collect().item() \
          for name in ('bed', 'old', 'head', 'oil')])",
         "print('counts', len(log), list(duckdb.sql('SELECT count(bed), count(old), count(head), count(oil) FROM log')\
-         .fetchone()))",
+         .fetchall()[0]))",
     ];
     assert_eq!(recipes.len(), counts.len());
     for (recipe, counts) in recipes.into_iter().zip(counts) {

@@ -9,7 +9,7 @@ use serde_json::Value;
 use super::*;
 
 /// Value of the correct type for each key that no layer may set.
-const VALUES: [(&str, &str); 44] = [
+const VALUES: [(&str, &str); 49] = [
     ("acknowledge", "\"coil:3\""),
     ("axis", "\"y\""),
     ("bad", "[7]"),
@@ -23,8 +23,10 @@ const VALUES: [(&str, &str); 44] = [
     ("control", "\"holding:121\""),
     ("counter", "{ max_speed = 1.0, capture = { register = \"holding:132\" } }"),
     ("dbc", "\"other.dbc\""),
+    ("decimals_from", "\"holding:12\""),
     ("device", "\"readout\""),
     ("diameter", "true"),
+    ("element", "1"),
     ("expect", "{ format = \"unchecked\" }"),
     ("frame", "{ id = 0x300, start = 0, length = 32 }"),
     ("functions", "[\"write-multiple\"]"),
@@ -37,8 +39,10 @@ const VALUES: [(&str, &str); 44] = [
     ("position", "\"bed\""),
     ("read_back", "{ register = \"input:12\" }"),
     ("register", "\"holding:204\""),
+    ("request", "\"R\""),
     ("restart", "{ boot_counter = \"input:3\" }"),
     ("scale", "0.001"),
+    ("scale_from", "\"holding:12\""),
     ("sdo", "\"2000:01\""),
     ("sensor", "\"hwmon:chip/temp1\""),
     ("sequence", "\"holding:123\""),
@@ -52,6 +56,7 @@ const VALUES: [(&str, &str); 44] = [
     ("start", "false"),
     ("sync", "{ every = \"1s\" }"),
     ("template", "\"linuxcnc-eoffset\""),
+    ("text", "\"mm {number}\""),
     ("variant", "\"T\""),
     ("zeros", "true"),
 ];

@@ -57,7 +57,7 @@ const MOST_COMPARED: usize = 1000;
 /// Largest length of an error message, in characters, because a message may quote a long text of the profile.
 const LONGEST_MESSAGE: usize = 800;
 /// Largest length of a hint, in characters, because a hint may list many allowed words.
-const LONGEST_HELP: usize = 1900;
+const LONGEST_HELP: usize = 3000;
 
 /// Collected errors or warnings. Their number is limited, because a file may contain millions of wrong keys.
 #[derive(Debug, Default)]

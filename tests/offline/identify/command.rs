@@ -28,10 +28,12 @@ fn bench() -> String {
 #[test]
 fn a_prior_is_read_for_the_axis_with_0s_as_at_once_and_another_axis_has_none() {
     let home = tempfile::tempdir().unwrap();
+    // A model that leaves more than no compensation is refused. Without s0, this one would.
     let model = |axis: &str, gain: f64| {
         format!(
             "[[axis.{axis}.model]]\nname = \"old\"\nkind = \"linear\"\nterms = [\n  {{ signal = \"s2\", gain = {gain}, \
-             reference = \"start\", lag = \"0s\" }},\n]\n"
+             reference = \"start\", lag = \"0s\" }},\n  {{ signal = \"s0\", gain = -3.0, reference = \"start\", lag = \
+             \"1500s\" }},\n]\n"
         )
     };
     // The axes of a file are ordered by name; a has another size.

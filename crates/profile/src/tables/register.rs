@@ -295,13 +295,15 @@ pub(crate) fn scale(at: &KeyContext<'_>, scale: f64) -> Option<Scale> {
 }
 
 /// Reports a type that is only read. In 24 bits, devices expect the sign at different places. For the other types, no
-/// device is known that they are written to.
-pub(crate) fn not_only_read(at: &KeyContext<'_>, data_type: Option<DataType>) {
-    let is_only_read = |data_type: &DataType| data_type.width() == 24 || is_of_registers(*data_type);
-    if let Some(data_type) = data_type.filter(is_only_read) {
-        let help = "use \"u16\", \"i16\", \"u32\" or \"i32\", if the device accepts it";
-        at.invalid(format!("{} is only read from registers, not written", data_type.name()), help);
+/// device is known that they are written to. Returns any other type.
+pub(crate) fn not_only_read(at: &KeyContext<'_>, data_type: Option<DataType>) -> Option<DataType> {
+    let data_type = data_type?;
+    if data_type.width() != 24 && !is_of_registers(data_type) {
+        return Some(data_type);
     }
+    let help = "use \"u16\", \"i16\", \"u32\" or \"i32\", if the device accepts it";
+    at.invalid(format!("{} is only read from registers, not written", data_type.name()), help);
+    None
 }
 
 /// Returns whether only signals in registers have this type: not a display, no object and no node.

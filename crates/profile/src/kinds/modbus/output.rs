@@ -28,10 +28,10 @@ pub(super) fn resolve(raw: &RawOutput, at: &KeyContext<'_>, device: Option<&Devi
     let address = register::holding(&place, raw.register.as_ref());
     let data_type = display::digits(raw, at);
     not_one_bit(&at.key("type"), data_type);
-    register::not_only_read(&at.key("type"), data_type);
+    let written = register::not_only_read(&at.key("type"), data_type);
     let word_order = register::word_order(&at.key("word_order"), data_type, raw.word_order);
     let scale = raw.scale(&at.key("scale"), data_type);
-    let (address, data_type) = (address?, data_type?);
+    let (address, data_type) = (address?, written?);
     register::fits(&place, address, data_type);
     let verify = raw.verification();
     if let Some(device) = device {
