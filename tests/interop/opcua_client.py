@@ -142,7 +142,7 @@ async def one(server, index):
     if does == "events":
         changes = Changes()
         subscription = await server.create_subscription(100, changes)
-        await subscription.subscribe_events()
+        await subscription.subscribe_events(queuesize=10)
         print("ready", flush=True)
         await asyncio.sleep(float(more[0]))
         return changes.events

@@ -27,6 +27,9 @@ const MOST_READ: usize = 2_000;
 const FEW_NODES: usize = 1_000;
 /// Maximum number of subscriptions of one login.
 const MOST_SUBSCRIPTIONS: usize = 4;
+/// Maximum number of values or events of one node that wait for the next message to a client. A longer queue of each
+/// node would need much memory.
+const MOST_QUEUED: usize = 10;
 /// Maximum number of chunks of a message, each of 64 kB.
 const MOST_CHUNKS: usize = 32;
 /// Maximum size of a chunk in bytes. Clients are told when they connect.
@@ -124,6 +127,7 @@ impl Setup<'_> {
         // Each one needs memory, so there are enough of them for each node, and no more.
         subscriptions.max_monitored_items_per_sub = (2 * variables).clamp(FEW_NODES, MOST_NODES);
         subscriptions.max_subscriptions_per_session = MOST_SUBSCRIPTIONS;
+        subscriptions.max_monitored_item_queue_size = MOST_QUEUED;
         limits.operational.max_nodes_per_read = MOST_READ;
         limits.operational.max_monitored_items_per_call = MOST_NODES;
         limits.operational.max_nodes_per_translate_browse_paths_to_node_ids = MOST_NODES;

