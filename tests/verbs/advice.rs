@@ -265,7 +265,7 @@ fn text_on_the_line_is_named_with_its_protocol() {
     for (address, words) in [
         (
             ascii,
-            "Modbus ASCII arrives instead of Modbus RTU; set the device, or the Modbus gateway in front of it",
+            "Modbus ASCII arrives instead of Modbus RTU; write type = \"modbus-ascii\" at the bus; or set the device",
         ),
         (
             dcon,

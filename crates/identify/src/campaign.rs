@@ -81,6 +81,8 @@ impl<'a> Campaign<'a> {
         if machine.settle.is_zero() {
             machine.settle = USUAL_SETTLE;
         }
+        // The profile may name the signal since a later time than that of the logs.
+        machine.on = machine.on.filter(|on| dataset.column(&profile.signal(*on).name).is_some());
         let without_models =
             |axis: &Axis| AxisSettings { models: Vec::new(), learned: None, ..axis.settings.clone() };
         Campaign {
@@ -187,8 +189,8 @@ impl<'a> Campaign<'a> {
         }));
     }
 
-    /// Returns the machine start of this run: the first row in which the machine's signal is on. Without such a signal,
-    /// it is the first row with a usable reading.
+    /// Returns the machine start of this run: the first row in which the machine's signal is on. Without such a signal in
+    /// the logs, it is the first row with a usable reading.
     pub(super) fn start(&self, run: &Run) -> Option<Moment> {
         let mut readings = Vec::new();
         run.times.iter().enumerate().find_map(|(row, now)| {
