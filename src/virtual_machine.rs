@@ -69,6 +69,7 @@ use fault::Faults;
 use gate::{ListenerSwitch, live};
 use hardware::Hardware;
 use modbus::Framing;
+use port::VirtualPort;
 use probing::Cycle;
 use serial_side::SerialSide;
 use server::{Line, OpenOrClose, Shared};
@@ -240,10 +241,9 @@ impl VirtualMachine {
                     (address.to_string(), gate)
                 }
                 Transport::Serial(serial) | Transport::ModbusAscii { serial, .. } => {
-                    let name = name(bus, setup.ports).map_err(|source| refused(bus, source))?;
-                    let path = name.path().display().to_string();
+                    let (path, port) = serial_port(bus, setup.ports)?;
                     let (gate, line, switched) = machine.gate(profile, index, UnknownUnit::Silence);
-                    machine.keep(path.clone(), port::serve(name, serial, line, switched, stop));
+                    machine.keep(path.clone(), port::serve(port, serial, line, switched, stop));
                     (path, gate)
                 }
                 Transport::AsciiOverTcp => {
@@ -254,16 +254,9 @@ impl VirtualMachine {
                     (address.to_string(), gate)
                 }
                 Transport::Ascii { serial, .. } => {
-                    let name = name(bus, setup.ports).map_err(|source| refused(bus, source))?;
-                    let path = name.path().display().to_string();
+                    let (path, port) = serial_port(bus, setup.ports)?;
                     let (gate, line, switched) = machine.text_gate(profile, index, &texts);
-                    let serving = text::serve_port(name.path().to_owned(), serial, line, switched, stop);
-                    machine.keep(path.clone(), async move {
-                        let ended = serving.await;
-                        // The path exists as long as its name.
-                        drop(name);
-                        ended
-                    });
+                    machine.keep(path.clone(), text::serve_port(port, serial, line, switched, stop));
                     (path, gate)
                 }
                 Transport::Can => {
@@ -414,13 +407,19 @@ async fn listen(bus: &isotherm_profile::Bus, ports: Ports) -> Result<TcpListener
     TcpListener::bind(address).await.map_err(|source| refused(bus, source))
 }
 
-/// Returns the path for a serial port: the path in the profile if it is free, otherwise a new one.
-fn name(bus: &isotherm_profile::Bus, ports: Ports) -> std::io::Result<port::Name> {
+/// Creates a serial port: at the path in the profile if it is free, otherwise at a new one. Returns its path, too.
+fn serial_port(
+    bus: &isotherm_profile::Bus,
+    ports: Ports,
+) -> Result<(String, VirtualPort), VirtualMachineError> {
     let wanted = match ports {
         Ports::AsInProfile => port::Name::wanted(Path::new(&bus.address)),
         Ports::Free => None,
     };
-    wanted.map_or_else(|| port::Name::free(&bus.name), Ok)
+    let name =
+        wanted.map_or_else(|| port::Name::free(&bus.name), Ok).map_err(|source| refused(bus, source))?;
+    let path = name.path().display().to_string();
+    Ok((path, VirtualPort::plug_in(name).map_err(|source| refused(bus, source))?))
 }
 
 fn refused(bus: &isotherm_profile::Bus, source: std::io::Error) -> VirtualMachineError {

@@ -12,6 +12,7 @@ use crate::clock::Clock;
 use crate::discovery::new_connection::{self, NewConnectionAdvice};
 use crate::fieldbus::line::LONGEST_GATEWAY_WAIT;
 use crate::gateway::{Gateway, Options};
+use crate::observe::events::LoggedText;
 use crate::observe::status::{DeviceStatus, Status};
 use isotherm_profile::{Bus, BusId, Device, DeviceId, Profile, Signal};
 use isotherm_profile::{counted, duration_text};
@@ -66,7 +67,13 @@ pub(super) fn watch(
     let longest = patience + buses.max().unwrap_or_default();
     super::runtime::start()?.block_on(async {
         let clock = Clock::wall();
-        let options = Options { dry_run: true, remembered_in: Some(directory), ..Options::default() };
+        // The verbs print the hints below their tables, each hint once.
+        let options = Options {
+            dry_run: true,
+            remembered_in: Some(directory),
+            logged_text: LoggedText::WithoutHint,
+            ..Options::default()
+        };
         let gateway = Gateway::new(profile, &clock, options);
         let source = gateway.source();
         let mut sleeper = clock.join();

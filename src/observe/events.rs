@@ -38,7 +38,7 @@ pub use delivery::Delivery;
 pub use event::Event;
 pub use isotherm_core::events::Level;
 pub use isotherm_core::output::HandshakeFault;
-pub use journal::{Entry, EventListener, Journal, ReportedEvent};
+pub use journal::{Entry, EventListener, Journal, LoggedText, ReportedEvent};
 pub use opcua_server::OpcUaServerEvent;
 pub use page::{PagePort, PageToken};
 pub use stand_in::StandIn;
@@ -55,6 +55,11 @@ impl Event {
         let text = cut(&one_line(&described.text()), data::LONGEST).into_owned();
         let kind = Cow::Borrowed(described.kind.name());
         Entry { at: at.to_string(), kind, level: described.level, text, data }
+    }
+
+    /// Returns the sentence of the event, without the hint at its end.
+    pub(crate) fn text_without_hint(&self) -> String {
+        cut(&one_line(&self.described().text_without_hint()), data::LONGEST).into_owned()
     }
 
     /// Returns the kind of the event in the catalogue.

@@ -13,6 +13,7 @@ use std::time::Duration;
 use rustix::fs::OFlags;
 use rustix::pty::OpenptFlags;
 use rustix::termios::OptionalActions;
+use tokio::io::Join;
 use tokio::net::unix::pipe::{Receiver, Sender};
 use tokio::sync::{mpsc, watch};
 
@@ -20,7 +21,7 @@ use super::server::{Line, OpenOrClose, converse};
 use isotherm_profile::Serial;
 
 /// Interval at which the virtual machine checks whether a client has opened the port.
-const LOOK: Duration = Duration::from_millis(5);
+const CLIENT_CHECK: Duration = Duration::from_millis(5);
 
 /// Path of a serial port. Dropping this value removes the path.
 #[derive(Debug)]
@@ -74,39 +75,81 @@ impl Drop for Name {
     }
 }
 
-/// Serves the units of a line on a port with this path, until `stop` changes or its sender is dropped.
-pub(super) async fn serve(
+/// Serial port: a pseudo-terminal with its path.
+#[derive(Debug)]
+pub(super) struct VirtualPort {
     name: Name,
+    /// End of the pseudo-terminal at which the devices answer. `None` while the port is removed.
+    hardware: Option<(Receiver, Sender)>,
+}
+
+impl VirtualPort {
+    /// Creates the port. A client can open it when this function returns.
+    pub(super) fn plug_in(name: Name) -> io::Result<VirtualPort> {
+        let mut port = VirtualPort { name, hardware: None };
+        port.set_present(true)?;
+        Ok(port)
+    }
+
+    /// Removes the port, or creates it again.
+    pub(super) fn set_present(&mut self, is_present: bool) -> io::Result<()> {
+        if !is_present {
+            self.name.is_nowhere();
+            self.hardware = None;
+            return Ok(());
+        }
+        let (hardware, path) = pseudo_terminal()?;
+        self.name.points_to(&path)?;
+        let other = hardware.try_clone()?;
+        let ends = (Receiver::from_owned_fd_unchecked(hardware)?, Sender::from_owned_fd_unchecked(other)?);
+        self.hardware = Some(ends);
+        Ok(())
+    }
+
+    /// Returns the connection to the client. `None` while the port is removed.
+    pub(super) fn stream(&mut self) -> Option<Join<&mut Receiver, &mut Sender>> {
+        self.hardware.as_mut().map(|(receiver, sender)| tokio::io::join(receiver, sender))
+    }
+}
+
+/// Waits before the port is tried again, if no client has it open. Returns any other error.
+pub(super) async fn after(ended: io::Result<()>) -> io::Result<()> {
+    match ended {
+        Err(error) if error.raw_os_error() != Some(rustix::io::Errno::IO.raw_os_error()) => Err(error),
+        _ => {
+            tokio::time::sleep(CLIENT_CHECK).await;
+            Ok(())
+        }
+    }
+}
+
+/// Serves the units of a line on a port, until `stop` changes or its sender is dropped.
+pub(super) async fn serve(
+    mut port: VirtualPort,
     serial: Serial,
     line: Arc<Line>,
     mut switched: mpsc::Receiver<OpenOrClose>,
     mut stop: watch::Receiver<bool>,
 ) -> io::Result<()> {
-    let mut port = Some(plug_in(&name)?);
     loop {
         tokio::select! {
             _ = stop.changed() => return Ok(()),
             switch = switched.recv() => {
                 let Some(OpenOrClose { is_open, done }) = switch else { return Ok(()) };
-                if is_open {
-                    port = Some(plug_in(&name)?);
-                } else {
-                    name.is_nowhere();
-                    port = None;
-                }
+                port.set_present(is_open)?;
                 let _ = done.send(());
             }
-            ended = talk(port.as_mut(), &line, serial) => ended?,
+            ended = talk(&mut port, &line, serial) => ended?,
         }
     }
 }
 
-/// Creates a pseudo-terminal to which the path points, and returns the end at which the devices answer.
-fn plug_in(name: &Name) -> io::Result<(Receiver, Sender)> {
-    let (hardware, path) = pseudo_terminal()?;
-    name.points_to(&path)?;
-    let other = hardware.try_clone()?;
-    Ok((Receiver::from_owned_fd_unchecked(hardware)?, Sender::from_owned_fd_unchecked(other)?))
+/// Answers the client that has opened the port. Never returns while the port is removed.
+async fn talk(port: &mut VirtualPort, line: &Line, serial: Serial) -> io::Result<()> {
+    loop {
+        let Some(stream) = port.stream() else { return std::future::pending().await };
+        after(converse(stream, line, Some(serial)).await).await?;
+    }
 }
 
 fn pseudo_terminal() -> io::Result<(OwnedFd, PathBuf)> {
@@ -120,18 +163,4 @@ fn pseudo_terminal() -> io::Result<(OwnedFd, PathBuf)> {
     rustix::fs::fcntl_setfl(&hardware, flags | OFlags::NONBLOCK)?;
     let path = rustix::pty::ptsname(&hardware, Vec::new())?.into_bytes();
     Ok((hardware, PathBuf::from(std::ffi::OsString::from_vec(path))))
-}
-
-/// Answers the client that has opened the port. Never returns while the port is removed (`None`).
-async fn talk(port: Option<&mut (Receiver, Sender)>, line: &Line, serial: Serial) -> io::Result<()> {
-    let Some((receiver, sender)) = port else { return std::future::pending().await };
-    loop {
-        match converse(tokio::io::join(&mut *receiver, &mut *sender), line, Some(serial)).await {
-            // No client has the port open.
-            Ok(()) => {}
-            Err(error) if error.raw_os_error() == Some(rustix::io::Errno::IO.raw_os_error()) => {}
-            Err(error) => return Err(error),
-        }
-        tokio::time::sleep(LOOK).await;
-    }
 }

@@ -51,7 +51,7 @@ const MOST_LISTED: usize = 50;
 /// Largest number of errors that are collected and sorted. Further errors are only counted.
 const MOST_DESCRIBED: usize = 1000;
 /// Largest number of allowed words that a hint lists.
-const MOST_WORDS: usize = 130;
+const MOST_WORDS: usize = 200;
 /// Largest number of allowed words that are compared with a wrong word, to find the nearest one.
 const MOST_COMPARED: usize = 1000;
 /// Largest length of an error message, in characters, because a message may quote a long text of the profile.

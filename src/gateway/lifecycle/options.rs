@@ -9,7 +9,7 @@ use super::learner::LearnCommand;
 use crate::fieldbus::connection::Dial;
 use crate::fieldbus::dial;
 use crate::gateway::store::disk::{Disk, Files};
-use crate::observe::events::EventListener;
+use crate::observe::events::{EventListener, LoggedText};
 use crate::observe::status::{BrokerFigures, ProfileChanges};
 use isotherm_profile::Bus;
 
@@ -49,6 +49,8 @@ pub struct Options {
     pub profile_changes: Arc<ProfileChanges>,
     /// Receiver of every event since the start; `None` if no other part requires them.
     pub listener: Option<EventListener>,
+    /// Text of events in the log of the program.
+    pub logged_text: LoggedText,
     /// Handover from the previous program in the same process, or the reason why it is rejected. `Ok(None)` after an
     /// ordinary start.
     pub handover: Result<Option<Handover>, String>,
@@ -75,6 +77,7 @@ impl Default for Options {
             broker: None,
             profile_changes: Arc::default(),
             listener: None,
+            logged_text: LoggedText::default(),
             handover: Ok(None),
             learn: None,
             may_release: Ok(()),

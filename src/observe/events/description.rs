@@ -75,6 +75,12 @@ impl EventDescription {
         about.into_iter().chain(why).collect::<Vec<_>>().join(": ")
     }
 
+    /// Returns the text of the event: subject and cause.
+    pub(super) fn text_without_hint(mut self) -> String {
+        self.why.iter_mut().for_each(|why| why.hint = None);
+        self.text()
+    }
+
     /// Adds the fields `cause` and `hint` to the data for programs.
     pub(super) fn explain(&self, data: &mut Value) {
         let (Some(Explained { cause, hint }), Some(fields)) = (&self.why, data.as_object_mut()) else {

@@ -52,12 +52,23 @@ pub struct ReportedEvent<'a> {
 /// journal, and delays the code that reports the event, possibly a line task.
 pub type EventListener = Arc<dyn Fn(ReportedEvent<'_>) + Send + Sync>;
 
+/// Text of an event in the log of the program.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LoggedText {
+    /// Subject, cause and hint.
+    #[default]
+    WithHint,
+    /// Subject and cause. A verb that prints the hints itself uses it.
+    WithoutHint,
+}
+
 /// Events of this run, and the last events of earlier runs.
 pub struct Journal {
     /// Source of the time stamps.
     clock: Clock,
     pages: Mutex<Pages>,
     listener: Option<EventListener>,
+    logged_text: LoggedText,
 }
 
 impl fmt::Debug for Journal {
@@ -109,7 +120,12 @@ impl UnsavedEvents {
 impl Journal {
     /// Creates an event journal without events.
     pub fn by(clock: &Clock) -> Journal {
-        Journal { clock: clock.clone(), pages: Mutex::default(), listener: None }
+        Journal {
+            clock: clock.clone(),
+            pages: Mutex::default(),
+            listener: None,
+            logged_text: LoggedText::default(),
+        }
     }
 
     /// Adds a listener, which receives every event from now on. With `None`, there is no listener.
@@ -118,11 +134,21 @@ impl Journal {
         Journal { listener, ..self }
     }
 
+    /// Sets the text of events in the log.
+    #[must_use]
+    pub fn logging(self, logged_text: LoggedText) -> Journal {
+        Journal { logged_text, ..self }
+    }
+
     /// Reports an event to the log, the counter, the web page and the disk.
     pub fn report(&self, at: Moment, event: &Event) {
         let at = self.clock.stamp(at);
         let entry = event.entry(at);
-        let (kind, text) = (event.kind(), &entry.text);
+        let kind = event.kind();
+        let text: Cow<'_, str> = match self.logged_text {
+            LoggedText::WithHint => entry.text.as_str().into(),
+            LoggedText::WithoutHint => event.text_without_hint().into(),
+        };
         let name = kind.name();
         match entry.level {
             Level::Info => tracing::info!(kind = name, "{text}"),
