@@ -37,6 +37,7 @@ mod steps;
 mod table;
 #[cfg(test)]
 mod tests;
+mod text_reader;
 mod tidy;
 mod unit;
 mod words;

@@ -119,7 +119,7 @@ fn of_csv(file: &Path, split: &Split, found: &mut Explanation) -> Result<Found, 
     let (decoded, encoding) = decode::utf8(files::open(file)?).map_err(unreadable)?;
     let mut text = Vec::new();
     let columns = spaced::columns(decoded).map_err(unreadable)?;
-    let are_spaced = columns.are_spaced();
+    let are_spaced = columns.is_converted();
     columns.take(SAMPLE).read_to_end(&mut text).map_err(unreadable)?;
     if text.len() as u64 == SAMPLE
         && let Some(end) = text.iter().rposition(|byte| *byte == b'\n')
