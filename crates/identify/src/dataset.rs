@@ -39,6 +39,7 @@ mod table;
 mod tests;
 mod text_reader;
 mod tidy;
+mod time_form;
 mod unit;
 mod words;
 #[cfg(feature = "tables")]
