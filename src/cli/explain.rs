@@ -22,7 +22,7 @@ enum LogsVerb {
 }
 
 /// Shows how `identify`, `select` and `report` understand a log: encoding, line of the names, time, units, and first rows.
-/// It also shows the errors of these rows, and then ends with exit code 1.
+/// The command also shows the errors of these rows. If there are any, it ends with exit code 1.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Example:\n  isotherm logs explain monday.csv --zone Europe/Berlin")]
 struct ExplainArguments {

@@ -275,16 +275,8 @@ fn an_onnx_file_is_found_beside_its_profile_and_must_fit_it() {
 /// File with the network `0.5·bed − 0.25·wheelhead`, whose numbers are in `w.data`, and the bytes of that file.
 #[cfg(feature = "onnx")]
 fn in_two_files() -> (Vec<u8>, Vec<u8>) {
-    use encode::{field, model, node, number};
-    let mut location = Vec::new();
-    field(&mut location, 1, b"location");
-    field(&mut location, 2, b"w.data");
-    let mut tensor = Vec::new();
-    [2, 1].into_iter().for_each(|size| number(&mut tensor, 1, size));
-    number(&mut tensor, 2, 1);
-    field(&mut tensor, 8, b"w");
-    field(&mut tensor, 13, &location);
-    number(&mut tensor, 14, 1);
+    use encode::{model, node, outside};
+    let tensor = outside("w", &[2, 1], &[("location", "w.data")]);
     let data = [0.5_f32, -0.25].iter().flat_map(|number| number.to_le_bytes()).collect();
     (model(&[node("MatMul", &["x", "w"], "y")], &[tensor], Some(2)), data)
 }

@@ -83,6 +83,23 @@ pub(crate) fn tensor(name: &str, shape: &[usize], values: &[f64]) -> Vec<u8> {
     tensor
 }
 
+/// Tensor in single precision whose numbers are in another file. Each entry is a key and its value.
+#[allow(dead_code, reason = "each program uses its part")]
+pub(crate) fn outside(name: &str, shape: &[usize], entries: &[(&str, &str)]) -> Vec<u8> {
+    let mut tensor = Vec::new();
+    shape.iter().for_each(|size| number(&mut tensor, 1, *size as u64));
+    number(&mut tensor, 2, 1);
+    field(&mut tensor, 8, name.as_bytes());
+    for (key, value) in entries {
+        let mut entry = Vec::new();
+        field(&mut entry, 1, key.as_bytes());
+        field(&mut entry, 2, value.as_bytes());
+        field(&mut tensor, 13, &entry);
+    }
+    number(&mut tensor, 14, 1);
+    tensor
+}
+
 /// Declares a tensor with one row. `kind`: 1 for single precision, 7 for integers.
 pub(crate) fn value(name: &str, kind: u64, columns: Option<u64>) -> Vec<u8> {
     let (mut rows, mut width) = (Vec::new(), Vec::new());

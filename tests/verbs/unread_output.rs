@@ -28,7 +28,7 @@ const CALLS: [&[&str]; 37] = [
     &["learn", "machine.toml", "--axis", "z", "--state", "state"],
     &["select", "day.csv", "--error", "z_error_um"],
     &["place", "--example", "column"],
-    &["report", "day.csv"],
+    &["report", "day.csv", "--time-unit", "s"],
     &["arm", "machine.toml", "--state", "state"],
     &["disarm", "machine.toml", "--state", "state"],
     &["zero", "machine.toml", "--state", "state"],

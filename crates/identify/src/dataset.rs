@@ -37,7 +37,9 @@ mod steps;
 mod table;
 #[cfg(test)]
 mod tests;
+mod text_reader;
 mod tidy;
+mod time_form;
 mod unit;
 mod words;
 #[cfg(feature = "tables")]

@@ -109,7 +109,8 @@ pub struct Temperature {
 /// column in the profile.
 ///
 /// # Errors
-/// A displacement column is missing or has no values, or a run has no duration. Each message says what to do.
+/// A displacement column is missing or has no values, a run has no duration, or the unit of its times is probably another
+/// one. Each message says what to do.
 pub fn drift(
     dataset: &Dataset,
     displacements: &[String],
@@ -148,6 +149,10 @@ pub fn drift(
                  out",
                 run.name
             ));
+        } else if run.origin.is_unit_assumed
+            && let Some(odd) = checks::odd_length(run)
+        {
+            wrong.push(format!("{odd}. If the times are seconds, state --time-unit s"));
         }
     }
     if !wrong.is_empty() {

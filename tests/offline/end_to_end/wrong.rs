@@ -298,10 +298,19 @@ fn a_reader_who_goes_away_is_no_failure() {
 }
 
 #[test]
-fn a_drift_report_remarks_what_cannot_be_meant() {
+fn a_drift_report_refuses_times_of_an_unclear_unit_and_remarks_what_is_unusual() {
     let home = tempfile::tempdir().unwrap();
+    let minutes = [("short.csv", with_column(1, 0, |second| second / 60.0))];
+    let refused = asked(home.path(), &["report"], &minutes, &[]);
+    assert_eq!(refused.code, Some(1), "{}", refused.out);
+    for words in ["short lasts 4m 59s", "--time-unit min", "If the times are seconds, state --time-unit s"] {
+        assert!(refused.said.contains(words), "{words}: {}", refused.said);
+    }
+    let stated = asked(home.path(), &["report"], &minutes, &["--time-unit", "min"]);
+    assert_eq!(stated.code, Some(0), "{}", stated.said);
+    assert!(!stated.out.contains("lasts 4m 59s"), "{}", stated.out);
     let logs = [
-        ("short.csv", with_column(1, 0, |second| second / 60.0)),
+        ("short.csv", with_column(1, 0, |second| second / 60.0).replace("time,", "time_s,")),
         ("long.csv", with_column(1, 0, |second| second).replace("time,", "time_min,")),
         ("still.csv", with_column(1, 5, |_| 0.25)),
     ];

@@ -129,3 +129,20 @@ fn a_log_without_a_displacement_is_told_what_to_do() {
     assert!(reported.contains("no log has a column `prob`; there are hall_c, probe"), "{reported}");
     assert!(drift(&dataset, &["probe".to_owned()], None, &|_| None).is_ok());
 }
+
+#[test]
+fn times_in_hours_are_refused_unless_their_unit_is_stated() {
+    let text = |time: &str| {
+        let rows: String =
+            (0..480).map(|minute| format!("{},{minute}\n", f64::from(minute) / 60.0)).collect();
+        format!("{time},z_um\n{rows}")
+    };
+    let refused = drift(&dataset(&text("time")), &[], None, &|_| None).unwrap_err().to_string();
+    for words in ["night lasts 7s (480 rows)", "--time-unit min, h, d or excel", "state --time-unit s"] {
+        assert!(refused.contains(words), "{words}: {refused}");
+    }
+    let lasts = |drift: &Drift| drift.remarks.iter().any(|remark| remark.contains("night lasts 7s"));
+    assert!(lasts(&reported(&text("time_s"), None)), "seconds that are stated are only unusual");
+    let hours = reported(&text("time_h"), None);
+    assert!((hours.hours - 479.0 / 60.0).abs() < 1e-6 && !lasts(&hours), "{hours:?}");
+}

@@ -1,38 +1,40 @@
 //! Encodings of logs. Loggers and spreadsheets of Windows write cp1252, cp1251, UTF-16, GBK or Shift_JIS; everything is
 //! read as UTF-8.
+//!
+//! The encoding is detected in this order:
+//!
+//! 1. A byte order mark: UTF-8 and UTF-16.
+//! 2. Zero bytes: UTF-16 without a mark, which chardetng does not detect, or no text.
+//! 3. Valid UTF-8.
+//! 4. Every other encoding, by the crate chardetng. It was made for web pages, and a log has few words. Therefore, it
+//!    does not see the signs of units, and short heads in Chinese and Japanese are recognised before.
 
-use std::io::{self, Chain, Cursor, Read};
+use std::collections::HashSet;
+use std::io::{self, Cursor, Read};
 
+use chardetng::{EncodingDetector, Iso2022JpDetection, Utf8Detection};
 use encoding_rs::{
-    BIG5, Decoder, EUC_JP, EUC_KR, Encoding, GBK, IBM866, KOI8_R, SHIFT_JIS, UTF_16BE, UTF_16LE,
-    WINDOWS_1251, WINDOWS_1252,
+    BIG5, Decoder, EUC_JP, EUC_KR, Encoding, GBK, SHIFT_JIS, UTF_8, UTF_16BE, UTF_16LE, WINDOWS_1252,
+    WINDOWS_1254, WINDOWS_1257,
 };
+
+use super::text_reader::{Begun, Convert, TextReader};
 
 /// Number of bytes from which the encoding is detected.
 const SAMPLE: u64 = 1 << 16;
 /// Number of bytes that are decoded at a time.
 const PART: usize = 1 << 15;
+/// Number of different characters from which chardetng distinguishes Chinese from other languages.
+const SHORT: usize = 8;
 
-/// Reader of UTF-8 text.
-pub(super) enum Decoded<R> {
-    /// The input is UTF-8 already, or no text.
-    Plain(Begun<R>),
-    /// Input in another encoding.
-    Converted(Box<Converter<R>>),
-}
+/// Reader of UTF-8 text. Input in another encoding is converted.
+pub(super) type Decoded<R> = TextReader<R, Converter<R>>;
 
-/// Input whose first bytes were read to detect its encoding.
-type Begun<R> = Chain<Cursor<Vec<u8>>, R>;
-
-/// Reader that decodes its input.
+/// Converter from another encoding to UTF-8.
 pub(super) struct Converter<R> {
     input: Begun<R>,
     decoder: Decoder,
     raw: Vec<u8>,
-    /// Decoded bytes that were not returned yet, from `at` on.
-    text: Vec<u8>,
-    at: usize,
-    is_over: bool,
 }
 
 /// Returns a reader of the input as UTF-8, and the name of its encoding if that is another one.
@@ -48,9 +50,8 @@ pub(super) fn utf8<R: Read>(mut input: R) -> io::Result<(Decoded<R>, Option<&'st
         None => (Decoded::Plain(input), None),
         Some(encoding) => {
             let decoder = encoding.new_decoder_with_bom_removal();
-            let (raw, text) = (vec![0; PART], Vec::new());
-            let converter = Converter { input, decoder, raw, text, at: 0, is_over: false };
-            (Decoded::Converted(Box::new(converter)), Some(encoding.name()))
+            let converter = Converter { input, decoder, raw: vec![0; PART] };
+            (Decoded::converted(converter), Some(encoding.name()))
         }
     })
 }
@@ -58,7 +59,7 @@ pub(super) fn utf8<R: Read>(mut input: R) -> io::Result<(Decoded<R>, Option<&'st
 /// Returns the encoding of a text; `None` for UTF-8, and for data that are no text.
 fn detect(sample: &[u8]) -> Option<&'static Encoding> {
     if let Some((encoding, _)) = Encoding::for_bom(sample) {
-        return Some(encoding).filter(|encoding| *encoding != encoding_rs::UTF_8);
+        return Some(encoding).filter(|encoding| *encoding != UTF_8);
     }
     if sample.contains(&0) {
         return wide(sample);
@@ -67,117 +68,93 @@ fn detect(sample: &[u8]) -> Option<&'static Encoding> {
         Ok(_) => None,
         // The sample may end inside a character.
         Err(why) if why.error_len().is_none() => None,
-        Err(_) => Some(cyrillic(sample).or_else(|| east_asian(sample)).unwrap_or(WINDOWS_1252)),
+        Err(_) => Some(legacy(sample)),
     }
 }
 
-/// Returns the encoding of a text with Russian or Ukrainian words; `None` if it has none. In every other encoding, the
-/// letters have the wrong case, or stand between Latin letters.
-fn cyrillic(sample: &[u8]) -> Option<&'static Encoding> {
-    let is_valid = |encoding: &&'static Encoding| {
-        let text = encoding.decode_without_bom_handling_and_without_replacement(sample);
-        let Some(found) = text.as_deref().and_then(CyrillicWords::of) else { return false };
-        match *encoding == WINDOWS_1251 {
-            // Two Chinese characters may look like a word in capitals.
-            true => found.has_small_letters || !is_of_pairs(sample),
-            // In the older encodings, they may also look like a word in small letters.
-            false => found.has_small_letters && (found.letters >= 10 || !is_of_pairs(sample)),
-        }
-    };
-    [WINDOWS_1251, KOI8_R, IBM866].into_iter().find(is_valid)
+/// Returns the encoding of a text that is neither UTF-8 nor UTF-16.
+fn legacy(sample: &[u8]) -> &'static Encoding {
+    let letters = without_signs(sample);
+    let mut detector = EncodingDetector::new(Iso2022JpDetection::Deny);
+    detector.feed(&letters, (sample.len() as u64) < SAMPLE);
+    let guess = detector.guess(None, Utf8Detection::Deny);
+    if [BIG5, EUC_KR, GBK, SHIFT_JIS].contains(&guess) {
+        return guess;
+    }
+    // Two letters of cp1252 in a row may look like a Chinese character: `AÇÃO`.
+    if guess != WINDOWS_1252 && is_short_chinese(sample) {
+        return GBK;
+    }
+    let is_latin = [WINDOWS_1252, WINDOWS_1254, WINDOWS_1257].contains(&guess);
+    if (is_latin && has_japanese_word(sample)) || (guess != EUC_JP && is_half_width(&letters)) {
+        return SHIFT_JIS;
+    }
+    guess
 }
 
-/// Cyrillic words of a text.
-struct CyrillicWords {
-    letters: usize,
-    /// Whether a word of three or more letters has small ones.
-    has_small_letters: bool,
-}
-
-impl CyrillicWords {
-    /// Returns the words; `None` if the text has other letters than these words and Latin ones, or no word of three
-    /// letters.
-    fn of(text: &str) -> Option<CyrillicWords> {
-        let is_cyrillic = |letter: char| {
-            matches!(letter, 'А'..='я' | 'Ё' | 'ё' | 'І' | 'і' | 'Ї' | 'ї' | 'Є' | 'є' | 'Ґ' | 'ґ')
+/// Replaces the signs of units that stand alone between ASCII by blanks. A text that has only such signs is cp1252.
+///
+/// chardetng weighs the bytes outside ASCII as letters of words. In most heads of logs, these are only `°` and `µ`: it
+/// takes `Temp_°C;Weg_µm` for Big5, because `°C` and `µm` are also characters of Big5.
+fn without_signs(sample: &[u8]) -> Vec<u8> {
+    let byte_at = |place: Option<usize>| place.and_then(|place| sample.get(place)).copied().unwrap_or(b' ');
+    let is_sign = |place: usize, byte: u8| {
+        let (before, after) = (byte_at(place.checked_sub(1)), byte_at(place.checked_add(1)));
+        let is_known = match byte {
+            // `©`, `®`, `°`, `±`, `µ` and `·` are the same in the code pages of Windows for Europe.
+            0xA9 | 0xAE | 0xB0 | 0xB1 | 0xB5 | 0xB7 => true,
+            // `²`, `³` and `Ø`, which are letters of other languages inside a word: `Głowica`.
+            0xB2 | 0xB3 | 0xD8 => !after.is_ascii_alphabetic(),
+            _ => false,
         };
-        let is_sign = |sign: char| "°µ№±«»–—·²³\u{a0}…".contains(sign);
-        if text.chars().any(|sign| !sign.is_ascii() && !is_cyrillic(sign) && !is_sign(sign)) {
-            return None;
-        }
-        let (mut all, mut is_long, mut has_small_letters) = (0, false, false);
-        let is_letter = |sign: char| is_cyrillic(sign) || sign.is_ascii_alphabetic();
-        for word in text.split(|sign: char| !is_letter(sign)).filter(|word| !word.is_ascii()) {
-            let mut others = word.chars().skip(1);
-            let others_are_small = others.clone().all(char::is_lowercase);
-            let is_in_capitals = word.chars().all(char::is_uppercase);
-            if others.any(|letter| letter.is_ascii()) || word.starts_with(|first: char| first.is_ascii()) {
-                return None;
-            }
-            if !others_are_small && !is_in_capitals {
-                return None;
-            }
-            let letters = word.chars().count();
-            all += letters;
-            is_long |= letters >= 3;
-            has_small_letters |= letters >= 3 && others_are_small;
-        }
-        is_long.then_some(CyrillicWords { letters: all, has_small_letters })
-    }
+        is_known && before.is_ascii() && after.is_ascii()
+    };
+    let bytes = sample.iter().enumerate();
+    bytes.map(|(place, byte)| if is_sign(place, *byte) { b' ' } else { *byte }).collect()
 }
 
-/// Returns the encoding of a Chinese, Japanese or Korean text; `None` if it is none.
-fn east_asian(sample: &[u8]) -> Option<&'static Encoding> {
-    if is_of_pairs(sample) {
-        return Some(of_pairs(sample));
-    }
-    // Narrow characters of Shift_JIS are single bytes, which many bytes of Big5 look like.
-    match is_big5(sample) {
-        true => Some(BIG5),
-        false => is_shift_jis(sample).then_some(SHIFT_JIS),
-    }
+/// Returns the groups of successive bytes that are not ASCII.
+fn groups(text: &[u8]) -> impl Iterator<Item = &[u8]> {
+    text.split(u8::is_ascii).filter(|group| !group.is_empty())
 }
 
-/// Returns the encoding of a text whose bytes that are not ASCII stand in pairs. Only Japanese has kana, and Korean has
-/// other first bytes than Chinese.
-fn of_pairs(sample: &[u8]) -> &'static Encoding {
-    let mut pairs = sample.split(u8::is_ascii).flat_map(|group| group.chunks_exact(2));
-    if pairs.clone().any(|pair| matches!(pair[0], 0xA4 | 0xA5)) {
-        return EUC_JP;
-    }
-    // A few pairs may be Chinese too.
-    let is_korean = pairs.clone().nth(7).is_some() && pairs.all(|pair| matches!(pair[0], 0xB0..=0xC8));
-    if is_korean { EUC_KR } else { GBK }
+/// Returns whether all bytes that are not ASCII are a few common Chinese characters in GBK.
+///
+/// chardetng takes `温度` for Japanese, `油温` for Russian and `主轴` for Czech.
+fn is_short_chinese(sample: &[u8]) -> bool {
+    // The characters of level 1 of GB 2312.
+    let is_common = |pair: &[u8]| matches!(pair, [0xB0..=0xD7, 0xA1..=0xFE]);
+    let pairs = || groups(sample).flat_map(|group| group.chunks(2));
+    pairs().all(is_common) && pairs().collect::<HashSet<_>>().len() < SHORT
 }
 
-/// Returns whether the sample is text in Big5 with common characters.
-fn is_big5(sample: &[u8]) -> bool {
-    // The sample may end inside a character.
-    let but_last = sample.split_last().map_or(sample, |(_, rest)| rest);
-    let mut texts = [sample, but_last].into_iter();
-    let text = texts.find_map(|text| BIG5.decode_without_bom_handling_and_without_replacement(text));
-    let Some(text) = text else { return false };
-    let (mut all, mut run, mut longest) = (0, 0, 0);
-    for sign in text.chars() {
-        run = if is_ideograph(sign) { run + 1 } else { 0 };
-        all += usize::from(run > 0);
-        longest = longest.max(run);
-    }
-    // Rare characters have first bytes that are letters of cp1252.
-    let mut bytes = sample.iter().copied();
-    let mut is_common = true;
+/// Returns whether the text has two or more common Japanese characters in a row if it is Shift_JIS.
+///
+/// chardetng takes some short heads for Latin letters. In Latin encodings, the first byte of these characters is a
+/// quotation mark, a dash, or one of a few letters such as `Š`.
+fn has_japanese_word(sample: &[u8]) -> bool {
+    let (mut bytes, mut run, mut has_word) = (sample.iter(), 0, false);
     while let Some(byte) = bytes.next() {
-        if !byte.is_ascii() {
-            is_common &= matches!(byte, 0xA1..=0xC6);
+        run = if matches!(byte, 0x81..=0x9F) { run + 1 } else { 0 };
+        has_word |= run >= 2;
+        if matches!(byte, 0x81..=0x9F | 0xE0..=0xFC) {
             bytes.next();
         }
     }
-    // `µm²` of cp1252 looks like two characters.
-    is_common && all >= 4 && longest >= 3
+    has_word && SHIFT_JIS.decode_without_bom_handling_and_without_replacement(sample).is_some()
 }
 
-fn is_ideograph(sign: char) -> bool {
-    matches!(sign, '\u{4E00}'..='\u{9FFF}')
+/// Returns whether all bytes that are not ASCII are half-width katakana of Shift_JIS, each of which is one byte.
+///
+/// chardetng rates them low, because web pages rarely have them. Words in capitals of a Cyrillic encoding consist of the
+/// bytes from 0xC0 on, and of a few letters below 0xB3. A word of an even length may be Chinese or Korean.
+fn is_half_width(letters: &[u8]) -> bool {
+    let is_kana = |byte: &u8| matches!(byte, 0xA6..=0xDF);
+    let is_no_capital = |byte: &u8| matches!(byte, 0xB3..=0xBF);
+    let is_word = |group: &[u8]| group.len() >= 3 && !group.len().is_multiple_of(2);
+    groups(letters).all(|group| group.iter().all(is_kana))
+        && groups(letters).any(is_word)
+        && groups(letters).any(|group| group.iter().any(is_no_capital))
 }
 
 /// Returns the byte order of UTF-16 without a mark: in a log, almost every second byte is zero.
@@ -192,73 +169,26 @@ fn wide(sample: &[u8]) -> Option<&'static Encoding> {
     }
 }
 
-/// Returns whether all bytes that are not ASCII stand in pairs of GBK. In cp1252, they stand alone: `°`, `µ`, `ä`.
-fn is_of_pairs(sample: &[u8]) -> bool {
-    let mut groups = sample.split(u8::is_ascii).filter(|group| !group.is_empty()).peekable();
-    let is_pair = |pair: &[u8]| matches!(pair, [0xA1..=0xF7, 0xA1..=0xFE]);
-    let mut is_valid = true;
-    while let Some(group) = groups.next() {
-        // The sample may end inside a pair.
-        let is_last = groups.peek().is_none();
-        let whole = if is_last && group.len() > 1 { &group[..group.len() / 2 * 2] } else { group };
-        is_valid &= whole.len().is_multiple_of(2) && whole.chunks(2).all(is_pair);
-    }
-    is_valid
-}
-
-/// Returns whether the sample is text in Shift_JIS: it has two or more Japanese characters in a row, and none of those that
-/// no program writes.
-fn is_shift_jis(sample: &[u8]) -> bool {
-    // The sample may end inside a character.
-    let but_last = sample.split_last().map_or(sample, |(_, rest)| rest);
-    let mut texts = [sample, but_last].into_iter();
-    let text = texts.find_map(|text| SHIFT_JIS.decode_without_bom_handling_and_without_replacement(text));
-    let Some(text) = text else { return false };
-    let is_wide = |sign: char| is_ideograph(sign) || matches!(sign, '\u{3005}' | '\u{3041}'..='\u{30FF}');
-    let is_narrow = |sign: char| matches!(sign, '\u{FF66}'..='\u{FF9F}');
-    let run_of = |length: usize, is: &dyn Fn(char) -> bool| {
-        text.split(|sign: char| !is(sign)).any(|run| run.chars().count() >= length)
-    };
-    // Each narrow character is one byte, which may also be a letter of cp1252.
-    let is_private = |sign: char| matches!(sign, '\u{E000}'..='\u{F8FF}');
-    !text.contains(is_private) && (run_of(2, &is_wide) || run_of(3, &is_narrow))
-}
-
-impl<R: Read> Read for Decoded<R> {
-    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
-        match self {
-            Decoded::Plain(input) => input.read(out),
-            Decoded::Converted(converter) => converter.read(out),
-        }
-    }
-}
-
-impl<R: Read> Converter<R> {
-    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
-        while self.at == self.text.len() && !self.is_over {
-            let count = self.input.read(&mut self.raw)?;
-            self.is_over = count == 0;
-            // No encoding needs more than three bytes of UTF-8 for one byte.
-            self.text.resize(3 * count + 16, 0);
-            let (_, _, written, _) =
-                self.decoder.decode_to_utf8(&self.raw[..count], &mut self.text, self.is_over);
-            self.text.truncate(written);
-            self.at = 0;
-        }
-        let count = out.len().min(self.text.len() - self.at);
-        out[..count].copy_from_slice(&self.text[self.at..self.at + count]);
-        self.at += count;
-        Ok(count)
+impl<R: Read> Convert for Converter<R> {
+    fn next_part(&mut self, text: &mut Vec<u8>) -> io::Result<bool> {
+        let count = self.input.read(&mut self.raw)?;
+        let is_over = count == 0;
+        // No encoding needs more than three bytes of UTF-8 for one byte.
+        text.resize(3 * count + 16, 0);
+        let (_, _, written, _) = self.decoder.decode_to_utf8(&self.raw[..count], text, is_over);
+        text.truncate(written);
+        Ok(!is_over)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use encoding_rs::{IBM866, ISO_8859_2, KOI8_R, WINDOWS_1250, WINDOWS_1251};
+
     use super::*;
 
     const LOG: &str = "Zeit;Öl [°C];Weg [µm]\n0;20,5;1,5\n60;20,6;1,6\n";
     const CHINESE: &str = "时间,主轴温度,床身\n0,20.5,19.9\n60,20.6,19.9\n";
-
     const RUSSIAN: &str = "Время;Температура шпинделя [°C];Станина;Ось Z\n0;20,5;19,9;1\n60;20,6;19,9;1\n";
     const JAPANESE: &str = "時刻,主軸温度,ベッド\n0,20.5,19.9\n60,20.6,19.9\n";
 
@@ -270,47 +200,106 @@ mod tests {
         assert_eq!((found.as_str(), name), (text, encoding));
     }
 
+    /// Checks that these texts are read in this encoding, which is detected under its own name.
+    #[track_caller]
+    fn all_read(encoding: &'static Encoding, texts: &[&str]) {
+        for text in texts {
+            reads(&encoding.encode(text).0, text, Some(encoding.name()));
+        }
+    }
+
     #[test]
-    fn logs_are_read_in_the_encodings_of_loggers_and_spreadsheets() {
+    fn utf_8_and_utf_16_are_detected_with_and_without_a_mark() {
         reads(LOG.as_bytes(), LOG, None);
         reads(format!("\u{feff}{LOG}").as_bytes(), LOG, None);
-        reads(&WINDOWS_1252.encode(LOG).0, LOG, Some("windows-1252"));
-        reads(&GBK.encode(CHINESE).0, CHINESE, Some("GBK"));
-        reads(&SHIFT_JIS.encode(JAPANESE).0, JAPANESE, Some("Shift_JIS"));
-        for russian in [RUSSIAN, "time;Шпиндель;Станина\n0;20;20\n", "ВРЕМЯ;СТОЙКА\n", "час;Шпіндель\n"]
-        {
-            reads(&WINDOWS_1251.encode(russian).0, russian, Some("windows-1251"));
-        }
-        reads(&KOI8_R.encode(RUSSIAN).0, RUSSIAN, Some("KOI8-R"));
-        reads(&IBM866.encode(RUSSIAN).0, RUSSIAN, Some("IBM866"));
-        let narrow = "time,ｼｭｼﾞｸ,ﾍﾞｯﾄﾞ\n0,20,20\n";
-        reads(&SHIFT_JIS.encode(narrow).0, narrow, Some("Shift_JIS"));
-        reads(&EUC_JP.encode(JAPANESE).0, JAPANESE, Some("EUC-JP"));
-        let korean = "시간,주축온도,베드온도\n0,20,20\n";
-        reads(&EUC_KR.encode(korean).0, korean, Some("EUC-KR"));
-        let big = "時間,主軸溫度,床身\n0,20,20\n";
-        reads(&BIG5.encode(big).0, big, Some("Big5"));
-        for western in [
-            "Zeit;Größe;Öl [°C];Weg [µm²];Fläche [m²]\n",
-            "temps;pièce n°1;côté;décalage\n",
-            "hora;máquina;posición;año\n",
-            "ÄÖ;°C;µm\n",
-            "time;bed [°C];spot [µm²];air [°C];oil [°C]\n",
-        ] {
-            reads(&WINDOWS_1252.encode(western).0, western, Some("windows-1252"));
-        }
-        for chinese in ["time,油温\n", "time,油温,主轴\n", "时间,环境温度,电机\n", "time,床身,导轨,冷却\n"]
-        {
-            reads(&GBK.encode(chinese).0, chinese, Some("GBK"));
-        }
-        let quoted = "Zeit;\u{201c}Öl\u{201d};Druck \u{2013} bar\n0;20,5;1\n";
-        reads(&WINDOWS_1252.encode(quoted).0, quoted, Some("windows-1252"));
         let little: Vec<u8> = LOG.encode_utf16().flat_map(u16::to_le_bytes).collect();
         let big: Vec<u8> = LOG.encode_utf16().flat_map(u16::to_be_bytes).collect();
         reads(&[[0xFF, 0xFE].as_slice(), &little].concat(), LOG, Some("UTF-16LE"));
         reads(&[[0xFE, 0xFF].as_slice(), &big].concat(), LOG, Some("UTF-16BE"));
         reads(&little, LOG, Some("UTF-16LE"));
         reads(&big, LOG, Some("UTF-16BE"));
+    }
+
+    #[test]
+    fn words_of_european_languages_are_read() {
+        all_read(
+            WINDOWS_1252,
+            &[
+                LOG,
+                "Zeit;Größe;Öl [°C];Weg [µm²];Fläche [m²]\n",
+                "temps;pièce n°1;côté;décalage\n",
+                "temps;présélection;température\n",
+                "hora;máquina;posición;año\n",
+                "t;DESLOCAÇÃO µm;FUSO °C\n",
+                "tid;måling °C;aksel µm\n",
+                "aika;öljy °C;pään µm\n",
+                "ZEIT;ÖLTEMP;STÄNDER\n",
+                "ÄÖ;°C;µm\n",
+                "Zeit;\u{201c}Öl\u{201d};Druck \u{2013} bar\n0;20,5;1\n",
+            ],
+        );
+        all_read(WINDOWS_1250, &["Čas;Vřeteno;Teplota °C;Lože\n", "czas;Głowica;T °C\n"]);
+        all_read(WINDOWS_1250, &["Czas;Wrzeciono;Łoże;Przesunięcie µm\n"]);
+        all_read(ISO_8859_2, &["Čas;Vřeteno;Šířka\n"]);
+        all_read(
+            WINDOWS_1251,
+            &[
+                RUSSIAN,
+                "time;Шпиндель;Станина\n0;20;20\n",
+                "ВРЕМЯ;СТОЙКА\n",
+                "час;Шпіндель\n",
+                "время;темп\n",
+                "Время;Темп. °C\n",
+            ],
+        );
+        all_read(IBM866, &[RUSSIAN, "Дата;Время\n"]);
+        // The letters of KOI8-R and KOI8-U are the same in Russian.
+        reads(&KOI8_R.encode(RUSSIAN).0, RUSSIAN, Some("KOI8-U"));
+    }
+
+    #[test]
+    fn signs_of_units_are_read_without_other_letters() {
+        all_read(
+            WINDOWS_1252,
+            &[
+                "Zeit;Temp_°C;Weg_µm\n0;20;1\n",
+                "time;bed [°C];spot [µm²];air [°C];oil [°C]\n",
+                "time;°C;µm\n0;20.5;1\n",
+                "Temp(°C),Disp(µm),°,°\n",
+                "time [s],err [µm]\n0,1\n",
+                "T1/°C\tT2/°C\tdz/µm\n",
+                "time;v [m/s²];flow [m³/h];dx ±;x µm/m·K\n",
+                "® Logger\ntime;°C\n",
+                "Ø 20 Welle;T °C\n",
+                "°C\n",
+            ],
+        );
+    }
+
+    #[test]
+    fn words_of_east_asian_languages_are_read() {
+        all_read(
+            GBK,
+            &[
+                CHINESE,
+                "time,油温\n",
+                "time,温度\n",
+                "time,主轴\n",
+                "time,油温,主轴\n",
+                "时间,环境温度,电机\n",
+                "time,床身,导轨,冷却\n",
+                "日期,X轴,Y轴,Z轴\n",
+                "时间,温度℃,位移μm\n",
+                "time,温度\n0,20\ntime,温度\n0,20\ntime,温度\n0,20\ntime,温度\n0,20\ntime,温度\n0,20\n",
+            ],
+        );
+        all_read(
+            SHIFT_JIS,
+            &[JAPANESE, "time,ｼｭｼﾞｸ,ﾍﾞｯﾄﾞ\n0,20,20\n", "時間,温度\n", "time,変位\n", "日時,温度[℃],変位[μm]\n"],
+        );
+        all_read(EUC_JP, &[JAPANESE]);
+        all_read(EUC_KR, &["시간,주축온도,베드온도\n0,20,20\n", "시간,온도\n"]);
+        all_read(BIG5, &["時間,主軸溫度,床身\n0,20,20\n", "時間,溫度\n"]);
     }
 
     #[test]

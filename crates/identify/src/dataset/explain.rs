@@ -9,6 +9,7 @@ use serde::Serialize;
 use super::formats::{named, read_table};
 use super::head::{self, Head};
 use super::table::{Cells, Table, Understood};
+use super::time_form::TimeForm;
 use super::{BadLog, Kind, Split, Uses, decode, every_column, files, spaced, unit};
 use isotherm_core::quantity::{DateOrder, DecimalMark, Dialect, Moment, TimeUnit, time};
 
@@ -58,6 +59,9 @@ pub struct TimeLayout {
     pub column: String,
     /// Name of the column with the date.
     pub date: Option<String>,
+    /// Form of the times, for people only.
+    #[serde(skip)]
+    form: TimeForm,
     /// Unit of times that are numbers.
     pub unit: String,
     /// Time zone of times without one.
@@ -119,7 +123,7 @@ fn of_csv(file: &Path, split: &Split, found: &mut Explanation) -> Result<Found, 
     let (decoded, encoding) = decode::utf8(files::open(file)?).map_err(unreadable)?;
     let mut text = Vec::new();
     let columns = spaced::columns(decoded).map_err(unreadable)?;
-    let are_spaced = columns.are_spaced();
+    let are_spaced = columns.is_converted();
     columns.take(SAMPLE).read_to_end(&mut text).map_err(unreadable)?;
     if text.len() as u64 == SAMPLE
         && let Some(end) = text.iter().rposition(|byte| *byte == b'\n')
@@ -172,7 +176,7 @@ fn with_errors(read: &dyn Fn(Uses<'_>) -> Result<Table, BadLog>, found: &mut Exp
 }
 
 fn fill(found: &mut Explanation, table: &Table, split: &Split) {
-    let Understood { time, date, unit, is_in_utc, dates, .. } = table.understood.clone();
+    let Understood { time, date, form, unit, is_in_utc, dates, .. } = table.understood.clone();
     let zone = split.zone.as_ref().filter(|_| !is_in_utc);
     let zone =
         zone.and_then(|zone| zone.iana_name()).unwrap_or(if is_in_utc { "UTC" } else { "a fixed offset" });
@@ -181,7 +185,7 @@ fn fill(found: &mut Explanation, table: &Table, split: &Split) {
         DateOrder::MonthFirst => "month-first",
     });
     found.time =
-        Some(TimeLayout { column: time, date, unit: unit.to_string(), zone: zone.to_owned(), dates });
+        Some(TimeLayout { column: time, date, form, unit: unit.to_string(), zone: zone.to_owned(), dates });
     let mut values: Vec<&[f64]> = Vec::new();
     for (name, cells) in &table.columns {
         let numbers = match cells {
@@ -222,13 +226,21 @@ impl fmt::Display for Explanation {
             writeln!(f, "rows      from line {rows_from_line}")?;
             writeln!(f, "decimals  {}", decimal.unwrap_or("point"))?;
         }
-        if let Some(TimeLayout { column, date, unit, zone, dates }) = &self.time {
+        if let Some(TimeLayout { column, date, form, unit, zone, dates }) = &self.time {
             let date = date.as_ref().map(|date| format!(" and {date}")).unwrap_or_default();
             let dates = dates.map(|order| format!(", dates {order}")).unwrap_or_default();
-            writeln!(
-                f,
-                "time      {column}{date}: numbers are {unit}; the zone of dates without one is {zone}{dates}"
-            )?;
+            write!(f, "time      {column}{date}: ")?;
+            match form {
+                TimeForm::Numbers => write!(f, "numbers are {unit}")?,
+                TimeForm::Texts => f.write_str("texts with a date or a time of day")?,
+                TimeForm::StampsInUtc => f.write_str("time stamps in UTC")?,
+                TimeForm::WallStamps => f.write_str("time stamps without a zone")?,
+                TimeForm::TimesOfDay => f.write_str("times of day")?,
+            }
+            if *form != TimeForm::StampsInUtc {
+                write!(f, "; the zone of dates without one is {zone}")?;
+            }
+            writeln!(f, "{dates}")?;
         }
         if !self.columns.is_empty() {
             writeln!(f, "\ncolumns:")?;
@@ -289,6 +301,7 @@ mod tests {
         for part in [
             "encoding  windows-1252",
             "names     line 2",
+            "time      Datum: texts with a date or a time of day; the zone of dates without one is Europe/Berlin",
             "bed",
             "temperature, unit °F, read as degC",
             "line 4:",
@@ -309,6 +322,7 @@ mod tests {
             assert_eq!(found.csv.clone().unwrap().separator, separator, "{found}");
             assert_eq!(found.columns[0].name, "bed", "{found}");
             assert_eq!(found.rows[0].values, [Some(20.5)], "{found}");
+            assert!(found.to_string().contains("time: numbers are seconds; the zone of"), "{found}");
         }
     }
 

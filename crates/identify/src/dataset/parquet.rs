@@ -20,6 +20,7 @@ use parquet::schema::types::ColumnDescPtr;
 
 use super::csv::{MOST_COLUMNS, check_header};
 use super::table::{Reader, Table, TooMuch};
+use super::time_form::TimeForm;
 use super::{BadLog, Split, Uses, files};
 use isotherm_core::border::beyond;
 use isotherm_core::quantity::{Dialect, with_date};
@@ -173,6 +174,9 @@ impl Opened {
             }
             table.is_text(place, "its values are nested, and one value in each row is needed");
             return Ok(());
+        }
+        if is_time && let Some(stamps) = Stamps::of(column) {
+            table.declare_times(stamps.form());
         }
         let mut number = 0;
         for (group, metadata) in self.groups().iter().enumerate() {
@@ -448,6 +452,15 @@ impl Stamps {
             TimeUnit::NANOS => 1,
         };
         Some(Stamps { unit, kind })
+    }
+
+    /// Returns the form of the times.
+    fn form(self) -> TimeForm {
+        match self.kind {
+            StampKind::Utc => TimeForm::StampsInUtc,
+            StampKind::Wall => TimeForm::WallStamps,
+            StampKind::OfDay => TimeForm::TimesOfDay,
+        }
     }
 
     /// Returns a time as the text that CSV would contain; empty if it is no time.

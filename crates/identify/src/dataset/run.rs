@@ -18,11 +18,11 @@ pub struct Run {
     pub times: Vec<Moment>,
     /// Values by log column and row; NaN if missing.
     pub values: Vec<Vec<f64>>,
-    /// Datums of the run, as far as the log contains them.
+    /// Datums of the run, as far as the log contains them, and the source of its errors and times.
     pub(crate) origin: Origin,
 }
 
-/// Datums of a run: rows from which its errors and its rises may count.
+/// Datums of a run: rows from which its errors and its rises may count. Also the source of its errors and times.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Origin {
     /// Rows directly after a zero command, ascending, each with the axis of the command; `None` for all axes. Only a
@@ -35,6 +35,8 @@ pub(crate) struct Origin {
     pub(crate) errors: Errors,
     /// Whether the record of touches ends with this run, so that the run may go on.
     pub(crate) is_open: bool,
+    /// Whether the times are numbers from the start of the log, and nothing states their unit.
+    pub(crate) is_unit_assumed: bool,
 }
 
 /// Source of the measured errors of a run.

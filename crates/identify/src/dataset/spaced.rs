@@ -1,8 +1,9 @@
 //! Logs whose columns are separated by blanks, as in tables of fixed width. They are read as columns separated by tabs.
 
-use std::io::{self, BufRead, BufReader, Chain, Cursor, Read};
+use std::io::{self, BufRead, BufReader, Cursor, Read};
 
 use super::head;
+use super::text_reader::{Begun, Convert, TextReader};
 use isotherm_core::quantity::TimeColumns;
 
 /// Number of bytes in which the names of the columns are searched.
@@ -12,26 +13,16 @@ const LONGEST_LINE: u64 = 1 << 20;
 /// Number of rows from which the separation is found.
 const COMPARED: usize = 50;
 
-/// Reader of a text whose columns have one sign as their separator.
-pub(super) enum Columns<R> {
-    /// The columns have such a sign already, or the text is no log.
-    Plain(Begun<R>),
-    /// The columns are separated by blanks.
-    Spaced(Box<Spaced<R>>),
-}
+/// Reader of a text whose columns have one sign as their separator. A text whose columns are separated by blanks is
+/// converted.
+pub(super) type Columns<R> = TextReader<R, Spaced<R>>;
 
-/// Input whose first bytes were read to detect its columns.
-type Begun<R> = Chain<Cursor<Vec<u8>>, R>;
-
-/// Reader that replaces the blanks between columns by tabs.
+/// Converter that replaces the blanks between columns by tabs.
 pub(super) struct Spaced<R> {
     input: BufReader<Begun<R>>,
     layout: Layout,
     /// Number of lines that were read.
     lines: usize,
-    /// Text that was not returned yet, from `at` on.
-    text: Vec<u8>,
-    at: usize,
 }
 
 /// Layout of a log whose columns are separated by blanks.
@@ -63,18 +54,8 @@ pub(super) fn columns<R: Read>(mut input: R) -> io::Result<Columns<R>> {
     let input = Cursor::new(sample).chain(input);
     Ok(match layout {
         None => Columns::Plain(input),
-        Some(layout) => {
-            let input = BufReader::new(input);
-            Columns::Spaced(Box::new(Spaced { input, layout, lines: 0, text: Vec::new(), at: 0 }))
-        }
+        Some(layout) => Columns::converted(Spaced { input: BufReader::new(input), layout, lines: 0 }),
     })
-}
-
-impl<R> Columns<R> {
-    /// Returns whether the columns of the log are separated by blanks.
-    pub(super) fn are_spaced(&self) -> bool {
-        matches!(self, Columns::Spaced(_))
-    }
 }
 
 impl Layout {
@@ -182,35 +163,21 @@ fn cells(line: &str, blanks: usize) -> Vec<&str> {
     found
 }
 
-impl<R: Read> Read for Columns<R> {
-    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
-        match self {
-            Columns::Plain(input) => input.read(out),
-            Columns::Spaced(spaced) => spaced.read(out),
+impl<R: Read> Convert for Spaced<R> {
+    fn next_part(&mut self, text: &mut Vec<u8>) -> io::Result<bool> {
+        if self.input.by_ref().take(LONGEST_LINE).read_until(b'\n', text)? == 0 {
+            return Ok(false);
         }
-    }
-}
-
-impl<R: Read> Spaced<R> {
-    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
-        if self.at == self.text.len() {
-            self.text.clear();
-            self.at = 0;
-            self.input.by_ref().take(LONGEST_LINE).read_until(b'\n', &mut self.text)?;
-            let is_whole = self.text.ends_with(b"\n");
-            if is_whole || (self.text.len() as u64) < LONGEST_LINE {
-                if let Ok(line) = std::str::from_utf8(&self.text) {
-                    let end = if is_whole { "\n" } else { "" };
-                    self.text = (self.layout.tabbed(self.lines, line.trim_end_matches(['\n', '\r'])) + end)
-                        .into_bytes();
-                }
-                self.lines += 1;
+        let is_whole = text.ends_with(b"\n");
+        if is_whole || (text.len() as u64) < LONGEST_LINE {
+            if let Ok(line) = std::str::from_utf8(text) {
+                let end = if is_whole { "\n" } else { "" };
+                *text =
+                    (self.layout.tabbed(self.lines, line.trim_end_matches(['\n', '\r'])) + end).into_bytes();
             }
+            self.lines += 1;
         }
-        let count = out.len().min(self.text.len() - self.at);
-        out[..count].copy_from_slice(&self.text[self.at..self.at + count]);
-        self.at += count;
-        Ok(count)
+        Ok(true)
     }
 }
 
@@ -259,8 +226,8 @@ mod tests {
         ] {
             reads(text, text);
         }
-        assert!(!columns("time,bed\n0,20\n".as_bytes()).unwrap().are_spaced());
-        assert!(columns("time bed\n0 20\n".as_bytes()).unwrap().are_spaced());
+        assert!(!columns("time,bed\n0,20\n".as_bytes()).unwrap().is_converted());
+        assert!(columns("time bed\n0 20\n".as_bytes()).unwrap().is_converted());
     }
 
     #[test]

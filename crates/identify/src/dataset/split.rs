@@ -151,6 +151,7 @@ fn run(table: &mut Table, names: &[String], name: String, rows: Range<usize>) ->
         continues: if rows.start == 0 { table.continues } else { !table.acted.is_empty() },
         errors: Errors::Recorded,
         is_open: false,
+        is_unit_assumed: table.understood.is_unit_assumed,
     };
     if rows.len() == table.times.len() {
         let mut columns: HashMap<String, Cells> = std::mem::take(&mut table.columns).into_iter().collect();

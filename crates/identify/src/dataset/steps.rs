@@ -1,7 +1,7 @@
 //! Steps of times that are numbers without a unit. Milliseconds must not be read as seconds.
 
 use super::BadLog;
-use isotherm_core::quantity::{TimeColumns, TimeUnit};
+use isotherm_core::quantity::{Moment, TimeColumns, TimeUnit};
 use isotherm_profile::safe_file::quoted;
 
 /// Number of rows that are compared.
@@ -14,6 +14,11 @@ const HOURS: f64 = 7200.0;
 const USUAL: [f64; 3] = [1200.0, 1800.0, 3600.0];
 /// Number of rows that no person writes, so that their step is that of a logger.
 const OF_LOGGER: usize = 100;
+
+/// Returns whether a time that is a number counts from the start of the log. Otherwise, it is a date.
+pub(super) fn is_count(time: Moment) -> bool {
+    time.since(Moment::default()).as_secs_f64() < FIRST_DATE
+}
 
 /// Returns the step between times without a unit, s, if they may be milliseconds: the rows are hours apart, or all steps
 /// are thousands, or a logger has a step that is near one second in milliseconds. `None` if the times are seconds.

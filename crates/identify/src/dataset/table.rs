@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
+use super::time_form::TimeForm;
 use super::unit::are_alike;
 use super::words::{MOST_WORDS, Messages, Words};
 use super::{BadLog, active_cz, steps};
@@ -75,8 +76,12 @@ pub(super) struct Understood {
     /// Names of the columns with the time and with the date.
     pub(super) time: String,
     pub(super) date: Option<String>,
+    /// Form of the times.
+    pub(super) form: TimeForm,
     /// Unit of the times, if they are numbers.
     pub(super) unit: TimeUnit,
+    /// Whether the times are numbers from the start of the log, and nothing states their unit.
+    pub(super) is_unit_assumed: bool,
     /// Whether the name of the time column states that its times are in UTC.
     pub(super) is_in_utc: bool,
     pub(super) decimal: Option<DecimalMark>,
@@ -195,8 +200,8 @@ pub(super) struct Reader {
     time: TimeColumns,
     /// Unit of the times that are numbers; `None` before the first row.
     unit: Option<TimeUnit>,
-    /// Whether the first time is a number.
-    is_count: bool,
+    /// Form of the times. The first row decides between numbers and texts.
+    form: TimeForm,
     /// Number of columns that are read completely, without the time.
     kept: usize,
     /// Word for a row in messages: line or row.
@@ -235,7 +240,7 @@ impl Reader {
             table: Table { file: file.to_owned(), row, ..Table::default() },
             time,
             unit: None,
-            is_count: false,
+            form: TimeForm::default(),
             kept: columns.iter().filter(|column| column.is_used && !column.is_over).count(),
             columns,
             row,
@@ -258,6 +263,12 @@ impl Reader {
         }
         let column = column.map(|name| format!(", column {}", quoted(name))).unwrap_or_default();
         self.listed.push(format!("{}, {place}{column}: {message}", self.table.file.display()));
+    }
+
+    /// Sets the form of the times, because the file declares it.
+    #[cfg(feature = "parquet")]
+    pub(super) fn declare_times(&mut self, form: TimeForm) {
+        self.form = form;
     }
 
     /// Returns the index of the time column.
@@ -340,8 +351,8 @@ impl Reader {
         let unit = *self.unit.get_or_insert_with(|| self.time.unit_of(&self.columns[place].name, time));
         match self.dialect.moment_in(unit, &quoted(time), last) {
             Ok(moment) => {
-                if self.table.times.is_empty() {
-                    self.is_count = time.trim().replace(',', ".").parse::<f64>().is_ok();
+                if self.table.times.is_empty() && self.form == TimeForm::Numbers {
+                    self.form = TimeForm::of(time);
                 }
                 self.table.times.push(moment);
                 self.table.lines.push(number);
@@ -424,13 +435,22 @@ impl Reader {
         }
     }
 
+    /// Returns whether the times are numbers that are read as seconds, although nothing states their unit.
+    fn assumes_seconds(&self) -> bool {
+        self.form == TimeForm::Numbers && !self.time.is_stated && self.unit == Some(TimeUnit::Seconds)
+    }
+
     /// Returns the finished table, or all errors. `empty` is the line number and the message for a file without rows.
     pub(super) fn finish(mut self, empty: (u64, &str)) -> Result<Table, BadLog> {
+        let is_unit_assumed =
+            self.assumes_seconds() && self.table.times.first().is_some_and(|first| steps::is_count(*first));
         let name = |place: usize| self.columns[place].name.clone();
         self.table.understood = Understood {
             time: name(self.time.time),
             date: self.time.date.map(name),
+            form: self.form,
             unit: self.unit.unwrap_or(self.time.unit),
+            is_unit_assumed,
             is_in_utc: self.time.is_in_utc,
             decimal: self.dialect.decimal(),
             dates: self.dialect.dates(),
@@ -444,7 +464,7 @@ impl Reader {
             let message = format!("{}, {at} {number}, column {name}: {why}{more}", self.table.file.display());
             self.listed.insert(0, message);
         }
-        if self.is_count && !self.time.is_stated && self.unit == Some(TimeUnit::Seconds) {
+        if self.assumes_seconds() {
             let first = self.table.times.iter().take(steps::COMPARED);
             let times: Vec<f64> = first.map(|at| at.since(Moment::default()).as_secs_f64()).collect();
             if let Some(why) = steps::question(&self.columns[self.time.time].name, &times) {

@@ -511,11 +511,13 @@ mod of_parquet {
     #[test]
     fn time_stamps_in_nanoseconds_are_read_in_utc_or_by_the_clock_on_the_wall() {
         let split = Split { zone: jiff::tz::TimeZone::get("Europe/Berlin").ok(), ..Split::default() };
-        for (time, first) in [
-            ("TIMESTAMP(NANOS,true)", 1_773_036_000_000_000_000),
-            ("TIMESTAMP(NANOS,false)", 1_773_032_400_000_000_000),
+        for (time, first, form) in [
+            ("TIMESTAMP(NANOS,true)", 1_773_036_000_000_000_000, "time: time stamps in UTC\n"),
+            ("TIMESTAMP(NANOS,false)", 1_773_032_400_000_000_000, "time: time stamps without a zone;"),
         ] {
             let (_directory, path) = stamps(time);
+            let explained = explain(&path, &split).unwrap().to_string();
+            assert!(explained.contains(form), "{explained}");
             let found = Dataset::read(&[path], &split, &|_| None, &every_column).unwrap();
             assert_eq!(found.runs[0].times[0], Moment::from_nanos(first), "{time}");
             assert_eq!(found.runs[0].values, [[20.0, 21.0]], "the empty row group is passed over");

@@ -1,24 +1,8 @@
 //! Tensors whose numbers are in files next to the ONNX file.
 
 use super::super::{ExternalFiles, Onnx, close};
-use super::encode::{field, model, node, number};
+use super::encode::{model, node, outside};
 use super::exported::{Attribute, with};
-
-/// Tensor in single precision with numbers in another file: each entry is a key and its value.
-fn outside(name: &str, shape: &[usize], entries: &[(&str, &str)]) -> Vec<u8> {
-    let mut tensor = Vec::new();
-    shape.iter().for_each(|size| number(&mut tensor, 1, *size as u64));
-    number(&mut tensor, 2, 1);
-    field(&mut tensor, 8, name.as_bytes());
-    for (key, value) in entries {
-        let mut entry = Vec::new();
-        field(&mut entry, 1, key.as_bytes());
-        field(&mut entry, 2, value.as_bytes());
-        field(&mut tensor, 13, &entry);
-    }
-    number(&mut tensor, 14, 1);
-    tensor
-}
 
 fn bytes(values: &[f32]) -> Vec<u8> {
     values.iter().flat_map(|value| value.to_le_bytes()).collect()

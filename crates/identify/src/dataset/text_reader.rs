@@ -1,0 +1,65 @@
+//! Reader of a text that is converted part by part while it is read.
+
+use std::io::{self, Chain, Cursor, Read};
+
+/// Input whose first bytes were read to find out how to convert it.
+pub(super) type Begun<R> = Chain<Cursor<Vec<u8>>, R>;
+
+/// Reader of a text, converted by `C` if that is necessary.
+pub(super) enum TextReader<R, C> {
+    /// The input is returned as it is.
+    Plain(Begun<R>),
+    /// The input is converted.
+    Converted(Box<Parts<C>>),
+}
+
+/// Converter of a text.
+pub(super) trait Convert {
+    /// Reads the next part of the input, and writes it to the empty `text`. Returns whether the input may have more parts.
+    /// The last part may contain text too.
+    fn next_part(&mut self, text: &mut Vec<u8>) -> io::Result<bool>;
+}
+
+/// Converted parts of a text.
+pub(super) struct Parts<C> {
+    converter: C,
+    /// Current part. Its bytes from `at` on were not returned yet.
+    text: Vec<u8>,
+    at: usize,
+    is_over: bool,
+}
+
+impl<R, C> TextReader<R, C> {
+    /// Returns a reader that converts its input.
+    pub(super) fn converted(converter: C) -> TextReader<R, C> {
+        TextReader::Converted(Box::new(Parts { converter, text: Vec::new(), at: 0, is_over: false }))
+    }
+
+    /// Returns whether the input is converted.
+    pub(super) fn is_converted(&self) -> bool {
+        matches!(self, TextReader::Converted(_))
+    }
+}
+
+impl<R: Read, C: Convert> Read for TextReader<R, C> {
+    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+        match self {
+            TextReader::Plain(input) => input.read(out),
+            TextReader::Converted(parts) => parts.read(out),
+        }
+    }
+}
+
+impl<C: Convert> Parts<C> {
+    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+        while self.at == self.text.len() && !self.is_over {
+            self.text.clear();
+            self.at = 0;
+            self.is_over = !self.converter.next_part(&mut self.text)?;
+        }
+        let count = out.len().min(self.text.len() - self.at);
+        out[..count].copy_from_slice(&self.text[self.at..self.at + count]);
+        self.at += count;
+        Ok(count)
+    }
+}
