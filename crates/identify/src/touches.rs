@@ -226,6 +226,8 @@ fn divide(dataset: &mut Dataset, is_touched: &[bool], datums: &Datums<'_>, error
     let mut names: HashMap<String, usize> = HashMap::new();
     let mut left_out = 0;
     let mut record: Option<Record> = None;
+    let touched = dataset.runs.iter().zip(is_touched).filter(|(_, is_touched)| **is_touched);
+    let latest = touched.filter_map(|(run, _)| run.times.last().copied()).max();
     let mut end = |record: Option<Record>, runs: &mut Vec<Run>| {
         let Some(record) = record else { return };
         for (rows, datum) in parts(&record.run, datums) {
@@ -247,6 +249,8 @@ fn divide(dataset: &mut Dataset, is_touched: &[bool], datums: &Datums<'_>, error
         }
     }
     end(record, &mut runs);
+    // A record that another one follows does not go on.
+    runs.iter_mut().for_each(|run| run.origin.is_open &= run.times.last().copied() >= latest);
     dataset.runs = runs;
     if left_out > 0 {
         let parts = counted(left_out, "part");

@@ -213,6 +213,23 @@ fn a_run_that_may_go_on_is_learned_when_it_is_complete() {
 }
 
 #[test]
+fn each_run_is_learned_although_the_machine_is_on_at_the_end_of_each_log() {
+    let home = tempfile::tempdir().unwrap();
+    let state = home.path().join("state");
+    std::fs::create_dir(&state).unwrap();
+    std::fs::write(home.path().join("bench.toml"), text(POOR)).unwrap();
+    let days = machine_days(6, 107);
+    for (number, day) in (0..).zip(&days) {
+        // The main switch turns off the machine and the gateway.
+        let log: String =
+            log(number, day, None).lines().take(1 + 390).map(|line| format!("{line}\n")).collect();
+        std::fs::write(state.join(format!("bench-2026-01-{:02}.csv", 5 + number)), log).unwrap();
+    }
+    let (said, is_good) = learn(home.path(), &[]);
+    assert!(is_good && said.contains("axis z: 6 runs new, candidate from 6 runs"), "{said}");
+}
+
+#[test]
 fn a_chip_under_the_probe_is_not_learned_from() {
     let (profile, days) = (profile(TRUE), machine_days(4, 89));
     let mut learning = nothing();
