@@ -39,6 +39,12 @@ pub(crate) fn columns(axis: &str) -> [String; 2] {
     [format!("{axis}_measured_um"), format!("{axis}_acting_um")]
 }
 
+/// Returns whether a log column is the Cz that acted during touches. It is no displacement of the machine.
+pub(crate) fn is_acting(dataset: &Dataset, column: &str) -> bool {
+    let axis = column.strip_suffix("_acting_um");
+    axis.is_some_and(|axis| dataset.column(&format!("{axis}_measured_um")).is_some())
+}
+
 /// Signals and rows from which the datums of a machine follow.
 struct Datums<'a> {
     axis: &'a str,
