@@ -267,6 +267,33 @@ fn the_gateway_starts_the_learning_program_and_takes_its_candidate() {
 }
 
 #[test]
+fn a_candidate_that_a_person_has_learned_meanwhile_is_taken() {
+    let directory = tempfile::tempdir().unwrap();
+    let home = directory.path().to_owned();
+    let times = LearnTimes { first: 60 * MINUTE, every: 60 * MINUTE, recent: Duration::ZERO };
+    let learn = Some(LearnCommand { program: "/bin/false".into(), arguments: Vec::new(), times });
+    let learned_by_hand = move |stage: &Stage<'_>| {
+        write(&home, &offer("learned-2026-01-05-3fa2", 6.9));
+        let tries = 0..200;
+        for _ in tries {
+            if stage.source.status().axes[0].learned.as_ref().unwrap().candidate.is_some() {
+                return;
+            }
+            // The file is watched in the time of the computer, not in that of the machine.
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        panic!("the candidate is not taken after 10 s");
+    };
+    let trace = block_on(async {
+        let mut world = World::new(&learning(""), "").await;
+        let trial = world.gateway().options(in_directory(directory.path()));
+        let trial = trial.options(move |options| options.learn = learn);
+        trial.at(MINUTE, learned_by_hand).run(MINUTE + MINUTE / 2).await
+    });
+    assert_eq!(trace.reported("candidate-better"), 1, "{}", trace.lines());
+}
+
+#[test]
 fn a_command_for_an_axis_that_does_not_learn_says_what_to_write() {
     let trace = block_on(async {
         let mut world = World::new(BENCH, "").await;
