@@ -212,7 +212,7 @@ fn a_learned_model_of_other_models_of_the_profile_is_not_used_and_reported() {
         let mut world = World::new(&learning(""), "").await;
         let first = world.gateway().options(in_directory(directory.path()));
         first.command(2 * MINUTE, Command::Adopt).run(3 * MINUTE).await;
-        assert_eq!(superseded_in(directory.path(), &world.profile), []);
+        assert!(superseded_in(directory.path(), &world.profile).is_empty());
         world.profile.axes[0].settings.learned.as_mut().unwrap().own = "other models".to_owned();
         let superseded = superseded_in(directory.path(), &world.profile);
         assert_eq!(superseded, [("z".to_owned(), "learned-2026-01-05-3fa2".to_owned())]);
