@@ -54,7 +54,7 @@ pub use lifecycle::handover::{
 };
 pub use lifecycle::learner::{LearnCommand, LearnTimes};
 pub use lifecycle::options::{Dialer, Options, Pace};
-pub use lifecycle::recovered_state::{may_start, moved_since, preferences_in, with_releases};
+pub use lifecycle::recovered_state::{may_start, moved_since, preferences_in, superseded_in, with_releases};
 pub use lifecycle::successor::{CHECK_ONLY, Checked, Program, Successor};
 #[cfg(feature = "opcua")]
 pub use line::certificates;

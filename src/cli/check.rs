@@ -19,7 +19,7 @@ use crate::discovery::opcua;
 use crate::discovery::{can, merged_reads, pipeline, sysfs};
 #[cfg(feature = "opcua")]
 use crate::gateway::certificates;
-use crate::gateway::{control, moved_since, preferences_in, templates};
+use crate::gateway::{control, moved_since, preferences_in, superseded_in, templates};
 use crate::observe::http::Admission;
 use crate::observe::status::Status;
 use isotherm_profile::preview::{self, Preview};
@@ -75,6 +75,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
                  isotherm adopt --export writes the learned model, and --back returns to the model before"
             );
         }
+    }
+    for (axis, model) in superseded_in(&directory, &profile) {
+        say_beside!(
+            "note: axis {axis} will not follow the learned model {model} any more, because its models or their signals \
+             in the profile have changed"
+        );
     }
     if !arguments.online {
         if arguments.json {

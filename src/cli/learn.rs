@@ -30,6 +30,9 @@ use result::{AxisResult, GainShown};
 
 /// Number of days of logs that are read together: the longest run of touches, and the hours before its datum.
 const TOGETHER: usize = 3;
+/// Remark if the logs that the command line names give nothing new.
+const NOTHING_NEW: &str = "the named logs have no new run: their runs are known or older than the last one that was \
+                           learned from, or no error was measured in them";
 /// Largest size of a stored file, in bytes.
 const LARGEST: u64 = 16 * 1024 * 1024;
 
@@ -172,16 +175,27 @@ fn of_axis(
     learning.compare_with(in_use.as_ref());
     let mut new = Vec::new();
     let now = Clock::wall().time_of_day();
+    let (days, later) = until_today(log::days(directory, &profile.name), now);
+    let first_unread = learning.first_day();
     if !arguments.logs.is_empty() {
-        let LogFormat { decimal, dates, time_unit, .. } = arguments.format;
-        let zone = Some(arguments.format.zone());
-        let split = Split { zone, decimal, dates, time_unit, ..Split::default() };
-        let dataset = read(profile, &arguments.logs, &choice, &split)?;
-        anyhow::ensure!(dataset.repeats.is_empty(), "{}", dataset.repeats.join("; "));
+        let dataset = named(arguments, profile, &choice)?;
         new.extend(learning.take(profile, dataset, (&choice, in_use.as_ref()), Some(now))?);
+        if new.is_empty() {
+            remarks.push(NOTHING_NEW.to_owned());
+        }
     }
     let first_day = learning.first_day();
-    let (days, later) = until_today(log::days(directory, &profile.name), now);
+    let is_passed = |day: &str| first_unread.as_str() < day && day < first_day.as_str();
+    let passed = days.iter().filter(|(day, _)| is_passed(day)).count();
+    if passed > 0 {
+        remarks.push(format!(
+            "logs in {} that are older than the touches of the named logs, and are not used: {}. To learn from them, \
+             remove {}, and run `isotherm learn` without the named logs first",
+            directory.display(),
+            counted(passed, "day"),
+            place.display()
+        ));
+    }
     if later > 0 {
         remarks.push(format!("logs after today, which are not used: {}", counted(later, "day")));
     }
@@ -221,6 +235,9 @@ fn of_axis(
             learning.unlike()
         ));
     }
+    if learning.runs() == 0 && new.is_empty() {
+        remarks.push(nothing_found((directory, profile.name.as_str()), axis, days.len()));
+    }
     Ok(AxisResult {
         axis: axis.to_owned(),
         new,
@@ -230,6 +247,31 @@ fn of_axis(
         remarks,
         block: candidate.map(|candidate| learning.block(&candidate, in_use.as_ref())),
     })
+}
+
+/// Reads the logs that the command line names.
+fn named(arguments: &Arguments, profile: &Profile, choice: &Choice) -> anyhow::Result<Dataset> {
+    let LogFormat { decimal, dates, time_unit, .. } = arguments.format;
+    let zone = Some(arguments.format.zone());
+    let split = Split { zone, decimal, dates, time_unit, ..Split::default() };
+    let dataset = read(profile, &arguments.logs, choice, &split)?;
+    anyhow::ensure!(dataset.repeats.is_empty(), "{}", dataset.repeats.join("; "));
+    Ok(dataset)
+}
+
+/// Returns why there is no run. `days`: number of days with logs.
+fn nothing_found((directory, machine): (&Path, &str), axis: &str, days: usize) -> String {
+    match days {
+        0 => format!(
+            "there is no log of {machine} in {}. --state names the state directory of the gateway",
+            directory.display()
+        ),
+        days => format!(
+            "the logs of {} in {} have no complete run with touches ({axis}_measured_um)",
+            counted(days, "day"),
+            directory.display()
+        ),
+    }
 }
 
 /// Days with the paths of their logs.
@@ -269,9 +311,10 @@ fn read_usable(
         if usable.is_empty() || usable.len() == files.len() {
             return Err(why);
         }
-        let remark = format!("{why:#}");
-        if !remarks.contains(&remark) {
-            remarks.push(remark);
+        for remark in format!("{why:#}").lines().map(str::to_owned) {
+            if !remarks.contains(&remark) {
+                remarks.push(remark);
+            }
         }
         read(profile, &usable, choice, &split)
     })
@@ -286,18 +329,22 @@ fn stored(place: &Path, axis: &str) -> anyhow::Result<(Learning, Vec<String>, Ve
     };
     let entries = entries.with_context(|| format!("{} cannot be read", place.display()))?;
     let names = entries.iter().filter_map(|entry| entry.file_name().into_string().ok());
-    let mut files = Vec::new();
+    let (mut files, mut unreadable) = (Vec::new(), Vec::new());
     for name in names.filter(|name| Learning::is_run(axis, name)) {
-        let path = place.join(&name);
-        let bytes = safe_file::read(&path, LARGEST);
-        files.push((name, bytes.with_context(|| format!("{} cannot be read", path.display()))?));
+        match safe_file::read(&place.join(&name), LARGEST) {
+            Ok(bytes) => files.push((name, bytes)),
+            // One unusable file does not prevent learning from the others.
+            Err(error) => unreadable.push(format!("{name} cannot be read: {error}")),
+        }
     }
-    let record = match Files.read(&place.join(Learning::record_name(axis))) {
+    let path = place.join(Learning::record_name(axis));
+    let record = match Files.read(&path) {
         Ok(bytes) => Some(bytes),
         Err(error) if error.kind() == ErrorKind::NotFound => None,
-        Err(error) => return Err(error).with_context(|| format!("{} cannot be read", place.display())),
+        Err(error) => return Err(error).with_context(|| format!("{} cannot be read", path.display())),
     };
-    let (learning, remarks) = Learning::restore(axis, files, record.as_deref());
+    let (learning, mut remarks) = Learning::restore(axis, files, record.as_deref());
+    remarks.extend(unreadable);
     let known = learning.names();
     Ok((learning, known, remarks))
 }

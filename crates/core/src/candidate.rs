@@ -31,6 +31,8 @@ use crate::quantity::{Micron, Moment, shifted};
 pub const LAG_MINUTES: [u64; 4] = [0, 6, 25, 100];
 /// Number of judged days whose sums are compared.
 const DAYS: usize = 5;
+/// Part of a sum below which a difference of two sums is rounding. The same model may be judged as both.
+const ROUNDING: f64 = 1e-9;
 const NANOS_OF_A_DAY: u64 = 24 * 3600 * 1_000_000_000;
 
 /// Mean squares of the residual error at the touches of one day, from which neither model was learned.
@@ -197,10 +199,10 @@ impl Judgement {
         })
     }
 
-    /// Returns whether the sum over the judged days is smaller with the candidate.
+    /// Returns whether the sum over the judged days is smaller with the candidate, by more than rounding.
     pub fn is_better(&self) -> bool {
         let sum = |of: fn(&JudgedDay) -> f64| self.days.iter().map(of).sum::<f64>();
-        sum(|day| day.candidate) < sum(|day| day.in_use)
+        sum(|day| day.candidate) < (1.0 - ROUNDING) * sum(|day| day.in_use)
     }
 
     /// Returns the next step with the candidate.

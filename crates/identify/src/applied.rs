@@ -3,6 +3,7 @@
 
 use crate::dataset::{BadLog, Column, Dataset, Kind, Run};
 use crate::statistics::least_and_most;
+use crate::touches::is_acting;
 use isotherm_profile::{Profile, Writes};
 
 /// Range of the Cz in a log up to which Cz is treated as constant, µm. A constant Cz does not change the drift.
@@ -177,7 +178,7 @@ pub fn add_without_cz(
     applied: &Applied,
 ) -> Result<(), BadLog> {
     let is_meant = |column: &Column| match asked.as_slice() {
-        [] => column.kind == Kind::Displacement,
+        [] => column.kind == Kind::Displacement && !is_acting(dataset, &column.name),
         asked => asked.contains(&column.name),
     };
     let places: Vec<usize> =

@@ -7,6 +7,7 @@ use crate::checks;
 use crate::dataset::{BadLog, Dataset, Kind, Refusal, Run, Units};
 use crate::minutes::Minutes;
 use crate::statistics::range;
+use crate::touches::is_acting;
 use activity::Mover;
 
 mod activity;
@@ -122,7 +123,10 @@ pub fn drift(
     let mut wrong: Vec<String> =
         missing.map(|name| format!("no log has a column `{name}`; there are {all}")).collect();
     let is_asked = |place: &usize| match displacements {
-        [] => dataset.columns[*place].kind == Kind::Displacement,
+        [] => {
+            let column = &dataset.columns[*place];
+            column.kind == Kind::Displacement && !is_acting(dataset, &column.name)
+        }
         asked => asked.contains(&dataset.columns[*place].name),
     };
     let columns: Vec<usize> = (0..dataset.columns.len()).filter(is_asked).collect();
@@ -169,6 +173,7 @@ fn of_run(dataset: &Dataset, run: &Run, columns: &[usize], asked: Option<Test>, 
         |refusal: &&Refusal| !columns.iter().any(|column| dataset.columns[*column].name == refusal.column);
     remarks.extend(dataset.implausible.iter().filter(is_of_another).map(|refusal| refusal.message.clone()));
     remarks.extend(checks::odd_length(run));
+    remarks.extend(columns.iter().filter_map(|column| over_touches(dataset, run, *column)));
     let is_other =
         |column: &usize| !columns.contains(column) && !movers.iter().any(|mover| mover.column == *column);
     let temperatures: Vec<usize> = dataset.of_kind(Kind::Temperature).filter(is_other).collect();
@@ -194,6 +199,18 @@ fn of_run(dataset: &Dataset, run: &Run, columns: &[usize], asked: Option<Test>, 
         stages,
         remarks,
     }
+}
+
+/// Returns a remark if a displacement was measured by touches of a probe, and not row by row.
+fn over_touches(dataset: &Dataset, run: &Run, column: usize) -> Option<String> {
+    let name = &dataset.columns[column].name;
+    let touches = run.values[column].iter().filter(|value| value.is_finite()).count();
+    let is_touched = name.contains("_measured_um") && 2 * touches < run.times.len();
+    is_touched.then(|| {
+        format!(
+            "{name} has {touches} touches of a probe: over all rows, its range is about 1.3 times as large"
+        )
+    })
 }
 
 fn displacement(name: String, minutes: &Minutes, stages: &[Stage]) -> Displacement {

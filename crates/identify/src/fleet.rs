@@ -341,6 +341,12 @@ impl RunProducts {
             && self.resample_s.to_bits() == other.resample_s.to_bits()
     }
 
+    /// Returns whether these products were calculated from the same rows, under the same name of the run or another one.
+    pub(crate) fn has_same_rows(&self, other: &RunProducts) -> bool {
+        let own = self.runs.iter().map(|run| (&run.plain, &run.white));
+        self.is_like(other) && own.eq(other.runs.iter().map(|run| (&run.plain, &run.white)))
+    }
+
     /// Returns the sum of squared residuals of a model over the rows of all these runs, µm².
     pub(crate) fn left(&self, model: &FleetModel) -> f64 {
         let gain = |column: &Column| {

@@ -124,8 +124,9 @@ impl Learning {
         });
         let mut record = record.unwrap_or_default();
         if runs.len() < record.runs {
-            // The judged candidate was learned from runs that are lost.
+            // The judged candidate was learned from runs that are lost. They are learned again if their logs are there.
             record.judgement.clear();
+            record.until = Moment::default();
         }
         record.runs = runs.len();
         (Learning { axis: axis.to_owned(), runs, record }, wrong)
@@ -293,6 +294,10 @@ impl Learning {
             Ok(products) => products,
             Err(why) => return TakenRun { skipped: Some(why), ..taken },
         };
+        if let Some(known) = self.runs.iter().find(|known| known.products.has_same_rows(&products)) {
+            let why = format!("it has the same rows as the run in {}, which is known", known.name);
+            return TakenRun { skipped: Some(why), ..taken };
+        }
         // A candidate that lacks a column of this run is no candidate for its days. The next candidate is learned from
         // the runs with these columns only, and no day has judged it.
         let is_like = self.runs.last().is_some_and(|newest| newest.products.is_like(&products));

@@ -39,6 +39,12 @@ pub(crate) fn columns(axis: &str) -> [String; 2] {
     [format!("{axis}_measured_um"), format!("{axis}_acting_um")]
 }
 
+/// Returns whether a log column is the Cz that acted during touches. It is no displacement of the machine.
+pub(crate) fn is_acting(dataset: &Dataset, column: &str) -> bool {
+    let axis = column.strip_suffix("_acting_um");
+    axis.is_some_and(|axis| dataset.column(&format!("{axis}_measured_um")).is_some())
+}
+
 /// Signals and rows from which the datums of a machine follow.
 struct Datums<'a> {
     axis: &'a str,
@@ -226,6 +232,8 @@ fn divide(dataset: &mut Dataset, is_touched: &[bool], datums: &Datums<'_>, error
     let mut names: HashMap<String, usize> = HashMap::new();
     let mut left_out = 0;
     let mut record: Option<Record> = None;
+    let touched = dataset.runs.iter().zip(is_touched).filter(|(_, is_touched)| **is_touched);
+    let latest = touched.filter_map(|(run, _)| run.times.last().copied()).max();
     let mut end = |record: Option<Record>, runs: &mut Vec<Run>| {
         let Some(record) = record else { return };
         for (rows, datum) in parts(&record.run, datums) {
@@ -247,6 +255,8 @@ fn divide(dataset: &mut Dataset, is_touched: &[bool], datums: &Datums<'_>, error
         }
     }
     end(record, &mut runs);
+    // A record that another one follows does not go on.
+    runs.iter_mut().for_each(|run| run.origin.is_open &= run.times.last().copied() >= latest);
     dataset.runs = runs;
     if left_out > 0 {
         let parts = counted(left_out, "part");

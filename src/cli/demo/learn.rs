@@ -43,6 +43,9 @@ const OFF: Duration = Duration::from_mins(1);
 const STEP: Duration = Duration::from_secs(10);
 /// Time between two touches.
 const TOUCHED_EVERY: Duration = Duration::from_hours(1);
+/// Distance of Cz from its target below which the errors of a day are counted, µm. Before that, Cz comes from its value
+/// of the day before.
+const ARRIVED: f64 = 1.0;
 /// Largest error of a touch, µm.
 const SCATTER: f64 = 0.5;
 /// Factor of the gains of the model at the start.
@@ -168,6 +171,7 @@ impl Rig {
         self.recorder.begin(&self.compensation.running().counted_until(begin));
         let mut controls = vec![Control::default(); self.profile.axes.len()];
         let mut errors = [Errors::default(); 3];
+        let (settled, mut has_arrived) = (OFF + 2 * self.profile.machine.settle, false);
         let steps = SHIFT.as_secs() / STEP.as_secs();
         for step in 0..=steps {
             let passed = Duration::from_secs(step * STEP.as_secs());
@@ -191,9 +195,13 @@ impl Rig {
                 let decisions = self.compensation.decisions();
                 log.write_all(self.recorder.row(&snapshot, &controls, decisions))?;
             }
-            let Some(decision) = self.compensation.decision(self.axis).filter(|_| passed >= OFF) else {
+            let Some(decision) = self.compensation.decision(self.axis).filter(|_| passed >= settled) else {
                 continue;
             };
+            has_arrived |= (decision.target.get() - decision.cz.get()).abs() < ARRIVED;
+            if !has_arrived {
+                continue;
+            }
             let requested = decision.raw.map_or(0.0, |raw| raw.get() - decision.correction.get());
             errors[0].add(error);
             errors[1].add(error + requested);
@@ -260,5 +268,8 @@ mod tests {
         };
         let (before, after) = (mean(&days[..adopted]), mean(&days[adopted..]));
         assert!(after < 0.7 * before, "{before} {after}: {days:?}");
+        // Cz of the evening before is no error of the next day.
+        let is_small = |day: &Day| day.left_um[0] < 0.3 * day.uncompensated_um[0];
+        assert!(days.iter().all(is_small), "{days:?}");
     }
 }

@@ -7,7 +7,8 @@
 //! ```
 //!
 //! - The child has the lowest priority and a limit for its memory, which it sets itself. The lines do not wait for it.
-//! - The thread reads the candidates when the gateway starts, and after each child.
+//! - The thread reads the candidates when the gateway starts, after each child, and when a person has learned them with
+//!   `isotherm learn`.
 //! - A child that runs for more than an hour is killed. So is one that runs when the gateway stops.
 
 use std::ffi::OsString;
@@ -30,6 +31,8 @@ use isotherm_profile::safe_file::cut;
 
 /// Interval of the checks whether the child has ended.
 const CHECKED_EVERY: Duration = Duration::from_millis(500);
+/// Interval of the checks whether a person has learned another candidate.
+const WATCHED_EVERY: Duration = Duration::from_secs(2);
 /// Longest run of a child.
 const LONGEST: Duration = Duration::from_secs(3600);
 /// Largest part of the child's messages that is read, in bytes.
@@ -99,7 +102,7 @@ impl Learner {
             return None;
         }
         let (stop, stopped) = channel();
-        let work = Work { shared, axes, directory, stopped };
+        let mut work = Work { shared, axes, directory, stopped, read: Vec::new() };
         work.take_candidates();
         let command = command?;
         let run = move || work.run(&command);
@@ -117,12 +120,17 @@ struct Work {
     directory: PathBuf,
     /// Channel that is closed when the gateway stops.
     stopped: Receiver<()>,
+    /// Versions of the candidates' files that were read last.
+    read: Vec<Option<Version>>,
 }
 
+/// Version of a file: its inode, and the time of its last change in s and ns.
+type Version = (u64, i64, i64);
+
 impl Work {
-    fn run(self, command: &LearnCommand) {
+    fn run(mut self, command: &LearnCommand) {
         let LearnTimes { first, every, recent } = command.times;
-        if !self.waits(first) {
+        if !self.watches(first) {
             return;
         }
         loop {
@@ -139,10 +147,39 @@ impl Work {
                     every
                 }
             };
-            if !self.waits(wait) {
+            if !self.watches(wait) {
                 return;
             }
         }
+    }
+
+    /// Waits for this time, and takes the candidates that a person learns meanwhile. Returns `false` if the gateway stops.
+    fn watches(&mut self, span: Duration) -> bool {
+        let mut rest = span;
+        loop {
+            let part = rest.min(WATCHED_EVERY);
+            if !self.waits(part) {
+                return false;
+            }
+            if self.versions() != self.read {
+                self.take_candidates();
+            }
+            rest = rest.saturating_sub(part);
+            if rest.is_zero() {
+                return true;
+            }
+        }
+    }
+
+    /// Returns the version of the candidate's file of each axis; `None` without a file.
+    fn versions(&self) -> Vec<Option<Version>> {
+        let version = |axis: &usize| {
+            let profile = &self.shared.profile;
+            let path = candidates::path(&self.directory, &profile.name, &profile.axes[*axis].settings.name);
+            let file = std::fs::metadata(path).ok()?;
+            Some((file.ino(), file.mtime(), file.mtime_nsec()))
+        };
+        self.axes.iter().map(version).collect()
     }
 
     /// Waits for this time. Returns `false` if the gateway stops.
@@ -166,7 +203,8 @@ impl Work {
     }
 
     /// Reads the candidate of each axis, and gives it to the axis.
-    fn take_candidates(&self) {
+    fn take_candidates(&mut self) {
+        self.read = self.versions();
         let place = (self.directory.as_path(), self.shared.profile.name.as_str());
         for axis in &self.axes {
             let name = &self.shared.profile.axes[*axis].settings.name;

@@ -283,6 +283,16 @@ pub fn preferences_in(directory: &Path, profile: &Profile) -> Vec<(String, Prefe
     kept.collect()
 }
 
+/// Returns each axis whose learned model the gateway with this state directory has saved and will not use with this
+/// profile, with the name of the model. The models of the profile have changed, or the axis lacks an input. The list is
+/// empty if the state cannot be read.
+pub fn superseded_in(directory: &Path, profile: &Profile) -> Vec<(String, String)> {
+    let state = documents::content(directory, &profile.name).and_then(|content| content.state);
+    let Ok(restored) = Memory::recall(state, profile) else { return Vec::new() };
+    let superseded = restored.remembered.superseded(profile.axes.iter().map(|axis| &axis.settings));
+    superseded.map(|(axis, model)| (axis.to_owned(), model.to_owned())).collect()
+}
+
 /// Returns the profile with the registers that an operator has released, as the next gateway with this state directory
 /// will run it.
 pub fn with_releases(directory: &Path, mut profile: Profile) -> Profile {

@@ -36,7 +36,8 @@ pub fn products(directory: &Path, machine: &str) -> PathBuf {
     directory.join(format!("{machine}.products"))
 }
 
-fn path(directory: &Path, machine: &str, axis: &str) -> PathBuf {
+/// Returns the path of the file with the candidate of an axis.
+pub fn path(directory: &Path, machine: &str, axis: &str) -> PathBuf {
     products(directory, machine).join(format!("{axis}.candidate.json"))
 }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use isotherm::cli::replay::replay;
-use isotherm::gateway::{Files, LearnCommand, LearnTimes, Options, candidates};
+use isotherm::gateway::{Files, LearnCommand, LearnTimes, Options, candidates, superseded_in};
 use isotherm::observe::status::{Command, LearnedStatus};
 use isotherm_core::candidate::{JudgedDay, Judgement, Offer, OfferedTerm};
 use isotherm_core::quantity::Moment;
@@ -212,7 +212,10 @@ fn a_learned_model_of_other_models_of_the_profile_is_not_used_and_reported() {
         let mut world = World::new(&learning(""), "").await;
         let first = world.gateway().options(in_directory(directory.path()));
         first.command(2 * MINUTE, Command::Adopt).run(3 * MINUTE).await;
+        assert!(superseded_in(directory.path(), &world.profile).is_empty());
         world.profile.axes[0].settings.learned.as_mut().unwrap().own = "other models".to_owned();
+        let superseded = superseded_in(directory.path(), &world.profile);
+        assert_eq!(superseded, [("z".to_owned(), "learned-2026-01-05-3fa2".to_owned())]);
         world.gateway().options(in_directory(directory.path())).run(2 * MINUTE).await
     });
     assert_eq!(second.reported("model-superseded"), 1, "{}", second.lines());
@@ -264,6 +267,33 @@ fn the_gateway_starts_the_learning_program_and_takes_its_candidate() {
             assert!(failed.text.contains("exit status: 3: the logs are empty"), "{}", failed.text);
         }
     }
+}
+
+#[test]
+fn a_candidate_that_a_person_has_learned_meanwhile_is_taken() {
+    let directory = tempfile::tempdir().unwrap();
+    let home = directory.path().to_owned();
+    let times = LearnTimes { first: 60 * MINUTE, every: 60 * MINUTE, recent: Duration::ZERO };
+    let learn = Some(LearnCommand { program: "/bin/false".into(), arguments: Vec::new(), times });
+    let learned_by_hand = move |stage: &Stage<'_>| {
+        write(&home, &offer("learned-2026-01-05-3fa2", 6.9));
+        let tries = 0..200;
+        for _ in tries {
+            if stage.source.status().axes[0].learned.as_ref().unwrap().candidate.is_some() {
+                return;
+            }
+            // The file is watched in the time of the computer, not in that of the machine.
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        panic!("the candidate is not taken after 10 s");
+    };
+    let trace = block_on(async {
+        let mut world = World::new(&learning(""), "").await;
+        let trial = world.gateway().options(in_directory(directory.path()));
+        let trial = trial.options(move |options| options.learn = learn);
+        trial.at(MINUTE, learned_by_hand).run(MINUTE + MINUTE / 2).await
+    });
+    assert_eq!(trace.reported("candidate-better"), 1, "{}", trace.lines());
 }
 
 #[test]

@@ -213,6 +213,23 @@ fn a_run_that_may_go_on_is_learned_when_it_is_complete() {
 }
 
 #[test]
+fn each_run_is_learned_although_the_machine_is_on_at_the_end_of_each_log() {
+    let home = tempfile::tempdir().unwrap();
+    let state = home.path().join("state");
+    std::fs::create_dir(&state).unwrap();
+    std::fs::write(home.path().join("bench.toml"), text(POOR)).unwrap();
+    let days = machine_days(6, 107);
+    for (number, day) in (0..).zip(&days) {
+        // The main switch turns off the machine and the gateway.
+        let log: String =
+            log(number, day, None).lines().take(1 + 390).map(|line| format!("{line}\n")).collect();
+        std::fs::write(state.join(format!("bench-2026-01-{:02}.csv", 5 + number)), log).unwrap();
+    }
+    let (said, is_good) = learn(home.path(), &[]);
+    assert!(is_good && said.contains("axis z: 6 runs new, candidate from 6 runs"), "{said}");
+}
+
+#[test]
 fn a_chip_under_the_probe_is_not_learned_from() {
     let (profile, days) = (profile(TRUE), machine_days(4, 89));
     let mut learning = nothing();
@@ -295,6 +312,77 @@ fn the_verb_learns_from_the_logs_of_the_state_directory_and_keeps_the_runs_when_
     let (said, is_good) = learn(home.path(), &["--axis", "z", "--write", "again.toml"]);
     assert!(!is_good && said.contains("again.toml is not written"), "{said}");
     assert!(!home.path().join("again.toml").exists());
+}
+
+#[test]
+fn an_unusable_file_of_a_run_is_named_and_a_lost_run_is_learned_again_from_its_log() {
+    let home = tempfile::tempdir().unwrap();
+    let (state, products) = (home.path().join("state"), home.path().join("state/bench.products"));
+    std::fs::create_dir(&state).unwrap();
+    std::fs::write(home.path().join("bench.toml"), text(POOR)).unwrap();
+    let days = machine_days(4, 109);
+    for (number, day) in (0..).zip(&days) {
+        std::fs::write(state.join(format!("bench-2026-01-{:02}.csv", 5 + number)), log(number, day, None))
+            .unwrap();
+    }
+    learn(home.path(), &[]);
+    let unreadable = "z@2026-01-01T00:30:00Z.products.json";
+    std::fs::create_dir(products.join(unreadable)).unwrap();
+    let lost = products.join("z@2026-01-06T00:30:00Z.products.json");
+    assert!(lost.is_file());
+    std::fs::write(&lost, "").unwrap();
+    let (said, is_good) = learn(home.path(), &[]);
+    assert!(is_good && said.contains(unreadable) && said.contains("z@2026-01-06T00:30:00Z"), "{said}");
+    assert!(said.contains("1 run new, candidate from 4 runs"), "{said}");
+    let (said, is_good) = learn(home.path(), &[]);
+    assert!(is_good && !said.contains("z@2026-01-06T00:30:00Z"), "{said}");
+    assert!(said.contains("0 runs new, candidate from 4 runs"), "{said}");
+}
+
+#[test]
+fn a_copy_of_a_recorded_day_under_another_name_is_not_learned_again() {
+    let home = tempfile::tempdir().unwrap();
+    std::fs::write(home.path().join("bench.toml"), text(POOR)).unwrap();
+    let files = rig::logs(home.path(), &[days(1, 113, 0.0)[0].log()]);
+    let copy = home.path().join("copy.csv");
+    std::fs::copy(&files[0], &copy).unwrap();
+    let (said, is_good) = learn(home.path(), &[&files[0].display().to_string()]);
+    assert!(is_good && said.contains("1 run new, candidate from 1 run"), "{said}");
+    let (said, is_good) = learn(home.path(), &[&copy.display().to_string()]);
+    assert!(is_good && said.contains("not used: it has the same rows as the run in z@"), "{said}");
+    assert!(said.contains("candidate from 1 run"), "{said}");
+    let (said, _) = learn(home.path(), &[&files[0].display().to_string()]);
+    assert!(said.contains("the named logs have no new run"), "{said}");
+}
+
+#[test]
+fn logs_that_are_older_than_named_touches_are_counted() {
+    let home = tempfile::tempdir().unwrap();
+    let state = home.path().join("state");
+    std::fs::create_dir(&state).unwrap();
+    std::fs::write(home.path().join("bench.toml"), text(POOR)).unwrap();
+    for (number, day) in (0..).zip(&machine_days(3, 131)) {
+        std::fs::write(state.join(format!("bench-2026-01-{:02}.csv", 5 + number)), log(number, day, None))
+            .unwrap();
+    }
+    std::fs::copy(state.join("bench-2026-01-07.csv"), home.path().join("copy.csv")).unwrap();
+    let (said, is_good) = learn(home.path(), &["copy.csv"]);
+    assert!(is_good && said.contains("candidate from 1 run") && said.contains("not used: 2 days"), "{said}");
+}
+
+#[test]
+fn the_reason_is_given_if_there_is_nothing_to_learn_from() {
+    let home = tempfile::tempdir().unwrap();
+    let state = home.path().join("state");
+    std::fs::create_dir(&state).unwrap();
+    std::fs::write(home.path().join("bench.toml"), text(POOR)).unwrap();
+    let (said, is_good) = learn(home.path(), &[]);
+    assert!(is_good && said.contains("there is no log of bench in state"), "{said}");
+    let untouched: String =
+        log(0, &machine_days(1, 127)[0], None).lines().take(1 + 40).map(|line| format!("{line}\n")).collect();
+    std::fs::write(state.join("bench-2026-01-05.csv"), untouched).unwrap();
+    let (said, is_good) = learn(home.path(), &[]);
+    assert!(is_good && said.contains("1 day in state have no complete run with touches"), "{said}");
 }
 
 #[test]

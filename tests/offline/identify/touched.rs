@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use isotherm_identify::applied::Applied;
 use isotherm_identify::dataset::{BadLog, Dataset, Split};
+use isotherm_identify::drift::drift;
 use isotherm_identify::method::Settings;
 use isotherm_identify::setup::{ready, units, without_cz};
 use isotherm_identify::{Identified, identify, uses};
@@ -267,4 +268,24 @@ fn an_expected_error_that_is_missing_has_a_reason() {
     assert!(
         block.contains("# No expected error: it needs three runs") && page.contains("Not known: it needs")
     );
+}
+
+#[test]
+fn a_report_of_a_log_of_the_gateway_is_about_the_measured_error_and_counts_its_touches() {
+    let (directory, profile, applied) =
+        (tempfile::tempdir().unwrap(), profile(rig::NO_MODEL), Applied::AsLogged);
+    let text = gateway(&days(1, 59, 0.0), "", &[]);
+    // A gateway with other keys has more columns. A column without values is no unusable displacement.
+    let mut lines = text.lines();
+    let mut log =
+        format!("{},z_behind_um,z_return_um,z_expected_um,z_worse,machine_clock\n", lines.next().unwrap());
+    lines.for_each(|line| log += &format!("{line},,,1.5,,\n"));
+    let (files, units) = (rig::logs(directory.path(), &[log]), units(&profile));
+    let uses = uses::of_report(&[], &applied, &units);
+    let dataset = Dataset::read(&files, &Split::default(), &units, &uses).unwrap();
+    let drifts = drift(&dataset, &[], None, &units).unwrap();
+    let names: Vec<&str> = drifts[0].displacements.iter().map(|moved| moved.name.as_str()).collect();
+    assert_eq!(names, ["z_measured_um"]);
+    let remarks = drifts[0].remarks.join("; ");
+    assert!(remarks.contains("touches of a probe: over all rows, its range is about 1.3 times"), "{remarks}");
 }

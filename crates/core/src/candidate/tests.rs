@@ -46,6 +46,13 @@ fn each_row_of_the_table_of_steps() {
 }
 
 #[test]
+fn a_candidate_that_is_the_model_in_use_is_not_better_by_rounding() {
+    let judgement = judged(&[(4.0, 4.0_f64.next_down()), (0.1 + 0.2, 0.3)]);
+    assert!(judgement.gain().is_some() && !judgement.is_better(), "{judgement:?}");
+    assert!(judged(&[(4.0, 3.99)]).is_better());
+}
+
+#[test]
 fn the_last_five_judged_days_decide_and_not_one_of_them() {
     // One bad day of the model in use is not enough if the candidate was worse on the others.
     let judgement = judged(&[(1.0, 3.0), (1.0, 3.0), (1.0, 3.0), (1.0, 3.0), (8.0, 1.0)]);

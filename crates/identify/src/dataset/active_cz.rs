@@ -2,22 +2,10 @@
 //! measured error contains the Cz that was active.
 
 use super::table::{Cells, Table};
+use isotherm_profile::log_columns::{OF_AXIS, OF_MACHINE};
 
-/// Columns of an axis in a log of the gateway, besides `cz_um` and `slope_um`. They are not used for identification.
-const DECIDED: [&str; 10] = [
-    "permit",
-    "from_um",
-    "raw_um",
-    "model",
-    "state",
-    "acted",
-    "sign_um",
-    "slope_from_um",
-    "correction_um",
-    "preferred",
-];
-/// Columns of the machine in a log of the gateway. Only the log of a dry run, which writes nothing, has the last one.
-const MACHINE: [&str; 3] = [MEMORY, ZERO, DRY_RUN];
+/// Columns of an axis in a log of the gateway that are used for identification. The others are not.
+const USED: [&str; 4] = ["cz_um", "slope_um", "measured_um", "acting_um"];
 /// Column with the state before the first row of a file, as JSON. Other rows have it only after a start of the gateway.
 const MEMORY: &str = "machine_memory";
 /// Column with the times of zero commands since the row before, each followed by its axis if it has one. Several are
@@ -73,11 +61,13 @@ pub(super) fn keep_what_acted(table: &mut Table) -> Vec<String> {
                 table.acted.push(name);
             }
         }
-        table.columns.retain(|(name, _)| !DECIDED.iter().any(|what| *name == format!("{axis}_{what}")));
+        let unused = OF_AXIS.iter().filter(|what| !USED.contains(what));
+        let unused: Vec<String> = unused.map(|what| format!("{axis}_{what}")).collect();
+        table.columns.retain(|(name, _)| !unused.contains(name));
     }
     if !axes.is_empty() {
         (table.zeros, table.continues) = (zeros(table), continues(table));
-        table.columns.retain(|(name, _)| !MACHINE.contains(&name.as_str()));
+        table.columns.retain(|(name, _)| !OF_MACHINE.contains(&name.as_str()));
     }
     table.columns.retain(|(name, _)| !is_of_machine(name));
     unknown

@@ -33,7 +33,7 @@ pub(crate) struct Origin {
     pub(crate) continues: bool,
     /// Source of the errors.
     pub(crate) errors: Errors,
-    /// Whether the record of touches ends with this run, so that the run may go on.
+    /// Whether the last record of touches ends with this run, so that the run may go on.
     pub(crate) is_open: bool,
     /// Whether the times are numbers from the start of the log, and nothing states their unit.
     pub(crate) is_unit_assumed: bool,
