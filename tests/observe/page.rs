@@ -126,7 +126,8 @@ fn how_wrong_cz_is_expected_to_be_is_not_said_while_a_step_or_the_rate_holds_it_
 /// The page has only just been opened, so none of the history comes from the page.
 #[test]
 fn the_past_comes_from_the_logs_with_zoom_and_as_a_file() {
-    let two = "eval:document.querySelectorAll('.uplot').length === 2 && document.querySelector('#past-note').textContent === ''";
+    let two = "eval:document.querySelectorAll('.uplot').length === 2 && document.querySelector('#past-note').textContent === '' \
+               && document.querySelector('#past-charts').ariaBusy === 'false'";
     let span = |test: &str| {
         format!(
             "eval:(({{searchParams: p}}) => (new Date(p.get('to')) - new Date(p.get('from'))) / 1000 {test})\
@@ -138,8 +139,8 @@ fn the_past_comes_from_the_logs_with_zoom_and_as_a_file() {
     let steps =
         ["compensating", "size:1280x900", two, &span("=== 28800"), "click:1 h", two, &span("=== 3600")];
     let hours = "eval:document.querySelector('#uptime').textContent.includes(' h ')";
-    // The mouse draws over a tenth of the chart. It shows the hour until the values of the half hour have arrived.
-    let closer = [hours, "click:+", &span("=== 1800"), "drag:.u-over", &span("< 400"), two, file];
+    // The mouse draws over a tenth of the chart.
+    let closer = [hours, "click:+", &span("=== 1800"), two, "drag:.u-over", &span("< 200"), two, file];
     looked_at(&["--speed", "600", "--for", "24h"], "", &[&steps[..], &closer].concat());
 }
 

@@ -115,6 +115,7 @@ async function load() {
   if (charts.length === 0) return;
   const mine = (asked += 1);
   const stillNeeded = () => mine === asked;
+  by("past-charts").ariaBusy = "true";
   spans.forEach((button, span) => button.setAttribute("aria-pressed", view.to === null && span === view.span));
   const [from, to] = [end() - view.span, end()];
   const lines = charts.flatMap(({ group }) => group.lines);
@@ -146,6 +147,8 @@ async function load() {
     if (stillNeeded()) draw(found, from, to);
   } catch {
     if (stillNeeded()) say(by("past-note"), t("no_connection"));
+  } finally {
+    if (stillNeeded()) by("past-charts").ariaBusy = "false";
   }
 }
 
