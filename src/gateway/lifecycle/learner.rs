@@ -14,9 +14,9 @@
 use std::ffi::OsString;
 use std::io::Read;
 use std::os::unix::fs::MetadataExt;
-use std::os::unix::process::CommandExt;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::PathBuf;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
@@ -240,15 +240,12 @@ impl Work {
         let said = said.and_then(|thread| thread.join().ok()).unwrap_or_default();
         match ended? {
             status if status.success() => Ok(()),
-            status => {
-                let last = said.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or_default();
-                Err(LearnFailure::Failed(format!("{status}: {}", cut(&one_line(last), SHOWN))))
-            }
+            status => Err(LearnFailure::Failed(cause(status, &said))),
         }
     }
 
     /// Waits until the child has ended.
-    fn ended(&self, child: &mut Child) -> Result<std::process::ExitStatus, LearnFailure> {
+    fn ended(&self, child: &mut Child) -> Result<ExitStatus, LearnFailure> {
         let mut waited = Duration::ZERO;
         loop {
             match child.try_wait() {
@@ -264,6 +261,20 @@ impl Work {
                 return Err(LearnFailure::Failed("it ran for more than an hour and was ended".to_owned()));
             }
         }
+    }
+}
+
+/// Returns why the child failed, from its end and its messages. The kernel kills a child that takes too much memory,
+/// and the child can report nothing then.
+fn cause(status: ExitStatus, said: &str) -> String {
+    if status.signal() == Some(rustix::process::Signal::KILL.as_raw()) {
+        return "the learning program was killed, probably because it took more memory than this computer or the \
+                service (`MemoryMax`) allows"
+            .to_owned();
+    }
+    match said.lines().rev().find(|line| !line.trim().is_empty()) {
+        Some(last) => format!("{status}: {}", cut(&one_line(last), SHOWN)),
+        None => format!("{status}, without a message"),
     }
 }
 
@@ -283,4 +294,23 @@ enum LearnFailure {
     Stopped,
     /// The cause, as a clause.
     Failed(String),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_end_of_the_learning_program_has_a_cause() {
+        // The low seven bits of a raw status are the signal, the next byte is the exit code.
+        let exit = ExitStatus::from_raw;
+        assert_eq!(cause(exit(1 << 8), "begin\nno touch\n \n"), "exit status: 1: no touch");
+        assert_eq!(cause(exit(1 << 8), "\n"), "exit status: 1, without a message");
+        let aborted = cause(exit(6), "memory allocation of 9 bytes failed");
+        assert!(aborted.ends_with("memory allocation of 9 bytes failed"), "{aborted}");
+        for said in ["", "learning"] {
+            let killed = cause(exit(9), said);
+            assert!(killed.contains("memory") && killed.contains("`MemoryMax`"), "{killed}");
+        }
+    }
 }

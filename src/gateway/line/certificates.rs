@@ -28,8 +28,10 @@ pub fn expiring(profile: &Profile, now: Moment) -> Vec<Expiry> {
 }
 
 /// Returns a sentence for each certificate of a profile with a short key or a broken digest. The gateway uses these
-/// certificates.
+/// certificates. Only the OPC UA server refuses a client with a short key, because its policies do not allow one.
 pub fn weak(profile: &Profile) -> Vec<String> {
+    let clients = profile.opcua_server.iter().flat_map(|server| &server.trusted);
+    let clients: Vec<&str> = clients.map(|file| file.name.as_str()).collect();
     let weak = used(profile).into_iter().filter_map(|(bus, Used { file, whose, certificate })| {
         let weakness = certificate.weakness()?;
         let (owner, remedy) = match whose {
@@ -52,10 +54,14 @@ pub fn weak(profile: &Profile) -> Vec<String> {
             }
         };
         let about = if bus == SERVER { format!("[{bus}]") } else { format!("bus {bus}") };
+        let is_refused =
+            bus == SERVER && certificate.has_short_key() && clients.contains(&file.name.as_str());
+        let (effect, remedy) = match is_refused {
+            true => ("The server refuses this client", "Replace it by one with 2048 bits and SHA-256"),
+            false => ("The gateway uses it", remedy),
+        };
         let file = &file.name;
-        Some(format!(
-            "{about}: the {owner}'s certificate {file} is weak: {weakness}. The gateway uses it. {remedy}"
-        ))
+        Some(format!("{about}: the {owner}'s certificate {file} is weak: {weakness}. {effect}. {remedy}"))
     });
     weak.collect()
 }

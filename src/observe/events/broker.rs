@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use super::description::{EventDescription, caused, plain};
 use isotherm_core::events::EventKind;
+use isotherm_core::explained::Explained;
 use isotherm_profile::counted;
 
 /// Change in publishing to the broker.
@@ -15,8 +16,8 @@ pub enum Broker {
     Down {
         /// Address of the broker.
         broker: String,
-        /// Reason as a sentence.
-        why: String,
+        /// Reason, with a hint if it has a remedy of its own.
+        why: Explained,
     },
     /// The connection is back.
     Up {
@@ -83,7 +84,7 @@ impl Broker {
     pub(super) fn described(&self) -> EventDescription {
         match self {
             Broker::Down { broker, why } => {
-                caused(format!("nothing is published to {broker}"), why).of(EventKind::BrokerDown)
+                caused(format!("nothing is published to {broker}"), why.clone()).of(EventKind::BrokerDown)
             }
             Broker::Up { broker, attempts } => {
                 let attempts = counted(attempts, "attempt");

@@ -4,6 +4,7 @@ use std::fmt;
 use std::future::Future;
 use std::io::ErrorKind;
 
+use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Moment;
 use isotherm_plant::{Message, Subscription};
 
@@ -117,47 +118,74 @@ pub enum Fault {
     Inside(String),
 }
 
+impl Fault {
+    /// Returns the cause, with a hint if the cause has a remedy of its own.
+    pub(super) fn explained(&self) -> Explained {
+        match self {
+            Fault::NoAddress => "the host name of the broker has no address".into(),
+            Fault::Unreachable(ErrorKind::ConnectionRefused) => "no program listens at this port".into(),
+            Fault::Unreachable(kind) => format!("the broker cannot be reached ({kind})").into(),
+            Fault::Silent => "no answer".into(),
+            Fault::Tls(why) => why.as_str().into(),
+            Fault::WrongUser => {
+                "the broker rejects this user name or password, or this user may not connect".into()
+            }
+            Fault::NotAllowed => Explained::new(
+                "the broker does not allow the gateway to connect",
+                "name a `user` that may connect, or a certificate in `tls`",
+            ),
+            Fault::NotSubscribed(topic) => Explained::new(
+                format!("the broker refuses the subscription to {topic}"),
+                "allow the user of the gateway to subscribe to it",
+            ),
+            Fault::Denied(topic) => Explained::new(
+                format!("the broker closes the connection after a message to {topic}"),
+                "allow the user of the gateway to publish to it",
+            ),
+            Fault::DeniesAll => Explained::new(
+                "the broker closes the connection after the first message",
+                "allow the user of the gateway to publish to the topics that `isotherm check` lists",
+            ),
+            Fault::Refused(why) => (*why).into(),
+            Fault::NoMqtt => {
+                "the server at this address does not speak MQTT, or only inside TLS (mqtts://)".into()
+            }
+            Fault::TooLong(most) => Explained::new(
+                format!("the broker sends a message of more than {most} MB on a topic of commands"),
+                "remove the client or the retained message that causes this",
+            ),
+            Fault::Broken => "the connection broke".into(),
+            Fault::Inside(why) => format!("the MQTT library failed: {why}").into(),
+        }
+    }
+}
+
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Fault::NoAddress => f.write_str("the host name of the broker has no address"),
-            Fault::Unreachable(ErrorKind::ConnectionRefused) => {
-                f.write_str("no program listens at this port")
-            }
-            Fault::Unreachable(kind) => write!(f, "the broker cannot be reached ({kind})"),
-            Fault::Silent => f.write_str("no answer"),
-            Fault::Tls(why) => f.write_str(why),
-            Fault::WrongUser => {
-                f.write_str("the broker rejects this user name or password, or this user may not connect")
-            }
-            Fault::NotAllowed => f.write_str(
-                "the broker does not allow the gateway to connect: name a `user` that may connect, or a \
-                 certificate in `tls`",
-            ),
-            Fault::NotSubscribed(topic) => write!(
-                f,
-                "the broker refuses the subscription to {topic}: allow the user of the gateway to subscribe to it"
-            ),
-            Fault::Denied(topic) => write!(
-                f,
-                "the broker closes the connection after a message to {topic}: may the user of the gateway publish \
-                 to it?"
-            ),
-            Fault::DeniesAll => f.write_str(
-                "the broker closes the connection after the first message: may the user of the gateway publish to \
-                 the topics that `isotherm check` lists?",
-            ),
-            Fault::Refused(why) => f.write_str(why),
-            Fault::NoMqtt => {
-                f.write_str("the server at this address does not speak MQTT, or only inside TLS (mqtts://)")
-            }
-            Fault::TooLong(most) => write!(
-                f,
-                "the broker sends a message of more than {most} MB on a topic of commands: remove the client \
-                 or the retained message that causes this"
-            ),
-            Fault::Broken => f.write_str("the connection broke"),
-            Fault::Inside(why) => write!(f, "the MQTT library failed: {why}"),
+        fmt::Display::fmt(&self.explained(), f)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cause_has_one_remedy_and_no_question_inside() {
+        let topic = || "g/press/axis/z".to_owned();
+        for (fault, remedy) in [
+            (Fault::NotAllowed, "name a `user`"),
+            (Fault::NotSubscribed(topic()), "allow the user of the gateway to subscribe"),
+            (Fault::Denied(topic()), "allow the user of the gateway to publish"),
+            (Fault::DeniesAll, "allow the user of the gateway to publish"),
+            (Fault::TooLong(1), "remove the client"),
+        ] {
+            let Explained { cause, hint } = fault.explained();
+            assert!(!cause.contains(['?', ':', ';']), "{cause}");
+            let hint = hint.unwrap_or_default();
+            assert!(hint.starts_with(remedy), "{hint}");
+            assert_eq!(fault.to_string(), format!("{cause}; {hint}"));
         }
+        assert_eq!(Fault::Broken.explained().hint, None, "the catalogue has the remedy");
     }
 }

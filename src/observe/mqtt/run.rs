@@ -172,13 +172,13 @@ impl Runner {
 
     fn is_away(&mut self, fault: &Fault) {
         self.outage.failures += 1;
-        let why = fault.to_string();
+        let said = fault.to_string();
         self.figures.note(|figures| {
             figures.connected = false;
-            figures.fault.clone_from(&why);
+            figures.fault.clone_from(&said);
         });
-        if Cause::is_news(&mut self.outage.cause, why.clone(), CHANGED_AFTER) {
-            let broker = self.address.clone();
+        if Cause::is_news(&mut self.outage.cause, said, CHANGED_AFTER) {
+            let (broker, why) = (self.address.clone(), fault.explained());
             self.source.report(&Event::Broker(BrokerEvent::Down { broker, why }));
         }
     }

@@ -47,7 +47,7 @@ fn a_refused_subscription_is_an_event_an_alarm_and_a_line_of_the_check() {
     let broker = Scripted::at(0, refusing);
     let (fits, said) = check(&json(broker.port));
     assert!(
-        !fits && said.contains(&format!("refuses the subscription to {COMMAND}: allow the user")),
+        !fits && said.contains(&format!("refuses the subscription to {COMMAND}; allow the user")),
         "{said}"
     );
     assert!(

@@ -120,6 +120,30 @@ fn the_expiry_of_the_certificate_of_the_server_or_of_a_client_is_warned_of() {
 }
 
 #[test]
+fn a_client_with_a_short_key_is_refused_as_check_says_and_a_user_with_one_is_not() {
+    let short = SECURED.replace("user.der", "short.der");
+    let machine = Machine::with(&short, |home| {
+        certificates(home);
+        assert!(python("opcua_certificates.py").arg("--others").arg(home).status().unwrap().success());
+        std::fs::copy(home.join("short.der"), home.join("clients/short.der")).unwrap();
+    });
+    let client = ["--cert", "short", "--server-cert", "server.der", "--uri", "urn:freeopcua:python:server"];
+    let refused = machine.asks(&[&client[..], &["--user", "mes:hot-and-cold"], &READ].concat());
+    assert!(refused["error"].is_string(), "{refused}");
+    let read = machine.asks(&with(&["--user-cert", "short", "--policy", "Basic256Sha256"], &READ));
+    assert_eq!(read["axis.z.state"]["value"], "active", "{read}");
+    let home = machine.home();
+    let done = isotherm(home).args(["check", "machine.toml"]).current_dir(home).output().unwrap();
+    let said = String::from_utf8_lossy(&done.stderr);
+    for words in [
+        "the client's certificate clients/short.der is weak: the key has 1024 bits. The server refuses this client.",
+        "the client's certificate short.der is weak: the key has 1024 bits. The gateway uses it.",
+    ] {
+        assert!(said.contains(words), "{words}: {said}");
+    }
+}
+
+#[test]
 fn only_an_authorised_user_teaches_an_axis_and_no_other_command_is_there() {
     let machine = Machine::with(SECURED, certificates);
     let (reader, probe) = (["--user", "mes:hot-and-cold"], ["--user-cert", "user"]);

@@ -135,6 +135,11 @@ impl Certificate {
         text
     }
 
+    /// Returns whether the key is shorter than the policies without SHA-1 allow.
+    pub fn has_short_key(&self) -> bool {
+        self.key_bits.is_some_and(|bits| bits < SAFE_BITS)
+    }
+
     /// Returns why the certificate is weak, for example `the key has 1024 bits`; `None` if it is not weak.
     pub fn weakness(&self) -> Option<String> {
         let bits = self.key_bits.filter(|bits| *bits < SAFE_BITS);
