@@ -244,23 +244,44 @@ impl TextPattern {
     }
 
     /// Returns a pattern for a line like this one. The value is the first number with decimals, or else the first
-    /// number. Returns `None` if the line has no number, or characters that a pattern cannot contain.
+    /// number. The decimal point may be a comma. Returns `None` if the line has no number, or characters that a pattern
+    /// cannot contain.
     pub fn like(line: &str) -> Option<TextPattern> {
+        match TextPattern::like_with(line, '.') {
+            Some(pattern) if pattern.has_decimals() => Some(pattern),
+            other => TextPattern::like_with(line, ',').filter(TextPattern::has_decimals).or(other),
+        }
+    }
+
+    /// Returns whether the pattern states the decimals of the value.
+    pub fn has_decimals(&self) -> bool {
+        self.parts.iter().any(|part| matches!(part, Part::Number { decimals: Some(_), .. }))
+    }
+
+    /// Returns whether the line ends with a checksum.
+    pub const fn has_sum(&self) -> bool {
+        self.has_sum
+    }
+
+    /// Returns a pattern for a line like this one, with this decimal point.
+    fn like_with(line: &str, point: char) -> Option<TextPattern> {
         let characters: Vec<char> = line.chars().collect();
         let is_first_digit = |at: &usize| {
             let is_digit = |at: usize| characters.get(at).is_some_and(char::is_ascii_digit);
             is_digit(*at) && !at.checked_sub(1).is_some_and(is_digit)
         };
+        // A number may begin with its point. A comma before a number separates it from another one.
+        let is_inside = |character: &char| *character == ' ' || *character == '.' && point == '.';
         // The number begins with its sign, which may be before blanks.
         let begin = |first: usize| {
-            let other = characters[..first].iter().rposition(|character| !matches!(character, ' ' | '.'));
+            let other = characters[..first].iter().rposition(|character| !is_inside(character));
             match other {
                 Some(sign) if matches!(characters[sign], '+' | '-') => sign,
                 Some(other) => other + 1,
                 None => 0,
             }
         };
-        let found = |first: usize| Some((begin(first), Number::at(&characters, begin(first), '.')?));
+        let found = |first: usize| Some((begin(first), Number::at(&characters, begin(first), point)?));
         // A number with decimals is more likely the value than one without, which may be that of a channel.
         let mut numbers: Vec<_> = (0..characters.len()).filter(is_first_digit).filter_map(found).collect();
         numbers.sort_by_key(|(_, number)| number.decimals == 0);
@@ -271,7 +292,7 @@ impl TextPattern {
         let end = if end.contains(|other: char| other.is_ascii_digit()) { "{any}" } else { end.trim_end() };
         let decimals = match found.decimals {
             0 => String::new(),
-            decimals => format!(".{decimals}"),
+            decimals => format!("{point}{decimals}"),
         };
         let source = format!("{}{{number{decimals}}}{}", part(&characters[..begin]), end);
         source.parse().ok().filter(|pattern: &TextPattern| pattern.read(line).is_ok())

@@ -177,6 +177,10 @@ fn a_pattern_like_a_line_reads_the_number_with_decimals() {
         ("01A+0001.25", Some("01A{number.2}")),
         ("  17", Some("{number}")),
         (">+25.12+23.40", Some(">{number.2}{any}")),
+        ("+12,345 mm", Some("{number,3} mm")),
+        ("T1,21.5", Some("T1,{number.1}")),
+        ("X,12", Some("X,{number}")),
+        ("10,20,30", None),
         ("no number", None),
         ("{1.5}", None),
     ] {
