@@ -38,6 +38,8 @@ const DECIMALS: u8 = 3;
 const LARGEST_COUNT: u16 = 200;
 /// Largest number of parts of a pattern.
 const MOST_PARTS: usize = 64;
+/// Last character of eight bits.
+const LAST_CHARACTER: char = '\u{ff}';
 /// Largest number of decimals that a pattern can state.
 const LARGEST_DECIMALS: u8 = 9;
 
@@ -336,6 +338,17 @@ impl FromStr for TextPattern {
     fn from_str(text: &str) -> Result<TextPattern, String> {
         const FORMS: &str =
             "write {number}, {number.4}, {number 8}, {skip 2}, {any}, {any 2}, {unit} or {sum} in braces";
+        if text.contains(['\r', '\n']) {
+            return Err(
+                "a line is matched without its end (carriage return, line feed); leave out \\r and \\n"
+                    .to_owned(),
+            );
+        }
+        if let Some(other) = text.chars().find(|character| *character > LAST_CHARACTER) {
+            return Err(format!(
+                "a device cannot send `{other}`, because a character has eight bits; write {{any 1}}"
+            ));
+        }
         let has_sum = text.ends_with(SUM);
         let mut rest = text.strip_suffix(SUM).unwrap_or(text);
         let mut pattern = TextPattern { source: text.to_owned(), parts: Vec::new(), point: '.', has_sum };
@@ -362,6 +375,13 @@ impl FromStr for TextPattern {
         if pattern.parts.len() > MOST_PARTS {
             return Err(format!(
                 "the pattern has more than {MOST_PARTS} parts; write {{skip 2}} for two numbers"
+            ));
+        }
+        let is_too_narrow = |part: &Part| matches!(part, Part::Number { decimals: Some(decimals), width: Some(width) } if u16::from(*decimals) >= *width);
+        if pattern.parts.iter().any(is_too_narrow) {
+            return Err(format!(
+                "the number in {} has too few characters for its decimals; count the sign, all digits and the point",
+                Quoted(text)
             ));
         }
         let count = |is: fn(&Part) -> bool| pattern.parts.iter().filter(|part| is(part)).count();

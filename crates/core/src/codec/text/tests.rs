@@ -137,6 +137,12 @@ fn a_wrong_pattern_is_rejected_with_its_mistake() {
         ("{number.}", "`{number.}` is unknown"),
         ("{number.10}", "`{number.10}` is unknown"),
         ("{number 0}", "`{number 0}` is unknown"),
+        ("{number.3 3} mm", "too few characters for its decimals; count"),
+        ("{number} mm\r\n", "without its end (carriage return, line feed); leave out \\r and \\n"),
+        (
+            "{number} \u{3bc}m",
+            "a device cannot send `\u{3bc}`, because a character has eight bits; write {any 1}",
+        ),
         ("{number 3.4}", "`{number 3.4}` is unknown"),
         ("{nummer 3}", "`{nummer 3}` is unknown"),
         ("{skip 999}{number}", "`{skip 999}` is unknown"),
