@@ -377,7 +377,10 @@ impl FromStr for TextPattern {
                 "the pattern has more than {MOST_PARTS} parts; write {{skip 2}} for two numbers"
             ));
         }
-        let is_too_narrow = |part: &Part| matches!(part, Part::Number { decimals: Some(decimals), width: Some(width) } if u16::from(*decimals) >= *width);
+        let is_too_narrow = |part: &Part| match *part {
+            Part::Number { decimals: Some(decimals), width: Some(width) } => u16::from(decimals) >= width,
+            _ => false,
+        };
         if pattern.parts.iter().any(is_too_narrow) {
             return Err(format!(
                 "the number in {} has too few characters for its decimals; count the sign, all digits and the point",
