@@ -94,7 +94,7 @@ fn hint(fault: Fault) -> Option<&'static str> {
         ),
         Fault::Peer(PeerFault::Malformed) => Some(
             "the text differs from `text` of the signal: was the device switched to another unit, such as inch, or \
-             to another resolution? Are data bits and parity those of the device? `isotherm trace` shows its bytes",
+             to another resolution? Are data bits and parity those of the device? `isotherm trace` shows it",
         ),
         Fault::Peer(PeerFault::Checksum) => Some(
             "is the checksum of the module switched on? Without it, the text must not contain {sum}. Otherwise check \
