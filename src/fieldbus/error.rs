@@ -393,7 +393,6 @@ impl Fault {
             Fault::Peer(PeerFault::NotANumber) => Reason::NoNumber,
             Fault::Unreadable { reason, .. } => reason,
             Fault::Timeout => Reason::Timeout,
-            Fault::Peer(PeerFault::Checksum) => Reason::Checksum,
             Fault::UNVERIFIED => Reason::NotAsExpected,
             Fault::Link(_) => Reason::LinkDown,
             Fault::Peer(_) | Fault::Caller(_) => Reason::BadReply,
