@@ -67,7 +67,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         ));
     }
     let line = arguments.target.any(arguments.json)?;
+    let has_settings = !arguments.baud.is_empty() || !arguments.parity.is_empty();
     if let ScanKind::Other { scan: Some(scan), .. } = line.address.kind().scan {
+        if has_settings {
+            return Err(wrong_arguments(
+                "--baud and --parity are for a serial line with units: rtu:///dev/ttyUSB0. For a line with text, write \
+                 them in its address: ascii:///dev/ttyUSB0?baud=4800&data_bits=7&parity=even",
+            ));
+        }
         let report = super::runtime::start()?.block_on(scan(&line.bus, arguments.target.timeout));
         let report = report.map_err(|fault| {
             anyhow::anyhow!("{}: {}", line.address, explain_on(line.bus.transport, fault))
@@ -76,7 +83,6 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     line.has_registers()?;
     let is_serial = line.address.serial().is_some();
-    let has_settings = !arguments.baud.is_empty() || !arguments.parity.is_empty();
     if has_settings && !is_serial {
         return Err(wrong_arguments("--baud and --parity are for a serial line: rtu:///dev/ttyUSB0"));
     }

@@ -22,9 +22,9 @@ pub(super) struct Target {
     #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value, requires = "profile")]
     pub(super) set: Vec<(String, String)>,
     /// The line; with a profile, the name of one of its buses. Without a profile: tcp://192.168.0.10:502,
-    /// rtu:///dev/ttyUSB0?baud=9600&parity=none, rtu+tcp://192.168.0.11:4001, opc.tcp://192.168.0.12:4840, or /sys for
-    /// the sensors of this computer. Without a type, a host is Modbus TCP (with the port 4840: OPC UA), and
-    /// /dev/ttyUSB0 is a serial port
+    /// rtu:///dev/ttyUSB0?baud=9600&parity=none, rtu+tcp://192.168.0.11:4001, modbus-ascii:///dev/ttyUSB0,
+    /// opc.tcp://192.168.0.12:4840, ascii:///dev/ttyUSB0 for lines of text, or /sys for the sensors of this computer.
+    /// Without a type, a host is Modbus TCP (with the port 4840: OPC UA), and /dev/ttyUSB0 is a serial port
     #[arg(long, value_name = "BUS")]
     pub(super) bus: Option<String>,
     /// Timeout of a request [default: that of the profile, or 500ms]

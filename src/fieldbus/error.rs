@@ -198,6 +198,9 @@ pub enum PeerFault {
     /// Reply that violates the protocol.
     #[error("the reply violates the protocol")]
     Malformed,
+    /// Text whose checksum is wrong.
+    #[error("wrong checksum")]
+    Checksum,
     /// Modbus exception with this code, with more bytes than an exception has.
     #[error("exception {0} ({name}), with surplus bytes", name = exception(*.0))]
     LongException(u8),
@@ -291,6 +294,7 @@ impl Fault {
             Fault::Peer(fault) => matches!(
                 fault,
                 PeerFault::Malformed
+                    | PeerFault::Checksum
                     | PeerFault::Foreign
                     | PeerFault::Unit(_)
                     | PeerFault::Text(_)

@@ -137,7 +137,9 @@ pub const fn remedy_of_a_reading(reason: Reason) -> &'static str {
         Reason::Unreadable => {
             "`dmesg` says more. Does the gateway's user have permission to read the sensor?"
         }
-        Reason::Checksum => "check the cable: its length, its shield, and the pull-up resistor",
+        Reason::Checksum => {
+            "check the cable: its length, its shield, and the pull-up resistor of a 1-Wire sensor"
+        }
         Reason::PowerOnValue | Reason::AllZero => {
             "is the sensor's supply steady, are all its wires connected?"
         }

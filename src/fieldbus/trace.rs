@@ -123,6 +123,10 @@ impl Tap {
         }
         let took = self.0.clock.now().since(asked_at);
         let PassedBytes { sent, received, more } = std::mem::take(&mut *self.passed());
+        let answered = match request {
+            Request::Texts(_) => exchange::answered_text(&received, answer),
+            _ => exchange::answered(answer),
+        };
         let exchange = Exchange {
             asked_at,
             took,
@@ -131,7 +135,7 @@ impl Tap {
             sent,
             received,
             more,
-            answered: exchange::answered(answer),
+            answered,
             is_good: answer.is_ok(),
         };
         self.show(device, &exchange);

@@ -123,7 +123,7 @@ async fn a_faulty_text_has_no_value_and_the_next_one_has() {
     for (kind, expected) in [
         ("kind = \"silent\"", Err(Fault::Timeout)),
         ("kind = \"late\"\ndelay = \"1500ms\"", Err(Fault::Timeout)),
-        ("kind = \"wrong-checksum\"", Err(MALFORMED)),
+        ("kind = \"wrong-checksum\"", Err(Fault::Peer(PeerFault::Checksum))),
         ("kind = \"short-read\"", Err(MALFORMED)),
         ("kind = \"wrong-unit\"", Err(MALFORMED)),
         ("kind = \"exception\"\ncode = 2", Err(MALFORMED)),

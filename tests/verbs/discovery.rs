@@ -227,6 +227,7 @@ fn what_is_wrong_with_a_reading_is_reported_with_a_remedy() {
         (&["read", "--register", "input:0"], "needs a unit"),
         (&["scan"], "name a line"),
         (&["scan", "--bus", "tcp://x", "--baud", "9600"], "are for a serial line"),
+        (&["scan", "--bus", "ascii:///dev/ttyUSB0", "--baud", "9600"], "write them in its address: ascii://"),
         (&["scan", "--bus", "tcp://x", "--units", "9..1"], "write 1..247 or 3"),
         (&["scan", "--bus", "tcp://x", "--registers", "holding:9..1"], "holding:0..99"),
     ] {

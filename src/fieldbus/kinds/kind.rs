@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::fieldbus::connection::Dial;
-use crate::fieldbus::error::Fault;
+use crate::fieldbus::error::{Fault, LinkFault};
 use crate::fieldbus::seen::{Advice, Seen};
 use crate::fieldbus::wire::Boxed;
 use isotherm_profile::{Bus, Transport};
@@ -102,6 +102,17 @@ pub enum VirtualLine {
     Served(&'static str),
     /// The virtual machine does not serve the line; the sentence says why.
     Absent(fn(&Bus) -> String),
+}
+
+/// Returns what to do about a fault of the connection to a serial server.
+pub(super) fn serial_server_hint(fault: Fault) -> Option<&'static str> {
+    match fault {
+        Fault::Link(LinkFault::Refused) => Some(
+            "is the port that of the serial server (often 4001)? Does the serial server wait for connections, as a \
+             TCP server without telnet? Does another program use its only connection?",
+        ),
+        _ => None,
+    }
 }
 
 impl BusKind {

@@ -24,7 +24,7 @@ pub mod tcp;
 pub mod text;
 pub mod wire;
 
-use super::kind::{BusKind, LinePlace, ScanKind, VirtualLine};
+use super::kind::{BusKind, LinePlace, ScanKind, VirtualLine, serial_server_hint};
 use super::target::{host, profile_lines, serial, serial_with_data_bits};
 use crate::fieldbus::connection::Dial;
 use crate::fieldbus::serial::place;
@@ -65,6 +65,7 @@ pub const RTU_OVER_TCP: BusKind = BusKind {
     },
     shown: |_, address| format!("rtu+tcp://{address}"),
     dial,
+    hint: serial_server_hint,
     advice: hint::advice,
     place: |bus| LinePlace::Host(bus.address.clone()),
     is_lossy: true,
@@ -148,6 +149,7 @@ pub const ASCII_OVER_TCP: BusKind = BusKind {
     },
     shown: |_, address| format!("{ASCII_SCHEME_OVER_TCP}{address}"),
     dial,
+    hint: serial_server_hint,
     advice: hint::advice,
     place: |bus| LinePlace::Host(bus.address.clone()),
     is_lossy: true,

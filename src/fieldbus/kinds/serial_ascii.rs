@@ -17,10 +17,10 @@ mod scan;
 mod search;
 pub mod wire;
 
-use super::kind::{BusKind, LinePlace, ScanKind, VirtualLine};
+use super::kind::{BusKind, LinePlace, ScanKind, VirtualLine, serial_server_hint};
 use super::target::{host, profile_lines, serial_with_data_bits};
 use crate::fieldbus::connection::Dial;
-use crate::fieldbus::error::{Fault, PeerFault};
+use crate::fieldbus::error::{Fault, LinkFault, PeerFault};
 use crate::fieldbus::serial::place;
 use isotherm_profile::{Bus, Transport};
 
@@ -94,8 +94,15 @@ fn hint(fault: Fault) -> Option<&'static str> {
         ),
         Fault::Peer(PeerFault::Malformed) => Some(
             "the text differs from `text` of the signal: was the device switched to another unit, such as inch, or \
-             to another resolution? Are data bits and parity those of the device? `isotherm trace` shows its bytes",
+             to another resolution? Are data bits and parity those of the device? `isotherm trace` shows it",
         ),
+        Fault::Peer(PeerFault::Checksum) => Some(
+            "is the checksum of the module switched on? Without it, the text must not contain {sum}. Otherwise check \
+             the cable, its shield and its termination",
+        ),
+        Fault::Link(LinkFault::Broken) => {
+            Some("many serial servers accept one client at a time: is another program connected?")
+        }
         Fault::Peer(PeerFault::Unasked) => Some(
             "the device sends without a request: remove `request` of its signals, or set the device to send on \
              request",
@@ -103,7 +110,7 @@ fn hint(fault: Fault) -> Option<&'static str> {
         Fault::Peer(PeerFault::Echoed) => Some(
             "the adapter returns the request, and the device does not answer: are its address and `request` right?",
         ),
-        _ => None,
+        _ => serial_server_hint(fault),
     }
 }
 

@@ -8,7 +8,7 @@ use serde::{Serialize, Serializer};
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::listed::Listed;
 use crate::fieldbus::request::{Answer, NodeReading};
-use isotherm_core::codec::Frame;
+use isotherm_core::codec::{Frame, Quoted};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::counted;
 
@@ -68,6 +68,27 @@ pub(super) fn answered(answer: &Result<Answer, Fault>) -> String {
         Ok(Answer::Nodes(nodes)) => nodes.iter().map(node).collect::<Vec<_>>().join("; "),
         Ok(Answer::Done) => "done".to_owned(),
         Err(fault) => fault.to_string(),
+    }
+}
+
+/// Formats the answer to a request for lines of text: the received text, and its numbers or the fault of the request.
+pub(super) fn answered_text(received: &[u8], answer: &Result<Answer, Fault>) -> String {
+    let result = match answer {
+        Ok(Answer::Nodes(nodes)) => nodes.iter().map(number).collect::<Vec<_>>().join("; "),
+        other => answered(other),
+    };
+    if received.is_empty() {
+        return result;
+    }
+    let text: String = received.iter().map(|byte| char::from(*byte)).collect();
+    format!("{}: {result}", Quoted(&text))
+}
+
+/// Formats the number of a text, which is a 64-bit float, or the reason why there is none.
+fn number(reading: &NodeReading) -> String {
+    match &reading.value {
+        Ok(value) => f64::from_bits(value.bits()).to_string(),
+        Err(reason) => reason.to_string(),
     }
 }
 

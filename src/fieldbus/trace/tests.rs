@@ -6,8 +6,10 @@ use super::*;
 use crate::fieldbus::error::PeerFault;
 use crate::fieldbus::kinds::modbus::request::ModbusRequest;
 use crate::fieldbus::kinds::modbus::tcp::ModbusTcp;
+use crate::fieldbus::request::{NodeReading, Stamped};
 use crate::fieldbus::send_guard::SendGuard;
-use isotherm_core::codec::{Register, Table};
+use isotherm_core::codec::{DataType, Register, Table};
+use isotherm_core::reading::Reason;
 
 const READ: Request<'static> = Request::read_registers(Register { table: Table::Input, offset: 0 }, 2);
 const DEVICE: DeviceId = DeviceId(0);
@@ -153,4 +155,19 @@ fn each_kind_of_request_is_named_with_its_place_and_its_words() {
     assert_eq!(exchange::answered(&Ok(Answer::Bits(vec![true, false]))), "2 bits: 1 0");
     assert_eq!(exchange::answered(&Ok(Answer::Done)), "done");
     assert_eq!(exchange::answered(&Err(Fault::Exception(2))), "exception 2 (illegal data address)");
+}
+
+#[test]
+fn a_text_is_shown_with_its_numbers() {
+    let reading = |value| NodeReading { value, stamped: Stamped::Unknown, asked: None };
+    let number = DataType::F64.encode(110.791_f64.to_bits());
+    let answer = Ok(Answer::Nodes(vec![reading(Ok(number)), reading(Err(Reason::BadReply))]));
+    let shown = exchange::answered_text(b"+110.791 mm\r\n", &answer);
+    assert_eq!(shown, format!("\"+110.791 mm\\r\\n\": 110.791; {}", Reason::BadReply));
+    let malformed = Err(Fault::Peer(PeerFault::Malformed));
+    assert_eq!(
+        exchange::answered_text(b"ERR1\r", &malformed),
+        "\"ERR1\\r\": the reply violates the protocol"
+    );
+    assert_eq!(exchange::answered_text(b"", &Err(Fault::Timeout)), "no answer in time");
 }

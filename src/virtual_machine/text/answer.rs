@@ -8,6 +8,7 @@ use super::group::TextGroup;
 use crate::virtual_machine::fault::ReplyFault;
 use crate::virtual_machine::hardware::Reply;
 use crate::virtual_machine::random::stream;
+use isotherm_core::codec::{with_sum, with_unit};
 
 /// Millimetres of an inch.
 const INCH: f64 = 25.4;
@@ -157,12 +158,19 @@ fn bytes(lines: &[String], end: &str) -> Vec<u8> {
     characters.map(|character| u8::try_from(u32::from(character)).unwrap_or(b'?')).collect()
 }
 
-/// Returns the request for the name of a DCON module.
-pub(super) fn name_request(unit: u8) -> String {
-    format!("${unit:02X}M\r")
+/// Returns the request for the name of a DCON module. A module with a checksum ignores requests without one.
+pub(super) fn name_request(group: &TextGroup) -> String {
+    of_module(group, "${unit}M")
 }
 
 /// Returns the answer of a DCON module to the request for its name.
-pub(super) fn name(unit: u8) -> String {
-    format!("!{unit:02X}7018\r")
+pub(super) fn name(group: &TextGroup) -> String {
+    of_module(group, "!{unit}7018")
+}
+
+/// Returns a text with the address of a module, and with its checksum if it is switched on.
+fn of_module(group: &TextGroup, text: &str) -> String {
+    let sum = if group.has_sum() { "{sum}" } else { "" };
+    let text = with_unit(&format!("{text}{sum}\r"), group.unit);
+    with_sum(&text).unwrap_or(text)
 }

@@ -54,4 +54,9 @@ impl TextGroup {
     pub(super) fn is_dcon(&self) -> bool {
         self.request.starts_with('#')
     }
+
+    /// Returns whether the answers have a checksum.
+    pub(super) fn has_sum(&self) -> bool {
+        self.patterns.iter().any(TextPattern::has_sum)
+    }
 }

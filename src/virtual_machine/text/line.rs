@@ -90,25 +90,24 @@ where
             due.extend(line.groups.iter().filter(|group| group.request.is_empty()));
             sent_at = Silence::begin();
         }
-        let mut names: Vec<u8> = Vec::new();
+        let mut names: Vec<&TextGroup> = Vec::new();
         for byte in &bytes[..count] {
             received.push(byte & 0x7f);
             let is_asked = |group: &&TextGroup| {
                 !group.request.is_empty() && received.ends_with(group.request.as_bytes())
             };
             let longest = line.groups.iter().filter(is_asked).max_by_key(|group| group.request.len());
-            let is_named =
-                |group: &&TextGroup| received.ends_with(answer::name_request(group.unit).as_bytes());
+            let is_named = |group: &&TextGroup| received.ends_with(answer::name_request(group).as_bytes());
             let name = line.groups.iter().filter(|group| group.is_dcon()).find(is_named);
-            names.extend(name.map(|group| group.unit));
+            names.extend(name);
             let is_over = longest.is_some() || name.is_some() || received.ends_with(b"\r");
             if is_over || received.len() > LONGEST_REQUEST {
                 received.clear();
             }
             due.extend(longest);
         }
-        for unit in names {
-            stream.write_all(answer::name(unit).as_bytes()).await?;
+        for group in names {
+            stream.write_all(answer::name(group).as_bytes()).await?;
         }
         for group in due {
             let answer = line.answer(group);

@@ -324,6 +324,14 @@ fn heading_comment(file: &str) -> String {
 }
 
 fn line(template: &toml::Table) -> &'static str {
+    let tables =
+        template.get("variant").and_then(toml::Value::as_table).into_iter().flat_map(toml::Table::values);
+    let tables = tables.filter_map(toml::Value::as_table).chain([template]);
+    let mut channels =
+        tables.filter_map(|table| table.get("channel")?.as_table()).flat_map(toml::Table::values);
+    if channels.any(|channel| channel.get("text").is_some()) {
+        return "text";
+    }
     let groups = ["channel", "target"].map(|key| template.get(key).and_then(toml::Value::as_table));
     let groups: Vec<_> = groups.into_iter().flatten().flat_map(toml::Table::values).collect();
     let asks =

@@ -38,6 +38,8 @@ const DECIMALS: u8 = 3;
 const LARGEST_COUNT: u16 = 200;
 /// Largest number of parts of a pattern.
 const MOST_PARTS: usize = 64;
+/// Last character of eight bits.
+const LAST_CHARACTER: char = '\u{ff}';
 /// Largest number of decimals that a pattern can state.
 const LARGEST_DECIMALS: u8 = 9;
 
@@ -244,23 +246,44 @@ impl TextPattern {
     }
 
     /// Returns a pattern for a line like this one. The value is the first number with decimals, or else the first
-    /// number. Returns `None` if the line has no number, or characters that a pattern cannot contain.
+    /// number. The decimal point may be a comma. Returns `None` if the line has no number, or characters that a pattern
+    /// cannot contain.
     pub fn like(line: &str) -> Option<TextPattern> {
+        match TextPattern::like_with(line, '.') {
+            Some(pattern) if pattern.has_decimals() => Some(pattern),
+            other => TextPattern::like_with(line, ',').filter(TextPattern::has_decimals).or(other),
+        }
+    }
+
+    /// Returns whether the pattern states the decimals of the value.
+    pub fn has_decimals(&self) -> bool {
+        self.parts.iter().any(|part| matches!(part, Part::Number { decimals: Some(_), .. }))
+    }
+
+    /// Returns whether the line ends with a checksum.
+    pub const fn has_sum(&self) -> bool {
+        self.has_sum
+    }
+
+    /// Returns a pattern for a line like this one, with this decimal point.
+    fn like_with(line: &str, point: char) -> Option<TextPattern> {
         let characters: Vec<char> = line.chars().collect();
         let is_first_digit = |at: &usize| {
             let is_digit = |at: usize| characters.get(at).is_some_and(char::is_ascii_digit);
             is_digit(*at) && !at.checked_sub(1).is_some_and(is_digit)
         };
+        // A number may begin with its point. A comma before a number separates it from another one.
+        let is_inside = |character: &char| *character == ' ' || *character == '.' && point == '.';
         // The number begins with its sign, which may be before blanks.
         let begin = |first: usize| {
-            let other = characters[..first].iter().rposition(|character| !matches!(character, ' ' | '.'));
+            let other = characters[..first].iter().rposition(|character| !is_inside(character));
             match other {
                 Some(sign) if matches!(characters[sign], '+' | '-') => sign,
                 Some(other) => other + 1,
                 None => 0,
             }
         };
-        let found = |first: usize| Some((begin(first), Number::at(&characters, begin(first), '.')?));
+        let found = |first: usize| Some((begin(first), Number::at(&characters, begin(first), point)?));
         // A number with decimals is more likely the value than one without, which may be that of a channel.
         let mut numbers: Vec<_> = (0..characters.len()).filter(is_first_digit).filter_map(found).collect();
         numbers.sort_by_key(|(_, number)| number.decimals == 0);
@@ -271,7 +294,7 @@ impl TextPattern {
         let end = if end.contains(|other: char| other.is_ascii_digit()) { "{any}" } else { end.trim_end() };
         let decimals = match found.decimals {
             0 => String::new(),
-            decimals => format!(".{decimals}"),
+            decimals => format!("{point}{decimals}"),
         };
         let source = format!("{}{{number{decimals}}}{}", part(&characters[..begin]), end);
         source.parse().ok().filter(|pattern: &TextPattern| pattern.read(line).is_ok())
@@ -315,6 +338,17 @@ impl FromStr for TextPattern {
     fn from_str(text: &str) -> Result<TextPattern, String> {
         const FORMS: &str =
             "write {number}, {number.4}, {number 8}, {skip 2}, {any}, {any 2}, {unit} or {sum} in braces";
+        if text.contains(['\r', '\n']) {
+            return Err(
+                "a line is matched without its end (carriage return, line feed); leave out \\r and \\n"
+                    .to_owned(),
+            );
+        }
+        if let Some(other) = text.chars().find(|character| *character > LAST_CHARACTER) {
+            return Err(format!(
+                "a device cannot send `{other}`, because a character has eight bits; write {{any 1}}"
+            ));
+        }
         let has_sum = text.ends_with(SUM);
         let mut rest = text.strip_suffix(SUM).unwrap_or(text);
         let mut pattern = TextPattern { source: text.to_owned(), parts: Vec::new(), point: '.', has_sum };
@@ -341,6 +375,16 @@ impl FromStr for TextPattern {
         if pattern.parts.len() > MOST_PARTS {
             return Err(format!(
                 "the pattern has more than {MOST_PARTS} parts; write {{skip 2}} for two numbers"
+            ));
+        }
+        let is_too_narrow = |part: &Part| match *part {
+            Part::Number { decimals: Some(decimals), width: Some(width) } => u16::from(decimals) >= width,
+            _ => false,
+        };
+        if pattern.parts.iter().any(is_too_narrow) {
+            return Err(format!(
+                "the number in {} has too few characters for its decimals; count the sign, all digits and the point",
+                Quoted(text)
             ));
         }
         let count = |is: fn(&Part) -> bool| pattern.parts.iter().filter(|part| is(part)).count();

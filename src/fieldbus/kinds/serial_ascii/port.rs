@@ -87,6 +87,11 @@ impl TextPort {
         self.port.send(text.as_bytes()).await.map_err(|_| Fault::BROKEN)
     }
 
+    /// Returns whether characters have arrived without an end of their line.
+    pub(super) fn is_inside_line(&self) -> bool {
+        self.lines.is_inside()
+    }
+
     /// Returns the next line. Returns `None` if none has arrived within `span`.
     pub(super) async fn next_line(&mut self, span: Duration) -> Result<Option<String>, Fault> {
         let begun = Silence::begin();

@@ -14,7 +14,7 @@ use crate::fieldbus::error::{CallerFault, Fault, LinkFault};
 use crate::fieldbus::kinds::kind::ScanReport;
 use crate::fieldbus::trace::Tap;
 use crate::fieldbus::wire::Boxed;
-use isotherm_core::codec::{Quoted, TextPattern};
+use isotherm_core::codec::{Quoted, TextPattern, with_sum, with_unit};
 use isotherm_profile::{Bus, counted};
 
 /// Time for which the scan listens before it sends a request.
@@ -27,6 +27,13 @@ const ANSWER: Duration = Duration::from_millis(200);
 const REQUESTS: [&str; 3] = ["\u{2}", "?\r", "1\r"];
 /// Last address at which the scan searches for a DCON module.
 const LAST_ADDRESS: u8 = 0x1f;
+/// Number of characters of the checksum of DCON.
+const SUM_DIGITS: usize = 2;
+/// The `text` of a profile for a line without a number that a pattern could describe.
+const NO_PATTERN: &str =
+    "\"{number}\"   # no pattern was found for this line: write it here, with {number} for the value";
+/// Smallest number of characters of a line that show a parity bit.
+const LEAST_WITH_PARITY: usize = 4;
 
 /// Result of the scan of one line.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -36,8 +43,13 @@ enum Found {
     Sent { line: String },
     /// Line that followed a request.
     Answered { request: String, line: String },
-    /// DCON module with this name.
-    Module { address: u8, name: String },
+    /// DCON module with this name. `has_sum`: its checksum is switched on.
+    Module {
+        address: u8,
+        name: String,
+        #[serde(skip)]
+        has_sum: bool,
+    },
 }
 
 /// Scans the line of this bus.
@@ -48,10 +60,11 @@ pub(super) fn report(bus: &Bus, timeout: Option<Duration>) -> Boxed<'_, Result<S
         let opened = WallTimeout::new().within(LISTEN.max(bus.timeout), dial.open(&tap)).await;
         let mut port = opened.unwrap_or(Err(Fault::Link(LinkFault::Unreachable)))?;
         let mut found = received(&mut port, LISTEN.max(timeout.unwrap_or_default())).await?;
+        let is_endless = found.is_empty() && port.is_inside_line();
         if found.is_empty() {
             found = answers(&mut port, timeout.unwrap_or(ANSWER)).await?;
         }
-        Ok(described(&bus.address, &found))
+        Ok(described(&bus.address, &found, is_endless))
     })
 }
 
@@ -65,22 +78,52 @@ async fn received(port: &mut TextPort, span: Duration) -> Result<Vec<Found>, Fau
     Ok(found)
 }
 
-/// Returns the answers to usual requests, or else the DCON modules.
+/// Returns the answers to usual requests, up to the first one with a value. Without a value, also returns the DCON
+/// modules: another device may answer a request with an error text.
 async fn answers(port: &mut TextPort, span: Duration) -> Result<Vec<Found>, Fault> {
+    let mut found = Vec::new();
     for request in REQUESTS {
-        if let Some(line) = answer(port, request, span).await? {
-            return Ok(vec![Found::Answered { request: request.to_owned(), line }]);
+        let mut line = answer(port, request, span).await?;
+        // A device may have received this request and the one before it as one.
+        if line.as_deref().is_some_and(|line| !has_value(line)) {
+            line = answer(port, request, span).await?.or(line);
+        }
+        let Some(line) = line else { continue };
+        let is_last = has_value(&line);
+        found.push(Found::Answered { request: request.to_owned(), line });
+        if is_last {
+            return Ok(found);
         }
     }
-    let mut found = Vec::new();
     for address in 0..=LAST_ADDRESS {
-        let line = answer(port, &format!("${address:02X}M\r"), span).await?;
-        let name = line.as_deref().and_then(|line| line.strip_prefix(format!("!{address:02X}").as_str()));
-        if let Some(name) = name {
-            found.push(Found::Module { address, name: name.to_owned() });
+        for has_sum in [false, true] {
+            if let Some(name) = name_of_module(port, (address, has_sum), span).await? {
+                found.push(Found::Module { address, name, has_sum });
+                break;
+            }
         }
     }
     Ok(found)
+}
+
+/// Returns the name of the DCON module with this address. A module with a checksum ignores requests without one.
+async fn name_of_module(
+    port: &mut TextPort,
+    (address, has_sum): (u8, bool),
+    span: Duration,
+) -> Result<Option<String>, Fault> {
+    let request = with_unit(if has_sum { "${unit}M{sum}\r" } else { "${unit}M\r" }, address);
+    // The request contains no other words in braces.
+    let request = with_sum(&request).map_err(|_| Fault::Caller(CallerFault::Function))?;
+    let line = answer(port, &request, span).await?;
+    let name = line.as_deref().and_then(|line| line.strip_prefix(with_unit("!{unit}", address).as_str()));
+    let sum = if has_sum { SUM_DIGITS } else { 0 };
+    Ok(name.and_then(|name| name.get(..name.len().checked_sub(sum)?)).map(str::to_owned))
+}
+
+/// Returns whether a line contains a number with decimals. Error texts often contain a number without.
+fn has_value(line: &str) -> bool {
+    TextPattern::like(line).is_some_and(|pattern| pattern.has_decimals())
 }
 
 /// Returns the line that follows a request. An echo of the request is skipped.
@@ -97,20 +140,31 @@ async fn answer(port: &mut TextPort, request: &str, span: Duration) -> Result<Op
     }
 }
 
-/// Describes the results, also as lines of a profile.
-fn described(address: &str, found: &[Found]) -> ScanReport {
+/// Describes the results, also as lines of a profile. `is_endless`: characters have arrived without an end of a line.
+fn described(address: &str, found: &[Found], is_endless: bool) -> ScanReport {
     let mut text = String::new();
     let lines: Vec<String> = found.iter().map(Found::to_line).collect();
     if !found.is_empty() {
         text = format!("{} at {address}:\n{}", counted(found.len(), "line"), lines.concat());
     }
-    let profile = match found.first() {
-        Some(first) => Ok(("text", first.profile())),
+    let seconds = LISTEN.as_secs();
+    let profile = match found.iter().rev().max_by_key(|found| found.rank()) {
+        Some(best) => match found.iter().find_map(Found::parity) {
+            Some(parity) => Err(format!(
+                "the eighth bit of the characters at {address} is a parity bit: the device sends seven data bits with \
+                 {parity} parity. Set data_bits = 7 and parity = \"{parity}\" for a port of this computer, or the same \
+                 at the serial server"
+            )),
+            None => Ok(("text", best.profile())),
+        },
+        None if is_endless => Err(format!(
+            "characters arrived from {address}, but no end of a line (carriage return or line feed) in {seconds} s. \
+             Are baud rate, data bits and parity those of the device? Texts without such an end cannot be read"
+        )),
         None => Err(format!(
-            "no text arrived from {address} in {} s, and no device answered. Are baud rate, data bits and parity those \
-             of the device? Is the device set to send, for example by a key or a parameter? The scan sends Ctrl-B, \
-             `?` and `1`, and searches for DCON modules at the addresses 00 to {LAST_ADDRESS:02X}",
-            LISTEN.as_secs()
+            "no text arrived from {address} in {seconds} s, and no device answered. Are baud rate, data bits and \
+             parity those of the device? Is the device set to send, for example by a key or a parameter? The scan sends \
+             Ctrl-B, `?` and `1`, and searches for DCON modules at the addresses 00 to {LAST_ADDRESS:02X}",
         )),
     };
     let json = serde_json::json!({ "address": address, "found": found });
@@ -123,24 +177,61 @@ impl Found {
         match self {
             Found::Sent { line } => format!("  {} without a request\n", Quoted(line)),
             Found::Answered { request, line } => format!("  {} after {}\n", Quoted(line), Quoted(request)),
-            Found::Module { address, name } => format!("  DCON module {name} at address {address:02X}\n"),
+            Found::Module { address, name, has_sum } => {
+                let sum = if *has_sum { ", with checksum" } else { "" };
+                format!("  DCON module {name} at address {address:02X}{sum}\n")
+            }
+        }
+    }
+
+    /// Returns the line of a readout or a gauge.
+    fn line(&self) -> Option<&str> {
+        match self {
+            Found::Sent { line } | Found::Answered { line, .. } => Some(line),
+            Found::Module { .. } => None,
+        }
+    }
+
+    /// Returns how well the result shows what to write in a profile.
+    fn rank(&self) -> u8 {
+        match self.line() {
+            Some(line) if has_value(line) => 3,
+            None => 2,
+            Some(line) => u8::from(TextPattern::like(line).is_some()),
+        }
+    }
+
+    /// Returns the parity of a line whose characters have seven bits and a parity bit.
+    fn parity(&self) -> Option<&'static str> {
+        let characters: Vec<u32> = self.line()?.chars().map(u32::from).collect();
+        let has_eighth_bit = characters.iter().any(|character| (0x80..0x100).contains(character));
+        if !has_eighth_bit || characters.len() < LEAST_WITH_PARITY {
+            return None;
+        }
+        let odd = characters.iter().filter(|character| character.count_ones() % 2 == 1).count();
+        match odd {
+            0 => Some("even"),
+            _ if odd == characters.len() => Some("odd"),
+            _ => None,
         }
     }
 
     /// Lines of a profile for a device like this one.
     fn profile(&self) -> String {
-        let (unit, pattern, request) = match self {
+        let (unit, text, request) = match self {
             Found::Sent { line } => (None, like(line), String::new()),
             Found::Answered { request, line } => (None, like(line), request.clone()),
-            Found::Module { address, .. } => {
-                (Some(*address), ">{number}{any}".to_owned(), "#{unit}\r".to_owned())
+            Found::Module { address, has_sum, .. } => {
+                let sum = if *has_sum { "{sum}" } else { "" };
+                let pattern = Quoted(&format!(">{{number 7}}{{any}}{sum}")).to_string();
+                (Some(*address), pattern, format!("#{{unit}}{sum}\r"))
             }
         };
         let mut profile = "\n[device.DEVICE]\nbus = \"text\"\n".to_owned();
         if let Some(unit) = unit {
             let _ = writeln!(profile, "unit = {unit}");
         }
-        let _ = write!(profile, "\n[signal.NAME]\ndevice = \"DEVICE\"\ntext = {}\n", Quoted(&pattern));
+        let _ = write!(profile, "\n[signal.NAME]\ndevice = \"DEVICE\"\ntext = {text}\n");
         if !request.is_empty() {
             let _ = writeln!(profile, "request = {}", Quoted(&request));
         }
@@ -148,9 +239,12 @@ impl Found {
     }
 }
 
-/// Returns a pattern for a line like this one.
+/// Returns the `text` of a profile for a line like this one.
 fn like(line: &str) -> String {
-    TextPattern::like(line).map_or_else(|| "{number}".to_owned(), |pattern| pattern.to_string())
+    match TextPattern::like(line) {
+        Some(pattern) => Quoted(&pattern.to_string()).to_string(),
+        None => NO_PATTERN.to_owned(),
+    }
 }
 
 #[cfg(test)]
@@ -160,7 +254,7 @@ mod tests {
     #[test]
     fn a_line_of_text_becomes_a_signal_of_a_profile() {
         let found = [Found::Answered { request: "\u{2}".to_owned(), line: "+     12.345  R".to_owned() }];
-        let report = described("192.168.0.20:4001", &found);
+        let report = described("192.168.0.20:4001", &found, false);
         assert_eq!(report.text, "1 line at 192.168.0.20:4001:\n  \"+     12.345  R\" after \"\\u0002\"\n");
         let (name, more) = report.profile.unwrap();
         assert_eq!(name, "text");
@@ -168,19 +262,66 @@ mod tests {
         assert_eq!(report.json["found"][0]["answered"]["line"], "+     12.345  R");
     }
 
+    fn sent(line: &str) -> Found {
+        Found::Sent { line: line.to_owned() }
+    }
+
+    fn answered(request: &str, line: &str) -> Found {
+        Found::Answered { request: request.to_owned(), line: line.to_owned() }
+    }
+
+    /// Returns the lines of a profile for the results of a scan.
+    fn profile(found: &[Found]) -> String {
+        described("server:4001", found, false).profile.unwrap().1
+    }
+
+    #[test]
+    fn the_profile_is_for_the_line_with_a_value() {
+        let error = answered("?\r", "ERR1");
+        let more = profile(&[error.clone(), answered("1\r", "01A+0012.345")]);
+        assert!(more.contains("text = \"01A{number.3}\"\nrequest = \"1\\r\"\n"), "{more}");
+        let more = profile(&[sent("Z+1.000"), sent("X+2.000")]);
+        assert!(more.contains("text = \"Z{number.3}\"\n"), "the first one: {more}");
+        let module = Found::Module { address: 4, name: "7018".to_owned(), has_sum: false };
+        assert!(profile(&[error, module]).contains("unit = 4\n"));
+        let more = profile(&[sent("{\"t\":21.5}")]);
+        assert!(more.contains("text = \"{number}\"   # no pattern was found"), "{more}");
+    }
+
+    #[test]
+    fn a_parity_bit_is_reported_and_makes_no_pattern() {
+        let with_parity = |line: &str, is_odd: bool| -> Found {
+            let of = |byte: u8| if (byte.count_ones() % 2 == 1) == is_odd { byte } else { byte | 0x80 };
+            sent(&line.bytes().map(|byte| char::from(of(byte))).collect::<String>())
+        };
+        for (is_odd, parity) in [(false, "even"), (true, "odd")] {
+            let report = described("server:4001", &[with_parity("+001.250 mm", is_odd)], false);
+            let why = report.profile.unwrap_err();
+            assert!(!report.is_empty && why.contains(&format!("{parity} parity")), "{why}");
+        }
+        for line in ["21.5 °C", "+001.250 mm", "°"] {
+            assert_eq!(sent(line).parity(), None, "{line}");
+        }
+    }
+
     #[test]
     fn a_dcon_module_is_read_by_its_address() {
-        let found = [Found::Module { address: 0x1a, name: "7018".to_owned() }];
-        let report = described("/dev/ttyUSB0", &found);
+        let found = [Found::Module { address: 0x1a, name: "7018".to_owned(), has_sum: false }];
+        let report = described("/dev/ttyUSB0", &found, false);
         assert!(report.text.contains("DCON module 7018 at address 1A"), "{}", report.text);
         let (_, more) = report.profile.unwrap();
         assert!(more.contains("unit = 26\n") && more.contains("request = \"#{unit}\\r\"\n"), "{more}");
+        let more = profile(&[Found::Module { address: 1, name: "7018".to_owned(), has_sum: true }]);
+        assert!(more.contains("text = \">{number 7}{any}{sum}\"\nrequest = \"#{unit}{sum}\\r\"\n"), "{more}");
     }
 
     #[test]
     fn a_silent_line_is_reported_with_what_to_do() {
-        let report = described("/dev/ttyUSB0", &[]);
-        assert!(report.is_empty && report.text.is_empty());
-        assert!(report.profile.unwrap_err().contains("data bits and parity"));
+        for (is_endless, words) in [(false, "no text arrived"), (true, "no end of a line")] {
+            let report = described("/dev/ttyUSB0", &[], is_endless);
+            assert!(report.is_empty && report.text.is_empty());
+            let why = report.profile.unwrap_err();
+            assert!(why.contains(words) && why.contains("data bits and parity"), "{why}");
+        }
     }
 }

@@ -77,7 +77,9 @@ impl<'a> Search<'a> {
             return Err(if is_echoed { Fault::Peer(PeerFault::Echoed) } else { Fault::Timeout });
         }
         if !self.found.iter().any(|found| matches!(found, Some(Ok(_)))) {
-            return Err(Fault::Peer(PeerFault::Malformed));
+            // A line with a wrong checksum has the right form.
+            let is_disturbed = self.found.iter().any(Option::is_some);
+            return Err(Fault::Peer(if is_disturbed { PeerFault::Checksum } else { PeerFault::Malformed }));
         }
         let missing = if self.others > 0 { Reason::BadReply } else { Reason::Timeout };
         Ok(self.found.into_iter().map(|found| found.unwrap_or(Err(missing))).collect())
@@ -104,6 +106,8 @@ mod tests {
     #[test]
     fn each_value_is_taken_from_the_line_that_it_matches() {
         const MALFORMED: Fault = Fault::Peer(PeerFault::Malformed);
+        const CHECKSUM: Fault = Fault::Peer(PeerFault::Checksum);
+        let summed = [">{number 7}{any}{sum}", ">{skip}{number 7}{any}{sum}"];
         let axes = ["X{number} mm", "Y{number} mm"];
         for (request, patterns, lines, expected) in [
             ("", &axes[..], &["X+1.5 mm", "Y-2.0 mm"][..], Ok(vec![Ok(1.5), Ok(-2.0)])),
@@ -115,7 +119,9 @@ mod tests {
             ("#01\r", &[">{number}"], &["#01>+1.0"], Ok(vec![Ok(1.0)])),
             ("#01\r", &[">{number}"], &["#01"], Err(Fault::Peer(PeerFault::Echoed))),
             ("#01\r", &[">{number}"], &["?01"], Err(MALFORMED)),
-            ("#01\r", &[">{number}{sum}"], &[">+1.000"], Err(MALFORMED)),
+            ("#01\r", &[">{number}{sum}"], &[">+1.000"], Err(CHECKSUM)),
+            ("#01C4\r", &summed, &[">+025.12+023.4000"], Err(CHECKSUM)),
+            ("#01C4\r", &summed, &["?01A0"], Err(MALFORMED)),
             ("1\r", &["{number}"], &["1"], Err(Fault::Peer(PeerFault::Echoed))),
             ("1\r", &["{number}"], &["1", "+1.0"], Ok(vec![Ok(1.0)])),
             ("1\r", &["{number.3 6}"], &["112.345"], Err(MALFORMED)),

@@ -51,9 +51,18 @@ fn a_line_is_shown_and_written_with_its_settings() {
 
 #[test]
 fn the_faults_of_text_have_remedies_of_their_own() {
-    for fault in [PeerFault::Malformed, PeerFault::Unasked, PeerFault::Echoed].map(Fault::Peer) {
+    let faults = [PeerFault::Malformed, PeerFault::Checksum, PeerFault::Unasked, PeerFault::Echoed];
+    for fault in faults.map(Fault::Peer) {
         assert!(hint(fault).is_some(), "{fault}");
     }
+    let link = [LinkFault::Refused, LinkFault::Broken].map(Fault::Link);
+    for fault in link.into_iter().chain(faults.map(Fault::Peer)) {
+        let said = hint(fault).unwrap_or_default();
+        assert!(
+            !said.is_empty() && !said.contains("Modbus") && !said.contains("unit number"),
+            "{fault}: {said}"
+        );
+    }
     assert!(hint(Fault::Timeout).unwrap().contains("baud rate"));
-    assert_eq!(hint(Fault::BROKEN), None);
+    assert_eq!(hint(Fault::Link(LinkFault::Unreachable)), None);
 }

@@ -137,6 +137,12 @@ fn a_wrong_pattern_is_rejected_with_its_mistake() {
         ("{number.}", "`{number.}` is unknown"),
         ("{number.10}", "`{number.10}` is unknown"),
         ("{number 0}", "`{number 0}` is unknown"),
+        ("{number.3 3} mm", "too few characters for its decimals; count"),
+        ("{number} mm\r\n", "without its end (carriage return, line feed); leave out \\r and \\n"),
+        (
+            "{number} \u{3bc}m",
+            "a device cannot send `\u{3bc}`, because a character has eight bits; write {any 1}",
+        ),
         ("{number 3.4}", "`{number 3.4}` is unknown"),
         ("{nummer 3}", "`{nummer 3}` is unknown"),
         ("{skip 999}{number}", "`{skip 999}` is unknown"),
@@ -177,6 +183,10 @@ fn a_pattern_like_a_line_reads_the_number_with_decimals() {
         ("01A+0001.25", Some("01A{number.2}")),
         ("  17", Some("{number}")),
         (">+25.12+23.40", Some(">{number.2}{any}")),
+        ("+12,345 mm", Some("{number,3} mm")),
+        ("T1,21.5", Some("T1,{number.1}")),
+        ("X,12", Some("X,{number}")),
+        ("10,20,30", None),
         ("no number", None),
         ("{1.5}", None),
     ] {

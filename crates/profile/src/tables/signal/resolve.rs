@@ -20,7 +20,7 @@ impl RawSignal {
         let index = at.key("device").named(&check.devices.names, self.device.as_ref());
         let device = index.and_then(|index| check.devices.get(index));
         if PLACES.into_iter().filter(|key| at.has(key)).count() > 1 {
-            let help = "keep one of register, channel, dbc, pdo, sdo, frame, node, sensor";
+            let help = "keep one of register, channel, dbc, pdo, sdo, frame, node, sensor, text";
             at.wrong_key("the signal is read from more than one place", help);
         }
         let known = check.line_kind(self.device.as_ref());
