@@ -22,8 +22,8 @@ const LOOK_AGAIN: Duration = Duration::from_secs(1);
 /// the verb shows the expected direction.
 ///
 /// The axis must be armed. The verb waits until it compensates. An axis without a model is armed for the check only, and
-/// its Cz is zero before and after. If its register holds another value, the verb first moves it to zero. During the check nothing else changes Cz. If you do not answer in time, or leave, the
-/// gateway removes the +5 µm.
+/// its Cz is zero before and after. If its register holds another value, the verb first moves it to zero. During the
+/// check nothing else changes Cz. If you do not answer in time, or leave, the gateway removes the +5 µm.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm sign my-machine.toml --axis z\n  isotherm sign my-machine.toml --axis z --answer plus"
