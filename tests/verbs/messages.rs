@@ -41,6 +41,26 @@ fn a_file_that_is_no_profile_is_one_error_that_says_what_it_is() {
 }
 
 #[test]
+fn a_profile_that_does_not_exist_is_looked_for_in_its_directory() {
+    let home = tempfile::tempdir().unwrap();
+    let (text, _) = machine(home.path());
+    for name in ["press-7.toml", "press-7.local.toml", "press-7.plant.toml"] {
+        file(home.path(), name, &text);
+    }
+    for (written, words) in [
+        ("press-7", "did you mean `HOME/press-7.toml`?"),
+        ("pres-7.toml", "did you mean `HOME/press-7.toml`?"),
+        ("press-7.tml", "did you mean `HOME/press-7.toml`?"),
+        ("other.toml", "`isotherm init` writes a first one"),
+        ("etc/press-7.toml", "is the directory HOME/etc right?"),
+    ] {
+        let Ended { code, said, .. } = check(home.path(), &home.path().join(written));
+        let words = words.replace("HOME", &home.path().display().to_string());
+        assert!(code == Some(64) && said.contains(&words), "{written}: {said}");
+    }
+}
+
+#[test]
 fn a_relative_state_directory_without_the_state_names_the_one_that_has_it() {
     let home = tempfile::tempdir().unwrap();
     let (text, _) = machine(home.path());
