@@ -61,6 +61,25 @@ fn a_profile_that_does_not_exist_is_looked_for_in_its_directory() {
 }
 
 #[test]
+fn a_file_that_is_in_the_way_is_named_with_what_to_do() {
+    let home = tempfile::tempdir().unwrap();
+    let (text, _) = machine(home.path());
+    let path = file(home.path(), "press-7.toml", &text);
+    let token = file(home.path(), "operator.token", "an old one\n");
+    let Ended { code, said, .. } = ended(isotherm(home.path()).args(["token", "--out"]).arg(&token));
+    assert!(
+        code == Some(1) && said.contains("exists already and is not overwritten: name another file"),
+        "{said}"
+    );
+    assert_eq!(std::fs::read_to_string(&token).unwrap(), "an old one\n");
+    let Ended { code, said, .. } = ended(isotherm(home.path()).arg("backup").arg(&path).arg(home.path()));
+    assert!(
+        code == Some(1) && said.contains("is a directory: name a file in it, or write --rotate"),
+        "{said}"
+    );
+}
+
+#[test]
 fn a_relative_state_directory_without_the_state_names_the_one_that_has_it() {
     let home = tempfile::tempdir().unwrap();
     let (text, _) = machine(home.path());
