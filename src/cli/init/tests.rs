@@ -219,6 +219,20 @@ fn a_device_on_a_network_may_have_a_unit_that_a_serial_line_reserves() {
 }
 
 #[test]
+fn the_words_of_a_plc_are_understood_in_the_hint() {
+    for (written, meant) in
+        [("INT", "i16"), ("DINT", "i32"), ("REAL", "f32"), ("WORD", "u16"), ("DWORD", "u32")]
+    {
+        let why = value_form::data_type(written).unwrap_err();
+        assert!(why.contains(&format!("did you mean `{meant}`?")), "{written}: {why}");
+    }
+    for (written, meant) in [("ABCD", "msw-first"), ("big-endian", "msw-first"), ("CDAB", "lsw-first")] {
+        let why = value_form::word_order(written).unwrap_err();
+        assert!(why.contains(&format!("did you mean `{meant}`?")), "{written}: {why}");
+    }
+}
+
+#[test]
 fn a_question_mark_explains_every_question() {
     let explained = USUAL.split('\n').map(|answer| format!("?\n{answer}\n")).collect::<String>();
     let (answers, shown) = answered(&explained);
