@@ -21,6 +21,12 @@ fn a_file_that_is_no_profile_is_one_error_that_says_what_it_is() {
         ("json", "{ \"machine\": { \"name\": \"press-7\" } }\n".to_owned(), "a profile is TOML"),
         ("quotes", text.replace(name, "name = “press-7”"), "these are typographic quotation marks"),
         ("script", text.replace(name, &format!("{name}\n名前 = 1")), "letters a to z"),
+        (
+            "one-bracket",
+            text.replace("[[axis.z.model]]", "[axis.z.model]"),
+            "write [[axis.z.model]], with two",
+        ),
+        ("two-brackets", text.replace("[axis.z]\n", "[[axis.z]]\n"), "write [axis.z], with one"),
         ("empty", String::new(), "the file is empty"),
         ("comment", "# nothing yet\n\n".to_owned(), "the file is empty"),
     ] {
