@@ -110,7 +110,7 @@ const NO_MINUS: Foreign = Foreign {
     help: "write the hyphen of the keyboard, as -4.0",
 };
 /// Blanks of word processors and web pages.
-const BLANKS: [char; 7] = ['\u{a0}', '\u{2007}', '\u{2009}', '\u{200b}', '\u{202f}', '\u{2060}', '\u{feff}'];
+const BLANKS: [char; 6] = ['\u{a0}', '\u{2007}', '\u{2009}', '\u{200b}', '\u{202f}', '\u{2060}'];
 const NO_BLANK: Foreign = Foreign {
     message: "this is an invisible character of a word processor or a web page, not a blank",
     help: "delete it, and type a blank",
