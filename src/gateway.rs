@@ -63,7 +63,7 @@ pub use state::causes::how_to_find_a_model;
 pub(crate) use state::causes::why_by_decision;
 #[cfg(feature = "identify")]
 pub(crate) use state::learning::change as model_change;
-pub use state::sign::sign_expectation;
+pub use state::sign::{is_at_zero, sign_expectation};
 pub use store::disk::{Disk, Files, make_directory};
 pub use store::{backup, candidates, log, templates};
 

@@ -192,6 +192,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         None => write_new(&file, &archive, mode, None),
     };
     written.map_err(|error| match error.kind() {
+        ErrorKind::AlreadyExists if arguments.rotate.is_none() && file.is_dir() => {
+            anyhow::anyhow!("{0} is a directory: name a file in it, or write --rotate {0}", file.display())
+        }
         ErrorKind::AlreadyExists if arguments.rotate.is_none() => {
             anyhow::anyhow!("{} exists already: give another name", file.display())
         }

@@ -27,13 +27,14 @@ use questions::Questions;
 /// device.
 ///
 /// The verb does not ask for values that are given as options. What would move an axis if it were wrong has no default:
-/// destination, type, word order and scale of the offset. The coefficients of the axis are found later, by `isotherm
-/// record` and `isotherm identify`.
+/// destination, type, word order and scale of the offset, and the unit of a control on the module's line. The
+/// coefficients of the axis are found later, by `isotherm record` and `isotherm identify`.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm init\n  isotherm init press-7.toml --yes --machine press-7 --bus 192.168.0.10:502 --module \
                   icp-das-m7018 --signals bed,column --output plc-block --control-base 0 --control 192.168.0.20:502\n  isotherm init \
-                  press-7.toml --yes --output 40105 --output-type i32 --output-word-order msw-first --output-scale 0.1"
+                  press-7.toml --yes --output 40105 --output-type i32 --output-word-order msw-first --output-scale 0.1 \
+                  --control-unit 2"
 )]
 pub(super) struct Arguments {
     /// The profile to write [default: <machine>.toml]

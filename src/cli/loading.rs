@@ -88,17 +88,22 @@ pub(super) fn load_by(
 ) -> anyhow::Result<Loaded> {
     // A file that a profile names may be large, so that the check takes long.
     #[cfg(any(feature = "identify", feature = "place"))]
-    let _checking = progress::Progress::begin("checking the profile");
+    let checking = progress::Progress::begin("checking the profile");
     let loaded = load();
     let loaded = loaded.and_then(|loaded| tls::check(&loaded.profile).map(|()| loaded));
     let loaded = loaded.and_then(|loaded| opcua_check::check(&loaded.profile).map(|()| loaded));
     let loaded = loaded.and_then(|loaded| broker::check(&loaded.profile).map(|()| loaded));
     let loaded = loaded.map_err(|mut errors| {
-        if let (Some(meant), [error]) = (machines::meant(path), errors.0.as_mut_slice()) {
+        if let (Some(meant), [error]) = (machines::meant(path), errors.0.as_mut_slice())
+            && error.help.as_deref().is_none_or(|help| !help.starts_with("did you mean"))
+        {
             error.help = Some(format!("did you mean the shipped machine `{meant}`?"));
         }
         errors
     });
+    // The errors begin on a line of their own.
+    #[cfg(any(feature = "identify", feature = "place"))]
+    drop(checking);
     reported(loaded, json)
 }
 

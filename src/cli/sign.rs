@@ -10,9 +10,9 @@ use super::loading::{ProfileArguments, load};
 use super::print::print_json;
 use super::values::typed;
 use crate::cli::print::{say, say_beside};
-use crate::gateway::{control, sign_expectation};
+use crate::gateway::{control, is_at_zero, sign_expectation};
 use crate::observe::status::{Command, DialDirection};
-use isotherm_profile::allowed;
+use isotherm_profile::{Profile, allowed};
 
 /// Interval of the checks whether the axis is ready.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
@@ -22,8 +22,8 @@ const LOOK_AGAIN: Duration = Duration::from_secs(1);
 /// the verb shows the expected direction.
 ///
 /// The axis must be armed. The verb waits until it compensates. An axis without a model is armed for the check only, and
-/// its Cz is zero before and after. During the check nothing else changes Cz. If you do not answer in time, or leave, the
-/// gateway removes the +5 µm.
+/// its Cz is zero before and after. If its register holds another value, the verb first moves it to zero. During the
+/// check nothing else changes Cz. If you do not answer in time, or leave, the gateway removes the +5 µm.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm sign my-machine.toml --axis z\n  isotherm sign my-machine.toml --axis z --answer plus"
@@ -51,7 +51,18 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         axis.is_some() || profile.axes.len() < 2,
         "there are several axes: name the one that is meant (--axis)"
     );
-    wait_until_ready(&socket, named, path)?;
+    let own = wait_until_ready(&socket, named, path)?;
+    if let Some(held) = held_without_model(&profile, &own) {
+        say_beside!(
+            "{named} has no model, and its register holds {held:.1} µm. The check begins at zero, so the offset \
+             moves there first. Keep everyone away from the moving parts."
+        );
+        if answer.is_none() {
+            say_beside!("Enter moves the offset to zero, Ctrl-C ends the check.");
+            anyhow::ensure!(typed()?.is_some(), "no answer; nothing was moved (--answer is for scripts)");
+        }
+        return_to_zero(&socket, named, &profile)?;
+    }
     if answer.is_none() {
         say_beside!(
             "Put a dial gauge between tool and work, along {named}, and set it to zero (or look at the \
@@ -81,20 +92,45 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Waits until the axis compensates and its registers hold its offset. Prints each new reason for which it waits. An
-/// axis without a model is not waited for, because the check itself arms it.
-fn wait_until_ready(socket: &Path, axis: &str, profile: &Path) -> anyhow::Result<()> {
+/// Returns the value of the register of an axis without a model, µm, if it is not zero.
+fn held_without_model(profile: &Profile, own: &Value) -> Option<f64> {
+    let place = profile.axes.iter().position(|axis| own["name"] == axis.settings.name.as_str())?;
+    let held = own["verified_um"].as_f64().filter(|_| own["has_model"] == false)?;
+    (!is_at_zero(profile, place, held)).then_some(held)
+}
+
+/// Moves the register of an axis without a model to zero. The gateway does this at the begin of a check, and then ends
+/// the check.
+fn return_to_zero(socket: &Path, axis: &str, profile: &Profile) -> anyhow::Result<()> {
+    let ended = control::sign(socket, Some(axis), |said| say_beside!("{said}")).map(drop);
+    // The gateway accepts the next check of the axis a second later.
+    std::thread::sleep(LOOK_AGAIN);
+    match (held_without_model(profile, &status_of(socket, axis)?), ended) {
+        (None, _) => Ok(()),
+        (Some(_), Err(why)) => Err(why.into()),
+        (Some(held), Ok(())) => anyhow::bail!("the register of axis {axis} still holds {held:.1} µm"),
+    }
+}
+
+/// Returns the part of an axis of the gateway's status. Without a gateway, this is an error.
+fn status_of(socket: &Path, axis: &str) -> anyhow::Result<Value> {
+    let status: Value = serde_json::from_str(&control::status(socket)?)?;
+    let axes = status["axes"].as_array().map_or(&[][..], Vec::as_slice);
+    let Some(own) = axes.iter().find(|own| own["name"] == axis) else {
+        let names = axes.iter().filter_map(|own| own["name"].as_str());
+        anyhow::bail!("the running gateway has no axis `{axis}`: {}", allowed(axis, names));
+    };
+    Ok(own.clone())
+}
+
+/// Waits until the axis compensates and its registers hold its offset, and returns its part of the status. Prints each
+/// new reason for which it waits. An axis without a model is not waited for, because the check itself arms it.
+fn wait_until_ready(socket: &Path, axis: &str, profile: &Path) -> anyhow::Result<Value> {
     let mut said = String::new();
     loop {
-        // Without a gateway, this ends with the error.
-        let status: Value = serde_json::from_str(&control::status(socket)?)?;
-        let axes = status["axes"].as_array().map_or(&[][..], Vec::as_slice);
-        let Some(own) = axes.iter().find(|own| own["name"] == axis) else {
-            let names = axes.iter().filter_map(|own| own["name"].as_str());
-            anyhow::bail!("the running gateway has no axis `{axis}`: {}", allowed(axis, names));
-        };
-        match readiness(own) {
-            Readiness::Ready => return Ok(()),
+        let own = status_of(socket, axis)?;
+        match readiness(&own) {
+            Readiness::Ready => return Ok(own),
             Readiness::Off => anyhow::bail!(
                 "axis {axis} is off; arm it first (`isotherm arm {} --axis {axis}`)",
                 profile.display()

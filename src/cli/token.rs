@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 
+use super::new_file::cannot_be_written;
 use super::service_user;
 use crate::cli::print::{say, say_beside};
 use crate::observe::http::new_token;
@@ -29,7 +30,7 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let token = new_token().context("the kernel has no random numbers")?;
     let Some(path) = &arguments.out else { return Ok(say!("{token}")?) };
-    write(path, &token).with_context(|| format!("{} cannot be written", path.display()))?;
+    write(path, &token).map_err(|error| cannot_be_written(path, &error))?;
     service_user::give(path)?;
     say_beside!(
         "below [web] of the profile: token_file = \"{0}\" (or viewer_token_file, scrape_token_file)",
@@ -40,6 +41,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 fn write(path: &Path, token: &str) -> std::io::Result<()> {
     let mut file = std::fs::OpenOptions::new().write(true).create_new(true).mode(0o600).open(path)?;
-    file.write_all(format!("{token}\n").as_bytes())?;
-    file.sync_all()
+    let filled = file.write_all(format!("{token}\n").as_bytes()).and_then(|()| file.sync_all());
+    // A part of a token would be a wrong token.
+    filled.inspect_err(|_| {
+        let _ = std::fs::remove_file(path);
+    })
 }

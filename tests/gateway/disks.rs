@@ -242,8 +242,9 @@ fn a_recording_and_a_first_profile_on_a_full_disk_name_the_file_and_what_to_do()
     };
     let (log, new) = (full.join("day.csv"), full.join("new.toml"));
     let record = ["record".as_ref(), home.profile.as_os_str(), "--out".as_ref(), log.as_os_str()];
-    let output: [&std::ffi::OsStr; 2] = ["--output".as_ref(), "linuxcnc-eoffset".as_ref()];
-    let init = ["init".as_ref(), new.as_os_str(), "--yes".as_ref(), output[0], output[1]];
+    let options = ["--yes", "--output", "linuxcnc-eoffset", "--control-unit", "2"];
+    let options: Vec<&std::ffi::OsStr> = options.iter().map(AsRef::as_ref).collect();
+    let init = [&["init".as_ref(), new.as_os_str()], &options[..]].concat();
     for (words, file) in [(&record[..], &log), (&init[..], &new)] {
         let (code, said) = on_it(words);
         let words =

@@ -21,6 +21,12 @@ fn a_file_that_is_no_profile_is_one_error_that_says_what_it_is() {
         ("json", "{ \"machine\": { \"name\": \"press-7\" } }\n".to_owned(), "a profile is TOML"),
         ("quotes", text.replace(name, "name = “press-7”"), "these are typographic quotation marks"),
         ("script", text.replace(name, &format!("{name}\n名前 = 1")), "letters a to z"),
+        (
+            "one-bracket",
+            text.replace("[[axis.z.model]]", "[axis.z.model]"),
+            "write [[axis.z.model]], with two",
+        ),
+        ("two-brackets", text.replace("[axis.z]\n", "[[axis.z]]\n"), "write [axis.z], with one"),
         ("empty", String::new(), "the file is empty"),
         ("comment", "# nothing yet\n\n".to_owned(), "the file is empty"),
     ] {
@@ -38,6 +44,45 @@ fn a_file_that_is_no_profile_is_one_error_that_says_what_it_is() {
         assert!(code == Some(64) && said.contains(words), "{}: {said}", path.display());
         assert!(said.ends_with("1 error in the profile\n"), "{}: {said}", path.display());
     }
+}
+
+#[test]
+fn a_profile_that_does_not_exist_is_looked_for_in_its_directory() {
+    let home = tempfile::tempdir().unwrap();
+    let (text, _) = machine(home.path());
+    for name in ["press-7.toml", "press-7.local.toml", "press-7.plant.toml"] {
+        file(home.path(), name, &text);
+    }
+    for (written, words) in [
+        ("press-7", "did you mean `HOME/press-7.toml`?"),
+        ("pres-7.toml", "did you mean `HOME/press-7.toml`?"),
+        ("press-7.tml", "did you mean `HOME/press-7.toml`?"),
+        ("other.toml", "`isotherm init` writes a first one"),
+        ("etc/press-7.toml", "is the directory HOME/etc right?"),
+    ] {
+        let Ended { code, said, .. } = check(home.path(), &home.path().join(written));
+        let words = words.replace("HOME", &home.path().display().to_string());
+        assert!(code == Some(64) && said.contains(&words), "{written}: {said}");
+    }
+}
+
+#[test]
+fn a_file_that_is_in_the_way_is_named_with_what_to_do() {
+    let home = tempfile::tempdir().unwrap();
+    let (text, _) = machine(home.path());
+    let path = file(home.path(), "press-7.toml", &text);
+    let token = file(home.path(), "operator.token", "an old one\n");
+    let Ended { code, said, .. } = ended(isotherm(home.path()).args(["token", "--out"]).arg(&token));
+    assert!(
+        code == Some(1) && said.contains("exists already and is not overwritten: name another file"),
+        "{said}"
+    );
+    assert_eq!(std::fs::read_to_string(&token).unwrap(), "an old one\n");
+    let Ended { code, said, .. } = ended(isotherm(home.path()).arg("backup").arg(&path).arg(home.path()));
+    assert!(
+        code == Some(1) && said.contains("is a directory: name a file in it, or write --rotate"),
+        "{said}"
+    );
 }
 
 #[test]

@@ -40,7 +40,7 @@ const CALLS: [&[&str]; 37] = [
     &["events", "machine.toml", "--state", "state"],
     &["status", "machine.toml", "--state", "state"],
     &["init"],
-    &["init", "--yes", "--output", "linuxcnc-eoffset"],
+    &["init", "--yes", "--output", "linuxcnc-eoffset", "--control-unit", "2"],
     &["token"],
     &["sign", "machine.toml", "--state", "state"],
     &["schema"],

@@ -239,7 +239,7 @@ fn shown<'w, 'a>(words: &'w [&'a str]) -> &'w [&'a str] {
 }
 
 /// Spellings that a profile does not accept, each with the word of the profile that means the same.
-const ALSO: [(&str, &str); 16] = [
+const ALSO: [(&str, &str); 28] = [
     ("c", "degC"),
     ("°c", "degC"),
     ("℃", "degC"),
@@ -256,6 +256,19 @@ const ALSO: [(&str, &str); 16] = [
     ("1/min", "rpm"),
     ("min-1", "rpm"),
     ("float", "f32"),
+    // Types of a PLC (IEC 61131-3), and the order of the bytes of 32 bits.
+    ("int", "i16"),
+    ("uint", "u16"),
+    ("word", "u16"),
+    ("dint", "i32"),
+    ("udint", "u32"),
+    ("dword", "u32"),
+    ("real", "f32"),
+    ("lreal", "f64"),
+    ("abcd", "msw-first"),
+    ("big-endian", "msw-first"),
+    ("cdab", "lsw-first"),
+    ("word-swapped", "lsw-first"),
 ];
 
 /// Returns the allowed word for a common spelling, for example `degC` for `celsius`. `lower` is the written word in

@@ -8,7 +8,7 @@ use serde_json::{Map, Value};
 use toml::Spanned;
 use toml::de::DeValue;
 
-use crate::error::{Errors, Findings, ProfileError, allowed};
+use crate::error::{Errors, Findings, ProfileError, allowed, nearest_or_longer};
 use crate::file_kind::FileKind;
 use crate::files::{Certificates, Disk, Files, Reads};
 use crate::kinds::KINDS;
@@ -32,6 +32,8 @@ const FAMILY: &str = "ISOTHERM_";
 const LOG: &str = "ISOTHERM_LOG";
 /// End of the name of a local file.
 const LOCAL: &str = ".local.toml";
+/// Ends of the names of files next to a profile that are no profiles.
+const BESIDE: [&str; 2] = [LOCAL, ".plant.toml"];
 /// Largest number of environment variables that a warning names.
 const NAMED: usize = 5;
 /// Size in bytes from which a profile is read in a separate thread, which returns its memory to the system.
@@ -233,14 +235,34 @@ fn not_read(path: &Path, why: &std::io::Error) -> ProfileError {
         () if path.is_dir() => {
             ("this is a directory, not a profile", "give the profile in it, as DIRECTORY/my-machine.toml")
         }
+        () if why.kind() == ErrorKind::NotFound => {
+            let message = format!("the profile cannot be read: {}", without_numbers(&why.to_string()));
+            return ProfileError::about(name, message, Some(meant_file(path)));
+        }
         () => return unreadable(&name, why),
     };
     ProfileError::about(name, message, Some(help.to_owned()))
 }
 
+/// Returns the hint for a profile that does not exist: the profile in its directory that was probably meant.
+fn meant_file(path: &Path) -> String {
+    let directory = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let Ok(entries) = directory.read_dir() else {
+        return format!("is the directory {} right?", directory.display());
+    };
+    let is_profile = |name: &String| name.ends_with(".toml") && !BESIDE.iter().any(|end| name.ends_with(end));
+    let names = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+    let names: Vec<String> = names.filter(is_profile).collect();
+    let words: Vec<&str> = names.iter().map(String::as_str).collect();
+    let wanted = path.file_name().unwrap_or_default().to_string_lossy();
+    match nearest_or_longer(&wanted, &words) {
+        Some(near) => format!("did you mean `{}`?", path.with_file_name(near).display()),
+        None => "give the path of a profile; `isotherm init` writes a first one".to_owned(),
+    }
+}
+
 fn unreadable(name: &str, why: &std::io::Error) -> ProfileError {
     let help = match why.kind() {
-        ErrorKind::NotFound => "give the path of a profile, as `profiles/surface-grinder.toml`",
         ErrorKind::InvalidData => "a profile is a TOML file in UTF-8",
         ErrorKind::FileTooLarge => "is it a profile?",
         _ => "is it a file, and does this user have permission to read it?",

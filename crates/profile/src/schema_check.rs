@@ -143,7 +143,8 @@ impl SchemaCheck<'_> {
             }
             (found, _) => {
                 let help = described.get("description").or(schema.get("description")).and_then(Value::as_str);
-                let written = written(self.schema, schema, path, &found);
+                let written = headed(self.schema, schema, path, &found)
+                    .or_else(|| written(self.schema, schema, path, &found));
                 let help = written.into_iter().chain(help.map(|help| help.replace('\n', " ")));
                 let help = Some(help.collect::<Vec<_>>().join("; ")).filter(|help| !help.is_empty());
                 (wrong_type(&types(self.schema, schema), &found, is_duration), help)
@@ -309,6 +310,27 @@ fn meant(text: &str, words: &[&str]) -> Option<String> {
              used"
         )
     })
+}
+
+/// Suggests the brackets of a header, if a table was written in the place of a list of tables, or the other way round.
+fn headed(root: &Value, schema: &Value, path: &str, found: &DeValue<'_>) -> Option<String> {
+    let wanted = types(root, schema);
+    let of_tables = || {
+        let items = resolved(root, schema).get("items");
+        items.is_some_and(|items| types(root, items) == ["object"])
+    };
+    match found {
+        // The path of an entry of a list is no header.
+        _ if path.contains('[') => None,
+        DeValue::Table(_) if wanted == ["array"] && of_tables() => {
+            Some(format!("write [[{path}]], with two brackets, as the header of each entry"))
+        }
+        DeValue::Array(items) if wanted == ["object"] && !items.is_empty() => {
+            let is_table = items.iter().all(|item| matches!(item.get_ref(), DeValue::Table(_)));
+            is_table.then(|| format!("write [{path}], with one bracket, as the header"))
+        }
+        _ => None,
+    }
 }
 
 /// Suggests how to write a table, if the profile has a different value at its place. The suggestion contains the

@@ -11,6 +11,12 @@ const TWICE: &str = "duplicate key";
 const UNCLOSED: [&str; 2] = ["unclosed array", "unclosed inline table"];
 /// Parts of the messages about the content of a list or inline table.
 const IN_BRACKETS: [&str; 4] = ["unclosed array", "array element", "in array", "inline table"];
+/// Begins of the messages about a number such as `.1` or `1.`.
+const NO_DIGITS: [&str; 2] = ["invalid mantissa", "invalid fraction"];
+/// Begin of the message about a value without quotation marks, such as `10 µm`.
+const UNQUOTED: &str = "string values must be quoted";
+/// Message about a number that more characters follow, such as `10.0mm`.
+const LONGER: &str = "invalid float, expected nothing";
 /// Part of another message about the content of an inline table.
 const PAIRS: &str = "between key-value pairs";
 
@@ -71,6 +77,12 @@ pub(crate) fn independent<'p>(text: &str, problems: &'p [Error]) -> Vec<SyntaxEr
             }
             _ if is_twice && is_header => Some("give one of the two tables another name"),
             _ if is_twice => Some("keep one of the two keys"),
+            _ if NO_DIGITS.iter().any(|begin| message.starts_with(begin)) => {
+                Some("write a digit before and after the point: 0.1")
+            }
+            _ if is_longer_number(message, rest) => {
+                Some("write a number alone, as 10.0, or a duration in quotes, as \"10s\"")
+            }
             _ => None,
         };
         errors.push(SyntaxError { at, message, help });
@@ -91,16 +103,41 @@ const QUOTED: Foreign = Foreign {
     message: "these are typographic quotation marks",
     help: "write straight ones, as \"press-7\"; a word processor or a chat has replaced them",
 };
-/// Characters of East Asian keyboards, which are as wide as a letter of their script.
-const WIDE: [char; 9] = ['＝', '［', '］', '｛', '｝', '，', '：', '＃', '\u{3000}'];
+/// Signs of texts that look like the minus of a number. The output of this program has the first one.
+const MINUS_SIGNS: [char; 6] = ['−', '–', '—', '‐', '‑', '﹣'];
+const NO_MINUS: Foreign = Foreign {
+    message: "this is a dash or a minus sign of a text, not the one of a number",
+    help: "write the hyphen of the keyboard, as -4.0",
+};
+/// Blanks of word processors and web pages.
+const BLANKS: [char; 6] = ['\u{a0}', '\u{2007}', '\u{2009}', '\u{200b}', '\u{202f}', '\u{2060}'];
+const NO_BLANK: Foreign = Foreign {
+    message: "this is an invisible character of a word processor or a web page, not a blank",
+    help: "delete it, and type a blank",
+};
+const SEMICOLON: Foreign =
+    Foreign { message: "a line does not contain `;`", help: "leave it out; a comment begins with `#`" };
+const SLASHES: Foreign = Foreign { message: "`//` begins no comment", help: "a comment begins with `#`" };
 const TOO_WIDE: Foreign = Foreign {
     message: "this is a full-width character",
-    help: "switch the keyboard to English, and write = [ ] { } , # and blanks in their usual width",
+    help: "switch the keyboard to English, and write digits, = [ ] { } , # and blanks in their usual width",
 };
 const OTHER_SCRIPT: Foreign = Foreign {
     message: "a name may only have the letters a to z, digits, `_` and `-`",
     help: "write a short name in these letters, and the other one as its label: label = \"床温\"",
 };
+
+/// Returns whether an error is about a number with a unit or another addition. `rest` is the text from the error on.
+fn is_longer_number(message: &str, rest: &str) -> bool {
+    let begins_as_number =
+        || rest.trim_start_matches(['-', '+']).starts_with(|one: char| one.is_ascii_digit());
+    message == LONGER || message.starts_with(UNQUOTED) && begins_as_number()
+}
+
+/// Returns whether a character of an East Asian keyboard is as wide as a letter of its script.
+fn is_wide(one: char) -> bool {
+    ('\u{ff01}'..='\u{ff5e}').contains(&one) || one == '\u{3000}'
+}
 
 /// Returns the first character of a line that TOML does not know, with its place in the line. Texts in quotation marks
 /// and comments may contain any character.
@@ -114,7 +151,13 @@ fn foreign(line: &str) -> Option<(usize, &'static Foreign)> {
             (None, '#') => return None,
             (None, '=') => is_name = false,
             (None, _) if QUOTATION_MARKS.contains(&one) => return Some((place, &QUOTED)),
-            (None, _) if WIDE.contains(&one) => return Some((place, &TOO_WIDE)),
+            (None, _) if is_wide(one) => return Some((place, &TOO_WIDE)),
+            (None, _) if MINUS_SIGNS.contains(&one) => return Some((place, &NO_MINUS)),
+            (None, _) if BLANKS.contains(&one) => return Some((place, &NO_BLANK)),
+            (None, ';') => return Some((place, &SEMICOLON)),
+            (None, '/') if line.get(place..).is_some_and(|rest| rest.starts_with("//")) => {
+                return Some((place, &SLASHES));
+            }
             (None, _) if is_name && !one.is_ascii() && one.is_alphabetic() => {
                 return Some((place, &OTHER_SCRIPT));
             }
@@ -179,16 +222,52 @@ mod tests {
             ("床温 = 1\n", "a name may only have the letters a to z"),
             ("[signal.床温]\nunit = \"degC\"\n", "a name may only have the letters a to z"),
             ("a = { b = “x” }\n", "typographic quotation marks"),
+            ("limit = ５\n", "full-width character"),
+            ("ｌｉｍｉｔ = 5\n", "full-width character"),
+            ("gain = −4.0\n", "not the one of a number"),
+            ("terms = [ { signal = \"a−b\", gain = –4.0, reference = 20.0 } ]\n", "not the one of a number"),
+            ("gain = －4.0\n", "full-width character"),
+            ("\u{a0}limit = 5.0\n", "invisible character"),
+            ("limit =\u{a0}5.0\n", "invisible character"),
+            ("limit = 5.0;\n", "does not contain `;`"),
+            ("limit = 5.0 ; µm\n", "does not contain `;`"),
+            ("limit = 5.0 // µm\n", "`//` begins no comment"),
         ] {
             let found = lines(text);
             assert!(found.len() == 1 && found[0].0 == 1, "{text}: {found:?}");
             assert!(found[0].1.contains(words), "{text}: {found:?}");
         }
         // Other mistakes, next to texts and comments in any script.
-        for text in ["label = \"床温 “bed”\" x\n", "a = x # 床温 ＝ “bed”\n"] {
+        for text in [
+            "label = \"床温 “bed”\" x\n",
+            "a = x # 床温 ＝ “bed”\n",
+            "a = \"−4; //\u{a0}５\" x\n",
+            "a = x # −4; //\u{a0}５\n",
+        ] {
             let found = lines(text);
             assert!(found.len() == 1 && !found[0].1.contains("full-width"), "{text}: {found:?}");
             assert!(foreign(text).is_none(), "{text}");
+        }
+    }
+
+    #[test]
+    fn a_number_that_is_written_differently_is_explained() {
+        for (text, word) in [
+            ("a = .1\n", "0.1"),
+            ("a = 1.\n", "0.1"),
+            ("a = { b = -.5 }\n", "0.1"),
+            ("a = 10 µm\n", "alone"),
+            ("a = 10um\n", "alone"),
+            ("a = 10.0mm\n", "alone"),
+            ("a = 1/10\n", "alone"),
+            ("every = 10s\n", "\"10s\""),
+        ] {
+            let (_, problems) = DeTable::parse_recoverable(text);
+            let errors = independent(text, &problems);
+            assert!(
+                errors.len() == 1 && errors[0].help.is_some_and(|help| help.contains(word)),
+                "{text}: {errors:?}"
+            );
         }
     }
 

@@ -1,5 +1,7 @@
 //! Answers to the questions, and their checks.
 
+use std::net::Ipv4Addr;
+
 use super::serial_settings::SerialSettings;
 use super::value_form::ValueForm;
 use crate::discovery::{Register, Table};
@@ -49,7 +51,26 @@ impl Line {
                  answer, {example}"
             ));
         }
+        let is_numbered = |begin: &str| {
+            let rest = text.get(begin.len()..).filter(|_| text.to_ascii_lowercase().starts_with(begin));
+            rest.is_some_and(|rest| !rest.is_empty() && rest.bytes().all(|byte| byte.is_ascii_digit()))
+        };
+        if is_numbered("com") {
+            return Err(format!(
+                "{text} is a serial port of Windows: here a port has a path, such as /dev/ttyUSB0 or \
+                 /dev/ttyS0; `ls /dev/serial/by-id` shows the adapters"
+            ));
+        }
+        if ["ttyusb", "ttyacm", "ttys"].into_iter().any(is_numbered) {
+            return Err(format!("write the whole path of the serial port: /dev/{text}"));
+        }
         let (host, port) = text.rsplit_once(':').unwrap_or((text, "502"));
+        let is_of_numbers = host.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.');
+        if is_of_numbers && host.parse::<Ipv4Addr>().is_err() {
+            return Err(format!(
+                "`{host}` is no address: write four numbers from 0 to 255, as 192.168.0.10:502"
+            ));
+        }
         let is_host = |byte: u8| byte.is_ascii_alphanumeric() || b".-:[]".contains(&byte);
         match port.parse::<u16>() {
             Ok(port) if port > 0 && !host.is_empty() && host.bytes().all(is_host) => {
@@ -241,9 +262,15 @@ pub(super) fn signals(text: &str, most: usize) -> Result<Vec<String>, String> {
     }
 }
 
-pub(super) fn unit(text: &str) -> Result<u8, String> {
-    let unit = text.parse().ok().filter(|unit| (1..=247).contains(unit));
-    unit.ok_or_else(|| "write a unit from 1 to 247".to_owned())
+/// Parses a unit. On a serial line, 0 is for all units, and those above 247 are reserved; a device on a network may use
+/// them.
+pub(super) fn unit(text: &str, line: &Line) -> Result<u8, String> {
+    let allowed = match line {
+        Line::Tcp(_) => 0..=255,
+        Line::Serial(..) => 1..=247,
+    };
+    let unit = text.parse::<u8>().ok().filter(|unit| allowed.contains(unit));
+    unit.ok_or_else(|| format!("write a unit from {} to {}", allowed.start(), allowed.end()))
 }
 
 pub(super) fn limit(text: &str) -> Result<f64, String> {

@@ -40,9 +40,10 @@ pub(super) fn ask(
     )?;
     let (outline, variant, base) = asking.module(known)?;
     let unit = asking.unit(
-        ("unit", "Unit number of the module", "1"),
+        ("unit", "Unit number of the module", Some("1")),
         "The Modbus unit, often set by switches on the module; `isotherm scan` finds it.",
         arguments.unit.as_deref(),
+        &line,
     )?;
     let sends_text = outline.as_ref().is_some_and(|outline| outline.sends_text);
     let given = (arguments.baud.as_deref(), arguments.parity.as_deref());
@@ -112,11 +113,12 @@ impl Asking<'_, '_> {
 
     fn unit(
         &mut self,
-        (option, text, usual): (&'static str, &str, &str),
+        question: (&'static str, &str, Option<&str>),
         help: &str,
         given: Option<&str>,
+        line: &Line,
     ) -> anyhow::Result<u8> {
-        self.text((option, text, Some(usual)), help, given, answers::unit)
+        self.text(question, help, given, |text| answers::unit(text, line))
     }
 
     /// Asks for the template of the module, its variant and its first register.
@@ -368,11 +370,14 @@ impl Asking<'_, '_> {
             self.arguments.control.as_deref(),
             other_line,
         )?;
-        let other = if control.is_none() && module_unit == 1 { "2" } else { "1" };
+        // On the line of the module, another unit may be another drive.
+        let usual = control.is_some().then_some("1");
         let unit = self.unit(
-            ("control-unit", "Unit number of the control", other),
-            "The Modbus unit of the control; over a network it is often 1.",
+            ("control-unit", "Unit number of the control", usual),
+            "The Modbus unit of the control; over a network it is often 1. Another unit of the line may move another \
+             axis.",
             self.arguments.control_unit.as_deref(),
+            control.as_ref().unwrap_or(module),
         )?;
         let Some(line) = control else {
             if unit == module_unit {

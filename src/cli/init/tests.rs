@@ -8,7 +8,7 @@ use isotherm_profile::template::Outline;
 use isotherm_profile::{Writes, preview};
 
 /// Answers up to the destination of Cz by Enter, then a register with type, word order and scale, then Enter again.
-const USUAL: &str = "\n\n\n\n\n\n\n\n\n\n40105\ni32\nmsw-first\n0.1\n\n\n\n";
+const USUAL: &str = "\n\n\n\n\n\n\n\n\n\n40105\ni32\nmsw-first\n0.1\n\n2\n\n";
 
 const FOUND: SerialSettings = SerialSettings { baud: 19_200, parity: Parity::Even };
 
@@ -79,6 +79,7 @@ fn nothing_that_moves_an_axis_has_a_default() {
         (&["--yes", "--output", "40105", "--output-type", "i16"][..], "--output-scale is needed"),
         (&["--yes", "--output", "plc-block"][..], "--control-base is needed"),
         (&["--yes", "--axis", "x", "--output", "linuxcnc-eoffset"][..], "--diameter is needed"),
+        (&["--yes", "--output", "linuxcnc-eoffset"][..], "--control-unit is needed"),
     ] {
         let (answers, ..) = answered_with(options, "");
         let why = answers.unwrap_err().to_string();
@@ -88,12 +89,14 @@ fn nothing_that_moves_an_axis_has_a_default() {
 
 #[test]
 fn the_template_of_the_control_gives_the_form_of_the_offset() {
-    let (answers, ..) = answered_with(&["--yes", "--output", "plc-block", "--control-base", "40101"], "");
+    let on_its_line = ["--control-unit", "2"];
+    let options = ["--yes", "--output", "plc-block", "--control-base", "40101"];
+    let (answers, ..) = answered_with(&[&options[..], &on_its_line].concat(), "");
     let Target::Template(template) = answers.unwrap().target else { panic!("plc-block is a template") };
     let ControlTemplate { base, keys, target, .. } = *template;
     assert_eq!((base, keys, target.as_str()), (Some(100), vec![], "z"));
     let options = ["--yes", "--output", "plc-block", "--control-base", "0", "--output-scale", "-0.1"];
-    let answers = answered_with(&options, "").0.unwrap();
+    let answers = answered_with(&[&options[..], &on_its_line].concat(), "").0.unwrap();
     let profile = taken(&answers);
     let scale = profile.outputs[0].encoding.scale.get();
     assert!((scale + 0.1).abs() < 1e-9, "the profile overrides the template: {scale}");
@@ -102,7 +105,7 @@ fn the_template_of_the_control_gives_the_form_of_the_offset() {
 #[test]
 fn no_target_is_guessed_for_an_axis_that_the_template_does_not_name() {
     let target = |options: &[&str]| {
-        let usual = ["--yes", "--output", "plc-block", "--control-base", "0"];
+        let usual = ["--yes", "--output", "plc-block", "--control-base", "0", "--control-unit", "2"];
         let answers = answered_with(&[&usual, options].concat(), "").0.map_err(|why| why.to_string())?;
         let Target::Template(template) = answers.target else { panic!("plc-block is a template") };
         Ok::<String, String>(template.target)
@@ -188,6 +191,48 @@ fn what_is_no_answer_is_asked_for_again_with_the_reason() {
 }
 
 #[test]
+fn an_address_that_is_none_is_asked_for_again_with_what_is_meant() {
+    for (written, why) in [
+        ("COM3", "a serial port of Windows"),
+        ("com12", "a serial port of Windows"),
+        ("ttyUSB0", "/dev/ttyUSB0"),
+        ("ttyS1", "/dev/ttyS1"),
+        ("192.168.0.300:502", "four numbers from 0 to 255"),
+        ("192.168.0:502", "four numbers from 0 to 255"),
+    ] {
+        let refused = Line::parse(written).unwrap_err();
+        assert!(refused.contains(why), "{written}: {refused}");
+    }
+    for host in ["192.168.0.10:502", "com-server-3:502", "common", "tty.example:502", "[::1]:502"] {
+        assert!(matches!(Line::parse(host), Ok(Line::Tcp(_))), "{host}");
+    }
+}
+
+#[test]
+fn a_device_on_a_network_may_have_a_unit_that_a_serial_line_reserves() {
+    let (tcp, serial) = (Line::parse("192.168.0.10").unwrap(), Line::parse("/dev/ttyUSB0").unwrap());
+    for (unit, of_serial) in [("0", false), ("1", true), ("247", true), ("255", false)] {
+        assert!(answers::unit(unit, &tcp).is_ok(), "{unit}");
+        assert_eq!(answers::unit(unit, &serial).is_ok(), of_serial, "{unit}");
+    }
+    assert!(answers::unit("256", &tcp).is_err_and(|why| why.contains("0 to 255")));
+}
+
+#[test]
+fn the_words_of_a_plc_are_understood_in_the_hint() {
+    for (written, meant) in
+        [("INT", "i16"), ("DINT", "i32"), ("REAL", "f32"), ("WORD", "u16"), ("DWORD", "u32")]
+    {
+        let why = value_form::data_type(written).unwrap_err();
+        assert!(why.contains(&format!("did you mean `{meant}`?")), "{written}: {why}");
+    }
+    for (written, meant) in [("ABCD", "msw-first"), ("big-endian", "msw-first"), ("CDAB", "lsw-first")] {
+        let why = value_form::word_order(written).unwrap_err();
+        assert!(why.contains(&format!("did you mean `{meant}`?")), "{written}: {why}");
+    }
+}
+
+#[test]
 fn a_question_mark_explains_every_question() {
     let explained = USUAL.split('\n').map(|answer| format!("?\n{answer}\n")).collect::<String>();
     let (answers, shown) = answered(&explained);
@@ -205,7 +250,7 @@ fn the_settings_of_a_line_are_tried_only_after_a_yes() {
         why.contains("Register of the first temperature") && !shown.contains("answers at"),
         "{why} {shown}"
     );
-    let options = ["--yes", "--bus", "/dev/ttyUSB0", "--output", "linuxcnc-eoffset"];
+    let options = ["--yes", "--bus", "/dev/ttyUSB0", "--output", "linuxcnc-eoffset", "--control-unit", "2"];
     let answers = answered_with(&options, "").0.unwrap();
     assert_eq!(answers.line, Line::Serial("/dev/ttyUSB0".to_owned(), SerialSettings::default()));
     let options = ["--bus", "/dev/nothing", "--module", "none", "--unit", "4"];
@@ -216,13 +261,14 @@ fn the_settings_of_a_line_are_tried_only_after_a_yes() {
 #[test]
 fn the_signal_that_shows_the_machine_on_becomes_the_machine_start() {
     for (answer, address) in [("holding:16.3", "holding:16"), ("10004", "discrete:3"), ("coil:7", "coil:7")] {
-        let answers = answered(&USUAL.replacen("0.1\n\n\n\n", &format!("0.1\n\n\n{answer}\n"), 1)).0.unwrap();
+        let answers =
+            answered(&USUAL.replacen("0.1\n\n2\n\n", &format!("0.1\n\n2\n{answer}\n"), 1)).0.unwrap();
         let profile = taken(&answers);
         let on = profile.machine.on.map(|id| profile.signal(id)).unwrap();
         let register = on.address.register().unwrap().to_string();
         assert_eq!((on.name.as_str(), register.as_str()), ("machine_on", address));
     }
-    let (_, shown) = answered(&USUAL.replacen("0.1\n\n\n\n", "0.1\n\n\nholding:5\n\n", 1));
+    let (_, shown) = answered(&USUAL.replacen("0.1\n\n2\n\n", "0.1\n\n2\nholding:5\n\n", 1));
     assert!(shown.contains("add the bit"), "{shown}");
 }
 
@@ -260,6 +306,9 @@ fn a_control_at_the_address_of_the_module_is_on_its_line() {
     assert_eq!(taken(&answers).buses.len(), 1);
     let options =
         ["--yes", "--bus", "/dev/ttyUSB0", "--output", "linuxcnc-eoffset", "--control", "/dev/ttyUSB0"];
+    let why = answered_with(&options, "").0.unwrap_err().to_string();
+    assert!(why.contains("--control-unit is needed"), "{why}");
+    let options = [&options[..], &["--control-unit", "2"]].concat();
     assert_eq!(answered_with(&options, "").0.unwrap().control, None, "a port has one bus");
 }
 

@@ -54,8 +54,9 @@ pub(in crate::gateway) fn begin(
         return Err(format!("the sign of axis {name} cannot be checked: {why}").into());
     }
     let until = now.after(profile.arm_timeout);
+    let stage = if is_away(core, axis) { SignStage::ReturnsToZero } else { SignStage::Waits };
     let arming = &mut core.arming[axis];
-    arming.sign = Some(SignCheck { by: requester.clone(), stage: SignStage::Waits, until });
+    arming.sign = Some(SignCheck { by: requester.clone(), stage, until });
     arming.sign_ended = None;
     if !has_model && !is_armed {
         let asked = ArmRequest { by: requester.clone(), until, reported: (String::new(), now), from: None };
@@ -84,7 +85,10 @@ pub(in crate::gateway) fn progress(
         });
     };
     Ok(match check.stage {
-        SignStage::Waits => {
+        SignStage::ReturnsToZero if core.arming[axis].is_armed() => {
+            Answer::Waits(format!("{name}: the register does not hold zero; Cz returns to zero first"))
+        }
+        SignStage::Waits | SignStage::ReturnsToZero => {
             let why = not_ready(core, axis, now).map(|why| format!(": {why}")).unwrap_or_default();
             Answer::Waits(format!("{name}: the sign check waits for the axis{why}"))
         }
@@ -95,6 +99,15 @@ pub(in crate::gateway) fn progress(
             Answer::Done(format!("{name}: Cz has changed by {}; read the gauge now", moved.way()))
         }
     })
+}
+
+/// Returns whether an axis has no model, and a register of it does not hold zero.
+fn is_away(core: &GatewayState, axis: usize) -> bool {
+    let (profile, _) = given(core);
+    let guard = &profile.axes[axis].settings.guard;
+    let mut outputs = core.outputs.of_axis(axis).filter(|(output, _)| output.writes.is_cz());
+    !profile.axes[axis].has_model()
+        && outputs.any(|(_, state)| state.cz.is_some_and(|cz| !is_at(guard, cz, Micron::ZERO)))
 }
 
 /// Returns why the axis cannot be moved for a sign check yet; `None` if it is ready.
@@ -138,7 +151,7 @@ pub(in crate::gateway) fn answer(
                 "start the sign check first",
             ));
         }
-        Some(SignStage::Waits | SignStage::Moves(_)) => {
+        Some(SignStage::Waits | SignStage::ReturnsToZero | SignStage::Moves(_)) => {
             return Err(Explained::new(
                 format!("{name}: the register does not hold the changed Cz yet"),
                 "wait until the register holds this Cz",
@@ -173,7 +186,9 @@ fn follow_one(core: &mut GatewayState, axis: usize, now: Moment) {
         return;
     }
     match check.stage {
-        SignStage::Waits => begin_movement(core, axis, (&*profile, &check), now),
+        SignStage::Waits | SignStage::ReturnsToZero => {
+            begin_movement(core, axis, (&*profile, &check), now);
+        }
         SignStage::Moves(moved) | SignStage::Reached(moved) => {
             let Some(decision) = core.compensation.decision(axis).copied() else { return };
             let guard = &profile.axes[axis].settings.guard;
@@ -210,7 +225,16 @@ fn begin_movement(
         if is_lost || now >= check.until {
             let why = core.arming[axis].refusal.clone().unwrap_or(why);
             end(core, axis, why);
+        } else if is_away(core, axis)
+            && let Some(check) = &mut core.arming[axis].sign
+        {
+            check.stage = SignStage::ReturnsToZero;
         }
+        return;
+    }
+    if check.stage == SignStage::ReturnsToZero {
+        let why = "the register did not hold zero before the check; now it does";
+        end(core, axis, Explained::new(why, "set the gauge to zero, and start the check again"));
         return;
     }
     let Some(from) = core.compensation.decision(axis).map(|decision| decision.cz) else { return };

@@ -31,6 +31,9 @@ pub(in crate::gateway) struct SignCheck {
 pub(in crate::gateway) enum SignStage {
     /// The check waits until the axis compensates and its registers hold its offset.
     Waits,
+    /// The axis has no model, and its register did not hold zero. Cz returns to zero, and the check then ends: a gauge
+    /// that was set to zero before does not show the movement alone.
+    ReturnsToZero,
     /// Cz moves to the value at which the gauge is read.
     Moves(SignMove),
     /// The registers hold this value, so that the gauge may be read.
@@ -79,7 +82,7 @@ impl SignCheck {
     /// Returns the Cz that the check requests instead of the value of the model; `None` while it waits.
     pub(in crate::gateway) fn target(&self) -> Option<Micron> {
         match self.stage {
-            SignStage::Waits => None,
+            SignStage::Waits | SignStage::ReturnsToZero => None,
             SignStage::Moves(moved) | SignStage::Reached(moved) => Some(moved.to),
         }
     }
@@ -87,7 +90,7 @@ impl SignCheck {
     /// Returns the status of the check for the display.
     pub(in crate::gateway) fn status(&self, profile: &Profile, axis: usize, now: Moment) -> SignStatus {
         let moved = match self.stage {
-            SignStage::Waits => SignMove::beginning_at(Micron::ZERO),
+            SignStage::Waits | SignStage::ReturnsToZero => SignMove::beginning_at(Micron::ZERO),
             SignStage::Moves(moved) | SignStage::Reached(moved) => moved,
         };
         SignStatus {
@@ -103,6 +106,12 @@ impl SignCheck {
 /// Returns, as text, how a gauge or the readout must have moved in the sign check of an axis.
 pub fn sign_expectation(profile: &Profile, axis: usize) -> String {
     must(profile, axis, SignMove::beginning_at(Micron::ZERO).way())
+}
+
+/// Returns whether a register with this Cz, µm, holds the zero at which the sign check of an axis without a model begins.
+pub fn is_at_zero(profile: &Profile, axis: usize, cz: f64) -> bool {
+    let guard = &profile.axes[axis].settings.guard;
+    Micron::new(cz).is_some_and(|cz| is_at(guard, cz, Micron::ZERO))
 }
 
 /// Returns, as text, the direction in which a gauge or the readout must have moved.

@@ -214,17 +214,29 @@ fn without_an_operator_or_for_an_unknown_axis_nothing_moves() {
     assert_eq!((bench.reported("sign-ended"), offset(&bench)), (Vec::new(), 0));
 }
 
-#[test]
-fn an_axis_without_a_model_is_armed_for_the_check_and_off_again_after_it() {
+/// Bench whose axis has no model, and whose register was read.
+fn unmodelled() -> Bench {
     let bench = Bench::of(|text| {
         let (before, behind) = text.split_once("[[axis.z.model]]").unwrap();
         let (_, output) = behind.split_once("[output.cnc_z]").unwrap();
         format!("{before}[output.cnc_z]{output}").replace("limit = 2000.0", "limit = 40.0")
     });
+    holds(&bench, 0.0);
+    bench
+}
+
+/// Waits until the gateway has read this value in the register, µm.
+#[track_caller]
+fn holds(bench: &Bench, um: f64) {
     until("the register was read", || match bench.axis()["verified_um"].as_f64() {
-        Some(_) => Ok(()),
-        None => Err(bench.axis().to_string()),
+        Some(held) if (held - um).abs() < 1e-6 => Ok(()),
+        _ => Err(bench.axis().to_string()),
     });
+}
+
+#[test]
+fn an_axis_without_a_model_is_armed_for_the_check_and_off_again_after_it() {
+    let bench = unmodelled();
     assert_eq!(
         (bench.axis()["state"].clone(), bench.axis()["has_model"].clone()),
         ("off".into(), false.into())
@@ -260,6 +272,47 @@ fn an_axis_without_a_model_is_armed_for_the_check_and_off_again_after_it() {
     asked.ends_within(SOON);
     stands_at(&bench, 0);
     bench.is_in_state("off");
+}
+
+/// A gauge that was set to zero before this movement would show the wrong direction.
+#[test]
+fn a_register_that_does_not_hold_zero_returns_there_before_a_gauge_is_set() {
+    let bench = unmodelled();
+    for (before, word) in [(80, "plus"), (-30, "plus"), (120, "minus")] {
+        bench.device.puts(before);
+        holds(&bench, f64::from(before) / 10.0);
+        let mut asked = Running::start(&mut bench.verb(&["sign", "--axis", "z"]));
+        asked.receives("Enter moves the offset to zero");
+        assert_eq!(offset(&bench), before, "nothing moves before a person says so");
+        asked.stdin().write_all(b"\n").unwrap();
+        asked.receives("Put a dial gauge");
+        assert_eq!(offset(&bench), 0, "the gauge is set to zero where the movement begins");
+        asked.stdin().write_all(b"\n").unwrap();
+        asked.receives("read the gauge now");
+        assert_eq!(offset(&bench), 50);
+        asked.stdin().write_all(format!("{word}\n").as_bytes()).unwrap();
+        assert_eq!(asked.ends_within(SOON).code(), Some(i32::from(word != "plus")));
+        stands_at(&bench, 0);
+        bench.is_in_state("off");
+        assert_eq!(bench.axis()["sign_checked"][1], word);
+    }
+    // Over the API, the check ends at zero and says why.
+    bench.device.puts(80);
+    holds(&bench, 8.0);
+    let (code, said) = bench.http("POST", "/api/sign?axis=z", "");
+    assert!(code == 202 && !said.contains("8.0"), "{code} {said}");
+    bench.is_in_state("off");
+    stands_at(&bench, 0);
+    until("the check has ended", || match bench.reported("sign-ended").last() {
+        Some(text) if text.contains("set the gauge to zero") => Ok(()),
+        other => Err(format!("{other:?}")),
+    });
+    assert_eq!(bench.axis()["sign"], serde_json::Value::Null);
+    // A script needs no Enter.
+    bench.device.puts(80);
+    holds(&bench, 8.0);
+    let (code, said) = bench.ask(&["sign", "--axis", "z", "--answer", "plus"]);
+    assert!(code == 0 && said.contains("its register holds 8.0 µm"), "{said}");
 }
 
 #[test]
