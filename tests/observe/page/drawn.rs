@@ -16,6 +16,11 @@ const NO_SCROLLING: &str = "eval:document.documentElement.scrollHeight <= innerH
 const NOTHING_CUT: &str = "eval:[...document.querySelectorAll('body *')].every((node) => !node.checkVisibility() || \
                            node.getBoundingClientRect().right <= document.documentElement.clientWidth + 1)";
 
+/// Each word of a state fits on a phone as the word of the machine.
+const WORDS_FIT: &str = "eval:Object.entries(JSON.parse(document.querySelector('#words').textContent)).filter(([key]) => key.startsWith('state.'))\
+                         .every(([, word]) => { const node = document.querySelector('#word'); const before = node.textContent; node.textContent = word; \
+                         const { right } = node.getBoundingClientRect(); node.textContent = before; return right <= 390 - 12; })";
+
 /// Looks at a page of a simulated gateway after these changes to its status.
 fn looked_at_with(change: impl FnOnce(&mut Status), views: &[(&str, &[&str])]) -> Vec<String> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
@@ -153,7 +158,7 @@ fn every_state_is_whole_in_four_languages_at_three_sizes() {
         let sizes =
             ["size:390x844", NOTHING_CUT, "size:1280x900", NOTHING_CUT, "size:1920x1080", NOTHING_CUT];
         let words = [&[language, &all][..], &sizes].concat();
-        let opened = [&words[..], &[OPEN, "size:390x844", NOTHING_CUT]].concat();
+        let opened = [&words[..], &[OPEN, "size:390x844", NOTHING_CUT, WORDS_FIT]].concat();
         looked_at_with(every, &[("", &opened), ("/?view=wall", &words)]);
     }
 }
