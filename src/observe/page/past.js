@@ -74,7 +74,8 @@ export async function lookAt({ id, since: begin, text, hint }) {
 // The lines of an axis: Cz and the value of its model, and where the errors are known, those as well.
 function ofAxis(axis) {
   const { name, truth } = axis;
-  const line = (what, label, colour, width, dash = []) => ({ column: `${name}_${what}_um`, what, label, colour, width, dash, unit: "um" });
+  const line = (what, label, colour, width, dash = []) =>
+    ({ column: `${name}_${what}_um`, what, label, colour, width, dash, unit: "um" });
   return {
     id: name, axis: name, title: titled(t("axis", { names: name }), axis), unit: "um",
     lines: [
