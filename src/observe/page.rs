@@ -178,7 +178,7 @@ pub(super) fn wall(words: &Words, status: &Status) -> Markup {
                     h1 { (title(status)) }
                     p #time {}
                 }
-                div .says-all {
+                section .says-all aria-label=(words.get("state")) {
                     noscript { p { (words.get("no_script")) } }
                     p #lost role="alert" hidden {}
                     p #word role="status" { (words.get("connecting")) }

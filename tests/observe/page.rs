@@ -144,6 +144,17 @@ fn the_past_comes_from_the_logs_with_zoom_and_as_a_file() {
     looked_at(&["--speed", "600", "--for", "24h"], "", &[&steps[..], &closer].concat());
 }
 
+/// A new gateway has logs of minutes. In the intervals of eight hours, they would be a few points.
+#[test]
+fn logs_that_cover_little_of_a_span_are_read_in_intervals_of_their_own_time() {
+    // The trends of the last hour ask for 120 points.
+    let closer = "eval:performance.getEntriesByType('resource').filter(({ name }) => name.includes('api/history?')).some(({ name }) => { \
+                  const asked = new URL(name).searchParams; const span = new Date(asked.get('to')) - new Date(asked.get('from')); \
+                  return asked.get('points') !== '120' && span > 0 && span <= 14400e3; })";
+    let pressed = "eval:document.querySelector('#past-tools [aria-pressed=true]').textContent === '8 h'";
+    looked_at(&["--speed", "120", "--for", "24h"], "", &["compensating", pressed, closer]);
+}
+
 #[test]
 fn the_page_and_the_wall_speak_the_languages_of_the_browser() {
     for (language, words) in [

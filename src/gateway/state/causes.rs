@@ -130,7 +130,7 @@ impl CauseInputs<'_> {
             (Permit::Unverified | Permit::Held | Permit::Off, Some(troubled), _) => troubled,
             (_, _, Some(lacks)) => self.lacks(lacks),
             (Permit::Off, None, None) if profile.arm == Arm::Manual && arming.asked.is_none() => {
-                "the axis has not been armed yet".into()
+                "not armed yet".into()
             }
             (Permit::Off, None, None) if arming.asked.is_some() => match self.devices.unconfirmed(axis) {
                 Some((device, cause)) => {

@@ -7,7 +7,7 @@ import { residual, residualText, withinText } from "./measured.js";
 import { Probe } from "./probe.js";
 import { Sign } from "./sign.js";
 import { axisState, badge, cardTone, cause, expected, standsIn, target, verified } from "./states.js";
-import { Hint, brief, element, fixed, say, signed, span, titled } from "./text.js";
+import { Hint, brief, element, level, say, signed, span, titled } from "./text.js";
 import { english, known, t } from "./words.js";
 
 const STAGES = ["limit", "deadband", "step", "rate", "round"];
@@ -121,8 +121,8 @@ class Expert {
     this.cause.lang = language;
     say(this.cause, why);
     const levels = [
-      axis.warn_um === null ? "" : t("warns_beyond", { um: fixed(axis.warn_um, 0) }),
-      axis.error_um === null ? "" : t("off_beyond", { um: fixed(axis.error_um, 0) }),
+      axis.warn_um === null ? "" : t("warns_beyond", { um: level(axis.warn_um) }),
+      axis.error_um === null ? "" : t("off_beyond", { um: level(axis.error_um) }),
     ].filter(Boolean).join(", ");
     this.levelsRow.hidden = levels === "";
     say(this.levels, levels);

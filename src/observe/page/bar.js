@@ -1,7 +1,7 @@
 // Where the value stands within its limit.
 
 import { verified } from "./states.js";
-import { element, fixed, say, signed } from "./text.js";
+import { element, level, say, signed } from "./text.js";
 import { t } from "./words.js";
 
 export class Bar {
@@ -28,10 +28,10 @@ export class Bar {
     this.fill.classList.toggle("near", held !== null && Math.abs(held) >= 0.9 * limit);
     this.wish.hidden = axis.raw_um === null;
     this.wish.style.left = `${place(axis.raw_um ?? 0)}%`;
-    say(this.low, `${signed(-axis.limit_um, 0)}`);
-    say(this.high, `${signed(axis.limit_um, 0)} µm`);
+    say(this.low, level(-axis.limit_um));
+    say(this.high, `+${level(axis.limit_um)} µm`);
     this.track.ariaLabel = held === null
       ? verified(axis)
-      : t("of_limit", { um: signed(held, 1), limit: fixed(axis.limit_um, 0) });
+      : t("of_limit", { um: signed(held, 1), limit: level(axis.limit_um) });
   }
 }

@@ -2,12 +2,15 @@
 
 import { TONES } from "./events.js";
 import { SIGNS } from "./states.js";
-import { clock, day, element, fixed, quantity, say, signed, svg, zoneName } from "./text.js";
+import { clock, day, element, fixed, level, quantity, say, signed, svg, zoneName } from "./text.js";
 import { english, t } from "./words.js";
 
 const HEIGHT = 250;
 // The nearest mark is named if the cursor is at most this far away, in pixels.
 const NEAR = 12;
+// Least distance of two times below the chart, in pixels: without and with their seconds.
+const TICK_SPACE = 50;
+const TICK_SPACE_SECONDS = 75;
 const COLOURS = ["--line-1", "--line-2", "--line-3", "--line-4", "--line-5", "--line-6", "--line-7", "--line-8"];
 const FONT = '12px system-ui, "DejaVu Sans", sans-serif';
 
@@ -23,6 +26,9 @@ function tick(splits, place, step) {
   return clock(date, step < 60) + (before === its ? "" : `\n${its}`);
 }
 
+// A distance at which times would have seconds is that of times with seconds.
+const tickSpace = (_, __, from, to, width) => (((to - from) / width) * TICK_SPACE < 60 ? TICK_SPACE_SECONDS : TICK_SPACE);
+
 function key(line) {
   const stroke = svg("line", { x1: 1, x2: 27, y1: 6, y2: 6, "stroke-dasharray": line.dash.join(" "), "stroke-width": line.width });
   stroke.style.stroke = `var(${colourOf(line)})`;
@@ -37,6 +43,7 @@ export class Chart {
   constructor(group, zoom, whole) {
     Object.assign(this, { group, zoom, whole });
     this.past = { bands: [], marks: [], dots: [], limit: null, moment: null };
+    this.now = null;
     this.values = group.lines.map(() => element("b", {}, "–"));
     const items = group.lines.map((line, place) => element("li", {}, key(line), element("span", {}, line.label), " ", this.values[place]));
     this.limit = element("li", { hidden: true });
@@ -67,7 +74,7 @@ export class Chart {
       this.plot.setScale("x", { min: from, max: to });
     });
     this.limit.hidden = past.limit === null;
-    say(this.limit, past.limit === null ? "" : t("limits_at", { um: fixed(past.limit, 0) }));
+    say(this.limit, past.limit === null ? "" : t("limits_at", { um: level(past.limit) }));
     this.dots.hidden = past.dots.length === 0;
     const words = new Map(past.bands.map(({ word, tone }) => [word, tone]));
     this.states.hidden = words.size === 0;
@@ -76,11 +83,19 @@ export class Chart {
     this.name(null);
   }
 
-  // Shows the values at this place of the data, or the last ones, and the event that is nearest there.
+  // Takes the values of now, one for each line; null if the chart ends before now.
+  live(now) {
+    this.now = now;
+    if (this.plot && (this.plot.cursor.idx ?? null) === null) this.name(null);
+  }
+
+  // Shows the values at this place of the data, or the last ones, and the event that is nearest there. The data has the
+  // smallest and the largest value of an interval; the last value is that of now, if the chart reaches until now.
   name(place) {
     const texts = this.group.lines.map(({ unit }, index) => {
       const values = this.data[index + 1];
-      const value = place === null ? values.findLast((one) => one !== null && one !== undefined) : values[place];
+      const last = () => (this.now ? this.now[index] : values.findLast((one) => one !== null && one !== undefined));
+      const value = place === null ? last() : values[place];
       return value === null || value === undefined ? "–" : unit === "um" ? `${signed(value, 1)} µm` : quantity(value, unit);
     });
     this.values.forEach((node, index) => say(node, texts[index]));
@@ -122,7 +137,7 @@ export class Chart {
       tzDate: (seconds) => uPlot.tzDate(new Date(seconds * 1000), zoneName()),
       scales: { x: { time: true, auto: false }, y: { range: (_, min, max) => this.range(min, max) } },
       axes: [
-        { ...axis(), values: (_, splits, __, ___, step) => splits.map((split, place) => tick(splits, place, step)) },
+        { ...axis(), space: tickSpace, values: (_, splits, __, ___, step) => splits.map((split, place) => tick(splits, place, step)) },
         {
           ...axis(), size: 52, label: quantity(0, unit).split(" ")[1], labelSize: 18, labelFont: FONT,
           values: (_, splits, __, ___, step) => splits.map((split) => fixed(split, step < 1 ? 1 : 0)),

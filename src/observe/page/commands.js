@@ -28,7 +28,10 @@ function effect(command, some) {
     const already = armed.length ? t("arm_already", { names: names(armed) }) : "";
     return [does, without, already].filter(Boolean).join(" ");
   }
-  if (command === "disarm") return armed.length ? t("disarm_does", { values: values(armed) }) : t("disarm_none");
+  if (command === "disarm") {
+    if (armed.length === 0) return t("disarm_none");
+    return isDryRun ? t("disarm_does_dry_run", { names: names(armed) }) : t("disarm_does", { values: values(armed) });
+  }
   return t("zero_does", { values: values(some) });
 }
 

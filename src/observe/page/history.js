@@ -48,3 +48,15 @@ export function packed(groups) {
 export function byColumn({ time, columns }) {
   return new Map(columns.map(({ name, min, max }) => [name, { time, min, max }]));
 }
+
+// Puts the smallest and the largest value of each interval, `[low, high]`, into the order in which they are drawn: the one that
+// is nearer to the value before comes first. A falling line then has no steps, and ends at its last value.
+export function inOrder(pairs) {
+  let before = null;
+  return pairs.map(([low, high]) => {
+    const falls = before !== null && low !== null && Math.abs(high - before) < Math.abs(low - before);
+    const pair = falls ? [high, low] : [low, high];
+    before = pair[1];
+    return pair;
+  });
+}

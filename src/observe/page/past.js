@@ -3,7 +3,7 @@
 import { bands, marks } from "./bands.js";
 import { Chart } from "./chart.js";
 import { isComplete, since } from "./events.js";
-import { byColumn, inTurn, packed, query } from "./history.js";
+import { byColumn, inOrder, inTurn, packed, query } from "./history.js";
 import { element, labelled, say, titled, withoutHint } from "./text.js";
 import { t } from "./words.js";
 
@@ -74,7 +74,8 @@ export async function lookAt({ id, since: begin, text, hint }) {
 // The lines of an axis: Cz and the value of its model, and where the errors are known, those as well.
 function ofAxis(axis) {
   const { name, truth } = axis;
-  const line = (what, label, colour, width, dash = []) => ({ column: `${name}_${what}_um`, label, colour, width, dash, unit: "um" });
+  const line = (what, label, colour, width, dash = []) =>
+    ({ column: `${name}_${what}_um`, what, label, colour, width, dash, unit: "um" });
   return {
     id: name, axis: name, title: titled(t("axis", { names: name }), axis), unit: "um",
     lines: [
@@ -99,9 +100,20 @@ function make() {
   by("past-charts").append(...charts.map(({ root }) => root));
 }
 
+// The present values of the lines of a chart.
+function present({ axis: name, lines }) {
+  const axis = status.axes.find((one) => one.name === name);
+  if (!axis) return lines.map(({ column }) => status.signals.find((signal) => signal.name === column)?.value ?? null);
+  const of = { cz: axis.cz_um, raw: axis.raw_um, error: axis.truth?.error_um, left: axis.truth?.left_um };
+  return lines.map(({ what }) => of[what] ?? null);
+}
+
+const showPresent = () => charts.forEach((chart) => chart.live(view.to === null ? present(chart.group) : null));
+
 export function showPast(now) {
   status = now;
   view.at = new Date(now.now).getTime() / 1000;
+  if (charts !== null) showPresent();
   if (charts === null) {
     make();
     load();
@@ -123,22 +135,16 @@ async function load() {
   const logged = lines.filter(({ isTruth }) => !isTruth).map(({ column }) => column);
   by("past-download").href = `api/history.csv?${query(from, to, logged)}`;
   try {
-    const found = new Map();
-    let [rows, note] = [0, ""];
-    for (const columns of packed(charts.map(({ group }) => group.lines.map(({ column }) => column)))) {
-      const question = query(from, to, columns);
-      question.set("points", Math.max(100, Math.min(1000, charts[0].size().width)));
-      const response = await inTurn(`api/history?${question}`, stillNeeded);
-      if (response === null || !stillNeeded()) return;
-      if (!response.ok) {
-        note = (await response.text()).trim();
-        continue;
-      }
-      const course = await response.json();
-      rows += course.rows;
-      byColumn(course).forEach((values, name) => found.set(name, values));
-    }
-    if (!stillNeeded()) return;
+    const points = Math.max(100, Math.min(1000, charts[0].size().width));
+    const whole = await readValues(from, to, points, stillNeeded);
+    if (whole === null) return;
+    const { rows, note } = whole;
+    // Logs that cover little of the span have few of its intervals. They are read again in intervals of their own time.
+    const first = begin(whole.found);
+    const isShort = Number.isFinite(first) && to - first > SHORTEST_S && to - first < (to - from) / 2;
+    const closer = isShort ? await readValues(first - (to - from) / points, to, points, stillNeeded) : whole;
+    if (closer === null) return;
+    const found = closer.found.size ? closer.found : whole.found;
     by("past-note").lang = note ? "en" : document.documentElement.lang;
     say(by("past-note"), note || (rows ? "" : t("past_nothing")));
     if (found.size === 0) return;
@@ -152,6 +158,26 @@ async function load() {
   }
 }
 
+// Reads the values of every chart: `{ found, rows, note }`, with the course of each column. null if no one waits any more.
+async function readValues(from, to, points, stillNeeded) {
+  const found = new Map();
+  let [rows, note] = [0, ""];
+  for (const columns of packed(charts.map(({ group }) => group.lines.map(({ column }) => column)))) {
+    const question = query(from, to, columns);
+    question.set("points", points);
+    const response = await inTurn(`api/history?${question}`, stillNeeded);
+    if (response === null || !stillNeeded()) return null;
+    if (!response.ok) {
+      note = (await response.text()).trim();
+      continue;
+    }
+    const course = await response.json();
+    rows += course.rows;
+    byColumn(course).forEach((values, name) => found.set(name, values));
+  }
+  return stillNeeded() ? { found, rows, note } : null;
+}
+
 // Reads the events of a longer span than was read before. The newer ones arrive with each status, and are read again only
 // if more arrived meanwhile than a status has.
 async function readEvents(from) {
@@ -163,10 +189,10 @@ async function readEvents(from) {
 
 // The smallest and the largest value of an interval are drawn at the same time: a line through both loses no peak.
 function data({ lines }, found) {
-  const twice = (one, other) => one.flatMap((value, place) => [value, other[place]]);
   const { time } = found.get(lines[0].column) ?? { time: [] };
   const empty = { min: time.map(() => null), max: time.map(() => null) };
-  return [twice(time, time), ...lines.map(({ column }) => found.get(column) ?? empty).map(({ min, max }) => twice(min, max))];
+  const drawn = ({ min, max }) => inOrder(min.map((low, place) => [low, max[place]])).flat();
+  return [time.flatMap((at) => [at, at]), ...lines.map(({ column }) => drawn(found.get(column) ?? empty))];
 }
 
 // The time of the first value. A span that began before it is shown from there on.
@@ -176,6 +202,7 @@ function begin(found) {
 }
 
 function draw(found, from, to) {
+  showPresent();
   const first = begin(found);
   const isFitted = Number.isFinite(first) && view.moment === null && first - from > view.span / 50 && to - first > SHORTEST_S;
   const left = isFitted ? first : from;

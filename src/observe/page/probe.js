@@ -25,7 +25,7 @@ export class Probe {
       this.svg);
     this.changed = element("div", { className: "all" }, element("dt", {}, t("gains_changed")), this.gains);
     this.comparison = element("div", { className: "all worse" }, element("dt", {}, t("comparison")), this.compared);
-    this.root = element("section", { className: "probe", ariaLabel: t("probe"), hidden: true },
+    this.root = element("div", { className: "probe", role: "group", ariaLabel: t("probe"), hidden: true },
       element("dl", { className: "facts" },
         element("div", {}, element("dt", {}, t("correction")), this.correction),
         element("div", { className: "wide" }, element("dt", {}, t("last_probing")), this.last),

@@ -1,7 +1,7 @@
 // A sign, a tone, a word and a sentence for every state. The sign and the text carry the meaning, the tone repeats it.
 
 import { worse } from "./measured.js";
-import { clock, day, fixed, labelled, say, signed, span } from "./text.js";
+import { clock, day, fixed, labelled, level, say, signed, span } from "./text.js";
 import { known, t } from "./words.js";
 
 export const SIGNS = { good: "●", warn: "▲", bad: "■", off: "○" };
@@ -14,8 +14,12 @@ export const toneOf = (state) => TONE_OF[state] ?? "off";
 // What is shown follows from what is decided and what was verified; the gateway says which.
 const stateOf = (axis) => axis.shown;
 
+// The model requests more than the limit of the axis, so that Cz no longer follows it.
+const isAtLimit = ({ shown, acted }) => (shown === "active" || shown === "degraded") && acted.includes("limit");
+
 // What is done, in words; with the verified value where that is what matters.
 function does(axis) {
+  if (axis.shown === "active" && isAtLimit(axis)) return t("at_limit", { um: level(axis.limit_um) });
   if (axis.shown === "unreachable" && axis.verified_um !== null) {
     return t("last_verified", { um: signed(axis.verified_um, 1), span: span(axis.verified_age_s) });
   }
@@ -24,7 +28,11 @@ function does(axis) {
 }
 
 // What an axis does because the gateway was asked to stop is no fault, unless its control cannot be asked.
+// In a dry run nothing is written: no axis compensates.
 export function axisState(axis, status) {
+  if (status.dry_run && axis.shown === "active") {
+    return ["off", t("dry_run"), isAtLimit(axis) ? does(axis) : t("would_follow")];
+  }
   const tone = status.stopping && axis.shown !== "unreachable" ? "off" : axis.tone;
   return [tone, known("state", axis.shown), does(axis)];
 }
@@ -37,17 +45,23 @@ export function verified(axis) {
 // The target of an armed axis, which may never arrive. Empty for an axis that writes nothing.
 export const target = (axis) => (axis.armed ? `${signed(axis.cz_um, 1)} µm` : "");
 
+// The gateway's cause of an axis without a model.
+const NO_MODEL = "no model yet";
+
 // Why an axis does not simply follow its model; empty if it does.
 export function cause(axis, status) {
-  const warned = axis.warned ? t("warned", { um: fixed(axis.warn_um, 0) }) : "";
-  const reason = standsIn(axis, status) || axis.cause || axis.extrapolating?.text;
+  const warned = axis.warned ? t("warned", { um: level(axis.warn_um) }) : "";
+  // The state says already that there is no model.
+  const own = axis.shown === "unmodelled" && axis.cause === NO_MODEL ? "" : axis.cause;
+  const reason = standsIn(axis, status) || own || axis.extrapolating?.text;
+  const beyond = isAtLimit(axis) && axis.raw_um !== null ? t("model_requests", { um: signed(axis.raw_um, 1) }) : "";
   const poor = axis.probe?.worse ? worse(axis.probe.worse) : "";
-  return [reason, warned, poor].filter(Boolean).join("; ");
+  return [reason, beyond, warned, poor].filter(Boolean).join("; ");
 }
 
 // An axis that follows its model may still need a look.
 export function cardTone(axis, tone) {
-  return tone === "good" && (axis.warned || axis.extrapolating || axis.probe?.worse) ? "warn" : tone;
+  return tone === "good" && (isAtLimit(axis) || axis.warned || axis.extrapolating || axis.probe?.worse) ? "warn" : tone;
 }
 
 // How wrong Cz is expected to be, where it is what the model asks for: not at its limit, and not on its way there.
@@ -118,13 +132,18 @@ export function overall(status) {
   if (off.length + unmodelled.length === status.axes.length) return ["off", known("state", "off"), t("not_armed_sentence")];
   const rest = [off, unmodelled].filter((axes) => axes.length)
     .map((axes) => ` ${names(axes)}: ${known("state", stateOf(axes[0]))}.`).join("");
-  return ["good", known("state", "active"), needs(status) + rest];
+  return [status.axes.some(isAtLimit) ? "warn" : "good", known("state", "active"), needs(status) + rest];
 }
 
 function needs(status) {
   const lost = status.devices.filter((device) => device.state !== "ok").length;
   const bad = status.signals.filter((signal) => signal.quality !== "good").length;
-  const lacks = [lost ? t("lacks_devices", { count: lost }) : "", bad ? t("lacks_signals", { count: bad }) : ""];
+  const limited = status.axes.filter(isAtLimit).map(labelled);
+  const lacks = [
+    limited.length ? t("axes_at_limit", { names: limited.join(", ") }) : "",
+    lost ? t("lacks_devices", { count: lost }) : "",
+    bad ? t("lacks_signals", { count: bad }) : "",
+  ];
   const parts = lacks.filter(Boolean).join(t("and"));
   return parts ? t("follows_but", { parts }) : t("follows");
 }

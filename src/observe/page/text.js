@@ -10,6 +10,9 @@ export function fixed(value, digits) {
   return (value < 0 && Number(text) !== 0 ? MINUS : "") + text.replace(".", t("decimal_mark"));
 }
 
+// A limit or level, with as many digits as the profile gives it, at most two.
+export const level = (um) => fixed(um, [0, 1].find((digits) => Number.isInteger(Number((um * 10 ** digits).toFixed(6)))) ?? 2);
+
 // With its sign always: an offset without one is half a figure.
 export function signed(value, digits) {
   const text = fixed(value, digits);
@@ -131,7 +134,11 @@ const WORDS = 5;
 export function brief(text) {
   const [clause] = text.split(/; |, | \(|[。，；]/);
   const words = clause.trim().split(/\s+/);
-  return words.length > WORDS ? `${words.slice(0, WORDS).join(" ")} …` : words.join(" ");
+  if (words.length <= WORDS) return words.join(" ");
+  const first = words.slice(0, WORDS);
+  // One word after a colon says nothing: what is before it is enough.
+  if (first.at(-2).endsWith(":")) return first.slice(0, -1).join(" ").slice(0, -1);
+  return `${first.join(" ")} …`;
 }
 
 // A sentence without the hint at its end.

@@ -1,22 +1,29 @@
 // A small line without axes: the course of the last hour.
 
+import { inOrder } from "./history.js";
 import { svg } from "./text.js";
 
 const WIDTH = 300;
 const HEIGHT = 100;
 const EDGE = 6;
 
-// The smallest and the largest value of each interval are drawn at the same time, so that no peak is lost.
+// Points in the order in which they are drawn: `[time, first, second]`. Both values of an interval are drawn at the same time,
+// so that no peak is lost.
+function ordered(points) {
+  const pairs = inOrder(points.map(([, low, high]) => [low, high]));
+  return points.map(([at], place) => [at, ...pairs[place]]);
+}
+
 function path(points, x, y) {
   let pen = "M";
   let text = "";
-  for (const [at, low, high] of points) {
-    if (low === null) {
+  for (const [at, first, second] of points) {
+    if (first === null) {
       pen = "M";
       continue;
     }
-    text += `${pen}${x(at).toFixed(1)} ${y(low).toFixed(1)}`;
-    if (high !== low) text += `L${x(at).toFixed(1)} ${y(high).toFixed(1)}`;
+    text += `${pen}${x(at).toFixed(1)} ${y(first).toFixed(1)}`;
+    if (second !== first) text += `L${x(at).toFixed(1)} ${y(second).toFixed(1)}`;
     pen = "L";
   }
   return text;
@@ -51,9 +58,10 @@ export class Trend {
     };
     across(this.zero, limit === null ? null : 0);
     this.limits.forEach((line, place) => across(line, limit === null ? null : place ? limit : -limit));
-    this.line.setAttribute("d", path(points, x, y));
-    this.wish.setAttribute("d", path(wished, x, y));
-    const last = points.findLast(([, value]) => value !== null);
+    const drawn = ordered(points);
+    this.line.setAttribute("d", path(drawn, x, y));
+    this.wish.setAttribute("d", path(ordered(wished), x, y));
+    const last = drawn.findLast(([, value]) => value !== null);
     // A line of no length with a round end is a dot, whatever the width of the drawing is.
     this.end.setAttribute("d", last ? `M${x(last[0]).toFixed(1)} ${y(last[2]).toFixed(1)}h.01` : "");
   }

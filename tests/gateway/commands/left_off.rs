@@ -5,9 +5,9 @@ use crate::commands::bench::{Bench, OPEN_CIRCUIT};
 #[test]
 fn an_axis_that_a_person_keeps_off_leaves_the_gateway_healthy_and_is_named() {
     let bench = Bench::manual();
-    bench.why("the axis has not been armed yet");
+    bench.why("not armed yet");
     let (code, said) = bench.ask(&["status", "--healthy"]);
-    assert_eq!((code, said.as_str()), (0, "healthy; axis z is off: the axis has not been armed yet\n"));
+    assert_eq!((code, said.as_str()), (0, "healthy; axis z is off: not armed yet\n"));
     assert_eq!(bench.ask(&["arm"]).0, 0);
     bench.is_in_state("active");
     assert_eq!(bench.ask(&["status", "--healthy"]), (0, "healthy\n".to_owned()));

@@ -16,6 +16,11 @@ const NO_SCROLLING: &str = "eval:document.documentElement.scrollHeight <= innerH
 const NOTHING_CUT: &str = "eval:[...document.querySelectorAll('body *')].every((node) => !node.checkVisibility() || \
                            node.getBoundingClientRect().right <= document.documentElement.clientWidth + 1)";
 
+/// Each word of a state fits on a phone as the word of the machine.
+const WORDS_FIT: &str = "eval:Object.entries(JSON.parse(document.querySelector('#words').textContent)).filter(([key]) => key.startsWith('state.'))\
+                         .every(([, word]) => { const node = document.querySelector('#word'); const before = node.textContent; node.textContent = word; \
+                         const { right } = node.getBoundingClientRect(); node.textContent = before; return right <= 390 - 12; })";
+
 /// Looks at a page of a simulated gateway after these changes to its status.
 fn looked_at_with(change: impl FnOnce(&mut Status), views: &[(&str, &[&str])]) -> Vec<String> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
@@ -153,7 +158,7 @@ fn every_state_is_whole_in_four_languages_at_three_sizes() {
         let sizes =
             ["size:390x844", NOTHING_CUT, "size:1280x900", NOTHING_CUT, "size:1920x1080", NOTHING_CUT];
         let words = [&[language, &all][..], &sizes].concat();
-        let opened = [&words[..], &[OPEN, "size:390x844", NOTHING_CUT]].concat();
+        let opened = [&words[..], &[OPEN, "size:390x844", NOTHING_CUT, WORDS_FIT]].concat();
         looked_at_with(every, &[("", &opened), ("/?view=wall", &words)]);
     }
 }
@@ -226,6 +231,59 @@ fn a_wrong_sign_stays_in_sight_and_the_answer_to_a_command_is_seen_from_everywhe
     looked_at_with(checked, &[("", &words)]);
 }
 
+/// An axis at its limit does not follow its model, although it compensates.
+#[test]
+fn an_axis_at_its_limit_is_amber_with_what_its_model_requests() {
+    let limited = |status: &mut Status| {
+        with_axes(status, &["y", "z"]);
+        for axis in &mut status.axes {
+            (axis.shown, axis.state) = (Display::Active, "active");
+            (axis.why, axis.warned, axis.acted) = ("".into(), false, Vec::new());
+        }
+        let axis = &mut status.axes[0];
+        (axis.limit_um, axis.raw_um, axis.acted) = (2.5, Some(4.0), vec!["limit"]);
+    };
+    let amber = "eval:document.querySelector('#axis-y .badge').innerText === '▲ compensating' && \
+                 document.querySelector('#axis-z .badge').innerText === '● compensating'";
+    let card = "stays at its limit of ±2.5 µm: the model requests +4.0 µm";
+    let bar = "eval:document.querySelector('#axis-y .ends').innerText.includes('−2.5')";
+    let whole = "axes at their limit: y";
+    let page = ["Main spindle", amber, card, bar, whole];
+    let wall = ["Main spindle", "▲ compensating", "the model requests +4.0 µm", whole];
+    looked_at_with(limited, &[("", &page), ("/?view=wall", &wall)]);
+}
+
+#[test]
+fn in_a_dry_run_no_axis_compensates_and_no_command_writes() {
+    let dry = |status: &mut Status| {
+        with_axes(status, &["y", "z"]);
+        status.dry_run = true;
+        for axis in &mut status.axes {
+            (axis.shown, axis.state) = (Display::Active, "active");
+            (axis.why, axis.warned, axis.acted) = ("".into(), false, Vec::new());
+        }
+    };
+    let grey = "eval:[...document.querySelectorAll('.axis')].every((card) => card.dataset.state === 'off' && \
+                card.querySelector('.badge').innerText === '○ dry run')";
+    let never = "eval:!document.querySelector('main').innerText.includes('compensating')";
+    let disarm = "Armed now: y, Main spindle (z). In a dry run, the gateway writes nothing.";
+    let page = ["Main spindle", grey, "would follow its model", disarm, never];
+    looked_at_with(dry, &[("", &page), ("/?view=wall", &["Main spindle", "○ dry run", never])]);
+}
+
+/// The state says it, in the language of the page.
+#[test]
+fn an_axis_without_a_model_has_no_second_sentence_about_it() {
+    let bare = |status: &mut Status| {
+        let axis = &mut status.axes[0];
+        (axis.shown, axis.has_model) = (Display::Unmodelled, false);
+        (axis.why, axis.warned) = ("no model yet".into(), false);
+    };
+    let never = "eval:!document.querySelector('#axes').innerText.includes('no model yet')";
+    let words = ["language:de", "noch kein Modell", never];
+    looked_at_with(bare, &[("", &words), ("/?view=wall", &words)]);
+}
+
 #[test]
 fn a_machine_without_axes_has_nothing_armed() {
     let words = ["Output: not armed", "There is no axis."];
@@ -287,14 +345,15 @@ fn events_are_filtered_by_level() {
 fn the_first_clause_of_a_cause_and_the_bands_of_states_are_found() {
     let module = |file: &str, test: &str| {
         format!(
-            "eval:((name) => globalThis[name] ? (({{ brief, bands, packed, withinToday, residual, isComplete, keep, lastHour }}) => {test})(globalThis[name]) : \
+            "eval:((name) => globalThis[name] ? (({{ brief, bands, packed, inOrder, level, Chart, withinToday, residual, isComplete, keep, lastHour }}) => {test})(globalThis[name]) : \
              (import('/page/{file}').then((it) => {{ globalThis[name] = it; }}), false))('{file}')"
         )
     };
     let brief = module(
         "text.js",
         "[['bed: open circuit (raw 0x7fff)', 'bed: open circuit'], ['no answer in time; 3 tries', 'no answer in time'], \
-          ['one two three four five six', 'one two three four five …'], ['wheelhead 自 10:30 起冻结，用由', 'wheelhead 自 10:30 起冻结'], ['', '']]\
+          ['one two three four five six', 'one two three four five …'], \
+          ['output cnc_x is unverified: no program listens', 'output cnc_x is unverified'], ['wheelhead 自 10:30 起冻结，用由', 'wheelhead 自 10:30 起冻结'], ['', '']]\
           .every(([text, short]) => brief(text) === short)",
     );
     // Off until 100, active until 200, frozen to the end; and a ramp that the operator asked for.
@@ -312,6 +371,24 @@ fn the_first_clause_of_a_cause_and_the_bands_of_states_are_found() {
         "history.js",
         "(() => { const group = (count) => Array(count).fill('a'); \
           return packed([group(40), group(20), group(10), group(70)]).map((one) => one.length).join() === '60,10,64'; })()",
+    );
+    // A falling line falls within its intervals too, and begins anew after a gap.
+    let in_order = module(
+        "history.js",
+        "inOrder([[0, 12], [4, 8], [0, 4], [null, null], [3, 5]]).join(' ') === '0,12 8,4 4,0 , 3,5'",
+    );
+    let level =
+        module("text.js", "[40, 2.5, 0.25, 12.000000001].map((um) => level(um)).join() === '40,2.5,0.25,12'");
+    // The data has the extremes of an interval. The legend has the value of now, where the chart reaches until now.
+    let legend = module(
+        "chart.js",
+        "(() => { const lines = [{ column: 'z_cz_um', label: 'Cz', unit: 'um', dash: [], width: 2, index: 0 }]; \
+          const chart = new Chart({ id: 'test', title: 'z', unit: 'um', lines }, () => {}, () => {}); \
+          const past = { bands: [], marks: [], dots: [], limit: null, moment: null }; \
+          chart.show([[0, 0, 60, 60], [1, 2, 3, 9]], past, 0, 60); \
+          const said = () => chart.root.querySelector('.legend b').textContent; \
+          const first = said(); chart.live([5]); const second = said(); chart.live([null]); const third = said(); chart.live(null); \
+          return [first, second, third, said()].join() === '+9.0 µm,+5.0 µm,–,+9.0 µm'; })()",
     );
     let within = module(
         "measured.js",
@@ -340,7 +417,13 @@ fn the_first_clause_of_a_cause_and_the_bands_of_states_are_found() {
     );
     looked_at_with(
         |_| (),
-        &[("", &["Axis z", &brief, &bands, &packed, &within, &residual, &complete, &set_back])],
+        &[(
+            "",
+            &[
+                "Axis z", &brief, &bands, &packed, &in_order, &level, &within, &residual, &complete,
+                &set_back, &legend,
+            ],
+        )],
     );
 }
 
