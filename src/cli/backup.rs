@@ -14,28 +14,37 @@ use super::values::key_and_value;
 use crate::cli::print::{say, say_beside};
 use crate::clock::Clock;
 use crate::gateway;
+use crate::gateway::backup::products::{self, Limits};
 use isotherm_core::quantity::time;
-use isotherm_profile::{Profile, safe_file, sha256};
+use isotherm_profile::{Profile, counted, safe_file, sha256};
 
 mod rotate;
 
 /// Largest size of a backup in bytes. Backup and restore keep the archive in memory, and reject a larger one.
 pub(super) const LARGEST: u64 = 128 * 1024 * 1024;
-/// Version of the archive format.
-pub(super) const FORM: u32 = 1;
+/// Version of the archive format, with what was learned.
+pub(super) const FORM: u32 = 2;
+/// Version of the archive format of a backup without [`PRODUCTS`], which earlier programs read.
+const FORM_WITHOUT_PRODUCTS: u32 = 1;
 pub(super) const MANIFEST: &str = "manifest.json";
-/// Directory of the archive for the profile and its files. [`STATE`] is the directory for the state files.
+/// Directory of the archive for the profile and its files. [`STATE`] is the directory for the state files, and
+/// [`PRODUCTS`] the one for what was learned from touches.
 pub(super) const PROFILE: &str = "profile";
 pub(super) const STATE: &str = "state";
+pub(super) const PRODUCTS: &str = "products";
+/// Limits of what was learned. With so many files, the manifest is smaller than `restore` accepts.
+const LEARNED: Limits = Limits { files: 3000, bytes: 64 * 1024 * 1024 };
+/// Largest size of the manifest and of the heads of all files, in bytes.
+const HEADS: u64 = 8 * 1024 * 1024;
 /// File mode of an archive with secrets, and of the files in it that contain tokens and keys.
 pub(super) const SECRET_MODE: u32 = 0o600;
 pub(super) const MODE: u32 = 0o640;
 /// File mode of the other profile files. Any user may read them, because the gateway runs as another user.
 pub(super) const PROFILE_MODE: u32 = 0o644;
 
-/// Writes the files of a machine into one tar archive: the profile and its .local.toml, the files that they name, and
-/// the saved state. The named files are models, device templates, DBC files and certificates. The archive lists the
-/// SHA-256 of each file. The gateway may run during the backup.
+/// Writes the files of a machine into one tar archive: the profile and its .local.toml, the files that they name, the
+/// saved state, and what was learned from touches. The named files are models, device templates, DBC files and
+/// certificates. The archive lists the SHA-256 of each file. The gateway may run during the backup.
 ///
 /// Logs and events are not included: copy them from the state directory. Settings that were made with --set or by the
 /// environment are not included either.
@@ -154,10 +163,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let has_state = kept.is_some();
     files.extend(kept.into_iter().map(|(name, bytes)| (format!("{STATE}/{name}"), MODE, bytes)));
+    let learned = learned(arguments, &directory, &profile.name, &files)?;
+    let learned_files = learned.len();
+    files.extend(learned);
     let mut now = Vec::new();
     time::write(&mut now, Clock::wall().time_of_day());
     let manifest = Manifest {
-        form: FORM,
+        form: if learned_files > 0 { FORM } else { FORM_WITHOUT_PRODUCTS },
         program: env!("CARGO_PKG_VERSION").to_owned(),
         machine: profile.name.clone(),
         time: String::from_utf8(now)?,
@@ -208,7 +220,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
     }
     let secret = if manifest.secrets { ", including secret files" } else { "" };
-    say!("{} contains {} files of machine {}{secret}", file.display(), files.len(), profile.name)?;
+    let learned = match learned_files {
+        0 => String::new(),
+        count => format!(", of them {count} with what was learned from touches"),
+    };
+    say!("{} contains {} files of machine {}{learned}{secret}", file.display(), files.len(), profile.name)?;
     match arguments.rotate {
         Some(_) if has_state => {
             let copies = usize::try_from(arguments.copies).unwrap_or(usize::MAX);
@@ -221,6 +237,32 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         None => {}
     }
     Ok(())
+}
+
+/// Returns the files with what was learned from touches, and reports those that are left out. `others`: the other files
+/// of the backup.
+fn learned(
+    arguments: &Arguments,
+    directory: &Path,
+    machine: &str,
+    others: &[(String, u32, Vec<u8>)],
+) -> anyhow::Result<Vec<(String, u32, Vec<u8>)>> {
+    let used: u64 = others.iter().map(|(_, _, bytes)| bytes.len() as u64).sum();
+    let bytes = LEARNED.bytes.min(LARGEST.saturating_sub(used + HEADS));
+    let taken =
+        products::take(directory, machine, Limits { bytes, ..LEARNED }).map_err(anyhow::Error::msg)?;
+    for why in &taken.unusable {
+        say_beside!("{why}");
+    }
+    if taken.older > 0 {
+        arguments.note(&format!(
+            "left out, because the backup would be too large: what was learned from the oldest {}. The newest of all \
+             axes are included",
+            counted(taken.older, "run")
+        ))?;
+    }
+    let learned = taken.files.into_iter();
+    Ok(learned.map(|(name, bytes)| (format!("{PRODUCTS}/{name}"), MODE, bytes)).collect())
 }
 
 fn entry((path, mode, bytes): &(String, u32, Vec<u8>)) -> Entry {

@@ -8,23 +8,25 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail, ensure};
 
 use super::backup::{
-    Entry, FORM, LARGEST, MANIFEST, MODE, Manifest, PROFILE, PROFILE_MODE, SECRET_MODE, STATE, is_below,
-    write_new,
+    Entry, FORM, LARGEST, MANIFEST, MODE, Manifest, PRODUCTS, PROFILE, PROFILE_MODE, SECRET_MODE, STATE,
+    is_below, write_new,
 };
 use super::run::known_directory;
 use super::service_user;
 use crate::cli::print::say;
 use crate::gateway;
+use crate::gateway::backup::products;
 use crate::gateway::control::{self, Presence};
-use crate::gateway::make_directory;
+use crate::gateway::{candidates, make_directory};
 use isotherm_core::quantity::{Moment, time};
-use isotherm_profile::{one_line, safe_file, sha256};
+use isotherm_profile::{counted, one_line, safe_file, sha256};
 
 /// Largest size of a manifest in bytes. [`MOST_FILES`] is the largest number of files in it.
 const LARGEST_MANIFEST: u64 = 1024 * 1024;
 const MOST_FILES: usize = 4096;
 
-/// Restores a backup: the profile and its files to a directory, the saved state to the state directory.
+/// Restores a backup: the profile and its files to a directory, the saved state and what was learned to the state
+/// directory.
 ///
 /// The verb checks everything before it writes anything. It does not replace newer files. It does nothing while the
 /// gateway of the machine runs. The backup does not contain what was written to the registers after it was made. Every
@@ -73,12 +75,21 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let at = time::parse(taken).map_err(anyhow::Error::msg)?;
     let mut planned = Vec::new();
     let mut kept = Vec::new();
+    let learned_in = candidates::products(Path::new(""), machine);
+    let mut learned = 0;
     for (entry, bytes) in manifest.files.iter().zip(files) {
         match entry.path.split_once('/') {
             Some((STATE, name)) => kept.push((name.to_owned(), bytes)),
+            Some((PRODUCTS, name)) => {
+                let name = learned_in.join(name);
+                learned += 1;
+                if is_to_be_written((&directory, "--state"), &name, &bytes, at)? {
+                    planned.push(Planned { path: directory.join(&name), mode: MODE, bytes });
+                }
+            }
             Some((_, name)) => {
                 let path = arguments.to.join(name);
-                if is_to_be_written(&arguments.to, name, &bytes, at)? {
+                if is_to_be_written((&arguments.to, "--to"), Path::new(name), &bytes, at)? {
                     planned.push(Planned { path, mode: entry.mode, bytes });
                 }
             }
@@ -94,13 +105,21 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let shown = arguments.to.display();
     std::fs::create_dir_all(&arguments.to).with_context(|| format!("{shown} cannot be made"))?;
     make_directory(&directory).with_context(|| format!("{} cannot be made", directory.display()))?;
+    if learned > 0 {
+        let place = directory.join(&learned_in);
+        make_below(&directory, &place).with_context(|| format!("{} cannot be made", place.display()))?;
+    }
     for file in &planned {
         put(file).with_context(|| format!("{} cannot be written", file.path.display()))?;
     }
     let profile = arguments.to.join(&manifest.profile);
     let profile = profile.display();
+    let learned = match learned {
+        0 => String::new(),
+        count => format!(", learned from touches: {}", counted(count, "file")),
+    };
     say!(
-        "{machine} is restored as it was at {taken}: files written: {}, state in {}. What was written to its registers \
+        "{machine} is restored as it was at {taken}: files written: {}{learned}, state in {}. What was written to its registers \
          after the backup is not known. Every axis is off until an operator arms it.\nNext: isotherm check \
          {profile}",
         planned.len(),
@@ -126,8 +145,8 @@ fn read(bytes: &[u8]) -> anyhow::Result<(Manifest, Vec<Vec<u8>>)> {
         anyhow::anyhow!("this program cannot read {MANIFEST} in the backup: {}", one_line(&error.to_string()))
     })?;
     ensure!(
-        manifest.form == FORM,
-        "the backup has format version {}, but this program reads version {FORM}: restore the backup with \
+        (1..=FORM).contains(&manifest.form),
+        "the backup has format version {}, but this program reads versions up to {FORM}: restore the backup with \
          the version of isotherm that wrote it",
         manifest.form
     );
@@ -178,9 +197,13 @@ fn check(manifest: &Manifest) -> anyhow::Result<()> {
         let (room, name) = path.split_once('/').unwrap_or_default();
         let is_clean = !path.chars().any(char::is_control) && !path.contains("//") && !path.contains("/./");
         ensure!(
-            [PROFILE, STATE].contains(&room) && is_clean && is_below(Path::new(name)) && !name.ends_with('/'),
+            [PROFILE, STATE, PRODUCTS].contains(&room)
+                && is_clean
+                && is_below(Path::new(name))
+                && !name.ends_with('/'),
             "file {shown} of the backup would be outside the directories of profile and state"
         );
+        ensure!(room != PRODUCTS || products::is_name(name), "{shown} is no file that learning stores");
         ensure!(room != STATE || !name.contains('/'), "{shown} is no file of a state directory");
         ensure!(
             [SECRET_MODE, MODE, PROFILE_MODE].contains(mode),
@@ -208,10 +231,15 @@ fn refuse_while_running(directory: &Path, machine: &str) -> anyhow::Result<()> {
 }
 
 /// Returns whether the file must be written: `false` if it exists with the same content. A newer file, or a link in its
-/// path, is an error.
-fn is_to_be_written(to: &Path, name: &str, bytes: &[u8], taken: Moment) -> anyhow::Result<bool> {
+/// path, is an error. `option`: the option that names the directory `to`.
+fn is_to_be_written(
+    (to, option): (&Path, &str),
+    name: &Path,
+    bytes: &[u8],
+    taken: Moment,
+) -> anyhow::Result<bool> {
     let mut path = to.to_owned();
-    for part in Path::new(name).components() {
+    for part in name.components() {
         path.push(part);
         let is_link = path.symlink_metadata().is_ok_and(|found| found.is_symlink());
         ensure!(
@@ -230,10 +258,24 @@ fn is_to_be_written(to: &Path, name: &str, bytes: &[u8], taken: Moment) -> anyho
     let since_the_epoch = found.modified()?.duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
     ensure!(
         Moment::default().after(since_the_epoch) <= taken,
-        "{} is newer than the backup: restore into another directory (--to DIR), or move the newer file away",
+        "{} is newer than the backup: restore into another directory ({option} DIR), or move the newer file away",
         path.display()
     );
     Ok(true)
+}
+
+/// Creates the directory of what was learned, in the state directory. If the program runs as root, both have the same
+/// owner, because the gateway writes to both.
+fn make_below(directory: &Path, place: &Path) -> std::io::Result<()> {
+    if place.is_dir() {
+        return Ok(());
+    }
+    make_directory(place)?;
+    if rustix::process::geteuid().is_root() {
+        let owner = directory.metadata()?;
+        std::os::unix::fs::chown(place, Some(owner.uid()), Some(owner.gid()))?;
+    }
+    Ok(())
 }
 
 /// Writes a complete file, and replaces an existing one. If the program runs as root, the file gets the owner of its

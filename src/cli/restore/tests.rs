@@ -74,6 +74,19 @@ fn a_name_that_leads_out_of_the_directory_is_refused() {
 }
 
 #[test]
+fn of_what_was_learned_only_names_that_learning_gives_are_accepted() {
+    let learned = ["products/z@2026-01-05T06:00:00Z.products.json", "products/z.learning.json"];
+    let files = learned.map(|path| (path, b"x".as_slice()));
+    let files = [GOOD[0], GOOD[2], files[0], files[1]];
+    assert_eq!(read(&archive(&manifest(&files), &files)).unwrap().1.len(), 4);
+    for path in ["products/notes.txt", "products/deep/z.learning.json", "products/z.state.json"] {
+        let files = [GOOD[0], (path, b"x".as_slice())];
+        let said = why(&archive(&manifest(&files), &files));
+        assert!(said.contains("is no file that learning stores"), "{path}: {said}");
+    }
+}
+
+#[test]
 fn links_devices_and_entries_that_speak_of_the_next_one_are_refused() {
     let list = manifest(&GOOD[..1]);
     for kind in [

@@ -1,5 +1,5 @@
 //! Backup of the state of a machine: the state document is copied while the gateway runs, and can be restored to a
-//! state directory.
+//! state directory. [`products`] copies what was learned.
 //!
 //! The values that the gateway wrote after the backup are not known. The restored state is therefore in question: every
 //! axis is off until an operator arms it. Until then, no part of a shared register's value counts as added by the
@@ -14,6 +14,8 @@ use super::documents::document::{Seal, read, render};
 use super::documents::{Content, number, path};
 use isotherm_core::output::{Doubt, SavedOutput};
 use serde_json::Value;
+
+pub mod products;
 
 /// Returns name and content of the state document, or `None` if nothing has been saved yet.
 ///

@@ -81,6 +81,42 @@ fn a_backup_of_a_running_gateway_goes_on_elsewhere_and_moves_nothing_before_a_pe
 }
 
 #[test]
+fn a_restored_machine_keeps_what_it_learned() {
+    let mut bench = named("learned-much");
+    until("the state is kept", || match bench.home.path().join("state/learned-much.state.json").exists() {
+        true => Ok(()),
+        false => Err("no state yet".to_owned()),
+    });
+    let products = bench.home.path().join("state/learned-much.products");
+    std::fs::create_dir(&products).unwrap();
+    let saved = ["z.learning.json", "z.candidate.json", "z@2026-01-05T06:00:00Z.products.json"];
+    for name in [&saved[..], &["notes.txt"]].concat() {
+        std::fs::write(products.join(name), name).unwrap();
+    }
+    let file = bench.home.path().join("walker.tar");
+    let (code, reported) = bench.ask(&["backup", file.to_str().unwrap()]);
+    assert!(code == 0 && reported.contains("of them 3 with what was learned from touches"), "{reported}");
+    stop(&mut bench);
+    let elsewhere = bench.home.path().join("elsewhere");
+    let (code, reported) = restore(&bench, &file, &elsewhere, &elsewhere.join("state"));
+    assert!(code == 0 && reported.contains("learned from touches: 3 files"), "{reported}");
+    let restored = elsewhere.join("state/learned-much.products");
+    for name in saved {
+        assert_eq!(std::fs::read_to_string(restored.join(name)).unwrap(), name);
+    }
+    assert_eq!(std::fs::read_dir(&restored).unwrap().count(), saved.len());
+
+    // What was learned after the backup is not replaced.
+    std::fs::remove_dir_all(&elsewhere).unwrap();
+    std::fs::create_dir_all(&restored).unwrap();
+    std::fs::write(restored.join("z.learning.json"), "newer").unwrap();
+    let (code, reported) = restore(&bench, &file, &elsewhere, &elsewhere.join("state"));
+    assert!(code == 1 && reported.contains("z.learning.json is newer than the backup"), "{reported}");
+    assert!(reported.contains("--state DIR"), "{reported}");
+    assert!(!elsewhere.join("walker.toml").exists());
+}
+
+#[test]
 fn a_restore_over_a_newer_state_or_a_newer_profile_is_refused_and_nothing_is_written() {
     let mut bench = named("newer");
     until("the state is kept", || match bench.home.path().join("state/newer.state.json").exists() {
