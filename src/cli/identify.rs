@@ -180,8 +180,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.force && arguments.write.is_none() && !arguments.into.into_profile {
         return Err(wrong_arguments("--force needs --write or --into-profile"));
     }
-    let before = arguments.into.into_profile.then(|| into_profile::text_of(path)).transpose()?;
+    // First, because its error for a file that does not exist names the file that was probably meant.
     let profile = load_quietly(path, &arguments.set, arguments.json)?.profile;
+    let before = arguments.into.into_profile.then(|| into_profile::text_of(path)).transpose()?;
     let mut beside = ExtraFiles::default();
     let (found, document, columns) = find(arguments, &profile, &mut beside)?;
     if let Some(path) = &arguments.write {

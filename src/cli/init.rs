@@ -12,6 +12,7 @@ use isotherm_profile::template::outlines;
 mod answers;
 mod ask;
 mod questions;
+mod remedies;
 mod serial_settings;
 mod steps;
 #[cfg(test)]
@@ -188,9 +189,10 @@ fn show_values(file: &Path, shown: &str) -> anyhow::Result<()> {
     say_all!("{}", read_once::fieldbus(&status, &mut hints))?;
     if let Err(why) = read_once::assess(&status) {
         say_beside!("{why}");
-        say_beside!(
-            "correct the lines of these signals in {shown}, then repeat: isotherm check {shown} --online"
-        );
+        for remedy in remedies::remedies(&status.signals, shown) {
+            say_beside!("{remedy}");
+        }
+        say_beside!("Then repeat: isotherm check {shown} --online");
     }
     Ok(())
 }

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 
 use crate::cli::backup::write_new;
+use crate::cli::loading::shipped;
 use crate::cli::print::{Out, say, say_beside};
 use crate::cli::values::{typed, wrong_arguments};
 use isotherm_core::compensation::model::Outside;
@@ -47,9 +48,10 @@ pub(super) struct IntoProfile {
 
 /// Returns the text of the profile, if it is a file. The check is made before the long identification.
 pub(super) fn text_of(path: &Path) -> anyhow::Result<String> {
-    if !path.exists() {
+    if shipped(path).is_some() {
         return Err(wrong_arguments(format!(
-            "--into-profile needs the file of a profile, and {} is none; --write writes the block to a file",
+            "--into-profile needs the file of a profile, and {} is part of the program; --write writes the block to a \
+             file",
             path.display()
         )));
     }

@@ -166,9 +166,7 @@ pub(super) fn destination(text: &str, known: &[Outline]) -> Result<Destination, 
     if looks_like_a_register {
         let register: Register = text.parse()?;
         return match register {
-            Register { table: Table::Holding, offset } if offset < u16::MAX => {
-                Ok(Destination::Register(offset))
-            }
+            Register { table: Table::Holding, offset } => Ok(Destination::Register(offset)),
             _ => {
                 Err(format!("{text} cannot be written: write a holding register, from holding:0 (40001) on"))
             }

@@ -192,7 +192,8 @@ impl Asking<'_, '_> {
                 scale: Some(usual.scale),
             };
             let given = [&self.arguments.data_type, &self.arguments.word_order, &self.arguments.scale];
-            let form = self.form(&OF_TEMPERATURE, &unknown, given.map(|given| given.as_deref()))?;
+            let given = given.map(|given| given.as_deref());
+            let form = self.form(&OF_TEMPERATURE, (&unknown, Some(register.offset)), given)?;
             return Ok(Module::SpelledOut(register, form));
         };
         let mut keys = Vec::new();
@@ -221,12 +222,12 @@ impl Asking<'_, '_> {
         Ok(Module::Template(Box::new(ModuleTemplate { outline, variant, base, keys })))
     }
 
-    /// Asks for type, word order and scale of a value. `known` contains the answers of the Enter key. `given` are the
-    /// options.
+    /// Asks for type, word order and scale of a value. `known` contains the answers of the Enter key. `first` is the
+    /// first register; `None` if a template knows it. `given` are the options.
     fn form(
         &mut self,
         questions: &FormQuestions,
-        known: &OutlineTarget,
+        (known, first): (&OutlineTarget, Option<u16>),
         [data_type, word_order, scale]: [Option<&str>; 3],
     ) -> anyhow::Result<ValueForm> {
         let FormQuestions { options, texts, scale_help } = questions;
@@ -234,7 +235,7 @@ impl Asking<'_, '_> {
             (options[0], texts[0], known.data_type.as_deref()),
             "i16, u16, i32, u32 or f32: the manual of the device, or the PLC programmer, knows it.",
             data_type,
-            value_form::data_type,
+            |text| value_form::data_type(text, first),
         )?;
         let word_order = match data_type.registers() > 1 {
             true => Some(self.text(
@@ -298,7 +299,7 @@ impl Asking<'_, '_> {
         ];
         let outline = match destination {
             Destination::Register(register) => {
-                let form = self.form(&OF_OFFSET, &NOTHING_KNOWN, given)?;
+                let form = self.form(&OF_OFFSET, (&NOTHING_KNOWN, Some(register)), given)?;
                 return Ok((Target::Register(register, form), Vec::new()));
             }
             Destination::Template(outline) => outline,
@@ -313,7 +314,7 @@ impl Asking<'_, '_> {
             )?),
             false => None,
         };
-        let form = self.form(&OF_OFFSET, &target, given)?;
+        let form = self.form(&OF_OFFSET, (&target, None), given)?;
         let bits = outline.bits.clone();
         let keys = changed_keys(&target, form);
         let target = target.name;

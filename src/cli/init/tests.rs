@@ -223,13 +223,29 @@ fn the_words_of_a_plc_are_understood_in_the_hint() {
     for (written, meant) in
         [("INT", "i16"), ("DINT", "i32"), ("REAL", "f32"), ("WORD", "u16"), ("DWORD", "u32")]
     {
-        let why = value_form::data_type(written).unwrap_err();
+        let why = value_form::data_type(written, None).unwrap_err();
         assert!(why.contains(&format!("did you mean `{meant}`?")), "{written}: {why}");
     }
     for (written, meant) in [("ABCD", "msw-first"), ("big-endian", "msw-first"), ("CDAB", "lsw-first")] {
         let why = value_form::word_order(written).unwrap_err();
         assert!(why.contains(&format!("did you mean `{meant}`?")), "{written}: {why}");
     }
+}
+
+#[test]
+fn the_last_register_takes_a_value_of_one_register() {
+    let to_the_last = |data_type: &str| {
+        let words = ["--yes", "--output", "holding:65535", "--output-type", data_type];
+        let more = ["--output-word-order", "msw-first", "--output-scale", "0.1", "--control-unit", "2"];
+        answered_with(&[&words[..], &more].concat(), "").0.map_err(|why| why.to_string())
+    };
+    let profile = taken(&to_the_last("i16").unwrap());
+    assert_eq!(profile.outputs.len(), 1);
+    let why = to_the_last("i32").unwrap_err();
+    assert!(why.contains("i32 needs 2 registers, and 65535 is the last one"), "{why}");
+    let (answers, ..) = answered_with(&["--yes", "--output", "input:7"], "");
+    let why = answers.unwrap_err().to_string();
+    assert!(why.contains("input:7 cannot be written: write a holding register"), "{why}");
 }
 
 #[test]

@@ -16,9 +16,18 @@ pub(super) struct ValueForm {
     pub(super) scale: f64,
 }
 
-pub(super) fn data_type(text: &str) -> Result<DataType, String> {
+/// Parses the type of a value. `first`: its first register; `None` if a template knows it.
+pub(super) fn data_type(text: &str, first: Option<u16>) -> Result<DataType, String> {
     let found = TYPES.into_iter().find(|known| known.name() == text);
-    found.ok_or_else(|| allowed(text, TYPES.map(DataType::name)))
+    let found = found.ok_or_else(|| allowed(text, TYPES.map(DataType::name)))?;
+    match first {
+        Some(first) if first.checked_add(found.registers() - 1).is_none() => Err(format!(
+            "{text} needs {} registers, and {first} is the last one: write a type with one register, or begin again \
+             with an earlier register",
+            found.registers()
+        )),
+        _ => Ok(found),
+    }
 }
 
 pub(super) fn word_order(text: &str) -> Result<WordOrder, String> {

@@ -158,11 +158,20 @@ fn a_start_that_no_signal_shows_is_asked_for_and_may_stay_unknown() {
 }
 
 #[test]
+fn a_profile_that_does_not_exist_gets_the_name_that_was_probably_meant() {
+    let home = tempfile::tempdir().unwrap();
+    std::fs::write(home.path().join("benches.toml"), bench()).unwrap();
+    let (said, is_good) = identify(home.path(), &[], "");
+    assert!(!is_good && said.contains("the profile cannot be read: No such file or directory"), "{said}");
+    assert!(said.contains("did you mean `benches.toml`?") && !said.contains("is none"), "{said}");
+}
+
+#[test]
 fn a_shipped_machine_has_no_file_to_change() {
     let home = tempfile::tempdir().unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_isotherm"));
     command.env_clear().env("HOME", home.path()).current_dir(home.path());
     let ended = command.args(["identify", "surface-grinder", "day.csv", "--into-profile"]).output().unwrap();
     let said = String::from_utf8(ended.stderr).unwrap();
-    assert!(!ended.status.success() && said.contains("--into-profile needs the file of a profile"), "{said}");
+    assert!(!ended.status.success() && said.contains("surface-grinder is part of the program"), "{said}");
 }
