@@ -15,8 +15,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use isotherm_core::explained::Explained;
-use isotherm_profile::one_line;
+use isotherm_core::quantity::Micron;
 use isotherm_profile::safe_file::cut;
+use isotherm_profile::{duration_text, one_line};
 use rustix::process::{Pid, Signal, kill_process_group};
 
 use super::handover::{Handover, KeptProfile, Prepared, digest_path};
@@ -24,6 +25,7 @@ use crate::clock::BootClock;
 use crate::fieldbus::explain::system;
 use crate::gateway::shared::carry_out::carry_out;
 use crate::gateway::shared::shared_state::Shared;
+use crate::gateway::state::sign::time_to_zero;
 use crate::observe::requester::Requester;
 
 /// Option by which a program only checks its profile and arguments. The next argument is the command socket of the
@@ -287,16 +289,22 @@ impl Successor {
             if core.phase.is_stopping() {
                 return Err("the gateway is stopping".into());
             }
-            // An axis without a model is armed only for a check of its sign, and returns to zero after it.
-            let axes = core.arming.as_slice().iter().zip(&self.shared.profile.axes);
-            let moved = axes
-                .map(|(arming, axis)| arming.sign.is_some() || (arming.is_armed() && !axis.has_model()))
-                .position(|is_moved| is_moved);
-            if let Some(axis) = moved {
-                let name = &self.shared.profile.axes[axis].settings.name;
+            let axes = || core.arming.as_slice().iter().zip(&self.shared.profile.axes);
+            if let Some((_, axis)) = axes().find(|(arming, _)| arming.sign.is_some()) {
                 return Err(Explained::new(
-                    format!("the sign of {name} is being checked, which moves the axis"),
+                    format!("the sign of {} is being checked, which moves the axis", axis.settings.name),
                     "end the sign check first",
+                ));
+            }
+            // An axis without a model is armed only for a check of its sign, and returns to zero after it.
+            let returns = axes().position(|(arming, axis)| arming.is_armed() && !axis.has_model());
+            if let Some(axis) = returns {
+                let settings = &self.shared.profile.axes[axis].settings;
+                let cz = core.compensation.decision(axis).map_or(Micron::ZERO, |decision| decision.cz);
+                let seconds = time_to_zero(&settings.guard, settings.every, cz).as_secs() + 1;
+                return Err(Explained::new(
+                    format!("axis {} returns to zero after its sign check", settings.name),
+                    format!("repeat the command in {} or later", duration_text(Duration::from_secs(seconds))),
                 ));
             }
             core.replaced_by = requester.way.by(&requester.who);

@@ -148,9 +148,37 @@ pub(in crate::gateway) fn refused(guard: &GuardSettings, from: Micron, axis: &st
     })
 }
 
+/// Returns the longest time in which the Cz of an axis without a model returns to zero after its sign check.
+pub(in crate::gateway) fn time_to_zero(guard: &GuardSettings, every: Duration, cz: Micron) -> Duration {
+    let speed = (guard.step.get() / every.as_secs_f64()).min(guard.rate.get());
+    let way = Duration::try_from_secs_f64(cz.abs().get() / speed).unwrap_or(PATIENCE);
+    // The first step is due after one period, and the register holds the last one within another.
+    way.saturating_add(every * 2)
+}
+
 /// Returns whether `cz` equals `place`, within the resolution of Cz (deadband, or one count of the register if that is
 /// larger).
 pub(in crate::gateway) fn is_at(guard: &GuardSettings, cz: Micron, place: Micron) -> bool {
     let grain = guard.deadband.get().max(guard.count.map_or(0.0, Micron::get));
     (cz - place).abs().get() <= grain * 1.001 + 1e-6
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gateway::state::test_profiles::{THREE_SIGNALS, bench};
+
+    #[test]
+    fn the_return_to_zero_is_limited_by_step_or_rate() {
+        let time = |step: f64, rate: f64| {
+            let axis = format!(
+                "{THREE_SIGNALS}\n[axis.z]\nlimit = 20.0\nstep = {step:?}\nrate = {rate:?}\nevery = \"1s\"\n\
+                 on_fault = {{ action = \"hold\" }}\n"
+            );
+            let settings = bench(&axis).axes[0].settings.clone();
+            time_to_zero(&settings.guard, settings.every, Micron::new(-5.0).unwrap()).as_secs_f64()
+        };
+        assert!((time(1.0, 10.0) - 7.0).abs() < 1e-9, "{}", time(1.0, 10.0));
+        assert!((time(5.0, 0.5) - 12.0).abs() < 1e-9, "{}", time(5.0, 0.5));
+    }
 }

@@ -236,7 +236,10 @@ fn an_axis_that_got_its_model_after_a_sign_check_is_armed_as_the_profile_says() 
     service.rewrite(|_| whole);
     until("the new program runs", || match service.restart(&[]) {
         (Some(0), _) => Ok(()),
-        (_, said) => Err(said),
+        (_, said) => {
+            assert!(!said.contains("end the sign check first"), "the check was answered: {said}");
+            Err(said)
+        }
     });
     service.walks_to(30);
 }
