@@ -228,6 +228,12 @@ fn mistakes_about_learning_are_reported_at_their_places() {
             "\"bedd\"",
             "did you mean `bed`?",
         ),
+        (
+            "learn = \"daily\"\nlearn_without = [\"bed\", \"wheelhead\"]\n",
+            "learn_without",
+            "[",
+            "remove a sensor from the list",
+        ),
     ] {
         let error = only_error(&learning(keys), &format!("axis.z.probe.{key}"), at);
         assert!(error.to_string().contains(words), "`{words}` is not in: {error}");

@@ -35,9 +35,12 @@ pub(in crate::tables) fn add_slots(check: &mut Check<'_>) {
     for axis in check.axes.resolved.iter_mut().flatten() {
         let Some(learning) = &axis.learning else { continue };
         let own = &axis.settings.models;
-        let terms = terms(&signals, learning, temperature_reference(own));
+        let reference = temperature_reference(own);
+        let with_all = Learning { without: Vec::new(), ..learning.clone() };
+        let terms = terms(&signals, learning, reference);
         if terms.is_empty() {
-            unable.push(axis.settings.name.clone());
+            let leaves_none = !self::terms(&signals, &with_all, reference).is_empty();
+            unable.push((axis.settings.name.clone(), leaves_none));
         }
         terms.iter().for_each(|term| check.report.at("axis").uses(term.input.signal));
         let slot = LearnedSlot { model: own.len(), own: fingerprint(&signals, own) };
@@ -46,14 +49,18 @@ pub(in crate::tables) fn add_slots(check: &mut Check<'_>) {
         axis.settings.models.push(Model { expected, ..Model::new(LEARNED.to_owned(), kind) });
         axis.settings.learned = Some(slot);
     }
-    for name in unable {
-        let help = "add a [signal.…] with unit = \"degC\" for each sensor";
-        check
-            .at("axis")
-            .key(&name)
-            .key("probe")
-            .key("learn")
-            .invalid("the profile has no temperature from which a model could be learned", help);
+    for (name, leaves_none) in unable {
+        let of_axis = check.at("axis").key(&name);
+        let probe = of_axis.key("probe");
+        if leaves_none {
+            let help = "remove a sensor from the list, so that the model has an input";
+            let message = "`learn_without` names every sensor from which a model could be learned";
+            probe.key("learn_without").invalid(message, help);
+        } else {
+            let help = "add a [signal.…] with unit = \"degC\" for each sensor";
+            let message = "the profile has no temperature from which a model could be learned";
+            probe.key("learn").invalid(message, help);
+        }
     }
 }
 
