@@ -172,7 +172,8 @@ fn unread(profile: &Profile, status: &Status) -> Vec<DeviceId> {
 #[cfg(feature = "opcua")]
 fn expiring(profile: &Profile) -> impl Iterator<Item = String> {
     let now = crate::clock::Clock::wall().time_of_day();
-    certificates::expiring(profile, now).into_iter().map(|expiry| expiry.sentence())
+    let early = certificates::early(profile, now).into_iter().map(|early| early.sentence());
+    certificates::expiring(profile, now).into_iter().map(|expiry| expiry.sentence()).chain(early)
 }
 
 /// Returns the document with one more part under this name.

@@ -31,7 +31,7 @@ pub use adoption::Adoption;
 pub use alarms::{Acknowledgement, Alarm, Change};
 pub use broker::Broker;
 #[cfg(feature = "opcua")]
-pub use certificate::{CertificateOwner, Expiry};
+pub use certificate::{CertificateOwner, EarlyCertificate, Expiry};
 pub use comparison::Comparison;
 pub(crate) use comparison::found_worse;
 pub use delivery::Delivery;

@@ -3,6 +3,7 @@ days), user, other, each with its key.
 
 --thumbprints FILE   prints the SHA-1 and SHA-256 of a certificate, and from when to when it is valid
 --renew DIRECTORY    makes another one for soon, valid for longer
+--early DIRECTORY    makes early (valid in a year)
 --others DIRECTORY   makes authority, chained (a server's, signed by the authority), and short (a server's, with 1024 bits)
 """
 
@@ -61,6 +62,9 @@ if sys.argv[1] == "--others":
     authority = make("authority", "urn:isotherm:authority", NOW - YEAR, NOW + YEAR)
     make("chained", "urn:freeopcua:python:server", NOW - YEAR, NOW + YEAR, by=authority)
     make("short", "urn:freeopcua:python:server", NOW - YEAR, NOW + YEAR, bits=1024)
+    sys.exit()
+if sys.argv[1] == "--early":
+    make("early", "urn:isotherm:test", NOW + YEAR, NOW + 2 * YEAR)
     sys.exit()
 make("own", "urn:isotherm:test", NOW - YEAR, NOW + YEAR)
 make("server", "urn:freeopcua:python:server", NOW - YEAR, NOW + YEAR)

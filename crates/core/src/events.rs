@@ -253,6 +253,9 @@ catalogue! {
     CertificateExpires = warning("certificate-expires").raises("certificate {file} of bus {bus}").hint(RENEW);
     /// A certificate of an OPC UA bus has expired.
     CertificateExpired = error("certificate-expired").raises("certificate {file} of bus {bus}").hint(RENEW);
+    /// A certificate of an OPC UA bus or of the OPC UA server is not valid yet.
+    CertificateNotYetValid = warning("certificate-not-yet-valid")
+        .hint("correct the clock of this computer, or wait until the certificate is valid");
     /// A task of the gateway failed. The axes that depend on the task run their fault action.
     TaskFailed = error("task-failed").raises("task {task}")
         .hint("keep the log of this hour and report the failure; restart the gateway if it does not restart by itself");

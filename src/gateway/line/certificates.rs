@@ -1,5 +1,5 @@
 //! Certificates of OPC UA lines and of the OPC UA server. Their expiry is reported a month before it, and when they have
-//! expired. `check` also reports weak certificates.
+//! expired. Certificates that are not valid yet are reported too. `check` also reports weak certificates.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -7,7 +7,7 @@ use std::time::Duration;
 use crate::clock::Sleeper;
 use crate::fieldbus::kinds::opcua::client::certificate::Certificate;
 use crate::gateway::shared::shared_state::Shared;
-use crate::observe::events::{CertificateOwner, Event, Expiry};
+use crate::observe::events::{CertificateOwner, EarlyCertificate, Event, Expiry};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Bus, NamedFile, OpcUaServer, Profile, ServerLogin, User};
 
@@ -25,6 +25,18 @@ pub fn expiring(profile: &Profile, now: Moment) -> Vec<Expiry> {
     });
     let soon = all.filter(|expiry| expiry.until <= now.after(BEFORE));
     soon.map(|expiry| Expiry { is_over: expiry.until < now, ..expiry }).collect()
+}
+
+/// Certificates of a profile that are not valid yet at `now`.
+pub fn early(profile: &Profile, now: Moment) -> Vec<EarlyCertificate> {
+    let early = used(profile).into_iter().filter(|(_, used)| used.certificate.from > now);
+    let early = early.map(|(bus, Used { file, whose, certificate })| EarlyCertificate {
+        bus: bus.to_owned(),
+        file: file.name.clone(),
+        whose,
+        from: certificate.from,
+    });
+    early.collect()
 }
 
 /// Returns a sentence for each certificate of a profile with a short key or a broken digest. The gateway uses these
@@ -71,15 +83,23 @@ pub(in crate::gateway) fn has_some(profile: &Profile) -> bool {
     !used(profile).is_empty()
 }
 
-/// Reports each certificate once before its expiry and once after it, according to the clock of the computer.
+/// Reports each certificate once before its validity, once before its expiry and once after it, according to the clock
+/// of the computer.
 pub(in crate::gateway) async fn watch(shared: Arc<Shared>, mut sleeper: Sleeper) {
     let mut reported: Vec<Expiry> = Vec::new();
+    let mut reported_early: Vec<EarlyCertificate> = Vec::new();
     loop {
-        let now = expiring(&shared.profile, shared.clock.time_of_day());
+        let time = shared.clock.time_of_day();
+        let now = expiring(&shared.profile, time);
         now.iter()
             .filter(|expiry| !reported.contains(expiry))
             .for_each(|expiry| shared.report(&Event::Certificate(expiry.clone())));
         reported = now;
+        let now = early(&shared.profile, time);
+        now.iter()
+            .filter(|early| !reported_early.contains(early))
+            .for_each(|early| shared.report(&Event::CertificateNotYetValid(early.clone())));
+        reported_early = now;
         sleeper.sleep(LOOK_EVERY).await;
     }
 }

@@ -1,4 +1,5 @@
-//! Events about the certificates of an OPC UA bus, and of the OPC UA server of the gateway.
+//! Events about the certificates of an OPC UA bus, and of the OPC UA server of the gateway: before and after their
+//! validity.
 
 use isotherm_core::quantity::Moment;
 use serde::Serialize;
@@ -24,6 +25,20 @@ pub struct Expiry {
     pub is_over: bool,
 }
 
+/// Certificate that is not valid yet.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct EarlyCertificate {
+    /// Bus that uses the certificate; `opcua_server` for the OPC UA server of the gateway.
+    pub bus: String,
+    /// File name of the certificate, as in the profile.
+    pub file: String,
+    /// Owner of the certificate.
+    pub whose: CertificateOwner,
+    /// Begin of its validity.
+    #[serde(serialize_with = "in_text")]
+    pub from: Moment,
+}
+
 /// Owner of a certificate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -41,6 +56,52 @@ pub enum CertificateOwner {
     Client,
 }
 
+impl CertificateOwner {
+    /// Returns the word for the owner.
+    const fn word(self) -> &'static str {
+        match self {
+            CertificateOwner::Gateway => "gateway",
+            CertificateOwner::User => "user",
+            CertificateOwner::Server => "server",
+            CertificateOwner::OwnServer => "OPC UA server",
+            CertificateOwner::Client => "client",
+        }
+    }
+
+    /// Returns the bus or the server that uses a certificate of this owner.
+    fn user(self, bus: &str) -> String {
+        match self {
+            CertificateOwner::OwnServer | CertificateOwner::Client => "the OPC UA server".to_owned(),
+            CertificateOwner::Gateway | CertificateOwner::User | CertificateOwner::Server => {
+                format!("bus {bus}")
+            }
+        }
+    }
+}
+
+/// Formats a time as day and time of day, to the minute.
+fn day_and_time(moment: Moment) -> String {
+    let text = moment.to_string();
+    let (day, time) = text.split_once('T').unwrap_or((&text, ""));
+    let time: String = time.chars().take(5).collect();
+    format!("{day} at {time} UTC")
+}
+
+impl EarlyCertificate {
+    /// Cause and remedy as a sentence.
+    #[must_use]
+    pub fn sentence(&self) -> String {
+        self.described().text()
+    }
+
+    pub(super) fn described(&self) -> EventDescription {
+        let EarlyCertificate { bus, file, whose, from } = self;
+        let cause =
+            format!("the {}'s certificate {file} is not valid before {}", whose.word(), day_and_time(*from));
+        caused(whose.user(bus), cause).of(EventKind::CertificateNotYetValid)
+    }
+}
+
 impl Expiry {
     /// Cause and remedy as a sentence.
     #[must_use]
@@ -50,35 +111,25 @@ impl Expiry {
 
     fn explained(&self) -> Explained {
         let Expiry { bus: _, file, whose, until, is_over } = self;
-        let until = until.to_string();
-        let (day, time) = until.split_once('T').unwrap_or((&until, ""));
-        let time: String = time.chars().take(5).collect();
         let expires = if *is_over { "expired" } else { "expires" };
-        let (owner, remedy) = match whose {
-            CertificateOwner::Gateway => (
-                "gateway",
+        let remedy = match whose {
+            CertificateOwner::Gateway => {
                 "move the certificate and its key away, make both again (`isotherm opcua certificate \
-                 PROFILE`), and trust the certificate at the server",
-            ),
-            CertificateOwner::User => {
-                ("user", "make a new certificate, and give it this user's rights at the server")
+                 PROFILE`), and trust the certificate at the server"
             }
-            CertificateOwner::Server => (
-                "server",
+            CertificateOwner::User => "make a new certificate, and give it this user's rights at the server",
+            CertificateOwner::Server => {
                 "renew the certificate at the server, then run `isotherm opcua trust PROFILE`; if the server \
-                 already has another certificate, remove this file",
-            ),
-            CertificateOwner::OwnServer => (
-                "OPC UA server",
-                "move the certificate and its key away, make both again (`isotherm opcua certificate PROFILE \
-                 --server`), and trust the certificate at each client",
-            ),
-            CertificateOwner::Client => {
-                ("client", "renew the certificate at the client, and replace this file with it")
+                 already has another certificate, remove this file"
             }
+            CertificateOwner::OwnServer => {
+                "move the certificate and its key away, make both again (`isotherm opcua certificate PROFILE \
+                 --server`), and trust the certificate at each client"
+            }
+            CertificateOwner::Client => "renew the certificate at the client, and replace this file with it",
         };
         Explained::new(
-            format!("the {owner}'s certificate {file} {expires} on {day} at {time} UTC"),
+            format!("the {}'s certificate {file} {expires} on {}", whose.word(), day_and_time(*until)),
             format!(
                 "{remedy}; a running gateway loads the new certificate after `isotherm restart PROFILE \
                  --keep`"
@@ -88,10 +139,6 @@ impl Expiry {
 
     pub(super) fn described(&self) -> EventDescription {
         let kind = if self.is_over { EventKind::CertificateExpired } else { EventKind::CertificateExpires };
-        let about = match self.whose {
-            CertificateOwner::OwnServer | CertificateOwner::Client => "the OPC UA server".to_owned(),
-            _ => format!("bus {}", self.bus),
-        };
-        caused(about, self.explained()).of(kind)
+        caused(self.whose.user(&self.bus), self.explained()).of(kind)
     }
 }

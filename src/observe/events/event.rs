@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::adoption::Adoption;
 use super::broker::Broker;
 #[cfg(feature = "opcua")]
-use super::certificate::Expiry;
+use super::certificate::{EarlyCertificate, Expiry};
 use super::comparison::Comparison;
 use super::data::{both_in_text, in_seconds, in_text};
 use super::delivery::Delivery;
@@ -550,6 +550,8 @@ events! {
         Delivery(Delivery) as delivery => delivery.described();
         #[cfg(feature = "opcua")]
         Certificate(Expiry) as expiry => expiry.described();
+        #[cfg(feature = "opcua")]
+        CertificateNotYetValid(EarlyCertificate) as early => early.described();
     }
 }
 

@@ -190,6 +190,11 @@ fn troubles() -> Vec<Event> {
             Event::Certificate(Expiry { bus, file, whose, until: Moment::default(), is_over })
         }),
     );
+    #[cfg(feature = "opcua")]
+    all.extend([CertificateOwner::Client, CertificateOwner::Server].map(|whose| {
+        let (bus, file, from) = (name(), "mes.der".to_owned(), Moment::default());
+        Event::CertificateNotYetValid(EarlyCertificate { bus, file, whose, from })
+    }));
     all
 }
 

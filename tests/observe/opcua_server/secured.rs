@@ -120,6 +120,24 @@ fn the_expiry_of_the_certificate_of_the_server_or_of_a_client_is_warned_of() {
 }
 
 #[test]
+fn a_trusted_client_whose_certificate_is_not_valid_yet_is_warned_of_by_check_and_by_an_event() {
+    let machine = Machine::with(SECURED, |home| {
+        certificates(home);
+        assert!(python("opcua_certificates.py").arg("--early").arg(home).status().unwrap().success());
+        std::fs::copy(home.join("early.der"), home.join("clients/early.der")).unwrap();
+    });
+    let home = machine.home();
+    let warning = "the OPC UA server: the client's certificate clients/early.der is not valid before ";
+    let done = isotherm(home).args(["check", "machine.toml"]).current_dir(home).output().unwrap();
+    let said = String::from_utf8_lossy(&done.stderr);
+    assert!(said.contains(warning) && said.contains("correct the clock of this computer"), "{said}");
+    until("the event is reported", || match machine.verb("events", &["--json"]) {
+        events if events.contains("certificate-not-yet-valid") && events.contains(warning) => Ok(()),
+        events => Err(events),
+    });
+}
+
+#[test]
 fn a_client_with_a_short_key_is_refused_as_check_says_and_a_user_with_one_is_not() {
     let short = SECURED.replace("user.der", "short.der");
     let machine = Machine::with(&short, |home| {
