@@ -63,7 +63,8 @@ pub(in crate::gateway) struct LineTask {
     polls: Vec<Poll>,
     jobs: Vec<OutputTask>,
     heartbeat_task: Option<HeartbeatTask>,
-    /// Whether the inputs of an axis are read on this line. This task then steps the axis directly after the reads.
+    /// Whether the inputs of an axis are read on this line. This task then steps the axis directly after the reads. If
+    /// the profile has no axis, one task reports the changes of the signals instead.
     steps_axes: bool,
     /// Whether values that are read on this line are used on another line: for an output that writes a position plus
     /// Cz, or as a result of probing.
@@ -438,7 +439,12 @@ impl LineTask {
 }
 
 /// Returns the lines on which axes are stepped: for each axis the line of its first input, else the line of its output.
+/// Without an axis, this is the line of the first signal, which reports the changes of all signals.
 fn home_lines(profile: &Profile) -> Vec<BusId> {
+    if profile.axes.is_empty() {
+        let first = profile.signals.first();
+        return first.map(|signal| profile.device(signal.device).bus).into_iter().collect();
+    }
     let homes = profile.axes.iter().enumerate().map(|(axis, settings)| {
         let input = settings.settings.models.iter().flat_map(Model::signals).next();
         let input = input.map(|signal| profile.signal(signal).device);

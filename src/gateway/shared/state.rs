@@ -74,7 +74,8 @@ pub(in crate::gateway) struct GatewayState {
     pub(super) stepped_at: Moment,
     /// Time of the next check whether the computer's clock was set.
     pub(super) day_due: Moment,
-    /// Time at which the next axis is due; `None` if no axis has a period.
+    /// Time at which the next axis is due, or the next report of signals if there is no axis. `None` before the first
+    /// such report, and after a request to stop that moves no axis.
     pub(in crate::gateway) next_due: Option<Moment>,
     /// Requester who has let another program replace this gateway, in the form in which a sentence names it.
     pub(in crate::gateway) replaced_by: String,
@@ -133,12 +134,17 @@ impl GatewayState {
         }
     }
 
-    /// Steps each axis that is due or has a new input. Returns whether an axis was stepped.
+    /// Steps each axis that is due or has a new input. Returns whether an axis was stepped. Without an axis, reports the
+    /// changes of the signals when they are due.
     pub(in crate::gateway) fn advance(&mut self, now: Moment) -> bool {
         let given = &self.given.clone();
         let RunConfig { profile, dependents, .. } = given;
         // During a stop that keeps the registers, earlier decisions are executed and nothing is decided.
         if self.phase.stop() == Some(OnStop::Hold) {
+            return false;
+        }
+        if let Some(every) = dependents.reports_every {
+            self.report_without_axes(profile, every, now);
             return false;
         }
         // If time has gone back, every axis is due.

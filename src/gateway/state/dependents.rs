@@ -8,6 +8,9 @@ use isotherm_core::compensation::model::Model;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{Axis, AxisId, Profile};
 
+/// Shortest period in which the changes of the signals are reported without an axis.
+const SHORTEST_REPORT_PERIOD: Duration = Duration::from_secs(1);
+
 /// Settings that never change while the gateway runs.
 #[derive(Clone)]
 pub(in crate::gateway) struct RunConfig {
@@ -29,6 +32,9 @@ pub(in crate::gateway) struct Dependents {
     pub(in crate::gateway) shows_restarts: Vec<bool>,
     /// Period of the axis that is stepped most often.
     pub(in crate::gateway) shortest_period: Option<Duration>,
+    /// Period in which the changes of the signals are reported if the profile has no axis: that of the device which is
+    /// read most often, but at least one second. `None` if the profile has axes: each of their steps reports the changes.
+    pub(in crate::gateway) reports_every: Option<Duration>,
 }
 
 impl Dependents {
@@ -49,12 +55,14 @@ impl Dependents {
         for signal in counters.chain(profile.machine.on) {
             shows_restarts[line(signal).0] = true;
         }
+        let polled = profile.devices.iter().map(|device| device.every).min().unwrap_or_default();
         Dependents {
             inputs: profile.axes.iter().map(inputs).collect(),
             probed,
             probed_on,
             shows_restarts,
             shortest_period: profile.axes.iter().map(|axis| axis.settings.every).min(),
+            reports_every: profile.axes.is_empty().then(|| polled.max(SHORTEST_REPORT_PERIOD)),
         }
     }
 }

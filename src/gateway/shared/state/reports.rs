@@ -1,6 +1,8 @@
 //! Events of one step of the axes: results of probing, signals that were lost or are valid again, and states of the
 //! axes.
 
+use std::time::Duration;
+
 use super::GatewayState;
 use crate::gateway::state::probing::why_refused;
 use crate::gateway::state::signal_table::QualityChange;
@@ -39,6 +41,17 @@ impl GatewayState {
             }
         }
         any
+    }
+
+    /// Reports the changes of the signals once in each period, if the profile has no axis. Decides nothing.
+    pub(super) fn report_without_axes(&mut self, profile: &Profile, every: Duration, now: Moment) {
+        // If time has gone back, the report is due.
+        let is_due = self.next_due.is_none_or(|due| now >= due) || now < self.stepped_at;
+        if is_due {
+            (self.stepped_at, self.next_due) = (now, Some(now.after(every)));
+            self.board.check(now);
+            self.report_signals(profile, now);
+        }
     }
 
     pub(super) fn report_signals(&mut self, profile: &Profile, now: Moment) {
@@ -84,5 +97,71 @@ impl GatewayState {
             reported.report_rejected(profile, settings, decision, rejected, &mut events);
         }
         (self.events, self.reported) = (events, reported);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::gateway::state::dependents::{Dependents, RunConfig};
+    use crate::gateway::store::storage::Storage;
+    use isotherm_core::compensation::Remembered;
+    use isotherm_core::reading::{Reason, SignalId};
+
+    const PROFILE: &str = r#"
+        [machine]
+        name = "shown"
+        [bus.cell]
+        type = "modbus-tcp"
+        address = "127.0.0.1:1502"
+        [device.module]
+        bus = "cell"
+        unit = 1
+        every = "2s"
+        [signal.bed]
+        device = "module"
+        register = "input:0"
+        type = "i16"
+        unit = "degC"
+        max_age = "20s"
+    "#;
+    const AXIS: &str =
+        "[axis.z]\nlimit = 20.0\nstep = 1.0\nrate = 1.0\nevery = \"1s\"\non_fault = { action = \"hold\" }\n";
+
+    fn given(text: &str) -> RunConfig {
+        let parsed = isotherm_profile::parse(Path::new("shown.toml"), text, &[], &[]);
+        let profile = Arc::new(parsed.unwrap_or_else(|errors| panic!("{errors}")).profile);
+        let dependents = Arc::new(Dependents::new(&profile));
+        RunConfig { profile, dependents, dry_run: false }
+    }
+
+    #[test]
+    fn without_an_axis_the_changes_of_the_signals_are_reported_once_a_period() {
+        let at = |ms: u64| Moment::default().after(Duration::from_millis(1_000_000 + ms));
+        let mut core = GatewayState::new(given(PROFILE), Remembered::default(), Storage::default(), at(0));
+        let reported = |core: &mut GatewayState, now: Moment| -> Vec<String> {
+            assert!(!core.advance(now), "nothing is decided");
+            std::mem::take(&mut core.events).iter().map(|event| event.entry(now).kind.to_string()).collect()
+        };
+        core.board.store(SignalId(0), Ok(20.0), at(0), 0);
+        assert_eq!(reported(&mut core, at(0)), [""; 0]);
+        core.board.store(SignalId(0), Err(Reason::OpenCircuit), at(500), 0);
+        assert_eq!(reported(&mut core, at(1999)), [""; 0], "not due yet");
+        assert_eq!(reported(&mut core, at(2000)), ["signal-bad"]);
+        assert_eq!((reported(&mut core, at(4000)), core.next_due), (Vec::new(), Some(at(6000))));
+        core.board.store(SignalId(0), Ok(20.0), at(5000), 0);
+        assert_eq!(reported(&mut core, at(6100)), ["signal-good"]);
+        assert_eq!(reported(&mut core, at(27_000)), ["signal-bad"], "it is stale");
+    }
+
+    #[test]
+    fn the_period_of_the_reports_is_that_of_the_most_frequent_device_and_only_without_an_axis() {
+        let period = |text: &str| given(text).dependents.reports_every;
+        assert_eq!(period(PROFILE), Some(Duration::from_secs(2)));
+        assert_eq!(period(&PROFILE.replace("\"2s\"", "\"100ms\"")), Some(Duration::from_secs(1)));
+        assert_eq!(period(&format!("{PROFILE}{AXIS}")), None);
     }
 }
