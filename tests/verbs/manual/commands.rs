@@ -214,10 +214,10 @@ fn bare(command: &str) -> &str {
     command.split(" #").next().unwrap().trim_end()
 }
 
-/// The command, with more speed and a free port if it is a demo.
+/// The command, with more speed and a free port if it is a demo with a page.
 fn hurried(command: &str) -> String {
-    let is_demo = command.split_whitespace().nth(1) == Some("demo");
     let plain = bare(command);
+    let is_demo = plain.split_whitespace().nth(1) == Some("demo") && !plain.contains("--learn");
     if is_demo { format!("{plain} --speed 6000 --listen 127.0.0.1:0") } else { plain.to_owned() }
 }
 
