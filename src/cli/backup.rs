@@ -42,9 +42,9 @@ pub(super) const MODE: u32 = 0o640;
 /// File mode of the other profile files. Any user may read them, because the gateway runs as another user.
 pub(super) const PROFILE_MODE: u32 = 0o644;
 
-/// Writes the files of a machine into one tar archive: the profile and its .local.toml, the files that they name, the
-/// saved state, and what was learned from touches. The named files are models, device templates, DBC files and
-/// certificates. The archive lists the SHA-256 of each file. The gateway may run during the backup.
+/// Writes the files of a machine into one tar archive: the profile and its .local.toml, the files that they name, and
+/// the saved state. The state includes what was learned from touches. The named files are models, device templates, DBC
+/// files and certificates. The archive lists the SHA-256 of each file. The gateway may run during the backup.
 ///
 /// Logs and events are not included: copy them from the state directory. Settings that were made with --set or by the
 /// environment are not included either.

@@ -33,7 +33,7 @@ pub(in crate::gateway) struct Dependents {
     /// Period of the axis that is stepped most often.
     pub(in crate::gateway) shortest_period: Option<Duration>,
     /// Period in which the changes of the signals are reported if the profile has no axis: that of the device which is
-    /// read most often, but at least one second. `None` if the profile has axes: each of their steps reports the changes.
+    /// read most often, but at least one second. `None` if the profile has axes, because their steps report the changes.
     pub(in crate::gateway) reports_every: Option<Duration>,
 }
 
