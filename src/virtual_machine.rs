@@ -47,6 +47,7 @@ mod journal;
 mod modbus;
 mod port;
 mod probing;
+mod pseudo_terminal;
 mod random;
 mod registers;
 mod serial_side;
@@ -69,8 +70,8 @@ use fault::Faults;
 use gate::{ListenerSwitch, live};
 use hardware::Hardware;
 use modbus::Framing;
-use port::VirtualPort;
 use probing::Cycle;
+use pseudo_terminal::{Name, VirtualPort};
 use serial_side::SerialSide;
 use server::{Line, OpenOrClose, Shared};
 use text::{Ask, Switch, TextGroup, TextLine};
@@ -413,11 +414,10 @@ fn serial_port(
     ports: Ports,
 ) -> Result<(String, VirtualPort), VirtualMachineError> {
     let wanted = match ports {
-        Ports::AsInProfile => port::Name::wanted(Path::new(&bus.address)),
+        Ports::AsInProfile => Name::wanted(Path::new(&bus.address)),
         Ports::Free => None,
     };
-    let name =
-        wanted.map_or_else(|| port::Name::free(&bus.name), Ok).map_err(|source| refused(bus, source))?;
+    let name = wanted.map_or_else(|| Name::free(&bus.name), Ok).map_err(|source| refused(bus, source))?;
     let path = name.path().display().to_string();
     Ok((path, VirtualPort::plug_in(name).map_err(|source| refused(bus, source))?))
 }

@@ -125,7 +125,8 @@ async fn a_faulty_text_has_no_value_and_the_next_one_has() {
         ("kind = \"late\"\ndelay = \"1500ms\"", Err(Fault::Timeout)),
         ("kind = \"wrong-checksum\"", Err(Fault::Peer(PeerFault::Checksum))),
         ("kind = \"short-read\"", Err(MALFORMED)),
-        ("kind = \"wrong-unit\"", Err(MALFORMED)),
+        // A `"` follows the checksum.
+        ("kind = \"wrong-unit\"", Err(Fault::Peer(PeerFault::Checksum))),
         ("kind = \"exception\"\ncode = 2", Err(MALFORMED)),
         ("kind = \"one-byte-at-a-time\"", Ok(())),
     ] {

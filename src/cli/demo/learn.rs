@@ -171,13 +171,18 @@ impl Rig {
         self.recorder.begin(&self.compensation.running().counted_until(begin));
         let mut controls = vec![Control::default(); self.profile.axes.len()];
         let mut errors = [Errors::default(); 3];
-        let (settled, mut has_arrived) = (OFF + 2 * self.profile.machine.settle, false);
+        let settle = 2 * self.profile.machine.settle;
+        let (mut switched_on, mut has_arrived) = (None, false);
         let steps = SHIFT.as_secs() / STEP.as_secs();
         for step in 0..=steps {
             let passed = Duration::from_secs(step * STEP.as_secs());
             let now = begin.after(passed);
             plant.advance_to(now);
             let readings = self.readings(&plant, now, passed < OFF);
+            if self.is_on(&readings) {
+                switched_on = switched_on.or(Some(passed));
+            }
+            let has_settled = switched_on.is_some_and(|on| passed >= on + settle);
             let error = plant.true_error_um(&name).unwrap_or_default();
             let before =
                 self.compensation.decision(self.axis).map(|decision| decision.cz).unwrap_or_default();
@@ -195,7 +200,7 @@ impl Rig {
                 let decisions = self.compensation.decisions();
                 log.write_all(self.recorder.row(&snapshot, &controls, decisions))?;
             }
-            let Some(decision) = self.compensation.decision(self.axis).filter(|_| passed >= settled) else {
+            let Some(decision) = self.compensation.decision(self.axis).filter(|_| has_settled) else {
                 continue;
             };
             has_arrived |= (decision.target.get() - decision.cz.get()).abs() < ARRIVED;
@@ -213,6 +218,11 @@ impl Rig {
         let [uncompensated_um, model_left_um, left_um] = errors.map(|errors| errors.figures());
         let day = Day { day: number + 1, model, uncompensated_um, model_left_um, left_um };
         Ok((day, begin.after(SHIFT)))
+    }
+
+    /// Returns whether the machine is on. A machine without a signal for this is always on.
+    fn is_on(&self, readings: &[Reading]) -> bool {
+        self.profile.machine.on.is_none_or(|on| readings[on.0].usable().is_some_and(|value| value > 0.5))
     }
 
     /// Returns the readings of all signals. `is_off`: whether the machine is still off.

@@ -7,7 +7,7 @@ use tokio::sync::{mpsc, watch};
 
 use super::line::{TextLine, converse};
 use super::server::Switch;
-use crate::virtual_machine::port::{VirtualPort, after};
+use crate::virtual_machine::pseudo_terminal::{VirtualPort, after};
 use isotherm_profile::Serial;
 
 /// Serves the devices of a line on a port, until `stop` changes or its sender is dropped.

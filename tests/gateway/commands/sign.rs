@@ -36,7 +36,7 @@ fn a_person_at_a_terminal_is_guided_and_the_answer_is_kept_over_a_restart() {
     let mut bench = bench();
     let mut asked = Running::start(&mut bench.verb(&["sign", "--axis", "z"]));
     asked.receives("Put a dial gauge");
-    assert_eq!(bench.count("command"), 0, "nothing moves before a person says so");
+    assert_eq!(bench.count("command"), 0, "nothing moves before the operator confirms");
     asked.stdin().write_all(b"\n").unwrap();
     asked.receives("z: Cz goes from 0.0 µm to 5.0 µm");
     let there = asked.receives("z: Cz has changed by 5.0 µm; read the gauge now");
@@ -283,7 +283,7 @@ fn a_register_that_does_not_hold_zero_returns_there_before_a_gauge_is_set() {
         holds(&bench, f64::from(before) / 10.0);
         let mut asked = Running::start(&mut bench.verb(&["sign", "--axis", "z"]));
         asked.receives("Enter moves the offset to zero");
-        assert_eq!(offset(&bench), before, "nothing moves before a person says so");
+        assert_eq!(offset(&bench), before, "nothing moves before the operator confirms");
         asked.stdin().write_all(b"\n").unwrap();
         asked.receives("Put a dial gauge");
         assert_eq!(offset(&bench), 0, "the gauge is set to zero where the movement begins");

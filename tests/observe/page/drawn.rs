@@ -372,7 +372,7 @@ fn the_first_clause_of_a_cause_and_the_bands_of_states_are_found() {
         "(() => { const group = (count) => Array(count).fill('a'); \
           return packed([group(40), group(20), group(10), group(70)]).map((one) => one.length).join() === '60,10,64'; })()",
     );
-    // A falling line falls within its intervals too, and begins anew after a gap.
+    // A falling line falls within its intervals too, and begins again after a gap.
     let in_order = module(
         "history.js",
         "inOrder([[0, 12], [4, 8], [0, 4], [null, null], [3, 5]]).join(' ') === '0,12 8,4 4,0 , 3,5'",
