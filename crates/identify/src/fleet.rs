@@ -313,21 +313,28 @@ impl RunProducts {
         names.join(", ")
     }
 
-    /// Returns the products of all runs, each with its weight.
-    fn products(&self, weight: impl Fn(usize) -> f64) -> Products {
-        let grams = |of: fn(&Run) -> &Sums| {
-            let runs = self.runs.iter().enumerate();
-            runs.map(|(place, run)| of(run).gram().faded(weight(place))).collect()
-        };
+    /// Returns the products of all runs.
+    fn products(&self) -> Products {
+        let grams = |of: fn(&Run) -> &Sums| self.runs.iter().map(|run| of(run).gram()).collect();
         Products::kept(grams(|run| &run.plain), grams(|run| &run.white))
     }
 
     /// Identifies a model from all runs by the method `whitened`. The last run has the weight 1, and each earlier run
     /// `forgetting` times the weight of the run after it. No run is held out for a residual error.
+    ///
+    /// In the choice of a penalty, a held-out run counts by the mean of its squared residuals. A run of eight touches is
+    /// as long as a run of five hundred rows, and shows as much.
     pub(crate) fn learn_recent(&self, forgetting: f64) -> FleetModel {
         let newest = self.runs.len().saturating_sub(1);
-        let age = |run: usize| i32::try_from(newest.saturating_sub(run)).unwrap_or(i32::MAX);
-        let products = self.products(|run| forgetting.powi(age(run)));
+        let weight = |run: usize| {
+            let age = i32::try_from(newest.saturating_sub(run)).unwrap_or(i32::MAX);
+            forgetting.powi(age)
+        };
+        let runs = || self.runs.iter().enumerate();
+        let plain =
+            runs().map(|(place, run)| run.plain.gram().faded(weight(place) / run.plain.rows.max(1.0)));
+        let white = runs().map(|(place, run)| run.white.gram().faded(weight(place)));
+        let products = Products::kept(plain.collect(), white.collect());
         let (all, every) =
             ((0..self.runs.len()).collect::<Vec<_>>(), (0..self.columns.len()).collect::<Vec<_>>());
         self.model(fit(&products, &all, &every, &self.bank()), Vec::new())
@@ -364,7 +371,7 @@ impl RunProducts {
     /// Identifies a model from all runs by the method `whitened`. Penalties are chosen on held-out runs. The result
     /// also contains the residual error of each run with models from the other runs.
     pub fn learn(&self) -> FleetModel {
-        let products = self.products(|_| 1.0);
+        let products = self.products();
         let bank = self.bank();
         let every: Vec<usize> = (0..self.columns.len()).collect();
         let learnt = |runs: &[usize]| fit(&products, runs, &every, &bank);
@@ -516,5 +523,46 @@ impl FleetModel {
             written::sum(&terms, None),
             written::identified_with(self.settle_s)
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Run with one sensor. `rows`: number of rows of which the run consists, each of the same kind.
+    fn run(name: &str, gain: f64, rows: f64) -> Run {
+        let sums = |rows: f64| Sums {
+            square: vec![rows, 0.3 * rows, 2.0 * rows],
+            cross: vec![gain * rows, 0.3 * gain * rows],
+            power: gain * gain * rows,
+            rows,
+        };
+        // The whitened rows have the same number in each run, so that only the plain ones differ.
+        Run { machine: "m".to_owned(), run: name.to_owned(), plain: sums(rows), white: sums(8.0) }
+    }
+
+    fn learned(rows: [f64; 4]) -> FleetModel {
+        let column =
+            |lag_s| Column { signal: "t1".to_owned(), unit: "degC".to_owned(), lag_s, squared: false };
+        let gains = [1.0, 1.4, 0.7, 2.5];
+        let runs = gains.iter().zip(rows).enumerate();
+        let products = RunProducts {
+            axis: "z".to_owned(),
+            settle_s: 180.0,
+            resample_s: 60.0,
+            columns: vec![column(0.0), column(360.0)],
+            runs: runs.map(|(place, (gain, rows))| run(&format!("r{place}"), *gain, rows)).collect(),
+        };
+        products.learn_recent(0.9)
+    }
+
+    #[test]
+    fn a_held_out_run_counts_by_its_mean_square_whatever_its_number_of_rows() {
+        let gains = |model: FleetModel| model.terms.iter().map(|term| term.gain).collect::<Vec<f64>>();
+        let even = gains(learned([8.0; 4]));
+        assert!(even.iter().any(|gain| gain.abs() > 0.1), "{even:?}");
+        assert_eq!(even, gains(learned([512.0, 512.0, 512.0, 8.0])));
+        assert_eq!(even, gains(learned([512.0, 64.0, 8.0, 8.0])));
     }
 }

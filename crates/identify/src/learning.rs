@@ -9,6 +9,7 @@
 //!
 //! - The products of a run ([`RunProducts`]) outlive its logs. A year of runs gives a model in seconds.
 //! - After each run, the weight of every older run is multiplied by 0.9.
+//! - In the choice of a penalty, a run of touches counts as much as a run that was recorded row by row.
 //! - A day is judged before it is learned from. [`isotherm_core::candidate`] contains the decision.
 //! - A touch that disagrees with the model, and with the touch after it, is left out ([`doubt`]).
 //!
