@@ -91,7 +91,7 @@ class Tab:
 
     def drag(self, selector):
         place = f"document.querySelector({json.dumps(selector)})"
-        self.evaluate(f"{place}.scrollIntoView({{block: 'center'}})")
+        self.evaluate(f"{place}.scrollIntoView({{block: 'center', behavior: 'instant'}})")
         box = self.evaluate(f"JSON.stringify({place}.getBoundingClientRect())")
         box = json.loads(box)
         y = box["y"] + box["height"] / 2
