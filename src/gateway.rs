@@ -114,7 +114,8 @@ impl Gateway {
             profile.devices.iter_mut().for_each(|device| device.every = polls);
             profile.axes.iter_mut().for_each(|axis| axis.settings.every = axes);
         }
-        let journal = Arc::new(Journal::by(clock).heard_by(options.listener.clone()).logging(options.logged_text));
+        let journal =
+            Arc::new(Journal::by(clock).heard_by(options.listener.clone()).logging(options.logged_text));
         if let Some(directory) = options.directory.as_deref().filter(|_| options.has_threads) {
             journal.recall(file::last(directory, &profile.name, RECALLED));
         }

@@ -27,9 +27,9 @@ use questions::Questions;
 /// which `check` accepts. Then it reads every value once, so that a wrong register is seen at once. It writes to no
 /// device.
 ///
-/// The verb does not ask for values that are given as options. What would move an axis if it were wrong has no default:
-/// destination, type, word order and scale of the offset, and the unit of a control on the module's line. The
-/// coefficients of the axis are found later, by `isotherm record` and `isotherm identify`.
+/// The verb does not ask for values that are given as options. Values that would move an axis if they were wrong have no
+/// default: destination, type, word order and scale of the offset. Nor has the unit of a control on the module's line.
+/// The coefficients of the axis are found later, by `isotherm record` and `isotherm identify`.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm init\n  isotherm init press-7.toml --yes --machine press-7 --bus 192.168.0.10:502 --module \

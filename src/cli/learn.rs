@@ -31,8 +31,8 @@ use result::{AxisResult, GainShown};
 /// Number of days of logs that are read together: the longest run of touches, and the hours before its datum.
 const TOGETHER: usize = 3;
 /// Remark if the logs that the command line names give nothing new.
-const NOTHING_NEW: &str = "the named logs have no new run: their runs are known or older than the last one that was \
-                           learned from, or no error was measured in them";
+const NOTHING_NEW: &str = "the named logs have no new run. Their runs are known, older than the last run that was \
+                           learned from, or without a measured error";
 /// Largest size of a stored file, in bytes.
 const LARGEST: u64 = 16 * 1024 * 1024;
 
