@@ -213,8 +213,8 @@ fn end_of_text(text: &str, quote: &str) -> Option<usize> {
         let rest = &text[from..];
         if rest.starts_with('\\') && quote.starts_with('"') {
             from += 1 + rest[1..].chars().next().map_or(0, char::len_utf8);
-        } else if rest.starts_with(quote) {
-            let more = rest[quote.len()..].bytes().take_while(|byte| quote.as_bytes()[0] == *byte).count();
+        } else if let Some(behind) = rest.strip_prefix(quote) {
+            let more = behind.bytes().take_while(|byte| quote.as_bytes()[0] == *byte).count();
             // A text of several lines may end with two quotes of its own.
             return Some(from + quote.len() + if quote.len() == 3 { more.min(2) } else { 0 });
         } else {

@@ -74,7 +74,8 @@ mod tests {
     #[test]
     fn a_call_is_a_report_and_what_is_none_is_refused_with_its_reason() {
         let text = |text: &str| Variant::String(UAString::from(text));
-        let cases: [(&[Variant], Result<(f64, Option<&str>), &str>); 4] = [
+        type Expected = Result<(f64, Option<&'static str>), &'static str>;
+        let cases: [(&[Variant], Expected); 4] = [
             (&[Variant::Double(3.5)], Ok((3.5, None))),
             (&[Variant::Float(2.5), text(""), text("part-17/2")], Ok((2.5, Some("part-17/2")))),
             (&[Variant::Double(1.0), text("yesterday")], Err("write `time` as")),

@@ -223,11 +223,10 @@ impl Tree {
 
 /// Returns whether a field has the unit of its item: the value of a signal, and the values of an output.
 fn has_unit_of_item(list: List, path: &[&str]) -> bool {
-    match (list, path) {
-        (List::Signals, ["value"]) => true,
-        (List::Outputs, ["value" | "applied"] | ["shares", _]) => true,
-        _ => false,
-    }
+    matches!(
+        (list, path),
+        (List::Signals, ["value"]) | (List::Outputs, ["value" | "applied"] | ["shares", _])
+    )
 }
 
 #[cfg(test)]

@@ -59,8 +59,11 @@ fn gateway(days: &[Day], memory: &str, zeros: &[usize]) -> String {
     log
 }
 
+/// Value of a column in a row of a day.
+type Cell<'a> = &'a dyn Fn(&Day, usize) -> String;
+
 /// Log from elsewhere with these columns after the temperatures; each is a function of the day and the row.
-fn elsewhere(day: &Day, columns: &[(&str, &dyn Fn(&Day, usize) -> String)]) -> String {
+fn elsewhere(day: &Day, columns: &[(&str, Cell)]) -> String {
     let names: Vec<&str> = columns.iter().map(|(name, _)| *name).collect();
     let mut log = format!("time,s0,s1,s2,s3,{}\n", names.join(","));
     for row in 0..day.times.len() {

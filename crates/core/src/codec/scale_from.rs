@@ -180,11 +180,11 @@ mod tests {
         assert_eq!(raw.decode_at(&[236], -1), Ok(-16.4));
     }
 
-    /// Reads exponents in turn. Returns for each read the exponent of its own answer, that of the values before it, and
-    /// whether it reports a change.
-    fn reads(
-        exponents: &[Result<i8, Reason>],
-    ) -> Vec<(Result<i8, Reason>, Option<Result<i8, Reason>>, bool)> {
+    /// Exponent of the own answer, exponent of the values before it, and whether a change is reported.
+    type Read = (Result<i8, Reason>, Option<Result<i8, Reason>>, bool);
+
+    /// Reads exponents in turn, and returns the result of each read.
+    fn reads(exponents: &[Result<i8, Reason>]) -> Vec<Read> {
         let mut watch = ScaleWatch::default();
         let read = |exponent: &Result<i8, Reason>| {
             let ScaleRead { together, before, changed } = watch.read(*exponent);
