@@ -40,7 +40,7 @@ pub use decision::Decision;
 pub use guard::Stages;
 pub use model::{CLEARLY_INSIDE, Extrapolation, Unusable};
 pub use preference::{Change, LearnedModel, LearnedTerm, Preference, Preferred, Unfit, When};
-pub use probe::{Measured, MeasuredReport, Probe, Probed, Refused, Rejected, Residual, Worse};
+pub use probe::{ErrorScale, Measured, MeasuredReport, Probe, Probed, Refused, Rejected, Residual, Worse};
 pub use remembered::{AxisMemory, Remembered, Stop};
 pub use running::AxisRunning;
 pub use snapshot::Snapshot;

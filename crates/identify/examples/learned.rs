@@ -18,11 +18,11 @@
     reason = "an example that cannot go on stops"
 )]
 
-use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
+use isotherm_core::compensation::ErrorScale;
 use isotherm_core::quantity::Moment;
 use isotherm_identify::dataset::{Column, Dataset, Kind, Run, Split, every_column};
 use isotherm_identify::identify;
@@ -245,7 +245,7 @@ impl Record<'_> {
         let mut in_use = stays.clone();
         learning.compare_with(Some(&in_use));
         let mut chance = Pcg64Mcg::seed_from_u64(53 + seed);
-        let mut ratios: VecDeque<f64> = VecDeque::new();
+        let mut scale = ErrorScale::new();
         for run in later {
             let single = Dataset { runs: vec![run], ..dataset.clone() };
             let candidate = in_use.replaced_by(&learning.candidate().unwrap());
@@ -256,7 +256,7 @@ impl Record<'_> {
                 found.left[place].push(spread(&of(model).left()));
             }
             let errors = errors(&mut chance);
-            bar(&of(&in_use), (growth, &errors), &mut ratios, &mut found.inside);
+            bar(&of(&in_use), (growth, &errors), &mut scale, &mut found.inside);
             full.take(&profile, single.clone(), (&choice, None), end).unwrap();
             let touches = touched(&single, error, &errors);
             let taken = learning.take(&profile, touches, (&choice, Some(&in_use)), end).unwrap();
@@ -335,27 +335,19 @@ fn spread(left: &[f64]) -> (f64, f64) {
 fn bar(
     run: &isotherm_identify::learning::ModelRows,
     ([a, b], errors): ([f64; 2], &[f64]),
-    ratios: &mut VecDeque<f64>,
+    scale: &mut ErrorScale,
     inside: &mut [usize; 3],
 ) {
-    const KEPT: usize = 24;
-    const COMMISSIONING: f64 = 8.0;
     let mut last = 0.0;
     for (hour, left) in run.hours.iter().zip(run.left()) {
         let variance = a * hour + b;
-        #[allow(clippy::cast_precision_loss, reason = "24 touches")]
-        let touches = ratios.len() as f64;
-        let scale = (COMMISSIONING + ratios.iter().sum::<f64>()) / (COMMISSIONING + touches);
         for (place, times) in [(0, 1.0), (1, 4.0)] {
-            inside[place] += usize::from(left * left <= times * scale * variance);
+            inside[place] += usize::from(left * left <= times * scale.factor() * variance);
         }
         inside[2] += 1;
-        if hour.floor() > last && variance > 0.0 {
+        if hour.floor() > last {
             last = hour.floor();
-            if ratios.len() >= KEPT {
-                ratios.pop_front();
-            }
-            ratios.push_back((left + error_at(errors, last)).powi(2) / variance);
+            scale.take(left + error_at(errors, last), variance, SIGMA);
         }
     }
 }

@@ -45,6 +45,7 @@ use report::TakenReports;
 pub(super) use certainty::Occasion;
 pub use comparison::Worse;
 pub(super) use comparison::{Credit, Touch};
+pub use error_scale::ErrorScale;
 pub(super) use learned::Learned;
 pub use report::{MeasuredReport, Rejected};
 

@@ -102,6 +102,15 @@ impl Filter {
     pub const REPEAT: f64 = 0.5;
     /// Increase of the variance of a correction in each hour if the profile does not name it, µm²/h.
     pub const WALK: f64 = 4.0;
+
+    /// Returns the standard deviation of a probing, µm; the default with a constant share, which does not name it.
+    #[must_use]
+    pub const fn repeat(self) -> f64 {
+        match self {
+            Filter::Share(_) => Filter::REPEAT,
+            Filter::Weighed { repeat, .. } => repeat,
+        }
+    }
 }
 
 /// Settings for correcting the gains of linear models with probings.

@@ -4,10 +4,11 @@
 //! worse or better. The residuals e at the last 24 touches show by how much:
 //!
 //! ```text
-//! φ = (8 + Σ e²/(a·h + b)) / (8 + number of touches)        σ² = φ·(a·h + b)
+//! φ = (8 + Σ e²/(a·h + b + r²)) / (8 + number of touches)        σ² = φ·(a·h + b)
 //! ```
 //!
-//! The number 8 is the weight of the commissioning: without a touch, φ is 1. A new datum (zero point of Cz) changes
+//! A residual contains the error of the touch itself, with the standard deviation r (`repeat`). Without r², the first
+//! touches after a datum would widen the expected error: the model is then better than the probe. The number 8 is the weight of the commissioning: without a touch, φ is 1. A new datum (zero point of Cz) changes
 //! nothing, because the touches belong to the model. The functions are pure, and allocate no memory after the creation.
 
 use std::collections::VecDeque;
@@ -22,13 +23,14 @@ const COMMISSIONED: f64 = 8.0;
 /// Residuals of the last touches, each as its square in units of the expected variance.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
-pub(super) struct ErrorScale {
+pub struct ErrorScale {
     ratios: VecDeque<f64>,
 }
 
 impl ErrorScale {
     /// Creates a scale with memory for all its touches.
-    pub(super) fn new() -> ErrorScale {
+    #[must_use]
+    pub fn new() -> ErrorScale {
         ErrorScale { ratios: VecDeque::with_capacity(KEPT) }
     }
 
@@ -39,10 +41,11 @@ impl ErrorScale {
         self.ratios.extend(kept.ratios.iter().copied().skip(skipped).filter(|ratio| is_ratio(*ratio)));
     }
 
-    /// Adds a touch: its residual, µm, and the variance that was expected without the scale, µm². A touch for which no
-    /// error was expected shows nothing about the scale.
-    pub(super) fn take(&mut self, residual: f64, variance: f64) {
-        let ratio = residual * residual / variance;
+    /// Adds a touch: its residual, µm, the variance of the model that was expected without the scale, µm², and the
+    /// standard deviation of the touch itself, µm. A touch for which no error was expected shows nothing about the
+    /// scale.
+    pub fn take(&mut self, residual: f64, variance: f64, repeat: f64) {
+        let ratio = residual * residual / (variance + repeat * repeat);
         if variance <= 0.0 || !is_ratio(ratio) {
             return;
         }
@@ -53,7 +56,8 @@ impl ErrorScale {
     }
 
     /// Returns φ, by which the expected variance is multiplied.
-    pub(super) fn factor(&self) -> f64 {
+    #[must_use]
+    pub fn factor(&self) -> f64 {
         (COMMISSIONED + self.ratios.iter().sum::<f64>()) / (COMMISSIONED + f64::from(self.touches()))
     }
 
@@ -89,9 +93,9 @@ mod tests {
         let mut scale = ErrorScale::new();
         near(scale.factor(), 1.0);
         // The residual is 3 times the expected error of 2 µm.
-        scale.take(6.0, 4.0);
+        scale.take(6.0, 4.0, 0.0);
         near(scale.factor(), (8.0 + 9.0) / 9.0);
-        scale.take(0.0, 4.0);
+        scale.take(0.0, 4.0, 0.0);
         near(scale.factor(), (8.0 + 9.0) / 10.0);
         assert_eq!(scale.touches(), 2);
     }
@@ -99,10 +103,21 @@ mod tests {
     #[test]
     fn only_the_last_24_touches_count() {
         let mut scale = ErrorScale::new();
-        (0..10).for_each(|_| scale.take(100.0, 1.0));
-        (0..24).for_each(|_| scale.take(2.0, 4.0));
+        (0..10).for_each(|_| scale.take(100.0, 1.0, 0.0));
+        (0..24).for_each(|_| scale.take(2.0, 4.0, 0.0));
         assert_eq!(scale.touches(), 24);
         near(scale.factor(), 1.0);
+    }
+
+    #[test]
+    fn the_error_of_the_touches_themselves_does_not_widen_the_expected_error() {
+        let (mut counted, mut exact) = (ErrorScale::new(), ErrorScale::new());
+        // Just after the datum, the model errs by 0.1 µm and the probe by 0.5 µm.
+        let (model, probe) = (0.1_f64, 0.5_f64);
+        (0..24).for_each(|_| counted.take(model.hypot(probe), model * model, probe));
+        (0..24).for_each(|_| exact.take(model.hypot(probe), model * model, 0.0));
+        near(counted.factor(), 1.0);
+        assert!(exact.factor() > 19.0, "{}", exact.factor());
     }
 
     #[test]
@@ -111,7 +126,7 @@ mod tests {
         for (residual, variance) in
             [(1.0, 0.0), (1.0, -1.0), (f64::NAN, 1.0), (1.0, f64::NAN), (f64::MAX, 1.0)]
         {
-            scale.take(residual, variance);
+            scale.take(residual, variance, 0.5);
         }
         assert!(scale.is_empty());
         let kept: ErrorScale = serde_json::from_str("[1.0, -2.0, 3.0]").unwrap();

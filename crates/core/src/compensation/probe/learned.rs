@@ -105,7 +105,7 @@ impl Learned {
             return self.certainty.doubt(residual);
         }
         if let Some(variance) = expected {
-            self.scale.take(residual, variance);
+            self.scale.take(residual, variance, settings.filter.repeat());
         }
         let share = self.certainty.learn(residual, settings.filter, occasion);
         if let (Some(gains), Some(bounds)) = (&mut self.gains, &settings.gains) {
