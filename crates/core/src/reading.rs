@@ -115,6 +115,19 @@ pub enum Reason {
     NotInLog,
 }
 
+/// Place where the operator corrects the cause of a bad reading.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Remedy {
+    /// The device gives no valid answer: the operator corrects its address, its line or its wiring.
+    Connection,
+    /// A setting of the device is not as the profile or its template expects: the operator changes the setting.
+    DeviceSettings,
+    /// The device reports a fault of the sensor: the operator repairs the sensor or its wiring.
+    Sensor,
+    /// The lines of the signal do not fit the device: the operator corrects the profile.
+    Profile,
+}
+
 impl Reading {
     /// Reading of a signal that has not been read yet.
     pub const NEVER: Reading = Reading::bad(Moment::from_nanos(0), Reason::NeverRead);
@@ -194,6 +207,45 @@ impl Reason {
             Reason::FaultBit => "fault-bit",
             Reason::NotAsExpected => "not-as-expected",
             Reason::NotInLog => "not-in-log",
+        }
+    }
+
+    /// Returns the place where the operator most probably corrects the cause.
+    pub const fn remedy(self) -> Remedy {
+        match self {
+            Reason::NeverRead | Reason::Timeout | Reason::LinkDown | Reason::BadReply => Remedy::Connection,
+            Reason::NotAsExpected => Remedy::DeviceSettings,
+            Reason::Sentinel
+            | Reason::OpenCircuit
+            | Reason::ShortCircuit
+            | Reason::SwitchedOff
+            | Reason::AboveRange
+            | Reason::BelowRange
+            | Reason::NotAvailable
+            | Reason::SensorFault
+            | Reason::PowerOnValue
+            | Reason::AllZero
+            | Reason::FaultBit => Remedy::Sensor,
+            Reason::Stale
+            | Reason::ShortFrame
+            | Reason::NotANumber
+            | Reason::OutOfRange
+            | Reason::TooFast
+            | Reason::Jumped
+            | Reason::ScaleChanged
+            | Reason::NoScale
+            | Reason::Exception(_)
+            | Reason::Refused
+            | Reason::Status(_)
+            | Reason::WrongType
+            | Reason::NoNumber
+            | Reason::NoElement
+            | Reason::SourceClock
+            | Reason::NotFound
+            | Reason::SeveralFound
+            | Reason::Unreadable
+            | Reason::Checksum
+            | Reason::NotInLog => Remedy::Profile,
         }
     }
 }
