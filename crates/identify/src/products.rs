@@ -1,6 +1,6 @@
 //! Gram products (X'X, X'y, y'y) of each run, of plain and of whitened rows. Whitened rows are rows without their slow
-//! random drift. With these products, a fit needs no second pass over the data. Products of several runs are added, also of runs
-//! of another machine of the same type.
+//! random drift. With these products, a fit needs no second pass over the data. Products of several runs are added,
+//! also of runs of another machine of the same type.
 
 use nalgebra::DVector;
 

@@ -318,8 +318,8 @@ pub(super) fn wrong(
 fn lasting_jump(table: &Table, name: &str, first: usize, jumps: usize) -> String {
     let more = if jumps > 1 { format!(", and jumps {} more times", jumps - 1) } else { String::new() };
     format!(
-        "{}, {} {}, column {name}: the value jumps from one row to the next, and stays there{more}. No machine moves so. If \
-         the probe was moved or set to zero, split the log there",
+        "{}, {} {}, column {name}: the value jumps from one row to the next, and stays there{more}. No machine moves like \
+         this. If the probe was moved or set to zero, split the log there",
         table.file.display(),
         table.row,
         table.lines.of(first)
