@@ -1,5 +1,5 @@
-//! `isotherm adopt`: adopts the learned model of an axis of the running gateway, or returns to the model before. It also
-//! writes the adopted model as a block for the profile.
+//! `isotherm adopt`: adopts the learned model of an axis of the running gateway, or returns to the model that the axis
+//! followed before. It also writes the adopted model as a block for the profile.
 
 use std::path::{Path, PathBuf};
 

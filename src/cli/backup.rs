@@ -22,7 +22,7 @@ mod rotate;
 
 /// Largest size of a backup in bytes. Backup and restore keep the archive in memory, and reject a larger one.
 pub(super) const LARGEST: u64 = 128 * 1024 * 1024;
-/// Version of the archive format, with what was learned.
+/// Version of the archive format that contains what was learned from touches.
 pub(super) const FORM: u32 = 2;
 /// Version of the archive format of a backup without [`PRODUCTS`], which earlier programs read.
 const FORM_WITHOUT_PRODUCTS: u32 = 1;
@@ -32,9 +32,10 @@ pub(super) const MANIFEST: &str = "manifest.json";
 pub(super) const PROFILE: &str = "profile";
 pub(super) const STATE: &str = "state";
 pub(super) const PRODUCTS: &str = "products";
-/// Limits of what was learned. With so many files, the manifest is smaller than `restore` accepts.
+/// Limits for the files with what was learned. With at most this number of files, the manifest is small enough for
+/// `restore`.
 const LEARNED: Limits = Limits { files: 3000, bytes: 64 * 1024 * 1024 };
-/// Largest size of the manifest and of the heads of all files, in bytes.
+/// Largest size of the manifest and of the headers of all files in the archive, in bytes.
 const HEADS: u64 = 8 * 1024 * 1024;
 /// File mode of an archive with secrets, and of the files in it that contain tokens and keys.
 pub(super) const SECRET_MODE: u32 = 0o600;

@@ -25,7 +25,8 @@ pub(super) struct Certificate {
     show: watch::Sender<Arc<ServerConfig>>,
 }
 
-/// Identity of the two files, from their metadata. Another value means that a file was replaced or changed.
+/// State of the certificate file and of the key file, from their metadata. A different value means that a file was
+/// replaced or changed.
 type Stamp = [Option<(u64, u64, i64, i64)>; 2];
 
 impl Certificate {

@@ -58,7 +58,7 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-/// Day of a machine.
+/// One day of a machine, with its logs and its exported file.
 struct Day {
     /// Path of its exported file.
     file: PathBuf,
@@ -173,7 +173,7 @@ fn all_days(directory: &Path, machine: &str, to: &Path) -> anyhow::Result<BTreeM
     Ok(days)
 }
 
-/// Returns the time at which the newest of these logs has changed. `None` if none is there.
+/// Returns the time at which the newest of these logs has changed. `None` if none of them exists.
 fn newest(logs: &[PathBuf]) -> Option<i64> {
     logs.iter().filter_map(|log| modified(log)).max()
 }

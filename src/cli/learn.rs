@@ -28,7 +28,8 @@ mod text;
 
 use result::{AxisResult, GainShown};
 
-/// Number of days of logs that are read together: the longest run of touches, and the hours before its datum.
+/// Number of days of logs that are read together. They cover the longest run of touches, and the hours before its
+/// datum.
 const TOGETHER: usize = 3;
 /// Remark if the logs that the command line names give nothing new.
 const NOTHING_NEW: &str = "the named logs have no new run. Their runs are known, older than the last run that was \
@@ -277,8 +278,8 @@ fn nothing_found((directory, machine): (&Path, &str), axis: &str, days: usize) -
 /// Days with the paths of their logs.
 type Days = Vec<(String, Vec<PathBuf>)>;
 
-/// Returns the days until today, and the number of later ones. A wrong clock has written the logs of later days. No day
-/// could be judged after them.
+/// Returns the days until today, and the number of later days. Logs of later days come from a wrong clock. If they were
+/// used, the real days that follow could not be judged.
 fn until_today(mut days: Days, now: Moment) -> (Days, usize) {
     let mut today = Vec::new();
     time::write(&mut today, now);

@@ -34,7 +34,7 @@ struct Window {
     name: String,
 }
 
-/// Numbers of recent lines of each kind. Its functions get the time as an argument.
+/// Counts of recent log lines, for each kind of line. Its functions get the time as an argument.
 #[derive(Debug)]
 struct Budget<K>(HashMap<K, Window>);
 
@@ -138,7 +138,7 @@ impl<S> Filter<S> for LogRateLimit {
     }
 }
 
-/// Kind of an event, and the start of its message, taken from the fields of a log line.
+/// Kind of an event, and the beginning of its message, taken from the fields of a log line.
 #[derive(Default)]
 struct EventText {
     kind: String,

@@ -55,8 +55,8 @@ fn time_units() -> impl TypedValueParser<Value = TimeUnit> {
     ])
 }
 
-/// Returns whether a zone is a name and a number, as `UTC+1`. POSIX counts such hours to the west, and most people to the
-/// east.
+/// Returns whether a zone is a name and a number, such as `UTC+1`. POSIX counts such hours to the west, but most people
+/// count them to the east.
 fn has_two_readings(text: &str) -> bool {
     text.find(['+', '-']).is_some_and(|at| {
         let (name, offset) = (&text[..at], &text[at + 1..]);

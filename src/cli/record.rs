@@ -67,7 +67,8 @@ fn positive(text: &str) -> Result<Duration, String> {
     values::span(text, Duration::MAX, "write a time above zero, such as 10s")
 }
 
-/// Returns the time from the first date of a plant to the date of a seed. Two logs of one minute are never two runs.
+/// Returns the time from the first date of a plant to the date of this seed. Logs of different seeds therefore never
+/// contain the same minutes.
 fn days_of(seed: u64) -> Duration {
     const DAY: Duration = Duration::from_secs(86_400);
     const DATES: u32 = 10_000;

@@ -128,7 +128,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     secrets_of_root(&planned).try_for_each(service_user::give)
 }
 
-/// Returns the written secret files that belong to root, because their directory does.
+/// Returns the written secret files that belong to root, because the directory of each belongs to root.
 fn secrets_of_root(written: &[Planned]) -> impl Iterator<Item = &Path> {
     let secrets = written.iter().filter(|file| file.mode == SECRET_MODE).map(|file| file.path.as_path());
     secrets.filter(|path| path.symlink_metadata().is_ok_and(|found| found.uid() == 0))
@@ -244,7 +244,7 @@ fn is_to_be_written(
         let is_link = path.symlink_metadata().is_ok_and(|found| found.is_symlink());
         ensure!(
             !is_link,
-            "{} is a link, and a restore writes through no link: remove the link",
+            "{} is a link, and a restore does not write through a link: remove the link",
             path.display()
         );
     }
@@ -264,8 +264,8 @@ fn is_to_be_written(
     Ok(true)
 }
 
-/// Creates the directory of what was learned, in the state directory. If the program runs as root, both have the same
-/// owner, because the gateway writes to both.
+/// Creates the directory of what was learned, in the state directory. If the program runs as root, the new directory
+/// gets the owner of the state directory, because the gateway writes to both.
 fn make_below(directory: &Path, place: &Path) -> std::io::Result<()> {
     if place.is_dir() {
         return Ok(());

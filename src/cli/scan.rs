@@ -169,7 +169,7 @@ fn settings(line: &LineAddress, bauds: &[u32], parities: &[Parity]) -> Vec<LineA
 /// Results of the scan so far.
 struct ScanResults {
     found: Vec<(LineAddress, Responder)>,
-    /// Faults that show something about a line, but no unit. Each is in the list once.
+    /// Faults that are evidence of something on a line, but not of a unit. Each fault is in the list once.
     noticed: Vec<(LineAddress, Fault)>,
     hints: Hints,
     ranges: Vec<(u8, RegisterRange)>,

@@ -150,7 +150,7 @@ fn wait_until_ready(socket: &Path, axis: &str, profile: &Path) -> anyhow::Result
 /// Readiness of an axis for a sign check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Readiness {
-    /// The gateway can begin the check, or can say why not.
+    /// The gateway can begin the check, or can say why it does not.
     Ready,
     /// The axis is armed or waits to be armed, and does not compensate yet.
     Waits,

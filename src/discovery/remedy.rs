@@ -9,7 +9,7 @@ use crate::fieldbus::seen::{Asked, Seen};
 use isotherm_core::codec::{Register, Table};
 use isotherm_profile::duration_text;
 
-/// Request that failed, with its details for the advice.
+/// Request that failed, with the details that the advice depends on.
 #[derive(Clone, Copy, Debug)]
 pub struct Question<'a> {
     /// Line of the request.

@@ -69,8 +69,8 @@ pub enum Event {
     Line(LineAddress),
     /// This unit answered on this line.
     Found(LineAddress, Responder),
-    /// The line received something that shows no unit with the requested number: an echo, text, or an answer with
-    /// another unit number.
+    /// The line received input that is no evidence of a unit with the requested number: an echo, text, or an answer
+    /// with another unit number.
     Noticed(LineAddress, Fault),
     /// Number of requests sent so far.
     Asked(usize),
@@ -173,8 +173,8 @@ pub struct FailedScan {
     pub fault: Fault,
 }
 
-/// Returns whether the fault shows something about the line, but no unit with the requested number. Without transaction
-/// numbers, a frame of another unit is a late answer of that unit, or an answer to another master.
+/// Returns whether the fault is evidence of something on the line, but not of a unit with the requested number. Without
+/// transaction numbers, a frame of another unit is a late answer of that unit, or an answer to another master.
 fn is_of_no_unit(fault: Fault, transport: Transport) -> bool {
     match fault {
         Fault::Peer(PeerFault::Unit(_) | PeerFault::Text(_) | PeerFault::Echoed) => true,

@@ -24,12 +24,12 @@ impl Backoff {
         Backoff { shortest: shortest.min(LONGEST), failures: 0, not_before: None, jitter: seed }
     }
 
-    /// Returns whether an attempt is allowed.
+    /// Returns whether an attempt is allowed at `now`: the pause is over, or there is none.
     pub fn allows(&self, now: Moment) -> bool {
         self.not_before.is_none_or(|moment| now >= moment)
     }
 
-    /// Returns the earliest moment of the next attempt, if there is a pause.
+    /// Returns the end of the pause after the last failure; `None` after a success.
     pub fn not_before(&self) -> Option<Moment> {
         self.not_before
     }

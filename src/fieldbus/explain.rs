@@ -19,8 +19,8 @@ use crate::net::is_out_of_files;
 
 /// Remedy for an OPC UA node whose value is not a number.
 const NOT_A_NUMBER: &str = "write another node: `isotherm read --browse` shows which nodes hold a number. A date is \
-                            none. A text must contain nothing but a number, with a point. For an array, write \
-                            `element`";
+                            not a number. A text must contain nothing but a number, with a point. For an array, \
+                            write `element`";
 
 /// Remedy for a program that may open no more files.
 const MORE_FILES: &str =

@@ -1,4 +1,4 @@
-//! Values as text, each after a space.
+//! Formats a list of values as text, each after a space.
 
 use std::fmt;
 

@@ -22,5 +22,5 @@ pub(super) mod sign;
 pub(super) mod signal_table;
 pub(super) mod stand_in;
 #[cfg(test)]
-mod test_profiles;
+pub(super) mod test_profiles;
 pub(super) mod units;

@@ -15,6 +15,7 @@ use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::display::Display;
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Moment;
+use isotherm_core::reading::Remedy;
 use isotherm_profile::{Language, Overridden};
 
 mod broker;
@@ -489,6 +490,9 @@ pub struct SignalStatus {
     /// Hint at the end of `reason`; `None` if it has none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hint: Option<String>,
+    /// Place where the operator corrects the cause; `None` if the value may be used.
+    #[serde(skip)]
+    pub remedy: Option<Remedy>,
     /// Seconds since the measurement; `None` if nothing was measured yet.
     pub age_s: Option<f64>,
 }

@@ -57,7 +57,8 @@ pub(super) struct Hardware {
 /// Correct answer of a unit, and the fault of the answer that is actually sent.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Reply {
-    /// Correct answer as a protocol data unit; `None` if the unit ignores the request.
+    /// Correct answer as a protocol data unit (Modbus answer without its frame); `None` if the unit ignores the
+    /// request.
     pub(super) pdu: Option<Vec<u8>>,
     pub(super) fault: Option<ReplyFault>,
 }

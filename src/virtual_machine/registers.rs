@@ -16,8 +16,8 @@ pub(super) struct Bank {
 }
 
 impl Bank {
-    /// Creates `count` cells (registers or bits) from `address` on. Returns the cells of the table, and the index of
-    /// the first one created.
+    /// Creates `count` cells (registers or bits) from `address` on, if they do not exist. Returns all cells of their
+    /// table, and the index of the cell at `address`.
     pub(super) fn reserve(&mut self, address: &Address, count: u16) -> (&mut [u16], usize) {
         let (cells, first) = match address {
             Address::Modbus(Register { table, offset }) => (self.table_mut(*table), usize::from(*offset)),

@@ -70,7 +70,7 @@ fn units_are_written_as_people_do_a_bit_is_on_or_off_and_a_time_has_its_zone() {
     for word in ["degC", " C\n", "bool"] {
         assert!(!text.contains(word), "{word} in {text}");
     }
-    assert!(!text.contains("Set above the profile"), "{text}");
+    assert!(!text.contains("Settings that override the profile"), "{text}");
 }
 
 #[test]
@@ -78,8 +78,11 @@ fn what_was_set_above_the_profile_stands_on_the_page_with_both_values() {
     let set = ["--set", "axis.z.limit=30", "--speed", "600", "--for", "24h"];
     let row = "eval:document.querySelectorAll('#overridden tbody tr').length === 1";
     let narrow = "eval:document.documentElement.scrollWidth <= document.documentElement.clientWidth";
-    let text =
-        looked_at(&set, "", &["Set above the profile", "--set axis.z.limit", row, "size:390x844", narrow]);
+    let text = looked_at(
+        &set,
+        "",
+        &["Settings that override the profile", "--set axis.z.limit", row, "size:390x844", narrow],
+    );
     assert!(text.contains("40.0") && text.contains("30"), "{text}");
 }
 

@@ -225,7 +225,10 @@ fn what_layers_above_the_profile_set_is_listed_with_both_values_and_where_from()
         ]
     );
     let preview = isotherm_profile::preview::Preview::of(&loaded.profile);
-    assert!(preview.to_string().contains(&format!("set above the profile\n  {}\n", told[0])), "{preview}");
+    assert!(
+        preview.to_string().contains(&format!("settings that override the profile\n  {}\n", told[0])),
+        "{preview}"
+    );
     let document = serde_json::to_value(preview).unwrap();
     assert_eq!(document["overridden"][0]["profile"], "40.0");
 }

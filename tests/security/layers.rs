@@ -77,7 +77,7 @@ fn what_is_set_above_the_profile_is_in_the_log_in_check_in_status_and_where_the_
     };
     let (shown, said) = both(&status(&[]));
     let line = "axis.z.limit = 30, in the profile 2000.0, from environment ISOTHERM__AXIS__Z__LIMIT";
-    assert!(shown.contains("set above the profile\n") && shown.contains(line), "{shown}{said}");
+    assert!(shown.contains("settings that override the profile\n") && shown.contains(line), "{shown}{said}");
     until("the document of the status has it too", || {
         let document: Value = serde_json::from_str(&both(&status(&["--json"])).0).unwrap_or_default();
         let first = document["overridden"][0].clone();

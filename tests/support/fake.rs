@@ -174,6 +174,7 @@ pub(crate) fn status() -> Status {
         quality,
         reason: reason.into(),
         hint: None,
+        remedy: None,
         age_s,
     };
     Status {

@@ -1,5 +1,5 @@
-//! One axis of a surface grinder warms up for half an hour, then its bed sensor breaks. The example prints Cz minute by
-//! minute.
+//! One axis of a surface grinder warms up for half an hour, then its bed sensor breaks. The example prints the
+//! compensation Cz, in µm, for each minute.
 //!
 //! ```sh
 //! cargo run -p isotherm-core --example compensate
@@ -22,7 +22,7 @@ const BED: SignalId = SignalId(0);
 const WHEELHEAD: SignalId = SignalId(1);
 
 const SECOND: Duration = Duration::from_secs(1);
-/// Rise of the bed after a very long time, °C, and the time to 63 % of it, s.
+/// Temperature rise of the bed after a very long time, °C; and the time in which it reaches 63 % of that rise, s.
 const WARMTH: f64 = 4.0;
 const LAG: f64 = 900.0;
 /// Time at which the sensor breaks, and at which the example ends.

@@ -59,13 +59,13 @@ impl Desk {
         Desk { settings, state, now: START, register: Counts(0), answer_is_lost: false }
     }
 
-    /// Passes a decision ten seconds later. Its change may be sent for one second.
+    /// Passes a decision to the output, ten seconds after the previous one. The change may be sent for one second.
     fn decide(&mut self, what: &str, offset: Counts) {
         self.now = self.now.after(10 * SECOND);
         self.give(what, Fact::Decided { offset, target: None, not_after: self.now.after(SECOND) });
     }
 
-    /// Passes a fact, and executes the actions until there are none.
+    /// Passes a fact to the output, then executes the actions that the output requests until there are none.
     fn give(&mut self, what: &str, fact: Fact) {
         println!("\n{what}");
         let mut fact = fact;

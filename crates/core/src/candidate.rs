@@ -31,16 +31,19 @@ use crate::quantity::{Micron, Moment, shifted};
 pub const LAG_MINUTES: [u64; 4] = [0, 6, 25, 100];
 /// Number of judged days whose sums are compared.
 const DAYS: usize = 5;
-/// Part of a sum below which a difference of two sums is rounding. The same model may be judged as both.
+/// Relative difference below which two sums count as equal, because of rounding. The candidate may be the same model as
+/// the one in use.
 const ROUNDING: f64 = 1e-9;
 const NANOS_OF_A_DAY: u64 = 24 * 3600 * 1_000_000_000;
 
-/// Mean squares of the residual error at the touches of one day, from which neither model was learned.
+/// Mean squares of the residual error at the touches of one day. Neither of the two models was learned from these
+/// touches.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JudgedDay {
-    /// Datum of the day: the zero point of its touches. It is the last one if the day has several.
+    /// Time of the day's datum, the zero point from which its touches are measured. If the day has several, the last
+    /// one.
     pub begins: Moment,
-    /// Number of touches.
+    /// Number of touches (probings) of the day.
     pub touches: u32,
     /// Mean square with the model in use, µm².
     pub in_use: f64,
@@ -63,9 +66,9 @@ shifted!(Judgement: days);
 pub struct Gain {
     /// Datum of the first of these days.
     pub since: Moment,
-    /// Number of days.
+    /// Number of judged days.
     pub days: usize,
-    /// Number of touches on these days.
+    /// Number of touches (probings) on these days.
     pub touches: u32,
     /// Residual error with the model in use.
     pub in_use: Micron,
@@ -73,7 +76,8 @@ pub struct Gain {
     pub candidate: Micron,
 }
 
-/// Candidate of an axis that a gateway may adopt, with its judgement. `isotherm learn` writes it.
+/// Candidate of an axis that a gateway may adopt, with its comparison with the model in use. `isotherm learn` writes
+/// it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Offer {
@@ -89,11 +93,11 @@ pub struct Offer {
     pub judgement: Judgement,
     /// Name of the learned model with which the candidate was compared; `None` if that was the model of the profile.
     pub compared_with: Option<String>,
-    /// Fingerprint of the profile's models when the candidate was judged. Empty if the axis did not learn then.
+    /// Fingerprint of the models in the profile at the time of the comparison. Empty if the axis did not learn then.
     pub own: String,
 }
 
-/// Term of a candidate.
+/// One term of a candidate: an input and its gain.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OfferedTerm {
@@ -159,8 +163,8 @@ impl JudgedDay {
 }
 
 impl Judgement {
-    /// Adds a day, or another run of the last day. Returns `false` if it is not used: it has no touch, its figures are no
-    /// numbers, or its datum is not later than the last one.
+    /// Adds a day, or adds another run to the last day. Returns `false` if the day is not used: it has no touch, a mean
+    /// square is invalid, or its datum is not later than the last one.
     pub fn judge(&mut self, day: JudgedDay) -> bool {
         let is_error = |square: f64| square.is_finite() && square >= 0.0;
         let is_new = self.days.back().is_none_or(|last| day.begins > last.begins);

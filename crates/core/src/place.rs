@@ -264,7 +264,7 @@ pub fn compare<P: Place>(
 /// State of an output at the end of the last run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KnownOutput {
-    /// Place of the output.
+    /// Register that the output wrote, and the meaning of its counts.
     pub place: OutputPlace,
     /// Last verified Cz of the gateway in the register, µm. `None` if the Cz is unknown.
     pub held_um: Option<f64>,

@@ -208,20 +208,20 @@ impl Mul<Millimetre> for MicronPerMillimetre {
 pub struct Counts(pub i64);
 
 impl Counts {
-    /// Zero counts.
+    /// Count of zero.
     pub const ZERO: Counts = Counts(0);
 
-    /// Returns the absolute value. The smallest number gives the largest one.
+    /// Returns the absolute value. The smallest 64-bit number has no absolute value, and gives the largest number.
     pub const fn abs(self) -> Counts {
         Counts(self.0.saturating_abs())
     }
 
-    /// Returns the absolute value.
+    /// Returns the absolute value as an unsigned number.
     pub const fn unsigned_abs(self) -> u64 {
         self.0.unsigned_abs()
     }
 
-    /// Returns the absolute difference of two numbers of counts.
+    /// Returns the absolute difference of two counts.
     pub const fn abs_diff(self, other: Counts) -> u64 {
         self.0.abs_diff(other.0)
     }

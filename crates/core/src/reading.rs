@@ -115,6 +115,19 @@ pub enum Reason {
     NotInLog,
 }
 
+/// Place where the operator corrects the cause of a bad reading.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Remedy {
+    /// The device gives no valid answer: the operator corrects its address, its line or its wiring.
+    Connection,
+    /// A setting of the device is not as the profile or its template expects: the operator changes the setting.
+    DeviceSettings,
+    /// The device reports a fault of the sensor: the operator repairs the sensor or its wiring.
+    Sensor,
+    /// The lines of the signal do not fit the device: the operator corrects the profile.
+    Profile,
+}
+
 impl Reading {
     /// Reading of a signal that has not been read yet.
     pub const NEVER: Reading = Reading::bad(Moment::from_nanos(0), Reason::NeverRead);
@@ -196,6 +209,45 @@ impl Reason {
             Reason::NotInLog => "not-in-log",
         }
     }
+
+    /// Returns the place where the operator most probably corrects the cause.
+    pub const fn remedy(self) -> Remedy {
+        match self {
+            Reason::NeverRead | Reason::Timeout | Reason::LinkDown | Reason::BadReply => Remedy::Connection,
+            Reason::NotAsExpected => Remedy::DeviceSettings,
+            Reason::Sentinel
+            | Reason::OpenCircuit
+            | Reason::ShortCircuit
+            | Reason::SwitchedOff
+            | Reason::AboveRange
+            | Reason::BelowRange
+            | Reason::NotAvailable
+            | Reason::SensorFault
+            | Reason::PowerOnValue
+            | Reason::AllZero
+            | Reason::FaultBit => Remedy::Sensor,
+            Reason::Stale
+            | Reason::ShortFrame
+            | Reason::NotANumber
+            | Reason::OutOfRange
+            | Reason::TooFast
+            | Reason::Jumped
+            | Reason::ScaleChanged
+            | Reason::NoScale
+            | Reason::Exception(_)
+            | Reason::Refused
+            | Reason::Status(_)
+            | Reason::WrongType
+            | Reason::NoNumber
+            | Reason::NoElement
+            | Reason::SourceClock
+            | Reason::NotFound
+            | Reason::SeveralFound
+            | Reason::Unreadable
+            | Reason::Checksum
+            | Reason::NotInLog => Remedy::Profile,
+        }
+    }
 }
 
 /// Returns a short name of a Modbus exception code, after the Modbus specification.
@@ -231,7 +283,7 @@ impl fmt::Display for Reason {
             Reason::NotANumber => "not a number",
             Reason::OutOfRange => "out of range",
             Reason::TooFast => "changing too fast",
-            Reason::Jumped => "jumped while its device was away",
+            Reason::Jumped => "jumped while its device did not answer",
             Reason::ScaleChanged => "its scale in the device has changed",
             Reason::NoScale => "its scale register contains no power of ten",
             Reason::Exception(code) => return write!(f, "exception {code} ({})", exception(*code)),
@@ -244,14 +296,14 @@ impl fmt::Display for Reason {
             Reason::NotFound => "this computer has no sensor of this name",
             Reason::SeveralFound => "this computer has several sensors of this name",
             Reason::Unreadable => "this computer cannot read the sensor",
-            Reason::Checksum => "wrong checksum: disturbed on its way",
+            Reason::Checksum => "wrong checksum: the data was disturbed on the line",
             Reason::PowerOnValue => "85 °C, which the sensor shows at power-on: it has not measured yet",
             Reason::AllZero => "all zero: line shorted, or sensor without power",
             Reason::Timeout => "no answer in time",
             Reason::LinkDown => "no connection",
             Reason::BadReply => "wrong reply",
             Reason::FaultBit => "fault bit set",
-            Reason::NotAsExpected => "its device is not set as expected",
+            Reason::NotAsExpected => "the settings of its device are not as expected",
             Reason::NotInLog => "not in the log",
         })
     }

@@ -64,8 +64,8 @@ pub fn figure(title: &str, picture: &Markup, caption: &str) -> Markup {
     }
 }
 
-/// Renders a table; its first column names the rows. A narrow page scrolls it sideways. Under a heading that ends in a
-/// colon are words, under any other heading figures.
+/// Renders a table; its first column names the rows. A narrow page scrolls it sideways. A column whose heading ends in
+/// a colon contains words, any other column contains figures.
 pub fn table(heads: &[&str], rows: &Markup) -> Markup {
     html! {
         div .scroll tabindex="0" {

@@ -33,9 +33,10 @@ use record::{machine, mean};
 
 mod record;
 
-/// Largest accepted growth of the range with a frozen sensor, in percent: mean over sensors and channels of a record.
+/// Maximum accepted growth of the range of the error when a sensor freezes, in percent: mean over sensors and channels
+/// of a record.
 const GROWTH: f64 = 8.0;
-/// Largest accepted median of the time to detection, min.
+/// Maximum accepted median of the time from a freeze to its detection, min.
 const FOUND: f64 = 240.0;
 /// Number of times at which each sensor freezes in each run.
 const TIMES: usize = 2;
@@ -55,11 +56,11 @@ fn main() -> ExitCode {
 
 /// Result of one simulated freeze of a sensor.
 struct Case {
-    /// Minutes until it was suspected; `None` if it was not.
+    /// Minutes from the freeze until the sensor was suspected; `None` if it was not suspected.
     found: Option<f64>,
-    /// Whether a stand-in replaced it.
+    /// Whether a stand-in (an estimate from other sensors) replaced the sensor.
     replaced: bool,
-    /// Range with the freeze divided by the range without it.
+    /// Range of the error with the frozen sensor, divided by the range without the freeze.
     growth: f64,
 }
 
@@ -163,15 +164,15 @@ fn learned(dataset: &Dataset, without: usize, names: &[String], error: &str) -> 
 
 /// Result of an axis on one run.
 struct Seen {
-    /// Suspected sensors, each with the row.
+    /// Suspected sensors, each with the row at which it was suspected.
     suspected: Vec<(usize, usize)>,
     /// Sensors that a stand-in replaced.
     replaced: Vec<usize>,
-    /// Range of the error with the target of the axis, µm.
+    /// Range of the error if the target of the axis acts as Cz, µm.
     range: f64,
 }
 
-/// Runs the step on a run. `names` and `columns`: the sensors.
+/// Runs the gateway's compensation step over the rows of a run. `names` and `columns`: the sensors.
 fn seen(profile: &Profile, run: &Run, (names, columns): (&[String], &[usize]), error: &[f64]) -> Seen {
     let place = |name: &String| names.iter().position(|known| known == name);
     let sensors: Vec<Option<usize>> = profile.signals.iter().map(|signal| place(&signal.name)).collect();

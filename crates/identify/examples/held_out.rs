@@ -1,4 +1,5 @@
-//! Residual errors of the method `whitened` on two public data sets, and the limits that it must reach.
+//! Residual errors of models from the method `whitened`, the default of `isotherm identify`, on two public data sets.
+//! The example fails if a residual error is above its limit.
 //!
 //! ```text
 //! cargo run --release -p isotherm-identify --example held_out -- --mill runs/c*.csv --stage runs/day*.csv
@@ -38,9 +39,9 @@ struct Channel {
     error: &'static str,
     range: f64,
     rms: f64,
-    /// Range with an hourly probe, µm.
+    /// Range of the residual error if a probe corrects the model once an hour, µm.
     probed: f64,
-    /// Range with two training runs and with one, as a ratio to the range without compensation.
+    /// Range of the residual error with two training runs and with one, as a ratio to the range without compensation.
     few: [f64; 2],
     /// Limits of the range with three sensors in the model, and with eight, µm.
     sensors: Option<[f64; 2]>,
@@ -88,11 +89,11 @@ const fn stage(error: &'static str, range: f64, rms: f64, probed: f64, few: [f64
     Channel { error, range, rms, probed, few, sensors: None, speeds: None }
 }
 
-/// Largest growth of the range if one sensor freezes, percent: mean over the sensors.
+/// Maximum growth of the range of the error if one sensor freezes, in percent: mean over the sensors.
 const FROZEN: f64 = 8.0;
-/// Largest median of the time until a frozen sensor is detected, min.
+/// Maximum median of the time from a freeze to its detection, min.
 const NOTICED: f64 = 240.0;
-/// Largest growth of the range if one sensor froze in one training run, percent.
+/// Maximum growth of the range of the error if one sensor froze in one training run, in percent.
 const SPOILT: f64 = 10.0;
 /// Smallest and largest share of the rows within one and within two times the expected error.
 const INSIDE: [(f64, f64); 2] = [(0.55, 0.85), (0.84, 0.98)];

@@ -51,7 +51,7 @@ const INSIDE: [(f64, f64); 2] = [(0.55, 0.88), (0.82, 0.99)];
 
 /// Number of seeds of the errors of the touches.
 const SEEDS: u64 = 5;
-/// Models of which the residual errors are printed, in this order.
+/// Models whose residual errors are printed, in this order.
 const MODELS: [&str; 5] = [
     "without compensation",
     "model that stays",
@@ -59,7 +59,7 @@ const MODELS: [&str; 5] = [
     "judged candidate",
     "full sensor every day",
 ];
-/// Places of two of them.
+/// Indices in [`MODELS`] of the two models that are compared.
 const STAYS: usize = 1;
 const JUDGED: usize = 3;
 
@@ -72,12 +72,12 @@ struct Figures {
     inside: [usize; 3],
 }
 
-/// Channels with limits.
+/// Figures of the channels that have limits.
 #[derive(Default)]
 struct Limited {
     /// Ranges and root mean squares with the judged candidate, as ratios to the model that stays.
     ratios: Vec<[f64; 2]>,
-    /// Whether the expected error of each channel is within its limits.
+    /// For each channel with limits, whether the expected error is within its limits.
     bars: Vec<bool>,
     /// Rows of all channels within one and within two times the expected error, and all rows.
     inside: [usize; 3],
@@ -180,7 +180,7 @@ fn reached(is_reached: bool) -> &'static str {
 /// One channel of a data set.
 struct Record<'a> {
     files: &'a [PathBuf],
-    /// Number of temperatures.
+    /// Number of temperature sensors in the data set.
     sensors: usize,
     channel: &'a str,
     /// Signals that are not used.
@@ -196,7 +196,7 @@ impl Record<'_> {
         (profile, choice)
     }
 
-    /// Reads the runs, which follow each other by a day. Also returns the column of the error.
+    /// Reads the runs, and dates each one day after the previous one. Also returns the column of the error.
     fn dataset(&self) -> (Dataset, usize) {
         let mut dataset = Dataset::read(self.files, &Split::default(), &|_| None, &every_column).unwrap();
         let error = dataset.column(self.channel).unwrap();
@@ -331,7 +331,8 @@ fn spread(left: &[f64]) -> (f64, f64) {
     (range, mean(left.iter().map(|left| left * left)).sqrt())
 }
 
-/// Counts the rows of a run within one and within two times the expected error, which each hourly touch scales.
+/// Counts the rows of a run whose residual is within one and within two times the expected error. Each hourly touch
+/// scales the expected error.
 fn bar(
     run: &isotherm_identify::learning::ModelRows,
     ([a, b], errors): ([f64; 2], &[f64]),

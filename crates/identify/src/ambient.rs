@@ -46,7 +46,7 @@ struct Figures {
     load: f64,
     /// Share of the variance that a parabola over the time of each run explains, 0 to 1.
     time: f64,
-    /// Correlation with the error.
+    /// Correlation of the sensor with the measured error, −1 to 1.
     error: f64,
     /// Largest range (maximum minus minimum) of the readings within a run, °C.
     range: f64,

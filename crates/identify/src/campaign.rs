@@ -42,7 +42,7 @@ pub(crate) struct Campaign<'a> {
 /// Log column of a signal, and the range of its valid values, if the profile limits it.
 type Channel = (usize, Option<(f64, f64)>);
 
-/// Input of a model.
+/// Possible input of a model: a signal with its log column.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Input {
     /// Name of the signal, in the profile and in the logs.
@@ -270,8 +270,8 @@ impl Campaign<'_> {
         errors.iter().enumerate().map(target).collect()
     }
 
-    /// Returns the number of touches from which a run with this number of rows is known, without its datum. `None` if
-    /// its errors were recorded row by row.
+    /// Returns the number of touches (probings) in a run with this number of rows; its datum is one of these rows.
+    /// `None` if the errors of the run were recorded row by row.
     pub(super) fn touches(&self, run: usize, rows: usize) -> Option<usize> {
         let is_touched = self.dataset.runs.get(run).is_some_and(Run::is_touched);
         is_touched.then(|| rows.saturating_sub(1))
@@ -283,9 +283,9 @@ impl Campaign<'_> {
 pub(super) struct Target {
     /// Target Cz, µm. NaN if the error is missing, and before the machine starts.
     pub(super) cz: f64,
-    /// Log row of the first visit of this position, if that was after the references had settled, or of the datum of
-    /// touches, if that is no machine start; else `None`. The machine was already warm in that row. Therefore the target
-    /// and the rises of a model are both counted from it.
+    /// Log row from which the target and the rises of a model are both counted, because the machine was already warm in
+    /// that row. This is the first visit of the position after the references had settled, or the datum of touches
+    /// without a machine start. `None` if both are counted from machine start.
     pub(super) since: Option<usize>,
 }
 

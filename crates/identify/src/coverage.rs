@@ -25,7 +25,7 @@ struct Quantity<'a> {
     unit: &'a str,
     /// Span below which the quantity is ignored in a run.
     moves: f64,
-    /// Span of each run.
+    /// Smallest and largest value in each run.
     spans: Vec<Span>,
 }
 

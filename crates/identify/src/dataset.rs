@@ -93,7 +93,7 @@ pub struct UnusedColumn {
     pub why: String,
 }
 
-/// Log column of numbers.
+/// Log column that contains numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Column {
     /// Name in the header.

@@ -78,7 +78,7 @@ pub struct Repaired {
     pub signal: String,
     /// Name of the run with the fault.
     pub run: String,
-    /// Fault, with its time.
+    /// Description of the fault, with its time.
     pub fault: String,
     /// Description of the repair.
     pub done: String,
@@ -98,7 +98,7 @@ pub(super) struct Fault {
     pub(super) column: usize,
     /// Run of the fault; `None` means every run.
     pub(super) run: Option<usize>,
-    /// Fault, with its time.
+    /// Description of the fault, with its time.
     pub(super) message: String,
     pub(super) damage: Damage,
     /// Rows of the run that the fault affects.
@@ -141,9 +141,9 @@ pub(super) fn find(dataset: &Dataset, columns: &[usize], frozen: &[Frozen]) -> V
 /// Log rows in which a reading was constant while the predictions of the other sensors moved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Frozen {
-    /// Column of the dataset.
+    /// Index of the log column in the dataset.
     pub(crate) column: usize,
-    /// Run of the dataset.
+    /// Index of the run in the dataset.
     pub(crate) run: usize,
     /// First log row with the constant value. The reading in this row is valid.
     pub(crate) first: usize,

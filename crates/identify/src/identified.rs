@@ -91,7 +91,7 @@ pub struct Identified {
     /// Measured error and predicted Cz of every held-out run, row by row.
     #[serde(skip)]
     pub held_out: Vec<HeldOut>,
-    /// Model of all runs.
+    /// Model that was identified from all runs.
     #[serde(skip)]
     pub learned: Learned,
     /// Range of the model's inputs. `None` if there are too many inputs, or if one is constant.

@@ -6,7 +6,8 @@ use crate::dataset::Dataset;
 use crate::faults::{MISSING, missing};
 use isotherm_profile::counted;
 
-/// Largest number of groups of runs that are tried one by one. More groups are tried only together.
+/// Maximum number of groups of runs for which each choice is tried on its own. If there are more groups, they are tried
+/// only together.
 const MOST_GROUPS: usize = 6;
 /// Largest ratio of the errors without the runs and without the columns for which the runs are left out. A smaller
 /// difference is not significant, and then all runs are kept.

@@ -26,7 +26,7 @@ pub enum Learned {
     Sum(Vec<(Candidate, f64)>),
     /// Mean of two sums over the same terms. The difference of the two sums shows how reliable their mean is.
     Mean {
-        /// Gains of the mean.
+        /// Gains of the mean of the two models.
         gains: Vec<(Candidate, f64)>,
         /// Gains of the two models for each term: of ridge regression, and of the elastic net.
         halves: Vec<[f64; 2]>,

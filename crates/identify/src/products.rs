@@ -1,5 +1,6 @@
-//! Gram products (X'X, X'y, y'y) of each run, of plain and of whitened rows. With them, a fit needs no second pass over
-//! the data. Products of several runs are added, also of runs of another machine of the same type.
+//! Gram products (X'X, X'y, y'y) of each run, of plain and of whitened rows. Whitened rows are rows without their slow
+//! random drift. With these products, a fit needs no second pass over the data. Products of several runs are added,
+//! also of runs of another machine of the same type.
 
 use nalgebra::DVector;
 
@@ -13,7 +14,7 @@ use crate::whiten;
 pub(crate) struct Products {
     /// Gram products of the log rows as recorded. Models are validated with them.
     plain: Vec<Gram>,
-    /// Gram products of the whitened log rows. Models are identified from them.
+    /// Gram products of the whitened log rows (rows without their slow random drift). Models are identified from them.
     white: Vec<Gram>,
 }
 

@@ -41,7 +41,7 @@ pub struct Selected {
     pub points: Vec<Point>,
     /// Correlations of the points with each other, in the order of `points`.
     pub mutual: Vec<Vec<f64>>,
-    /// Groups for each threshold.
+    /// Groups of similar points, for each threshold of the correlation.
     pub groups: Vec<Grouped>,
     /// Result of the partial F tests.
     pub stepwise: Steps,
@@ -95,10 +95,10 @@ pub struct Recommended {
     pub why: String,
 }
 
-/// Settings of the selection.
+/// Settings of the selection of points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// Thresholds of the groups.
+    /// Thresholds of the groups: least absolute correlation between two points of a group.
     pub groups: Vec<f64>,
     /// Time constants of the lags through which each point is used.
     pub lags: Vec<Option<Duration>>,

@@ -32,9 +32,9 @@ pub(super) fn least_squares(scaled: &Gram, penalty: f64) -> DVector<f64> {
     penalized(&scaled.square, &scaled.cross, penalty.max(ROUNDING))
 }
 
-/// Ridge regression on whitened products, for any penalty. Each column is divided by the square root of the product of
-/// its scale and the median scale. Therefore a column that changes less has a greater penalty, but only by the square
-/// root.
+/// Ridge regression on products of whitened rows (rows without their slow random drift), for any penalty. Each column
+/// is divided by the square root of the product of its scale and the median scale. Therefore a column that changes less
+/// has a greater penalty, but only by the square root.
 pub(super) struct Ridge {
     scaled: Gram,
     scales: DVector<f64>,

@@ -47,12 +47,12 @@ const FAR: f64 = 3.0;
 /// Ridge penalty for a single run, with which no validation is possible.
 const UNCHOSEN: f64 = 0.3;
 
-/// Stand-in of one sensor.
+/// Stand-in of one sensor: the prediction of its reading from other sensors.
 #[derive(Clone, Debug, Serialize)]
 pub struct StandIn {
     /// Signal of the sensor.
     pub signal: String,
-    /// Threshold θ, °C.
+    /// Threshold θ of the predicted motion, °C. Above it, a sensor with a constant reading is suspected to be frozen.
     pub threshold: f64,
     /// Whether the stand-in may be used: it depends on at least two other sensors, and no fallback model leaves less
     /// error.
@@ -91,7 +91,7 @@ pub(crate) struct Others<'a> {
     sensors: Vec<usize>,
 }
 
-/// Candidates with their gains.
+/// Candidate terms (inputs with a lag) with their gains.
 type Gains = Vec<(Candidate, f64)>;
 
 impl<'a> Others<'a> {

@@ -77,7 +77,8 @@ fn held(mesh: &Mesh, load: &LoadCase) -> Vec<bool> {
     held
 }
 
-/// Couplings of free nodes (by number) with nodes of prescribed temperature (by index).
+/// Couplings between free nodes and nodes of prescribed temperature: number of the free node, index of the other node,
+/// and conductance in mW/K.
 type Coupling = Vec<(usize, usize, f64)>;
 
 /// Conduction of a body without its films, mW/K.

@@ -33,7 +33,8 @@ pub trait Publisher: Send {
     /// Returns the will message, which the broker publishes when the connection is lost.
     fn will(&mut self) -> Message;
 
-    /// Notes that a CONNECT packet with the last will was sent, whether or not the broker has accepted the connection.
+    /// Records that a CONNECT packet with the last will was sent, whether or not the broker has accepted the
+    /// connection.
     fn connect_sent(&mut self) {}
 
     /// Returns the subscriptions of this connection. They are empty if the gateway accepts no messages.

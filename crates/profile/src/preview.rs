@@ -52,7 +52,7 @@ impl Preview {
         entries!(section, machine = name, label = &profile.label, description);
         if !profile.overridden.is_empty() {
             section.line("");
-            section.line("set above the profile");
+            section.line("settings that override the profile");
             section.lines("  ", &profile.overridden);
             section.line("");
         }

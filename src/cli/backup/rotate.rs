@@ -58,7 +58,7 @@ pub(super) fn remove_incomplete(directory: &Path, machine: &str) -> anyhow::Resu
     remove(directory, incomplete)
 }
 
-/// Returns the names of the files in a directory that are text.
+/// Returns the names in a directory that are valid UTF-8 text.
 fn names(directory: &Path) -> anyhow::Result<Vec<String>> {
     let shown = directory.display();
     let mut names = Vec::new();

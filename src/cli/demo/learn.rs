@@ -39,12 +39,12 @@ const SHIFT: Duration = Duration::from_hours(8);
 const A_DAY: Duration = Duration::from_hours(24);
 /// Time at the beginning of each day in which the machine is still off.
 const OFF: Duration = Duration::from_mins(1);
-/// Steps of the simulation.
+/// Length of one step of the simulation.
 const STEP: Duration = Duration::from_secs(10);
 /// Time between two touches.
 const TOUCHED_EVERY: Duration = Duration::from_hours(1);
-/// Distance of Cz from its target below which the errors of a day are counted, µm. Before that, Cz comes from its value
-/// of the day before.
+/// Distance of Cz from its target below which the errors of a day are counted, µm. At the start of a day, Cz still
+/// moves from its value of the day before.
 const ARRIVED: f64 = 1.0;
 /// Largest error of a touch, µm.
 const SCATTER: f64 = 0.5;
@@ -123,7 +123,7 @@ fn show(day: &Day) -> std::io::Result<()> {
     let Day { day, model, uncompensated_um, model_left_um, left_um } = day;
     let model = model.as_deref().unwrap_or("of the profile");
     say!(
-        "day {day:2}  left {:5.1} range {:5.2} RMS µm   model alone {:5.1} {:5.2}   uncompensated {:5.1} {:5.2}   model {model}",
+        "day {day:2}  range, RMS µm: residual {:5.1} {:5.2}   model alone {:5.1} {:5.2}   uncompensated {:5.1} {:5.2}   model {model}",
         left_um[0],
         left_um[1],
         model_left_um[0],

@@ -40,7 +40,7 @@ fn day<'n>(name: &'n str, machine: &str) -> Option<&'n str> {
     day.parse::<Date>().ok().filter(|date| date.to_string() == day).map(|_| day)
 }
 
-/// Returns the columns of an exported file. The error is that of a file which no export has written.
+/// Returns the columns of an exported file. Fails if isotherm has not written the file.
 pub(super) fn columns(path: &Path) -> anyhow::Result<Vec<Column>> {
     let (_, metadata) = open(path)?;
     let columns = metadata.file_metadata().schema_descr().columns();

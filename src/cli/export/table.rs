@@ -24,8 +24,8 @@ pub(super) enum Kind {
     Text,
 }
 
-/// Values of a column of the exported table. For numbers and texts, a flag for each row says whether the row has a cell
-/// (1).
+/// Values of a column of the exported table. For numbers and texts, a flag for each row is 1 if the row has a value,
+/// else 0.
 #[derive(Debug)]
 enum Cells {
     Moments(Vec<i64>),

@@ -123,7 +123,7 @@ impl IntoProfile {
         }
         anyhow::ensure!(
             text_of(&self.path)? == self.before,
-            "{shown} is not changed, because somebody has changed it since the beginning: repeat the command"
+            "{shown} is not changed, because another program has changed it meanwhile: repeat the command"
         );
         let old = self.path.with_added_extension("old");
         let kept = put(&old, &self.before, &like);
@@ -139,7 +139,7 @@ impl IntoProfile {
         }
     }
 
-    /// Returns the profile with the model. The files that it names must exist.
+    /// Returns the profile with the model. The files that the profile names must exist.
     fn parsed(&self) -> anyhow::Result<Profile> {
         let parsed = load_edited(&self.path, &self.text, &environment());
         Ok(parsed
@@ -147,8 +147,8 @@ impl IntoProfile {
             .profile)
     }
 
-    /// Asks which signal shows the machine start, from which the model counts. Without an answer, the profile stays
-    /// without such a signal.
+    /// Asks which signal shows the machine start, because the rises of the model are counted from it. Without an
+    /// answer, the profile stays without such a signal.
     fn ask_for_the_start(&mut self, profile: &Profile, yes: bool) -> anyhow::Result<()> {
         say_beside!("{NO_MACHINE_START}");
         if yes {

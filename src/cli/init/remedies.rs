@@ -1,65 +1,38 @@
-//! Remedies after the first reading of a new profile, by the causes of the missing values.
+//! Remedies after the first reading of a new profile, one for each place where faults are corrected.
 
 use crate::observe::status::SignalStatus;
+use isotherm_core::reading::Remedy;
 
-/// Cause for which a signal has no usable value, as far as the remedies differ.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Cause {
-    /// The device gives no valid answer.
-    NoAnswer,
-    /// A setting of the device is not as the profile or its template expects.
-    Setting,
-    /// The device reports a fault of the sensor.
-    Sensor,
-    /// The lines of the signal do not fit the device.
-    Lines,
-}
-
-impl Cause {
-    /// Returns the cause of a quality; `None` if the value may be used.
-    fn of(quality: &str) -> Option<Cause> {
-        Some(match quality {
-            "good" => return None,
-            "timeout" | "link-down" | "bad-reply" | "never-read" => Cause::NoAnswer,
-            "not-as-expected" => Cause::Setting,
-            "sentinel" | "open-circuit" | "short-circuit" | "switched-off" | "above-range"
-            | "below-range" | "not-available" | "sensor-fault" | "fault-bit" | "all-zero"
-            | "power-on-value" => Cause::Sensor,
-            _ => Cause::Lines,
-        })
-    }
-}
-
-/// Returns one sentence for each cause of missing values. `profile`: the file of the profile.
+/// Returns one sentence for each kind of remedy that a signal without a value needs. `profile`: the file of the profile.
 pub(super) fn remedies(signals: &[SignalStatus], profile: &str) -> Vec<String> {
-    let mut found: Vec<(Cause, Vec<&str>)> = Vec::new();
+    let mut found: Vec<(Remedy, Vec<&str>)> = Vec::new();
     for signal in signals {
-        let Some(cause) = Cause::of(signal.quality) else { continue };
-        let name = match cause {
-            Cause::NoAnswer | Cause::Setting => signal.device.as_str(),
-            Cause::Sensor | Cause::Lines => signal.name.as_str(),
+        let Some(remedy) = signal.remedy else { continue };
+        let name = match remedy {
+            Remedy::Connection | Remedy::DeviceSettings => signal.device.as_str(),
+            Remedy::Sensor | Remedy::Profile => signal.name.as_str(),
         };
-        match found.iter_mut().find(|(known, _)| *known == cause) {
+        match found.iter_mut().find(|(known, _)| *known == remedy) {
             Some((_, names)) if names.contains(&name) => {}
             Some((_, names)) => names.push(name),
-            None => found.push((cause, vec![name])),
+            None => found.push((remedy, vec![name])),
         }
     }
-    found.sort_by_key(|(cause, _)| *cause);
-    let sentence = |(cause, names): (Cause, Vec<&str>)| {
+    found.sort_by_key(|(remedy, _)| *remedy);
+    let sentence = |(remedy, names): (Remedy, Vec<&str>)| {
         let names = names.join(", ");
-        match cause {
-            Cause::NoAnswer => format!(
+        match remedy {
+            Remedy::Connection => format!(
                 "no valid answer from {names}: correct address, unit and settings of the line in {profile}, or the wiring"
             ),
-            Cause::Setting => format!(
+            Remedy::DeviceSettings => format!(
                 "a setting of {names} is not as expected: correct it at the device, or the variant of its template in \
                  {profile}"
             ),
-            Cause::Sensor => {
+            Remedy::Sensor => {
                 format!("the device reports a fault of {names}: correct the sensor or its wiring")
             }
-            Cause::Lines => format!(
+            Remedy::Profile => format!(
                 "the values of {names} cannot be used: correct the lines of these signals in {profile}"
             ),
         }
@@ -69,41 +42,45 @@ pub(super) fn remedies(signals: &[SignalStatus], profile: &str) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
+    use isotherm_core::reading::Reason;
+
     use super::*;
 
-    fn signal(name: &str, device: &str, quality: &'static str) -> SignalStatus {
+    fn signal(name: &str, device: &str, bad: Option<Reason>) -> SignalStatus {
         SignalStatus {
             name: name.to_owned(),
             label: String::new(),
             device: device.to_owned(),
             value: None,
             unit: "degC",
-            quality,
+            quality: bad.map_or("good", Reason::code),
             reason: String::new(),
             hint: None,
+            remedy: bad.map(Reason::remedy),
             age_s: None,
         }
     }
 
     #[test]
     fn each_cause_of_missing_values_has_its_own_remedy() {
-        let only = |quality| remedies(&[signal("bed", "module", quality)], "m.toml").join("\n");
-        assert_eq!(only("good"), "");
-        for (quality, words) in [
-            ("not-as-expected", "a setting of module is not as expected: correct it at the device"),
-            ("timeout", "no valid answer from module: correct address, unit"),
-            ("open-circuit", "a fault of bed: correct the sensor"),
-            ("out-of-range", "correct the lines of these signals in m.toml"),
+        let only = |bad| remedies(&[signal("bed", "module", bad)], "m.toml").join("\n");
+        assert_eq!(only(None), "");
+        for (reason, words) in [
+            (Reason::NotAsExpected, "a setting of module is not as expected: correct it at the device"),
+            (Reason::Timeout, "no valid answer from module: correct address, unit"),
+            (Reason::OpenCircuit, "a fault of bed: correct the sensor"),
+            (Reason::OutOfRange, "correct the lines of these signals in m.toml"),
         ] {
-            assert!(only(quality).contains(words), "{quality}: {}", only(quality));
-            assert_eq!(only(quality).contains("lines of these signals"), quality == "out-of-range");
+            let said = only(Some(reason));
+            assert!(said.contains(words), "{reason:?}: {said}");
+            assert_eq!(said.contains("lines of these signals"), reason == Reason::OutOfRange);
         }
         let several = [
-            signal("bed", "module", "not-as-expected"),
-            signal("column", "module", "not-as-expected"),
-            signal("oil", "other", "good"),
-            signal("spindle", "other", "exception"),
-            signal("air", "third", "link-down"),
+            signal("bed", "module", Some(Reason::NotAsExpected)),
+            signal("column", "module", Some(Reason::NotAsExpected)),
+            signal("oil", "other", None),
+            signal("spindle", "other", Some(Reason::Exception(2))),
+            signal("air", "third", Some(Reason::LinkDown)),
         ];
         let found = remedies(&several, "m.toml");
         assert_eq!(found.len(), 3, "{found:?}");

@@ -25,5 +25,5 @@ pub(super) fn after_init(profile: &str, axis: &str) -> String {
         let command = format!("isotherm {}", command.replace("{}", profile).replace("AXIS", axis));
         format!("  {command:<68} {sees}\n")
     });
-    format!("Next, with what must be seen:\n{}", lines.collect::<String>())
+    format!("Next steps, each with its expected result:\n{}", lines.collect::<String>())
 }

@@ -7,7 +7,8 @@ use crate::discovery::bus::Parity;
 use isotherm_profile::template::Outline;
 use isotherm_profile::{Writes, preview};
 
-/// Answers up to the destination of Cz by Enter, then a register with type, word order and scale, then Enter again.
+/// Input for the questions: Enter for each question up to the destination of Cz; then a register with type, word order
+/// and scale; then mostly Enter.
 const USUAL: &str = "\n\n\n\n\n\n\n\n\n\n40105\ni32\nmsw-first\n0.1\n\n2\n\n";
 
 const FOUND: SerialSettings = SerialSettings { baud: 19_200, parity: Parity::Even };

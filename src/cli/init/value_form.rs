@@ -12,7 +12,7 @@ pub(super) struct ValueForm {
     pub(super) data_type: DataType,
     /// Order of the registers; `None` for a value of one register.
     pub(super) word_order: Option<WordOrder>,
-    /// Value of one count, in the unit of the value.
+    /// Value of one count of the register, in the unit of the value.
     pub(super) scale: f64,
 }
 

@@ -109,7 +109,7 @@ fn fixed(
     }
 }
 
-/// Results of a finite-element program.
+/// Matrix P, and the adjoint solution if isotherm has calculated it.
 struct Computed {
     /// Matrix P, mm/K: displacement of the guideway if one block is 1 K warmer. Rows: 3·(guideway point) + component.
     /// Columns: blocks.

@@ -138,13 +138,13 @@ fn the_text_has_the_warnings_of_the_json_document() {
     assert_eq!(serde_json::to_value(&summary).unwrap()["warnings"], serde_json::json!(said));
 }
 
-/// One event of a day: how long after the last one, what is read, what is permitted, what is taken over, commands.
+/// One step of a random day: time since the step before, readings, controls of both axes, and commands.
 #[derive(Clone, Debug)]
 struct Event {
     nanos: i64,
     values: [Option<f64>; 4],
     controls: [(Permit, Option<f64>, Option<f64>); 2],
-    /// For the first axis: an error with the Cz that acted, and whether everything learned is taken back.
+    /// Probing of the first axis (measured error, and the Cz that acted), and whether all corrections are discarded.
     probing: (Option<(f64, Option<f64>)>, bool),
     zero: bool,
     restart: bool,
@@ -182,7 +182,8 @@ fn any_event() -> impl Strategy<Value = Event> {
     )
 }
 
-/// The log of some days, a file each, written only where a step did anything, as the gateway does.
+/// Returns the log files of some days, one for each day. A row is written only if a step did anything, as the gateway
+/// does.
 fn logs_of(profile: &Profile, days: &[Event]) -> Vec<String> {
     let axes = || profile.axes.iter().map(|axis| axis.settings.clone()).collect();
     let mut compensation = Compensation::new(profile.machine.clone(), axes(), Remembered::default());
@@ -241,7 +242,7 @@ fn logs_of(profile: &Profile, days: &[Event]) -> Vec<String> {
     logs
 }
 
-/// Each file of these days, replayed alone, gives its decisions and these columns again.
+/// Checks that each file of these days, replayed alone, gives the decisions of the log and these columns again.
 fn come_out_again(profile: &Profile, days: &[Event], columns: &[String]) -> Result<(), TestCaseError> {
     for log in logs_of(profile, days) {
         let (summary, table) = replayed(profile, &log);

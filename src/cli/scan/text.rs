@@ -127,7 +127,7 @@ fn profile_lines(found: &[&(LineAddress, Responder)], known: Option<(&Profile, B
     if text.is_empty() { text } else { format!("\n# for a profile:\n{text}") }
 }
 
-/// Describes a fault that shows something about a line. A remedy that was not printed yet is below it.
+/// Describes a fault that is evidence of something on a line. A remedy that was not printed yet follows below it.
 pub(super) fn noticed((line, fault): &(LineAddress, Fault), hints: &mut Hints) -> String {
     let Explained { cause, hint } = explain_on(line.transport, *fault);
     let said = format!("{line}: {cause}\n") + &hints.line(UNDER, hint.as_deref());

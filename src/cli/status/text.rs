@@ -25,7 +25,7 @@ pub(super) fn of(status: &Value) -> String {
     for (name, axis) in status["axes"].as_object().into_iter().flatten() {
         text += &axis_lines(name, axis, status["dry_run"] == true, &mut hints);
     }
-    text += &rows("set above the profile", &status["overridden"], |one| {
+    text += &rows("settings that override the profile", &status["overridden"], |one| {
         let profile = one["profile"].as_str().unwrap_or("nothing");
         let (key, now, from) = (word(&one["key"]), word(&one["now"]), word(&one["from"]));
         format!("  {key} = {now}, in the profile {profile}, from {from}\n")

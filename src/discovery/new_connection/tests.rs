@@ -1,4 +1,4 @@
-//! Tests with peers on real sockets.
+//! Tests with simulated devices on real sockets.
 
 use std::io::{Read, Write};
 use std::net::TcpListener;
@@ -10,7 +10,7 @@ use isotherm_core::codec::Table;
 const TIMEOUT: Duration = Duration::from_millis(500);
 const READ: (Register, u16) = (Register { table: Table::Holding, offset: 0 }, 1);
 
-/// Behaviour of the peer.
+/// Behaviour of the simulated device.
 #[derive(Clone, Copy, Debug)]
 enum Peer {
     /// Ignores the requests on a connection before this time.

@@ -8,7 +8,7 @@ use crate::fieldbus::kinds::opcua::client::browse::{Browser, Described, Value};
 use isotherm_core::codec::{Address, Node, number_in};
 use isotherm_profile::{Bit, Bus, BusId, Profile, Transport};
 
-/// Name of the type of texts.
+/// Name that OPC UA gives to the type of texts.
 const TEXT: &str = "String";
 
 /// Node of the profile as its server describes it.

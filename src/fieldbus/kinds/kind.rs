@@ -10,9 +10,9 @@ use isotherm_profile::{Bus, Transport};
 
 /// Type of bus: how its lines are opened, addressed, scanned and explained.
 pub struct BusKind {
-    /// Word of the type in a profile.
+    /// Word that names the type in a profile, for example `modbus-tcp`.
     pub word: &'static str,
-    /// Key of the address in a profile.
+    /// Key of the address in a profile, for example `address` or `port`.
     pub address_key: &'static str,
     /// Further lines of a profile that describe a line of the type.
     pub settings: fn(Transport) -> String,

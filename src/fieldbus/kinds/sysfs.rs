@@ -60,13 +60,13 @@ pub const KIND: BusKind = BusKind {
     ..BusKind::PLAIN
 };
 
-/// Remedy for each fault: only the drivers as a whole can fail.
+/// Remedy for every fault of this type of bus: only a driver that does not return can be the cause.
 const AT_THIS_COMPUTER: &str = "the kernel driver of the sensors does not return. Is an adapter or a cable \
                                 unplugged? Does a 1-Wire sensor answer with a wrong checksum, so that the \
                                 kernel repeats the reading for seconds? `dmesg` says more. The gateway reads \
                                 each sensor again when its driver has returned";
 
-/// Dial without a connection: the files exist, or they do not.
+/// Dial of the sensors of this computer, which have no connection.
 struct SysfsDial {
     root: PathBuf,
     timeout: Duration,

@@ -29,7 +29,7 @@ struct Script {
     dials: VecDeque<Turn>,
     answers: VecDeque<Turn>,
     dialled: u32,
-    /// Unit, function, and milliseconds since the start of the test.
+    /// Requests that were sent: unit, function, and milliseconds since the start of the test.
     asked: Vec<(u8, u8, u128)>,
     /// Whether `listen` waits for the whole time, as on a serial line.
     is_received: bool,

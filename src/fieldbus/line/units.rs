@@ -42,7 +42,8 @@ pub(super) struct Unit {
     pub(super) received: Moment,
     /// Time of the last request that was sent to the unit.
     pub(super) tried: Moment,
-    /// Start of the last round of reads of the device; `None` if it has no such rounds.
+    /// Start of the last round of reads, in which the line read all signals of the device once; `None` if it has no
+    /// such rounds.
     pub(super) round: Option<Moment>,
     /// Age at which the readings of the device are too old; `Duration::MAX` if it has none.
     pub(super) max_age: Duration,

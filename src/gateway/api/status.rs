@@ -307,6 +307,10 @@ fn signals(shared: &Shared, picture: &StatusSnapshot) -> Vec<SignalStatus> {
                 },
                 reason: why.to_string(),
                 hint: why.hint.map(Cow::into_owned),
+                remedy: match reading.quality {
+                    Quality::Good => None,
+                    Quality::Bad(reason) => Some(reason.remedy()),
+                },
                 age_s: (taken > Moment::default() && reading.quality != Quality::Bad(Reason::NeverRead))
                     .then(|| picture.now.since(taken).as_secs_f64()),
             }

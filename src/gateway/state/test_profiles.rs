@@ -1,4 +1,4 @@
-//! Profiles of the tests of this folder: one Modbus device, with or without signals.
+//! Profiles of the unit tests of the gateway: one Modbus device, with or without signals.
 
 use std::path::Path;
 
@@ -37,8 +37,8 @@ pub(super) const THREE_SIGNALS: &str = r#"
     max_age = "5s"
 "#;
 
-/// Parses the profile of the device `module`. `more` contains its signals and axes.
-pub(super) fn bench(more: &str) -> Profile {
+/// Parses the profile of the device `module`. `more` contains further keys of this device, then its signals and axes.
+pub(in crate::gateway) fn bench(more: &str) -> Profile {
     let parsed = isotherm_profile::parse(Path::new("bench.toml"), &format!("{DEVICE}{more}"), &[], &[]);
     parsed.unwrap_or_else(|errors| panic!("{errors}")).profile
 }

@@ -18,6 +18,7 @@ fn signal(name: &str, value: Option<f64>, quality: &'static str, age_s: Option<f
         quality,
         reason: if quality == "good" { String::new() } else { quality.to_owned() },
         hint: None,
+        remedy: None,
         age_s,
     }
 }

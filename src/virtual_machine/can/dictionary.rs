@@ -50,7 +50,7 @@ enum TransferState {
     In(usize),
 }
 
-/// Object in the abort message for a segment that belongs to no transfer.
+/// Object that the abort message names if a segment belongs to no transfer.
 pub(crate) const NONE: Entry = Entry::new(0, 0);
 
 impl Dictionary {

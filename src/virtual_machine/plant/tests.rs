@@ -23,7 +23,7 @@ fn degrees(plant: &Plant, name: &str) -> f64 {
     plant.warm.nodes[plant.spec.nodes.iter().position(|node| node.name == name).unwrap()]
 }
 
-/// Temperature rise of a node in the hour that ends at `hour`.
+/// Temperature rise of a node, K, in the hour that ends at `hour`.
 fn slope(plant: &mut Plant, node: &str, hour: u64) -> f64 {
     after(plant, (hour - 1) * HOUR);
     let before = degrees(plant, node);

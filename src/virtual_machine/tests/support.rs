@@ -16,7 +16,7 @@ use isotherm_profile::{
 pub(crate) const THERMOCOUPLES: u8 = 1;
 pub(crate) const CNC: u8 = 1;
 
-/// A machine on a virtual clock that stands while the test runs.
+/// Machine on a virtual clock, which advances only when the test sleeps.
 pub(super) struct Run {
     pub(super) machine: VirtualMachine,
     pub(super) sleeper: Sleeper,

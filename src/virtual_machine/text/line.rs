@@ -32,7 +32,7 @@ pub(in crate::virtual_machine) struct TextLine {
 }
 
 impl TextLine {
-    /// Returns the line of the buses with the address of this bus.
+    /// Returns the line with the devices of all buses that have the address of this bus.
     pub(in crate::virtual_machine) fn of(
         profile: &Profile,
         bus: usize,

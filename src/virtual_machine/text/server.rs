@@ -9,7 +9,7 @@ use tokio::task::JoinSet;
 
 use super::line::{TextLine, converse};
 
-/// Command to open or close a listener or a port, and the channel that reports its execution.
+/// Command to open (`true`) or close a listener or a port, and the channel that reports its execution.
 pub(in crate::virtual_machine) type Switch = (bool, oneshot::Sender<()>);
 
 /// Serves the devices of a line on a listener, until `stop` changes or its sender is dropped.

@@ -44,7 +44,7 @@ fn a_log_that_is_no_such_csv_is_reported_with_what_to_write() {
         .collect();
     all_refuse(&quoted.join("\n"), &["wrong.csv, line", "has a decimal comma; state --decimal comma"]);
     let back = day(1).replace("\n6000,", "\n60,");
-    all_refuse(&back, &["wrong.csv, line 102: time runs back", "--run-column"]);
+    all_refuse(&back, &["wrong.csv, line 102: the time goes back", "--run-column"]);
     all_refuse(&day(1).replace("time,", "when,"), &["there is no column time", "time_min"]);
 }
 

@@ -113,7 +113,7 @@ fn a_profile_that_somebody_changes_meanwhile_is_not_overwritten() {
     out.read_to_end(&mut said).unwrap();
     let ended = child.wait_with_output().unwrap();
     let why = String::from_utf8(ended.stderr).unwrap();
-    assert!(!ended.status.success() && why.contains("somebody has changed it"), "{why}");
+    assert!(!ended.status.success() && why.contains("another program has changed it"), "{why}");
     assert_eq!(read(home, "bench.toml"), by_hand);
     assert_eq!(left(home), ["bench.toml"], "no file of a model is left behind");
 }

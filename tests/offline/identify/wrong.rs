@@ -56,7 +56,7 @@ fn minutes_that_are_called_seconds_and_seconds_that_are_called_minutes_are_repor
         .iter()
         .map(|log| log.replace("time,", "time_min,").replace("\n60,", "\n2700000,"))
         .collect::<Vec<_>>();
-    says(&refused(2, &longer, &choice()), &["line 4: time runs back"]);
+    says(&refused(2, &longer, &choice()), &["line 4: the time goes back"]);
     let seconds = each(|log| cells(log, 0, |time| time * 3.0).replace("time,", "time_min,"));
     says(&refused(2, &seconds, &choice()), &["state it with --time-unit"]);
 }

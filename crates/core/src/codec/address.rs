@@ -134,6 +134,8 @@ impl Register {
 impl FromStr for Register {
     type Err = String;
 
+    /// Parses a register in either notation: `holding:100` or `40101`.
+    ///
     /// # Errors
     /// Returns a sentence with the allowed notations.
     fn from_str(text: &str) -> Result<Register, String> {

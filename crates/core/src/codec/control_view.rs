@@ -41,14 +41,14 @@ pub enum Inadmissible {
     Beyond {
         /// Correction that the control would apply.
         correction: Micron,
-        /// Limit of the correction.
+        /// Limit that the correction exceeds.
         limit: Micron,
     },
     /// The control would convert the registers to another correction than intended.
     Unlike {
         /// Correction that the control would apply.
         correction: Micron,
-        /// Intended correction.
+        /// Correction that the gateway intends to write.
         meant: Micron,
     },
 }

@@ -185,8 +185,8 @@ impl DataType {
     }
 }
 
-/// Returns whether the bits are a value of this type. Only a binary-coded decimal has bits that are none: the digits A
-/// to F.
+/// Returns whether the bits are a value of this type. Only bits of a binary-coded decimal can be invalid: they may
+/// contain a digit from A to F.
 pub(super) fn is_value(data_type: DataType, bits: u64) -> bool {
     match data_type {
         DataType::Bcd(digits) => (0..digits).all(|place| digit(bits, place) <= 9),

@@ -1,4 +1,4 @@
-//! Elements of arrays, and texts that are numbers: values of OPC UA nodes that are no plain number.
+//! Values of OPC UA nodes that are not a plain number: elements of arrays, and texts that contain a number.
 
 use std::fmt;
 

@@ -64,7 +64,7 @@ impl Encoding {
         self.decode_by(registers, self.scale)
     }
 
-    /// Returns the engineering value of the registers, with the scale times this power of ten.
+    /// Returns the engineering value of the registers, with the scale multiplied by 10 to the power of `exponent`.
     ///
     /// # Errors
     /// As [`Encoding::decode`].
@@ -129,8 +129,8 @@ impl Encoding {
         self.scatter(self.data_type.bits_of(fits), fits != wanted)
     }
 
-    /// Returns the bits that the value occupies in its registers, lowest address first. They are all bits, except for a
-    /// value that is smaller than its registers.
+    /// Returns a mask of the bits that the value occupies in its registers, lowest address first. All bits are set,
+    /// unless the value is smaller than its registers.
     pub fn occupied(&self) -> Encoded {
         let bits = match self.data_type {
             DataType::Bool => u64::MAX,

@@ -152,6 +152,8 @@ impl Scalar {
 impl FromStr for NodeId {
     type Err = String;
 
+    /// Parses a node in the notation of the profile, for example `ns=2;s=/Nck/State`.
+    ///
     /// # Errors
     /// Returns a sentence that describes the mistake.
     fn from_str(text: &str) -> Result<NodeId, String> {

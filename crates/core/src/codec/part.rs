@@ -13,7 +13,7 @@ pub struct Part {
     whole: Whole,
 }
 
-/// Type of the registers of which a part is taken. The sign is that of the part.
+/// Type of the registers from which a part is taken. `I16` and `I32` mean that the part itself has a sign.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Whole {
     /// One register, with an unsigned part.

@@ -87,6 +87,8 @@ impl fmt::Display for PcSensor {
 impl FromStr for PcSensor {
     type Err = String;
 
+    /// Parses a sensor in the notation of the profile, for example `w1:28-0316a2794f01`.
+    ///
     /// # Errors
     /// Returns a sentence with the mistake and, after `; `, the correct notation.
     fn from_str(text: &str) -> Result<PcSensor, String> {

@@ -70,13 +70,13 @@ pub struct ScaleWatch {
     last: Option<i8>,
 }
 
-/// Result of one read of an exponent.
+/// Effect of one read of an exponent on the values of the signal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ScaleRead {
-    /// Exponent of the values in the same answer, or the reason why they have none.
+    /// Exponent for the values in the same answer, or the reason why these values cannot be used.
     pub together: Result<i8, Reason>,
-    /// Exponent of the values that were read since the exponent before. `None` if it is not known whether they have the
-    /// same exponent, because that read has failed.
+    /// Exponent for the values that were read between the previous exponent and this one, or the reason why they cannot
+    /// be used. `None` if the previous read gave no exponent, so that nothing is known about them.
     pub before: Option<Result<i8, Reason>>,
     /// Former and new exponent, if this read confirms a change.
     pub changed: Option<(i8, i8)>,

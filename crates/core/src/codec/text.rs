@@ -66,8 +66,8 @@ pub struct TextPattern {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 enum Part {
     Literal(Vec<char>),
-    /// The value. With a number of decimals, a value with others does not match. With a width in characters, a value
-    /// that has lost a character does not match.
+    /// The value. If the pattern states the number of decimals, a value with another number does not match. If it
+    /// states a width in characters, a value of another width does not match.
     Number {
         decimals: Option<u8>,
         width: Option<u16>,
@@ -78,7 +78,7 @@ enum Part {
     Any(Option<u16>),
 }
 
-/// Kind of the part before a position of a line.
+/// Kind of the pattern part that ends at a position of a line, directly before the next part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Before {
     Literal,
@@ -201,14 +201,14 @@ impl TextPattern {
         Some(self.ended(literal.iter().collect::<String>() + &values))
     }
 
-    /// Number of values before the value of this pattern that are not used.
+    /// Returns the number of numbers that the pattern skips before its own value.
     pub fn skipped(&self) -> usize {
         let before = self.parts.iter().take_while(|part| !matches!(part, Part::Number { .. }));
         before.map(|part| if let Part::Skip(count) = part { usize::from(*count) } else { 0 }).sum()
     }
 
-    /// Returns whether the pattern states the decimals of the value, or the characters directly behind it. Otherwise a
-    /// value in another unit has the same form.
+    /// Returns whether the pattern states the decimals of the value, or the characters directly after it. Without
+    /// either, a value in another unit (mm, inch) would also match.
     pub fn distinguishes_units(&self) -> bool {
         let mut parts = self.parts.iter().skip_while(|part| !matches!(part, Part::Number { .. }));
         matches!(parts.next(), Some(Part::Number { decimals: Some(_), .. }))
@@ -333,8 +333,10 @@ fn digits_of_sum(characters: &[char]) -> String {
 impl FromStr for TextPattern {
     type Err = String;
 
+    /// Parses a pattern in the notation of the profile, for example `{number} mm`.
+    ///
     /// # Errors
-    /// A sentence with the mistake and, after `; `, the correct notation.
+    /// Returns a sentence with the mistake and, after `; `, the correct notation.
     fn from_str(text: &str) -> Result<TextPattern, String> {
         const FORMS: &str =
             "write {number}, {number.4}, {number 8}, {skip 2}, {any}, {any 2}, {unit} or {sum} in braces";
@@ -412,7 +414,8 @@ fn is_before_any(next: &[Part]) -> bool {
     matches!(next.first(), Some(Part::Any(_)))
 }
 
-/// Parses the word between two braces. `None` if it is unknown. A decimal comma is noted in `point`.
+/// Parses the word between two braces. `None` if it is unknown. If the word states a decimal comma, sets `point` to a
+/// comma.
 fn part(word: &str, point: &mut char) -> Option<Part> {
     let (name, count) = match word.split_once(' ') {
         Some((name, count)) => {

@@ -1,11 +1,11 @@
-//! Control: the input of an axis for one step, besides the readings.
+//! Control: everything besides the readings that an axis needs for one step, for example whether it may write.
 
 use serde::{Deserialize, Serialize};
 
 use super::probe::Measured;
 use crate::quantity::Micron;
 
-/// Input of an axis for one step, besides the readings.
+/// Input of an axis for one step, besides the readings: its permission to write, and requests of the operator.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Control {
     /// Whether the axis may decide and write.

@@ -85,7 +85,7 @@ pub enum When {
 pub struct Change {
     /// Model that is preferred after the change.
     pub to: Preferred,
-    /// Time of the change.
+    /// Time at which the change takes effect: at once, or at the next datum.
     pub when: When,
     /// Fingerprint of the profile's models to which the change belongs.
     pub own: String,

@@ -14,8 +14,7 @@ pub struct Snapshot<'a> {
     pub readings: &'a [Reading],
     /// Substitutes for the readings of rejected sensors.
     pub(super) substitutions: &'a [Substitution],
-    /// Whether the lags of all models have been updated with this snapshot, from their own sensors, and no reference
-    /// was captured after that.
+    /// Whether the snapshot has already updated the lags of all models, and no reference was captured after that.
     pub(super) is_followed: bool,
 }
 

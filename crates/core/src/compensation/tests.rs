@@ -105,7 +105,7 @@ fn axis(models: Vec<Model>) -> AxisSettings {
     }
 }
 
-/// Machine with one axis, whose readings the test sets. NaN is a bad reading.
+/// Machine with one axis, whose readings the test sets. NaN stands for a bad reading.
 struct Rig {
     compensation: Compensation,
     now: Moment,
@@ -127,7 +127,7 @@ impl Rig {
         }
     }
 
-    /// Steps now. One-time parts of the control are passed once.
+    /// Steps the axis at the present time. Requests in the control, such as a probing, apply to this step only.
     fn step(&mut self) -> Decision {
         let (now, values) = (self.now, self.values);
         let readings = values.map(|value| match value.is_nan() {
@@ -144,7 +144,7 @@ impl Rig {
         self.step()
     }
 
-    /// Steps whenever the axis is due, for this time. Returns the decisions.
+    /// Steps the axis whenever it is due, for `span` seconds. Returns the decisions.
     fn run(&mut self, span: f64) -> Vec<Decision> {
         let end = self.now.after(seconds(span));
         let mut decisions = Vec::new();

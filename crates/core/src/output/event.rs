@@ -12,7 +12,7 @@ use crate::quantity::{Counts, Moment};
 pub enum Event {
     /// A write without an answer has arrived late.
     OwnWriteArrivedLate {
-        /// Value of the write.
+        /// Register value that the late write has set.
         value: Counts,
         /// Time of sending.
         sent: Moment,
@@ -59,7 +59,7 @@ pub enum Event {
     },
     /// A write was acknowledged, but the register still holds the earlier value.
     NotTaken {
-        /// Value that was written.
+        /// Value that the gateway wrote.
         wrote: Counts,
         /// Register value.
         found: Counts,
@@ -73,7 +73,7 @@ pub enum Event {
     AcknowledgedNotReadBack,
     /// The device refused a write.
     WriteRefused {
-        /// Value of the write.
+        /// Value that the gateway tried to write.
         value: Counts,
     },
     /// The state of the output cannot be saved to disk, and nothing may be sent before it is saved.
@@ -148,15 +148,15 @@ pub enum Doubt {
     SecondGateway,
     /// The register changed while the operator armed the axis.
     ChangedWhileArming,
-    /// The register ledger on disk, which contains the parts of each shared register's value, cannot be read.
+    /// The register ledger on disk cannot be read. The ledger contains the two parts of each shared register's value.
     Unreadable,
-    /// An offset was written before, but the register ledger on disk, which contains the parts of each shared
-    /// register's value, is missing.
+    /// An offset was written before, but the register ledger on disk is missing. The ledger contains the two parts of
+    /// each shared register's value.
     Lost,
     /// The saved entry in the register ledger is for another register, or for counts of another size.
     Elsewhere,
-    /// The register ledger on disk, which contains the parts of each shared register's value, was restored from a
-    /// backup.
+    /// The register ledger on disk was restored from a backup. The ledger contains the two parts of each shared
+    /// register's value.
     Restored,
 }
 

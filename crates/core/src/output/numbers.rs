@@ -22,7 +22,7 @@ const REACH: u16 = 200;
 /// Number of possible set numbers: 1 to 65535. Zero is reserved for a control that has just been started.
 const ALL: u16 = u16::MAX;
 
-/// Numbers of which the control may accept one as the number of the next set.
+/// Possible numbers of the next output set. The control accepts one of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Numbers {
     /// Last number that the control has acknowledged.

@@ -150,7 +150,7 @@ pub enum SetInput {
     DiskNotYet,
     /// The registers were read.
     Read {
-        /// Value of each output.
+        /// Register value of each output, in counts.
         values: Vec<Counts>,
         /// Number of the output set.
         number: Option<u16>,
@@ -276,7 +276,7 @@ pub enum SetAction {
     Read,
     /// Write all registers of the output set.
     Write {
-        /// Value of each output.
+        /// Value to write for each output, in counts.
         values: Vec<SetValue>,
         /// Number, heartbeat and control word of the set, which are written with the values.
         own: OwnWords,

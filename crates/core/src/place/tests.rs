@@ -133,7 +133,7 @@ fn the_same_place_a_new_one_a_renamed_one_and_one_that_is_gone() {
     );
 }
 
-/// Former places after a start, as (output, its axes, left behind).
+/// Returns the former places after a start: output, the axes that wait, and whether a Cz was left in its register.
 fn after(
     open: Vec<FormerPlace>,
     remembered: &BTreeMap<String, KnownOutput>,

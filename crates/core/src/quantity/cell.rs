@@ -1,5 +1,5 @@
-//! Cell of a log as people and loggers write it: a number with a unit, with a blank after its sign or with an exponent
-//! of Fortran; or a word for a missing value.
+//! Cell of a log as people and loggers write it: a number with a unit, with a blank after its sign, or with a Fortran
+//! exponent such as `2.0D+01`; or a word for a missing value.
 
 use std::borrow::Cow;
 
@@ -296,7 +296,8 @@ pub fn is_unit(text: &str) -> bool {
     UNITS.contains(&spelled(text).as_str())
 }
 
-/// Returns whether this is the name of a column for comments. Loggers leave its cells out at the end of a row.
+/// Returns whether this is the name of a column for comments. Loggers leave out the cells of this column at the end of
+/// a row.
 #[must_use]
 pub fn is_comment(name: &str) -> bool {
     const NAMES: [&str; 7] = ["comment", "comments", "remark", "remarks", "note", "kommentar", "bemerkung"];
@@ -365,8 +366,8 @@ fn is_filler(text: &str) -> bool {
     signs.len() > 1 && ['-', '+', '*', '#', '?', '_'].iter().any(|sign| signs.chars().all(|own| own == *sign))
 }
 
-/// Returns whether the text is a number that is none, as programs of Windows print it: `1.#QNAN`, `-1.#IND`, `1.#INF`.
-/// With two decimals, they print `1.#R` and `1.#J`. Later versions print `nan(ind)` and `nan(snan)`.
+/// Returns whether the text is NaN or infinity as programs of Windows print it: `1.#QNAN`, `-1.#IND`, `1.#INF`. With
+/// two decimals, they print `1.#R` and `1.#J`. Later versions print `nan(ind)` and `nan(snan)`.
 fn is_of_windows(text: &str) -> bool {
     let text = text.trim_start_matches(['+', '-']).to_ascii_uppercase();
     if ["NAN(IND)", "NAN(SNAN)", "QNAN", "SNAN"].contains(&text.as_str()) {
@@ -376,8 +377,8 @@ fn is_of_windows(text: &str) -> bool {
     rest.is_some_and(|rest| ["QN", "SN", "NAN", "IN", "R", "J"].iter().any(|word| rest.starts_with(word)))
 }
 
-/// Separates a number from the unit after it. Removes blanks after its sign, and writes the exponent of Fortran (`2.0D+01`)
-/// as `e`. `None` if the text is no number with a known unit.
+/// Separates a number from the unit after it. Removes blanks after its sign, and replaces the `D` of a Fortran exponent
+/// (`2.0D+01`) by `e`. `None` if the text is no number with a known unit.
 pub(super) fn number_and_unit(text: &str) -> Option<(Cow<'_, str>, &str)> {
     let text = text.trim();
     let unsigned = text.strip_prefix(['+', '-', '−']).unwrap_or(text);
@@ -408,7 +409,7 @@ pub(super) fn number_and_unit(text: &str) -> Option<(Cow<'_, str>, &str)> {
     Some((Cow::Owned(format!("{sign}{}{number}", groups.unwrap_or_default())), unit))
 }
 
-/// Signs that separate thousands and nothing else: blanks and apostrophes.
+/// Characters that only separate thousands: blanks and apostrophes.
 const OF_THOUSANDS: [char; 6] = [' ', '\u{a0}', '\u{2009}', '\u{202f}', '\'', '\u{2019}'];
 
 /// Joins the groups of three digits at the begin of this text, as in `1 020,5` or `1'020.5`. Returns the digits, and the

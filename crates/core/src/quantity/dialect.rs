@@ -55,7 +55,7 @@ pub struct Dialect {
     first: Option<(DecimalMark, String)>,
     /// Whether a number of the file has both marks, so that one of them separates thousands.
     has_thousands: bool,
-    /// Whether the first rows do not show if a mark before three digits is a decimal mark.
+    /// Whether the first rows leave open if a comma or point before three digits is a decimal mark.
     is_unclear: bool,
     /// Order of day and month; `None` if it is not known.
     dates: Option<DateOrder>,
@@ -91,7 +91,7 @@ impl Dialect {
         Dialect { stated: decimal, dates, ..self }
     }
 
-    /// Learns the order of day and month from a time, if that time has only one reading. The first such time counts.
+    /// Learns the order of day and month from a time that is not ambiguous. Only the first such time is used.
     pub fn learn_dates(&mut self, text: &str) {
         self.dates = self.dates.or_else(|| wall::order(text));
     }
@@ -114,8 +114,9 @@ impl Dialect {
         self.dates
     }
 
-    /// Learns from the cells of the first rows, by column, whether a mark before three digits separates thousands. In a
-    /// column with `900` and `1.200`, it may do so, unless another number such as `20.5` shows the decimal mark.
+    /// Learns from the cells of the first rows, by column, whether a comma or point before three digits separates
+    /// thousands. In a column with `900` and `1.200`, it may do so, unless another number such as `20.5` shows the
+    /// decimal mark.
     pub fn learn_marks<'a>(&mut self, rows: impl Iterator<Item = Vec<&'a str>>) {
         if self.separator == b',' || self.stated.is_some() {
             return;
@@ -185,7 +186,8 @@ impl Dialect {
         }
     }
 
-    /// Reads a number with one kind of mark, which is a decimal mark or separates thousands.
+    /// Reads a number that has only one kind of mark, a comma or a point. The mark is a decimal mark or separates
+    /// thousands.
     fn with_one_mark<'a>(&mut self, text: &'a str, mark: DecimalMark) -> Result<Cow<'a, str>, String> {
         let sign = mark.sign();
         let (decimal, whole) = (text.replace(sign, "."), text.replace(sign, ""));
@@ -382,7 +384,8 @@ fn by_mark(text: &str, mark: DecimalMark) -> Result<Cow<'_, str>, String> {
     Ok(Cow::Owned(read))
 }
 
-/// Returns the message about a number whose mark, before three digits, is a decimal mark or separates thousands.
+/// Returns the message about an ambiguous number. Its comma or point, before three digits, is a decimal mark or
+/// separates thousands.
 fn two_readings(text: &str, mark: DecimalMark, (whole, decimal): (&str, &str)) -> String {
     let (point, comma) = match mark {
         DecimalMark::Point => (decimal, whole),

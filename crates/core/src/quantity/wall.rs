@@ -1,4 +1,4 @@
-//! Dates and times by the clock on the wall, as loggers and spreadsheets write them, and their moments in a time zone.
+//! Wall-clock dates and times, as loggers and spreadsheets write them, and their moments in a time zone.
 
 use jiff::SignedDuration;
 use jiff::civil::{Date, DateTime, Time};
@@ -9,10 +9,11 @@ use super::time_column::TimeUnit;
 
 const DAY: u64 = 24 * HOUR;
 const HOUR: u64 = 3_600_000_000_000;
-/// Time between two rows, by the clock on the wall, up to which a logger that crosses the end of summer time was not off
-/// for an hour.
+/// Longest time between two rows, by the wall clock, at which a logger counts as running without a pause. It shows
+/// whether the logger was off in the hour that occurs twice, when summer time ends.
 const NEXT_ROW: SignedDuration = SignedDuration::from_secs(30 * 60);
-/// Day before the first day of a spreadsheet, which counts a 29 February 1900.
+/// Day from which spreadsheets count. It is a day early, because spreadsheets count a 29 February 1900, which did not
+/// exist.
 const FIRST_OF_EXCEL: Date = Date::constant(1899, 12, 30);
 
 /// Order of day and month in dates such as `01/05/2026`.
@@ -322,7 +323,7 @@ pub(super) fn excel(number: &str, text: &str) -> Result<DateTime, String> {
     first.checked_add(SignedDuration::from_millis(millis)).map_err(|_| wrong())
 }
 
-/// Position in a log with times by the clock on the wall.
+/// State of the reader of a log with wall-clock times.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Wall {
     /// Number of midnights so far, for times without dates.
@@ -334,7 +335,8 @@ pub(super) struct Wall {
 }
 
 impl Wall {
-    /// Returns the moment of a time without a date. The day changes if the time goes back by more than twelve hours.
+    /// Returns the moment of a time without a date. A new day begins if the time is more than twelve hours before the
+    /// last one.
     pub(super) fn of_day(&mut self, nanos: u64, last: Option<Moment>) -> Result<Moment, String> {
         let at = |days: u64| days.saturating_mul(DAY).saturating_add(nanos);
         if last.is_some_and(|last| last.as_nanos() > at(self.days).saturating_add(DAY / 2)) {

@@ -131,8 +131,8 @@ pub(super) fn uneven_row((cells, width): (usize, usize), separator: u8, more: &s
     format!("{cells} cells under {width} column names{more}: {hint}")
 }
 
-/// Returns whether a row has a cell for each name. Cells at its end may be missing under `unnamed` names, which are empty or
-/// those of comments. Empty cells may be more than the names.
+/// Returns whether the cells of a row fit the names of the columns. The cells of the last `unnamed` columns, whose
+/// names are empty or those of comments, may be missing. Cells beyond the last name must be empty.
 pub(super) fn fits(record: &csv::StringRecord, width: usize, unnamed: usize) -> bool {
     let cells = record.len();
     cells == width

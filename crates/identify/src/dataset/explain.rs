@@ -31,7 +31,7 @@ pub struct Explanation {
     pub time: Option<TimeLayout>,
     /// Columns without the time, with the kind that was guessed from unit, name and values.
     pub columns: Vec<ExplainedColumn>,
-    /// First rows.
+    /// First rows of the log, as they are understood.
     pub rows: Vec<ExplainedRow>,
     /// Errors of the shown part of the log.
     pub errors: Vec<String>,
@@ -83,7 +83,7 @@ pub struct ExplainedColumn {
     pub kind: Option<Kind>,
 }
 
-/// Row of a log.
+/// Row of a log, as it is understood.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ExplainedRow {
     /// Line or row in the file.

@@ -11,7 +11,7 @@ const MOST_SKIPPED: usize = 200;
 /// Maximum number of lines with units and similar words after the column names.
 const MOST_AFTER: usize = 2;
 
-/// Head of a log.
+/// Head of a log: the lines before its first row of values.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Head {
     /// Number of lines before the column names.

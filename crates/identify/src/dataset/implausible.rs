@@ -20,22 +20,23 @@ use isotherm_core::quantity::{Conversion, Moment};
 const MOST: f64 = 0.05;
 /// Number of lines that a remark names.
 const NAMED: usize = 5;
-/// Multiple of the usual step between two rows that no machine moves.
+/// Multiple of the usual step between two rows above which a step counts as impossible for a machine.
 const TIMES_USUAL: f64 = 6.0;
 /// Multiple of the resolution of a column by which an implausible value stands apart.
 const TIMES_SMALLEST: f64 = 3.5;
 /// Longest gap of a temperature that is bridged.
 const BRIDGED: Duration = Duration::from_secs(300);
-/// Greatest distance in time of a value that is compared.
+/// Maximum time between a value and the values before and after it with which it is compared.
 const NEAR: Duration = Duration::from_secs(3600);
-/// Largest number of rows of a jump that returns.
+/// Maximum number of rows after which a jump must return, so that it counts as implausible.
 const SHORT: usize = 5;
-/// Smallest jump of a displacement that returns and that no machine makes, µm; and its multiple of the usual step.
+/// Minimum size of a jump of a displacement that counts as implausible if the value returns: in µm, and as a multiple
+/// of the usual step.
 const JUMP: (f64, f64) = (20.0, 20.0);
 
 /// Temperatures of a machine, °C. Any other value is suspicious.
 const OF_MACHINES: RangeInclusive<f64> = -60.0..=200.0;
-/// Share of the range of a speed or position by which a machine has moved.
+/// Change of a speed or position, as a share of its range, from which on the machine counts as moved.
 const MOVED: f64 = 0.1;
 
 /// Column of values, as it is tested.
@@ -50,7 +51,7 @@ pub(super) struct Tested<'a> {
     pub(super) moved: &'a dyn Fn(usize, usize) -> bool,
 }
 
-/// Returns the smallest distance to the neighbours of an implausible value; `None` if values of this kind are not
+/// Returns the minimum distance of an implausible value from its neighbours; `None` if values of this kind are not
 /// tested.
 fn least_distance(kind: Kind) -> Option<f64> {
     match kind {
@@ -120,8 +121,8 @@ fn is_near(times: &[Moment], one: usize, other: usize) -> bool {
 }
 
 /// Returns whether a value is farther from its neighbours than `least`, and the neighbours are alike. The neighbours of
-/// zero need only be on one side of it. A value at the begin or end of the rows has one neighbour. There, zero is a
-/// usual value.
+/// zero need only be on one side of it. A value at the begin or end of the rows has one neighbour. At such a place,
+/// zero is not implausible.
 fn stands_apart(value: f64, before: Option<f64>, after: Option<f64>, least: f64) -> bool {
     let distance = |neighbour: f64| (value - neighbour).abs();
     match (before, after) {
@@ -136,8 +137,8 @@ fn stands_apart(value: f64, before: Option<f64>, after: Option<f64>, least: f64)
     }
 }
 
-/// Returns the smallest step between neighbouring good rows, which is the resolution of the column. Also returns the
-/// step that nine of ten steps do not exceed. Both are 0 if the values never change.
+/// Returns the smallest step between neighbouring good rows, which is the resolution of the column. The second result
+/// is the step that 90 % of the steps do not exceed. Both are 0 if the values never change.
 fn steps(values: &[f64], good: &[usize]) -> (f64, f64) {
     let mut steps: Vec<f64> = good.windows(2).map(|pair| (values[pair[1]] - values[pair[0]]).abs()).collect();
     steps.sort_by(f64::total_cmp);
@@ -217,8 +218,8 @@ impl Wrong {
     }
 }
 
-/// Leaves the implausible values of a table out, in each of its runs. Returns remarks with file, line and value, and the
-/// columns that have too many of them.
+/// Removes the implausible values from each run of a table. Returns remarks with file, line and value, and the columns
+/// that have too many of them.
 pub(super) fn leave_out(
     table: &mut Table,
     runs: &[Range<usize>],
@@ -317,8 +318,8 @@ pub(super) fn wrong(
 fn lasting_jump(table: &Table, name: &str, first: usize, jumps: usize) -> String {
     let more = if jumps > 1 { format!(", and jumps {} more times", jumps - 1) } else { String::new() };
     format!(
-        "{}, {} {}, column {name}: the value jumps from one row to the next, and stays there{more}. No machine moves so. If \
-         the probe was moved or set to zero, split the log there",
+        "{}, {} {}, column {name}: the value jumps from one row to the next, and stays there{more}. No machine moves like \
+         this. If the probe was moved or set to zero, split the log there",
         table.file.display(),
         table.row,
         table.lines.of(first)

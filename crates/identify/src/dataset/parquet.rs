@@ -422,7 +422,7 @@ fn text(field: &Field) -> String {
 /// Times of a column that states their unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Stamps {
-    /// Nanoseconds of one unit.
+    /// Number of nanoseconds in one unit of the times.
     unit: i64,
     kind: StampKind,
 }
@@ -432,7 +432,7 @@ struct Stamps {
 enum StampKind {
     /// Dates and times in UTC.
     Utc,
-    /// Dates and times of the clock on the wall.
+    /// Wall-clock dates and times without a time zone.
     Wall,
     /// Times of a day without a date.
     OfDay,

@@ -10,21 +10,23 @@ use super::Run;
 use crate::statistics::count;
 use isotherm_core::quantity::{Moment, time};
 
-/// Number of rows of all runs that are compared. Of more rows, a part is compared that depends on their content only.
+/// Maximum number of rows of all runs that are compared. If there are more, a sample of them is compared, which depends
+/// only on their content.
 const MOST_ROWS: usize = 400_000;
 /// Smallest share of the shorter run's rows that must occur in the other run in the same order.
 const LEAST_SHARE: f64 = 0.5;
 /// Smallest number of equal rows with different contents. Fewer rows may be equal by chance.
 const LEAST_ROWS: usize = 20;
-/// Number of runs in which the same content is searched. A content of more runs is usual for this machine.
+/// Maximum number of runs in which a row content may occur. Content that occurs in more runs is usual for the machine,
+/// and is not compared.
 const MOST_RUNS_OF_A_CONTENT: usize = 64;
-/// Number of rows of a run with the same content that are compared. A cold machine has many.
+/// Maximum number of rows of one run that have the same content and are compared. A cold machine has many such rows.
 const MOST_ROWS_OF_A_CONTENT: usize = 32;
-/// Number of runs that are compared in pairs, and the number of rows of a pair.
+/// Maximum number of runs that are compared in pairs, and maximum number of rows that are compared in each pair.
 const MOST_PAIRED: (usize, usize) = (200, 200);
 /// Smallest share of the rows of a pair that must be equal but for rounding.
 const LEAST_ROUNDED: f64 = 0.9;
-/// Times before this are counts from the start of a log, not dates, s (in the year 1990).
+/// Earliest time that is a date, s since 1970 (in the year 1990). An earlier time counts from the start of a log.
 const FIRST_DATE: u64 = 631_152_000;
 
 /// Returns a sentence for each pair of runs that contains the same minutes. `is_measured` returns whether the values of a

@@ -33,7 +33,7 @@ pub(crate) struct Origin {
     pub(crate) continues: bool,
     /// Source of the errors.
     pub(crate) errors: Errors,
-    /// Whether the last record of touches ends with this run, so that the run may go on.
+    /// Whether the run is the last one of a record of touches. Later logs may then add touches to the run.
     pub(crate) is_open: bool,
     /// Whether the times are numbers from the start of the log, and nothing states their unit.
     pub(crate) is_unit_assumed: bool,
@@ -52,7 +52,7 @@ pub(crate) enum Errors {
 /// Datum of a run of touches: the row at which the error is zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Datum {
-    /// Machine start.
+    /// The error is zero at machine start.
     Start,
     /// Zero command directly before this row. The rises count from this row, too.
     Zero(usize),

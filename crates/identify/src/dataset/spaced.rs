@@ -30,7 +30,7 @@ pub(super) struct Spaced<R> {
 struct Layout {
     /// Index of the line with the names.
     names: usize,
-    /// Number of columns.
+    /// Number of columns of the log.
     width: usize,
     /// Index of the column with the time.
     time: usize,

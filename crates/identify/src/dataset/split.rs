@@ -104,7 +104,7 @@ fn of_table(mut table: Table, names: &[String], split: &Split, kind: KindOf<'_>)
         let back = (rows.start + 1..rows.end).find(|row| table.times[*row] < table.times[row - 1]);
         if let Some(back) = back {
             wrong.push(format!(
-                "{}, line {}: time runs back; sort the rows, give each run its own file, or name the column \
+                "{}, line {}: the time goes back; sort the rows, give each run its own file, or name the column \
                  that distinguishes runs with --run-column",
                 table.file.display(),
                 table.lines.of(back)

@@ -10,7 +10,8 @@ pub(super) const COMPARED: usize = 1000;
 const FIRST_DATE: f64 = 315_532_800.0;
 /// Step above which the rows of a log are hours apart, s.
 const HOURS: f64 = 7200.0;
-/// Steps of a logger in whole minutes that are longer than a second is in milliseconds, s.
+/// Steps in seconds that loggers often use, although a log in milliseconds with one row per second has steps of similar
+/// size.
 const USUAL: [f64; 3] = [1200.0, 1800.0, 3600.0];
 /// Number of rows that no person writes, so that their step is that of a logger.
 const OF_LOGGER: usize = 100;

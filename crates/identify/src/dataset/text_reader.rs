@@ -13,7 +13,7 @@ pub(super) enum TextReader<R, C> {
     Converted(Box<Parts<C>>),
 }
 
-/// Converter of a text.
+/// Converter of a text that is read part by part.
 pub(super) trait Convert {
     /// Reads the next part of the input, and writes it to the empty `text`. Returns whether the input may have more parts.
     /// The last part may contain text too.

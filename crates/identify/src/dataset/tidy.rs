@@ -135,7 +135,7 @@ impl Tidy {
 struct Long {
     /// Names of the sensors with their units, in the order of their first occurrence.
     headers: Vec<String>,
-    /// Place of each sensor: one for the first header.
+    /// Column of each sensor, by its name; 1 is the first of `headers`.
     places: HashMap<String, usize>,
     rows: Vec<Row>,
     by_time: HashMap<Box<str>, usize>,

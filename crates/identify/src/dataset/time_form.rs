@@ -4,7 +4,7 @@
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(not(feature = "parquet"), allow(dead_code, reason = "only Parquet declares its times"))]
 pub(super) enum TimeForm {
-    /// Numbers.
+    /// Times as numbers, for example seconds.
     #[default]
     Numbers,
     /// Texts with a date or a time of day.

@@ -57,7 +57,7 @@ pub fn rows(
 pub(super) struct JudgedTouches {
     /// Numbers of the averaging windows of touches that are left out.
     pub(super) rejected: Vec<u128>,
-    /// Number of touches with those that are left out.
+    /// Number of all touches, including those that are left out.
     all: usize,
     /// Mean square of the residual error with the model in use, µm²; `None` without a model in use to compare.
     pub(super) left: Option<f64>,

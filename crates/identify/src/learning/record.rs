@@ -20,7 +20,7 @@ pub(super) struct Record {
     pub(super) judgement: Judgement,
     /// Time of the last row that was used.
     pub(super) until: Moment,
-    /// Number of stored runs.
+    /// Number of runs whose products are stored.
     pub(super) runs: usize,
 }
 

@@ -109,7 +109,8 @@ fn first_unless_clearly<T>(tried: impl Iterator<Item = (f64, T)>) -> Option<T> {
     tried.reduce(better).map(|(_, best)| best)
 }
 
-/// Returns the gains at each of the first penalties on the path of the elastic net, for scaled columns.
+/// Returns the gains of the elastic net for each of the first `steps` L1 penalties, the largest penalty first. The
+/// gains are those of the scaled columns.
 fn path(scaled: &Gram, shared: f64, steps: usize) -> Vec<DVector<f64>> {
     let mut net = Net::new(scaled, shared);
     let first = net.first_penalty();

@@ -36,7 +36,7 @@ const OF_ONE_RUN: f64 = 0.7;
 /// large.
 const SHARED: [f64; 2] = [0.1, 0.003];
 const CLEARLY: f64 = 0.4;
-/// Relative difference of two errors that is rounding.
+/// Relative difference below which two errors count as equal, because of rounding.
 const ROUNDING: f64 = 1e-9;
 /// Number of quarter-decade steps on the path of the elastic net.
 const STEPS: usize = 13;
@@ -79,7 +79,7 @@ impl Whitening {
     }
 }
 
-/// Checks that an existing model leaves less than no compensation, over all runs together.
+/// Checks that an existing model leaves a smaller error than no compensation, over all runs together.
 ///
 /// # Errors
 /// Returns a message with both errors. Gains that are drawn towards such a model become worse.
@@ -249,8 +249,8 @@ fn net(all: &Gram, folds: &[Fold]) -> DVector<f64> {
     path(all, shared, step + 1).pop().unwrap_or_else(|| DVector::zeros(all.cross.len()))
 }
 
-/// Returns the gains at each of the first penalties on the path of the elastic net. All candidate terms have one scale,
-/// so that none of them has an advantage.
+/// Returns the gains of the elastic net for each of the first `steps` L1 penalties, the largest penalty first. All
+/// candidate terms have one scale, so that none of them has an advantage.
 fn path(gram: &Gram, shared: f64, steps: usize) -> Vec<DVector<f64>> {
     let rows = gram.rows.max(1.0);
     let moves = gram.square.diagonal().iter().map(|square| (square / rows).max(0.0).sqrt()).collect();

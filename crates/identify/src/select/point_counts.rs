@@ -40,7 +40,7 @@ pub(crate) struct Counts {
     held_out: Vec<(Vec<usize>, Vec<RunScore>)>,
     /// Result for each number of points, from zero on.
     pub(crate) table: Vec<Counted>,
-    /// Result with all points.
+    /// Result of the model with all points.
     pub(crate) all_points: Counted,
 }
 

@@ -9,7 +9,7 @@ use crate::method::stepwise::{self, Move};
 /// Result of the stepwise selection: its steps, and the next best point.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Steps {
-    /// Steps in their order.
+    /// Points that were added or removed, in the order of the search.
     pub steps: Vec<Step>,
     /// Next best point, which is not added because it is not significant; `None` if the search ended for another
     /// reason.

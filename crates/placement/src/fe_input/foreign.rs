@@ -3,7 +3,7 @@
 use std::iter;
 use std::path::{Path, PathBuf};
 
-/// Way to an FE input file.
+/// Way to convert a file of another format to an FE input file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Remedy {
     /// Gmsh reads the mesh and writes it.
@@ -12,11 +12,11 @@ enum Remedy {
     GmshMeshes,
     /// `meshio convert` with this input format.
     Meshio(&'static str),
-    /// Sentence with the way.
+    /// Any other way, described in a sentence.
     By(&'static str),
 }
 
-/// Kind of a file with the way to an FE input file.
+/// Name of a file format, and the way to convert such a file to an FE input file.
 type Known = (&'static str, Remedy);
 
 /// Number of bytes at the start of a file by which its format is recognised.

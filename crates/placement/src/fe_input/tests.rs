@@ -62,7 +62,7 @@ fn read_text(text: &str) -> Result<FeInput, Faults> {
     read(&path)
 }
 
-/// Error message for a file, without the directory.
+/// Returns the error message for a file with this text, without the directory.
 fn said(text: &str) -> String {
     let faults = read_text(text).expect_err("this file must be refused").to_string();
     let lines = faults.lines().map(|line| match line.find("case.inp") {
@@ -72,7 +72,7 @@ fn said(text: &str) -> String {
     lines.collect::<Vec<_>>().join("\n")
 }
 
-/// Error message if `from` is replaced by `to`.
+/// Returns the error message for [`FILE`] with `from` replaced by `to`.
 fn with(from: &str, to: &str) -> String {
     assert!(FILE.contains(from), "{from}");
     said(&FILE.replacen(from, to, 1))
@@ -156,8 +156,8 @@ fn a_decimal_comma_is_reported_as_one() {
     }
 }
 
-/// FE input files that CalculiX accepts without a warning, stops at, or crashes on. Each is rejected here with location
-/// and cause.
+/// Checks FE input files that CalculiX accepts without a warning, rejects, or crashes on. isotherm rejects each of them
+/// with location and cause.
 #[test]
 fn what_is_wrong_is_said_with_line_card_and_remedy() {
     let transient = "*HEAT TRANSFER\n10, 100";

@@ -11,7 +11,8 @@ const EACH: usize = 30;
 const GUIDE: usize = 9;
 const TOLERANCE: Tolerance = Tolerance { noise: 0.1, enough: 1e-3 };
 
-/// P in which the displacement grows with the height above the warmed block. All components are equal.
+/// Matrix P in which the displacement of the guideway grows with the height above the warmed block, equally in all
+/// components.
 fn p() -> Vec<Vec<f64>> {
     let row = |point: usize, block: usize| {
         let (height, at) = (point as f64 / GUIDE as f64, block as f64 / BLOCKS as f64);

@@ -142,7 +142,7 @@ fn the_stiffness_is_symmetric_and_leaves_six_rigid_body_modes() {
     }
 }
 
-/// Error message for a structure that is not held.
+/// Returns the error message for a structure that the fixed nodes do not hold.
 fn refusal(mesh: &Mesh, fixed: &[usize]) -> String {
     let materials = iron(mesh);
     Structure::new(mesh, &materials, fixed, SILENT).err().unwrap().to_string()

@@ -20,7 +20,7 @@ impl DeathNumber {
         DeathNumber { current: self.sent.map_or(0, |sent| sent.wrapping_add(1)), ..self }
     }
 
-    /// Notes that a CONNECT packet with the current number was sent.
+    /// Records that a CONNECT packet with the current number was sent.
     pub(super) fn is_sent(&mut self) {
         self.sent = Some(self.current);
     }

@@ -7,7 +7,7 @@ use super::datum::{DataType, Datum};
 use super::payload::Metric;
 use crate::interface::{PlantEvent, Snapshot, Subject, Value};
 
-/// Maximum difference, in ms, by which the time of an event is moved after that of the event before. Some hosts store
+/// Maximum time, in ms, by which an event is shifted so that it is later than the event before it. Some hosts store
 /// only one value for each time, so events need different times.
 const APART_WITHIN_MS: u64 = 1000;
 

@@ -77,7 +77,7 @@ pub(super) fn alias(birth: &Payload, name: &str) -> u64 {
     find(birth, name).alias.unwrap()
 }
 
-/// A connected node, with its birth.
+/// Connects a node. Returns it with the content of its birth message.
 pub(super) fn connected(now: Moment, snapshot: &Snapshot) -> (Sparkplug, Payload) {
     let mut node = node();
     node.will();
@@ -88,7 +88,7 @@ pub(super) fn connected(now: Moment, snapshot: &Snapshot) -> (Sparkplug, Payload
     (node, payload)
 }
 
-/// Sequence number of the message; alias, time and value of each metric.
+/// Row of a test: sequence number of the message; alias, time and value of a metric.
 type Row = (u64, u64, u64, Option<Raw>);
 
 pub(super) fn rows(messages: &[Message]) -> Vec<Row> {

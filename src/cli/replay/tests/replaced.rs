@@ -1,4 +1,4 @@
-//! Spans in which sensors were replaced or suspected, and in which the axis held, as the summary has them.
+//! Tests of the time spans in the summary: sensors that were replaced or suspected, and an axis on hold.
 
 use super::*;
 use isotherm_core::compensation::model::stand_ins::Described;
@@ -8,7 +8,8 @@ use isotherm_core::reading::SignalId;
 use sample::of;
 use serde_json::json;
 
-/// The spindle rises as bearing and column do, and the oil as the bearing does: one other is too few to stand in for it.
+/// Returns a profile with predictions: that of the spindle depends on bearing and column, that of the oil on the
+/// bearing alone. One sensor is too few for a stand-in.
 fn watched() -> Profile {
     let mut profile = sample::profile();
     let names = ["spindle_front", "bearing_rear", "column", "oil"];
@@ -26,8 +27,8 @@ fn watched() -> Profile {
     profile
 }
 
-/// An hour with a row every ten seconds, in which everything rises by 0.1 °C a minute. The spindle has no value from minute 10 to 12.
-/// From minute 30 on, spindle and oil read the same.
+/// Returns a log of an hour with a row every ten seconds. All temperatures rise by 0.1 °C a minute. The spindle has no
+/// value from minute 10 to 12. From minute 30 on, the readings of spindle and oil are constant.
 fn hour() -> String {
     let mut log = "time,spindle_front,bearing_rear,column,oil\n".to_owned();
     let warm = |row: u32| 20.0 + f64::from(row) / 60.0;

@@ -117,7 +117,7 @@ fn serve(mut stream: TcpStream, does: &[Does]) {
     }
 }
 
-/// Reports about devices, and whether the checks have passed.
+/// Observer that records the reports about devices, and says whether their checks have passed.
 #[derive(Default)]
 struct Seen {
     exchanged: Vec<Option<DeviceId>>,
@@ -165,7 +165,7 @@ fn is_busy() -> bool {
 const READ: Request<'static> = Request::read_registers(Register { table: Table::Holding, offset: 1 }, 1);
 const WRITE: Request<'static> = Request::Modbus(ModbusRequest::WriteSingle { at: 1, value: 7 });
 
-/// Line to a device with this behaviour on its connections. Afterwards no program listens.
+/// Line to a device that behaves as listed on its connections. After the last of them, no program listens.
 struct Rig {
     line: DeviceLine,
     sees: Sees,

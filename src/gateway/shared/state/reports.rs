@@ -102,24 +102,17 @@ impl GatewayState {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
     use std::sync::Arc;
 
     use super::*;
     use crate::gateway::state::dependents::{Dependents, RunConfig};
+    use crate::gateway::state::test_profiles::bench;
     use crate::gateway::store::storage::Storage;
     use isotherm_core::compensation::Remembered;
     use isotherm_core::reading::{Reason, SignalId};
 
-    const PROFILE: &str = r#"
-        [machine]
-        name = "shown"
-        [bus.cell]
-        type = "modbus-tcp"
-        address = "127.0.0.1:1502"
-        [device.module]
-        bus = "cell"
-        unit = 1
+    /// Period of the device `module`, and one signal of it.
+    const SIGNAL: &str = r#"
         every = "2s"
         [signal.bed]
         device = "module"
@@ -131,9 +124,8 @@ mod tests {
     const AXIS: &str =
         "[axis.z]\nlimit = 20.0\nstep = 1.0\nrate = 1.0\nevery = \"1s\"\non_fault = { action = \"hold\" }\n";
 
-    fn given(text: &str) -> RunConfig {
-        let parsed = isotherm_profile::parse(Path::new("shown.toml"), text, &[], &[]);
-        let profile = Arc::new(parsed.unwrap_or_else(|errors| panic!("{errors}")).profile);
+    fn given(more: &str) -> RunConfig {
+        let profile = Arc::new(bench(more));
         let dependents = Arc::new(Dependents::new(&profile));
         RunConfig { profile, dependents, dry_run: false }
     }
@@ -141,7 +133,7 @@ mod tests {
     #[test]
     fn without_an_axis_the_changes_of_the_signals_are_reported_once_a_period() {
         let at = |ms: u64| Moment::default().after(Duration::from_millis(1_000_000 + ms));
-        let mut core = GatewayState::new(given(PROFILE), Remembered::default(), Storage::default(), at(0));
+        let mut core = GatewayState::new(given(SIGNAL), Remembered::default(), Storage::default(), at(0));
         let reported = |core: &mut GatewayState, now: Moment| -> Vec<String> {
             assert!(!core.advance(now), "nothing is decided");
             std::mem::take(&mut core.events).iter().map(|event| event.entry(now).kind.to_string()).collect()
@@ -159,9 +151,9 @@ mod tests {
 
     #[test]
     fn the_period_of_the_reports_is_that_of_the_most_frequent_device_and_only_without_an_axis() {
-        let period = |text: &str| given(text).dependents.reports_every;
-        assert_eq!(period(PROFILE), Some(Duration::from_secs(2)));
-        assert_eq!(period(&PROFILE.replace("\"2s\"", "\"100ms\"")), Some(Duration::from_secs(1)));
-        assert_eq!(period(&format!("{PROFILE}{AXIS}")), None);
+        let period = |more: &str| given(more).dependents.reports_every;
+        assert_eq!(period(SIGNAL), Some(Duration::from_secs(2)));
+        assert_eq!(period(&SIGNAL.replace("\"2s\"", "\"100ms\"")), Some(Duration::from_secs(1)));
+        assert_eq!(period(&format!("{SIGNAL}{AXIS}")), None);
     }
 }

@@ -12,7 +12,7 @@ use isotherm_core::quantity::{Micron, MicronPerCelsius};
 use isotherm_core::reading::Reading;
 use isotherm_profile::Profile;
 
-/// Seconds at the start of a day that are ignored.
+/// Seconds at the start of a day that the test ignores.
 const FIRST: u64 = 60;
 
 pub(super) struct Rig {
@@ -21,7 +21,7 @@ pub(super) struct Rig {
     plant: PlantSpec,
 }
 
-/// An axis on its recorded days.
+/// One axis with its fit on the recorded days.
 pub(super) struct Fitted {
     pub(super) axis: String,
     /// Gains with the smallest residuals.

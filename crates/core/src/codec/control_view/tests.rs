@@ -130,7 +130,7 @@ fn slack(view: &ControlView, size: f64) -> f64 {
 }
 
 proptest! {
-    /// The check admits everything that the gateway computes correctly.
+    /// Checks that the view admits every value that the gateway encodes correctly.
     #[test]
     fn what_is_encoded_as_the_control_reads_it_is_admitted(
         view in views(), share in -1.0..=1.0f64, centre in select(vec![0.0, 0.0, 120.0, -7.5]),
@@ -142,8 +142,8 @@ proptest! {
         prop_assert_eq!(admitted, Ok(()));
     }
 
-    /// With any wrong scale, bias or factor, the check admits a value only if two conditions hold. The control reads at
-    /// most the limit, and it reads the intended correction.
+    /// Checks that, with a wrong scale, bias or factor, the view admits a value only under two conditions. The control
+    /// reads the intended correction, and this correction is at most the limit.
     #[test]
     fn what_is_encoded_otherwise_is_admitted_only_if_the_control_reads_what_is_meant(
         view in views(), share in -1.0..=1.0f64,
@@ -172,7 +172,7 @@ proptest! {
         }
     }
 
-    /// Checks arbitrary register values.
+    /// Checks that the view admits no register values, whatever they are, with a correction above the limit.
     #[test]
     fn no_registers_at_all_carry_more_than_the_limit(
         view in views(), words in proptest::array::uniform4(any::<u16>()), centre in -500.0..500.0f64,

@@ -111,8 +111,8 @@ impl Axis {
         Probed { at: snapshot.now, error: measured.error, acting, residual, refused }
     }
 
-    /// Returns why a model does not accept at once that this Cz would have left no error. `None` if the model accepts
-    /// this, or learns nothing from it.
+    /// Returns why a model doubts a probing which says that this Cz would have left no error. `None` if the model
+    /// accepts the probing, or learns nothing from it.
     fn doubts(
         &self,
         place: usize,
@@ -198,8 +198,8 @@ impl Axis {
         self.probe.models = models;
     }
 
-    /// Returns this Cz minus the model's Cz without correction, µm. `None` if the model has no value, or its value is
-    /// not followed.
+    /// Returns this Cz minus the Cz of the model without its correction, µm. `None` if the model has no value, or if
+    /// the axis does not follow its value.
     fn missing(&self, place: usize, cz: Micron, snapshot: &Snapshot<'_>, machine: &Machine) -> Option<f64> {
         if !self.is_ranked(place) {
             return None;

@@ -15,7 +15,7 @@ const SETTLED: Duration = Duration::from_hours(100 * 7 * 24);
 /// Contribution of one signal to the Cz of a model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contribution {
-    /// Signal.
+    /// Signal that contributes to Cz.
     pub signal: SignalId,
     /// Change of Cz between the reference of the signal and its present value.
     pub cz: Micron,

@@ -128,7 +128,7 @@ pub struct Coverage {
 /// Input of a model beyond its range.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Beyond {
-    /// Signal of the input.
+    /// Signal of the input whose value is out of range.
     pub signal: SignalId,
     /// Distance from the range in the signal's unit: positive above the largest value, negative below the smallest.
     pub by: f64,

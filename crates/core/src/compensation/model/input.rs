@@ -25,7 +25,7 @@ pub struct Input {
     pub squared: bool,
 }
 
-/// Inputs of a model.
+/// Inputs of a model at one moment: readings, state of the machine, and lags.
 #[derive(Clone, Copy, Debug)]
 pub struct Inputs<'a> {
     /// Readings of all signals, from which the model takes its inputs.
@@ -75,7 +75,7 @@ impl Input {
     /// finite.
     #[allow(
         clippy::inline_always,
-        reason = "called for each lag of each step, and dear to hand over in memory"
+        reason = "called for each lag of each step; returning the result through memory is slow"
     )]
     #[inline(always)]
     pub(in crate::compensation) fn level(

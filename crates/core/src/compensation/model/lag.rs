@@ -121,7 +121,7 @@ impl Lag {
 
     /// Updates the lag with this snapshot. A reading that cannot be used is skipped. The temperature is then assumed to
     /// change along a straight line up to the next usable reading.
-    #[allow(clippy::inline_always, reason = "called for each lag of each step: most of what that does")]
+    #[allow(clippy::inline_always, reason = "called for each lag of each step, and takes most of its time")]
     #[inline(always)]
     pub fn follow(&mut self, input: &Input, snapshot: &Snapshot<'_>, machine: &Machine) {
         let Some(constant) = input.lag else { return };

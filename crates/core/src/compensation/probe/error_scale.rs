@@ -15,7 +15,7 @@ use std::collections::VecDeque;
 
 use serde::{Deserialize, Serialize};
 
-/// Maximum number of touches on which the scale rests.
+/// Maximum number of touches from which the scale is calculated.
 const KEPT: usize = 24;
 /// Weight of the commissioning, in touches.
 const COMMISSIONED: f64 = 8.0;
@@ -34,7 +34,7 @@ impl ErrorScale {
         ErrorScale { ratios: VecDeque::with_capacity(KEPT) }
     }
 
-    /// Restores the saved touches. A ratio that is no positive number is left out.
+    /// Restores the saved touches. A ratio that is not a positive number is skipped.
     pub(super) fn recall(&mut self, kept: &ErrorScale) {
         self.ratios.clear();
         let skipped = kept.ratios.len().saturating_sub(KEPT);
@@ -61,7 +61,7 @@ impl ErrorScale {
         (COMMISSIONED + self.ratios.iter().sum::<f64>()) / (COMMISSIONED + f64::from(self.touches()))
     }
 
-    /// Returns the number of touches on which the scale rests.
+    /// Returns the number of touches from which the scale is calculated.
     pub(super) fn touches(&self) -> u32 {
         u32::try_from(self.ratios.len()).unwrap_or(u32::MAX)
     }

@@ -123,7 +123,7 @@ impl Learned {
         self.certainty.touched().filter(|_| self.offset.abs() < settings.limit.get())
     }
 
-    /// Returns the factor φ of the expected variance, and the number of probings on which it rests.
+    /// Returns the factor φ of the expected variance, and the number of probings from which it is calculated.
     pub(in crate::compensation) fn error_scale(&self) -> (f64, u32) {
         (self.scale.factor(), self.scale.touches())
     }
@@ -159,8 +159,8 @@ impl Learned {
         }
     }
 
-    /// Returns the correction of another model with which Cz is the same as with the model before, whose correction is
-    /// `self`. The certainty of the correction stays. The comparison and the scale belong to the model before.
+    /// Returns the correction of the model that replaces this one. Its offset keeps Cz at the change, and the certainty
+    /// is that of this correction. The comparison and the scale of the expected error start again.
     #[must_use]
     pub(in crate::compensation) fn moved_to(
         &self,

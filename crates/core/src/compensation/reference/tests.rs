@@ -14,7 +14,7 @@ fn at(seconds: u64) -> Moment {
     Moment::from_nanos(0).after(Duration::from_secs(seconds))
 }
 
-/// Machine whose readings the test sets, row by row. NaN is a bad reading.
+/// Machine whose readings the test sets, row by row. NaN stands for a bad reading.
 struct Shown {
     settings: MachineSettings,
     machine: Machine,

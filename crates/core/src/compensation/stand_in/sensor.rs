@@ -111,7 +111,7 @@ struct TimedPrediction {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum SensorState {
-    /// The reading is accepted.
+    /// The sensor works, and its reading is accepted.
     #[default]
     Live,
     /// The reading has been constant since this time, although a change was predicted. The reading is still used.

@@ -1,4 +1,4 @@
-//! Outputs that wait: Cz stays within one step of them.
+//! Tests with an output whose register is behind the decisions: Cz stays within one step of the register value.
 
 use super::*;
 
@@ -8,7 +8,7 @@ fn rises() -> Rig {
     rig
 }
 
-/// Decisions with an output that is behind at this Cz.
+/// Steps `count` times with an output register that stays at the Cz `at`, µm. Returns the decided Cz of each step.
 fn waits(rig: &mut Rig, at: f64, count: usize) -> Vec<f64> {
     let one = |rig: &mut Rig| {
         rig.control.behind = Some(um(at));

@@ -13,7 +13,8 @@ fn growth(per_hour: f64, at_once: f64) -> Growth {
     Growth::new(per_hour, at_once).unwrap()
 }
 
-/// Variance σ²: h since the datum, h/4 since a probing.
+/// Adds an expected error to a model: its variance σ² grows by 1 µm² per hour since the datum, and by 1/4 µm² per hour
+/// since a probing.
 fn expecting(model: Model) -> Model {
     let expected = Expected { since_datum: growth(1.0, 0.0), since_touch: Some(growth(0.25, 0.0)) };
     Model { expected: Some(expected), ..model }
@@ -83,7 +84,7 @@ fn a_probing_that_was_learned_from_makes_it_smaller_also_after_a_restart() {
     expects(rig.after(HOUR), scale(&[2.0 * 2.0 / (9.0 + 2.0 / HOUR)]));
 }
 
-/// Factor of the variance after touches with these squared residuals, each divided by its expected variance.
+/// Returns the factor φ of the variance after touches with these ratios: squared residual divided by expected variance.
 fn scale(ratios: &[f64]) -> f64 {
     let touches = f64::from(u32::try_from(ratios.len()).unwrap());
     (8.0 + ratios.iter().sum::<f64>()) / (8.0 + touches)

@@ -1,7 +1,8 @@
 use super::*;
 use crate::quantity::of;
 
-/// M13: K0 is the wheelhead, tanβ 0.007 µm/mm for each degree of the bed over 20 °C, 300 mm to both sides of P0 = 0.
+/// Rig with model M13. K0 is the temperature of the wheelhead. The slope tanβ is 0.007 µm/mm for each degree of the bed
+/// above 20 °C. The axis travels 300 mm to both sides of P0 = 0.
 fn line(count: Option<f64>) -> Rig {
     let terms = vec![term(BED, 0.007, Reference::Fixed(of(20.0)))];
     let slope = Slope { position: ON, reference: of(0.0), travel: Some((of(-300.0), of(300.0))), terms };

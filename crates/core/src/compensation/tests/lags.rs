@@ -23,7 +23,8 @@ fn settled(share: f64) -> f64 {
     1.0 - (-share).exp()
 }
 
-/// Steps with these spans, repeatedly, to the requested times. The temperature is a function of time.
+/// Steps to each of the times in `wanted`, s, with the lengths of the steps in `spans`, repeated. `bed` gives the
+/// temperature at a time. Returns the model's value at each of these times.
 fn follow(rig: &mut Rig, spans: &[f64], bed: impl Fn(f64) -> f64, wanted: &[f64]) -> Vec<f64> {
     let (mut time, mut spans, mut found) = (0.0, spans.iter().cycle(), Vec::new());
     rig.show(bed(0.0), 0.0).step();
@@ -66,7 +67,7 @@ fn m4_the_ramp_whatever_the_interval() {
     }
 }
 
-/// Models of the kinds that files describe: one input, one gain.
+/// Models of the kinds that are read from files (matrix and network), each with one lagged input and one gain.
 fn lagging_files(reference: Reference) -> [Model; 2] {
     let input = Input::of(BED, reference, Some(seconds(CONSTANT)));
     let layer = Layer { weights: vec![vec![GAIN]], bias: vec![0.0], activation: Activation::Linear };

@@ -1,4 +1,4 @@
-//! An axis outside the envelope of its model reports that, and acts as the profile defines.
+//! Tests of an axis whose inputs are outside the envelope: it reports this, and acts as the profile says.
 
 use crate::quantity::of;
 use proptest::prelude::*;

@@ -13,7 +13,8 @@ use crate::quantity::of;
 const SLOT: usize = 2;
 const LAG: f64 = 600.0;
 
-/// Own models `2.4 (A − B)` and the fallback, and the slot with the rises of both signals, one of them with a lag too.
+/// Settings of an axis that learns: the models `2.4 (A − B)` and a fallback, and a slot for the learned model. The slot
+/// has a term for the rise of each signal, and a lagged term for one of them.
 fn learning_axis() -> AxisSettings {
     let lag = Some(seconds(LAG));
     let start = Reference::Start;

@@ -29,7 +29,7 @@ pub(super) fn zeroing_machine() -> MachineSettings {
 }
 
 impl Rig {
-    /// Probes now, while this Cz acts.
+    /// Passes a probing with this measured error, µm, while the Cz `acting` acts. Returns the decision.
     pub(super) fn probe(&mut self, error: f64, acting: f64) -> Decision {
         self.control.measured = Some(Measured { error: um(error), acting: Some(um(acting)) });
         self.after(1.0)

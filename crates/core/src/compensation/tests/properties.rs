@@ -19,7 +19,7 @@ fn any_permit() -> impl Strategy<Value = Permit> {
     ]
 }
 
-/// Nanoseconds of a step: normal, none, backwards, far ahead.
+/// Length of a step in nanoseconds: normal, zero, negative (time goes back), or very long.
 fn any_jump() -> impl Strategy<Value = i64> {
     prop_oneof![
         6 => 0..30_000_000_000i64,
@@ -194,8 +194,8 @@ proptest! {
     }
 }
 
-/// Span of a step, reading of the bed, whether the machine runs, whether its button is pressed, and whether its start
-/// becomes known afterwards.
+/// Random moment: length of the step, reading of the bed, and three flags. The flags say whether the machine runs,
+/// whether its zero button is pressed, and whether its start becomes known later.
 fn any_moment() -> impl Strategy<Value = (i64, f64, (bool, bool, bool))> {
     let rarely = || prop::bool::weighted(0.1);
     (any_jump(), any_value(), (prop::bool::weighted(0.8), rarely(), rarely()))

@@ -10,7 +10,7 @@ use crate::compensation::model::{Envelope, Outside, StandIns};
 /// Signal of a switch that tells whether the machine is on.
 const SWITCH: SignalId = SignalId(3);
 
-/// Two equal axes whose machines have a switch.
+/// Returns two equal machines with one axis each, and with a switch that shows whether the machine is on.
 fn twins(axis: AxisSettings) -> Twins {
     let machine = MachineSettings { signals: 4, on: Some(SWITCH), ..MachineSettings::default() };
     let mut twins = Twins::new(0.05);
@@ -29,7 +29,7 @@ fn signals(twins: &Twins) -> Vec<(SignalId, bool, bool)> {
     all.map(|found| (found.signal, found.frozen, found.others.is_some())).collect()
 }
 
-/// Two axes after the bed of one froze and was found frozen.
+/// Returns two machines after the bed sensor of one froze, and was detected as frozen.
 fn frozen_bed() -> Twins {
     let mut twins = Twins::new(0.05);
     twins.run(60.0);

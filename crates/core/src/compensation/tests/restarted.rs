@@ -7,8 +7,9 @@ fn lagging() -> AxisSettings {
     axis(vec![linear("lag", 0.0, &[lagged(BED, 3.0, Reference::Start, Some(seconds(LAG)))])])
 }
 
-/// Request of a run that continues after another one of ten minutes. There is no measurement for `off`, and the bed is
-/// at 30 °C. The clock of the computer was set by these spans for the first and for the second run.
+/// Runs an axis for ten minutes, saves its state, and restores it in a second run. No reading is taken for `off`
+/// seconds between the runs. Then the bed is at 30 °C. `before` and `since` are the errors of the computer's clock in
+/// the two runs, s. Returns the value that the model requests, and the running time of the machine.
 fn after(settings: &AxisSettings, (before, since): (i64, i64), off: f64) -> (f64, Option<Duration>) {
     const SECOND: i64 = 1_000_000_000;
     let mut rig = Rig::new(settings.clone());

@@ -3,7 +3,8 @@
 use super::*;
 use crate::compensation::ReturnTo;
 
-/// Machine whose axis had this Cz before the settings of its sensor were changed, and has moved since.
+/// Returns a machine whose axis had the Cz `cz` before the settings of its sensor were changed, and has moved since.
+/// Also returns the Cz before the change.
 fn changed_at(cz: f64, on_fault: OnFault) -> (Rig, Micron) {
     let mut settings = axis(vec![linear("rise", 0.0, &[term(BED, 1.0, Reference::Fixed(of(20.0)))])]);
     settings.on_fault = on_fault;

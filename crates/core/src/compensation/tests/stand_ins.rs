@@ -1,4 +1,4 @@
-//! Frozen and lost sensors: found, replaced by stand-ins, and accepted again.
+//! Tests of frozen and lost sensors: detection, replacement by stand-ins, and acceptance.
 
 use proptest::prelude::*;
 
@@ -12,7 +12,8 @@ pub(super) const COLUMN: SignalId = SignalId(2);
 /// Threshold θ, °C.
 pub(super) const THRESHOLD: f64 = 0.3;
 
-/// Each sensor is the mean of the others. The column depends on the bed alone, which is too few for a stand-in.
+/// Predictions of the sensors: each is the mean of the others. The column is predicted from the bed alone, which is too
+/// few for a stand-in.
 pub(super) fn stand_ins(file: u64) -> StandIns {
     let sensor = |signal, terms| Described { signal, threshold: THRESHOLD, stands_in: true, terms };
     let bed = vec![Described::term(WHEELHEAD, None, 0.5), Described::term(COLUMN, None, 0.5)];
@@ -35,7 +36,7 @@ pub(super) fn settings(file: u64) -> AxisSettings {
     in_large_steps(vec![watched, linear("wheelhead", 0.0, &[term(WHEELHEAD, 1.0, Reference::Start)])])
 }
 
-/// Axis whose step is large enough for the change by a substitution.
+/// Returns an axis with a step that is larger than any change by a stand-in.
 pub(super) fn in_large_steps(models: Vec<Model>) -> AxisSettings {
     let axis = axis(models);
     AxisSettings { guard: GuardSettings { step: um(5.0), ..axis.guard }, ..axis }
@@ -66,7 +67,7 @@ impl Twins {
         self.frozen[signal.0] = Some(self.true_value(signal.0));
     }
 
-    /// The operator disarms the failing axis and arms it again.
+    /// Simulates an operator who checks the sensors: disarms the axis with the failing sensors, and arms it again.
     pub(super) fn check(&mut self) {
         self.failing.control.trust = true;
         self.failing.permit(Permit::Off);
@@ -74,8 +75,8 @@ impl Twins {
         self.failing.permit(Permit::Armed);
     }
 
-    /// Steps both for a while, every ten seconds. Returns their largest difference, and the last state of the failing
-    /// one.
+    /// Steps both machines for this time, every ten seconds. Returns the largest difference of the Cz that their models
+    /// request, µm, and the last decision of the failing machine.
     pub(super) fn run(&mut self, minutes: f64) -> (f64, Decision) {
         let (mut apart, end) = (0.0_f64, self.minutes + minutes);
         loop {

@@ -9,7 +9,7 @@ fn rig(on_fault: OnFault) -> Rig {
 
 const RAMP: OnFault = OnFault::Ramp { after: Duration::from_secs(60) };
 
-/// A machine brought into this state, Cz at 5 µm (Off and Zeroed: at 0).
+/// Returns a machine whose axis is in this state. Cz is 5 µm, in the states off and zeroed 0.
 fn in_state(state: &str, on_fault: OnFault) -> Rig {
     let mut rig = rig(on_fault);
     if state == "off" {

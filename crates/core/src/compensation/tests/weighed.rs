@@ -12,7 +12,7 @@ fn weighed() -> ProbeSettings {
     ProbeSettings { filter: Filter::Weighed { repeat: 0.5, walk: 4.0 }, ..probe() }
 }
 
-/// Axis that is measured from the bed's temperature at the last zero.
+/// Returns an axis whose rise is counted from the bed's temperature at the last zero command.
 fn rise() -> AxisSettings {
     AxisSettings {
         models: vec![linear("rise", 0.0, &[term(BED, 2.4, Reference::Zero)])],
@@ -28,7 +28,7 @@ fn zeroed() -> Rig {
     rig
 }
 
-/// Probes after these seconds, with this error of the model.
+/// Passes a probing `after` seconds later that shows this residual error of the model, µm. Returns the correction, µm.
 fn touch(rig: &mut Rig, after: f64, residual: f64) -> f64 {
     let raw = rig.after(after - 1.0).raw.unwrap().get();
     correction(rig.probe(-residual, raw))

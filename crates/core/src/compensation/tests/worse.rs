@@ -13,7 +13,7 @@ fn wrong(worse: OnWorse, on_fault: OnFault) -> AxisSettings {
 }
 
 impl Rig {
-    /// Touches a machine that has this error without compensation.
+    /// Passes a probing of a machine that has this error without compensation, µm. Returns the decision.
     fn touched(&mut self, without: f64) -> Decision {
         let acting = self.compensation.decision(0).unwrap().cz.get();
         self.probe(without + acting, acting)

@@ -57,7 +57,7 @@ fn number(bytes: &[u8], at: usize, length: usize) -> Option<u64> {
     Some(own.iter().rev().fold(0, |sum, byte| (sum << 8) | u64::from(*byte)))
 }
 
-/// Part of the file.
+/// Part (file) inside the zip archive.
 struct Part<'b> {
     packed: &'b [u8],
     is_packed: bool,

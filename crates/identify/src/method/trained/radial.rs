@@ -24,7 +24,7 @@ const STILL: f64 = 1e-6;
 /// Number of models in the mean. Each has its own centres, because the result of k-means depends on its random start.
 const MEMBERS: u8 = 5;
 
-/// Mean of several models.
+/// Model that is the mean of several radial-basis models.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Bumps(Vec<Member>);
 

@@ -1,4 +1,4 @@
-//! Temperatures in °C and in kelvin.
+//! Tests of the scale of the temperatures: °C or kelvin.
 
 use super::*;
 

@@ -1,4 +1,4 @@
-//! Data during a connection.
+//! Tests of the data messages that follow a birth.
 
 use proptest::prelude::*;
 

@@ -1,4 +1,4 @@
-//! Encoded bytes.
+//! Tests of the bytes of encoded messages.
 
 use proptest::prelude::*;
 

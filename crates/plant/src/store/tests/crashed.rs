@@ -107,7 +107,8 @@ fn killed_at_any_byte_every_record_is_there_once_unchanged_and_in_order() {
     assert_eq!(first, pushed - store.len());
 }
 
-/// As the child process of the test below, it does not end.
+/// Checks that each record is on disk when `push` returns. With [`KEPT_IN`], this test is the child process of the test
+/// below, and writes records until it is killed.
 #[test]
 fn a_record_is_on_disk_when_push_comes_back() {
     use std::io::Write;

@@ -1,4 +1,4 @@
-//! Damaged files.
+//! Tests with damaged files in the store.
 
 use super::*;
 

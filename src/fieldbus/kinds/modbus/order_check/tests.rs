@@ -34,7 +34,7 @@ impl OrderCheck {
     }
 }
 
-/// Returns the order of a unit that has answered these reads.
+/// Returns the order check of a unit that has answered these reads.
 fn after(answered: &[Request<'static>]) -> OrderCheck {
     let mut order = OrderCheck::unknown();
     answered.iter().for_each(|read| order.answers(*read));

@@ -440,7 +440,7 @@ async fn while_listening_a_late_answer_is_discarded() {
     assert_eq!(asked(&mut wire, &mut device, READ, &registers(1, 2)).await, good());
 }
 
-/// Line on which input always waits.
+/// Line on which input is always waiting, because the device never stops sending.
 struct Chatter;
 
 impl Port for Chatter {

@@ -9,7 +9,7 @@ use crate::reading::Reason;
 const BED: usize = 0;
 const COLUMN: usize = 1;
 
-/// Linear model of two temperatures: −2 µm/°C and +0.5 µm/°C, both from 20 °C.
+/// Linear model of two temperatures, with gains of −2 µm/°C and +0.5 µm/°C. Both rises are counted from 20 °C.
 fn linear(lag: Option<Duration>) -> Model {
     let term = |place, gain: f64| Term {
         input: Input::of(SignalId(place), Reference::Fixed(of(20.0)), lag),

@@ -15,7 +15,7 @@ fn two(covariance: [[f64; 2]; 2], outside: Outside) -> Result<Envelope, BadEnvel
     Envelope::new(inputs, &covariance.map(|row| row.to_vec()), Some(3.0), outside)
 }
 
-/// Standard deviations 2 and 1, correlated by 0.6.
+/// Covariance of two inputs: standard deviations 2 and 1, correlation 0.6.
 const COVARIANCE: [[f64; 2]; 2] = [[4.0, 1.2], [1.2, 1.0]];
 
 fn assess(envelope: &Envelope, values: &[f64]) -> Option<Extrapolation> {

@@ -7,7 +7,7 @@ use crate::reading::{Reading, Reason};
 
 const SCALE: SignalId = SignalId(2);
 
-/// Two blocks, three points; gains of Cz in µm/K.
+/// Matrix model of two blocks and three points, with gains of Cz in µm/K.
 fn matrix() -> Matrix {
     let input = |place, reference| Input::of(SignalId(place), reference, None);
     let inputs = vec![input(0, Reference::Fixed(of(20.0))), input(1, Reference::Fixed(of(18.0)))];

@@ -18,7 +18,7 @@ fn weights() -> [(Vec<Vec<f64>>, Vec<f64>); 2] {
     [(hidden, vec![0.1, -0.2, 0.3]), (vec![vec![2.0, -3.0, 1.5]], vec![0.25])]
 }
 
-/// The network of [`weights`] by hand, for inputs that are scaled already.
+/// Computes the network of [`weights`] by explicit formulas, for inputs that are already scaled.
 fn by_hand(a: f64, b: f64, f: impl Fn(f64) -> f64) -> f64 {
     let h = [f(0.5 * a - 0.25 * b + 0.1), f(a + 0.75 * b - 0.2), f(-0.5 * a + 0.125 * b + 0.3)];
     2.0 * h[0] - 3.0 * h[1] + 1.5 * h[2] + 0.25

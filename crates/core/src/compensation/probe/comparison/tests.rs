@@ -5,7 +5,7 @@ use super::*;
 const SCATTER: f64 = 0.5;
 const HOUR: Duration = Duration::from_hours(1);
 
-/// Returns the time after this number of hours.
+/// Returns a touch this many hours after the start, with its errors without and with the model.
 fn touch(hours: u32, (without, with): (f64, f64)) -> Touch {
     Touch { at: Moment::from_nanos(1).after(HOUR * hours), without, with }
 }
@@ -117,7 +117,7 @@ fn what_is_taken_back_and_what_was_kept() {
     assert!(comparison.is_empty() && comparison.worse().is_none());
 }
 
-/// Event of a comparison.
+/// One event in the life of a comparison.
 #[derive(Clone, Copy, Debug)]
 enum Act {
     Touch(f64, f64, Credit),
@@ -125,7 +125,7 @@ enum Act {
     Forget,
 }
 
-/// Checks every order of this number of events, and the properties that must be true after each event.
+/// Applies every sequence of `depth` events, and checks the properties that must be true after each event.
 fn search(comparison: &Comparison, acts: &[Act], depth: u32, reached: &mut [u64; 2]) {
     for act in acts {
         let mut next = comparison.clone();

@@ -6,7 +6,7 @@ const FORGETTING: f64 = 0.98;
 const LIMIT: f64 = 0.2;
 const OFFSET: f64 = 10.0;
 
-/// Machine whose terms move independently: the contribution of each in one hour.
+/// Returns the contribution of each term in one hour. The terms change independently of each other.
 fn parts(hour: u32) -> [f64; 2] {
     let phase = f64::from(hour) / 3.0;
     [20.0 * phase.sin(), 12.0 * (0.37 * phase).cos()]

@@ -2,19 +2,19 @@ use proptest::prelude::*;
 
 use super::*;
 
-/// Lead of the wall clock over counted time, ms.
+/// Difference between wall-clock time and the gateway's monotonic time, ms.
 const SHIFT: u64 = 7_200_000;
 
 fn shift() -> Shift {
     Shift::between(at(0), at(SHIFT))
 }
 
-/// Counted time, ms after a start.
+/// Returns the monotonic time this many milliseconds after the start.
 fn at(ms: u64) -> Moment {
     Moment::from_nanos((1_000_000_000 + ms) * 1_000_000)
 }
 
-/// Wall-clock time of [`at`].
+/// Returns the wall-clock time that belongs to [`at`].
 fn wall(ms: u64) -> Moment {
     at(ms).shifted(shift())
 }
@@ -35,7 +35,7 @@ fn again(report: MeasuredReport) -> MeasuredReport {
     MeasuredReport { redelivered: true, ..report }
 }
 
-/// Judges a report that arrives, and takes it if it may.
+/// Checks a report that arrives at `ms`, and stores it if it is accepted.
 fn arrives(
     taken: &mut TakenReports,
     report: &MeasuredReport,
@@ -47,7 +47,7 @@ fn arrives(
     Ok(())
 }
 
-/// Reports as another program reads them from the saved state.
+/// Returns the reports after they were saved and restored.
 fn kept(taken: &TakenReports) -> TakenReports {
     let text = serde_json::to_string(taken).unwrap();
     serde_json::from_str::<TakenReports>(&text).unwrap().newest()
@@ -159,7 +159,7 @@ fn every_reason_says_what_to_do() {
     }
 }
 
-/// Measurement of a day: the time of its first sending, and the pauses before it arrives again.
+/// Measurement of a test day: the time at which it is first sent, and the pauses before each repetition.
 #[derive(Clone, Debug)]
 struct Sent {
     report: MeasuredReport,

@@ -28,7 +28,7 @@ fn fates() -> impl Strategy<Value = Vec<Fate>> {
     prop::collection::vec(fate, 1..200)
 }
 
-/// One direction of the bus.
+/// One direction of the bus, with the frames that are under way.
 struct Way {
     frames: VecDeque<(u32, Frame)>,
 }
@@ -60,7 +60,8 @@ struct Bus {
     fates: std::iter::Cycle<std::vec::IntoIter<Fate>>,
 }
 
-/// Timeout in steps: longer than two lost frames need, and shorter than the longest delay, so that late answers occur.
+/// Timeout of a request, in steps. It is longer than two lost frames need, and shorter than the longest delay, so that
+/// late answers occur.
 const PATIENCE: u32 = 40;
 
 impl Bus {

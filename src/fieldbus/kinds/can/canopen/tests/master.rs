@@ -19,7 +19,7 @@ pub(super) fn of_three_nodes() -> Master {
     Master::new(nodes, None, at(0))
 }
 
-/// Master with its outputs since the last call.
+/// Master under test, with the outputs that it returned since the last call.
 struct Led {
     master: Master,
     outputs: Vec<Output>,

@@ -1,4 +1,5 @@
-//! ONNX files are written by hand here, and compared with the same network computed in double precision.
+//! Tests with ONNX files that are encoded here byte by byte. The results are compared with the same network computed in
+//! double precision.
 
 use proptest::prelude::*;
 

@@ -44,7 +44,7 @@ pub(super) fn with(mut node: Vec<u8>, attributes: &[(&str, Attribute<'_>)]) -> V
     node
 }
 
-/// Node of the domain for models that are no neural networks.
+/// Returns a node of the ONNX domain for models that are not neural networks.
 fn classical(operator: &str, inputs: &[&str], output: &str, attributes: &[(&str, Attribute<'_>)]) -> Vec<u8> {
     let mut node = with(node(operator, inputs, output), attributes);
     field(&mut node, 7, b"ai.onnx.ml");
@@ -154,7 +154,7 @@ fn a_choice_of_columns_keeps_its_order() {
     computes(&vector, &[], &[3.0, 4.0], 11.0);
 }
 
-/// File with one input tensor of this kind (1 for single precision) for each name.
+/// Returns an ONNX file with one input tensor for each name. `kind` is the type of its numbers; 1 is single precision.
 fn columns(names: &[&str], kind: u64, nodes: &[Vec<u8>]) -> Vec<u8> {
     let mut graph = Vec::new();
     nodes.iter().for_each(|node| field(&mut graph, 1, node));
