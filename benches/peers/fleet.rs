@@ -5,7 +5,9 @@ use std::time::Duration;
 
 use isotherm::clock::Clock;
 
-use super::{Counts, Devices, Work, contender};
+use super::devices::{Counts, Devices};
+use super::work::Work;
+use super::{contender, median};
 
 /// Time before the measurement. It excludes connections, the first decisions, and the memory for reading the profile.
 const WARM_UP: Duration = Duration::from_secs(5);
@@ -56,16 +58,16 @@ pub(super) fn fleets(own: &Path, loops: &Path, span: Duration) {
         let mut turns = contenders.map(|_| Vec::new());
         for _ in 0..TURNS {
             for ((program, mode), turns) in contenders.iter().zip(&mut turns) {
-                turns.push(turn(own, (*program, *mode), &work, span / 2));
+                turns.push(turn((*program, *mode), &work, span / 2));
             }
         }
         say(name, &turns, most);
     }
 }
 
-fn turn(own: &Path, (program, mode): (&Path, &str), work: &Work, span: Duration) -> Turn {
-    let mut devices = Devices::start(own, 5);
-    let measured = contender(program, mode, devices.port, &work.words());
+fn turn((program, mode): (&Path, &str), work: &Work, span: Duration) -> Turn {
+    let mut devices = Devices::start(&["devices", "5"]);
+    let measured = contender(program, mode, &devices.port, &work.words());
     std::thread::sleep(WARM_UP);
     let (before, woken, counted) = (measured.busy(), measured.wakes(), devices.counts());
     let begun = Clock::wall().now();
@@ -111,10 +113,4 @@ fn say(name: &str, turns: &[Vec<Turn>; 4], most: Option<(Most, f64)>) {
 
 fn line(what: &str, [limit, libmodbus, tokio_modbus, isotherm]: [String; 4]) {
     println!("{what:<44}{limit:>12}{libmodbus:>12}{tokio_modbus:>14}{isotherm:>12}");
-}
-
-fn median(figures: impl Iterator<Item = f64>) -> f64 {
-    let mut figures: Vec<f64> = figures.collect();
-    figures.sort_by(f64::total_cmp);
-    figures[figures.len() / 2]
 }
