@@ -13,6 +13,11 @@ pub(super) fn closed_loop(port: &str, pipeline: u8) {
     without_pauses(|device| format!("{}pipeline = {pipeline}\n", tcp(device, port)));
 }
 
+/// Runs the gateway without pauses on a serial port, with a step of the axis in each loop.
+pub(super) fn rtu(port: &str) {
+    without_pauses(|_| format!("type = \"modbus-rtu\"\nport = \"{port}\"\nbaud = 115200\n"));
+}
+
 pub(super) fn fleet(port: &str, work: &Work) {
     run(work.profile(&REGISTERS, |device| tcp(device, port)), Options::default());
 }

@@ -5,6 +5,10 @@
 //! others are libmodbus, as in its manual, and tokio-modbus. They have no quality, no model, no guard, and no
 //! verification of writes.
 //!
+//! The closed loop runs over TCP, and over RTU on a pseudo-terminal. RTU requires a silence of 1.75 ms before each
+//! request at 115,200 baud. The reference and the gateway keep it. libmodbus leaves it to its caller, so it runs with
+//! and without the silence.
+//!
 //! Run it with `cargo bench --bench peers`. An argument sets the seconds of a measurement. It requires a C compiler and
 //! libmodbus-dev.
 
@@ -23,6 +27,7 @@ mod fleet;
 mod gateway;
 #[path = "../process/mod.rs"]
 mod process;
+mod rtu;
 #[path = "../work/mod.rs"]
 mod work;
 
@@ -30,9 +35,11 @@ use devices::{Devices, server};
 use process::Process;
 use work::Work;
 
-/// Turns of the contenders of the closed loop. They are many and short, because the speed of a computer changes within
-/// seconds.
+/// Turns of the contenders of the closed loop over TCP. They are many and short, because the speed of a computer
+/// changes within seconds.
 const TURNS: usize = 40;
+/// Turns of the contenders over RTU. Their speed depends mostly on the silence between two frames.
+const RTU_TURNS: usize = 10;
 const TURN: Duration = Duration::from_millis(500);
 const STARTS: usize = 15;
 const MOST_TO_START_MS: f64 = 15.0;
@@ -41,12 +48,14 @@ fn main() {
     let words: Vec<String> = std::env::args().skip(1).filter(|word| word != "--bench").collect();
     match words.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["devices", delay_ms] => server::serve(Duration::from_millis(delay_ms.parse().unwrap())),
+        ["rtu-device"] => rtu::serve(),
         ["tokio-modbus", port] => bare::closed_loop(port.parse().unwrap()),
         ["tasks", port, devices, period_ms, reads_only] => {
             bare::fleet(port.parse().unwrap(), &Work::of(devices, period_ms, reads_only));
         }
         ["isotherm", port] => gateway::closed_loop(port, 1),
         ["isotherm-pipelined", port] => gateway::closed_loop(port, 2),
+        ["isotherm-rtu", port] => gateway::rtu(port),
         ["fleet", port, devices, period_ms, reads_only] => {
             gateway::fleet(port, &Work::of(devices, period_ms, reads_only));
         }
@@ -135,7 +144,14 @@ fn closed_loops(own: &Path, loops: &Path, span: Duration) {
     print_loops(&over_tcp, &turns);
     let ratio = ratio_of_rates(&turns[4], &turns[3]);
     let reached = if ratio > 1.0 { "reached" } else { "MISSED" };
-    println!("    isotherm: {ratio:.3} of tokio-modbus, more than 1: {reached}");
+    println!("    isotherm: {ratio:.3} of tokio-modbus, more than 1: {reached}\n");
+    let over_rtu = [
+        of("RTU on a pty in C: the limit", loops, "rtu", None),
+        of("libmodbus without the silence", loops, "libmodbus-rtu", None),
+        of("libmodbus, silence kept by its caller", loops, "libmodbus-rtu-silent", None),
+        of("isotherm", own, "isotherm-rtu", None),
+    ];
+    print_loops(&over_rtu, &take_turns(&["rtu-device"], &over_rtu, RTU_TURNS, span));
     if let Some(cores) = core_affinity::get_core_ids() {
         core_affinity::set_for_current(*cores.last().unwrap());
     }
