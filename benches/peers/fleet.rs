@@ -5,13 +5,17 @@ use std::time::Duration;
 
 use isotherm::clock::Clock;
 
-use super::{Counts, Devices, Work, contender};
+use super::devices::{Counts, Devices};
+use super::work::Work;
+use super::{contender, median};
 
 /// Time before the measurement. It excludes connections, the first decisions, and the memory for reading the profile.
 const WARM_UP: Duration = Duration::from_secs(5);
 /// Turns of each contender, because the speed of a computer changes from minute to minute. Each turn takes half as long
 /// as a measurement.
-const TURNS: usize = 3;
+const TURNS: usize = 5;
+/// Limit of the processor time with many devices, as a ratio to the tasks of tokio-modbus in the same turns.
+const MOST_OF_TOKIO_MODBUS: f64 = 1.0;
 
 /// Limit of processor time.
 enum Most {
@@ -49,6 +53,8 @@ pub(super) fn fleets(own: &Path, loops: &Path, span: Duration) {
         ("100 devices, 10 Hz, read and write", work(100, 100, false), None),
         ("300 devices", work(300, 100, false), None),
         ("500 devices", work(500, 100, false), Some((Most::Times(3.5), 25.0))),
+        ("100 devices, read only", work(100, 100, true), None),
+        ("300 devices, read only", work(300, 100, true), None),
         ("500 devices, read only", work(500, 100, true), Some((Most::Times(2.1), 25.0))),
         ("1 device, 1 Hz", work(1, 1000, false), Some((Most::Percent(0.1), 8.0))),
     ] {
@@ -56,16 +62,16 @@ pub(super) fn fleets(own: &Path, loops: &Path, span: Duration) {
         let mut turns = contenders.map(|_| Vec::new());
         for _ in 0..TURNS {
             for ((program, mode), turns) in contenders.iter().zip(&mut turns) {
-                turns.push(turn(own, (*program, *mode), &work, span / 2));
+                turns.push(turn((*program, *mode), &work, span / 2));
             }
         }
-        say(name, &turns, most);
+        say(name, &work, &turns, most);
     }
 }
 
-fn turn(own: &Path, (program, mode): (&Path, &str), work: &Work, span: Duration) -> Turn {
-    let mut devices = Devices::start(own, 5);
-    let measured = contender(program, mode, devices.port, &work.words());
+fn turn((program, mode): (&Path, &str), work: &Work, span: Duration) -> Turn {
+    let mut devices = Devices::start(&["devices", "5"]);
+    let measured = contender(program, mode, &devices.port, &work.words());
     std::thread::sleep(WARM_UP);
     let (before, woken, counted) = (measured.busy(), measured.wakes(), devices.counts());
     let begun = Clock::wall().now();
@@ -84,7 +90,7 @@ fn turn(own: &Path, (program, mode): (&Path, &str), work: &Work, span: Duration)
     }
 }
 
-fn say(name: &str, turns: &[Vec<Turn>; 4], most: Option<(Most, f64)>) {
+fn say(name: &str, work: &Work, turns: &[Vec<Turn>; 4], most: Option<(Most, f64)>) {
     let each = |of: fn(&Turn) -> f64| turns.each_ref().map(|turns| median(turns.iter().map(of)));
     let (percent, memory) = (each(|turn| turn.percent), each(|turn| turn.memory_mb));
     let cells = [0, 1, 2, 3].map(|place| format!("{:.2}, {:.1}", percent[place], memory[place]));
@@ -93,16 +99,23 @@ fn say(name: &str, turns: &[Vec<Turn>; 4], most: Option<(Most, f64)>) {
     let shares: Vec<String> = shares.map(|(reads, writes)| format!("{reads:.1} and {writes:.1} %")).collect();
     println!("{:<44}{}", "    reads and writes of those wanted", shares.join("; "));
     line("    woken so often a second", each(|turn| turn.wakes).map(|wakes| format!("{wakes:.1}")));
-    let Some((most, most_memory)) = most else { return };
     let reached = |is_reached| if is_reached { "reached" } else { "MISSED" };
-    let [limit, .., isotherm] = turns;
+    let [limit, _, tokio_modbus, isotherm] = turns;
+    // Ratio to the turn of the other program directly before.
+    let times_of =
+        |other: &[Turn]| median(isotherm.iter().zip(other).map(|(own, other)| own.percent / other.percent));
+    if work.devices > 1 {
+        let times = times_of(tokio_modbus);
+        let verdict = reached(times <= MOST_OF_TOKIO_MODBUS);
+        println!("    at most {MOST_OF_TOKIO_MODBUS:.2} of tokio-modbus: {times:.2}, {verdict}");
+    }
+    let Some((most, most_memory)) = most else { return };
     let core = match most {
         Most::Percent(most) => {
             format!("at most {most} % of a core: {}", reached(percent[3] <= most))
         }
         Most::Times(most) => {
-            // Ratio to the turn of the reference program directly before.
-            let times = median(isotherm.iter().zip(limit).map(|(own, limit)| own.percent / limit.percent));
+            let times = times_of(limit);
             format!("at most {most} times the limit in C: {times:.2}, {}", reached(times <= most))
         }
     };
@@ -111,10 +124,4 @@ fn say(name: &str, turns: &[Vec<Turn>; 4], most: Option<(Most, f64)>) {
 
 fn line(what: &str, [limit, libmodbus, tokio_modbus, isotherm]: [String; 4]) {
     println!("{what:<44}{limit:>12}{libmodbus:>12}{tokio_modbus:>14}{isotherm:>12}");
-}
-
-fn median(figures: impl Iterator<Item = f64>) -> f64 {
-    let mut figures: Vec<f64> = figures.collect();
-    figures.sort_by(f64::total_cmp);
-    figures[figures.len() / 2]
 }

@@ -3,6 +3,9 @@
  *   loops ping-pong PORT                    a blocking socket and nothing else: the limit
  *   loops pipelined PORT                    the same, both requests in one segment
  *   loops libmodbus PORT                    libmodbus, as its manual has it
+ *   loops rtu PATH                          RTU on a serial port with system calls and nothing else: the limit
+ *   loops libmodbus-rtu PATH                RTU with libmodbus, as its manual has it
+ *   loops libmodbus-rtu-silent PATH         the same, with the silence after each frame that RTU requires
  *   loops sockets PORT DEVICES PERIOD_MS READS_ONLY    many devices, one thread and epoll: the limit
  *   loops threads PORT DEVICES PERIOD_MS READS_ONLY    many devices, libmodbus and a thread for each
  *
@@ -10,6 +13,7 @@
 #define _GNU_SOURCE
 #include <arpa/inet.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <modbus/modbus.h>
 #include <netinet/tcp.h>
 #include <pthread.h>
@@ -18,13 +22,16 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/epoll.h>
+#include <sys/prctl.h>
 #include <sys/timerfd.h>
 #include <time.h>
 #include <unistd.h>
 
 enum { REGISTERS = 8, AT = 10, READ_REPLY = 25, WRITE_REPLY = 12, REQUEST = 12 };
+/* Frames of RTU, and the silence between two of them above 19,200 baud. */
+enum { RTU_REQUEST = 8, RTU_READ_REPLY = 21, RTU_WRITE_REPLY = 8, BAUD = 115200, SILENCE_NS = 1750000 };
 
-static int port, period_ms, reads_only;
+static int port, period_ms, reads_only, keeps_silence;
 
 static void give_up(const char *what)
 {
@@ -119,6 +126,60 @@ static void pipelined(void)
     }
 }
 
+static void wait_for_silence(void)
+{
+    const struct timespec silence = {.tv_nsec = SILENCE_NS};
+    clock_nanosleep(CLOCK_MONOTONIC, 0, &silence, NULL);
+}
+
+static uint16_t checksum(const uint8_t *bytes, size_t length)
+{
+    uint16_t sum = 0xffff;
+    for (size_t i = 0; i < length; i++) {
+        sum ^= bytes[i];
+        for (int bit = 0; bit < 8; bit++)
+            sum = (uint16_t)(sum & 1 ? sum >> 1 ^ 0xa001 : sum >> 1);
+    }
+    return sum;
+}
+
+static void exchange_rtu(int it, uint8_t function, uint8_t at, uint16_t value, uint8_t *reply, size_t length)
+{
+    uint8_t request[RTU_REQUEST] = {1, function, 0, at, (uint8_t)(value >> 8), (uint8_t)value};
+    uint16_t sum = checksum(request, RTU_REQUEST - 2);
+    request[RTU_REQUEST - 2] = (uint8_t)sum;
+    request[RTU_REQUEST - 1] = (uint8_t)(sum >> 8);
+    give(it, request, RTU_REQUEST);
+    take(it, reply, length);
+    sum = checksum(reply, length - 2);
+    if (reply[length - 2] != (uint8_t)sum || reply[length - 1] != (uint8_t)(sum >> 8))
+        give_up("checksum");
+    wait_for_silence();
+}
+
+static void rtu(const char *path)
+{
+    uint8_t reply[RTU_READ_REPLY];
+    int it = open(path, O_RDWR | O_NOCTTY);
+    if (it < 0)
+        give_up(path);
+    /* Without this, the kernel ends each silence 50 µs late. */
+    prctl(PR_SET_TIMERSLACK, 1);
+    for (;;) {
+        exchange_rtu(it, 4, 0, REGISTERS, reply, RTU_READ_REPLY);
+        uint16_t value = compute((uint16_t)(reply[3] << 8 | reply[4]), (uint16_t)(reply[5] << 8 | reply[6]));
+        exchange_rtu(it, 6, AT, value, reply, RTU_WRITE_REPLY);
+    }
+}
+
+static modbus_t *open_modbus_rtu(const char *path)
+{
+    modbus_t *it = modbus_new_rtu(path, BAUD, 'N', 8, 1);
+    if (!it || modbus_set_slave(it, 1) || modbus_set_response_timeout(it, 2, 0) || modbus_connect(it))
+        give_up(path);
+    return it;
+}
+
 static modbus_t *open_modbus(int device)
 {
     char text[32];
@@ -134,8 +195,12 @@ static void one_loop(modbus_t *it)
     uint16_t registers[REGISTERS];
     if (modbus_read_input_registers(it, 0, REGISTERS, registers) != REGISTERS)
         give_up("modbus_read_input_registers");
+    if (keeps_silence)
+        wait_for_silence();
     if (!reads_only && modbus_write_register(it, AT, compute(registers[0], registers[1])) != 1)
         give_up("modbus_write_register");
+    if (keeps_silence)
+        wait_for_silence();
 }
 
 static void *modbus_thread(void *it)
@@ -211,12 +276,18 @@ int main(int count, char **words)
     port = atoi(words[2]);
     period_ms = count > 4 ? atoi(words[4]) : 0;
     reads_only = count > 5 ? atoi(words[5]) : 0;
+    keeps_silence = !strcmp(mode, "libmodbus-rtu-silent");
     if (!strcmp(mode, "ping-pong"))
         ping_pong();
     else if (!strcmp(mode, "pipelined"))
         pipelined();
     else if (!strcmp(mode, "libmodbus"))
         for (modbus_t *it = open_modbus(0);;)
+            one_loop(it);
+    else if (!strcmp(mode, "rtu"))
+        rtu(words[2]);
+    else if (!strcmp(mode, "libmodbus-rtu") || keeps_silence)
+        for (modbus_t *it = open_modbus_rtu(words[2]);;)
             one_loop(it);
     else if (!strcmp(mode, "sockets"))
         sockets(devices);

@@ -5,30 +5,41 @@
 //! others are libmodbus, as in its manual, and tokio-modbus. They have no quality, no model, no guard, and no
 //! verification of writes.
 //!
+//! The closed loop runs over TCP, and over RTU on a pseudo-terminal. RTU requires a silence of 1.75 ms before each
+//! request at 115,200 baud. The reference and the gateway keep it. libmodbus leaves it to its caller, so it runs with
+//! and without the silence.
+//!
 //! Run it with `cargo bench --bench peers`. An argument sets the seconds of a measurement. It requires a C compiler and
 //! libmodbus-dev.
 
 #![allow(clippy::unwrap_used, clippy::cast_precision_loss, reason = "a bench may stop where it stands")]
 
-use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::process::Command;
 use std::time::Duration;
 
 use isotherm::clock::Clock;
 
 mod bare;
+#[path = "../devices/mod.rs"]
 mod devices;
 mod fleet;
 mod gateway;
 #[path = "../process/mod.rs"]
 mod process;
+mod rtu;
+#[path = "../work/mod.rs"]
+mod work;
 
+use devices::{Devices, server};
 use process::Process;
+use work::Work;
 
-/// Turns of the contenders of the closed loop. They are many and short, because the speed of a computer changes within
-/// seconds.
+/// Turns of the contenders of the closed loop over TCP. They are many and short, because the speed of a computer
+/// changes within seconds.
 const TURNS: usize = 40;
+/// Turns of the contenders over RTU. Their speed depends mostly on the silence between two frames.
+const RTU_TURNS: usize = 10;
 const TURN: Duration = Duration::from_millis(500);
 const STARTS: usize = 15;
 const MOST_TO_START_MS: f64 = 15.0;
@@ -36,27 +47,22 @@ const MOST_TO_START_MS: f64 = 15.0;
 fn main() {
     let words: Vec<String> = std::env::args().skip(1).filter(|word| word != "--bench").collect();
     match words.iter().map(String::as_str).collect::<Vec<_>>()[..] {
-        ["devices", delay_ms] => devices::serve(Duration::from_millis(delay_ms.parse().unwrap())),
+        ["devices", delay_ms] => server::serve(Duration::from_millis(delay_ms.parse().unwrap())),
+        ["rtu-device"] => rtu::serve(),
         ["tokio-modbus", port] => bare::closed_loop(port.parse().unwrap()),
         ["tasks", port, devices, period_ms, reads_only] => {
             bare::fleet(port.parse().unwrap(), &Work::of(devices, period_ms, reads_only));
         }
-        ["isotherm", port] => gateway::closed_loop(port.parse().unwrap(), 1),
-        ["isotherm-pipelined", port] => gateway::closed_loop(port.parse().unwrap(), 2),
+        ["isotherm", port] => gateway::closed_loop(port, 1),
+        ["isotherm-pipelined", port] => gateway::closed_loop(port, 2),
+        ["isotherm-rtu", port] => gateway::rtu(port),
         ["fleet", port, devices, period_ms, reads_only] => {
-            gateway::fleet(port.parse().unwrap(), &Work::of(devices, period_ms, reads_only));
+            gateway::fleet(port, &Work::of(devices, period_ms, reads_only));
         }
         [] => compare(10),
         [seconds] => compare(seconds.parse().unwrap()),
         _ => panic!("peers [SECONDS]"),
     }
-}
-
-/// Work with many devices.
-struct Work {
-    devices: u16,
-    period: Duration,
-    reads_only: bool,
 }
 
 impl Work {
@@ -83,9 +89,9 @@ fn compare(seconds: u64) {
 /// Measures the time from the start of the process to its first write, which a read and a decision precede.
 fn start(own: &Path) {
     let mut took = [0; STARTS].map(|_| {
-        let mut devices = Devices::start(own, 0);
+        let mut devices = Devices::start(&["devices", "0"]);
         let begun = Clock::wall().now();
-        let _contender = contender(own, "isotherm", devices.port, &[]);
+        let _contender = contender(own, "isotherm", &devices.port, &[]);
         while devices.counts().writes == 0 {}
         Clock::wall().now().since(begun).as_secs_f64() * 1e3
     });
@@ -97,55 +103,117 @@ fn start(own: &Path) {
     );
 }
 
-/// Measures the loops per second of each contender on one processor, in alternating turns. Measures also the time from
-/// the answer of the device to the arrival of the value that depends on it.
+/// Program of the closed loop.
+struct Contender<'a> {
+    name: &'static str,
+    program: &'a Path,
+    mode: &'static str,
+    /// Smallest ratio of its loops to those of the first contender; `None` without a limit.
+    least: Option<f64>,
+}
+
+/// Figures of a contender in one turn.
+#[derive(Clone, Copy)]
+struct LoopTurn {
+    /// Loops per second.
+    rate: f64,
+    /// Median and 99th percentile of the time from an answer of the device to the arrival of the value that depends on
+    /// it.
+    half_us: f64,
+    most_us: f64,
+    /// Processor time of one loop.
+    busy_us: f64,
+}
+
+/// Measures the loops per second of each contender on one processor, in alternating turns.
 fn closed_loops(own: &Path, loops: &Path, span: Duration) {
     if let Some(cores) = core_affinity::get_core_ids() {
         // Processes that are started from here inherit the processor.
         core_affinity::set_for_current(cores[0]);
     }
-    let contenders = [
-        ("blocking sockets in C: the limit", loops, "ping-pong", None),
-        ("two requests in one segment, in C", loops, "pipelined", None),
-        ("libmodbus", loops, "libmodbus", None),
-        ("tokio-modbus", own, "tokio-modbus", None),
-        ("isotherm", own, "isotherm", Some(0.90)),
-        ("isotherm, pipeline = 2", own, "isotherm-pipelined", Some(1.30)),
+    let of = |name, program, mode, least| Contender { name, program, mode, least };
+    let over_tcp = [
+        of("blocking sockets in C: the limit", loops, "ping-pong", None),
+        of("two requests in one segment, in C", loops, "pipelined", None),
+        of("libmodbus", loops, "libmodbus", None),
+        of("tokio-modbus", own, "tokio-modbus", None),
+        of("isotherm", own, "isotherm", Some(0.90)),
+        of("isotherm, pipeline = 2", own, "isotherm-pipelined", Some(1.30)),
     ];
-    let mut turns = contenders.map(|_| Vec::new());
-    for _ in 0..TURNS {
-        for ((_, program, mode, _), turns) in contenders.iter().zip(&mut turns) {
-            let mut devices = Devices::start(own, 0);
-            let _contender = contender(program, mode, devices.port, &[]);
+    let turns = take_turns(&["devices", "0"], &over_tcp, TURNS, span);
+    print_loops(&over_tcp, &turns);
+    let ratio = ratio_of_rates(&turns[4], &turns[3]);
+    let reached = if ratio > 1.0 { "reached" } else { "MISSED" };
+    println!("    isotherm: {ratio:.3} of tokio-modbus, more than 1: {reached}\n");
+    let over_rtu = [
+        of("RTU on a pty in C: the limit", loops, "rtu", None),
+        of("libmodbus without the silence", loops, "libmodbus-rtu", None),
+        of("libmodbus, silence kept by its caller", loops, "libmodbus-rtu-silent", None),
+        of("isotherm", own, "isotherm-rtu", None),
+    ];
+    print_loops(&over_rtu, &take_turns(&["rtu-device"], &over_rtu, RTU_TURNS, span));
+    if let Some(cores) = core_affinity::get_core_ids() {
+        core_affinity::set_for_current(*cores.last().unwrap());
+    }
+}
+
+/// Runs the contenders in alternating turns, each with a new device. Returns the figures of each contender.
+fn take_turns(
+    device: &[&str],
+    contenders: &[Contender<'_>],
+    count: usize,
+    span: Duration,
+) -> Vec<Vec<LoopTurn>> {
+    let mut turns = vec![Vec::new(); contenders.len()];
+    for _ in 0..count {
+        for (one, turns) in contenders.iter().zip(&mut turns) {
+            let mut devices = Devices::start(device);
+            let process = contender(one.program, one.mode, &devices.port, &[]);
             std::thread::sleep(Duration::from_millis(250));
-            let (begun, before) = (Clock::wall().now(), devices.counts());
+            let (begun, busy, before) = (Clock::wall().now(), process.busy(), devices.counts());
             std::thread::sleep(span);
             let passed = Clock::wall().now().since(begun).as_secs_f64();
-            let counts = devices.counts();
-            turns.push([(counts.writes - before.writes) as f64 / passed, counts.half_us, counts.most_us]);
+            let (busy, counts) = (process.busy() - busy, devices.counts());
+            let loops = (counts.writes - before.writes) as f64;
+            turns.push(LoopTurn {
+                rate: loops / passed,
+                half_us: counts.half_us,
+                most_us: counts.most_us,
+                busy_us: 1e6 * busy / loops,
+            });
         }
     }
-    let median = |turns: &[[f64; 3]], of: usize| {
-        let mut figures: Vec<f64> = turns.iter().map(|turn| turn[of]).collect();
-        figures.sort_by(f64::total_cmp);
-        figures[figures.len() / 2]
-    };
-    for ((name, .., least), taken) in contenders.iter().zip(&turns) {
-        let [rate, half, most] = [0, 1, 2].map(|of| median(taken, of));
-        // Ratio to the turn of the reference program directly before.
-        let shares: Vec<[f64; 3]> =
-            taken.iter().zip(&turns[0]).map(|(one, limit)| [one[0] / limit[0], 0.0, 0.0]).collect();
-        let share = median(&shares, 0);
+    turns
+}
+
+/// Prints the medians of each contender, and its limit.
+fn print_loops(contenders: &[Contender<'_>], turns: &[Vec<LoopTurn>]) {
+    for (Contender { name, least, .. }, taken) in contenders.iter().zip(turns) {
+        let each = |of: fn(&LoopTurn) -> f64| median(taken.iter().map(of));
+        let share = ratio_of_rates(taken, &turns[0]);
         let verdict = least.map_or(String::new(), |least| {
             format!(", at least {least:.2}: {}", if share >= least { "reached" } else { "MISSED" })
         });
         println!(
-            "{name:<36}{rate:>8.0} loops/s, reaction p50 {half:>6.1} µs, p99 {most:>6.1}, {share:.3} of the limit{verdict}"
+            "{name:<38}{:>8.0} loops/s, {:>6.1} µs of processor time each, reaction p50 {:>6.1} µs, p99 {:>6.1}, \
+             {share:.3} of the limit{verdict}",
+            each(|turn| turn.rate),
+            each(|turn| turn.busy_us),
+            each(|turn| turn.half_us),
+            each(|turn| turn.most_us)
         );
     }
-    if let Some(cores) = core_affinity::get_core_ids() {
-        core_affinity::set_for_current(*cores.last().unwrap());
-    }
+}
+
+/// Returns the median of the ratios of two contenders, each in the same turn.
+fn ratio_of_rates(turns: &[LoopTurn], others: &[LoopTurn]) -> f64 {
+    median(turns.iter().zip(others).map(|(one, other)| one.rate / other.rate))
+}
+
+fn median(figures: impl Iterator<Item = f64>) -> f64 {
+    let mut figures: Vec<f64> = figures.collect();
+    figures.sort_by(f64::total_cmp);
+    figures[figures.len() / 2]
 }
 
 /// Compiles the loops in C, and returns the path of the program.
@@ -160,57 +228,6 @@ fn compiled() -> PathBuf {
 }
 
 /// Starts a contender.
-fn contender(program: &Path, mode: &str, port: u16, more: &[String]) -> Process {
-    Process::start(Command::new(program).arg(mode).arg(port.to_string()).args(more))
-}
-
-/// The process of the devices.
-struct Devices {
-    process: Child,
-    asks: ChildStdin,
-    said: BufReader<ChildStdout>,
-    port: u16,
-}
-
-impl Devices {
-    fn start(own: &Path, delay_ms: u64) -> Devices {
-        let mut process = Command::new(own)
-            .args(["devices", &delay_ms.to_string()])
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let (asks, said) = (process.stdin.take().unwrap(), process.stdout.take().unwrap());
-        let mut devices = Devices { process, asks, said: BufReader::new(said), port: 0 };
-        devices.port = devices.receives().parse().unwrap();
-        devices
-    }
-
-    fn receives(&mut self) -> String {
-        let mut line = String::new();
-        self.said.read_line(&mut line).unwrap();
-        line.trim().to_owned()
-    }
-
-    fn counts(&mut self) -> Counts {
-        writeln!(self.asks).unwrap();
-        let counts: Vec<u64> = self.receives().split(' ').map(|count| count.parse().unwrap()).collect();
-        let [reads, writes, half, most] = counts[..] else { panic!("four counts") };
-        Counts { reads, writes, half_us: half as f64 / 1e3, most_us: most as f64 / 1e3 }
-    }
-}
-
-/// Reads and writes so far, and the median and the 99th percentile of the reaction time since the last request.
-struct Counts {
-    reads: u64,
-    writes: u64,
-    half_us: f64,
-    most_us: f64,
-}
-
-impl Drop for Devices {
-    fn drop(&mut self) {
-        let _ = self.process.kill();
-        let _ = self.process.wait();
-    }
+fn contender(program: &Path, mode: &str, port: &str, more: &[String]) -> Process {
+    Process::start(Command::new(program).arg(mode).arg(port).args(more))
 }

@@ -1,5 +1,6 @@
 //! A measured process.
 
+use std::collections::BTreeMap;
 use std::process::{Child, Command};
 
 /// Process that is killed when this value is dropped.
@@ -17,13 +18,24 @@ impl Process {
     }
 
     /// Number of times that its threads have waited and have been woken.
-    #[allow(dead_code, reason = "one of the benches counts them")]
+    #[allow(dead_code, reason = "not each benchmark counts them")]
     pub(crate) fn wakes(&self) -> u64 {
-        let waited = |text: &str| -> Option<u64> {
-            let count = text.split("\nvoluntary_ctxt_switches:").nth(1)?;
-            count.split_whitespace().next()?.parse().ok()
+        self.wakes_by_thread().values().sum()
+    }
+
+    /// Number of times that its threads have waited and have been woken, by the names of the threads.
+    #[allow(dead_code, reason = "not each benchmark counts them")]
+    pub(crate) fn wakes_by_thread(&self) -> BTreeMap<String, u64> {
+        let waited = |text: &str| -> Option<(String, u64)> {
+            let name = text.strip_prefix("Name:")?.lines().next()?.trim();
+            let count = text.split("\nvoluntary_ctxt_switches:").nth(1)?.split_whitespace().next()?;
+            Some((name.to_owned(), count.parse().ok()?))
         };
-        self.of_threads("status", waited).sum()
+        let mut wakes: BTreeMap<String, u64> = BTreeMap::new();
+        for (name, count) in self.of_threads("status", waited) {
+            *wakes.entry(name).or_default() += count;
+        }
+        wakes
     }
 
     /// Figure from this file in `/proc`, for each thread.
