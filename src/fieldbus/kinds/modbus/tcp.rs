@@ -37,8 +37,8 @@ mod given_up;
 const HEADER: usize = 6;
 /// Length in bytes of header, unit number and the longest message.
 const LONGEST: usize = HEADER + 1 + pdu::LONGEST;
-/// Age of the last answered request up to which a write skips the check for unexpected input. The input was checked
-/// together with that answer. Another check would make a loop on one computer about one percent slower.
+/// Time after an answer in which a write skips the check for unexpected input. The input was checked together with that
+/// answer. Another check would make a loop on one computer about one percent slower.
 const AT_ONCE: Duration = Duration::from_millis(1);
 
 /// Open Modbus TCP connection.
@@ -58,7 +58,7 @@ pub struct ModbusTcp {
     given_up: GivenUp,
     /// Form of the received answer to the present request; `None` before it arrives.
     form: Option<ReplySignature>,
-    /// Time at which the last answered request was sent; `Moment::default()` if the last request was not answered.
+    /// Time at which the answer to the last request arrived; `Moment::default()` if it was not answered.
     answered: Moment,
     ending: Ending,
 }
@@ -135,7 +135,7 @@ impl ModbusTcp {
         self.answered = Moment::default();
         let answer = |message: &[u8]| pdu::answer(request, message);
         let answer = self.receive_answer((transaction, unit), send_guard, answer).await?;
-        self.answered = asked;
+        self.answered = send_guard.now();
         Ok(answer)
     }
 

@@ -350,7 +350,13 @@ async fn the_form_of_an_answer_is_known_though_it_is_a_wrong_one() {
 #[tokio::test]
 async fn what_nobody_asked_for_keeps_a_write_from_leaving_and_is_found_behind_one_that_follows_an_answer_at_once()
  {
-    for (pause, left, fault) in [(0, true, PeerFault::Foreign), (1, false, PeerFault::Unasked)] {
+    // The pause counts from the answer, however long the device has taken for it.
+    for (took, pause, left, fault) in [
+        (0, 0, true, PeerFault::Foreign),
+        (0, 1, false, PeerFault::Unasked),
+        (5, 0, true, PeerFault::Foreign),
+        (5, 1, false, PeerFault::Unasked),
+    ] {
         let (ours, mut theirs) = duplex(512);
         let clock = Clock::simulated(Moment::default().after(Duration::from_secs(60)), None);
         let mut wire = ModbusTcp::new(ours, &Tap::default());
@@ -358,6 +364,7 @@ async fn what_nobody_asked_for_keeps_a_write_from_leaving_and_is_found_behind_on
         let mut asked = Vec::new();
         let peer_answers = async {
             asked = receive(&mut theirs).await;
+            clock.skip(Duration::from_millis(took));
             theirs.write_all(&frame(&asked, 0, 0, TWO)).await.unwrap();
         };
         let (read, ()) = tokio::join!(wire.exchange(3, READ, &mut send_guard), peer_answers);
@@ -369,7 +376,7 @@ async fn what_nobody_asked_for_keeps_a_write_from_leaving_and_is_found_behind_on
         drop(wire);
         let mut heard = Vec::new();
         theirs.read_to_end(&mut heard).await.unwrap();
-        assert_eq!(!heard.is_empty(), left, "{pause} ms");
+        assert_eq!(!heard.is_empty(), left, "{pause} ms after an answer of {took} ms");
     }
 }
 
