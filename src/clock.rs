@@ -25,6 +25,7 @@ mod stall_detector;
 mod stamp;
 mod wall;
 mod wall_timeout;
+mod wheel_timer;
 mod zone;
 
 pub use boot_clock::BootClock;
@@ -40,6 +41,7 @@ use alarm::{Alarm, FAR};
 use simulated::Simulated;
 use stamp::ClockDifference;
 use wall::Wall;
+use wheel_timer::WheelTimer;
 
 /// Clock that several tasks share. Clones are the same clock.
 #[derive(Clone, Debug)]
@@ -65,9 +67,9 @@ pub struct Sleeper {
 
 #[derive(Debug)]
 enum SleeperKind {
-    /// Notification that wakes the sleeper early, and the kernel timer of the sleeper. The timer is created for the
+    /// Notification that wakes the sleeper early, and the timers of the sleeper. The kernel timer is created for the
     /// first distant deadline.
-    Wall(Arc<tokio::sync::Notify>, Option<Alarm>),
+    Wall(Arc<tokio::sync::Notify>, Option<Alarm>, WheelTimer),
     Simulated(simulated::Membership),
 }
 
@@ -154,6 +156,12 @@ impl Clock {
         matches!(self.source, Source::Simulated(_))
     }
 
+    /// Returns whether so many tasks sleep by this clock that the computer is rarely idle. A wake-up then costs less than
+    /// the replacement of a timer.
+    pub fn is_busy(&self) -> bool {
+        matches!(&self.source, Source::Wall(wall) if wall.is_busy())
+    }
+
     /// Returns a virtual clock that begins at `start`, and runs at most `speed` times as fast as wall-clock time. With
     /// `None`, it runs as fast as the tasks with sleepers allow.
     pub fn simulated(start: Moment, speed: Option<f64>) -> Clock {
@@ -172,7 +180,7 @@ impl Clock {
     /// deadlines act in the order in which they were registered.
     pub fn join(&self) -> Sleeper {
         let place = match &self.source {
-            Source::Wall(_) => SleeperKind::Wall(Arc::default(), None),
+            Source::Wall(_) => SleeperKind::Wall(Arc::default(), None, WheelTimer::default()),
             Source::Simulated(simulated) => SleeperKind::Simulated(simulated.sit_down()),
         };
         Sleeper { clock: self.clone(), place }
@@ -209,7 +217,7 @@ impl Sleeper {
     /// Returns a handle that wakes this sleeper early.
     pub fn wakeup(&self) -> Wakeup {
         Wakeup(match &self.place {
-            SleeperKind::Wall(notify, _) => WakeupOf::Wall(notify.clone()),
+            SleeperKind::Wall(notify, ..) => WakeupOf::Wall(notify.clone()),
             SleeperKind::Simulated(membership) => WakeupOf::Simulated(membership.wakeup()),
         })
     }
@@ -217,7 +225,7 @@ impl Sleeper {
     /// Discards the wakeups so far, so that they do not end the next sleep. Under a virtual clock this function does
     /// nothing: earlier wakeups still end the next sleep.
     pub fn forget_wakeups(&mut self) {
-        if let SleeperKind::Wall(notify, _) = &self.place {
+        if let SleeperKind::Wall(notify, ..) = &self.place {
             pin!(notify.notified()).enable();
         }
     }
@@ -231,7 +239,7 @@ impl Sleeper {
     /// Sleeps like [`Sleeper::sleep_until`]. The caller has just read the clock, and passes the result as `now`.
     pub async fn sleep_from(&mut self, now: Moment, deadline: Moment) -> Moment {
         match &mut self.place {
-            SleeperKind::Wall(notify, alarm) => {
+            SleeperKind::Wall(notify, alarm, timer) => {
                 if now >= deadline {
                     return now;
                 }
@@ -244,10 +252,15 @@ impl Sleeper {
                 }
                 match alarm {
                     Some(alarm) if left > FAR => tokio::select! {
+                        biased;
                         () = notify.notified() => {}
                         () = alarm.after(left) => {}
                     },
-                    _ => _ = tokio::time::timeout(left, notify.notified()).await,
+                    _ => tokio::select! {
+                        biased;
+                        () = notify.notified() => {}
+                        () = timer.after(left) => {}
+                    },
                 }
             }
             SleeperKind::Simulated(membership) => membership.sleep_until(deadline).await,

@@ -4,13 +4,13 @@
 //! once more, only to move to the next wheel. Each timer is rounded to milliseconds. On an idle computer, such an
 //! additional wake-up costs more than the work of the task itself.
 
-use std::io::ErrorKind;
 use std::sync::Arc;
 use std::time::Duration;
 
 use rustix::time::{
     Itimerspec, TimerfdClockId, TimerfdFlags, TimerfdTimerFlags, Timespec, timerfd_create, timerfd_settime,
 };
+use tokio::io::AsyncReadExt;
 use tokio::net::unix::pipe::Receiver;
 
 /// Range of the first timer wheel of tokio. Deadlines beyond it use a kernel timer.
@@ -25,6 +25,13 @@ const MOST: usize = 8;
 #[derive(Clone, Debug, Default)]
 pub(super) struct AlarmCount(Arc<()>);
 
+impl AlarmCount {
+    /// Returns whether the clock has [`MOST`] alarms.
+    pub(super) fn is_used_up(&self) -> bool {
+        Arc::strong_count(&self.0) > MOST
+    }
+}
+
 /// One-shot timer of the kernel. It counts time like [`super::BootClock`], including suspension of the computer.
 ///
 /// The kernel provides the timer as a file descriptor that becomes readable.
@@ -38,7 +45,7 @@ impl Alarm {
     /// Returns a new alarm. Returns `None` if the clock already has [`MOST`] alarms, or if the kernel provides no
     /// further timer. The caller then uses a timer of tokio.
     pub(super) fn new(given: &AlarmCount) -> Option<Alarm> {
-        if Arc::strong_count(&given.0) > MOST {
+        if given.is_used_up() {
             return None;
         }
         let timer = timerfd_create(TimerfdClockId::Boottime, TimerfdFlags::NONBLOCK | TimerfdFlags::CLOEXEC);
@@ -48,20 +55,15 @@ impl Alarm {
 
     /// Waits for `span`, and replaces any earlier setting. Returns at once if the timer cannot be set. The caller must
     /// therefore check the clock, and wait again if necessary.
-    pub(super) async fn after(&self, span: Duration) {
+    pub(super) async fn after(&mut self, span: Duration) {
         let seconds = i64::try_from(span.as_secs()).unwrap_or(i64::MAX);
         let value = Timespec { tv_sec: seconds, tv_nsec: span.subsec_nanos().into() };
         let once = Itimerspec { it_interval: Timespec::default(), it_value: value };
         if timerfd_settime(&self.timer, TimerfdTimerFlags::empty(), &once).is_err() {
             return;
         }
-        let mut expirations = [0; 8];
-        while self.timer.readable().await.is_ok() {
-            match self.timer.try_read(&mut expirations) {
-                // Readiness left over from an earlier setting.
-                Err(error) if error.kind() == ErrorKind::WouldBlock => {}
-                _ => return,
-            }
-        }
+        // The kernel fills eight bytes. If more fit, tokio knows without another call that nothing is left to read.
+        let mut expirations = [0; 16];
+        let _ = self.timer.read(&mut expirations).await;
     }
 }

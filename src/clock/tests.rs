@@ -174,6 +174,19 @@ async fn the_timer_of_a_question_that_was_answered_wakes_nobody_who_rests() {
     assert_eq!(tokio::time::timeout(92 * MILLI, given_up).await, Ok(None));
 }
 
+#[tokio::test(start_paused = true)]
+async fn a_timer_that_was_moved_ends_the_next_timeout_in_time() {
+    const MILLI: Duration = Duration::from_millis(1);
+    let mut patience = WallTimeout::new();
+    for _ in 0..3 {
+        assert!(patience.within(90 * MILLI, tokio::time::sleep(5 * MILLI)).await.is_some());
+        patience.move_by((95 + 90) * MILLI);
+        tokio::time::sleep(95 * MILLI).await;
+    }
+    let given_up = patience.within(90 * MILLI, std::future::pending::<()>());
+    assert_eq!(tokio::time::timeout(92 * MILLI, given_up).await, Ok(None));
+}
+
 #[tokio::test]
 async fn a_line_that_rests_for_long_wakes_the_computer_once() {
     const MILLI: Duration = Duration::from_millis(1);
@@ -195,6 +208,7 @@ async fn a_line_that_rests_for_long_wakes_the_computer_once() {
 async fn a_hundred_sleepers_open_no_hundred_files() {
     let files = || std::fs::read_dir("/proc/self/fd").unwrap().count();
     let (clock, before) = (Clock::wall(), files());
+    assert!(!clock.is_busy());
     let mut sleepers: Vec<_> = (0..100).map(|_| clock.join()).collect();
     for sleeper in &mut sleepers {
         sleeper.wakeup().wake();
@@ -202,6 +216,9 @@ async fn a_hundred_sleepers_open_no_hundred_files() {
     }
     // Other tests open files as well.
     assert!(files() < before + 50);
+    assert!(clock.is_busy());
+    sleepers.clear();
+    assert!(!clock.is_busy());
 }
 
 #[tokio::test]
@@ -210,13 +227,14 @@ async fn a_sleeper_that_is_woken_early_sleeps_the_next_time_for_as_long_as_it_is
     let clock = Clock::wall();
     let mut sleeper = clock.join();
     let wakeup = sleeper.wakeup();
-    for _ in 0..3 {
+    // Deadlines for the kernel timer, and for the timer of tokio.
+    for first in [70, 70, 70, 20, 20, 20] {
         // The wakeup comes when the sleeper does not wait for it any more.
         let begun = clock.now();
-        tokio::join!(sleeper.sleep(70 * MILLI), async { wakeup.wake() });
-        tokio::time::sleep(75 * MILLI).await;
-        sleeper.sleep(80 * MILLI).await;
-        assert!(clock.now().since(begun) >= 155 * MILLI);
+        tokio::join!(sleeper.sleep(first * MILLI), async { wakeup.wake() });
+        tokio::time::sleep((first + 5) * MILLI).await;
+        sleeper.sleep((first + 10) * MILLI).await;
+        assert!(clock.now().since(begun) >= (2 * first + 15) * MILLI);
     }
 }
 

@@ -65,6 +65,10 @@ impl Wall {
         self.boot_clock.is_of_the_system().then(|| Alarm::new(&self.alarms)).flatten()
     }
 
+    pub(super) fn is_busy(&self) -> bool {
+        self.alarms.is_used_up()
+    }
+
     pub(super) fn now(&self) -> Moment {
         self.beginning.after(self.boot_clock.passed())
     }

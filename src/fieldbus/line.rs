@@ -77,6 +77,10 @@ pub const GRACE: u32 = 3;
 /// transaction numbers, this number is larger on a line with several units.
 const MISSES: u32 = 2;
 
+/// Longest rest of a line that counts as short. On a busy computer, a short rest moves the timer of the timeout, because
+/// other tasks wake the computer in any case.
+const SHORT_REST: Duration = Duration::from_millis(250);
+
 /// One physical line. Its owner task is the only sender.
 pub struct DeviceLine {
     dial: Box<dyn Dial>,
@@ -259,7 +263,11 @@ impl DeviceLine {
     /// stop of the computer.
     pub fn idle_for(&mut self, span: Duration) {
         self.send_guard.away_for(span);
-        self.patience.put_off(span + self.timeout);
+        if span < SHORT_REST && self.send_guard.is_busy() {
+            self.patience.move_by(span + self.timeout);
+        } else {
+            self.patience.put_off(span + self.timeout);
+        }
     }
 
     /// Returns the last clock sample.

@@ -126,6 +126,11 @@ impl SendGuard {
         self.clock.is_virtual()
     }
 
+    /// Returns whether many tasks sleep by the clock, see [`Clock::is_busy`].
+    pub(super) fn is_busy(&self) -> bool {
+        self.clock.is_busy()
+    }
+
     /// Announces that no clock sample follows for this time, so that the gap does not count as a stop of the computer.
     pub fn away_for(&mut self, span: Duration) {
         self.stall_detector.away_for(span);
