@@ -417,7 +417,8 @@ impl LineTask {
         polls.chain(jobs).chain(heartbeat_task).chain(self.step_due).min().unwrap_or(Moment::END)
     }
 
-    /// Counts a sleep that ended late by `late`, and the late polls before the sleep.
+    /// Counts a sleep that ended late by `late`, and the late polls before the sleep. Another line may have stepped the
+    /// axes during the sleep.
     fn account(&mut self, late: Duration) {
         let Overruns { count: overruns, worst } = std::mem::take(&mut self.overruns);
         if let Some((late, device)) = worst {
@@ -429,6 +430,9 @@ impl LineTask {
             None => self.line.is_connected(),
         };
         let mut core = self.shared.core();
+        if self.steps_axes {
+            self.step_due = self.step_due.max(core.next_due);
+        }
         let count = &mut core.device_health.buses[self.bus.0];
         count.cycles += 1;
         count.connected = is_connected;

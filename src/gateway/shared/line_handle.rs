@@ -42,8 +42,8 @@ impl LineHandle {
         LineHandle { shared, bus }
     }
 
-    /// Steps each axis that is due, and wakes the other lines, because their outputs may have to be written. A line
-    /// calls this function after it has read inputs. Returns the time at which the next axis is due.
+    /// Steps each axis that is due, and wakes the other lines whose outputs may have to be written. A line calls this
+    /// function after it has read inputs. Returns the time at which the next axis is due.
     pub(in crate::gateway) fn advance(&self, now: Moment) -> Option<Moment> {
         let mut core = self.core();
         let stepped = core.advance(now);
@@ -61,8 +61,8 @@ impl LineHandle {
         if looks_at_day && let Some(correction) = self.clock.check_time_of_day() {
             self.report(&Event::ClockSet(correction));
         }
-        if stepped && self.profile.buses.len() > 1 {
-            self.wake_others(self.bus);
+        if stepped {
+            self.wake_followers(self.bus);
         }
         due
     }

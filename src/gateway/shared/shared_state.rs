@@ -132,6 +132,11 @@ impl Shared {
         self.wake_where(|place| place != bus.0);
     }
 
+    /// Wakes the lines of all other buses that may have something to write after a step of the axes.
+    pub(in crate::gateway) fn wake_followers(&self, bus: BusId) {
+        self.wake_where(|place| place != bus.0 && self.dependents.follows_steps[place]);
+    }
+
     pub(in crate::gateway) fn wake_line(&self, bus: BusId) {
         self.wake_at(bus.0..bus.0 + 1, |_| true);
     }

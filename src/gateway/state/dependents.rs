@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use isotherm_core::compensation::model::Model;
 use isotherm_core::reading::SignalId;
-use isotherm_profile::{Axis, AxisId, Profile};
+use isotherm_profile::{Axis, AxisId, Output, Profile};
 
 /// Shortest period in which the changes of the signals are reported without an axis.
 const SHORTEST_REPORT_PERIOD: Duration = Duration::from_secs(1);
@@ -30,6 +30,8 @@ pub(in crate::gateway) struct Dependents {
     pub(in crate::gateway) probed_on: Vec<Vec<AxisId>>,
     /// For each line: whether the line reads a signal that shows a restart of a control.
     pub(in crate::gateway) shows_restarts: Vec<bool>,
+    /// For each line: whether a step of the axes may give it something to write.
+    pub(in crate::gateway) follows_steps: Vec<bool>,
     /// Period of the axis that is stepped most often.
     pub(in crate::gateway) shortest_period: Option<Duration>,
     /// Period in which the changes of the signals are reported if the profile has no axis: that of the device which is
@@ -55,20 +57,85 @@ impl Dependents {
         for signal in counters.chain(profile.machine.on) {
             shows_restarts[line(signal).0] = true;
         }
+        let mut follows_steps = vec![false; profile.buses.len()];
+        for output in profile.outputs.iter().filter(|output| follows_steps_of_axes(output)) {
+            follows_steps[profile.device(output.device).bus.0] = true;
+        }
         let polled = profile.devices.iter().map(|device| device.every).min().unwrap_or_default();
         Dependents {
             inputs: profile.axes.iter().map(inputs).collect(),
             probed,
             probed_on,
             shows_restarts,
+            follows_steps,
             shortest_period: profile.axes.iter().map(|axis| axis.settings.every).min(),
             reports_every: profile.axes.is_empty().then(|| polled.max(SHORTEST_REPORT_PERIOD)),
         }
     }
 }
 
+/// Returns whether a step of the axes may change what an output writes. A corrected position is written when it was read,
+/// except for the dashes of a display.
+fn follows_steps_of_axes(output: &Output) -> bool {
+    output.set.is_some() || output.writes.position().is_none() || output.display.stale.is_some()
+}
+
 fn add<T: Ord>(list: &mut Vec<T>, item: T) {
     if let Err(place) = list.binary_search(&item) {
         list.insert(place, item);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fmt::Write;
+
+    use super::super::test_profiles::bench;
+    use super::*;
+
+    const SIGNALS: &str = r#"
+        [signal.bed]
+        device = "module"
+        register = "input:0"
+        type = "i16"
+        scale = 0.1
+        unit = "degC"
+        max_age = "5s"
+        [signal.place]
+        device = "module"
+        register = "input:1"
+        type = "i16"
+        scale = 0.01
+        unit = "mm"
+        max_age = "5s"
+    "#;
+
+    #[test]
+    fn a_step_wakes_no_line_that_only_corrects_positions_or_only_reads() {
+        let mut text = SIGNALS.to_owned();
+        let corrected = "writes = \"corrected\"\nposition = \"place\"\nscale = 0.01";
+        let with_dashes = format!("{corrected}\nstale = {{ register = \"holding:50\", text = \"----\" }}");
+        let offset = "writes = \"offset\"\nscale = 1.0";
+        let lines = [("cnc", offset), ("display", with_dashes.as_str()), ("readout", corrected)];
+        for (port, (name, keys)) in (1503..).zip(lines) {
+            write!(
+                text,
+                "[bus.{name}]\ntype = \"modbus-tcp\"\naddress = \"127.0.0.1:{port}\"\n\
+                 [device.{name}]\nbus = \"{name}\"\nunit = 1\n\
+                 [axis.{name}]\nlimit = 40.0\nstep = 1.0\nrate = 0.5\nevery = \"1s\"\n\
+                 on_fault = {{ action = \"hold\" }}\n\
+                 [[axis.{name}.model]]\nname = \"bed\"\nkind = \"linear\"\n\
+                 terms = [ {{ signal = \"bed\", gain = 1.0, reference = 20.0 }} ]\n\
+                 [output.{name}]\naxis = \"{name}\"\ndevice = \"{name}\"\nregister = \"holding:10\"\n\
+                 type = \"i16\"\nverify = \"echo\"\n{keys}\n"
+            )
+            .unwrap();
+        }
+        let profile = bench(&text);
+        let follows = Dependents::new(&profile).follows_steps;
+        let buses = profile.buses.iter().zip(follows).filter(|(_, follows)| *follows);
+        let mut names: Vec<&str> = buses.map(|(bus, _)| bus.name.as_str()).collect();
+        names.sort_unstable();
+        assert_eq!(names, ["cnc", "display"]);
     }
 }
