@@ -7,11 +7,12 @@ use std::time::Duration;
 
 use super::scales::{ScalePlace, SignalScale};
 use isotherm_core::codec::{Encoded, Motion, Tracked};
+use isotherm_core::compensation::model::Condition;
 use isotherm_core::continuity::{RateFault, RateFilter};
 use isotherm_core::explained::Cause;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
-use isotherm_profile::{DeviceId, Profile};
+use isotherm_profile::{DeviceId, Profile, Signal};
 use serde::{Deserialize, Serialize};
 
 /// Consecutive steps with a new reason before a bad signal is reported with that reason.
@@ -24,17 +25,24 @@ pub(in crate::gateway) struct SignalTable {
     rates: Vec<RateFilter>,
     /// Last value of each signal as it was read.
     read: Vec<Option<(Result<f64, Reason>, Moment)>>,
-    /// Positions of the counters, with their rollovers.
-    tracked: Vec<Tracked>,
-    /// Positions before and after a counter was set to another value, until the change is reported.
-    rereferenced: Vec<Option<(f64, f64)>>,
-    /// Scales that are read from other registers.
-    scales: Vec<SignalScale>,
+    /// Positions of the counters; `None` for other signals.
+    counters: Vec<Option<Box<CounterState>>>,
+    /// Scales that are read from other registers; `None` for other signals, and before the first read.
+    scales: Vec<Option<Box<SignalScale>>>,
     /// Readings of the last step, after the check of their age and of `fault_when`. Each step refills them without
     /// reallocation.
     seen: Vec<Reading>,
     /// Since when and why each signal is bad.
-    bad: Vec<Option<BadSignal>>,
+    bad: Vec<Option<Box<BadSignal>>>,
+}
+
+/// Position of one counter.
+#[derive(Debug, Default)]
+struct CounterState {
+    /// Position with the rollovers.
+    tracked: Tracked,
+    /// Positions before and after the counter was set to another value, until the change is reported.
+    rereferenced: Option<(f64, f64)>,
 }
 
 /// Cause of a signal that is bad, and the time since when it is bad.
@@ -57,10 +65,23 @@ pub(in crate::gateway) struct LastGood {
     pub(in crate::gateway) exponent: Option<i8>,
 }
 
+/// Settings of one signal that each of its readings needs, copied from the profile. There, the signals are so far apart
+/// that each access misses the caches of the processor when there are many signals.
+#[derive(Clone, Copy, Debug)]
+struct SignalRules {
+    max_age: Duration,
+    /// Smallest and largest plausible value.
+    plausible: (f64, f64),
+    rate_limit: Option<f64>,
+    has_fault_condition: bool,
+    has_scale: bool,
+}
+
 /// Latest readings, and their quality at any moment.
 #[derive(Clone, Debug)]
 pub(in crate::gateway) struct Latest {
     profile: Arc<Profile>,
+    rules: Arc<[SignalRules]>,
     /// Readings as the lines store them.
     readings: Vec<Reading>,
     /// Reason why the latest reads of each signal failed. The last value is used until it is stale.
@@ -83,17 +104,18 @@ pub(in crate::gateway) enum QualityChange {
 impl SignalTable {
     pub(in crate::gateway) fn new(profile: &Arc<Profile>) -> SignalTable {
         let signals = profile.signals.len();
+        let counter = |signal: &Signal| signal.counter.map(|_| Box::default());
         SignalTable {
             latest: Latest {
                 profile: profile.clone(),
+                rules: profile.signals.iter().map(SignalRules::of).collect(),
                 readings: vec![Reading::NEVER; signals],
                 failing: vec![None; signals],
             },
             rates: vec![RateFilter::default(); signals],
             read: vec![None; signals],
-            tracked: vec![Tracked::default(); signals],
-            rereferenced: vec![None; signals],
-            scales: vec![SignalScale::default(); signals],
+            counters: profile.signals.iter().map(counter).collect(),
+            scales: vec![None; signals],
             seen: vec![Reading::NEVER; signals],
             bad: (0..signals).map(|_| None).collect(),
         }
@@ -110,7 +132,7 @@ impl SignalTable {
             }
             if let Some(LastGood { value, age, exponent }) = values.get(&signal.name) {
                 self.rates[place] = RateFilter::after_start(*value, start, *age);
-                self.scales[place] = SignalScale::after_start(*exponent);
+                self.scales[place] = exponent.map(|_| Box::new(SignalScale::after_start(*exponent)));
             }
         }
     }
@@ -120,7 +142,8 @@ impl SignalTable {
         let signals = self.latest.profile.signals.iter().zip(&self.rates).zip(&self.scales);
         let good = signals.filter_map(|((signal, filter), scale)| {
             let (value, age) = filter.before_stop(now, signal.rate_limit()?)?;
-            Some((signal.name.clone(), LastGood { value, age, exponent: scale.exponent() }))
+            let exponent = scale.as_ref().and_then(|scale| scale.exponent());
+            Some((signal.name.clone(), LastGood { value, age, exponent }))
         });
         good.collect()
     }
@@ -138,23 +161,26 @@ impl SignalTable {
         self.latest.failing[id.0] = None;
         self.read[id.0] = Some((value, at));
         let position = value.and_then(|value| self.position(id, value, at));
-        let signal = self.latest.profile.signal(id);
+        let (rules, scale) = (self.latest.rules[id.0], &mut self.scales[id.0]);
         let assessed = position.and_then(|value| {
-            let breaks = self.scales[id.0].breaks(breaks);
-            if !signal.is_plausible(value) {
+            let breaks = scale.as_ref().map_or(breaks, |scale| scale.breaks(breaks));
+            if !rules.is_plausible(value) {
                 // With a new scale, a value out of range is a value too: a later one is not plausible by waiting.
-                if let Some(rate) = signal.rate_limit().filter(|_| self.scales[id.0].is_open()) {
+                let is_open = scale.as_ref().is_some_and(|scale| scale.is_open());
+                if let Some(rate) = rules.rate_limit.filter(|_| is_open) {
                     self.rates[id.0].reject(value, at, rate, breaks);
                 }
                 return Err(Reason::OutOfRange);
             }
-            match self.rates[id.0].assess(value, at, signal.rate_limit(), breaks) {
+            match self.rates[id.0].assess(value, at, rules.rate_limit, breaks) {
                 Ok(()) => {
-                    self.scales[id.0].confirm();
+                    scale.iter_mut().for_each(|scale| scale.confirm());
                     Ok(value)
                 }
                 Err(RateFault::TooFast) => Err(Reason::TooFast),
-                Err(RateFault::Jumped) => Err(self.scales[id.0].why_jumped()),
+                Err(RateFault::Jumped) => {
+                    Err(scale.as_ref().map_or(Reason::Jumped, |scale| scale.why_jumped()))
+                }
             }
         });
         self.latest.readings[id.0] = match assessed {
@@ -171,9 +197,15 @@ impl SignalTable {
         breaks: u64,
     ) {
         let encoding = &self.latest.profile.signal(id).encoding;
-        if let Some((value, at)) = self.scales[id.0].read(exponent, encoding, breaks) {
+        let scale = self.scales[id.0].get_or_insert_default();
+        if let Some((value, at)) = scale.read(exponent, encoding, breaks) {
             self.store(id, value, at, breaks);
         }
+    }
+
+    /// Returns whether the scale of a signal is in another register.
+    pub(in crate::gateway) fn has_scale(&self, id: SignalId) -> bool {
+        self.latest.rules[id.0].has_scale
     }
 
     /// Stores the registers of a value whose scale is in another register.
@@ -186,14 +218,15 @@ impl SignalTable {
         scale: ScalePlace,
     ) {
         let encoding = &self.latest.profile.signal(id).encoding;
+        let state = self.scales[id.0].get_or_insert_default();
         match (raw, scale) {
-            (Ok(raw), ScalePlace::OtherAnswer) => self.scales[id.0].wait(raw, at, breaks),
+            (Ok(raw), ScalePlace::OtherAnswer) => state.wait(raw, at, breaks),
             (Ok(raw), ScalePlace::SameAnswer) => {
-                let value = self.scales[id.0].value(raw, encoding);
+                let value = state.value(raw, encoding);
                 self.store(id, value, at, breaks);
             }
             (Err(reason), _) => {
-                self.scales[id.0].forget();
+                state.forget();
                 self.store(id, Err(reason), at, breaks);
             }
         }
@@ -234,26 +267,32 @@ impl SignalTable {
             *reading = Reading::bad(reading.at, Reason::BadReply);
         }
         self.read[id.0] = None;
-        self.scales[id.0].forget();
+        self.forget_waiting(id);
     }
 
     /// Discards two answers of which one may belong to another master. The last good value is used until it is stale.
     pub(in crate::gateway) fn store_contested(&mut self, id: SignalId) {
         self.read[id.0] = None;
-        self.scales[id.0].forget();
+        self.forget_waiting(id);
         self.fail(id, Reason::BadReply);
+    }
+
+    /// Discards a value that waits for its scale.
+    fn forget_waiting(&mut self, id: SignalId) {
+        self.scales[id.0].iter_mut().for_each(|scale| scale.forget());
     }
 
     /// Returns the position of a counter with its rollovers. Any other value is returned unchanged.
     fn position(&mut self, id: SignalId, value: f64, at: Moment) -> Result<f64, Reason> {
+        let Some(state) = &mut self.counters[id.0] else { return Ok(value) };
         let signal = self.latest.profile.signal(id);
         let Some(counter) = &signal.counter else { return Ok(value) };
-        match self.tracked[id.0].take(counter, &signal.encoding, value, at) {
+        match state.tracked.take(counter, &signal.encoding, value, at) {
             Motion::To(position) => Ok(position),
             Motion::Doubtful => Err(Reason::TooFast),
             Motion::Rereferenced { from, to } => {
-                let from = self.rereferenced[id.0].map_or(from, |(first, _)| first);
-                self.rereferenced[id.0] = Some((from, to));
+                let from = state.rereferenced.map_or(from, |(first, _)| first);
+                state.rereferenced = Some((from, to));
                 Ok(to)
             }
         }
@@ -278,7 +317,7 @@ impl SignalTable {
 
     /// Marks all good readings as stale after a pause of the computer. Counters and reports continue.
     pub(in crate::gateway) fn forget(&mut self) {
-        self.scales.iter_mut().for_each(SignalScale::forget);
+        self.scales.iter_mut().flatten().for_each(|scale| scale.forget());
         for reading in &mut self.latest.readings {
             if reading.quality == Quality::Good {
                 *reading = Reading::bad(reading.at, Reason::Stale);
@@ -296,7 +335,7 @@ impl SignalTable {
 
     /// Returns the last moment at which the latest reading of the signal may be used.
     pub(in crate::gateway) fn usable_until(&self, id: SignalId) -> Moment {
-        self.taken(id).after(self.latest.profile.signal(id).max_age)
+        self.taken(id).after(self.latest.rules[id.0].max_age)
     }
 
     /// Updates all readings for `now`. A reading that is too old becomes stale. A reading whose `fault_when` is true or
@@ -327,11 +366,15 @@ impl SignalTable {
     pub(in crate::gateway) fn changes(&mut self, now: Moment) -> Vec<QualityChange> {
         let mut changes = Vec::new();
         for (place, reading) in self.seen.iter().enumerate() {
-            if let Some((from, to)) = self.rereferenced[place].take() {
-                changes.push(QualityChange::Rereferenced(SignalId(place), from, to));
+            if let Some(counter) = &mut self.counters[place] {
+                let change = counter.rereferenced.take();
+                changes
+                    .extend(change.map(|(from, to)| QualityChange::Rereferenced(SignalId(place), from, to)));
             }
-            if let Some((from, to)) = self.scales[place].take_change() {
-                changes.push(QualityChange::ScaleChanged(SignalId(place), from, to));
+            if let Some(scale) = &mut self.scales[place] {
+                let change = scale.take_change();
+                changes
+                    .extend(change.map(|(from, to)| QualityChange::ScaleChanged(SignalId(place), from, to)));
             }
             let is_of_the_device =
                 |reason| matches!(reason, Reason::LinkDown | Reason::Timeout | Reason::BadReply);
@@ -351,7 +394,7 @@ impl SignalTable {
                 }
                 (Quality::Bad(reason), bad) => {
                     let is_reported = !is_of_the_device(reason);
-                    *bad = Some(BadSignal { cause: Cause::new(reason), since: now, is_reported });
+                    *bad = Some(Box::new(BadSignal { cause: Cause::new(reason), since: now, is_reported }));
                     changes.extend(is_reported.then_some(QualityChange::Lost(SignalId(place), reason)));
                 }
             }
@@ -367,6 +410,23 @@ fn is_too_fast((value, at): (f64, Moment), (before, taken): (f64, Moment), rate:
     (value - before).abs() > rate * seconds
 }
 
+impl SignalRules {
+    fn of(signal: &Signal) -> SignalRules {
+        SignalRules {
+            max_age: signal.max_age,
+            plausible: signal.plausible_range(),
+            rate_limit: signal.rate_limit(),
+            has_fault_condition: signal.fault_when.is_some(),
+            has_scale: signal.scale_from.is_some(),
+        }
+    }
+
+    fn is_plausible(&self, value: f64) -> bool {
+        let (low, high) = self.plausible;
+        (low..=high).contains(&value)
+    }
+}
+
 impl Latest {
     pub(in crate::gateway) fn taken(&self, id: SignalId) -> Moment {
         self.readings[id.0].at
@@ -379,9 +439,9 @@ impl Latest {
     }
 
     fn assess(&self, id: SignalId, now: Moment) -> Reading {
-        let plain = |id: SignalId| self.readings[id.0].aged(now, self.profile.signal(id).max_age);
+        let plain = |id: SignalId| self.readings[id.0].aged(now, self.rules[id.0].max_age);
         let reading = plain(id);
-        match (reading.quality, self.failing[id.0], &self.profile.signal(id).fault_when) {
+        match (reading.quality, self.failing[id.0], self.fault_condition(id)) {
             (Quality::Bad(Reason::Stale | Reason::NeverRead), Some(reason), _) => {
                 Reading { quality: Quality::Bad(reason), ..reading }
             }
@@ -392,6 +452,12 @@ impl Latest {
             }
             _ => reading,
         }
+    }
+
+    /// Returns the condition under which the signal is bad; `None` if it has none.
+    fn fault_condition(&self, id: SignalId) -> Option<&Condition> {
+        let has_condition = self.rules[id.0].has_fault_condition;
+        has_condition.then(|| self.profile.signal(id).fault_when.as_ref()).flatten()
     }
 }
 

@@ -20,7 +20,7 @@ use counter::{Capture, RawCounter};
 use isotherm_core::codec::{Address, Counter, Encoding, PcSensor, ScaleFrom};
 use isotherm_core::compensation::model::Condition;
 use isotherm_core::reading::Reason;
-use limits::{DefaultLimits, RangeValue, RateValue};
+use limits::{DefaultLimits, DefaultRange, RangeValue, RateValue};
 use scale::ShownScale;
 use unit::Unit;
 
@@ -181,8 +181,15 @@ pub struct Signal {
 impl Signal {
     /// Returns whether a value is within the range that applies: the stated one, or the default.
     pub fn is_plausible(&self, value: f64) -> bool {
-        let is_stated = self.range.is_none_or(|(low, high)| (low..=high).contains(&value));
-        is_stated && self.defaults.range.is_none_or(|range| range.contains(value))
+        let (low, high) = self.plausible_range();
+        (low..=high).contains(&value)
+    }
+
+    /// Returns the smallest and the largest plausible value that apply: the stated ones, or the default. Infinity stands
+    /// for no limit.
+    pub fn plausible_range(&self) -> (f64, f64) {
+        let default = || self.defaults.range.map(DefaultRange::bounds);
+        self.range.or_else(default).unwrap_or((f64::NEG_INFINITY, f64::INFINITY))
     }
 
     /// Returns the largest plausible change per second that applies: the stated one, or the default. `None` if there is

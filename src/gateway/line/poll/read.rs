@@ -158,13 +158,13 @@ impl Poll {
         }
         let source_time = shared.profile.device(self.device).source_time;
         let confirmed = |encoded: Encoded| is_confirmed.then_some(encoded).ok_or(Reason::NotAsExpected);
+        let breaks = core.devices.of(self.device).breaks_without_checks();
         for field in request.scales() {
             match &answer {
                 Ok(answered) if answered.attribution == Attribution::Ours => {
                     let exponent = answered.answer.encoded(field).and_then(confirmed);
                     let signal = shared.profile.signal(field.signal);
                     let exponent = exponent.and_then(|encoded| exponent_of(signal, &encoded));
-                    let breaks = core.devices.of(self.device).breaks_without_checks();
                     core.board.store_scale(field.signal, exponent, breaks);
                 }
                 Ok(_) => core.board.store_contested(field.signal),
@@ -173,7 +173,7 @@ impl Poll {
         }
         for field in request.values() {
             let signal = shared.profile.signal(field.signal);
-            match (self.captures.captured(signal.capture), &answer) {
+            match (self.captures.captured(signal), &answer) {
                 (Ok(captured), Ok(answered)) => {
                     let value = answered.answer.decode(field, &signal.encoding);
                     let value =
@@ -182,9 +182,10 @@ impl Poll {
                     let asked = captured.map_or(asked, |captured| captured.min(asked));
                     let stamp = answered.answer.stamped(field);
                     let (value, taken, age) = accepted(source_time, stamp, value, asked);
-                    core.device_health.stamped[field.signal.0] = age;
-                    let breaks = core.devices.of(self.device).breaks_without_checks();
-                    let is_scaled = signal.scale_from.is_some();
+                    if source_time.is_some() {
+                        core.device_health.stamped[field.signal.0] = age;
+                    }
+                    let is_scaled = core.board.has_scale(field.signal);
                     match answered.attribution {
                         Attribution::Ours if is_scaled => {
                             let raw = answered.answer.encoded(field).and_then(confirmed);
@@ -250,9 +251,10 @@ impl Captures {
         }
     }
 
-    /// Returns the time at which the present value was captured. `None` if the value needs no capture command. An error
-    /// means that the command failed: the value in the register is then from another time.
-    fn captured(&self, capture: Option<Capture>) -> Result<Option<Moment>, Fault> {
-        self.0.iter().find(|(own, _)| Some(*own) == capture).and_then(|(_, sent)| *sent).transpose()
+    /// Returns the time at which the present value of a signal was captured. `None` if the value needs no capture
+    /// command. An error means that the command failed: the value in the register is then from another time.
+    fn captured(&self, signal: &Signal) -> Result<Option<Moment>, Fault> {
+        let command = self.0.iter().find(|(own, _)| Some(*own) == signal.capture);
+        command.and_then(|(_, sent)| *sent).transpose()
     }
 }

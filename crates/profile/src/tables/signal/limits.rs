@@ -87,11 +87,11 @@ pub enum DefaultRange {
 }
 
 impl DefaultRange {
-    /// Returns whether a value is plausible.
-    pub fn contains(self, value: f64) -> bool {
+    /// Returns the smallest and the largest plausible value. Infinity stands for no limit.
+    pub fn bounds(self) -> (f64, f64) {
         match self {
-            DefaultRange::Within(low, high) => (low..=high).contains(&value),
-            DefaultRange::NotBelow(low) => value >= low,
+            DefaultRange::Within(low, high) => (low, high),
+            DefaultRange::NotBelow(low) => (low, f64::INFINITY),
         }
     }
 }
