@@ -545,11 +545,10 @@ impl DeviceLine {
         };
         // A request that was not sent has no answer. After a repetition, the answer may belong to the first request.
         let asked = first_asked.or(self.send_guard.asked()).unwrap_or(now);
-        self.report(device, sent, &answer);
-        if let Some(observer) = &self.observer
-            && answer.as_ref().is_ok_and(|answer| request.is_answered() && answer.is_of_use())
-        {
-            observer.delivers(device);
+        if answer.as_ref().is_ok_and(|answer| request.is_answered() && answer.is_of_use()) {
+            self.report_delivery(device, sent);
+        } else {
+            self.report(device, sent, &answer);
         }
         let attribution = match self.others.attribute(number, request) {
             Attribution::Ambiguous if is_contested => Attribution::Contested,

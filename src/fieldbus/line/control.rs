@@ -61,4 +61,10 @@ impl DeviceLine {
             observer.note(device, request, outcome, self.refusals());
         }
     }
+
+    /// Reports to the observer that the device has answered a request with at least a part of the requested data.
+    pub(super) fn report_delivery(&self, device: DeviceId, request: Request<'_>) {
+        let Some(observer) = &self.observer else { return };
+        observer.note_delivery(device, request, self.refusals(), self.send_guard.last_sample());
+    }
 }

@@ -6,6 +6,7 @@ use super::Attribution;
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::wire::Request;
 use isotherm_core::continuity::Break;
+use isotherm_core::quantity::Moment;
 use isotherm_profile::DeviceId;
 
 /// Receives the result of each request that was sent or failed on the line, and news about the devices and the line.
@@ -20,8 +21,11 @@ pub trait RequestObserver: Send + Sync {
         refusals: (u32, Fault),
     );
 
-    /// Reports that the device has answered with at least a part of the requested data.
-    fn delivers(&self, _device: DeviceId) {}
+    /// Reports that the device has answered a request with at least a part of the requested data. `_at`: time of the
+    /// answer. The default implementation only notes the result.
+    fn note_delivery(&self, device: DeviceId, request: Request<'_>, refusals: (u32, Fault), _at: Moment) {
+        self.note(device, request, Ok(()), refusals);
+    }
 
     /// Reports that contact with a device was broken, so that another device may answer next. `None`: contact with
     /// every device on the line was broken.

@@ -155,35 +155,14 @@ impl RequestObserver for LineHandle {
         outcome: Result<(), Fault>,
         refusals: (u32, Fault),
     ) {
-        let mut core = self.core();
-        let now = self.clock.now();
-        let GatewayState { device_health, devices, events, .. } = &mut *core;
-        let seen = device_health.record(device, request, outcome);
-        let count = &mut device_health.devices[device.0];
-        count.requests += 1;
-        if let Err(fault) = outcome {
-            *count.failures.entry(fault.blame()).or_default() += 1;
-        }
-        match outcome {
-            // The gateway before the device has answered: nothing came from the device.
-            Err(fault) if !fault.is_refusal() || (fault.is_of_a_gateway() && request.is_read()) => {
-                device_health.fails(device, seen.unwrap_or(Seen::from(fault)), refusals, events);
-                devices.misses(device, now);
-            }
-            // No device answers a frame: a frame that was sent says nothing about the device.
-            Ok(()) if !request.is_answered() => {}
-            _ => {
-                devices.answers(device, now);
-                if !device_health.devices[device.0].is_here() {
-                    device_health.answers(device, now, events);
-                }
-            }
-        }
+        let (now, mut core) = (self.clock.now(), self.core());
+        count(&mut core, (device, request), outcome, refusals, now);
     }
 
-    fn delivers(&self, device: DeviceId) {
-        let (now, mut core) = (self.clock.now(), self.core());
-        core.devices.delivers(device, now);
+    fn note_delivery(&self, device: DeviceId, request: Request<'_>, refusals: (u32, Fault), at: Moment) {
+        let mut core = self.core();
+        count(&mut core, (device, request), Ok(()), refusals, at);
+        core.devices.delivers(device, at);
     }
 
     fn breaks(&self, device: Option<DeviceId>, cause: Break) {
@@ -255,6 +234,38 @@ impl RequestObserver for LineHandle {
             reported.clone_from(&what);
             let device = self.profile.device(device).name.clone();
             events.push(Event::Subscription { device, what });
+        }
+    }
+}
+
+/// Counts the result of a request to a device, and reports the beginning and the end of failures.
+fn count(
+    core: &mut GatewayState,
+    (device, request): (DeviceId, Request<'_>),
+    outcome: Result<(), Fault>,
+    refusals: (u32, Fault),
+    now: Moment,
+) {
+    let GatewayState { device_health, devices, events, .. } = core;
+    let seen = device_health.record(device, request, outcome);
+    let count = &mut device_health.devices[device.0];
+    count.requests += 1;
+    if let Err(fault) = outcome {
+        *count.failures.entry(fault.blame()).or_default() += 1;
+    }
+    match outcome {
+        // The gateway before the device has answered: nothing came from the device.
+        Err(fault) if !fault.is_refusal() || (fault.is_of_a_gateway() && request.is_read()) => {
+            device_health.fails(device, seen.unwrap_or(Seen::from(fault)), refusals, events);
+            devices.misses(device, now);
+        }
+        // No device answers a frame: a frame that was sent says nothing about the device.
+        Ok(()) if !request.is_answered() => {}
+        _ => {
+            devices.answers(device, now);
+            if !device_health.devices[device.0].is_here() {
+                device_health.answers(device, now, events);
+            }
         }
     }
 }
