@@ -60,13 +60,13 @@ impl Position {
         let (shared, now) = (turn.shared, turn.now);
         let output = shared.profile.output(self.id);
         let has_dashes = output.display.stale.is_some();
-        let (read_at, demand) = {
+        let (read_at, written, demand) = {
             let core = shared.core();
             let read_at = core.board.taken(self.position);
             if self.controller.has_corrected(read_at) && !has_dashes {
                 return;
             }
-            (read_at, OutputDemand::of(shared, &core, self.id, now))
+            (read_at, core.outputs[self.id.0].cz, OutputDemand::of(shared, &core, self.id, now))
         };
         // With manual arming, the gateway does not write the display before the first arming.
         let is_ours = !shared.dry_run && (shared.profile.arm == Arm::Auto || shared.core().was_armed);
@@ -84,7 +84,7 @@ impl Position {
         let mut sent = None;
         let result = match (action, demand.position) {
             (PositionAction::Correct(cz), Some(position)) => {
-                sent = self.correct(turn, output, (position, cz), demand.not_after).await;
+                sent = self.correct(turn, output, (position, cz, written), demand.not_after).await;
                 sent.as_ref().map(PositionWrite::result)
             }
             (PositionAction::ShowDashes, _) => self.show_dashes(turn, output).await,
@@ -109,21 +109,21 @@ impl Position {
         shared.core().storage.outputs.turned(CountedWrite::Position(self.id), ended, snapshot, now);
     }
 
-    /// Writes a position with this Cz. Returns `None` if the control would read another value, or one beyond the limit.
+    /// Writes a position with this Cz. `written` is the Cz that the register holds. Returns `None` if the control would
+    /// read another value, or one beyond the limit.
     async fn correct(
         &mut self,
         turn: &mut LineTurn<'_>,
         output: &Output,
-        (position, cz): (f64, Micron),
+        (position, cz, written): (f64, Micron, Option<Micron>),
         not_after: Moment,
     ) -> Option<PositionWrite> {
         let shared = turn.shared;
         let factor = cz_factor(&shared.profile, output);
         let target = self.encode(shared, output, position + cz.get() * factor / 1000.0);
         // If the limit is smaller than in the previous run, a Cz beyond it returns in steps.
-        let written = shared.core().outputs[self.id.0].cz.unwrap_or_default();
         if let Some(control) = &self.control
-            && let Err(why) = control.admit(target.registers(), cz, position, written)
+            && let Err(why) = control.admit(target.registers(), cz, position, written.unwrap_or_default())
         {
             report::not_sent(shared, self.id, why);
             return None;
@@ -174,13 +174,16 @@ impl Position {
     }
 
     fn report(&self, shared: &LineHandle, output: &Output, event: Option<PositionEvent>) {
-        let (name, mut core) = (output.name.clone(), shared.core());
-        let when = || output.when.as_ref().map_or(String::new(), |when| when.text.clone());
-        core.events.extend(event.and_then(|event| match event {
-            PositionEvent::Interlocked => Some(Event::Interlocked { output: name, when: when() }),
-            PositionEvent::Released => Some(Event::Released { output: name }),
-            PositionEvent::NotShown => None,
-        }));
+        let (name, when) = (|| output.name.clone(), output.when.as_ref());
+        let event = match event {
+            Some(PositionEvent::Interlocked) => {
+                let when = when.map_or(String::new(), |when| when.text.clone());
+                Event::Interlocked { output: name(), when }
+            }
+            Some(PositionEvent::Released) => Event::Released { output: name() },
+            Some(PositionEvent::NotShown) | None => return,
+        };
+        shared.core().events.push(event);
     }
 
     fn encode(&mut self, shared: &LineHandle, output: &Output, value: f64) -> Encoded {

@@ -186,6 +186,9 @@ impl OutputsLog {
         snapshot: impl FnOnce() -> ControllerSnapshot,
         now: Moment,
     ) {
+        if !self.is_kept() {
+            return;
+        }
         let (stretch, place) = (self.stretch(now), self.place(steady));
         let Some(line) = self.lines.get_mut(place) else { return };
         if turn.is_idle() && before.is_like(&after) {
