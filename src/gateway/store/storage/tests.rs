@@ -246,6 +246,17 @@ mod outputs {
     }
 
     #[test]
+    fn jobs_that_come_together_are_all_done_before_the_thread_ends() {
+        let directory = tempfile::tempdir().unwrap();
+        let mut bench = bench(directory.path());
+        bench.seconds(10);
+        bench.storage = Storage::default();
+        bench.thread.work(&bench.jobs);
+        let files = files(directory.path());
+        assert!(files[0].1 == 1 && files[0].2 >= 20, "{files:?}");
+    }
+
+    #[test]
     fn a_look_that_shows_nothing_and_asks_for_nothing_leaves_no_row() {
         let directory = tempfile::tempdir().unwrap();
         let mut bench = bench(directory.path());

@@ -27,6 +27,8 @@ use isotherm_profile::{History, Profile, safe_file};
 
 /// Interval of the checks for logs to delete.
 const TIDY_EVERY: Duration = Duration::from_hours(1);
+/// Time for which jobs are collected while they come faster than they are done.
+const COLLECTED_FOR: Duration = Duration::from_millis(10);
 
 /// Returns whether a log has this header and ends with a complete row. If a power cut has left an incomplete row, no
 /// row may be appended.
@@ -131,6 +133,11 @@ impl StorageThread {
     pub(super) fn work(&mut self, jobs: &Receiver<Job>) {
         while let Ok(job) = jobs.recv() {
             self.take(job);
+            let Ok(next) = jobs.try_recv() else { continue };
+            self.take(next);
+            // Otherwise each further row would wake this thread, at the expense of the line that sends it.
+            std::thread::sleep(COLLECTED_FOR);
+            jobs.try_iter().for_each(|job| self.take(job));
         }
         let _ = self.events.write_all();
     }
