@@ -18,8 +18,8 @@ use crate::clock::BootClock;
 
 /// Time for which a requester waits for an answer.
 pub const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
-/// Interval at which [`ServiceTimes`] records that the sockets are served.
-const LOOK_EVERY: Duration = Duration::from_millis(250);
+/// Interval at which [`ServiceTimes`] records that the sockets are served: half of the shortest gap.
+const LOOK_EVERY: Duration = Duration::from_millis(500);
 
 /// Channel over which a command was received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
