@@ -132,7 +132,7 @@ impl Shared {
         self.wake_where(|place| place != bus.0);
     }
 
-    /// Wakes the lines of all other buses that may have something to write after a step of the axes.
+    /// Wakes the lines of all other buses that may have something to write or to check after a step of the axes.
     pub(in crate::gateway) fn wake_followers(&self, bus: BusId) {
         self.wake_where(|place| place != bus.0 && self.dependents.follows_steps[place]);
     }

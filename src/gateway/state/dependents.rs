@@ -4,6 +4,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use isotherm_core::codec::Address;
 use isotherm_core::compensation::model::Model;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{Axis, AxisId, Output, Profile};
@@ -30,7 +31,8 @@ pub(in crate::gateway) struct Dependents {
     pub(in crate::gateway) probed_on: Vec<Vec<AxisId>>,
     /// For each line: whether the line reads a signal that shows a restart of a control.
     pub(in crate::gateway) shows_restarts: Vec<bool>,
-    /// For each line: whether a step of the axes may give it something to write.
+    /// For each line: whether a step of the axes may give it something to write. Also `true` if the line receives
+    /// `machine.on` in CAN frames, because no read then leads to its check for a restart.
     pub(in crate::gateway) follows_steps: Vec<bool>,
     /// Period of the axis that is stepped most often.
     pub(in crate::gateway) shortest_period: Option<Duration>,
@@ -60,6 +62,10 @@ impl Dependents {
         let mut follows_steps = vec![false; profile.buses.len()];
         for output in profile.outputs.iter().filter(|output| follows_steps_of_axes(output)) {
             follows_steps[profile.device(output.device).bus.0] = true;
+        }
+        let is_received = |signal: &SignalId| matches!(profile.signal(*signal).address, Address::Frame(_));
+        if let Some(signal) = profile.machine.on.filter(is_received) {
+            follows_steps[line(signal).0] = true;
         }
         let polled = profile.devices.iter().map(|device| device.every).min().unwrap_or_default();
         Dependents {
@@ -137,5 +143,26 @@ mod tests {
         let mut names: Vec<&str> = buses.map(|(bus, _)| bus.name.as_str()).collect();
         names.sort_unstable();
         assert_eq!(names, ["cnc", "display"]);
+    }
+
+    #[test]
+    fn a_step_wakes_the_line_that_receives_machine_on_in_a_frame() {
+        let frame = r#"
+            [bus.can]
+            type = "can"
+            interface = "can0"
+            [device.plc]
+            bus = "can"
+            [signal.power]
+            device = "plc"
+            frame = { id = 0x300, start = 0, length = 1 }
+        "#;
+        let mut profile = bench(&format!("{SIGNALS}{frame}"));
+        // Without the key, with a signal that is read, and with one that is received.
+        for (on, follows) in [(None, false), (Some("bed"), false), (Some("power"), true)] {
+            let named = |name: &str| profile.signals.iter().position(|signal| signal.name == name);
+            profile.machine.on = on.and_then(named).map(SignalId);
+            assert_eq!(Dependents::new(&profile).follows_steps, [false, follows], "{on:?}");
+        }
     }
 }
