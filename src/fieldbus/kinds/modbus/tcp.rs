@@ -7,7 +7,8 @@
 //! - All other bytes that answer no open request close the connection, and so do bytes after an answer. Input from
 //!   before a request is recognized by its transaction number. Before a write, and while a late answer is expected, the
 //!   wire checks for such input. If it finds any, it does not send the request. Immediately after an answer, a write
-//!   skips this check, because nothing else had arrived with the answer.
+//!   skips this check, because nothing else had arrived with the answer. It does not skip it after the first answer of
+//!   a connection: some servers close each connection after one answer. The outcome of the write would then be unknown.
 //! - A read may be sent in the same TCP segment after another request, with its own transaction number.
 
 use std::collections::hash_map::RandomState;
@@ -58,7 +59,10 @@ pub struct ModbusTcp {
     given_up: GivenUp,
     /// Form of the received answer to the present request; `None` before it arrives.
     form: Option<ReplySignature>,
-    /// Time at which the answer to the last request arrived; `Moment::default()` if it was not answered.
+    /// Whether a request was answered on this connection.
+    has_answered: bool,
+    /// Time at which the answer to the last request arrived; `Moment::default()` if there was none, or if it was the
+    /// first one.
     answered: Moment,
     ending: Ending,
 }
@@ -86,6 +90,7 @@ impl ModbusTcp {
             is_sending: false,
             given_up: GivenUp::default(),
             form: None,
+            has_answered: false,
             answered: Moment::default(),
             ending: Ending::Lost,
         }
@@ -135,7 +140,9 @@ impl ModbusTcp {
         self.answered = Moment::default();
         let answer = |message: &[u8]| pdu::answer(request, message);
         let answer = self.receive_answer((transaction, unit), send_guard, answer).await?;
-        self.answered = send_guard.now();
+        if std::mem::replace(&mut self.has_answered, true) {
+            self.answered = send_guard.now();
+        }
         Ok(answer)
     }
 

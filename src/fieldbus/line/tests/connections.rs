@@ -161,6 +161,17 @@ async fn a_server_that_closes_after_each_answer_gets_a_connection_for_each_reque
     assert_eq!(arrived(&requests).len(), 21, "each request has arrived once");
 }
 
+/// The outcome of a write on a connection that the server has closed would be unknown.
+#[tokio::test(start_paused = true)]
+async fn a_write_at_once_after_the_only_answer_of_a_connection_is_not_sent() {
+    let (mut line, requests) = line_to(Server { closes_after: 1, ..USUAL }, |_| {});
+    assert_eq!(line.ask(0, READ, 0).await, read_on(1));
+    tokio::time::sleep(Duration::from_millis(1)).await;
+    let here = SendDeadline::OnConnection(Moment::END);
+    assert_eq!(line.ask_by(0, WRITE, 0, here).await, Err(Fault::CLOSED));
+    assert_eq!(arrived(&requests), [(1, 3)]);
+}
+
 #[tokio::test(start_paused = true)]
 async fn a_server_that_closes_after_some_answers_is_no_sign_of_another_client_either() {
     let (mut line, requests) = line_to(Server { closes_after: 2, ..USUAL }, |_| {});
