@@ -27,12 +27,12 @@ mod devices;
 mod process;
 #[path = "program/mod.rs"]
 mod program;
-#[path = "work/mod.rs"]
-mod work;
+#[path = "workload/mod.rs"]
+mod workload;
 
 use devices::{Devices, server};
 use program::Running;
-use work::{REGISTERS, Work, tcp};
+use workload::{REGISTERS, Work, tcp};
 
 /// Time before the measurement. It excludes connections, the first decisions, and the first saves of the state.
 const WARM_UP: Duration = Duration::from_secs(15);

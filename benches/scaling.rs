@@ -28,12 +28,12 @@ mod devices;
 mod process;
 #[path = "program/mod.rs"]
 mod program;
-#[path = "work/mod.rs"]
-mod work;
+#[path = "workload/mod.rs"]
+mod workload;
 
 use devices::{Counts, Devices, server};
 use program::{PROGRAM, Running, Written};
-use work::{REGISTERS, Work};
+use workload::{REGISTERS, Work};
 
 const FEW: u16 = 500;
 const MANY: u16 = 5_000;
@@ -208,7 +208,7 @@ fn turn(work: &Work, signals: &[u16], span: Duration) -> Turn {
 
 /// Profile of these devices. A profile may have 4 MB, so it has no blanks around its equals signs.
 fn profile(work: &Work, signals: &[u16], port: &str) -> String {
-    work.profile(signals, |device| work::tcp(device, port)).replace(" = ", "=")
+    work.profile(signals, |device| workload::tcp(device, port)).replace(" = ", "=")
 }
 
 /// Measures the time in seconds that `check` takes for the profile of these devices.

@@ -28,12 +28,12 @@ mod gateway;
 #[path = "../process/mod.rs"]
 mod process;
 mod rtu;
-#[path = "../work/mod.rs"]
-mod work;
+#[path = "../workload/mod.rs"]
+mod workload;
 
 use devices::{Devices, server};
 use process::Process;
-use work::Work;
+use workload::Work;
 
 /// Turns of the contenders of the closed loop over TCP. They are many and short, because the speed of a computer
 /// changes within seconds.

@@ -67,7 +67,7 @@ fn a_probing_that_was_learned_from_makes_it_smaller_also_after_a_restart() {
     expects(rig.probe(30.0, raw), 4.0);
     assert!(rig.refused().is_some(), "it is rejected");
     expects(rig.probe(2.0, raw), 0.0);
-    let first = scale(&[2.0 * 2.0 / (4.0 + 1.0 / HOUR)]);
+    let first = scale(&[2.0 * 2.0 / (4.0 + 1.0 / HOUR + OWN)]);
     expects(rig.after(2.0 * HOUR), 0.5 * first);
     rig.restart(settings.clone());
     expects(rig.after(2.0 * HOUR), first);
@@ -81,10 +81,14 @@ fn a_probing_that_was_learned_from_makes_it_smaller_also_after_a_restart() {
     rig.compensation.zero(rig.now);
     rig.after(30.0);
     // A new datum changes the hours, not the scale.
-    expects(rig.after(HOUR), scale(&[2.0 * 2.0 / (9.0 + 2.0 / HOUR)]));
+    expects(rig.after(HOUR), scale(&[2.0 * 2.0 / (9.0 + 2.0 / HOUR + OWN)]));
 }
 
-/// Returns the factor φ of the variance after touches with these ratios: squared residual divided by expected variance.
+/// Variance of a probing itself if the profile gives no `repeat`, µm².
+const OWN: f64 = Filter::REPEAT * Filter::REPEAT;
+
+/// Returns the factor φ of the variance after touches with these ratios: squared residual divided by the sum of the
+/// expected variance and [`OWN`].
 fn scale(ratios: &[f64]) -> f64 {
     let touches = f64::from(u32::try_from(ratios.len()).unwrap());
     (8.0 + ratios.iter().sum::<f64>()) / (8.0 + touches)
@@ -106,7 +110,7 @@ fn touches_widen_the_bar_on_a_day_unlike_the_commissioning_and_narrow_it_on_a_be
             let variance = if touches == 1 { 1.0 } else { 0.25 };
             let decision = rig.probe(residual, raw);
             assert_eq!(decision.expected_touches, touches.min(24));
-            ratios.push(residual * residual / variance);
+            ratios.push(residual * residual / (variance + OWN));
         }
         let decision = rig.after(HOUR);
         let found = decision.expected.unwrap().get();
@@ -123,7 +127,7 @@ fn a_probing_that_the_limit_cut_short_makes_nothing_more_certain() {
     let raw = rig.after(HOUR).raw.unwrap().get();
     // Half of 24 µm, and 10 are the limit. The residual scales the error in spite of it.
     let hours = 1.0 + 1.0 / HOUR;
-    expects(rig.probe(24.0, raw), hours * scale(&[24.0 * 24.0 / hours]));
+    expects(rig.probe(24.0, raw), hours * scale(&[24.0 * 24.0 / (hours + OWN)]));
     expects(rig.probe(-6.0, raw - 10.0), 0.0);
 }
 
