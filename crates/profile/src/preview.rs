@@ -91,8 +91,8 @@ impl Preview {
             ));
         }
         section.entry("only_recorded", &profile.only_recorded);
-        let all_over = UniformTemperature::shown(&profile.signals);
-        section.parts("axes", profile.axes.iter().map(|axis| axis.preview(&profile.signals, &all_over)));
+        let mut all_over = UniformTemperature::shown(&profile.signals);
+        section.parts("axes", profile.axes.iter().map(|axis| axis.preview(&profile.signals, &mut all_over)));
         section.line("");
         section.line("writes");
         section.parts("writes", profile.outputs.iter().map(|output| output.preview(profile)));

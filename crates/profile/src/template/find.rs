@@ -44,6 +44,7 @@ pub(super) struct Definition {
 pub(super) type Wrong = (&'static str, String, String);
 
 /// Text of a template that was found.
+#[derive(Clone)]
 pub(super) struct Written {
     pub(super) own_file: Option<String>,
     pub(super) text: Cow<'static, str>,
