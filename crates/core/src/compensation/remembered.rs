@@ -5,6 +5,7 @@
 //! gives the decisions of the gateway. A lag is saved with the axis, the model and the index of its term. A term whose
 //! signal, lag or kind of reference has changed starts without its saved lag.
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
@@ -116,8 +117,9 @@ impl Remembered {
         &'a self,
         axes: impl IntoIterator<Item = &'a AxisSettings>,
     ) -> Option<(&'a str, &'a str)> {
+        let known = self.by_axis();
         axes.into_iter().find_map(|settings| {
-            let kept = self.axis(&settings.name)?;
+            let kept = known.get(settings.name.as_str())?;
             kept.watches.iter().find_map(|watch| {
                 let model = settings.models.iter().find(|model| model.name == watch.model)?;
                 let is_other = model.stand_ins.as_ref()?.fingerprint() != watch.file;
@@ -132,8 +134,9 @@ impl Remembered {
         &'a self,
         axes: impl IntoIterator<Item = &'a AxisSettings>,
     ) -> impl Iterator<Item = (&'a str, &'a str)> {
-        axes.into_iter().filter_map(|settings| {
-            let preference = self.axis(&settings.name)?.preference()?;
+        let known = self.by_axis();
+        axes.into_iter().filter_map(move |settings| {
+            let preference = known.get(settings.name.as_str())?.preference()?;
             let learned = preference.preferred().learned()?;
             let slot = settings.learned.as_ref().filter(|slot| slot.own == preference.own());
             let model = slot.and_then(|slot| settings.models.get(slot.model));
@@ -166,14 +169,14 @@ impl Remembered {
         was_captured && is_used
     }
 
-    /// Returns the saved running state of the axis with this name; `None` if there is none.
-    pub(super) fn running(&self, name: &str) -> Option<&AxisRunning> {
-        self.running.iter().find(|axis| axis.axis == name)
+    /// Returns the saved running states by the names of their axes.
+    pub(super) fn running_by_axis(&self) -> BTreeMap<&str, &AxisRunning> {
+        self.running.iter().map(|axis| (axis.axis.as_str(), axis)).collect()
     }
 
-    /// Returns the saved state of the axis with this name; `None` if there is none.
-    pub(super) fn axis(&self, name: &str) -> Option<&AxisMemory> {
-        self.axes.iter().find(|axis| axis.axis == name)
+    /// Returns the saved states by the names of their axes.
+    pub(super) fn by_axis(&self) -> BTreeMap<&str, &AxisMemory> {
+        self.axes.iter().map(|axis| (axis.axis.as_str(), axis)).collect()
     }
 }
 
