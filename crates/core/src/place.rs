@@ -127,11 +127,8 @@ pub struct SignalPlace {
 impl OutputPlace {
     /// Returns whether the other place is the same register, and its counts have the same size.
     pub fn is_same_register(&self, other: &OutputPlace) -> bool {
-        let of = |place: &OutputPlace| {
-            let parts = place.parts().into_iter();
-            parts.filter(|(part, _)| *part <= Part::Bias).collect::<Vec<_>>()
-        };
-        of(self) == of(other)
+        let is_same_count = self.bias == other.bias && self.scale.total_cmp(&other.scale).is_eq();
+        self.is_at(other) && self.layout == other.layout && is_same_count
     }
 
     /// Returns whether the other place is in the same register, even if the size of a count differs.

@@ -4,7 +4,7 @@
 //! The [store](super::documents) saves the state. If a saved state is rejected, the gateway starts without one, and an
 //! operator must arm the axes.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -144,10 +144,11 @@ impl Memory {
             values.retain(|name, _| !moved.contains_key(name));
             let new_names = places.new_names_of_signals(&now);
             (values, limits) = (renamed(values, &new_names), renamed(limits, &new_names));
-            moved.retain(|name, _| {
-                let place = signals.iter().position(|signal| *signal == name.as_str());
-                place.is_some_and(|place| remembered.forget(SignalId(place), &axes))
-            });
+            let ids = profile.signals.iter().zip(0..).filter(|(signal, _)| moved.contains_key(&signal.name));
+            let ids: BTreeSet<SignalId> = ids.map(|(_, place)| SignalId(place)).collect();
+            let forgotten = remembered.forget(&ids, &axes).into_iter();
+            let forgotten: BTreeSet<&String> = forgotten.map(|id| &profile.signal(id).name).collect();
+            moved.retain(|name, _| forgotten.contains(name));
             Ok(RestoredMemory {
                 remembered,
                 at: Some(at),

@@ -1,6 +1,8 @@
 //! Conversion between indices and names. The compensation identifies signals and axes by their indices in the profile.
 //! The state document contains their names, so that a profile may change between two runs.
 
+use std::collections::HashMap;
+
 use serde_json::{Map, Value};
 
 /// Keys of the lists that have one item for each signal.
@@ -39,7 +41,8 @@ pub(in crate::gateway) fn by_place(machine: &mut Value, signals: &[&str]) {
         let value = |name: &&str| values.get(*name).unwrap_or(&nothing).clone();
         machine[key] = signals.iter().map(value).collect();
     }
-    let place = |name: &Value| signals.iter().position(|signal| name == signal).map(Value::from);
+    let places: HashMap<&str, usize> = signals.iter().copied().zip(0..).collect();
+    let place = |name: &Value| places.get(name.as_str()?).copied().map(Value::from);
     let mut axes = machine["axes"].as_object_mut().map(std::mem::take).unwrap_or_default();
     for (name, axis) in &mut axes {
         replace_signals(axis, place);
