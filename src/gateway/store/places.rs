@@ -202,8 +202,8 @@ impl Places {
         let Some(known) = self.namespaces.get(bus) else { return };
         let Some(was) = by_uri(address, known) else { return };
         let is_same = |is: &&str| by_uri(is, known).as_ref() == Some(&was);
-        let others = || now.addresses(bus).into_iter();
-        if let Some(is) = same_name.into_iter().chain(others()).find(is_same) {
+        let another = || now.addresses(bus).into_iter().find(is_same);
+        if let Some(is) = same_name.filter(is_same).or_else(another) {
             is.clone_into(address);
         }
     }
