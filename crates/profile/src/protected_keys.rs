@@ -118,8 +118,7 @@ pub(crate) fn allowed(profile: &Value) -> Vec<String> {
 }
 
 /// Returns the keys that a layer sets although their rules forbid it.
-pub(crate) fn refused(profile: &Value, layer: &Value, spans: &SourceMap) -> Vec<Refusal> {
-    let root = crate::schema();
+pub(crate) fn refused(root: &Value, profile: &Value, layer: &Value, spans: &SourceMap) -> Vec<Refusal> {
     let mut guards = Guards {
         root,
         spans,

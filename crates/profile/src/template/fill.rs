@@ -11,12 +11,14 @@ use super::group::{in_order, text};
 use super::used::{Templates, Use};
 use crate::error::{Findings, allowed};
 use crate::files::Files;
+use crate::schemas::Schemas;
 use crate::sha256;
 use crate::source_map::{SourceMap, child, element};
 
 pub(super) struct Filling<'a> {
     pub(super) profile: &'a mut Map<String, Value>,
     files: &'a Files<'a>,
+    schemas: &'a Schemas,
     pub(super) spans: &'a mut SourceMap,
     pub(super) errors: &'a mut Findings,
     pub(super) known: BTreeMap<String, Definition>,
@@ -30,13 +32,13 @@ pub(super) struct Filling<'a> {
 impl<'a> Filling<'a> {
     pub(super) fn new(
         profile: &'a mut Map<String, Value>,
-        files: &'a Files<'a>,
+        (files, schemas): (&'a Files<'a>, &'a Schemas),
         spans: &'a mut SourceMap,
         errors: &'a mut Findings,
     ) -> Filling<'a> {
         let (known, templates) = (BTreeMap::new(), Templates::new());
         let (searched, broken) = (BTreeMap::new(), HashSet::new());
-        Filling { profile, files, spans, errors, known, templates, searched, broken }
+        Filling { profile, files, schemas, spans, errors, known, templates, searched, broken }
     }
 
     pub(super) fn run(mut self) -> Templates {
@@ -64,7 +66,7 @@ impl<'a> Filling<'a> {
         let base = table.get("base").and_then(Value::as_u64).and_then(|base| u16::try_from(base).ok());
         let pin = text(table, "sha256").map(str::to_owned);
         let found = self.searched.entry(template.clone());
-        let found = found.or_insert_with(|| find(&template, self.files, self.errors)).clone();
+        let found = found.or_insert_with(|| find(&template, (self.files, self.schemas), self.errors)).clone();
         let defined = found.and_then(|Written { own_file, text, body }| {
             pinned(&template, pin.as_deref(), &text)?;
             let Some(body) = body else { return Ok(None) };

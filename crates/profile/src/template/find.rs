@@ -7,12 +7,13 @@ use serde_json::{Map, Value, json};
 
 use super::channels::{Channel, of_group};
 use super::group::{Group, text, texts};
+use super::shipped;
 use super::used::Template;
-use super::{schema, shipped};
 use crate::error::{Findings, allowed};
 use crate::file_kind::FileKind;
 use crate::files::Files;
 use crate::schema_check::SchemaCheck;
+use crate::schemas::Schemas;
 use crate::source_map::SourceMap;
 use crate::tables::signal::unit::Scaling;
 
@@ -53,7 +54,11 @@ pub(super) struct Written {
 }
 
 /// Finds the template with this name. `Err` if there is none, or if the user's file cannot be read.
-pub(super) fn find(name: &str, files: &Files<'_>, errors: &mut Findings) -> Result<Written, Wrong> {
+pub(super) fn find(
+    name: &str,
+    (files, schemas): (&Files<'_>, &Schemas),
+    errors: &mut Findings,
+) -> Result<Written, Wrong> {
     let plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
     let file = format!("{DIRECTORY}/{name}.toml");
     let own = if name.bytes().all(plain) { files.text(&file) } else { Ok(None) };
@@ -73,7 +78,7 @@ pub(super) fn find(name: &str, files: &Files<'_>, errors: &mut Findings) -> Resu
         return Err(("template", format!("there is no device template `{name}`"), help));
     };
     let shown = own_file.clone().unwrap_or_else(|| format!("profiles/{file}"));
-    let body = read(&shown, &text, errors);
+    let body = read(schemas.template(), (&shown, &text), errors);
     Ok(Written { own_file, text, body })
 }
 
@@ -94,8 +99,7 @@ fn nearest_names(name: &str, known: &[String]) -> String {
     }
 }
 
-fn read(shown: &str, written: &str, errors: &mut Findings) -> Option<Group> {
-    let schema = schema::schema();
+fn read(schema: &Value, (shown, written): (&str, &str), errors: &mut Findings) -> Option<Group> {
     let mut spans = SourceMap::default();
     let layer = spans.add_layer(shown, Some(written));
     let mut found = Findings::default();
