@@ -171,6 +171,8 @@ impl LineTask {
         }
     }
 
+    /// Takes turns. The state of a turn is in memory that another line may have used just before. Thousands of lines then
+    /// need little memory, and the memory of a turn is in the cache of the processor.
     async fn turns(&mut self) {
         let mut now = self.line.sample();
         loop {
@@ -178,7 +180,7 @@ impl LineTask {
             // A server may keep a state for this line until the connection is closed in order.
             let kind = kinds::of(self.shared.profile.bus(self.bus).transport);
             if self.work == LineWork::Leave && kind.is_closed_in_order {
-                return self.line.close().await;
+                return Box::pin(self.line.close()).await;
             }
             let turn = self.next(now);
             // A step wakes the other lines itself, after the decision: their outputs then follow it at once.
@@ -199,16 +201,17 @@ impl LineTask {
                 }
                 Turn::Beat => {
                     if let Some(heartbeat_task) = &mut self.heartbeat_task {
-                        heartbeat_task.beat(&mut self.line, &self.shared, now).await;
+                        Box::pin(heartbeat_task.beat(&mut self.line, &self.shared, now)).await;
                     }
                 }
                 Turn::Inspect => {
                     self.pending.inspects = false;
-                    self.inspector.inspect(&mut self.line, &self.shared, self.can.as_deref()).await;
+                    let inspected = self.inspector.inspect(&mut self.line, &self.shared, self.can.as_deref());
+                    Box::pin(inspected).await;
                     let now = self.line.last_sample();
                     self.polls.iter_mut().for_each(|poll| poll.make_up(&self.shared, now));
                 }
-                Turn::Read(place) => self.read(place, now).await,
+                Turn::Read(place) => Box::pin(self.read(place, now)).await,
                 Turn::Step => self.step(now),
                 Turn::Output(place) => {
                     let along =
@@ -217,7 +220,7 @@ impl LineTask {
                         self.line.set_follow_up(self.reads_next(by));
                     }
                     let turn = &mut LineTurn { line: &mut self.line, shared: &self.shared, now };
-                    self.jobs[place].turn(turn).await;
+                    Box::pin(self.jobs[place].turn(turn)).await;
                     if along.is_some() {
                         self.line.set_follow_up(None);
                     }
