@@ -1,7 +1,7 @@
 //! Finding and parsing of a template by its name. The user's own template takes precedence over the shipped one.
 
-use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use serde_json::{Map, Value, json};
 
@@ -48,7 +48,7 @@ pub(super) type Wrong = (&'static str, String, String);
 #[derive(Clone)]
 pub(super) struct Written {
     pub(super) own_file: Option<String>,
-    pub(super) text: Cow<'static, str>,
+    pub(super) text: Arc<str>,
     /// Parsed content. `None` if it has mistakes, which have been reported.
     pub(super) body: Option<Group>,
 }
@@ -65,7 +65,7 @@ pub(super) fn find(
     let own =
         own.map_err(|why| ("template", why, "does this user have permission to read it?".to_owned()))?;
     let own_file = own.is_some().then(|| files.path(&file));
-    let Some(text) = own.map(Cow::Owned).or_else(|| shipped::text(name).map(Cow::Borrowed)) else {
+    let Some(text) = own.map(Arc::<str>::from).or_else(|| shipped::text(name).map(Arc::from)) else {
         let mut known: Vec<String> = shipped::names().map(str::to_owned).collect();
         known.extend(files.names(DIRECTORY, ".toml"));
         known.sort();

@@ -202,11 +202,11 @@ fn last_good_values_age_over_a_stop_and_go_with_the_place_of_their_signal() {
         "another worth of a count"
     );
     moved.signals[0].encoding.scale = isotherm_core::codec::Scale::ONE;
-    moved.signals[0].scale_from = Some(isotherm_core::codec::ScaleFrom {
+    moved.signals[0].scale_from = Some(Box::new(isotherm_core::codec::ScaleFrom {
         address: "holding:12".parse().unwrap(),
         encoding: moved.signals[0].encoding.clone(),
         meaning: isotherm_core::codec::ScaleMeaning::Decimals,
-    });
+    }));
     assert!(Memory::recall(Some(state), &moved).unwrap().values.is_empty(), "a scale in another register");
 }
 
