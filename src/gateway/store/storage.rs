@@ -50,7 +50,7 @@ const OUTPUT_QUEUE: usize = 4096;
 /// Access to the logs and to the saved state. Without a directory, nothing is saved.
 #[derive(Default)]
 pub(in crate::gateway) struct Storage {
-    queue: Option<SyncSender<Job>>,
+    queue: Option<SyncSender<QueuedJob>>,
     recorder: Option<Recorder>,
     pub(in crate::gateway) outputs: OutputsLog,
     /// Number of decision rows that were dropped because the queue was full.
@@ -89,6 +89,9 @@ pub(in crate::gateway) fn newest_stamp(directory: &Path, machine: &str, now: Mom
     let newest = retention::newest_of_decisions(directory, machine, now);
     newest.iter().filter_map(|log| thread::last_stamp(log)).max()
 }
+
+/// Job in the queue. The queue has room for all its jobs from the start, so a job is in a box.
+type QueuedJob = Box<Job>;
 
 #[derive(Debug)]
 enum Job {
@@ -272,7 +275,7 @@ impl Storage {
     fn hand_over(&mut self, job: Job) -> bool {
         // A full queue means that the disk has failed for a long time, which was reported.
         let Some(queue) = &self.queue else { return false };
-        match queue.try_send(job) {
+        match queue.try_send(Box::new(job)) {
             Ok(()) => return true,
             Err(TrySendError::Full(_)) => {
                 self.dropped += 1;

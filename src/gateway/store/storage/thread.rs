@@ -12,11 +12,11 @@ use std::time::Duration;
 
 use jiff::civil::Date;
 
-use super::Job;
 use super::events::EventsFile;
 use super::outputs::RowLosses;
 use super::retention::{day, expired};
 use super::stamps::Stamped;
+use super::{Job, QueuedJob};
 use crate::fieldbus::explain::explain_system;
 use crate::gateway::store::disk::{append, make_directory};
 use crate::gateway::store::documents::{DiskCause, is_news};
@@ -128,9 +128,9 @@ impl StorageThread {
         }
     }
 
-    pub(super) fn work(&mut self, jobs: &Receiver<Job>) {
+    pub(super) fn work(&mut self, jobs: &Receiver<QueuedJob>) {
         while let Ok(job) = jobs.recv() {
-            self.take(job);
+            self.take(*job);
         }
         let _ = self.events.write_all();
     }
