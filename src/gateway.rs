@@ -345,7 +345,7 @@ impl Gateway {
         let mut storage = std::mem::take(&mut core.storage);
         let now = self.shared.clock.now();
         storage.outputs.count_for_the_last_time(now);
-        let of_profile = (&*self.shared.profile, &core.places.places);
+        let of_profile = (&self.shared.profile, &core.places.places);
         let seen = (&core.board, core.outputs.states());
         storage.remember((now, true), &core.compensation, of_profile, seen);
         let failed = core.failed;

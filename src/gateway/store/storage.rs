@@ -10,7 +10,6 @@ use std::time::Duration;
 
 use jiff::civil::Date;
 
-use super::default_limits;
 use super::documents::Writer;
 use super::log::Recorder;
 use super::memory::{Memory, UnchangedParts};
@@ -234,7 +233,7 @@ impl Storage {
         &mut self,
         (now, is_urgent): (Moment, bool),
         compensation: &Compensation,
-        (profile, places): (&Profile, &Arc<Places>),
+        (profile, places): (&Arc<Profile>, &Arc<Places>),
         (board, outputs): (&SignalTable, &[OutputState]),
     ) {
         let is_due = is_urgent || self.remembered.is_none_or(|last| now.since(last) >= REMEMBER_EVERY);
@@ -251,9 +250,8 @@ impl Storage {
         self.handed_over.clear();
         self.handed_over.extend(outputs.iter().map(|state| state.cz));
         let (signs, values) = (self.signs.clone(), board.last_good(now));
-        let limits = default_limits::of(profile);
-        let rest = UnchangedParts { signs, places: Arc::clone(places), values, limits };
-        let memory = Memory::new(profile, now, compensation.remembered(), verified, rest);
+        let rest = UnchangedParts { signs, places: Arc::clone(places), values };
+        let memory = Memory::new(Arc::clone(profile), now, compensation.remembered(), verified, rest);
         writer.remember(memory.stamped(self.stamps.of_the_clock()));
         let _ = self.hand_over(Job::Sync { at: now });
     }
