@@ -22,7 +22,7 @@ use crate::observe::events::{Event, Journal, file};
 use crate::observe::status::GatewayApi;
 use isotherm_core::border::panic_message;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{AxisId, BusId, OnStop, Output, Profile, stop};
+use isotherm_profile::{AxisId, BusId, OnStop, Profile, stop};
 
 mod api;
 pub mod claims;
@@ -147,11 +147,10 @@ impl Gateway {
         };
         let sleepers: Vec<Sleeper> = profile.buses.iter().map(|_| clock.join()).collect();
         let wakeups = sleepers.iter().map(Sleeper::wakeup).collect();
-        let was_driven = |axis: usize| {
-            let of_axis = |output: &&Output| output.axis.0 == axis && output.writes.is_cz();
-            profile.outputs.iter().filter(of_axis).any(|output| remembers(&output.name))
-        };
-        let was_driven = (0..profile.axes.len()).map(was_driven).collect();
+        let mut was_driven = vec![false; profile.axes.len()];
+        for output in profile.outputs.iter().filter(|output| output.writes.is_cz()) {
+            was_driven[output.axis.0] |= remembers(&output.name);
+        }
         let core = |given| {
             let remembered = std::mem::take(&mut restored.remembered);
             let mut core = GatewayState::new(given, remembered, storage, clock.now());
@@ -346,7 +345,7 @@ impl Gateway {
         let mut storage = std::mem::take(&mut core.storage);
         let now = self.shared.clock.now();
         storage.outputs.count_for_the_last_time(now);
-        let of_profile = (&*self.shared.profile, &core.places.places);
+        let of_profile = (&self.shared.profile, &core.places.places);
         let seen = (&core.board, core.outputs.states());
         storage.remember((now, true), &core.compensation, of_profile, seen);
         let failed = core.failed;
@@ -397,7 +396,7 @@ impl Gateway {
         let line = DeviceLine::new(settings, &devices, dial, &self.shared.clock)
             .tapped(self.wire_log.tap(bus))
             .witnessed(Arc::new(handle.clone()))
-            .aged(profile.shortest_age())
+            .aged(self.shared.dependents.shortest_age)
             .with_ages(|device| profile.shortest_age_of(device));
         let line = if self.options.is_unchecked { line.unchecked() } else { line };
         let task = LineTask::new(handle, bus, (line, sleeper), can, start);

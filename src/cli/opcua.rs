@@ -131,7 +131,7 @@ impl LineArguments {
     }
 
     fn line<'p>(&self, profile: &'p Profile) -> anyhow::Result<(&'p Bus, &'p OpcUa)> {
-        let lines = profile.buses.iter().filter_map(|bus| Some((bus, bus.opcua.as_ref()?)));
+        let lines = profile.buses.iter().filter_map(|bus| Some((bus, bus.opcua.as_deref()?)));
         let lines: Vec<(&Bus, &OpcUa)> = lines.collect();
         let names: Vec<&str> = lines.iter().map(|(bus, _)| bus.name.as_str()).collect();
         match (&self.bus, lines.as_slice()) {

@@ -47,7 +47,8 @@ pub(crate) fn line(text: Arguments<'_>) -> Result<()> {
 /// # Errors
 /// Standard output cannot be written.
 pub(crate) fn all(text: Arguments<'_>) -> Result<()> {
-    Out.write_fmt(text).and_then(|()| Out.flush())
+    // Formatted before, because standard output would write each line separately.
+    Out.write_all(text.to_string().as_bytes()).and_then(|()| Out.flush())
 }
 
 /// Prints a JSON document, indented.

@@ -196,7 +196,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
         let lines = profile.buses.len();
         let socket = control::path(&directory, &profile.name);
         #[cfg(any(feature = "mqtt", feature = "opcua"))]
-        let published = profile.clone();
+        let published = (profile.mqtt.is_some() || profile.opcua_server.is_some()).then(|| profile.clone());
         let gateway = Gateway::new(profile, &Clock::wall(), options);
         let successor = program.as_ref().ok().map(|program| gateway.successor(program.clone(), socket));
         sockets.successor = successor.clone();
@@ -207,9 +207,17 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
             run_profile::report_differences(kept.as_ref(), &arguments.profile, &source);
         }
         #[cfg(feature = "mqtt")]
-        let publishing = broker::publish(&published, &source, figures.as_ref(), &directory)?;
+        let publishing = match &published {
+            Some(profile) => broker::publish(profile, &source, figures.as_ref(), &directory)?,
+            None => None,
+        };
         #[cfg(feature = "opcua")]
-        let serving = opcua_server::serve(&published, &source, &directory)?;
+        let serving = match &published {
+            Some(profile) => opcua_server::serve(profile, &source, &directory)?,
+            None => None,
+        };
+        #[cfg(any(feature = "mqtt", feature = "opcua"))]
+        drop(published);
         let report = Arc::new(move |delivery| source.report(&Event::Delivery(delivery)));
         let posting = outboxes.posted(report, Rules::default(), notices::trust)?;
         let outcome = gateway.run(after(1), after(2)).await;

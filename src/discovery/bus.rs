@@ -65,7 +65,7 @@ impl LineAddress {
             transport: self.transport,
             address: self.address.clone(),
             tls: None,
-            opcua: self.kind().has_namespaces.then(OpcUa::plain),
+            opcua: self.kind().has_namespaces.then(|| Box::new(OpcUa::plain())),
             timeout,
             late: self.transport.late(timeout),
             pipeline: 1,

@@ -70,16 +70,21 @@ pub struct ExchangeReceiver {
 
 impl Default for Tap {
     fn default() -> Tap {
-        Tap(Arc::new(Shared {
-            clock: Clock::wall(),
-            is_on: AtomicBool::new(false),
-            passed: Mutex::default(),
-            listeners: Mutex::default(),
-        }))
+        Tap::by(Clock::wall())
     }
 }
 
 impl Tap {
+    fn by(clock: Clock) -> Tap {
+        let is_on = AtomicBool::new(false);
+        Tap(Arc::new(Shared { clock, is_on, passed: Mutex::default(), listeners: Mutex::default() }))
+    }
+
+    /// Returns the tap of another line, with the same wall clock.
+    pub fn of_another_line(&self) -> Tap {
+        Tap::by(self.0.clock.clone())
+    }
+
     /// Starts listening to the exchanges of one device; with `None`, of all devices on the line.
     ///
     /// # Errors

@@ -9,7 +9,7 @@
 //! A gateway that starts opens its own socket first, and then compares its claim with the others. If two gateways start
 //! at the same moment, the one with the lower random number continues.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{BuildHasher, RandomState};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use crate::clock::BootClock;
 use crate::gateway::api::control::{self, Presence};
 use crate::gateway::line_names;
-use isotherm_profile::{BusId, Profile};
+use isotherm_profile::Profile;
 use sockets::{Answer, Listener};
 
 mod sockets;
@@ -54,16 +54,11 @@ struct Line {
 
 impl Claim {
     fn of(profile: &Profile, directory: &Path) -> Claim {
-        let written = profile
-            .buses
-            .iter()
-            .enumerate()
-            .map(|(bus, settings)| (settings, profile.written_on(BusId(bus))));
+        let written = profile.buses.iter().zip(profile.written_places());
         let written: Vec<_> = written.filter(|(_, places)| !places.is_empty()).collect();
         let buses: Vec<_> = written.iter().map(|(bus, _)| *bus).collect();
-        let lines = line_names::of_each(&buses).into_iter().zip(&written).map(|(names, (bus, places))| {
-            Line { address: bus.address.clone(), names, places: places.clone() }
-        });
+        let lines = line_names::of_each(&buses).into_iter().zip(written);
+        let lines = lines.map(|(names, (bus, places))| Line { address: bus.address.clone(), names, places });
         Claim {
             process: std::process::id(),
             order: random(),
@@ -81,10 +76,14 @@ impl Claim {
 
     /// Returns a register that both gateways write to, as text for a message. `None` if there is none.
     fn shares_with(&self, other: &Claim) -> Option<String> {
+        let mut named: BTreeMap<&str, Vec<&Line>> = BTreeMap::new();
+        for line in &other.lines {
+            line.names.iter().for_each(|name| named.entry(name).or_default().push(line));
+        }
         self.lines.iter().find_map(|own| {
-            let same = |line: &&Line| line.names.iter().any(|name| own.names.contains(name));
-            let shared = |line: &Line| own.places.intersection(&line.places).next().cloned();
-            let place = other.lines.iter().filter(same).find_map(shared)?;
+            let mut same = own.names.iter().filter_map(|name| named.get(name.as_str())).flatten();
+            let shared = |line: &&Line| own.places.intersection(&line.places).next().cloned();
+            let place = same.find_map(shared)?;
             Some(format!("{place} at {}", own.address))
         })
     }

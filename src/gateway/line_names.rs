@@ -7,20 +7,13 @@ use std::time::Duration;
 use crate::clock::BootClock;
 use crate::fieldbus::kinds;
 use crate::fieldbus::kinds::kind::LinePlace;
-use isotherm_profile::{Bus, BusId, Profile};
+use isotherm_profile::Bus;
 
 /// Maximum time to resolve all host names. A name that is not resolved in this time is compared as text.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// Address that Debian's /etc/hosts assigns to the computer's own name.
 const OWN_NAME: Ipv4Addr = Ipv4Addr::new(127, 0, 1, 1);
-
-/// Returns all buses of a profile that have the same address as `bus`, in any spelling, including `bus`.
-pub(super) fn same_lines(profile: &Profile, bus: BusId) -> Vec<BusId> {
-    let names = of_each(&profile.buses.iter().collect::<Vec<_>>());
-    let is_same = |other: &usize| names[*other].iter().any(|name| names[bus.0].contains(name));
-    (0..profile.buses.len()).filter(is_same).map(BusId).collect()
-}
 
 /// Returns the canonical names of each bus. Two buses with a common name are the same line.
 pub(super) fn of_each(buses: &[&Bus]) -> Vec<Vec<String>> {

@@ -153,6 +153,7 @@ fn signal(bytes: &mut Bytes<'_>, usual: &Signal) -> Option<Signal> {
         encoding: Encoding { data_type: DataType::I16, ..encoding.clone() },
         meaning: ScaleMeaning::PowerOfTen,
     });
+    let scale_from = scale_from.map(Box::new);
     fits.then(|| Signal { address: address.into(), encoding, merge, scale_from, ..usual.clone() })
 }
 

@@ -94,6 +94,16 @@ fn a_good_profile_is_taken_without_a_word() {
 }
 
 #[test]
+fn the_first_profile_of_a_process_is_read_as_the_next_ones_are() {
+    let unknown = GRINDER.replacen("name = ", "nam = ", 1);
+    let [first, second] = [parse(GRINDER), parse(GRINDER)];
+    assert_eq!(first, second);
+    let [first, second] = [parse(&unknown), parse(&unknown)];
+    assert!(first.is_err());
+    assert_eq!(first, second);
+}
+
+#[test]
 fn what_is_read_becomes_final_types_in_the_order_of_the_file() {
     use isotherm_core::compensation::model::{Kind, Reference};
     use isotherm_profile::{Arm, Verify, Writes};

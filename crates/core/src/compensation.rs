@@ -74,11 +74,12 @@ impl Compensation {
     /// [`Remembered::default`]. An axis is off, unless `remembered` contains its running state.
     pub fn new(settings: MachineSettings, axes: Vec<AxisSettings>, remembered: Remembered) -> Compensation {
         let mut axes: Vec<Axis> = axes.into_iter().map(Axis::new).collect();
+        let (known, running) = (remembered.by_axis(), remembered.running_by_axis());
         for axis in &mut axes {
-            if let Some(remembered) = remembered.axis(&axis.settings.name) {
+            if let Some(remembered) = known.get(axis.settings.name.as_str()) {
                 axis.recall(remembered);
             }
-            if let Some(running) = remembered.running(&axis.settings.name) {
+            if let Some(running) = running.get(axis.settings.name.as_str()) {
                 axis.go_on(running);
             }
         }

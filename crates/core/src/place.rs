@@ -13,7 +13,7 @@
 //! | another place | this place | [`PlaceComparison::Moved`] |
 //! | a place | nothing | [`PlaceComparison::Removed`] |
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
@@ -61,7 +61,7 @@ impl Part {
 }
 
 /// Place of an output or signal that can be compared part by part.
-pub trait Place {
+pub trait Place: PartialEq {
     /// Returns the parts in the order of [`Part`], each with its value as text. Two places are equal if all parts are
     /// equal.
     fn parts(&self) -> Vec<(Part, String)>;
@@ -127,11 +127,8 @@ pub struct SignalPlace {
 impl OutputPlace {
     /// Returns whether the other place is the same register, and its counts have the same size.
     pub fn is_same_register(&self, other: &OutputPlace) -> bool {
-        let of = |place: &OutputPlace| {
-            let parts = place.parts().into_iter();
-            parts.filter(|(part, _)| *part <= Part::Bias).collect::<Vec<_>>()
-        };
-        of(self) == of(other)
+        let is_same_count = self.bias == other.bias && self.scale.total_cmp(&other.scale).is_eq();
+        self.is_at(other) && self.layout == other.layout && is_same_count
     }
 
     /// Returns whether the other place is in the same register, even if the size of a count differs.
@@ -234,30 +231,24 @@ pub fn compare<P: Place>(
     remembered: &BTreeMap<String, P>,
     profile: &BTreeMap<String, P>,
 ) -> BTreeMap<String, PlaceComparison> {
-    let gone = || remembered.iter().filter(|(name, _)| !profile.contains_key(*name));
-    let mut renamed = BTreeSet::new();
+    // Names that the profile no longer contains, by their places.
+    let mut gone: HashMap<Vec<(Part, String)>, VecDeque<&String>> = HashMap::new();
+    for (name, was) in remembered.iter().filter(|(name, _)| !profile.contains_key(*name)) {
+        gone.entry(was.parts()).or_default().push_back(name);
+    }
     let mut found = BTreeMap::new();
     for (name, is) in profile {
         let result = match remembered.get(name) {
+            Some(was) if was == is => PlaceComparison::Same,
             Some(was) => MovedPlace::between(was, is).map_or(PlaceComparison::Same, PlaceComparison::Moved),
-            None => {
-                let mut left = gone().filter(|(former, _)| !renamed.contains(*former));
-                match left.find(|(_, was)| MovedPlace::between(*was, is).is_none()) {
-                    Some((former, _)) => {
-                        renamed.insert(former.clone());
-                        PlaceComparison::Renamed(former.clone())
-                    }
-                    None => PlaceComparison::Unknown,
-                }
-            }
+            None => match gone.get_mut(&is.parts()).and_then(VecDeque::pop_front) {
+                Some(former) => PlaceComparison::Renamed(former.clone()),
+                None => PlaceComparison::Unknown,
+            },
         };
         found.insert(name.clone(), result);
     }
-    found.extend(
-        gone()
-            .filter(|(name, _)| !renamed.contains(*name))
-            .map(|(name, _)| (name.clone(), PlaceComparison::Removed)),
-    );
+    found.extend(gone.into_values().flatten().map(|name| (name.clone(), PlaceComparison::Removed)));
     found
 }
 

@@ -77,8 +77,8 @@ fn record(name: &str, files: &[PathBuf], names: &[String], errors: &[&str]) -> b
             let run = &dataset.runs[place];
             let column = |name: &String| dataset.column(name).unwrap();
             let columns: Vec<usize> = names.iter().map(column).collect();
-            let error = &run.values[dataset.column(error).unwrap()];
-            let seen = |run: &Run| seen(&profile, run, (names, &columns), error);
+            let error = run.values[dataset.column(error).unwrap()].to_vec();
+            let seen = |run: &Run| seen(&profile, run, (names, &columns), &error);
             let whole = seen(run);
             alarms += whole.suspected.len();
             for (sensor, column) in columns.iter().copied().enumerate() {
@@ -86,8 +86,8 @@ fn record(name: &str, files: &[PathBuf], names: &[String], errors: &[&str]) -> b
                     let rows = run.times.len();
                     let at = chance.random_range(rows / 20..rows * 9 / 10);
                     let mut frozen = run.clone();
-                    let stays = run.values[column][at];
-                    frozen.values[column][at..].fill(stays);
+                    let stays = run.values[column].at(at);
+                    frozen.values[column].change(|values| values[at..].fill(stays));
                     let with = seen(&frozen);
                     let own = with.suspected.iter().find(|(suspected, _)| *suspected == sensor);
                     let after = |row: usize| run.times[row].since(run.times[at]).as_secs_f64() / 60.0;
@@ -183,7 +183,8 @@ fn seen(profile: &Profile, run: &Run, (names, columns): (&[String], &[usize]), e
     let (mut suspected, mut least, mut most): (Vec<(usize, usize)>, f64, f64) =
         (Vec::new(), f64::INFINITY, f64::NEG_INFINITY);
     for (row, now) in run.times.iter().copied().enumerate() {
-        let value = |sensor: usize| Some(run.values[columns[sensor]][row]).filter(|value| value.is_finite());
+        let value =
+            |sensor: usize| Some(run.values[columns[sensor]].at(row)).filter(|value| value.is_finite());
         let reading = |sensor: &Option<usize>| match sensor.and_then(value) {
             Some(value) => Reading::good(value, now),
             None => Reading::bad(now, Reason::NotInLog),

@@ -191,10 +191,11 @@ impl Record<'_> {
             for name in self.names {
                 let mut spoilt = self.dataset.clone();
                 let column = spoilt.column(name).unwrap();
-                let values = &mut spoilt.runs[run].values[column];
-                let at = values.len() / 2;
-                let stays = values[at];
-                values[at..].fill(stays);
+                spoilt.runs[run].values[column].change(|values| {
+                    let at = values.len() / 2;
+                    let stays = values[at];
+                    values[at..].fill(stays);
+                });
                 let others = |found: &Identified| {
                     let runs = found.runs.iter().enumerate().filter(|(place, _)| *place != run);
                     mean(runs.map(|(_, run)| run.range_um))

@@ -311,18 +311,20 @@ fn touched(single: &Dataset, error: usize, errors: &[f64]) -> Dataset {
 
 fn touch(run: &mut Run, error: usize, errors: &[f64]) {
     // The first value is the datum, which the machine takes as zero.
-    let zero = run.values[error].iter().copied().find(|value| value.is_finite()).unwrap_or_default();
+    let zero = run.values[error].iter().find(|value| value.is_finite()).unwrap_or_default();
     let hours: Vec<f64> = run.seconds().map(|second| second / 3600.0).collect();
     let mut last = 0.0;
-    for (value, hour) in run.values[error].iter_mut().zip(hours) {
-        let is_touch = value.is_finite() && hour.floor() > last;
-        if is_touch {
-            last = hour.floor();
-            *value += error_at(errors, last) - zero;
-        } else {
-            *value = f64::NAN;
+    run.values[error].change(|values| {
+        for (value, hour) in values.iter_mut().zip(hours) {
+            let is_touch = value.is_finite() && hour.floor() > last;
+            if is_touch {
+                last = hour.floor();
+                *value += error_at(errors, last) - zero;
+            } else {
+                *value = f64::NAN;
+            }
         }
-    }
+    });
 }
 
 /// Returns the range and the root mean square of a run.

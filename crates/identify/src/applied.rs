@@ -132,9 +132,9 @@ fn recorded(dataset: &Dataset) -> impl Iterator<Item = &Run> {
 /// a row without Cz loses its error value.
 fn take_out(dataset: &mut Dataset, error: usize, column: usize) -> Option<(f64, f64)> {
     for run in dataset.runs.iter_mut().filter(|run| !run.is_touched()) {
-        let cz = run.values[column].clone();
+        let cz = run.values[column].to_vec();
         if cz.iter().any(|cz| cz.is_finite()) {
-            run.values[error].iter_mut().zip(cz).for_each(|(error, cz)| *error -= cz);
+            run.values[error].change(|errors| errors.iter_mut().zip(cz).for_each(|(error, cz)| *error -= cz));
         }
     }
     least_and_most(recorded(dataset).flat_map(|run| &run.values[column]))

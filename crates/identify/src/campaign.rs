@@ -178,7 +178,7 @@ impl<'a> Campaign<'a> {
         readings.clear();
         readings.extend(self.columns.iter().map(|channel| {
             let Some((column, range)) = channel else { return Reading::bad(now, Reason::NotInLog) };
-            let value = run.values[*column][row];
+            let value = run.values[*column].at(row);
             match range {
                 _ if value.is_nan() => Reading::bad(now, Reason::NotInLog),
                 Some((low, high)) if !(*low..=*high).contains(&value) => {
@@ -214,7 +214,7 @@ impl<'a> Campaign<'a> {
         let errors = &run.values[self.error];
         let Some(start) = self.start(run) else { return vec![Target::UNKNOWN; errors.len()] };
         let places: Vec<i64> = match &self.position {
-            Some(position) => run.values[position.input.column].iter().map(|place| whole(*place)).collect(),
+            Some(position) => run.values[position.input.column].iter().map(whole).collect(),
             None => vec![0; errors.len()],
         };
         // For each place: the sum of its cold errors, their number, and the row of its first visit if that was later.
@@ -231,7 +231,7 @@ impl<'a> Campaign<'a> {
                 cold.1 += 1.0;
             }
         }
-        let target = |((time, error), place): ((&Moment, &f64), &i64)| match cold.get(place) {
+        let target = |((time, error), place): ((&Moment, f64), &i64)| match cold.get(place) {
             Some((sum, count, since)) if *time >= start => Target { cz: sum / count - error, since: *since },
             _ => Target::UNKNOWN,
         };
@@ -256,13 +256,13 @@ impl Campaign<'_> {
             self.inputs.iter().all(|input| value(input).is_some())
         };
         let counts_from_touch = matches!(datum, TouchDatum::Touch(_));
-        let may_be_zero = |row: &usize| !counts_from_touch || errors[*row].is_finite();
+        let may_be_zero = |row: &usize| !counts_from_touch || errors.at(*row).is_finite();
         let zero =
             first.and_then(|first| (first..errors.len()).filter(may_be_zero).find(|row| is_complete(*row)));
         let Some(zero) = zero else { return vec![Target::UNKNOWN; errors.len()] };
-        let cold = Some(errors[zero]).filter(|error| error.is_finite()).unwrap_or_default();
+        let cold = Some(errors.at(zero)).filter(|error| error.is_finite()).unwrap_or_default();
         let since = (datum != TouchDatum::Start).then_some(zero);
-        let target = |(row, error): (usize, &f64)| match row.cmp(&zero) {
+        let target = |(row, error): (usize, f64)| match row.cmp(&zero) {
             Ordering::Less => Target::UNKNOWN,
             Ordering::Equal => Target { cz: 0.0, since },
             Ordering::Greater => Target { cz: cold - error, since },

@@ -69,7 +69,7 @@ pub(super) fn odd_length(run: &Run) -> Option<String> {
 pub(super) fn fahrenheit(dataset: &Dataset, temperatures: &[usize]) -> Option<String> {
     let first = |column: &usize| {
         let mut values = dataset.runs.iter().flat_map(|run| &run.values[*column]);
-        values.find(|value| value.is_finite()).copied()
+        values.find(|value| value.is_finite())
     };
     let (coldest, _) = least_and_most(temperatures.iter().filter_map(first))?;
     let (unit, as_celsius, how) = match coldest > KELVIN {
@@ -120,7 +120,7 @@ pub(super) fn unused_position(dataset: &Dataset, error: usize) -> Option<String>
     let moved = |column: &usize| {
         let places = dataset.runs.iter().flat_map(|run| {
             let measured = run.values[*column].iter().zip(&run.values[error]);
-            measured.filter(|(_, error)| error.is_finite()).map(|(place, _)| *place)
+            measured.filter(|(_, error)| error.is_finite()).map(|(place, _)| place)
         });
         least_and_most(places.filter(|place| place.is_finite())).map_or(0.0, |(least, most)| most - least)
     };

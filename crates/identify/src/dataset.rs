@@ -31,6 +31,7 @@ mod parquet;
 mod plain;
 mod repeats;
 mod run;
+mod series;
 mod spaced;
 mod split;
 mod steps;
@@ -52,6 +53,7 @@ pub use measured::Implausible;
 pub use plain::{PlainLog, plain_log};
 pub use run::Run;
 pub(crate) use run::{Datum, Errors, Origin};
+pub use series::{Numbers, Series};
 pub use split::Split;
 pub use table::{Units, Uses, every_column};
 
@@ -158,9 +160,9 @@ impl Dataset {
         let lost: Vec<Refusal> = tables.iter().flat_map(|table| refusals(table, &table.lost)).collect();
         let texts = tables.iter().flat_map(|table| refusals(table, &table.texts)).collect();
         remarks.extend(not_used(&lost));
-        let guess = |name: &str, values: &[f64]| match Kind::of_name(name, unit(name)) {
+        let guess = |name: &str, values: &Series| match Kind::of_name(name, unit(name)) {
             None if split.displacements.iter().any(|known| known == name) => Kind::Displacement,
-            _ => Kind::guess(name, unit(name), std::iter::once(values)),
+            _ => Kind::guess(name, unit(name), values.iter()),
         };
         let foreign: Vec<Refusal> = tables.iter().flat_map(|table| foreign(table, units)).collect();
         let Divided { runs, remarks: left_out, refused: mut implausible } =
@@ -170,7 +172,7 @@ impl Dataset {
         let column = |(place, name): (usize, String)| {
             let kind = match acted.contains(&name) {
                 true => Kind::Compensation,
-                false => Kind::guess(&name, unit(&name), runs.iter().map(|run| run.values[place].as_slice())),
+                false => Kind::guess(&name, unit(&name), runs.iter().flat_map(|run| &run.values[place])),
             };
             Column { name, kind }
         };
@@ -285,7 +287,7 @@ fn unread(tables: &[Table], units: Units<'_>) -> Vec<Column> {
     let mut seen = HashSet::new();
     for (name, sample) in tables.iter().flat_map(Table::unread) {
         if seen.insert(name) {
-            let kind = Kind::guess(name, units(name), std::iter::once(sample));
+            let kind = Kind::guess(name, units(name), sample.iter());
             found.push(Column { name: name.to_owned(), kind });
         }
     }

@@ -249,8 +249,8 @@ pub(super) fn levelled<'a>(dataset: &'a Dataset, columns: &[usize]) -> Cow<'a, D
             for (step, place) in jumps(&own, &spikes(&own)) {
                 if is_near(own.seconds[place], &steps) {
                     let rows = rows_of_step(run, *column, own.seconds[place]);
-                    let values = &mut levelled.to_mut().runs[number].values[*column];
-                    rows.into_iter().for_each(|row| values[row] -= step);
+                    levelled.to_mut().runs[number].values[*column]
+                        .change(|values| rows.into_iter().for_each(|row| values[row] -= step));
                 }
             }
         }
@@ -294,7 +294,7 @@ fn rows_of_spikes(run: &Run, own: &Minutes, spikes: &[(usize, usize)]) -> Vec<us
 /// Returns all rows of the run from a step of this column onwards. The step is the largest one within two minutes of
 /// the time `at`, s.
 fn rows_of_step(run: &Run, column: usize, at: f64) -> Vec<usize> {
-    let values = run.values[column].iter().copied().enumerate().zip(run.seconds());
+    let values = run.values[column].iter().enumerate().zip(run.seconds());
     let is_near = |value: f64, second: f64| value.is_finite() && (second - at).abs() <= 120.0;
     let near: Vec<(usize, f64)> =
         values.filter(|((_, value), second)| is_near(*value, *second)).map(|(row, _)| row).collect();
@@ -339,8 +339,9 @@ fn jumps(own: &Minutes, spikes: &[(usize, usize)]) -> Vec<(f64, usize)> {
 
 /// Returns the smallest step between two values of a log column; 0 if its values never change.
 pub(super) fn resolution(dataset: &Dataset, column: usize) -> f64 {
-    let pairs = dataset.runs.iter().flat_map(|run| run.values[column].windows(2));
-    let steps = pairs.map(|pair| (pair[1] - pair[0]).abs()).filter(|step| *step > 1e-9);
+    let values = dataset.runs.iter().map(|run| &run.values[column]);
+    let pairs = values.flat_map(|values| values.iter().zip(values.iter().skip(1)));
+    let steps = pairs.map(|(one, next)| (next - one).abs()).filter(|step| *step > 1e-9);
     let smallest = steps.fold(f64::MAX, f64::min);
     if smallest < f64::MAX { smallest } else { 0.0 }
 }

@@ -136,17 +136,18 @@ mod tests {
     use std::path::PathBuf;
 
     use super::*;
-    use crate::dataset::{Column, Kind, Origin, Run};
+    use crate::dataset::{Column, Kind, Origin, Run, Series};
     use isotherm_core::quantity::Moment;
 
     /// Logs of five days with the columns `bed` and `nose`. The function returns whether a day has a column.
     fn logs(has: impl Fn(usize, usize) -> bool) -> Dataset {
         let column = |name: &str| Column { name: name.to_owned(), kind: Kind::Temperature };
+        let column_of = |has: bool| Series::from(vec![if has { 20.0 } else { f64::NAN }; 10]);
         let day = |day: usize| Run {
             name: format!("day{day}"),
             file: PathBuf::from("day.csv"),
             times: (0..10).map(|row| Moment::from_nanos(row * 60_000_000_000)).collect(),
-            values: [0, 1].map(|column| vec![if has(day, column) { 20.0 } else { f64::NAN }; 10]).to_vec(),
+            values: Vec::from([0, 1].map(|column| column_of(has(day, column)))),
             origin: Origin::default(),
         };
         let columns = vec![column("bed"), column("nose")];
@@ -197,7 +198,7 @@ mod tests {
         let mut dataset = logs(|_, _| true);
         leave_out(&mut dataset, &[0, 1], &|_, _| panic!("nothing must be tested"));
         // A column that few runs have is no reason to leave the others out.
-        dataset.runs.iter_mut().skip(2).for_each(|run| run.values[1].fill(f64::NAN));
+        dataset.runs.iter_mut().skip(2).for_each(|run| run.values[1] = Series::missing(10));
         leave_out(&mut dataset, &[0, 1], &|_, _| panic!("nothing must be tested"));
         assert_eq!((dataset.runs.len(), dataset.remarks.len()), (5, 0));
     }

@@ -21,7 +21,7 @@ pub(crate) struct Minutes {
 
 impl Minutes {
     pub(crate) fn of(run: &Run, column: usize) -> Minutes {
-        let rows = run.seconds().zip(run.values[column].iter().copied());
+        let rows = run.seconds().zip(&run.values[column]);
         let (seconds, values): (Vec<f64>, Vec<f64>) = rows.filter(|(_, value)| value.is_finite()).unzip();
         let mut all = Minutes::default();
         let mut begin = 0;

@@ -24,8 +24,8 @@ pub fn repaired_files(ready: &Ready<'_>) -> Vec<(String, String)> {
         let mut write = |row: Vec<String>| drop(writer.write_record(row));
         write(["time_s".to_owned()].into_iter().chain(names).collect());
         for (row, second) in run.seconds().enumerate() {
-            let learnt = run.values.iter().map(|column| cell(column[row]));
-            let as_recorded = recorded.iter().map(|column| cell(logs.runs[place].values[*column][row]));
+            let learnt = run.values.iter().map(|column| cell(column.at(row)));
+            let as_recorded = recorded.iter().map(|column| cell(logs.runs[place].values[*column].at(row)));
             write([second.to_string()].into_iter().chain(learnt).chain(as_recorded).collect());
         }
         let bytes = writer.into_inner().ok()?;

@@ -41,8 +41,7 @@ pub(crate) fn scale(signal: &Signal) -> Option<f64> {
 pub(crate) fn estimated(dataset: &Dataset, column: usize) -> f64 {
     let (mut levels, mut still, mut all) = (Vec::new(), 0, 0);
     for run in &dataset.runs {
-        let readings: Vec<f64> =
-            run.values[column].iter().copied().filter(|value| value.is_finite()).collect();
+        let readings: Vec<f64> = run.values[column].iter().filter(|value| value.is_finite()).collect();
         all += readings.len();
         for plateau in readings.chunk_by(|one, other| one.to_bits() == other.to_bits()) {
             if plateau.len() >= PLATEAU {
@@ -82,7 +81,7 @@ mod tests {
             name: "day".to_owned(),
             file: PathBuf::from("day.csv"),
             times,
-            values: vec![values],
+            values: vec![values.into()],
             origin: Origin::default(),
         };
         let columns = vec![Column { name: "bed".to_owned(), kind: Kind::Temperature }];

@@ -178,7 +178,7 @@ impl<'a> Others<'a> {
         let mut until = |second: f64| {
             while let Some((at, value)) = rows.next_if(|(at, _)| *at <= second) {
                 if value.to_bits() != last.to_bits() {
-                    (last, changed) = (*value, at);
+                    (last, changed) = (value, at);
                 }
             }
             changed

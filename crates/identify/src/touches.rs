@@ -20,7 +20,7 @@ use std::time::Duration;
 
 use crate::applied::{self, Applied};
 use crate::checks::SHORTEST_RUN;
-use crate::dataset::{BadLog, Column, Dataset, Datum, Errors, Kind, Origin, Run};
+use crate::dataset::{BadLog, Column, Dataset, Datum, Errors, Kind, Origin, Run, Series};
 use isotherm_core::compensation::model::Reference;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
@@ -106,10 +106,10 @@ struct Source {
 
 impl Source {
     /// Returns the error of each row without Cz, µm; NaN without a touch, or if the Cz that acted is not known.
-    fn errors(&self, run: &Run) -> Vec<f64> {
+    fn errors(&self, run: &Run) -> Series {
         let acting = |row: usize| {
-            let own = self.acting.map(|column| run.values[column][row]).filter(|cz| cz.is_finite());
-            own.unwrap_or_else(|| self.cz.map_or(0.0, |column| run.values[column][row]))
+            let own = self.acting.map(|column| run.values[column].at(row)).filter(|cz| cz.is_finite());
+            own.unwrap_or_else(|| self.cz.map_or(0.0, |column| run.values[column].at(row)))
         };
         run.values[self.measured].iter().enumerate().map(|(row, error)| error - acting(row)).collect()
     }
@@ -135,8 +135,8 @@ fn source_of_cz(
     let touches = dataset.column(&measured);
     let logged = dataset.column(&acting);
     let lacks = |run: &Run| {
-        let is_known = |row: usize| logged.is_some_and(|column| run.values[column][row].is_finite());
-        let is_touch = |row: usize| touches.is_some_and(|column| run.values[column][row].is_finite());
+        let is_known = |row: usize| logged.is_some_and(|column| run.values[column].at(row).is_finite());
+        let is_touch = |row: usize| touches.is_some_and(|column| run.values[column].at(row).is_finite());
         (0..run.times.len()).any(|row| is_touch(row) && !is_known(row))
     };
     let mut runs = dataset.runs.iter().zip(is_touched).filter(|(_, is_touched)| **is_touched);
@@ -157,7 +157,7 @@ fn source_of_cz(
 fn add(dataset: &mut Dataset, error: &str) -> usize {
     dataset.columns.push(Column { name: error.to_owned(), kind: Kind::Displacement });
     for run in &mut dataset.runs {
-        run.values.push(vec![f64::NAN; run.times.len()]);
+        run.values.push(Series::missing(run.times.len()));
     }
     dataset.columns.len() - 1
 }
@@ -202,7 +202,7 @@ impl<'a> Datums<'a> {
     fn first(&self, record: &Run) -> Option<Datum> {
         let level = self.on.and_then(|on| record.values[on].iter().find(|level| level.is_finite()));
         match level {
-            Some(level) if *level < 0.5 => None,
+            Some(level) if level < 0.5 => None,
             _ if record.origin.continues => Some(Datum::Touch(0)),
             _ => Some(Datum::Start),
         }
@@ -210,10 +210,10 @@ impl<'a> Datums<'a> {
 }
 
 /// Returns the rows in which a signal changes to on (`to` is `true`) or to off. Missing values are skipped.
-fn edges(levels: &[f64], to: bool) -> impl Iterator<Item = usize> + '_ {
+fn edges(levels: &Series, to: bool) -> impl Iterator<Item = usize> + '_ {
     let mut was_on = None;
-    let is_edge = move |(_, level): &(usize, &f64)| {
-        let is_on = **level >= 0.5;
+    let is_edge = move |(_, level): &(usize, f64)| {
+        let is_on = *level >= 0.5;
         was_on.replace(is_on) == Some(!to) && is_on == to
     };
     levels.iter().enumerate().filter(|(_, level)| level.is_finite()).filter(is_edge).map(|(row, _)| row)
@@ -318,7 +318,7 @@ impl Record {
         let rows = self.run.times.len();
         self.sources.push((rows, run.name, run.file));
         self.run.times.extend(run.times);
-        self.run.values.iter_mut().zip(run.values).for_each(|(all, more)| all.extend(more));
+        self.run.values.iter_mut().zip(run.values).for_each(|(all, more)| all.extend(&more));
         let zeros = run.origin.zeros.into_iter().map(|(row, axis)| (row + rows, axis));
         self.run.origin.zeros.extend(zeros);
     }
@@ -332,7 +332,7 @@ impl Record {
         names: &mut HashMap<String, usize>,
     ) -> Option<Run> {
         let record = &self.run;
-        let touches = record.values[error][rows.clone()].iter().filter(|error| error.is_finite()).count();
+        let touches = record.values[error].within(rows.clone()).filter(|error| error.is_finite()).count();
         let needed = if matches!(datum, Datum::Touch(_)) { 2 } else { 1 };
         let lasts = record.times[rows.end - 1].since(record.times[rows.start]);
         if touches < needed || lasts < SHORTEST_RUN {
@@ -346,9 +346,9 @@ impl Record {
             }
         };
         let before = rows.start - begin;
-        let mut values: Vec<Vec<f64>> =
-            record.values.iter().map(|column| column[begin..rows.end].to_vec()).collect();
-        values[error][..before].fill(f64::NAN);
+        let part = |column: &Series| column.within(begin..rows.end).collect::<Series>();
+        let mut values: Vec<Series> = record.values.iter().map(part).collect();
+        values[error].change(|errors| errors[..before].fill(f64::NAN));
         let datum = match datum {
             Datum::Zero(_) => Datum::Zero(before),
             Datum::Touch(_) => Datum::Touch(before),

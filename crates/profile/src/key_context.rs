@@ -58,7 +58,7 @@ pub(crate) fn optional<R, T>(raw: Option<R>, resolve: impl FnOnce(R) -> Option<T
 impl Names {
     pub(crate) fn of<R>(kind: &'static str, raw: &BTreeMap<String, R>, spans: &SourceMap) -> Names {
         let mut names: Vec<String> = raw.keys().cloned().collect();
-        names.sort_by_key(|name| spans.rank(&child(kind, name)));
+        names.sort_by_cached_key(|name| spans.rank(&child(kind, name)));
         let places = names.iter().cloned().enumerate().map(|(place, name)| (name, place)).collect();
         Names { kind, names, places }
     }

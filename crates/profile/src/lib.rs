@@ -17,7 +17,7 @@
 //! - `template`, `dbc`: device templates, and DBC files, which describe CAN frames.
 //! - `key_context`: a key that is being checked, with its errors and warnings.
 //! - `kinds`: one folder or file for each kind of bus: its keys, addresses, read requests and preview.
-//! - `ids`, `profile`: indices of tables, and the resolved [`Profile`].
+//! - `ids`, `members`, `profile`: indices of tables, the members of devices and buses, and the resolved [`Profile`].
 //! - `tables`: one file for each table of the profile: its keys, checks, resolved form, and preview.
 //! - [`log_columns`]: names of the columns of a log, which no signal may have.
 //! - `written_places`: the registers, nodes, objects and frames that the gateway writes.
@@ -39,6 +39,7 @@ mod key_context;
 mod kinds;
 mod load;
 pub mod log_columns;
+mod members;
 mod merge;
 mod overridden_keys;
 pub mod plan;
@@ -48,6 +49,7 @@ mod protected_keys;
 pub mod safe_file;
 mod schema_check;
 mod schema_of;
+mod schemas;
 mod size;
 mod source_map;
 mod sources;
@@ -76,8 +78,10 @@ pub use load::{
     Loaded, environment, load, load_and_keep, load_before_certificates, load_edited, load_from, parse,
     parse_beside, parse_with,
 };
+pub use members::{Members, ProfileMembers};
 pub use overridden_keys::Overridden;
 pub use profile::Profile;
+pub use schemas::schema;
 pub use sources::{FileStamp, SOURCES_MARK, Sources};
 pub use tables::axis::learning::{LEARNED, Learning};
 pub use tables::axis::model::network;
@@ -107,7 +111,6 @@ pub use tables::output::verify::Verify;
 pub use tables::output::writes::Writes;
 pub use tables::output::{Output, Stated};
 pub use tables::register::Flag;
-pub use tables::schema::schema;
 pub use tables::set::{OutputSet, OwnWord, Stretch};
 pub use tables::signal::Signal;
 pub use tables::signal::counter::Capture;

@@ -2,6 +2,7 @@
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use serde::Deserialize;
 use serde_json::{Map, Value};
@@ -15,8 +16,8 @@ use crate::kinds::KINDS;
 use crate::overridden_keys::Above;
 use crate::protected_keys::{self, Refusal};
 use crate::safe_file::without_numbers;
-use crate::schema;
 use crate::schema_check::{SchemaCheck, resolved, types};
+use crate::schemas::Schemas;
 use crate::source_map::{SourceMap, child};
 use crate::sources::Sources;
 use crate::tables::RawProfile;
@@ -41,6 +42,8 @@ const LARGE: usize = 100_000;
 /// Address space, in bytes, that makes glibc return the free memory of a thread. It is twice the largest block that is
 /// freed after reading a thousand devices.
 const MOST_END: usize = 40_000_000;
+/// Size in bytes of a block that glibc does not map separately.
+const PIECE: usize = 100 * 1024;
 
 /// Names with values: settings of the command line, or environment variables.
 pub(crate) type Pairs = [(String, String)];
@@ -305,52 +308,53 @@ fn local_beside(path: &Path) -> PathBuf {
     path.with_extension("local.toml")
 }
 
-/// Loads the layers, those of a large profile in a separate thread with its own heap. Loading a large machine needs
-/// many times the memory of the result. The allocator of glibc returns free memory only if no block in use lies above
-/// it. Therefore the result is copied out of the thread.
+/// Loads the layers. The first profile of a process, and each large one, is loaded in a separate thread with its own
+/// heap. Loading needs many times the memory of the result. The allocator of glibc returns free memory only if no block
+/// in use lies above it. Therefore the result is copied out of the thread. A gateway loads one profile, so the schemas
+/// of the first one are not kept.
 fn layered(
     layers: &[(PathBuf, String)],
     files: &Files<'_>,
     settings: &Pairs,
     environment: &Pairs,
 ) -> Result<Loaded, Errors> {
-    // The schema stays in use, so it must not be in the memory of the thread.
-    schema();
-    let read = || {
-        let read = merged_and_checked(layers, files, settings, environment);
+    static IS_FIRST: AtomicBool = AtomicBool::new(true);
+    let read = |schemas: &Schemas| {
+        let read = merged_and_checked(layers, (files, schemas), settings, environment);
         read.map_err(|errors| other_file(layers, &errors).unwrap_or(errors))
     };
-    if layers.iter().map(|(_, text)| text.len()).sum::<usize>() < LARGE {
-        return read();
+    let is_large = layers.iter().map(|(_, text)| text.len()).sum::<usize>() >= LARGE;
+    if !IS_FIRST.swap(false, Ordering::Relaxed) && !is_large {
+        return read(Schemas::kept());
     }
     std::thread::scope(|scope| {
-        let loaded = scope.spawn(read).join().unwrap_or_else(|panicked| std::panic::resume_unwind(panicked));
+        let read = || read(&Schemas::new());
+        let Ok(loading) = std::thread::Builder::new().spawn_scoped(scope, read) else { return read() };
+        let loaded = loading.join().unwrap_or_else(|panicked| std::panic::resume_unwind(panicked));
         let kept = loaded.clone();
         let _ = scope.spawn(|| drop(loaded)).join();
         // The memory of a thread is above everything allocated before.
-        scope.spawn(free_the_end);
+        scope.spawn(move || free_the_end(if is_large { MOST_END } else { PIECE }));
         kept
     })
 }
 
 /// Makes glibc return the free memory at the end of a thread's heap. glibc does this if that memory is twice as large
 /// as the largest block ever freed: see malloc(3), `M_TRIM_THRESHOLD`. A large profile is freed in large blocks. This
-/// function reserves enough address space for that limit without touching it, so it uses no memory.
-fn free_the_end() {
-    // Smaller than a block that is mapped separately.
-    const PIECE: usize = 100 * 1024;
-    let end: Vec<Vec<u8>> = (0..MOST_END / PIECE).map(|_| Vec::with_capacity(PIECE)).collect();
+/// function reserves `space` bytes of address space without touching them, so it uses no memory.
+fn free_the_end(space: usize) {
+    let end: Vec<Vec<u8>> = (0..space / PIECE).map(|_| Vec::with_capacity(PIECE)).collect();
     drop(std::hint::black_box(end));
 }
 
 fn merged_and_checked(
     layers: &[(PathBuf, String)],
-    files: &Files<'_>,
+    (files, schemas): (&Files<'_>, &Schemas),
     settings: &Pairs,
     environment: &Pairs,
 ) -> Result<Loaded, Errors> {
     let mut loader = Loader {
-        schema: schema(),
+        schemas,
         spans: SourceMap::default(),
         errors: Findings::default(),
         layers: Vec::new(),
@@ -384,7 +388,7 @@ fn merged_and_checked(
 }
 
 struct Loader<'a> {
-    schema: &'a Value,
+    schemas: &'a Schemas,
     spans: SourceMap,
     errors: Findings,
     /// Parsed layers. The first one is the profile, unless the profile cannot be parsed.
@@ -400,14 +404,20 @@ struct Loader<'a> {
 impl Loader<'_> {
     fn walk(&mut self, layer: usize) -> SchemaCheck<'_> {
         let beside = Scaling::default();
-        SchemaCheck { schema: self.schema, layer, spans: &mut self.spans, errors: &mut self.errors, beside }
+        SchemaCheck {
+            schema: &self.schemas.profile,
+            layer,
+            spans: &mut self.spans,
+            errors: &mut self.errors,
+            beside,
+        }
     }
 
     fn file(&mut self, path: &Path, text: &str) {
         let layer = self.spans.add_layer(&path.display().to_string(), Some(text));
         let (table, is_whole) = self.walk(layer).parsed(text);
         if is_whole {
-            let schema = self.schema;
+            let schema = &self.schemas.profile;
             let right = self.walk(layer).table(schema, "", table);
             self.files += 1;
             self.layer(right);
@@ -419,7 +429,7 @@ impl Loader<'_> {
     /// Adds a layer above the existing ones.
     fn layer(&mut self, layer: Value) {
         if let Some(profile) = self.layers.first().filter(|_| !self.broken) {
-            self.refused.extend(protected_keys::refused(profile, &layer, &self.spans));
+            self.refused.extend(protected_keys::refused(&self.schemas.profile, profile, &layer, &self.spans));
         }
         self.layers.push(layer);
     }
@@ -427,7 +437,7 @@ impl Loader<'_> {
     /// Adds one value from the environment or the command line.
     fn setting(&mut self, name: &str, parts: &[&str], text: &str, below: &Value, any_case: bool) {
         let layer = self.spans.add_layer(name, None);
-        let (keys, schema) = match find(self.schema, below, parts, any_case) {
+        let (keys, schema) = match find(&self.schemas.profile, below, parts, any_case) {
             Ok(found) => found,
             // If a file is not valid TOML, the existing names are unknown.
             Err(_) if self.broken => return,
@@ -438,7 +448,7 @@ impl Loader<'_> {
         };
         let path = keys.iter().fold(String::new(), |path, key| child(&path, key));
         self.spans.record(layer, &path, 0..0, 0..0);
-        let value = scalar(&types(self.schema, schema), text);
+        let value = scalar(&types(&self.schemas.profile, schema), text);
         let table = keys.iter().rev().skip(1).rev().try_fold(below, |value, key| value.get(key));
         let mut walk = self.walk(layer);
         walk.beside = table.map(Scaling::of).unwrap_or_default();
@@ -466,13 +476,14 @@ impl Loader<'_> {
         }
         let (mut profile, mut warnings) = (None, Findings::default());
         if !self.broken {
-            let templates = template::fill(&mut merged, files, &mut self.spans, &mut self.errors);
+            let templates =
+                template::fill(&mut merged, (files, self.schemas), &mut self.spans, &mut self.errors);
             if let Some(own) = &own {
                 let refused = std::mem::take(&mut self.refused);
                 let refused = protected_keys::that_count(refused, own, &merged);
                 refused.into_iter().for_each(|error| self.errors.push(error));
             }
-            let schema = self.schema;
+            let schema = &self.schemas.profile;
             self.walk(0).missing(schema, "", &merged);
             self.spans.mark_right("", &merged);
             // Consumed, so that a large machine is not in memory twice.

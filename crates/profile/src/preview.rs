@@ -32,6 +32,7 @@ impl Preview {
     /// Creates the preview of a profile.
     pub fn of(profile: &Profile) -> Preview {
         let devices = profile.devices.iter().enumerate();
+        let readers = checks::readers(profile);
         let preview = |(place, device): (usize, &Device)| {
             let id = DeviceId(place);
             let requests = profile.register_requests(id);
@@ -40,11 +41,11 @@ impl Preview {
             let bus = profile.bus(device.bus);
             let (kind, _) = kinds::of(bus.transport);
             let described = (kind.device_preview)(device, &every, &summary);
-            let checks = checks::preview(profile, id, device);
+            let checks = checks::preview(profile, (id, device), &readers);
             let can = device.can.as_ref().map(|can| can.preview(profile, id));
-            (device.bus, device.preview((&bus.name, &described), can, (summary, polled), checks))
+            device.preview((&bus.name, &described), can, (summary, polled), checks)
         };
-        let devices: Vec<(BusId, Section)> = devices.map(preview).collect();
+        let devices: Vec<Section> = devices.map(preview).collect();
         let mut section = Section::default();
         let (name, description) = (&profile.name, &profile.description);
         let title = labelled(name, &profile.label);
@@ -57,18 +58,19 @@ impl Preview {
             section.line("");
         }
         section.entry("overridden", &profile.overridden);
-        let buses = profile.buses.iter().enumerate().map(|(place, bus)| {
+        let lines = profile.buses.iter().enumerate().zip(Load::of_lines(profile));
+        let buses = lines.map(|((place, bus), load)| {
             let id = BusId(place);
-            let load = Load::of(profile, id).map(|load| load.preview());
+            let load = load.map(|load| load.preview());
             let (kind, line) = kinds::of(bus.transport);
             let bus = bus.preview((line.title, kind.line_preview), (kind.preview)(profile, id), load);
             section.lines_of(&bus);
-            devices.iter().filter(|(bus, _)| *bus == id).for_each(|(_, device)| section.lines_of(device));
+            profile.devices_on(id).for_each(|(device, _)| section.lines_of(&devices[device.0]));
             bus
         });
         let buses: Vec<Section> = buses.collect();
         section.json("buses", buses);
-        section.json("devices", devices.into_iter().map(|(_, device)| device).collect::<Vec<_>>());
+        section.json("devices", devices);
         let unidentified = checks::unidentified(profile);
         if !unidentified.is_empty() {
             let names = unidentified.join(", ");
@@ -91,8 +93,8 @@ impl Preview {
             ));
         }
         section.entry("only_recorded", &profile.only_recorded);
-        let all_over = UniformTemperature::shown(&profile.signals);
-        section.parts("axes", profile.axes.iter().map(|axis| axis.preview(&profile.signals, &all_over)));
+        let mut all_over = UniformTemperature::shown(&profile.signals);
+        section.parts("axes", profile.axes.iter().map(|axis| axis.preview(&profile.signals, &mut all_over)));
         section.line("");
         section.line("writes");
         section.parts("writes", profile.outputs.iter().map(|output| output.preview(profile)));

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use crate::ids::{AxisId, BusId, DeviceId, OutputId, SetId};
+use crate::members::{Lists, ProfileMembers};
 use crate::{
     Arm, Axis, Bus, Device, Heartbeat, History, Mqtt, Notify, OnStop, OpcUaServer, Output, OutputSet,
     Overridden, Purpose, Signal, Verify, Web,
@@ -59,6 +60,8 @@ pub struct Profile {
     pub history: History,
     /// Keys that the local file (`.local.toml`), the environment or `--set` sets above the profile.
     pub overridden: Vec<Overridden>,
+    /// Devices of each bus and signals of each device.
+    pub members: ProfileMembers,
 }
 
 impl Profile {
@@ -89,8 +92,7 @@ impl Profile {
 
     /// Devices on a bus.
     pub fn devices_on(&self, bus: BusId) -> impl Iterator<Item = (DeviceId, &Device)> + Clone {
-        let devices = self.devices.iter().enumerate().map(|(place, device)| (DeviceId(place), device));
-        devices.filter(move |(_, device)| device.bus == bus)
+        self.lists().devices.of(bus.0).map(move |place| (DeviceId(place), &self.devices[place]))
     }
 
     /// Returns whether a device of a Modbus TCP line is behind a Modbus gateway to a serial line.
@@ -102,8 +104,15 @@ impl Profile {
 
     /// Signals that are read from a device.
     pub fn signals_of(&self, device: DeviceId) -> impl Iterator<Item = (SignalId, &Signal)> + Clone {
-        let signals = self.signals.iter().enumerate().map(|(place, signal)| (SignalId(place), signal));
-        signals.filter(move |(_, signal)| signal.device == device)
+        self.lists().signals.of(device.0).map(move |place| (SignalId(place), &self.signals[place]))
+    }
+
+    fn lists(&self) -> &Lists {
+        self.members.lists(|| {
+            let devices = self.devices.iter().enumerate().map(|(place, device)| (device.bus.0, place));
+            let signals = self.signals.iter().enumerate().map(|(place, signal)| (signal.device.0, place));
+            Lists { devices: devices.collect(), signals: signals.collect() }
+        })
     }
 
     /// Axis with this index.
@@ -137,7 +146,7 @@ impl Profile {
         let object =
             |address: &Address| if let Address::Object(object) = address { Some(*object) } else { None };
         let checks = self.device(device).verify.iter().filter_map(|expected| object(&expected.address));
-        let signals = self.signals.iter().filter(|signal| signal.device == device);
+        let signals = self.signals_of(device).map(|(_, signal)| signal);
         let outputs = self.outputs.iter().filter(|output| output.device == device);
         let outputs = outputs.flat_map(|output| match output.verify {
             Verify::ReadBackAt(again) => [object(&output.address), Some(again)],

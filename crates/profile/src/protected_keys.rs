@@ -13,6 +13,8 @@
 //! applies only if an output corrects this position, or a register is written before the signal is read. All other
 //! devices and signals are only read.
 
+use std::collections::HashSet;
+
 use serde_json::{Map, Value};
 
 use crate::error::ProfileError;
@@ -116,8 +118,7 @@ pub(crate) fn allowed(profile: &Value) -> Vec<String> {
 }
 
 /// Returns the keys that a layer sets although their rules forbid it.
-pub(crate) fn refused(profile: &Value, layer: &Value, spans: &SourceMap) -> Vec<Refusal> {
-    let root = crate::schema();
+pub(crate) fn refused(root: &Value, profile: &Value, layer: &Value, spans: &SourceMap) -> Vec<Refusal> {
     let mut guards = Guards {
         root,
         spans,
@@ -147,21 +148,47 @@ pub(crate) fn refused(profile: &Value, layer: &Value, spans: &SourceMap) -> Vec<
 /// Returns as errors the refused keys that influence the data sent to this machine. `merged` is the profile with all
 /// layers and the keys of templates.
 pub(crate) fn that_count(refused: Vec<Refusal>, profile: &Value, merged: &Value) -> Vec<ProfileError> {
-    let counts = |one: &Refusal| [profile, merged].into_iter().any(|machine| one.counts(machine));
+    let machines = [profile, merged].map(Influence::of);
+    let counts = |one: &Refusal| machines.iter().any(|machine| machine.has(one));
     refused.into_iter().filter(counts).map(|one| one.error).collect()
 }
 
-impl Refusal {
+/// Names of the tables whose keys influence the data that the machine receives.
+struct Influence<'a> {
+    /// Devices to which the gateway writes, and those of the signals below.
+    devices: HashSet<&'a str>,
+    /// Positions that an output corrects, and signals before whose reads a register is written.
+    signals: HashSet<&'a str>,
+    /// Axes whose model the control applies itself.
+    axes: HashSet<&'a str>,
+}
+
+impl<'a> Influence<'a> {
+    fn of(machine: &'a Value) -> Influence<'a> {
+        let text = |table: &'a Value, key: &str| table.get(key).and_then(Value::as_str);
+        let outputs = || tables(machine, "output").map(|(_, output)| output);
+        let is_captured = |signal: &Value| signal.pointer("/counter/capture").is_some();
+        let captured = tables(machine, "signal").filter(|(_, signal)| is_captured(signal));
+        let captured = captured.map(|(name, _)| name.as_str());
+        let corrected = outputs().filter_map(|output| text(output, "position"));
+        let signals: HashSet<&str> = captured.chain(corrected).collect();
+        let read = tables(machine, "signal").filter(|(name, _)| signals.contains(name.as_str()));
+        let used = outputs().chain(machine.get("heartbeat")).chain(read.map(|(_, signal)| signal));
+        let set_up = tables(machine, "device").filter(|(_, device)| device.get("setup").is_some());
+        let set_up = set_up.map(|(name, _)| name.as_str());
+        let devices = used.filter_map(|table| text(table, "device")).chain(set_up).collect();
+        let is_apart = |writes: &str| ["intercept", "slope", "reference"].contains(&writes);
+        let apart = outputs().filter(|output| text(output, "writes").is_some_and(is_apart));
+        let axes = apart.filter_map(|output| text(output, "axis")).collect();
+        Influence { devices, signals, axes }
+    }
+
     /// Returns whether the key influences the data that the machine receives.
-    fn counts(&self, machine: &Value) -> bool {
-        let of = |table: &Value, key: &str, name: &str| table.get(key).is_some_and(|value| value == name);
-        match (self.kind.as_str(), self.key.as_str()) {
-            ("device", _) => is_written(machine, &self.name),
-            ("signal", _) => is_sent(machine, &self.name),
-            ("axis", MODELS) => tables(machine, "output").any(|(_, output)| {
-                let applies = ["intercept", "slope", "reference"].map(|word| of(output, "writes", word));
-                of(output, "axis", &self.name) && applies.contains(&true)
-            }),
+    fn has(&self, Refusal { kind, name, key, .. }: &Refusal) -> bool {
+        match (kind.as_str(), key.as_str()) {
+            ("device", _) => self.devices.contains(name.as_str()),
+            ("signal", _) => self.signals.contains(name.as_str()),
+            ("axis", MODELS) => self.axes.contains(name.as_str()),
             _ => true,
         }
     }
@@ -169,24 +196,6 @@ impl Refusal {
 
 fn tables<'a>(machine: &'a Value, kind: &str) -> impl Iterator<Item = (&'a String, &'a Value)> {
     machine.get(kind).and_then(Value::as_object).into_iter().flatten()
-}
-
-/// Returns whether the gateway writes to this device, or reads a position from it and writes that position plus Cz.
-fn is_written(machine: &Value, device: &str) -> bool {
-    let is_its = |table: &Value| table.get("device").is_some_and(|of| of == device);
-    let has_setup = machine.get("device").and_then(|all| all.get(device)?.get("setup")).is_some();
-    has_setup
-        || tables(machine, "output").any(|(_, output)| is_its(output))
-        || machine.get("heartbeat").is_some_and(is_its)
-        || tables(machine, "signal").any(|(name, signal)| is_its(signal) && is_sent(machine, name))
-}
-
-/// Returns true if a read of the signal may change the data sent to a device. Either an output corrects this position,
-/// or a register is written before each read.
-fn is_sent(machine: &Value, signal: &str) -> bool {
-    let has_capture = machine.get("signal").and_then(|all| all.get(signal)?.pointer("/counter/capture"));
-    has_capture.is_some()
-        || tables(machine, "output").any(|(_, output)| output.get("position").is_some_and(|of| of == signal))
 }
 
 struct Guards<'a> {

@@ -12,9 +12,11 @@ use rustix::fs::OFlags;
 /// Largest size of a file that a profile names (a network, matrix or DBC file), in bytes.
 pub const LARGEST: u64 = 16 * 1024 * 1024;
 
-/// Largest size of a profile or template, in bytes: about thirty thousand signals. Checking a key needs fifty times its
-/// length in memory.
-pub const LARGEST_PROFILE: u64 = 4 * 1024 * 1024;
+/// Largest size of a profile or template, in bytes: enough for 5,000 devices with eight signals and an axis each.
+///
+/// Checking a key needs fifty times its length in memory, because the TOML reader keeps 48 bytes for each token. Under
+/// systemd, a gateway and its restart share 1 GB.
+pub const LARGEST_PROFILE: u64 = 8 * 1024 * 1024;
 
 /// Opens a regular file for reading. Links are followed.
 ///

@@ -27,8 +27,8 @@ pub(crate) struct SchemaCheck<'a> {
 
 /// Returns the schema to which a `$ref` refers. A schema without `$ref` is returned unchanged.
 pub(crate) fn resolved<'a>(root: &'a Value, schema: &'a Value) -> &'a Value {
-    let target =
-        schema.get("$ref").and_then(Value::as_str).and_then(|name| root.pointer(name.strip_prefix('#')?));
+    let name = schema.get("$ref").and_then(Value::as_str);
+    let target = name.and_then(|name| root.get("$defs")?.get(name.strip_prefix("#/$defs/")?));
     target.unwrap_or(schema)
 }
 

@@ -1,6 +1,7 @@
 //! Place of each key of the merged profile: layer, line and column.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::borrow::Cow;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::ops::Range;
 
 use serde_json::Value;
@@ -85,7 +86,10 @@ fn large(number: u32) -> usize {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SourceMap {
     layers: Vec<Layer>,
-    by_path: BTreeMap<Box<str>, Span>,
+    /// Places of the keys that are in no list, which are almost all.
+    keys: HashMap<Box<str>, Span>,
+    /// Places of the entries of lists and of the keys in them. They are sorted, so that a list can be removed.
+    in_lists: BTreeMap<Box<str>, Span>,
     /// Valid keys without a place, which a template added.
     brought: BTreeSet<String>,
     /// Known keys that an unknown key probably means, and that are therefore not reported as missing.
@@ -98,8 +102,13 @@ pub(crate) struct SourceMap {
 pub(crate) fn child(path: &str, key: &str) -> String {
     let is_plain = !key.is_empty()
         && key.bytes().all(|byte| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'-'));
-    let key = if is_plain { key.to_owned() } else { format!("{key:?}") };
-    if path.is_empty() { key } else { format!("{path}.{key}") }
+    let key = if is_plain { Cow::Borrowed(key) } else { Cow::Owned(format!("{key:?}")) };
+    if path.is_empty() { key.into_owned() } else { [path, ".", &key].concat() }
+}
+
+/// Returns whether a path leads into a list.
+fn is_in_list(path: &str) -> bool {
+    path.contains('[')
 }
 
 /// Builds the path of an entry of a list.
@@ -132,31 +141,44 @@ impl SourceMap {
         let layer = small(layer);
         let bytes = |range: Range<usize>| (small(range.start), small(range.end));
         let (key, value) = (bytes(key), bytes(value));
-        let rank = self.by_path.get(path).map_or((layer, key.0), |known| known.rank);
-        self.by_path.insert(path.into(), Span { layer, key, value, rank, is_right: false });
+        let rank = self.span(path).map_or((layer, key.0), |known| known.rank);
+        self.put(path, Span { layer, key, value, rank, is_right: false });
+    }
+
+    fn span(&self, path: &str) -> Option<&Span> {
+        if is_in_list(path) { self.in_lists.get(path) } else { self.keys.get(path) }
+    }
+
+    fn put(&mut self, path: &str, span: Span) {
+        if is_in_list(path) {
+            self.in_lists.insert(path.into(), span);
+        } else {
+            self.keys.insert(path.into(), span);
+        }
     }
 
     /// Records a key that no layer contains. Its place is that of the key `of`, which added it. `note` describes its
     /// origin.
     pub(crate) fn fill_in(&mut self, path: &str, of: &str, note: &str) {
-        let Some(span) = self.by_path.get(of).cloned() else { return };
-        self.by_path.insert(path.into(), span);
+        let Some(span) = self.span(of).cloned() else { return };
+        self.put(path, span);
         self.notes.insert(path.to_owned(), note.to_owned());
     }
 
     /// Removes the places inside a list, because a later layer replaces the whole list.
     pub(crate) fn forget_inside(&mut self, path: &str) {
         let inside = format!("{path}[");
-        let after = self.by_path.range(Box::from(&*inside)..).map(|(known, _)| known);
+        let after = self.in_lists.range(Box::from(&*inside)..).map(|(known, _)| known);
         let gone: Vec<Box<str>> = after.take_while(|known| known.starts_with(&inside)).cloned().collect();
         for known in gone {
-            self.by_path.remove(&known);
+            self.in_lists.remove(&known);
         }
     }
 
     /// Marks a value of the merged profile, and everything in it, as valid.
     pub(crate) fn mark_right(&mut self, path: &str, value: &Value) {
-        match (self.by_path.get_mut(path), path) {
+        let span = if is_in_list(path) { self.in_lists.get_mut(path) } else { self.keys.get_mut(path) };
+        match (span, path) {
             (Some(span), _) => span.is_right = true,
             (None, "") => {}
             (None, path) => drop(self.brought.insert(path.to_owned())),
@@ -177,16 +199,16 @@ impl SourceMap {
 
     /// Returns whether the path has a value of the correct type.
     pub(crate) fn is_right(&self, path: &str) -> bool {
-        self.by_path.get(path).is_some_and(|span| span.is_right) || self.brought.contains(path)
+        self.span(path).is_some_and(|span| span.is_right) || self.brought.contains(path)
     }
 
     pub(crate) fn contains(&self, path: &str) -> bool {
-        self.by_path.contains_key(path)
+        self.span(path).is_some()
     }
 
     /// Returns layer and byte at which a key occurred first. An unknown key comes after all others.
     pub(crate) fn rank(&self, path: &str) -> (usize, usize) {
-        let rank = self.by_path.get(path).map(|span| (large(span.rank.0), large(span.rank.1)));
+        let rank = self.span(path).map(|span| (large(span.rank.0), large(span.rank.1)));
         rank.unwrap_or((usize::MAX, 0))
     }
 
@@ -208,7 +230,7 @@ impl SourceMap {
         message: impl Into<String>,
         help: Option<String>,
     ) -> ProfileError {
-        let Some(span) = self.by_path.get(path) else { return self.at_key(path, message, help) };
+        let Some(span) = self.span(path) else { return self.at_key(path, message, help) };
         self.at_byte(large(span.layer), large(span.value.0), path, message, help)
     }
 
@@ -221,7 +243,7 @@ impl SourceMap {
         message: impl Into<String>,
         help: Option<String>,
     ) -> ProfileError {
-        let Some(span) = self.by_path.get(path) else { return self.at_key(path, message, help) };
+        let Some(span) = self.span(path) else { return self.at_key(path, message, help) };
         let file = self.layers.get(large(span.layer)).and_then(|layer| layer.text.as_ref());
         let (from, to) = (large(span.value.0), large(span.value.1));
         let written = file.and_then(|(file, _)| file.get(from..to));
@@ -279,7 +301,7 @@ impl SourceMap {
     fn enclosing(&self, path: &str) -> Option<&Span> {
         let mut path = path;
         loop {
-            if let Some(span) = self.by_path.get(path) {
+            if let Some(span) = self.span(path) {
                 return Some(span);
             }
             path = &path[..path.rfind(['.', '['])?];

@@ -13,6 +13,7 @@ use crate::error::Findings;
 use crate::files::Files;
 use crate::key_context::{Names, Report};
 use crate::log_columns::{Clash, clashes};
+use crate::members::ProfileMembers;
 use crate::protected_keys::guarded_keys;
 use crate::source_map::SourceMap;
 use crate::template::Templates;
@@ -153,6 +154,7 @@ impl Check<'_> {
             notify,
             history,
             overridden: Vec::new(),
+            members: ProfileMembers::default(),
         };
         axis::doubts::warn(self, &profile);
         Some(profile)

@@ -9,6 +9,7 @@ use serde_json::Value;
 
 use crate::error::Findings;
 use crate::files::Files;
+use crate::schemas::Schemas;
 use crate::source_map::SourceMap;
 
 mod changes;
@@ -19,13 +20,13 @@ mod fill;
 mod find;
 mod group;
 mod outline;
-mod schema;
+pub(crate) mod schema;
 mod shipped;
 mod used;
 
+pub use crate::schemas::template_schema as schema;
 pub use changes::changes;
 pub use outline::{Outline, OutlineTarget, outlines};
-pub use schema::schema;
 pub(crate) use shipped::dbc;
 pub use shipped::names;
 pub(crate) use used::Templates;
@@ -34,10 +35,10 @@ pub use used::{Template, Use};
 /// Adds the keys of templates to the merged layers of a profile.
 pub(crate) fn fill(
     profile: &mut Value,
-    files: &Files<'_>,
+    (files, schemas): (&Files<'_>, &Schemas),
     spans: &mut SourceMap,
     errors: &mut Findings,
 ) -> Templates {
     let Some(profile) = profile.as_object_mut() else { return Templates::new() };
-    fill::Filling::new(profile, files, spans, errors).run()
+    fill::Filling::new(profile, (files, schemas), spans, errors).run()
 }

@@ -3,15 +3,15 @@
 use std::collections::BTreeSet;
 
 use crate::kinds::KINDS;
-use crate::{BusId, DeviceId, Profile};
+use crate::{DeviceId, Profile};
 use isotherm_core::codec::{Address, Register, Table};
 
 impl Profile {
-    /// Returns every register, node, object and frame on this bus that a gateway with this profile writes: `unit 1
+    /// Returns, for each bus, every register, node, object and frame that a gateway with this profile writes: `unit 1
     /// holding:104`, `node ns=2;i=5`, `node 5 object 6110:01`, `frame 0x20c`. Each register of a value is a separate
     /// entry.
-    pub fn written_on(&self, bus: BusId) -> BTreeSet<String> {
-        let mut written = Written { profile: self, bus, places: BTreeSet::new() };
+    pub fn written_places(&self) -> Vec<BTreeSet<String>> {
+        let mut written = Written { profile: self, places: vec![BTreeSet::new(); self.buses.len()] };
         for output in &self.outputs {
             written.value(output.device, &output.address, output.encoding.data_type.registers());
             output.display.registers().for_each(|register| written.register(output.device, register));
@@ -36,9 +36,9 @@ impl Profile {
             let capture = signal.capture.map(|capture| capture.address);
             capture.into_iter().for_each(|register| written.register(signal.device, register));
         }
-        for (id, device) in self.devices_on(bus) {
+        for (place, device) in self.devices.iter().enumerate() {
             for setup in device.can.iter().flat_map(|can| &can.setup) {
-                written.value(id, &Address::Object(setup.object), 1);
+                written.value(DeviceId(place), &Address::Object(setup.object), 1);
             }
         }
         written.places
@@ -47,8 +47,8 @@ impl Profile {
 
 struct Written<'p> {
     profile: &'p Profile,
-    bus: BusId,
-    places: BTreeSet<String>,
+    /// Places on each bus.
+    places: Vec<BTreeSet<String>>,
 }
 
 impl Written<'_> {
@@ -59,9 +59,7 @@ impl Written<'_> {
     /// Adds a value of `count` registers.
     fn value(&mut self, device: DeviceId, address: &Address, count: u16) {
         let device = self.profile.device(device);
-        if device.bus != self.bus {
-            return;
-        }
-        self.places.extend(KINDS.iter().flat_map(|kind| (kind.written)(device.unit, address, count)));
+        let places = KINDS.iter().flat_map(|kind| (kind.written)(device.unit, address, count));
+        self.places[device.bus.0].extend(places);
     }
 }

@@ -36,7 +36,7 @@ pub(in crate::fieldbus) struct Client {
 /// # Errors
 /// All mistakes with their keys, in the order of the lines.
 pub fn check(profile: &Profile) -> Result<(), Errors> {
-    let secured = profile.buses.iter().filter_map(|bus| bus.tls.as_ref());
+    let secured = profile.buses.iter().filter_map(|bus| bus.tls.as_deref());
     let mut wrong: Vec<ProfileError> = secured.filter_map(|tls| Client::new(tls).err()).flatten().collect();
     let authorities = profile.notify.iter().filter_map(|notify| notify.ca.as_ref());
     wrong.extend(authorities.filter_map(|ca| Some(ca.invalid(&plant_client(Some(&ca.bytes)).err()?))));

@@ -44,7 +44,7 @@ impl RecoveredState {
         let Some(directory) = options.directory.as_deref() else {
             let remembered = options.remembered_in.as_deref();
             let remembered = remembered.map(|directory| remembered_places(directory, profile));
-            let places = Places::of(profile).with_namespaces_of(remembered.unwrap_or_default());
+            let places = Places::of_outputs(profile).with_namespaces_of(remembered.unwrap_or_default());
             return RecoveredState { places, ..RecoveredState::default() };
         };
         let (machine, now) = (&profile.name, clock.now());

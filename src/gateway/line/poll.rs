@@ -32,9 +32,8 @@ use crate::gateway::output::LineTurn;
 use crate::gateway::shared::line_handle::LineHandle;
 use crate::gateway::shared::shared_state::LineWork;
 use crate::gateway::state::device_health::JITTER_MS;
-use isotherm_core::compensation::model::Model;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{BusId, DeviceId, Profile};
+use isotherm_profile::{BusId, DeviceId};
 
 mod heartbeat_task;
 mod outputs;
@@ -130,24 +129,17 @@ impl LineTask {
         start: Moment,
     ) -> LineTask {
         let profile = &shared.profile;
-        let is_here = |device: DeviceId| profile.device(device).bus == bus;
-        // For each output that corrects a position: the device from which it is read, and the device to which it is
-        // written.
-        let positions = profile
-            .outputs
-            .iter()
-            .filter_map(|output| Some((profile.signal(output.writes.position()?).device, output.device)));
-        let corrected: Vec<DeviceId> = positions.clone().map(|(from, _)| from).collect();
-        let steps_axes = home_lines(profile).contains(&bus);
-        let feeds_others = positions.clone().any(|(from, to)| is_here(from) && !is_here(to))
-            || (!steps_axes && !shared.dependents.probed_on[bus.0].is_empty());
+        let dependents = &shared.dependents;
+        let steps_axes = dependents.stepping.contains(&bus);
+        let feeds_others = dependents.corrected_elsewhere.contains(&bus)
+            || (!steps_axes && !dependents.probed_on[bus.0].is_empty());
         LineTask {
             bus,
             line,
             sleeper,
             can,
             inspector: Inspector::new(profile, bus, start),
-            polls: read::polls(profile, bus, &corrected, start),
+            polls: read::polls(profile, bus, &dependents.corrected, start),
             jobs: outputs::jobs(&shared, bus, start),
             heartbeat_task: HeartbeatTask::of(profile, bus, start),
             steps_axes,
@@ -179,6 +171,8 @@ impl LineTask {
         }
     }
 
+    /// Takes turns. The state of a turn is in memory that another line may have used just before. Thousands of lines then
+    /// need little memory, and the memory of a turn is in the cache of the processor.
     async fn turns(&mut self) {
         let mut now = self.line.sample();
         loop {
@@ -186,7 +180,7 @@ impl LineTask {
             // A server may keep a state for this line until the connection is closed in order.
             let kind = kinds::of(self.shared.profile.bus(self.bus).transport);
             if self.work == LineWork::Leave && kind.is_closed_in_order {
-                return self.line.close().await;
+                return Box::pin(self.line.close()).await;
             }
             let turn = self.next(now);
             // A step wakes the other lines itself, after the decision: their outputs then follow it at once.
@@ -207,16 +201,17 @@ impl LineTask {
                 }
                 Turn::Beat => {
                     if let Some(heartbeat_task) = &mut self.heartbeat_task {
-                        heartbeat_task.beat(&mut self.line, &self.shared, now).await;
+                        Box::pin(heartbeat_task.beat(&mut self.line, &self.shared, now)).await;
                     }
                 }
                 Turn::Inspect => {
                     self.pending.inspects = false;
-                    self.inspector.inspect(&mut self.line, &self.shared, self.can.as_deref()).await;
+                    let inspected = self.inspector.inspect(&mut self.line, &self.shared, self.can.as_deref());
+                    Box::pin(inspected).await;
                     let now = self.line.last_sample();
                     self.polls.iter_mut().for_each(|poll| poll.make_up(&self.shared, now));
                 }
-                Turn::Read(place) => self.read(place, now).await,
+                Turn::Read(place) => Box::pin(self.read(place, now)).await,
                 Turn::Step => self.step(now),
                 Turn::Output(place) => {
                     let along =
@@ -225,7 +220,7 @@ impl LineTask {
                         self.line.set_follow_up(self.reads_next(by));
                     }
                     let turn = &mut LineTurn { line: &mut self.line, shared: &self.shared, now };
-                    self.jobs[place].turn(turn).await;
+                    Box::pin(self.jobs[place].turn(turn)).await;
                     if along.is_some() {
                         self.line.set_follow_up(None);
                     }
@@ -440,20 +435,4 @@ impl LineTask {
         let bucket = JITTER_MS.iter().position(|bound| late_ms <= *bound).unwrap_or(JITTER_MS.len());
         count.jitter[bucket] += 1;
     }
-}
-
-/// Returns the lines on which axes are stepped: for each axis the line of its first input, else the line of its output.
-/// Without an axis, this is the line of the first signal, which reports the changes of all signals.
-fn home_lines(profile: &Profile) -> Vec<BusId> {
-    if profile.axes.is_empty() {
-        let first = profile.signals.first();
-        return first.map(|signal| profile.device(signal.device).bus).into_iter().collect();
-    }
-    let homes = profile.axes.iter().enumerate().map(|(axis, settings)| {
-        let input = settings.settings.models.iter().flat_map(Model::signals).next();
-        let input = input.map(|signal| profile.signal(signal).device);
-        let output = profile.outputs.iter().find(|output| output.axis.0 == axis).map(|output| output.device);
-        input.or(output).map_or(BusId(0), |device| profile.device(device).bus)
-    });
-    homes.collect()
 }

@@ -17,7 +17,8 @@ struct Inner {
 
 impl WireLog {
     pub(in crate::gateway) fn new(profile: &Profile) -> WireLog {
-        let taps = profile.buses.iter().map(|_| Tap::default()).collect();
+        let tap = Tap::default();
+        let taps = profile.buses.iter().map(|_| tap.of_another_line()).collect();
         let devices = profile.devices.iter().map(|device| (device.name.clone(), device.bus)).collect();
         WireLog(Arc::new(Inner { taps, devices }))
     }

@@ -218,7 +218,7 @@ impl GatewayState {
         let has_learned = self.report_probings(profile, now);
         let is_adopted = self.report_preferred(profile);
         let is_urgent = self.notes_driven() | has_learned | is_adopted | self.moves_a_position();
-        let of_profile = (&**profile, &self.places.places);
+        let of_profile = (profile, &self.places.places);
         let seen = (&self.board, self.outputs.states());
         self.storage.remember((now, is_urgent), &self.compensation, of_profile, seen);
         if stepped.noticed.started {

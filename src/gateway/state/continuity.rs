@@ -12,21 +12,24 @@ use isotherm_core::compensation::reference::Reference;
 use isotherm_core::compensation::{Compensation, ReturnTo};
 use isotherm_core::continuity::{Break, Continuity, DeviceContinuity, Difference, Identity, sentence};
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{AxisId, BusId, Device, DeviceId, Profile};
+use isotherm_profile::{AxisId, BusId, Device, DeviceId, Members, Profile};
 
 /// Continuity of all devices.
 #[derive(Clone, Debug)]
 pub(in crate::gateway) struct Devices {
     devices: Vec<DeviceContinuity>,
-    of_axis: Vec<Vec<DeviceId>>,
+    /// Devices of each axis: those that its models read, and those that its outputs write to.
+    of_axis: Members,
+    /// Axes that have each device as one of theirs.
+    axes_of: Members,
     /// For each device: the axes whose models read the device, each with the values that it held before the last round
     /// of passed checks.
     held: Vec<Vec<(usize, ReturnTo)>>,
     /// For each device: the axes whose models read the device, each with its values at the beginning of the present
     /// round of checks.
     held_in_round: Vec<Vec<(usize, ReturnTo)>>,
-    /// For each device: the axes whose models read the device.
-    read_by: Vec<Vec<usize>>,
+    /// Axes whose models read each device.
+    read_by: Members,
     /// For each bus that is an OPC UA server: table of the namespaces that the profile names by index.
     namespaces: Vec<Option<NamespaceTable>>,
 }
@@ -35,13 +38,21 @@ impl Devices {
     pub(in crate::gateway) fn new(profile: &Arc<Profile>, start: Moment) -> Devices {
         let continuity = |device: &Device| DeviceContinuity::new(identity(device), device.every, start);
         let devices = profile.devices.iter().map(continuity).collect();
-        let of_axis = (0..profile.axes.len()).map(|axis| devices_of(profile, AxisId(axis))).collect();
-        let reads = |axis: usize, id: DeviceId| inputs_of(profile, AxisId(axis)).any(|device| device == id);
-        let read_by = |id: usize| (0..profile.axes.len()).filter(|axis| reads(*axis, DeviceId(id))).collect();
-        let read_by: Vec<Vec<usize>> = (0..profile.devices.len()).map(read_by).collect();
-        let held = vec![Vec::new(); read_by.len()];
-        let namespaces = vec![None; profile.buses.len()];
-        Devices { devices, of_axis, held_in_round: held.clone(), held, read_by, namespaces }
+        let read: Vec<(usize, usize)> = read_devices(profile).collect();
+        let written = profile.outputs.iter().map(|output| (output.axis.0, output.device.0));
+        let used: Vec<(usize, usize)> = read.iter().copied().chain(written).collect();
+        let reversed =
+            |pairs: &[(usize, usize)]| pairs.iter().map(|(axis, device)| (*device, *axis)).collect();
+        let held = vec![Vec::new(); profile.devices.len()];
+        Devices {
+            devices,
+            axes_of: reversed(&used),
+            of_axis: used.into_iter().collect(),
+            held_in_round: held.clone(),
+            held,
+            read_by: reversed(&read),
+            namespaces: vec![None; profile.buses.len()],
+        }
     }
 
     /// Stores the table of namespaces, which the line of an OPC UA server fills.
@@ -78,7 +89,7 @@ impl Devices {
     /// Returns the state of the first changed device of an axis, or else of the first unconfirmed one. If there is
     /// none, returns [`Continuity::Confirmed`].
     pub(in crate::gateway) fn of_axis(&self, axis: usize) -> &Continuity {
-        let states = || self.of_axis[axis].iter().map(|device| self.of(*device).state());
+        let states = || self.of_axis.of(axis).map(|device| self.devices[device].state());
         let changed = states().find(|state| matches!(state, Continuity::Changed(_)));
         let unconfirmed = || states().find(|state| matches!(state, Continuity::Unconfirmed { .. }));
         changed.or_else(unconfirmed).unwrap_or(&Continuity::Confirmed)
@@ -87,8 +98,8 @@ impl Devices {
     /// Returns the first device of the axis whose checks have not been read since the last break of its continuity. Also
     /// returns the cause of that break.
     pub(super) fn unconfirmed(&self, axis: usize) -> Option<(DeviceId, Break)> {
-        self.of_axis[axis].iter().find_map(|device| match self.of(*device).state() {
-            Continuity::Unconfirmed { cause, .. } => Some((*device, *cause)),
+        self.of_axis.of(axis).find_map(|device| match self.devices[device].state() {
+            Continuity::Unconfirmed { cause, .. } => Some((DeviceId(device), *cause)),
             Continuity::Confirmed | Continuity::Changed(_) => None,
         })
     }
@@ -101,20 +112,20 @@ impl Devices {
         arming: &DirtyVec<Arming>,
     ) {
         let follows = |axis: usize| arming[axis].is_armed() && !arming[axis].is_moved_by_sign_check();
-        let holds = |axis: &usize| {
-            let Arming { take_over, take_over_slope, .. } = arming[*axis];
-            let decision = compensation.decision(*axis).filter(|_| follows(*axis))?;
+        let holds = |axis: usize| {
+            let Arming { take_over, take_over_slope, .. } = arming[axis];
+            let decision = compensation.decision(axis).filter(|_| follows(axis))?;
             // The value from which an axis resumes at its next step is already in its registers.
             let (cz, slope) = (take_over.unwrap_or(decision.cz), take_over_slope.unwrap_or(decision.slope));
-            Some((*axis, ReturnTo { cz, slope }))
+            Some((axis, ReturnTo { cz, slope }))
         };
-        self.held_in_round[device.0] = self.read_by[device.0].iter().filter_map(holds).collect();
+        self.held_in_round[device.0] = self.read_by.of(device.0).filter_map(holds).collect();
     }
 
     /// Ends a round in which all checks of a device have passed. If the settings of the device are changed later, the
     /// axes that read it return to the values that they held when the round began.
     pub(in crate::gateway) fn round_passed(&mut self, device: DeviceId, arming: &mut DirtyVec<Arming>) {
-        for axis in (0..self.of_axis.len()).filter(|axis| self.of_axis[*axis].contains(&device)) {
+        for axis in self.axes_of.of(device.0) {
             if arming[axis].return_to.is_some() && *self.of_axis(axis) == Continuity::Confirmed {
                 arming[axis].return_to = None;
             }
@@ -136,10 +147,11 @@ impl Devices {
 
     /// Records the value that an axis held when it was armed, at each device of its models.
     pub(in crate::gateway) fn armed(&mut self, axis: usize, held: ReturnTo) {
-        self.held_in_round.iter_mut().for_each(|of_device| of_device.retain(|(known, _)| *known != axis));
-        for (read_by, of_device) in self.read_by.iter().zip(&mut self.held) {
-            of_device.retain(|(known, _)| *known != axis);
-            of_device.extend(read_by.contains(&axis).then_some((axis, held)));
+        for device in self.of_axis.of(axis) {
+            self.held_in_round[device].retain(|(known, _)| *known != axis);
+            self.held[device].retain(|(known, _)| *known != axis);
+            let reads = self.read_by.of(device).any(|reader| reader == axis);
+            self.held[device].extend(reads.then_some((axis, held)));
         }
     }
 
@@ -199,16 +211,10 @@ fn identity(device: &Device) -> Identity {
     if device.is_checked() { Identity::Checks } else { Identity::None }
 }
 
-/// Returns the devices of an axis: those that its models read, and those that its outputs write to.
-fn devices_of(profile: &Profile, axis: AxisId) -> Vec<DeviceId> {
-    let written = profile.outputs.iter().filter(|output| output.axis == axis).map(|output| output.device);
-    let mut devices: Vec<DeviceId> = inputs_of(profile, axis).chain(written).collect();
-    devices.sort_unstable();
-    devices.dedup();
-    devices
-}
-
-fn inputs_of(profile: &Profile, axis: AxisId) -> impl Iterator<Item = DeviceId> {
-    let inputs = profile.axis(axis).settings.models.iter().flat_map(Model::signals);
-    inputs.map(|signal| profile.signal(signal).device)
+/// Returns each axis with each device that its models read.
+fn read_devices(profile: &Profile) -> impl Iterator<Item = (usize, usize)> {
+    profile.axes.iter().enumerate().flat_map(move |(place, axis)| {
+        let signals = axis.settings.models.iter().flat_map(Model::signals);
+        signals.map(move |signal| (place, profile.signal(signal).device.0))
+    })
 }

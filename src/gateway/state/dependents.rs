@@ -1,13 +1,14 @@
 //! Dependencies of axes and lines, resolved once from the profile. The cost of a read then depends only on the axes
 //! that use it.
 
+use std::collections::HashSet;
 use std::sync::Arc;
 use std::time::Duration;
 
 use isotherm_core::codec::Address;
 use isotherm_core::compensation::model::Model;
 use isotherm_core::reading::SignalId;
-use isotherm_profile::{Axis, AxisId, Output, Profile};
+use isotherm_profile::{Axis, AxisId, BusId, DeviceId, Members, Output, Profile};
 
 /// Shortest period in which the changes of the signals are reported without an axis.
 const SHORTEST_REPORT_PERIOD: Duration = Duration::from_secs(1);
@@ -34,6 +35,17 @@ pub(in crate::gateway) struct Dependents {
     /// For each line: whether a step of the axes may give it something to write. Also `true` if the line receives
     /// `machine.on` in CAN frames, because no read then leads to its check for a restart.
     pub(in crate::gateway) follows_steps: Vec<bool>,
+    /// Lines on which axes are stepped: for each axis the line of its first input, else the line of its output. Without
+    /// an axis, this is the line of the first signal, which reports the changes of all signals.
+    pub(in crate::gateway) stepping: HashSet<BusId>,
+    /// Outputs of each line.
+    pub(in crate::gateway) outputs_on: Members,
+    /// Devices from which a position is read that an output corrects.
+    pub(in crate::gateway) corrected: HashSet<DeviceId>,
+    /// Lines on which a position is read that is corrected on another line.
+    pub(in crate::gateway) corrected_elsewhere: HashSet<BusId>,
+    /// Shortest `max_age` of all signals.
+    pub(in crate::gateway) shortest_age: Duration,
     /// Period of the axis that is stepped most often.
     pub(in crate::gateway) shortest_period: Option<Duration>,
     /// Period in which the changes of the signals are reported if the profile has no axis: that of the device which is
@@ -43,7 +55,8 @@ pub(in crate::gateway) struct Dependents {
 
 impl Dependents {
     pub(in crate::gateway) fn new(profile: &Profile) -> Dependents {
-        let line = |signal: SignalId| profile.device(profile.signal(signal).device).bus;
+        let line_of = |device: DeviceId| profile.device(device).bus;
+        let line = |signal: SignalId| line_of(profile.signal(signal).device);
         let inputs = |axis: &Axis| axis.settings.models.iter().map(Model::signals).collect();
         let mut probed = Vec::new();
         let mut probed_on = vec![Vec::new(); profile.buses.len()];
@@ -67,6 +80,13 @@ impl Dependents {
         if let Some(signal) = profile.machine.on.filter(is_received) {
             follows_steps[line(signal).0] = true;
         }
+        // For each output that corrects a position: the device from which it is read, and the device to which it is
+        // written.
+        let of_position =
+            |output: &Output| Some((profile.signal(output.writes.position()?).device, output.device));
+        let positions = || profile.outputs.iter().filter_map(of_position);
+        let elsewhere = positions().map(|(from, to)| (line_of(from), line_of(to)));
+        let outputs = profile.outputs.iter().enumerate();
         let polled = profile.devices.iter().map(|device| device.every).min().unwrap_or_default();
         Dependents {
             inputs: profile.axes.iter().map(inputs).collect(),
@@ -74,6 +94,11 @@ impl Dependents {
             probed_on,
             shows_restarts,
             follows_steps,
+            stepping: home_lines(profile).collect(),
+            outputs_on: outputs.map(|(place, output)| (line_of(output.device).0, place)).collect(),
+            corrected: positions().map(|(from, _)| from).collect(),
+            corrected_elsewhere: elsewhere.filter(|(from, to)| from != to).map(|(from, _)| from).collect(),
+            shortest_age: profile.shortest_age(),
             shortest_period: profile.axes.iter().map(|axis| axis.settings.every).min(),
             reports_every: profile.axes.is_empty().then(|| polled.max(SHORTEST_REPORT_PERIOD)),
         }
@@ -84,6 +109,21 @@ impl Dependents {
 /// except for the dashes of a display.
 fn follows_steps_of_axes(output: &Output) -> bool {
     output.set.is_some() || output.writes.position().is_none() || output.display.stale.is_some()
+}
+
+/// Returns the lines of [`Dependents::stepping`].
+fn home_lines(profile: &Profile) -> impl Iterator<Item = BusId> {
+    let mut outputs = vec![None; profile.axes.len()];
+    for output in profile.outputs.iter().rev() {
+        outputs[output.axis.0] = Some(output.device);
+    }
+    let homes = profile.axes.iter().zip(outputs).map(move |(axis, output)| {
+        let input = axis.settings.models.iter().flat_map(Model::signals).next();
+        let input = input.map(|signal| profile.signal(signal).device);
+        input.or(output).map_or(BusId(0), |device| profile.device(device).bus)
+    });
+    let first = profile.signals.first().filter(|_| profile.axes.is_empty());
+    homes.chain(first.map(|signal| profile.device(signal.device).bus))
 }
 
 fn add<T: Ord>(list: &mut Vec<T>, item: T) {

@@ -57,7 +57,7 @@ mod writer;
 use document::{DocumentRejection, Seal, VERSION};
 pub(in crate::gateway) use entry::{Entries, Entry, fits};
 pub(super) use file::StoreFile;
-pub(super) use names::{by_name, by_place};
+pub(super) use names::{NamedMachine, by_name, by_place};
 pub(in crate::gateway) use writer::{SaveResult, Writer};
 
 /// Number of consecutive failures with a new cause after which the new cause is reported.

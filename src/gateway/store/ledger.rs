@@ -5,6 +5,7 @@
 //! The [store](super::documents) saves the register ledger. A caller that depends on a saved entry waits for the
 //! result.
 
+use std::collections::HashSet;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -150,18 +151,16 @@ impl Ledger {
 
 /// Returns the saved entries for the outputs of this profile. For a shared register whose gateway share (part that the
 /// gateway added) is not known, the entry is in question, so that the operator must decide.
-fn found(
-    profile: &Profile,
-    mut before: Entries,
-    is_readable: bool,
-    remembers: impl Fn(&str) -> bool,
-) -> Entries {
+fn found(profile: &Profile, before: Entries, is_readable: bool, remembers: impl Fn(&str) -> bool) -> Entries {
     let mut found = Entries::new();
+    let names: HashSet<&str> = profile.outputs.iter().map(|output| output.name.as_str()).collect();
+    let (mut named, mut others): (Entries, Entries) =
+        before.into_iter().partition(|(name, _)| names.contains(name.as_str()));
     for output in &profile.outputs {
         let (place, in_words) = (places::of_output(profile, output), in_words(profile, output));
         let in_question = |doubt| output::SavedOutput::in_question(doubt);
         let is_of_it = |entry: &Entry| entry.is_of(&place, &in_words);
-        let kept = match take(&mut before, profile, &output.name, is_of_it) {
+        let kept = match take(&output.name, (&mut named, &mut others), is_of_it) {
             Some(entry) if is_of_it(&entry) && is_shared(output) && is_ours(output, &entry) => {
                 in_question(Doubt::Lost)
             }
@@ -184,19 +183,18 @@ fn is_ours(output: &Output, entry: &Entry) -> bool {
     entry.kept.account.is_none() && entry.kept.stood.is_some_and(|stood| !is_zero(stood))
 }
 
-/// Removes and returns the saved entry of an output. If there is none by its name, the entry of its register is used,
-/// because the output may have been renamed.
+/// Removes and returns the saved entry of an output: of those by the names of outputs (`named`), or of the `others`. An
+/// output that was renamed has its entry among the others, by its register.
 fn take(
-    entries: &mut Entries,
-    profile: &Profile,
     name: &str,
+    (named, others): (&mut Entries, &mut Entries),
     is_of_it: impl Fn(&Entry) -> bool,
 ) -> Option<Entry> {
-    let is_nobodys = |known: &str| profile.outputs.iter().all(|output| output.name != known);
-    let former = |(known, entry): &(&String, &Entry)| is_nobodys(known) && is_of_it(entry);
-    let former = || entries.iter().find(former).map(|(known, _)| known.clone());
-    let key = if entries.contains_key(name) { name.to_owned() } else { former()? };
-    entries.remove(&key)
+    named.remove(name).or_else(|| {
+        let (former, _) = others.iter().find(|(_, entry)| is_of_it(entry))?;
+        let former = former.clone();
+        others.remove(&former)
+    })
 }
 
 /// Returns the text by which documents of layout 5 identify the register of an output.

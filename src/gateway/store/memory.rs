@@ -4,14 +4,14 @@
 //! The [store](super::documents) saves the state. If a saved state is rejected, the gateway starts without one, and an
 //! operator must arm the axes.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::default_limits::KnownLimits;
-use super::documents::{by_name, by_place};
+use super::default_limits::{self, KnownLimits};
+use super::documents::{NamedMachine, by_place};
 use super::places::{Places, renamed};
 use crate::gateway::state::sign::SignMemory;
 use crate::gateway::state::signal_table::LastGood;
@@ -26,8 +26,8 @@ use isotherm_profile::Profile;
 #[derive(Debug)]
 pub(in crate::gateway) struct Memory {
     at: Moment,
-    /// Names of the signals, in the order of their indices in `remembered`.
-    signals: Vec<String>,
+    /// Profile with the names of the signals, in the order of their indices in `remembered`.
+    profile: Arc<Profile>,
     remembered: Remembered,
     verified_um: BTreeMap<String, f64>,
     rest: UnchangedParts,
@@ -41,14 +41,31 @@ pub(super) struct UnchangedParts {
     pub(in crate::gateway) places: Arc<Places>,
     /// Last good values of signals with a limit of the rate of change.
     pub(in crate::gateway) values: BTreeMap<String, LastGood>,
-    /// Default limits of signals. They have been reported.
-    pub(in crate::gateway) limits: KnownLimits,
 }
 
-/// State in the form in which the document contains it.
-#[derive(Debug, Serialize, Deserialize)]
+/// State in the form in which it is written to the document: a [`SavedState`] that borrows its parts.
+#[derive(Debug, Serialize)]
+pub(super) struct StateToSave<'m> {
+    at: Moment,
+    machine: NamedMachine<'m>,
+    verified_um: &'m BTreeMap<String, f64>,
+    #[serde(skip_serializing_if = "is_empty")]
+    signs: &'m BTreeMap<String, SignMemory>,
+    places: &'m Places,
+    #[serde(skip_serializing_if = "is_empty")]
+    values: &'m BTreeMap<String, LastGood>,
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    limits: KnownLimits,
+}
+
+fn is_empty<K, V>(map: &&BTreeMap<K, V>) -> bool {
+    map.is_empty()
+}
+
+/// State as it is read from the document.
+#[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct SavedState {
+struct SavedState {
     at: Moment,
     /// State of the compensation, in which signals are identified by their names.
     machine: Value,
@@ -56,16 +73,16 @@ pub(super) struct SavedState {
     /// position plus Cz, µm.
     verified_um: BTreeMap<String, f64>,
     /// Results of the sign checks, by axis.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[serde(default)]
     signs: BTreeMap<String, SignMemory>,
     /// Addresses of signals and registers of outputs. Empty in a document of layout 5.
     #[serde(default)]
     places: Places,
     /// Last good values of signals with a limit of the rate of change.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[serde(default)]
     values: BTreeMap<String, LastGood>,
     /// Default limits of signals. They have been reported. Empty in a state of a version without them.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[serde(default)]
     limits: KnownLimits,
 }
 
@@ -97,14 +114,13 @@ pub(in crate::gateway) struct RestoredMemory {
 
 impl Memory {
     pub(super) fn new(
-        profile: &Profile,
+        profile: Arc<Profile>,
         at: Moment,
         remembered: Remembered,
         verified_um: BTreeMap<String, f64>,
         rest: UnchangedParts,
     ) -> Memory {
-        let signals = profile.signals.iter().map(|signal| signal.name.clone()).collect();
-        Memory { at, signals, remembered, verified_um, rest }
+        Memory { at, profile, remembered, verified_um, rest }
     }
 
     /// Converts all moments to time stamps of the computer's clock.
@@ -113,13 +129,20 @@ impl Memory {
         Memory { at: self.at.shifted(shift), remembered, ..self }
     }
 
-    /// Converts the state to the form in which the document contains it.
-    pub(super) fn saved(self) -> serde_json::Result<SavedState> {
-        let mut machine = serde_json::to_value(&self.remembered)?;
-        by_name(&mut machine, &self.signals);
-        let UnchangedParts { signs, places, values, limits } = self.rest;
-        let places = Arc::unwrap_or_clone(places);
-        Ok(SavedState { at: self.at, machine, verified_um: self.verified_um, signs, places, values, limits })
+    /// Converts the state to the form in which it is written to the document.
+    pub(super) fn saved(&mut self) -> serde_json::Result<StateToSave<'_>> {
+        let remembered = std::mem::take(&mut self.remembered);
+        let signals = self.profile.signals.iter().map(|signal| signal.name.as_str()).collect();
+        let UnchangedParts { signs, places, values } = &self.rest;
+        Ok(StateToSave {
+            at: self.at,
+            machine: NamedMachine::of(remembered, signals)?,
+            verified_um: &self.verified_um,
+            signs,
+            places,
+            values,
+            limits: default_limits::of(&self.profile),
+        })
     }
 
     /// Parses a saved state, for the signals of this profile. Without a `state`, returns an empty one.
@@ -144,10 +167,11 @@ impl Memory {
             values.retain(|name, _| !moved.contains_key(name));
             let new_names = places.new_names_of_signals(&now);
             (values, limits) = (renamed(values, &new_names), renamed(limits, &new_names));
-            moved.retain(|name, _| {
-                let place = signals.iter().position(|signal| *signal == name.as_str());
-                place.is_some_and(|place| remembered.forget(SignalId(place), &axes))
-            });
+            let ids = profile.signals.iter().zip(0..).filter(|(signal, _)| moved.contains_key(&signal.name));
+            let ids: BTreeSet<SignalId> = ids.map(|(_, place)| SignalId(place)).collect();
+            let forgotten = remembered.forget(&ids, &axes).into_iter();
+            let forgotten: BTreeSet<&String> = forgotten.map(|id| &profile.signal(id).name).collect();
+            moved.retain(|name, _| forgotten.contains(name));
             Ok(RestoredMemory {
                 remembered,
                 at: Some(at),

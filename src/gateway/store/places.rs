@@ -145,16 +145,16 @@ fn new_names<P: Place>(before: &BTreeMap<String, P>, now: &BTreeMap<String, P>) 
 impl Places {
     /// Returns the registers and addresses of a profile. Registers of releases are left out.
     pub(in crate::gateway) fn of(profile: &Profile) -> Places {
+        let signals = profile.signals.iter().map(|signal| (signal.name.clone(), of_signal(profile, signal)));
+        Places { signals: signals.collect(), ..Places::of_outputs(profile) }
+    }
+
+    /// Returns the registers of the outputs of a profile. A run that saves nothing needs no others.
+    pub(in crate::gateway) fn of_outputs(profile: &Profile) -> Places {
         let own = || profile.outputs.iter().filter(|output| !profile.is_release(output.axis));
         let outputs = own().map(|output| (output.name.clone(), of_output(profile, output)));
-        let signals = profile.signals.iter().map(|signal| (signal.name.clone(), of_signal(profile, signal)));
         let bounds = own().map(|output| (output.name.clone(), bounds_of(profile, output)));
-        Places {
-            outputs: outputs.collect(),
-            signals: signals.collect(),
-            bounds: bounds.collect(),
-            ..Places::default()
-        }
+        Places { outputs: outputs.collect(), bounds: bounds.collect(), ..Places::default() }
     }
 
     /// Replaces the node names by those of this profile, if both mean the same node, as `ns=2;s=offset` and
@@ -202,8 +202,8 @@ impl Places {
         let Some(known) = self.namespaces.get(bus) else { return };
         let Some(was) = by_uri(address, known) else { return };
         let is_same = |is: &&str| by_uri(is, known).as_ref() == Some(&was);
-        let others = || now.addresses(bus).into_iter();
-        if let Some(is) = same_name.into_iter().chain(others()).find(is_same) {
+        let another = || now.addresses(bus).into_iter().find(is_same);
+        if let Some(is) = same_name.filter(is_same).or_else(another) {
             is.clone_into(address);
         }
     }

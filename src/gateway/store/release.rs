@@ -14,6 +14,7 @@
 //! - The profile writes to the register, or no longer has its device.
 //! - The output was part of a set, was no offset, was not read back, or was not on Modbus.
 
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 use isotherm_core::codec::{DataType, Encoding, Register, Scale, Table, WordOrder};
@@ -29,7 +30,7 @@ use isotherm_profile::{
 };
 
 use super::documents::Entry;
-use crate::gateway::line_names::same_lines;
+use crate::gateway::line_names;
 use crate::gateway::state::arming::Attempt;
 
 /// Hint about a register that the gateway cannot release.
@@ -81,7 +82,12 @@ struct FormerRegister {
 impl Releases {
     /// Determines which former registers can be released with this profile.
     pub(in crate::gateway) fn of(profile: &Profile, former: &[FormerPlace], kept: &[Entry]) -> Releases {
-        let obstacle = |former: &FormerPlace| (former.place.clone(), why_not(profile, former, kept).err());
+        if former.is_empty() {
+            return Releases::default();
+        }
+        let written = WrittenPlaces::of(profile);
+        let obstacle =
+            |former: &FormerPlace| (former.place.clone(), why_not(profile, former, kept, &written).err());
         Releases { obstacles: former.iter().map(obstacle).collect(), ..Releases::default() }
     }
 
@@ -176,6 +182,29 @@ impl ReturningRegister {
     }
 }
 
+/// Places that a profile writes, and the names of its lines.
+struct WrittenPlaces {
+    /// Written places of each bus.
+    places: Vec<BTreeSet<String>>,
+    /// Canonical names of each bus.
+    names: Vec<Vec<String>>,
+}
+
+impl WrittenPlaces {
+    fn of(profile: &Profile) -> WrittenPlaces {
+        let buses: Vec<_> = profile.buses.iter().collect();
+        WrittenPlaces { places: profile.written_places(), names: line_names::of_each(&buses) }
+    }
+
+    /// Returns whether the profile writes one of these places on a bus with the address of `bus`, in any spelling.
+    fn contain(&self, bus: BusId, places: &[String]) -> bool {
+        let own = &self.names[bus.0];
+        let is_same = |names: &[String]| names.iter().any(|name| own.contains(name));
+        let mut same = self.places.iter().zip(&self.names).filter(|(_, names)| is_same(names));
+        same.any(|(written, _)| places.iter().any(|place| written.contains(place)))
+    }
+}
+
 /// Returns limit, step, rate and interlock of an output, in the form in which they are saved.
 pub(super) fn bounds_of(profile: &Profile, output: &Output) -> Bounds {
     let axis = &profile.axis(output.axis).settings;
@@ -228,10 +257,15 @@ fn unknown() -> Explained {
 ///
 /// # Errors
 /// The register cannot be released, for this reason, with a hint.
-fn why_not(profile: &Profile, former: &FormerPlace, kept: &[Entry]) -> Result<(), Explained> {
+fn why_not(
+    profile: &Profile,
+    former: &FormerPlace,
+    kept: &[Entry],
+    written: &WrittenPlaces,
+) -> Result<(), Explained> {
     let by_hand = |cause: String| Err(Explained::new(cause, BY_HAND));
     let Some(bounds) = &former.bounds else { return Err(unknown()) };
-    way(profile, &former.place, bounds)?;
+    way(profile, &former.place, bounds, written)?;
     if former.place.share == Owner::Ledger {
         let entry = kept.iter().find(|entry| entry.lies_at(&former.place));
         match entry.and_then(|entry| entry.kept.account) {
@@ -276,7 +310,12 @@ fn factor(place: &OutputPlace) -> f64 {
 }
 
 /// Finds device, encoding and interlock of a former register. The error is the reason why it cannot be released.
-fn way(profile: &Profile, place: &OutputPlace, bounds: &Bounds) -> Result<FormerRegister, Explained> {
+fn way(
+    profile: &Profile,
+    place: &OutputPlace,
+    bounds: &Bounds,
+    written: &WrittenPlaces,
+) -> Result<FormerRegister, Explained> {
     let by_hand = |cause: String| Explained::new(cause, BY_HAND);
     if !bounds.are_sound() {
         return Err(unknown());
@@ -297,14 +336,9 @@ fn way(profile: &Profile, place: &OutputPlace, bounds: &Bounds) -> Result<Former
         )
     })?;
     let count = encoding.data_type.registers();
-    let is_written = |bus: BusId| {
-        let written = profile.written_on(bus);
-        (0..count).any(|more| {
-            let offset = register.offset.saturating_add(more);
-            written.contains(&format!("unit {} {}:{offset}", place.unit, register.table.name()))
-        })
-    };
-    if same_lines(profile, profile.device(device).bus).into_iter().any(is_written) {
+    let offsets = (0..count).map(|more| register.offset.saturating_add(more));
+    let registers = offsets.map(|offset| format!("unit {} {}:{offset}", place.unit, register.table.name()));
+    if written.contain(profile.device(device).bus, &registers.collect::<Vec<_>>()) {
         return Err(Explained::new(
             "an output of the profile writes to this register",
             "arm the axis of that output",
@@ -363,7 +397,7 @@ fn register(place: &OutputPlace) -> Option<(Register, Encoding)> {
 pub(in crate::gateway) fn extend(profile: &mut Profile, releases: &[Release]) -> Vec<ReturningRegister> {
     let mut returning = Vec::new();
     for release in releases {
-        let way = way(profile, &release.place, &release.bounds).ok();
+        let way = way(profile, &release.place, &release.bounds, &WrittenPlaces::of(profile)).ok();
         returning.extend(way.and_then(|way| add(profile, release, way)));
     }
     returning

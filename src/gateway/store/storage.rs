@@ -10,7 +10,6 @@ use std::time::Duration;
 
 use jiff::civil::Date;
 
-use super::default_limits;
 use super::documents::Writer;
 use super::log::Recorder;
 use super::memory::{Memory, UnchangedParts};
@@ -50,7 +49,7 @@ const OUTPUT_QUEUE: usize = 4096;
 /// Access to the logs and to the saved state. Without a directory, nothing is saved.
 #[derive(Default)]
 pub(in crate::gateway) struct Storage {
-    queue: Option<SyncSender<Job>>,
+    queue: Option<SyncSender<QueuedJob>>,
     recorder: Option<Recorder>,
     pub(in crate::gateway) outputs: OutputsLog,
     /// Number of decision rows that were dropped because the queue was full.
@@ -89,6 +88,9 @@ pub(in crate::gateway) fn newest_stamp(directory: &Path, machine: &str, now: Mom
     let newest = retention::newest_of_decisions(directory, machine, now);
     newest.iter().filter_map(|log| thread::last_stamp(log)).max()
 }
+
+/// Job in the queue. The queue has room for all its jobs from the start, so a job is in a box.
+type QueuedJob = Box<Job>;
 
 #[derive(Debug)]
 enum Job {
@@ -231,7 +233,7 @@ impl Storage {
         &mut self,
         (now, is_urgent): (Moment, bool),
         compensation: &Compensation,
-        (profile, places): (&Profile, &Arc<Places>),
+        (profile, places): (&Arc<Profile>, &Arc<Places>),
         (board, outputs): (&SignalTable, &[OutputState]),
     ) {
         let is_due = is_urgent || self.remembered.is_none_or(|last| now.since(last) >= REMEMBER_EVERY);
@@ -248,9 +250,8 @@ impl Storage {
         self.handed_over.clear();
         self.handed_over.extend(outputs.iter().map(|state| state.cz));
         let (signs, values) = (self.signs.clone(), board.last_good(now));
-        let limits = default_limits::of(profile);
-        let rest = UnchangedParts { signs, places: Arc::clone(places), values, limits };
-        let memory = Memory::new(profile, now, compensation.remembered(), verified, rest);
+        let rest = UnchangedParts { signs, places: Arc::clone(places), values };
+        let memory = Memory::new(Arc::clone(profile), now, compensation.remembered(), verified, rest);
         writer.remember(memory.stamped(self.stamps.of_the_clock()));
         let _ = self.hand_over(Job::Sync { at: now });
     }
@@ -272,7 +273,7 @@ impl Storage {
     fn hand_over(&mut self, job: Job) -> bool {
         // A full queue means that the disk has failed for a long time, which was reported.
         let Some(queue) = &self.queue else { return false };
-        match queue.try_send(job) {
+        match queue.try_send(Box::new(job)) {
             Ok(()) => return true,
             Err(TrySendError::Full(_)) => {
                 self.dropped += 1;

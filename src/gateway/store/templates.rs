@@ -51,5 +51,5 @@ fn kept(path: &Path) -> Option<Texts> {
 
 fn texts(profile: &Profile) -> Texts {
     let used = profile.devices.iter().filter_map(|device| device.template.as_ref());
-    used.map(|template| (template.name.clone(), template.text.clone().into_owned())).collect()
+    used.map(|template| (template.name.clone(), template.text.to_string())).collect()
 }

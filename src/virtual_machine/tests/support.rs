@@ -124,6 +124,7 @@ pub(crate) fn profile() -> Profile {
         notify: Vec::new(),
         history: History { directory: None, keep: Duration::ZERO, max_size: u64::MAX },
         overridden: Vec::new(),
+        members: isotherm_profile::ProfileMembers::default(),
     }
 }
 

@@ -115,7 +115,7 @@ fn the_error_in_the_log_is_minus_the_drift_of_the_coordinates() {
     let truth = Truth { drift: [1.0, -2.0, 5.0], slope: [0.01, 0.0, 0.02], ..STILL };
     let text = log(&found(&touches(2, &[STILL, truth], &[80.0])), None).unwrap();
     let log = read("drift.csv", &text).unwrap();
-    let last = |name: &str| *log.runs[0].values[log.column(name).unwrap()].last().unwrap();
+    let last = |name: &str| log.runs[0].values[log.column(name).unwrap()].iter().last().unwrap();
     for (name, value) in [
         ("d_z_um", 5.0),
         ("z_error_um", -5.0),

@@ -178,7 +178,7 @@ fn the_cz_that_acted_at_a_touch_is_removed_whoever_wrote_the_log() {
     let dataset = read(&profile, &texts, &named).unwrap();
     let error = dataset.column("z_error_um").unwrap();
     let (day, run) = (&days[0], &dataset.runs[0]);
-    assert!((run.values[error][HOUR] - (day.error[HOUR] - day.error[0])).abs() < 1e-9);
+    assert!((run.values[error].at(HOUR) - (day.error[HOUR] - day.error[0])).abs() < 1e-9);
     let missing = read(&profile, &texts, &Applied::Column("cz".to_owned())).unwrap_err().to_string();
     assert!(missing.contains("`cz`"), "{missing}");
 }

@@ -62,7 +62,7 @@ impl PartialEq for CaptureFacts {
 
 /// Reference of one signal: its captured value, and a running capture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-struct Capture {
+pub struct Capture {
     value: Option<f64>,
     /// Time at which the capture was complete. It distinguishes two captures that gave the same value.
     #[serde(default)]
@@ -128,6 +128,11 @@ impl Machine {
             Reference::Zero => self.zero.get(signal.0)?,
         };
         capture.value.map(|_| now.since(capture.at).saturating_add(capture.away))
+    }
+
+    /// Takes the references of all signals out of the state: those of machine start, and those of the last zero command.
+    pub fn take_references(&mut self) -> [Vec<Capture>; 2] {
+        [&mut self.start, &mut self.zero].map(std::mem::take)
     }
 
     /// Returns the running time of the machine since its start, without the time in which the gateway did not run.

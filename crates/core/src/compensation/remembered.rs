@@ -5,6 +5,7 @@
 //! gives the decisions of the gateway. A lag is saved with the axis, the model and the index of its term. A term whose
 //! signal, lag or kind of reference has changed starts without its saved lag.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
@@ -12,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::AxisRunning;
 use super::axis::ModelWatch;
 use super::datum::{Level, Zeroing};
-use super::model::{Input, Lag, Lagged, Reference};
+use super::model::{Input, Lag, Lagged, Model, Reference};
 use super::preference::Preference;
 use super::probe::Probe;
 use super::reference::Machine;
@@ -116,8 +117,9 @@ impl Remembered {
         &'a self,
         axes: impl IntoIterator<Item = &'a AxisSettings>,
     ) -> Option<(&'a str, &'a str)> {
+        let known = self.by_axis();
         axes.into_iter().find_map(|settings| {
-            let kept = self.axis(&settings.name)?;
+            let kept = known.get(settings.name.as_str())?;
             kept.watches.iter().find_map(|watch| {
                 let model = settings.models.iter().find(|model| model.name == watch.model)?;
                 let is_other = model.stand_ins.as_ref()?.fingerprint() != watch.file;
@@ -132,8 +134,9 @@ impl Remembered {
         &'a self,
         axes: impl IntoIterator<Item = &'a AxisSettings>,
     ) -> impl Iterator<Item = (&'a str, &'a str)> {
-        axes.into_iter().filter_map(|settings| {
-            let preference = self.axis(&settings.name)?.preference()?;
+        let known = self.by_axis();
+        axes.into_iter().filter_map(move |settings| {
+            let preference = known.get(settings.name.as_str())?.preference()?;
             let learned = preference.preferred().learned()?;
             let slot = settings.learned.as_ref().filter(|slot| slot.own == preference.own());
             let model = slot.and_then(|slot| settings.models.get(slot.model));
@@ -142,20 +145,24 @@ impl Remembered {
         })
     }
 
-    /// Discards everything that was measured with this signal, because its sensor or its settings have changed. This
-    /// includes its references, its lags, and the datum of models that read it. All of it is captured again from the
-    /// next snapshot on. Returns whether a model of these axes reads the signal and a reference had been captured.
-    pub fn forget(&mut self, signal: SignalId, axes: &[AxisSettings]) -> bool {
-        let was_captured = self.machine.forget(signal);
-        let mut is_used = false;
+    /// Discards everything that was measured with these signals, because their sensors or settings have changed. This
+    /// includes their references, their lags, and the datum of models that read them. All of it is captured again from
+    /// the next snapshot on. Returns the signals that a model of these axes reads and whose reference had been captured.
+    pub fn forget(&mut self, signals: &BTreeSet<SignalId>, axes: &[AxisSettings]) -> BTreeSet<SignalId> {
+        let captured = signals.iter().copied().filter(|signal| self.machine.forget(*signal));
+        let captured: BTreeSet<SignalId> = captured.collect();
+        let mut used = BTreeSet::new();
+        let places: BTreeMap<String, usize> =
+            self.axes.iter().map(|kept| kept.axis.clone()).zip(0..).collect();
         for settings in axes {
             let reads = |model: &str| {
                 let model = settings.models.iter().find(|known| known.name == model);
-                model.is_some_and(|model| model.signals().contains(&signal))
+                model.is_some_and(|model| model.signals().iter().any(|signal| signals.contains(signal)))
             };
-            is_used |= settings.models.iter().any(|model| reads(&model.name));
-            let Some(kept) = self.axes.iter_mut().find(|kept| kept.axis == settings.name) else { continue };
-            kept.lags.retain(|lag| lag.signal != signal.0);
+            used.extend(settings.models.iter().flat_map(Model::signals));
+            let Some(place) = places.get(&settings.name) else { continue };
+            let kept = &mut self.axes[*place];
+            kept.lags.retain(|lag| !signals.contains(&SignalId(lag.signal)));
             kept.watches.retain(|watch| !reads(&watch.model));
             if kept.datum.iter().any(|datum| reads(&datum.model)) {
                 // The datum (zero point) of all models is of the same moment.
@@ -163,17 +170,17 @@ impl Remembered {
                 (kept.datum_until, kept.datum_at) = (Some(Moment::from_nanos(1)), None);
             }
         }
-        was_captured && is_used
+        captured.intersection(&used).copied().collect()
     }
 
-    /// Returns the saved running state of the axis with this name; `None` if there is none.
-    pub(super) fn running(&self, name: &str) -> Option<&AxisRunning> {
-        self.running.iter().find(|axis| axis.axis == name)
+    /// Returns the saved running states by the names of their axes.
+    pub(super) fn running_by_axis(&self) -> BTreeMap<&str, &AxisRunning> {
+        self.running.iter().map(|axis| (axis.axis.as_str(), axis)).collect()
     }
 
-    /// Returns the saved state of the axis with this name; `None` if there is none.
-    pub(super) fn axis(&self, name: &str) -> Option<&AxisMemory> {
-        self.axes.iter().find(|axis| axis.axis == name)
+    /// Returns the saved states by the names of their axes.
+    pub(super) fn by_axis(&self) -> BTreeMap<&str, &AxisMemory> {
+        self.axes.iter().map(|axis| (axis.axis.as_str(), axis)).collect()
     }
 }
 

@@ -126,6 +126,15 @@ fn the_same_place_a_new_one_a_renamed_one_and_one_that_is_gone() {
     );
     let found = compare(&remembered, &named(&[("a", &output())]));
     assert_eq!(found.get("b"), Some(&PlaceComparison::Removed));
+    // Several names of one place: each former name is taken once, in the order of the names.
+    let several = named(&[("a", &other), ("b", &other)]);
+    let found = compare(&several, &named(&[("x", &other), ("y", &other), ("z", &other)]));
+    let renamed = |name: &str| PlaceComparison::Renamed(name.to_owned());
+    let expected = [renamed("a"), renamed("b"), PlaceComparison::Unknown];
+    assert_eq!(found.into_values().collect::<Vec<_>>(), expected);
+    let found = compare(&several, &named(&[("x", &other)]));
+    let expected = [("b", PlaceComparison::Removed), ("x", renamed("a"))];
+    assert_eq!(found, BTreeMap::from(expected.map(|(name, found)| (name.to_owned(), found))));
     let found = compare(&BTreeMap::new(), &now);
     assert!(
         found.values().all(|found| *found == PlaceComparison::Unknown),

@@ -82,7 +82,7 @@ fn beside<'a>(
     let (places, own): (Vec<usize>, Vec<&str>) =
         own.map(|(place, column)| (place, column.name.as_str())).unzip();
     let row = |(row, time): (usize, &Moment)| {
-        let cells = places.iter().map(|column| run.values[*column][row]).collect();
+        let cells = places.iter().map(|column| run.values[*column].at(row)).collect();
         (*time, cells, at.iter().position(|place| *place == row))
     };
     Ok((own, run.times.iter().enumerate().map(row).collect()))

@@ -51,7 +51,7 @@ pub(super) fn rounds(dataset: &Dataset) -> Result<Vec<Round>, BadLog> {
     let mut rounds: Vec<(f64, Round)> = Vec::new();
     for run in &dataset.runs {
         for (row, time) in run.times.iter().enumerate() {
-            let of = |column: usize| run.values[column][row];
+            let of = |column: usize| run.values[column].at(row);
             let at_mm = [x, y, z].map(of);
             let stylus_mm = stylus.map_or(f64::NAN, of);
             let touch = Touch { time: *time, ball: of(ball), at_mm, stylus_mm };

@@ -1,6 +1,7 @@
 //! Cz that was active while a log was recorded. A log of the gateway contains the Cz that it decided in each row; a
 //! measured error contains the Cz that was active.
 
+use super::Series;
 use super::table::{Cells, Table};
 use isotherm_profile::log_columns::{OF_AXIS, OF_MACHINE};
 
@@ -57,7 +58,7 @@ pub(super) fn keep_what_acted(table: &mut Table) -> Vec<String> {
             if was_dry {
                 table.columns.retain(|(known, _)| *known != name);
             } else if let Some((_, cells)) = table.columns.iter_mut().find(|(known, _)| *known == name) {
-                *cells = Cells::Numbers(values);
+                *cells = Cells::Numbers(values.into());
                 table.acted.push(name);
             }
         }
@@ -102,12 +103,12 @@ fn continues(table: &Table) -> bool {
 /// value found in the register was active. The result is NaN while the register was not verified.
 fn acted(table: &Table, axis: &str) -> Vec<f64> {
     let mut acted = before(table, &format!("{axis}_cz_um"));
-    let found = table.numbers(&format!("{axis}_from_um")).unwrap_or_default();
+    let found = numbers(table, &format!("{axis}_from_um"));
     if let Some(first) = found.iter().position(|from| from.is_finite()) {
         acted[..=first].fill(found[first]);
     }
     for (cz, from) in acted.iter_mut().zip(found).filter(|(_, from)| from.is_finite()) {
-        *cz = *from;
+        *cz = from;
     }
     if let Some(Cells::Text(permits)) = table.cells(&format!("{axis}_permit")) {
         for (cz, _) in acted.iter_mut().zip(permits.iter()).filter(|(_, permit)| *permit == "unverified") {
@@ -118,6 +119,10 @@ fn acted(table: &Table, axis: &str) -> Vec<f64> {
 }
 
 fn before(table: &Table, name: &str) -> Vec<f64> {
-    let decided = table.numbers(name).unwrap_or_default();
-    decided.first().into_iter().chain(decided).take(decided.len()).copied().collect()
+    let decided = numbers(table, name);
+    decided.first().into_iter().chain(&decided).take(decided.len()).copied().collect()
+}
+
+fn numbers(table: &Table, name: &str) -> Vec<f64> {
+    table.numbers(name).map(Series::to_vec).unwrap_or_default()
 }

@@ -186,22 +186,23 @@ fn fill(found: &mut Explanation, table: &Table, split: &Split) {
     });
     found.time =
         Some(TimeLayout { column: time, date, form, unit: unit.to_string(), zone: zone.to_owned(), dates });
-    let mut values: Vec<&[f64]> = Vec::new();
+    let mut values: Vec<Vec<f64>> = Vec::new();
     for (name, cells) in &table.columns {
-        let numbers = match cells {
-            Cells::Numbers(numbers) | Cells::Unread(numbers) => numbers.as_slice(),
-            Cells::Text(_) => &[],
+        let series = match cells {
+            Cells::Numbers(series) | Cells::Unread(series) => Some(series),
+            Cells::Text(_) => None,
         };
+        let numbers = series.into_iter().flatten();
         let stated = table.units.get(name);
         let read_as = stated.and_then(|unit| unit::of_profile(name, unit)).filter(|unit| *unit != "percent");
-        let has_numbers = numbers.iter().any(|value| value.is_finite());
+        let has_numbers = numbers.clone().any(|value| value.is_finite());
         let of_unit = stated.and_then(|unit| unit::of_profile(name, unit));
-        let kind = has_numbers.then(|| Kind::guess(name, of_unit, std::iter::once(numbers)));
+        let kind = has_numbers.then(|| Kind::guess(name, of_unit, numbers.clone()));
         found.columns.push(ExplainedColumn { name: name.clone(), unit: stated.cloned(), read_as, kind });
-        values.push(numbers);
+        values.push(numbers.take(SHOWN).collect());
     }
     for (row, at) in table.times.iter().enumerate().take(SHOWN) {
-        let value = |numbers: &&[f64]| numbers.get(row).copied().filter(|value| value.is_finite());
+        let value = |numbers: &Vec<f64>| numbers.get(row).copied().filter(|value| value.is_finite());
         let values = values.iter().map(value).collect();
         found.rows.push(ExplainedRow { line: table.lines.of(row), time: time_text(*at, unit), values });
     }

@@ -41,7 +41,7 @@ pub(super) fn add(
     let states_mm = gauge.units.get(&column).is_some_and(|unit| unit.eq_ignore_ascii_case("mm"));
     let is_in_mm = (column.ends_with("_mm") || states_mm) && !gauge.conversions.contains_key(&column);
     if is_in_mm && let Some(Cells::Numbers(values)) = gauge.cells_mut(&column) {
-        values.iter_mut().for_each(|value| *value *= 1000.0);
+        values.change(|values| values.iter_mut().for_each(|value| *value *= 1000.0));
         gauge.conversions.insert(column.clone(), Conversion::Factor(1000.0));
     }
     let rows = 0..gauge.times.len();
@@ -50,7 +50,7 @@ pub(super) fn add(
     BadLog::unless(implausible.into_iter().map(|refusal| refusal.message).collect(), ())?;
     let mut added: Vec<Vec<f64>> = dataset.runs.iter().map(|run| vec![f64::NAN; run.times.len()]).collect();
     let (mut read, mut far) = (0, Vec::new());
-    let values = gauge.numbers(&column).unwrap_or_default();
+    let values = gauge.numbers(&column).into_iter().flatten();
     for (place, (at, value)) in gauge.times.iter().zip(values).enumerate() {
         if !value.is_finite() {
             continue;
@@ -58,7 +58,7 @@ pub(super) fn add(
         read += 1;
         match nearest_row(&dataset.runs, *at, within) {
             // If two readings belong to one row, the later one is used.
-            Some((run, row)) => added[run][row] = *value,
+            Some((run, row)) => added[run][row] = value,
             None => far.push(gauge.lines.of(place)),
         }
     }
@@ -82,7 +82,7 @@ pub(super) fn add(
     }
     dataset.remarks.extend(left_out);
     dataset.columns.push(Column { name: error.to_owned(), kind: Kind::Displacement });
-    dataset.runs.iter_mut().zip(added).for_each(|(run, column)| run.values.push(column));
+    dataset.runs.iter_mut().zip(added).for_each(|(run, column)| run.values.push(column.into()));
     Ok(())
 }
 

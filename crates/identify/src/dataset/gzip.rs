@@ -69,7 +69,7 @@ mod tests {
     fn a_compressed_log_is_read_as_the_log() {
         let (_directory, path) = written("day.csv.gz", b"Zeit;bed\n0;20,5\n60;21\n");
         let found = read(&path, &Split::default(), &every_column).unwrap();
-        assert_eq!(found.numbers("bed"), Some(&[20.5, 21.0][..]));
+        assert_eq!(found.numbers("bed"), Some(&vec![20.5, 21.0].into()));
         let dataset = super::super::Dataset::read(&[path], &Split::default(), &|_| None, &every_column);
         assert_eq!(dataset.unwrap().runs[0].name, "day");
     }

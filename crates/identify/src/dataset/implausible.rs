@@ -5,14 +5,14 @@
 //! more than the machine moves between two rows. The rows are left out and named. Short gaps of a temperature are bridged
 //! by straight lines, as those of its spikes are.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::{Range, RangeInclusive};
 use std::time::Duration;
 
 use super::active_cz::is_of_touches;
-use super::kind::{HUGE, is_suspicious};
+use super::kind::{HUGE, KindOf, is_suspicious};
 use super::table::{Cells, Table};
-use super::{Kind, Refusal};
+use super::{Kind, Refusal, Series};
 use crate::statistics::{count, range};
 use isotherm_core::quantity::{Conversion, Moment};
 
@@ -223,19 +223,31 @@ impl Wrong {
 pub(super) fn leave_out(
     table: &mut Table,
     runs: &[Range<usize>],
-    kind: &dyn Fn(&str, &[f64]) -> Kind,
+    kind: KindOf<'_>,
 ) -> (Vec<String>, Vec<Refusal>) {
     let (mut remarks, mut refused) = (Vec::new(), Vec::new());
     let (found, lasting) = wrong(table, runs, kind);
     remarks.extend(lasting);
     let Table { columns, times, .. } = table;
-    for wrong in found {
-        let Wrong { place, run, rows, is_bridged, .. } = &wrong;
-        let (name, Cells::Numbers(values)) = &mut columns[*place] else { continue };
-        rows.iter().for_each(|row| values[*row] = f64::NAN);
+    let mut of_columns: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (number, wrong) in found.iter().enumerate() {
+        of_columns.entry(wrong.place).or_default().push(number);
+    }
+    let mut are_bridged = vec![false; found.len()];
+    for (place, own) in of_columns {
+        let (_, Cells::Numbers(numbers)) = &mut columns[place] else { continue };
+        numbers.change(|values| {
+            for number in own {
+                let Wrong { run, rows, is_bridged, are_too_many, .. } = &found[number];
+                rows.iter().for_each(|row| values[*row] = f64::NAN);
+                are_bridged[number] = *is_bridged && !are_too_many && bridge(times, values, rows, run);
+            }
+        });
+    }
+    for (wrong, is_bridged) in found.iter().zip(are_bridged) {
         match wrong.refusal() {
-            Some(message) => refused.push(Refusal { column: name.clone(), message }),
-            None => remarks.push(wrong.left_out(*is_bridged && bridge(times, values, rows, run))),
+            Some(message) => refused.push(Refusal { column: columns[wrong.place].0.clone(), message }),
+            None => remarks.push(wrong.left_out(is_bridged)),
         }
     }
     (remarks, refused)
@@ -243,20 +255,16 @@ pub(super) fn leave_out(
 
 /// Returns the implausible values of each column and run, and a remark about each column whose values jump and do not
 /// return.
-pub(super) fn wrong(
-    table: &Table,
-    runs: &[Range<usize>],
-    kind: &dyn Fn(&str, &[f64]) -> Kind,
-) -> (Vec<Wrong>, Vec<String>) {
+pub(super) fn wrong(table: &Table, runs: &[Range<usize>], kind: KindOf<'_>) -> (Vec<Wrong>, Vec<String>) {
     let numbers = table.columns.iter().enumerate().filter_map(|(place, (name, cells))| match cells {
         // The gateway has tested its touches.
         Cells::Numbers(values) if !table.acted.contains(name) && !is_of_touches(name, &table.acted) => {
-            Some((place, name.as_str(), values.as_slice(), kind(name, values)))
+            Some((place, name.as_str(), values, kind(name, values)))
         }
         _ => None,
     });
-    let numbers: Vec<(usize, &str, &[f64], Kind)> = numbers.collect();
-    let movers: Vec<(&[f64], f64)> = numbers
+    let numbers: Vec<(usize, &str, &Series, Kind)> = numbers.collect();
+    let movers: Vec<(&Series, f64)> = numbers
         .iter()
         .filter_map(|(_, _, values, kind)| match kind {
             Kind::Speed => Some((*values, 100.0)),
@@ -272,11 +280,12 @@ pub(super) fn wrong(
         .collect();
     let (mut found, mut remarks) = (Vec::new(), Vec::new());
     for run in runs {
-        let least = |(values, least): &(&[f64], f64)| f64::max(*least, MOVED * range(&values[run.clone()]));
+        let least =
+            |(values, least): &(&Series, f64)| f64::max(*least, MOVED * range(values.within(run.clone())));
         let steps: Vec<f64> = movers.iter().map(least).collect();
         let moved = |before: usize, row: usize| {
             movers.iter().zip(&steps).any(|((values, _), step)| {
-                (values[run.start + row] - values[run.start + before]).abs() > *step
+                (values.at(run.start + row) - values.at(run.start + before)).abs() > *step
             })
         };
         for ((place, name, values, kind), words) in numbers.iter().copied().zip(&words) {
@@ -288,9 +297,9 @@ pub(super) fn wrong(
                 continue;
             }
             let conversion = table.conversions.get(name).copied().unwrap_or_default();
-            let (times, own) = (&table.times[run.clone()], &values[run.clone()]);
+            let (times, own) = (&table.times[run.clone()], values.within(run.clone()).collect::<Vec<f64>>());
             let Found { sentinels, jumps, lasting } =
-                find(&Tested { kind, times, values: own, conversion, moved: &moved });
+                find(&Tested { kind, times, values: &own, conversion, moved: &moved });
             let mut rows: BTreeSet<usize> = sentinels.into_iter().map(|row| row + run.start).collect();
             rows.extend(failed.iter().copied());
             let all = count(run.len()).max(1.0);
@@ -330,11 +339,11 @@ fn lasting_jump(table: &Table, name: &str, first: usize, jumps: usize) -> String
 fn remark(
     table: &Table,
     (name, conversion): (&str, Conversion),
-    values: &[f64],
+    values: &Series,
     rows: &BTreeSet<usize>,
 ) -> String {
     let Some(first) = rows.first().copied() else { return String::new() };
-    let value = match conversion.revert(values[first]) {
+    let value = match conversion.revert(values.at(first)) {
         value if value.is_finite() && value.abs() < HUGE => value.to_string(),
         value if value.is_finite() => format!("{value:e}"),
         _ => table.word(name, first).to_owned(),

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use super::Series;
+
 /// Guessed kind of a log column of numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -22,18 +24,17 @@ pub enum Kind {
     Other,
 }
 
+/// Function that returns the kind of a column from its name and its values in one file.
+pub(super) type KindOf<'a> = &'a dyn Fn(&str, &Series) -> Kind;
+
 impl Kind {
     /// Guesses the kind by the unit in the profile, then by the ending of the name, then by the values.
-    pub fn guess<'a>(
-        name: &str,
-        unit: Option<&str>,
-        values: impl Iterator<Item = &'a [f64]> + Clone,
-    ) -> Kind {
+    pub fn guess(name: &str, unit: Option<&str>, values: impl Iterator<Item = f64> + Clone) -> Kind {
         if let Some(kind) = Kind::of_name(name, unit) {
             return kind;
         }
         let name = name.to_ascii_lowercase();
-        let numbers = || values.clone().flatten().copied().filter(|value| value.is_finite());
+        let numbers = || values.clone().filter(|value| value.is_finite());
         if numbers().all(|value| value.abs() < 1e-12 || (value - 1.0).abs() < 1e-12) {
             return Kind::Switch;
         }

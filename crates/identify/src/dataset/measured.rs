@@ -7,7 +7,7 @@ use std::path::Path;
 use super::formats::read_table;
 use super::implausible::{Wrong, wrong};
 use super::table::{Cells, Table, Units, Uses};
-use super::{BadLog, Kind, Split, unit};
+use super::{BadLog, Kind, Series, Split, unit};
 
 /// Values of the measured errors in one log that no sensor measured.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -50,9 +50,9 @@ pub(super) fn leave_out(table: &mut Table, split: &Split, units: Units<'_>) -> R
         let logged = table.units.get(name).and_then(|logged| unit::of_profile(name, logged));
         units(name).or(logged)
     };
-    let kind = |name: &str, values: &[f64]| match Kind::of_name(name, of_profile(name)) {
+    let kind = |name: &str, values: &Series| match Kind::of_name(name, of_profile(name)) {
         None if split.displacements.iter().any(|known| known == name) => Kind::Displacement,
-        _ => Kind::guess(name, of_profile(name), std::iter::once(values)),
+        _ => Kind::guess(name, of_profile(name), values.iter()),
     };
     let (found, lasting) = wrong(table, std::slice::from_ref(&(0..table.times.len())), &kind);
     let (mut implausible, mut refused) =
@@ -63,7 +63,7 @@ pub(super) fn leave_out(table: &mut Table, split: &Split, units: Units<'_>) -> R
         if !split.displacements.contains(name) {
             continue;
         }
-        rows.iter().for_each(|row| values[*row] = f64::NAN);
+        values.change(|values| rows.iter().for_each(|row| values[*row] = f64::NAN));
         implausible.lines.insert(name.clone(), rows.iter().map(|row| table.lines.of(*row)).collect());
         match wrong.refusal() {
             Some(why) => refused.push(why),

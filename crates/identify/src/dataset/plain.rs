@@ -8,7 +8,7 @@ use std::path::Path;
 use super::formats::read_table;
 use super::table::{Cells, Units, Uses};
 use super::tidy::Tidy;
-use super::{BadLog, Implausible, Split, decode, files, head, measured, spaced, steps};
+use super::{BadLog, Implausible, Series, Split, decode, files, head, measured, spaced, steps};
 use isotherm_core::quantity::{Dialect, TimeColumns, names_and_units, time};
 
 /// Number of bytes in which the names of the columns are searched, as in [`head::start`].
@@ -123,7 +123,7 @@ fn csv_of_table(
 ) -> Result<PlainLog, BadLog> {
     let mut table = read_table(file, split, uses)?;
     let implausible = Implausible { lines: HashMap::new(), ..measured::leave_out(&mut table, split, units)? };
-    let columns: Vec<(&String, &Vec<f64>)> = table
+    let columns: Vec<(&String, &Series)> = table
         .columns
         .iter()
         .filter_map(|(name, cells)| match cells {
@@ -140,9 +140,10 @@ fn csv_of_table(
         time::write(&mut text, *at);
         for (_, numbers) in &columns {
             text.push(b',');
-            if numbers[row].is_finite() {
+            let number = numbers.at(row);
+            if number.is_finite() {
                 // Writing to a vector never fails.
-                let _ = write!(text, "{}", numbers[row]);
+                let _ = write!(text, "{number}");
             }
         }
         text.push(b'\n');

@@ -32,6 +32,9 @@ const FIRST_DATE: u64 = 631_152_000;
 /// Returns a sentence for each pair of runs that contains the same minutes. `is_measured` returns whether the values of a
 /// column were measured. The others are those of a program, and are the same on several days.
 pub(super) fn find(runs: &[Run], is_measured: &dyn Fn(usize) -> bool) -> Vec<String> {
+    if runs.len() < 2 {
+        return Vec::new();
+    }
     let mut columns = common_columns(runs);
     columns.retain(|column| is_measured(*column));
     let mut copies = copies(runs, &columns);
@@ -177,7 +180,7 @@ fn rounded_copies(runs: &[Run], columns: &[usize], known: &[Copied]) -> Vec<Copi
                 && columns.iter().all(|column| is_rounded(short, long, *column, &pairs))
             {
                 let content = |(row, _): &(usize, usize)| {
-                    columns.iter().map(|column| rounded(short.values[*column][*row])).collect::<Vec<u64>>()
+                    columns.iter().map(|column| rounded(short.values[*column].at(*row))).collect::<Vec<u64>>()
                 };
                 let contents: HashSet<Vec<u64>> = pairs.iter().map(content).collect();
                 if contents.len() >= LEAST_ROWS {
@@ -208,11 +211,11 @@ fn rows_at_the_same_times(short: &Run, long: &Run, most: usize) -> Vec<(usize, u
 fn is_rounded(one: &Run, other: &Run, column: usize, pairs: &[(usize, usize)]) -> bool {
     let (one, other) = (&one.values[column], &other.values[column]);
     let step = f64::max(
-        resolution(pairs.iter().map(|(row, _)| one[*row])),
-        resolution(pairs.iter().map(|(_, row)| other[*row])),
+        resolution(pairs.iter().map(|(row, _)| one.at(*row))),
+        resolution(pairs.iter().map(|(_, row)| other.at(*row))),
     );
     let differs = |(row, its): &&(usize, usize)| {
-        let (one, other) = (one[*row], other[*its]);
+        let (one, other) = (one.at(*row), other.at(*its));
         one.is_finite() != other.is_finite() || (one - other).abs() > 0.501 * step
     };
     let differing = pairs.iter().filter(differs).count();
@@ -243,7 +246,7 @@ fn hashes(run: &Run, columns: &[usize], one_of: u64) -> Vec<(u64, usize)> {
         let mut hasher = DefaultHasher::new();
         let mut has_values = false;
         for column in columns {
-            let value = run.values[*column][row];
+            let value = run.values[*column].at(row);
             has_values |= value.is_finite();
             rounded(value).hash(&mut hasher);
         }
@@ -302,7 +305,7 @@ mod tests {
     use std::path::PathBuf;
 
     use super::*;
-    use crate::dataset::Origin;
+    use crate::dataset::{Origin, Series};
 
     /// Day of a machine with two columns; `seed` changes its values. The times begin at `from`, s.
     fn day(name: &str, seed: u32, from: u64) -> Run {
@@ -328,7 +331,7 @@ mod tests {
 
     /// Part of a run, from this row on.
     fn part(run: &Run, from: usize) -> Run {
-        let values = run.values.iter().map(|column| column[from..].to_vec()).collect();
+        let values = run.values.iter().map(|column| column.within(from..column.len()).collect()).collect();
         Run { name: "part".to_owned(), times: run.times[from..].to_vec(), values, ..run.clone() }
     }
 
@@ -351,12 +354,12 @@ mod tests {
     #[test]
     fn a_copy_that_was_rounded_or_thinned_is_found() {
         let first = day("day1", 1, 0);
-        let round = |value: &f64| (value * 100.0).round() / 100.0;
+        let round = |value: f64| (value * 100.0).round() / 100.0;
         let values = first.values.iter().map(|column| column.iter().map(round).collect()).collect();
         let rounded = Run { name: "day1 as CSV".to_owned(), values, ..first.clone() };
         let said = find(&[first.clone(), day("day2", 2, 0), rounded]);
         assert!(said.len() == 1 && said[0].starts_with("day1 as CSV"), "{said:?}");
-        let thin = |column: &Vec<f64>| column.iter().copied().step_by(3).collect();
+        let thin = |column: &Series| column.iter().step_by(3).collect();
         let thinned = Run {
             name: "thinned".to_owned(),
             times: first.times.iter().copied().step_by(3).collect(),
@@ -370,19 +373,19 @@ mod tests {
     #[test]
     fn days_with_the_same_program_of_speeds_are_no_copies() {
         let mut days = [day("day1", 1, 0), day("day2", 2, 0)];
-        let speeds: Vec<f64> = (0..100u32).map(|row| 100.0 * f64::from(row)).collect();
+        let speeds: Series = (0..100u32).map(|row| 100.0 * f64::from(row)).collect();
         for day in &mut days {
             day.values.push(speeds.clone());
         }
-        days[0].values[0].fill(f64::NAN);
-        days[1].values[1].fill(f64::NAN);
+        days[0].values[0] = Series::missing(100);
+        days[1].values[1] = Series::missing(100);
         assert_eq!(super::find(&days, &|column| column != 2), Vec::<String>::new());
     }
 
     #[test]
     fn days_that_differ_are_no_copies() {
         assert_eq!(find(&[day("day1", 1, 0), day("day2", 2, 0), day("day3", 3, 0)]), Vec::<String>::new());
-        let constant = |name: &str| Run { values: vec![vec![20.0; 100]; 2], ..day(name, 1, 0) };
+        let constant = |name: &str| Run { values: vec![vec![20.0; 100].into(); 2], ..day(name, 1, 0) };
         assert_eq!(
             find(&[constant("one"), constant("two")]),
             Vec::<String>::new(),

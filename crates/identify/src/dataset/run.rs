@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use super::Series;
 use crate::statistics::range;
 use isotherm_core::quantity::Moment;
 
@@ -17,7 +18,7 @@ pub struct Run {
     /// Times of the log rows, ascending.
     pub times: Vec<Moment>,
     /// Values by log column and row; NaN if missing.
-    pub values: Vec<Vec<f64>>,
+    pub values: Vec<Series>,
     /// Datums of the run, as far as the log contains them, and the source of its errors and times.
     pub(crate) origin: Origin,
 }
@@ -63,6 +64,7 @@ pub(crate) enum Datum {
 impl Run {
     /// Creates a run whose errors were measured row by row. `values` are by log column and row.
     pub fn recorded(name: String, file: PathBuf, times: Vec<Moment>, values: Vec<Vec<f64>>) -> Run {
+        let values = values.into_iter().map(Series::from).collect();
         Run { name, file, times, values, origin: Origin::default() }
     }
 

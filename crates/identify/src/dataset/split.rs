@@ -7,9 +7,10 @@ use std::time::Duration;
 use jiff::tz::TimeZone;
 
 use super::implausible::leave_out;
+use super::kind::KindOf;
 use super::run::{Errors, Origin};
 use super::table::{Cells, Table};
-use super::{BadLog, Kind, Refusal, Run};
+use super::{BadLog, Refusal, Run, Series};
 use isotherm_core::quantity::{DateOrder, DecimalMark, TimeUnit};
 
 /// Maximum number of runs. A column with more changes does not identify runs.
@@ -33,9 +34,6 @@ pub struct Split {
     /// Columns that are displacements, also if their names and units do not say so.
     pub displacements: Vec<String>,
 }
-
-/// Function that returns the kind of a column from its name and its values in one file.
-pub(super) type KindOf<'a> = &'a dyn Fn(&str, &[f64]) -> Kind;
 
 /// Runs of all files, without the values that no sensor measured.
 #[derive(Debug, Default)]
@@ -157,7 +155,7 @@ fn run(table: &mut Table, names: &[String], name: String, rows: Range<usize>) ->
         let mut columns: HashMap<String, Cells> = std::mem::take(&mut table.columns).into_iter().collect();
         let values = names.iter().map(|name| match columns.remove(name) {
             Some(Cells::Numbers(numbers)) => numbers,
-            _ => vec![f64::NAN; rows.len()],
+            _ => Series::missing(rows.len()),
         });
         let values = values.collect();
         return Run {
@@ -169,8 +167,8 @@ fn run(table: &mut Table, names: &[String], name: String, rows: Range<usize>) ->
         };
     }
     let of = |name: &String| match table.numbers(name) {
-        Some(numbers) => numbers[rows.clone()].to_vec(),
-        None => vec![f64::NAN; rows.len()],
+        Some(numbers) => numbers.within(rows.clone()).collect(),
+        None => Series::missing(rows.len()),
     };
     let values = names.iter().map(of).collect();
     Run { name, file: table.file.clone(), times: table.times[rows.clone()].to_vec(), values, origin }
@@ -179,14 +177,14 @@ fn run(table: &mut Table, names: &[String], name: String, rows: Range<usize>) ->
 /// Value in each log row of the column by which a log is divided into runs.
 enum Labels<'t> {
     Words(Vec<&'t str>),
-    Numbers(&'t [f64]),
+    Numbers(&'t Series),
 }
 
 impl Labels<'_> {
     fn of(&self, row: usize) -> String {
         match self {
             Labels::Words(words) => words[row].to_owned(),
-            Labels::Numbers(numbers) => numbers[row].to_string(),
+            Labels::Numbers(numbers) => numbers.at(row).to_string(),
         }
     }
 
@@ -194,7 +192,7 @@ impl Labels<'_> {
         match self {
             Labels::Words(words) => words[row] == words[other],
             Labels::Numbers(numbers) => {
-                let [one, other] = [numbers[row], numbers[other]];
+                let [one, other] = [row, other].map(|row| numbers.at(row));
                 one.to_bits() == other.to_bits() || (one.is_nan() && other.is_nan())
             }
         }

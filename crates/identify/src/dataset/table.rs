@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
+use super::series::Series;
 use super::time_form::TimeForm;
 use super::unit::are_alike;
 use super::words::{MOST_WORDS, Messages, Words};
@@ -17,7 +18,7 @@ use isotherm_profile::safe_file::quoted;
 /// Maximum number of rows of a file: those of seven months with one row per second. More rows would take too long to
 /// read.
 const MOST_ROWS: usize = 20_000_000;
-/// Maximum number of numbers of a file; with 8 bytes each, they take 1.2 GB.
+/// Maximum number of numbers of a file. They take at most 8 bytes each, 1.2 GB.
 const MOST_NUMBERS: usize = 150_000_000;
 /// Number of rows of an unused log column from which its kind is guessed.
 const SAMPLED: usize = 1000;
@@ -92,11 +93,11 @@ pub(super) struct Understood {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Cells {
     /// Numbers; NaN if missing.
-    Numbers(Vec<f64>),
+    Numbers(Series),
     /// Texts, for example names and states. Texts are stored only if they may divide runs or show when Cz was active.
     Text(Words),
     /// First numbers of an unused column, from which its kind is guessed.
-    Unread(Vec<f64>),
+    Unread(Series),
 }
 
 /// Line number of each row in its file. Only numbers that are not the number of the previous row plus one are stored.
@@ -133,7 +134,7 @@ impl Table {
         self.columns.iter_mut().find(|(known, _)| known == name).map(|(_, cells)| cells)
     }
 
-    pub(super) fn numbers(&self, name: &str) -> Option<&[f64]> {
+    pub(super) fn numbers(&self, name: &str) -> Option<&Series> {
         match self.cells(name)? {
             Cells::Numbers(numbers) => Some(numbers),
             Cells::Text(_) | Cells::Unread(_) => None,
@@ -162,9 +163,9 @@ impl Table {
     }
 
     /// Returns the unused columns, with their first numbers.
-    pub(super) fn unread(&self) -> impl Iterator<Item = (&str, &[f64])> {
+    pub(super) fn unread(&self) -> impl Iterator<Item = (&str, &Series)> {
         self.columns.iter().filter_map(|(name, cells)| match cells {
-            Cells::Unread(sample) => Some((name.as_str(), sample.as_slice())),
+            Cells::Unread(sample) => Some((name.as_str(), sample)),
             Cells::Numbers(_) | Cells::Text(_) => None,
         })
     }
@@ -174,7 +175,7 @@ impl Table {
 #[derive(Debug, Default)]
 struct Column {
     name: String,
-    numbers: Vec<f64>,
+    numbers: Series,
     /// Texts, if they may be needed.
     words: Option<Words>,
     /// Whether at least one cell of the column was a number.

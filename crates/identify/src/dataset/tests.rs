@@ -71,14 +71,15 @@ fn a_file_is_split_by_a_column_or_a_gap() {
 #[test]
 fn missing_cells_are_missing_and_decimal_commas_are_reported() {
     let found = read("time,t1\n0,\n60,NaN\n120,20.5\n", &Split::default()).unwrap();
-    assert!(found.runs[0].values[0][0].is_nan() && found.runs[0].values[0][1].is_nan());
+    assert!(found.runs[0].values[0].at(0).is_nan() && found.runs[0].values[0].at(1).is_nan());
     let reported = read("time,t1\n0,20\n60,\"20,5\"\n", &Split::default()).unwrap_err().to_string();
     assert_eq!(
         reported,
         "day.csv, line 3, column t1: `20,5` has a decimal comma; state --decimal comma, or write 20.5"
     );
     let found = read("time;t1\n0;\n;\n60;20,5\n;\n;\n", &Split::default()).unwrap();
-    assert!(found.runs[0].values[0][0].is_nan() && found.runs[0].values[0][1..] == [20.5]);
+    let values = found.runs[0].values[0].to_vec();
+    assert!(values[0].is_nan() && values[1..] == [20.5]);
     let reported = read("t1,t2\n0,20\n", &Split::default()).unwrap_err().to_string();
     assert!(
         reported.contains("line 1: there is no column time") && reported.contains("there are t1, t2"),
@@ -107,7 +108,7 @@ fn of_a_column_that_nobody_uses_its_name_is_known_and_no_mistake_in_it_is_told()
         ("wrong", Kind::Switch),
     ];
     assert_eq!(kinds(&found.unread), owned(&unread));
-    assert_eq!(found.runs[0].values, [vec![20.0, 21.0], vec![0.0, 0.0]]);
+    assert_eq!(found.runs[0].values, [vec![20.0, 21.0], vec![0.0, 0.0]].map(Series::from));
     assert_eq!(found.names(), ["bed", "z_cz_um", "door", "spare_c", "level", "wrong"]);
     let said = read(log, &Split::default()).unwrap_err().to_string();
     assert!(said.contains("line 3, column wrong: `broken` is no number"), "{said}");
@@ -140,7 +141,8 @@ fn files_of_one_name_are_runs_of_different_names() {
 }
 
 fn first_column(log: &str) -> Vec<f64> {
-    read(log, &Split::default()).unwrap_or_else(|wrong| panic!("{wrong}")).runs.remove(0).values.remove(0)
+    let mut found = read(log, &Split::default()).unwrap_or_else(|wrong| panic!("{wrong}"));
+    found.runs.remove(0).values.remove(0).to_vec()
 }
 
 #[test]
@@ -164,7 +166,7 @@ fn cells_of_loggers_are_numbers() {
         let split = Split { zone: Some(jiff::tz::TimeZone::UTC), ..Split::default() };
         let found = read(log, &split).unwrap_or_else(|wrong| panic!("{log}: {wrong}"));
         let bed = found.columns.iter().position(|column| column.name == "bed").unwrap();
-        let values = &found.runs[0].values[bed];
+        let values = found.runs[0].values[bed].to_vec();
         assert!((values[0] - 20.5).abs() < 1e-9 && (values[1] + 1.0).abs() < 1e-9, "{log}: {values:?}");
     }
 }
@@ -206,7 +208,7 @@ fn values_that_no_sensor_measured_are_left_out_with_file_line_and_value() {
     {
         let found =
             read(&log_of_error(|row| (row == 40 || row == 41).then_some(word)), &Split::default()).unwrap();
-        let values = &found.runs[0].values[0];
+        let values = found.runs[0].values[0].to_vec();
         assert!(values[40].is_nan() && values[41].is_nan() && values[42].is_finite(), "{word}");
         let remark = found.remarks.join("; ");
         let expected =
@@ -230,7 +232,7 @@ fn values_that_no_sensor_measured_are_left_out_with_file_line_and_value() {
 fn words_for_missing_values_are_named_and_any_number_of_them_is_a_gap() {
     for word in ["n/a", "#N/A", "#NV", "-", "missing", "k.A."] {
         let found = read(&log_of_error(|row| (row % 10 == 5).then_some(word)), &Split::default()).unwrap();
-        let values = &found.runs[0].values[0];
+        let values = found.runs[0].values[0].to_vec();
         assert!(values[5].is_nan() && values[6].is_finite() && values[95].is_nan(), "{word}");
         assert!(found.implausible.is_empty(), "{:?}", found.implausible);
         let expected = format!(
@@ -283,16 +285,16 @@ fn an_overload_of_a_temperature_is_bridged_and_the_column_stays_a_temperature() 
     let log = log_of_error(|_| None).replace("\n2400,14,21.2\n", "\n2400,14,+9.9E+37\n");
     let found = read_used(&log, &Split::default(), &every_column).unwrap();
     assert!(log.contains("9.9E+37"), "{log}");
-    assert!((found.runs[0].values[1][40] - 21.2).abs() < 1e-9, "{:?}", found.runs[0].values[1][40]);
+    assert!((found.runs[0].values[1].at(40) - 21.2).abs() < 1e-9, "{:?}", found.runs[0].values[1].at(40));
     assert!(found.remarks.join("; ").contains("bridged by straight lines"), "{:?}", found.remarks);
     let values = [[20.0; 60].as_slice(), &[9.9e37]].concat();
-    assert_eq!(Kind::guess("spindle", None, std::iter::once(values.as_slice())), Kind::Temperature);
+    assert_eq!(Kind::guess("spindle", None, values.into_iter()), Kind::Temperature);
     let many = [[20.0; 60].as_slice(), &[9.9e37; 20]].concat();
-    assert_eq!(Kind::guess("spindle", None, std::iter::once(many.as_slice())), Kind::Temperature);
+    assert_eq!(Kind::guess("spindle", None, many.into_iter()), Kind::Temperature);
     let speeds = [[0.0; 60].as_slice(), &[1000.0; 20]].concat();
-    assert_eq!(Kind::guess("spindle", None, std::iter::once(speeds.as_slice())), Kind::Other);
+    assert_eq!(Kind::guess("spindle", None, speeds.into_iter()), Kind::Other);
     let speeds = [0.0, 1000.0, 1200.0];
-    assert_eq!(Kind::guess("spindle", None, std::iter::once(speeds.as_slice())), Kind::Other);
+    assert_eq!(Kind::guess("spindle", None, speeds.into_iter()), Kind::Other);
 }
 
 #[test]
@@ -340,7 +342,7 @@ fn a_wrong_time_in_every_row_is_one_mistake() {
 #[test]
 fn the_cells_of_comments_may_be_missing_at_the_end_of_a_row() {
     let found = read("X_Value\tbed\tComment\n0\t20\n60\t21\tdoor open\n", &Split::default()).unwrap();
-    assert_eq!(found.column("bed").map(|place| found.runs[0].values[place].clone()), Some(vec![20.0, 21.0]));
+    assert_eq!(found.column("bed").map(|place| found.runs[0].values[place].to_vec()), Some(vec![20.0, 21.0]));
     assert!(read("time\tbed\tair\n0\t20\n", &Split::default()).is_err());
 }
 
@@ -348,7 +350,7 @@ fn the_cells_of_comments_may_be_missing_at_the_end_of_a_row() {
 fn dates_under_an_empty_first_name_are_the_time() {
     let split = Split { zone: Some(jiff::tz::TimeZone::UTC), ..Split::default() };
     let found = read(",bed\n2026-01-05 06:00:00,20\n2026-01-05 06:01:00,21\n", &split).unwrap();
-    assert_eq!(found.runs[0].values, [[20.0, 21.0]]);
+    assert_eq!(found.runs[0].values, [Series::from(vec![20.0, 21.0])]);
     assert_eq!(found.runs[0].lasts(), Duration::from_secs(60));
     let said = read(",bed\n0,20\n1,21\n", &split).unwrap_err().to_string();
     assert!(said.contains("there is no column time"), "{said}");
@@ -481,10 +483,7 @@ mod of_parquet {
         let found = Dataset::read(&[path], &Split::default(), &|_| None, &|name| name == "t1").unwrap();
         assert_eq!(found.names(), ["t1", "t2"]);
         assert_eq!(found.unread, [Column { name: "t2".to_owned(), kind: Kind::Temperature }]);
-        assert_eq!(
-            found.runs[0].values,
-            [(0..rows).map(|row| f64::from(row) / 1000.0).collect::<Vec<f64>>()]
-        );
+        assert_eq!(found.runs[0].values, [(0..rows).map(|row| f64::from(row) / 1000.0).collect::<Series>()]);
     }
 
     /// Writes a file with the column `time` of this type, in nanoseconds, and the column `t1`. An empty row group
@@ -520,7 +519,11 @@ mod of_parquet {
             assert!(explained.contains(form), "{explained}");
             let found = Dataset::read(&[path], &split, &|_| None, &every_column).unwrap();
             assert_eq!(found.runs[0].times[0], Moment::from_nanos(first), "{time}");
-            assert_eq!(found.runs[0].values, [[20.0, 21.0]], "the empty row group is passed over");
+            assert_eq!(
+                found.runs[0].values,
+                [Series::from(vec![20.0, 21.0])],
+                "the empty row group is passed over"
+            );
         }
     }
 

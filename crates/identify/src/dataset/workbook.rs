@@ -263,8 +263,8 @@ mod tests {
         let (_directory, path) = workbook(&rows.concat());
         let split = Split { zone: Some(jiff::tz::TimeZone::UTC), ..Split::default() };
         let found = read(&path, &split, &every_column).unwrap();
-        assert_eq!(found.numbers("bed"), Some(&[20.5, 21.0][..]));
-        assert!(found.numbers("z_error_um").is_some_and(|values| values[1].is_nan()));
+        assert_eq!(found.numbers("bed"), Some(&vec![20.5, 21.0].into()));
+        assert!(found.numbers("z_error_um").is_some_and(|values| values.at(1).is_nan()));
         assert_eq!(found.times[1].since(found.times[0]), std::time::Duration::from_secs(6 * 3600));
         assert_eq!(found.lines.of(0), 5);
     }
@@ -279,8 +279,8 @@ mod tests {
         let (_directory, path) = workbook(&rows.concat());
         let comma = Split { decimal: Some(DecimalMark::Comma), ..Split::default() };
         let found = read(&path, &comma, &every_column).unwrap();
-        assert_eq!(found.numbers("bed"), Some(&[20.125, 20.0][..]));
-        assert_eq!(found.numbers("air"), Some(&[21.25, 22.5][..]));
+        assert_eq!(found.numbers("bed"), Some(&vec![20.125, 20.0].into()));
+        assert_eq!(found.numbers("air"), Some(&vec![21.25, 22.5].into()));
         assert_eq!(found.times[0].as_nanos(), 500_000_000);
         let said = read(&path, &Split::default(), &every_column).unwrap_err().to_string();
         assert!(said.contains("line 2") && said.contains("21,250") && said.contains("--decimal"), "{said}");
@@ -317,7 +317,7 @@ mod tests {
         let path = directory.path().join("day.xlsx");
         std::fs::write(&path, zip::tests::stored(parts.into_iter())).unwrap();
         let found = read(&path, &Split::default(), &every_column).unwrap();
-        assert_eq!(found.numbers("bed"), Some(&[20.5][..]));
+        assert_eq!(found.numbers("bed"), Some(&vec![20.5].into()));
     }
 
     #[test]

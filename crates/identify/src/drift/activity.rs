@@ -144,7 +144,7 @@ impl Mover {
     /// minute.
     fn paths(&self, run: &Run) -> Minutes {
         let mut paths = Minutes::default();
-        let values = run.seconds().zip(run.values[self.column].iter().copied());
+        let values = run.seconds().zip(&run.values[self.column]);
         let mut before: Option<f64> = None;
         for (second, value) in values.filter(|(_, value)| value.is_finite()) {
             let path = before.map_or(0.0, |before| (value - before).abs());

@@ -202,7 +202,7 @@ impl Mending<'_> {
                 && fault.damage != Damage::Missing
                 && let Some(replaced) = self.replaced(&dataset, fault, run, unseen)
             {
-                dataset.runs[run].values[fault.column] = replaced.values;
+                dataset.runs[run].values[fault.column] = replaced.values.into();
                 done[place] = Some(replaced.message);
             }
         }
@@ -212,8 +212,8 @@ impl Mending<'_> {
             if let Some(run) = fault.run
                 && (is_unknown || fault.damage == Damage::Missing)
             {
-                let values = &mut dataset.runs[run].values[fault.column];
-                fault.rows.iter().for_each(|row| values[*row] = f64::NAN);
+                dataset.runs[run].values[fault.column]
+                    .change(|values| fault.rows.iter().for_each(|row| values[*row] = f64::NAN));
             }
         }
         (dataset, done)
@@ -255,7 +255,7 @@ impl Mending<'_> {
 
 fn over_spikes(run: &Run, fault: &Fault) -> Replaced {
     let seconds: Vec<f64> = run.seconds().collect();
-    let mut values = run.values[fault.column].clone();
+    let mut values = run.values[fault.column].to_vec();
     fault.rows.iter().for_each(|row| values[*row] = f64::NAN);
     let lines = bridged(&seconds, &values);
     fault.rows.iter().for_each(|row| values[*row] = lines[*row]);
@@ -310,7 +310,7 @@ mod tests {
         );
         let mending = mended.mending.unwrap();
         assert_eq!(mending.masked(1), (11..100).collect::<Vec<usize>>());
-        assert!(mending.mended().runs[1].values[0][50].is_nan(), "nobody knows what it was");
+        assert!(mending.mended().runs[1].values[0].at(50).is_nan(), "nobody knows what it was");
         let whole = mend(&logs, &[0], &[frozen(0, 1, 0, 99)]);
         assert!(whole.mending.is_none() && whole.repaired.is_empty());
         assert!(

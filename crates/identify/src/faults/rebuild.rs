@@ -99,7 +99,7 @@ impl Likeness<'_> {
              rebuilt in the same way)",
             mostly.collect::<Vec<&str>>().join(" and ")
         );
-        let mut values = self.dataset.runs[run].values[self.column].clone();
+        let mut values = self.dataset.runs[run].values[self.column].to_vec();
         let filled = own.filled(&columns, &gains, hidden);
         rows.iter().zip(filled).for_each(|(row, rebuilt)| values[*row] = rebuilt);
         Some(Replaced { values, message, error })
@@ -159,7 +159,7 @@ impl Likeness<'_> {
             Some((error, step_at(&own_left, &own.values, at, window)?)).filter(|(error, _)| error.is_finite())
         });
         let (error, step) = tried.min_by(|one, other| one.0.total_cmp(&other.0))?;
-        let mut values = self.dataset.runs[run].values[self.column].clone();
+        let mut values = self.dataset.runs[run].values[self.column].to_vec();
         rows.iter().for_each(|row| values[*row] -= step);
         let message = format!("{:+.2} °C (± {error:.2}) were added to all readings after the jump", -step);
         Some(Replaced { values, message, error })
@@ -176,8 +176,8 @@ impl Likeness<'_> {
     fn table(&self, run: usize, apart: f64) -> Table {
         let run = &self.dataset.runs[run];
         let seconds: Vec<f64> = run.seconds().collect();
-        let mut features: Vec<Vec<f64>> =
-            self.neighbours.iter().map(|neighbour| bridged(&seconds, &run.values[*neighbour])).collect();
+        let of = |neighbour: &usize| bridged(&seconds, &run.values[*neighbour].to_vec());
+        let mut features: Vec<Vec<f64>> = self.neighbours.iter().map(of).collect();
         for constant in LAGS {
             for place in 0..self.neighbours.len() {
                 features.push(lagged(&seconds, &features[place], constant));
@@ -195,7 +195,7 @@ impl Likeness<'_> {
         Table {
             seconds: kept.iter().map(|row| seconds[*row]).collect(),
             features: DMatrix::from_fn(kept.len(), features.len(), |row, column| features[column][kept[row]]),
-            values: kept.iter().map(|row| run.values[self.column][*row]).collect(),
+            values: kept.iter().map(|row| run.values[self.column].at(*row)).collect(),
         }
     }
 }

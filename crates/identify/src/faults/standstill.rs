@@ -59,7 +59,7 @@ struct Readings {
 impl Readings {
     fn of(run: &Run, column: usize) -> Readings {
         let seconds: Vec<f64> = run.seconds().collect();
-        let values = &run.values[column];
+        let values = run.values[column].to_vec();
         let good: Vec<usize> = (0..values.len()).filter(|row| values[*row].is_finite()).collect();
         let steps = good.windows(2).map(|pair| seconds[pair[1]] - seconds[pair[0]]);
         let apart = FOLLOWS * median(steps.collect());
@@ -70,7 +70,7 @@ impl Readings {
 /// Returns every period of constant readings in a log column, in order of time. Missing readings do not end a period.
 pub(crate) fn standstills(run: &Run, column: usize) -> Vec<Standstill> {
     let Readings { seconds, good, apart } = Readings::of(run, column);
-    let values = &run.values[column];
+    let values = run.values[column].to_vec();
     let is_same = |one: &usize, other: &usize| values[*one].to_bits() == values[*other].to_bits();
     let (mut found, mut place) = (Vec::new(), 0);
     for stretch in good.chunk_by(is_same) {
@@ -96,7 +96,7 @@ pub(crate) fn standstills(run: &Run, column: usize) -> Vec<Standstill> {
 /// readings. The result is the largest step of the temperature itself; 0 if there is none.
 pub(crate) fn largest_step(run: &Run, column: usize) -> f64 {
     let Readings { seconds, good, apart } = Readings::of(run, column);
-    let values = &run.values[column];
+    let values = run.values[column].to_vec();
     let ends: Vec<f64> = standstills(run, column).iter().map(|still| still.to).collect();
     let is_at_an_end = |second: f64| {
         let before = ends.partition_point(|end| *end <= second);
@@ -128,7 +128,7 @@ mod tests {
             name: "day".to_owned(),
             file: PathBuf::from("day.csv"),
             times,
-            values: vec![values.to_vec()],
+            values: vec![values.to_vec().into()],
             origin: Origin::default(),
         }
     }

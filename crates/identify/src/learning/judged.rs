@@ -74,10 +74,11 @@ impl JudgedTouches {
         for run in &mut single.runs {
             let first = run.times.first().copied().unwrap_or_default();
             let window = |at: &Moment| at.since(first).as_nanos() / choice.resample.as_nanos().max(1);
-            let errors = run.values[self.error].iter_mut().zip(&run.times);
-            errors
-                .filter(|(_, at)| self.rejected.contains(&window(at)))
-                .for_each(|(error, _)| *error = f64::NAN);
+            let is_rejected = |at: &Moment| self.rejected.contains(&window(at));
+            run.values[self.error].change(|errors| {
+                let errors = errors.iter_mut().zip(&run.times);
+                errors.filter(|(_, at)| is_rejected(at)).for_each(|(error, _)| *error = f64::NAN);
+            });
         }
     }
 }

@@ -79,8 +79,8 @@ fn headline(all: &[Displacement]) -> Markup {
 
 /// Renders a chart of a column over the hours of a run.
 fn course(dataset: &Dataset, run: &Run, name: &str, (width, height): (u32, u32), unit: &str) -> Markup {
-    let values = dataset.column(name).map_or(&[] as &[f64], |column| run.values[column].as_slice());
-    let line = Line::new(LineStyle::Solid, run.hours().zip(values.iter().copied()));
+    let values = dataset.column(name).map(|column| &run.values[column]);
+    let line = Line::new(LineStyle::Solid, run.hours().zip(values.into_iter().flatten()));
     chart::lines(width, height, unit, &format!("{name} over {}", run.name), &[line], None)
 }
 

@@ -5,7 +5,7 @@ use maud::{Markup, html};
 use crate::ambient::ambient_column;
 use crate::bank::Bank;
 use crate::campaign::Campaign;
-use crate::dataset::{Column, Dataset, Kind, Run};
+use crate::dataset::{Column, Dataset, Kind, Run, Series};
 use crate::faults::{self, Finding};
 use crate::similarity::{correlations, order};
 use crate::statistics::{count, least_and_most};
@@ -46,7 +46,7 @@ pub(super) fn runs(dataset: &Dataset, like: &[Finding]) -> Markup {
 }
 
 /// Formats a range, for example `20.1 … 23.4`.
-fn spanned<'a>(values: impl IntoIterator<Item = &'a f64>, places: usize) -> String {
+fn spanned(values: impl IntoIterator<Item = f64>, places: usize) -> String {
     least_and_most(values).map_or("–".to_owned(), |(low, high)| {
         format!("{} … {}", decimals(low, places), decimals(high, places))
     })
@@ -54,10 +54,9 @@ fn spanned<'a>(values: impl IntoIterator<Item = &'a f64>, places: usize) -> Stri
 
 /// Formats the speeds that each take at least a twentieth of the run, if there are at most six of them; otherwise the
 /// range of the speed.
-fn stages(values: &[f64]) -> String {
+fn stages(values: &Series) -> String {
     const FEW: usize = 6;
-    let mut held: Vec<f64> =
-        values.iter().copied().filter(|value| value.is_finite()).map(f64::round).collect();
+    let mut held: Vec<f64> = values.iter().filter(|value| value.is_finite()).map(f64::round).collect();
     held.sort_by(f64::total_cmp);
     let all = held.len();
     let long: Vec<String> = held
@@ -131,7 +130,7 @@ fn sensor(dataset: &Dataset, column: usize, excluded: &[Finding]) -> Markup {
             true => LineStyle::Solid,
             false => LineStyle::Faint,
         };
-        Line::new(style, run.hours().zip(run.values[column].iter().copied()))
+        Line::new(style, run.hours().zip(&run.values[column]))
     };
     let lines: Vec<Line> = dataset.runs.iter().map(line).collect();
     let widest = dataset.runs.iter().map(|run| run.range(column)).fold(0.0, f64::max);

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::*;
-use crate::dataset::{Column, Dataset, Kind, Origin, Run};
+use crate::dataset::{Column, Dataset, Kind, Run};
 use crate::setup::Choice;
 use isotherm_core::quantity::Moment;
 
@@ -39,13 +39,7 @@ fn day(number: u32) -> Run {
         }
         values[5].push(error);
     }
-    Run {
-        name: format!("day {number}"),
-        file: PathBuf::from("day.csv"),
-        times,
-        values,
-        origin: Origin::default(),
-    }
+    Run::recorded(format!("day {number}"), PathBuf::from("day.csv"), times, values)
 }
 
 fn week() -> Dataset {
@@ -133,8 +127,8 @@ fn partial_f_takes_the_sources_in_and_stops() {
 /// The bearing stands still from the first of these rows of day 2 to before the second.
 fn with_frozen_bearing(from: usize, to: usize) -> Dataset {
     let mut week = week();
-    let at = week.runs[2].values[1][from];
-    week.runs[2].values[1][from..to].fill(at);
+    let at = week.runs[2].values[1].at(from);
+    week.runs[2].values[1].change(|values| values[from..to].fill(at));
     week
 }
 

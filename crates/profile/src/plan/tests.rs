@@ -66,7 +66,7 @@ fn scaled(register: &str, scale: &str) -> Signal {
         encoding: value.encoding.clone(),
         meaning: ScaleMeaning::PowerOfTen,
     };
-    Signal { scale_from: Some(from), ..value }
+    Signal { scale_from: Some(Box::new(from)), ..value }
 }
 
 fn planned(quirks: Quirks, signals: &[Signal]) -> Vec<ReadRequest> {

@@ -9,6 +9,7 @@ use crate::document::Section;
 use crate::duration::shown;
 use crate::kinds;
 use crate::kinds::modbus::frames::read_cells;
+use crate::members::Members;
 use crate::tables::device::verify::Expected;
 use crate::{BusId, Device, DeviceId, Profile};
 use isotherm_core::compensation::model::Model;
@@ -53,17 +54,28 @@ fn time_of(profile: &Profile, device: DeviceId, check: &Expected) -> Duration {
     exchange_time(profile.bus(owner.bus), owner, &asked)
 }
 
+/// Returns the axes whose models read from each device.
+pub(super) fn readers(profile: &Profile) -> Members {
+    let pairs = profile.axes.iter().enumerate().flat_map(|(place, axis)| {
+        let signals = axis.settings.models.iter().flat_map(Model::signals);
+        signals.map(move |signal| (profile.signal(signal).device.0, place))
+    });
+    pairs.collect()
+}
+
 /// Returns the checks of a device with their actual periods. The second list states how far each axis that reads from
-/// the device may move before a changed setting is detected.
-pub(super) fn preview(profile: &Profile, id: DeviceId, device: &Device) -> (Vec<Section>, Vec<String>) {
+/// the device (`readers`) may move before a changed setting is detected.
+pub(super) fn preview(
+    profile: &Profile,
+    (id, device): (DeviceId, &Device),
+    readers: &Members,
+) -> (Vec<Section>, Vec<String>) {
     let stretch = stretch(profile, device.bus);
     let checks = device.verify.iter().map(|check| check.preview(period(check, stretch))).collect();
     let Some(longest) = device.verify.iter().map(|check| period(check, stretch)).max() else {
         return (checks, Vec::new());
     };
-    let reads_it =
-        |model: &Model| model.signals().into_iter().any(|signal| profile.signal(signal).device == id);
-    let bounds = profile.axes.iter().filter(|axis| axis.settings.models.iter().any(reads_it)).map(|axis| {
+    let bounds = readers.of(id.0).map(|axis| &profile.axes[axis]).map(|axis| {
         let guard = &axis.settings.guard;
         let moved = (guard.rate.get() * longest.as_secs_f64()).min(2.0 * guard.limit.get());
         format!(

@@ -80,8 +80,8 @@ pub(super) fn exchange_time(bus: &Bus, device: &Device, asked: &Exchange) -> Dur
 
 /// Warns about lines that have less time than their exchanges require.
 pub fn warnings(profile: &Profile) -> Vec<ProfileError> {
-    let loads = (0..profile.buses.len())
-        .filter_map(|place| Load::of(profile, BusId(place)).zip(profile.buses.get(place)));
+    let loads = Load::of_lines(profile).into_iter().zip(&profile.buses);
+    let loads = loads.filter_map(|(load, bus)| load.zip(Some(bus)));
     let full = loads.filter(|(load, _)| load.verdict == Verdict::Full);
     let warning = full.map(|(load, bus)| {
         let help = if load.polls_percent > load.writes_percent {
@@ -102,21 +102,27 @@ pub fn warnings(profile: &Profile) -> Vec<ProfileError> {
 }
 
 impl Load {
-    /// Calculates the load of a line. Returns `None` if nothing is requested, for example on a CAN line whose devices
-    /// send by themselves. Returns `None` for sensors of this computer too, because all are read at the same time.
+    /// Calculates the load of each line, in the order of the buses. Returns `None` for a line on which nothing is
+    /// requested, for example a CAN line whose devices send by themselves. Returns `None` for sensors of this computer
+    /// too, because all are read at the same time.
+    pub fn of_lines(profile: &Profile) -> Vec<Option<Load>> {
+        let lines = profile.buses.iter().zip(traffic(profile));
+        lines.map(|(bus, asked)| Load::of_exchanges(profile, bus, &asked)).collect()
+    }
+
+    /// Calculates the load of one line, as [`Load::of_lines`] does.
     pub fn of(profile: &Profile, id: BusId) -> Option<Load> {
-        let bus = profile.bus(id);
+        Load::of_lines(profile).swap_remove(id.0)
+    }
+
+    fn of_exchanges(profile: &Profile, bus: &Bus, asked: &[Exchange]) -> Option<Load> {
         let (kind, line) = kinds::of(bus.transport);
-        if !kind.has_load {
-            return None;
-        }
-        let asked = traffic(profile, id);
-        if asked.is_empty() {
+        if !kind.has_load || asked.is_empty() {
             return None;
         }
         let answer = line.answer;
         let (mut known, mut waits, mut percent) = (0.0, 0.0, [0.0; 2]);
-        for asked in &asked {
+        for asked in asked {
             let cost = cost(bus, profile.device(asked.device), asked);
             let (seconds, times) =
                 (asked.per_second * cost.known.as_secs_f64(), asked.per_second * cost.waits);

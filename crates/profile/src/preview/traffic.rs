@@ -1,4 +1,4 @@
-//! Exchanges on a line and their rates: polls, heartbeat, outputs, sets. The calculation has no side effects.
+//! Exchanges on the lines and their rates: polls, heartbeat, outputs, sets. The calculation has no side effects.
 
 use std::time::Duration;
 
@@ -6,7 +6,7 @@ use crate::kinds::modbus::frames::{
     cells_read, holding, read_frames, register_for, registers_read, write_frames,
 };
 use crate::plan::{ReadRequest, ReadTarget};
-use crate::{Bit, BusId, Capture, DeviceId, Output, OutputSet, Profile, Share, Stretch, Writes};
+use crate::{Bit, Capture, DeviceId, Output, OutputSet, Profile, Share, Stretch, Writes};
 use isotherm_core::codec::Address;
 use isotherm_core::reading::SignalId;
 
@@ -26,9 +26,9 @@ pub(super) struct Exchange {
     pub(super) writes: bool,
 }
 
-/// Returns all exchanges on a line while every axis moves at each update.
-pub(super) fn traffic(profile: &Profile, bus: BusId) -> Vec<Exchange> {
-    let mut traffic = Traffic { profile, bus, asked: Vec::new() };
+/// Returns all exchanges on each line while every axis moves at each update, in the order of the buses.
+pub(super) fn traffic(profile: &Profile) -> Vec<Vec<Exchange>> {
+    let mut traffic = Traffic { profile, asked: vec![Vec::new(); profile.buses.len()] };
     traffic.polls();
     traffic.heartbeat();
     for output in profile.outputs.iter().filter(|output| output.set.is_none()) {
@@ -40,25 +40,22 @@ pub(super) fn traffic(profile: &Profile, bus: BusId) -> Vec<Exchange> {
 
 struct Traffic<'a> {
     profile: &'a Profile,
-    bus: BusId,
-    asked: Vec<Exchange>,
+    /// Exchanges on each line.
+    asked: Vec<Vec<Exchange>>,
 }
 
 impl Traffic<'_> {
-    fn here(&self, device: DeviceId) -> bool {
-        self.profile.device(device).bus == self.bus
-    }
-
     fn ask(&mut self, device: DeviceId, per_second: f64, writes: bool, (question, answer): (usize, usize)) {
-        if per_second > 0.0 && self.here(device) {
-            self.asked.push(Exchange { device, per_second, question, answer, writes });
+        if per_second > 0.0 {
+            let bus = self.profile.device(device).bus;
+            self.asked[bus.0].push(Exchange { device, per_second, question, answer, writes });
         }
     }
 
     fn polls(&mut self) {
         let profile = self.profile;
-        for (id, device) in profile.devices_on(self.bus) {
-            let per_second = per(device.every);
+        for (place, device) in profile.devices.iter().enumerate() {
+            let (id, per_second) = (DeviceId(place), per(device.every));
             let mut captures: Vec<Capture> = Vec::new();
             for capture in profile.signals_of(id).filter_map(|(_, signal)| signal.capture) {
                 if !captures.contains(&capture) {

@@ -134,9 +134,9 @@ pub struct Bus {
     /// Host and port, serial port, CAN interface, URL of the server, or directory of the kernel's sensors, as written.
     pub address: String,
     /// Modbus/TCP Security. `None` without encryption.
-    pub tls: Option<Tls>,
+    pub tls: Option<Box<Tls>>,
     /// Settings of an OPC UA connection. `None` on every other line.
-    pub opcua: Option<OpcUa>,
+    pub opcua: Option<Box<OpcUa>>,
     /// Timeout of an answer and of a connection.
     pub timeout: Duration,
     /// Time during which a write without an answer may still arrive. Never less than `timeout`.
@@ -175,8 +175,8 @@ impl Bus {
         section.line(format!("bus {name}: {kind} at {address}, timeout {timeout}"));
         section.line(format!("  {}", reads_only.map_or_else(late_writes, str::to_owned)));
         entries!(section, name, kind, address);
-        section.part("tls", self.tls.as_ref().map(Tls::preview));
-        section.part("opcua", self.opcua.as_ref().map(OpcUa::preview));
+        section.part("tls", self.tls.as_deref().map(Tls::preview));
+        section.part("opcua", self.opcua.as_deref().map(OpcUa::preview));
         entries!(section, timeout, late);
         if self.pipeline > 1 {
             section.line("  two requests at a time, when a corrected position is written");

@@ -15,6 +15,7 @@ use super::signal::Signal;
 use crate::dbc::Dbcs;
 use crate::key_context::{KeyContext, Names, Report};
 use crate::kinds::can::frame_writes::Written;
+use crate::members::Members;
 use crate::source_map::SourceMap;
 use crate::template::Templates;
 
@@ -58,6 +59,13 @@ impl<T> Tables<T> {
     /// Iterates over the tables without errors.
     pub(crate) fn valid(&self) -> impl Iterator<Item = &T> {
         self.resolved.iter().flatten()
+    }
+
+    /// Collects the tables without errors by their owners, for example the signals of each device. A table whose owner
+    /// is `None` is left out.
+    pub(crate) fn by_owner(&self, owner: impl Fn(&T) -> Option<usize>) -> Members {
+        let tables = self.resolved.iter().enumerate();
+        tables.filter_map(|(place, table)| Some((owner(table.as_ref()?)?, place))).collect()
     }
 
     /// Moves all resolved tables out of the list. `None` if one of them has errors.

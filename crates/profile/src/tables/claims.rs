@@ -1,6 +1,7 @@
 //! Ownership of registers and nodes. The registers of two tables must not overlap, and two tables must not write the
 //! same register or node.
 
+use std::collections::hash_map::Entry;
 use std::collections::{BTreeSet, HashMap, HashSet};
 
 use super::heartbeat::Heartbeat;
@@ -8,6 +9,9 @@ use super::register::one;
 use super::{Check, KeyContext};
 use crate::DeviceId;
 use isotherm_core::codec::{Address, DataType, NodeId, Register};
+
+/// Indices of the claims to each register, by line and unit.
+type Claimed<'c> = HashMap<(&'c str, u8, Register), Vec<usize>>;
 
 /// Registers that a table reads or writes.
 struct Claim<'c> {
@@ -57,8 +61,8 @@ impl Claim<'_> {
 pub(super) fn check(check: &Check<'_>, heartbeat: Option<&Heartbeat>) {
     let mut claims = claims(check, heartbeat);
     // The later one of two keys gets the error.
-    claims.sort_by_key(|claim| check.report.spans.rank(&claim.at.path));
-    let mut claimed: HashMap<(&str, u8, Register), Vec<usize>> = HashMap::new();
+    claims.sort_by_cached_key(|claim| check.report.spans.rank(&claim.at.path));
+    let mut claimed = Claimed::new();
     for (index, later) in claims.iter().enumerate() {
         let mut earlier = BTreeSet::new();
         for register in later.registers() {
@@ -71,7 +75,7 @@ pub(super) fn check(check: &Check<'_>, heartbeat: Option<&Heartbeat>) {
         }
     }
     runaway(check, &claims);
-    overwritten_scales(check, &claims);
+    overwritten_scales(check, &claims, &claimed);
 }
 
 fn claims<'c>(check: &'c Check<'c>, heartbeat: Option<&Heartbeat>) -> Vec<Claim<'c>> {
@@ -182,17 +186,14 @@ fn runaway(check: &Check<'_>, claims: &[Claim<'_>]) {
 }
 
 /// Reports tables that write a register from which the scale of a signal is read.
-fn overwritten_scales(check: &Check<'_>, claims: &[Claim<'_>]) {
+fn overwritten_scales(check: &Check<'_>, claims: &[Claim<'_>], claimed: &Claimed<'_>) {
     for signal in check.signals.valid() {
         let Some(from) = &signal.scale_from else { continue };
         let device = check.devices.get(signal.device.0);
         let line = device.and_then(|device| Some((check.bus_of(device)?.address.as_str(), device.unit)));
-        let is_there = |claim: &&Claim<'_>| {
-            claim.is_written
-                && line == Some((claim.device.0.as_str(), claim.device.1))
-                && claim.registers().any(|register| register == from.address)
-        };
-        if let Some(written) = claims.iter().find(is_there) {
+        let there = line.and_then(|(address, unit)| claimed.get(&(address, unit, from.address)));
+        let mut there = there.into_iter().flatten().map(|index| &claims[*index]);
+        if let Some(written) = there.find(|claim| claim.is_written) {
             let scale = format!("the scale of signal `{}` at {}", signal.name, from.address);
             let message = format!("{} would overwrite {scale}", written.shown());
             written.at.invalid(message, "one of the two addresses is wrong: correct it");
@@ -214,12 +215,17 @@ struct Written<'c> {
 pub(super) fn one_writer_each(check: &Check<'_>, heartbeat: Option<&Heartbeat>) {
     let mut written = written(check, heartbeat);
     // The later one of two keys gets the error.
-    written.sort_by_key(|written| check.report.spans.rank(&written.at.path));
-    for (place, later) in written.iter().enumerate() {
-        let is_same = |first: &&Written<'_>| (&first.server, &first.node) == (&later.server, &later.node);
-        if let Some(first) = written[..place].iter().find(is_same) {
-            let message = format!("{} writes this node already", first.what);
-            later.at.invalid(message, "a node must have one writer: give each its own node");
+    written.sort_by_cached_key(|written| check.report.spans.rank(&written.at.path));
+    let mut writers: HashMap<(&str, &NodeId), &str> = HashMap::new();
+    for later in &written {
+        match writers.entry((&later.server, &later.node)) {
+            Entry::Occupied(first) => {
+                let message = format!("{} writes this node already", first.get());
+                later.at.invalid(message, "a node must have one writer: give each its own node");
+            }
+            Entry::Vacant(free) => {
+                free.insert(&later.what);
+            }
         }
     }
 }

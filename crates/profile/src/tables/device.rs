@@ -140,7 +140,7 @@ pub struct Device {
     /// Registers, objects or nodes that are read before arming.
     pub verify: Vec<Expected>,
     /// Template of the device.
-    pub template: Option<Template>,
+    pub template: Option<Box<Template>>,
     /// Settings of a device on a CAN line.
     pub can: Option<CanDevice>,
     /// Meaning of an OPC UA server's timestamps. `None` on every other line.
@@ -196,7 +196,7 @@ impl Device {
         section.parts("checks", checks.into_iter());
         section.lines("    ", &bounds);
         section.entry("settings_bounds", bounds);
-        section.part("template", self.template.as_ref().map(Template::preview));
+        section.part("template", self.template.as_deref().map(Template::preview));
         section.json("can", can);
         section
     }

@@ -1,5 +1,6 @@
 //! `[machine]`: settings of the whole machine.
 
+use std::collections::HashSet;
 use std::time::Duration;
 
 use schemars::JsonSchema;
@@ -138,7 +139,8 @@ pub(super) fn resolve(
 
 /// Rejects the keys of `allow_override` that a layer may set without this permission, and those that do not exist.
 fn only_guarded(at: &KeyContext<'_>, keys: &[String], guarded: &[String]) {
-    for (place, key) in keys.iter().enumerate().filter(|(_, key)| !guarded.contains(key)) {
+    let known: HashSet<&String> = guarded.iter().collect();
+    for (place, key) in keys.iter().enumerate().filter(|(_, key)| !known.contains(key)) {
         let help = allowed(key, guarded.iter().map(String::as_str));
         at.item(place).invalid(format!("`{key}` is not a key that needs this permission"), help);
     }

@@ -1,6 +1,7 @@
 //! `restart` of an output: a boot counter. It is a register or node of the CNC that changes at every start, and is read
 //! as a signal of its device.
 
+use std::collections::HashMap;
 use std::time::Duration;
 
 use super::device::Device;
@@ -16,7 +17,6 @@ use isotherm_core::reading::SignalId;
 
 /// Boot counter of a device.
 struct BootCounter {
-    device: DeviceId,
     address: Address,
     signal: SignalId,
     /// Place where the first output names the boot counter, for example `profiles/x.toml:41`.
@@ -25,10 +25,10 @@ struct BootCounter {
 
 /// Adds one signal for each device whose outputs name a boot counter.
 pub(super) fn boot_counters(check: &mut Check<'_>) {
-    let mut known: Vec<BootCounter> = Vec::new();
+    let mut known: HashMap<DeviceId, BootCounter> = HashMap::new();
     for place in 0..check.outputs.names.len() {
         let Some((device, address, line)) = boot_counter(check, place, &known) else { continue };
-        let signal = match known.iter().find(|known| known.device == device) {
+        let signal = match known.get(&device) {
             Some(same) => same.signal,
             None => {
                 let signal = SignalId(check.signals.resolved.len());
@@ -36,7 +36,7 @@ pub(super) fn boot_counters(check: &mut Check<'_>) {
                 let timeout = check.bus_of(of).map_or(Duration::ZERO, |bus| bus.timeout);
                 let counter = counter(of, device, address.clone(), timeout);
                 check.signals.resolved.push(Some(counter));
-                known.push(BootCounter { device, address, signal, line });
+                known.insert(device, BootCounter { address, signal, line });
                 signal
             }
         };
@@ -50,7 +50,7 @@ pub(super) fn boot_counters(check: &mut Check<'_>) {
 fn boot_counter(
     check: &Check<'_>,
     place: usize,
-    known: &[BootCounter],
+    known: &HashMap<DeviceId, BootCounter>,
 ) -> Option<(DeviceId, Address, String)> {
     let name = &check.outputs.names[place];
     let counts = check.raw.output.get(name)?.restart.as_ref()?.boot_counter.as_ref()?;
@@ -66,7 +66,7 @@ fn boot_counter(
     if let Some(register) = address.register() {
         device.must_read(&at, register.table);
     }
-    let other = known.iter().find(|known| known.device == output.device && known.address != address);
+    let other = known.get(&output.device).filter(|known| known.address != address);
     if let Some(BootCounter { address, line, .. }) = other {
         let address = address.register().map_or_else(|| address.to_string(), |register| register.to_string());
         let message = format!("`{}` has its boot counter at {address} already ({line})", device.name);

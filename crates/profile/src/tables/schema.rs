@@ -1,7 +1,5 @@
 //! JSON Schema of a profile, generated from its tables as they are written.
 
-use std::sync::LazyLock;
-
 use schemars::Schema;
 use schemars::generate::SchemaSettings;
 use schemars::transform::RecursiveTransform;
@@ -9,17 +7,12 @@ use serde_json::Value;
 
 use super::raw_profile::RawProfile;
 
-/// JSON Schema of a profile. It is generated only once, because this takes longer than reading a small profile.
-static SCHEMA: LazyLock<Value> = LazyLock::new(|| {
+/// Generates the JSON Schema of a profile, draft 2020-12.
+pub(crate) fn of_profile() -> Value {
     let settings = SchemaSettings::draft2020_12()
         .for_deserialize()
         .with_transform(RecursiveTransform(without_null as fn(&mut Schema)));
     settings.into_generator().into_root_schema_for::<RawProfile>().to_value()
-});
-
-/// JSON Schema of a profile, draft 2020-12. Editors use it for completion, and the loader checks against it.
-pub fn schema() -> &'static Value {
-    &SCHEMA
 }
 
 /// Removes null, which TOML does not have: an optional key is absent. Replaces a choice of documented words by a list

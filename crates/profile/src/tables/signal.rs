@@ -141,7 +141,8 @@ fn units(_: &mut SchemaGenerator) -> Schema {
     schemars::json_schema!({ "type": "string", "enum": Unit::WORDS })
 }
 
-/// Signal of the profile, after all its keys were checked.
+/// Signal of the profile, after all its keys were checked. A profile may have thousands of signals, so the settings of
+/// few are boxed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Signal {
     /// Name in the profile.
@@ -155,7 +156,7 @@ pub struct Signal {
     /// Encoding of the value.
     pub encoding: Encoding,
     /// Register with the power of ten of the scale, which the encoding does not contain. `None` if the scale is fixed.
-    pub scale_from: Option<ScaleFrom>,
+    pub scale_from: Option<Box<ScaleFrom>>,
     /// Engineering unit of the value.
     pub unit: Unit,
     /// Smallest and largest plausible value that the profile or its template states.
@@ -169,7 +170,7 @@ pub struct Signal {
     /// Largest age of a reading. An older one is stale.
     pub max_age: Duration,
     /// Condition on other signals under which this signal is bad.
-    pub fault_when: Option<Condition>,
+    pub fault_when: Option<Box<Condition>>,
     /// Whether a read request may include adjacent registers of other signals.
     pub merge: bool,
     /// Settings of a counting signal: rollover and new reference.
@@ -230,7 +231,7 @@ impl Signal {
             let each = register::one_of(&self.address);
             line += &format!(", {scale}{space}{unit} per {each}");
         }
-        let scale_from = self.scale_from.as_ref().map(ShownScale::from);
+        let scale_from = self.scale_from.as_deref().map(ShownScale::from);
         line.extend(scale_from.iter().map(|from| format!(", {from}")));
         if encoding.offset.abs() > 0.0 {
             line += &format!(", plus {}", encoding.offset);

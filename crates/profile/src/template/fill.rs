@@ -1,7 +1,7 @@
 //! Addition of the keys of a template to a profile, as if the profile itself contained them. In errors, an added key
 //! has the place where the profile named the template or the channel.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 use serde_json::{Map, Value, json};
 
@@ -11,29 +11,34 @@ use super::group::{in_order, text};
 use super::used::{Templates, Use};
 use crate::error::{Findings, allowed};
 use crate::files::Files;
+use crate::schemas::Schemas;
 use crate::sha256;
 use crate::source_map::{SourceMap, child, element};
 
 pub(super) struct Filling<'a> {
     pub(super) profile: &'a mut Map<String, Value>,
     files: &'a Files<'a>,
+    schemas: &'a Schemas,
     pub(super) spans: &'a mut SourceMap,
     pub(super) errors: &'a mut Findings,
     pub(super) known: BTreeMap<String, Definition>,
     pub(super) templates: Templates,
+    /// Templates that were searched, by name. Many devices may have the same one.
+    searched: BTreeMap<String, Result<Written, Wrong>>,
     /// Devices whose template has an error, which was reported already.
-    broken: Vec<String>,
+    broken: HashSet<String>,
 }
 
 impl<'a> Filling<'a> {
     pub(super) fn new(
         profile: &'a mut Map<String, Value>,
-        files: &'a Files<'a>,
+        (files, schemas): (&'a Files<'a>, &'a Schemas),
         spans: &'a mut SourceMap,
         errors: &'a mut Findings,
     ) -> Filling<'a> {
-        let (known, templates, broken) = (BTreeMap::new(), Templates::new(), Vec::new());
-        Filling { profile, files, spans, errors, known, templates, broken }
+        let (known, templates) = (BTreeMap::new(), Templates::new());
+        let (searched, broken) = (BTreeMap::new(), HashSet::new());
+        Filling { profile, files, schemas, spans, errors, known, templates, searched, broken }
     }
 
     pub(super) fn run(mut self) -> Templates {
@@ -60,7 +65,8 @@ impl<'a> Filling<'a> {
         let variant = text(table, "variant").map(str::to_owned);
         let base = table.get("base").and_then(Value::as_u64).and_then(|base| u16::try_from(base).ok());
         let pin = text(table, "sha256").map(str::to_owned);
-        let found = find(&template, self.files, self.errors);
+        let found = self.searched.entry(template.clone());
+        let found = found.or_insert_with(|| find(&template, (self.files, self.schemas), self.errors)).clone();
         let defined = found.and_then(|Written { own_file, text, body }| {
             pinned(&template, pin.as_deref(), &text)?;
             let Some(body) = body else { return Ok(None) };
@@ -70,9 +76,12 @@ impl<'a> Filling<'a> {
         });
         let definition = match defined {
             Ok(Some(definition)) => definition,
-            Ok(None) => return self.broken.push(name.to_owned()),
+            Ok(None) => {
+                self.broken.insert(name.to_owned());
+                return;
+            }
             Err((key, message, help)) => {
-                self.broken.push(name.to_owned());
+                self.broken.insert(name.to_owned());
                 return self.invalid(&child(&path, key), message, help);
             }
         };
@@ -305,8 +314,8 @@ impl<'a> Filling<'a> {
         let of_heartbeat = self.profile.get("heartbeat").and_then(|beat| text(beat.as_object()?, "device"));
         let outputs = self.profile.get("output").and_then(Value::as_object);
         let written = outputs.into_iter().flat_map(Map::values).filter_map(Value::as_object);
-        let written: Vec<&str> = written.filter_map(|output| text(output, "device")).collect();
-        let is_silent = |name: &str| written.contains(&name) && of_heartbeat != Some(name);
+        let written: HashSet<&str> = written.filter_map(|output| text(output, "device")).collect();
+        let is_silent = |name: &str| written.contains(name) && of_heartbeat != Some(name);
         let known = self.known.iter().filter(|(name, _)| is_silent(name));
         let silent = known
             .filter_map(|(name, known)| Some((name.clone(), known.heartbeat.as_ref()?.as_str()?.to_owned())));

@@ -1,18 +1,19 @@
 //! Finding and parsing of a template by its name. The user's own template takes precedence over the shipped one.
 
-use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use serde_json::{Map, Value, json};
 
 use super::channels::{Channel, of_group};
 use super::group::{Group, text, texts};
+use super::shipped;
 use super::used::Template;
-use super::{schema, shipped};
 use crate::error::{Findings, allowed};
 use crate::file_kind::FileKind;
 use crate::files::Files;
 use crate::schema_check::SchemaCheck;
+use crate::schemas::Schemas;
 use crate::source_map::SourceMap;
 use crate::tables::signal::unit::Scaling;
 
@@ -44,22 +45,27 @@ pub(super) struct Definition {
 pub(super) type Wrong = (&'static str, String, String);
 
 /// Text of a template that was found.
+#[derive(Clone)]
 pub(super) struct Written {
     pub(super) own_file: Option<String>,
-    pub(super) text: Cow<'static, str>,
+    pub(super) text: Arc<str>,
     /// Parsed content. `None` if it has mistakes, which have been reported.
     pub(super) body: Option<Group>,
 }
 
 /// Finds the template with this name. `Err` if there is none, or if the user's file cannot be read.
-pub(super) fn find(name: &str, files: &Files<'_>, errors: &mut Findings) -> Result<Written, Wrong> {
+pub(super) fn find(
+    name: &str,
+    (files, schemas): (&Files<'_>, &Schemas),
+    errors: &mut Findings,
+) -> Result<Written, Wrong> {
     let plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
     let file = format!("{DIRECTORY}/{name}.toml");
     let own = if name.bytes().all(plain) { files.text(&file) } else { Ok(None) };
     let own =
         own.map_err(|why| ("template", why, "does this user have permission to read it?".to_owned()))?;
     let own_file = own.is_some().then(|| files.path(&file));
-    let Some(text) = own.map(Cow::Owned).or_else(|| shipped::text(name).map(Cow::Borrowed)) else {
+    let Some(text) = own.map(Arc::<str>::from).or_else(|| shipped::text(name).map(Arc::from)) else {
         let mut known: Vec<String> = shipped::names().map(str::to_owned).collect();
         known.extend(files.names(DIRECTORY, ".toml"));
         known.sort();
@@ -72,7 +78,7 @@ pub(super) fn find(name: &str, files: &Files<'_>, errors: &mut Findings) -> Resu
         return Err(("template", format!("there is no device template `{name}`"), help));
     };
     let shown = own_file.clone().unwrap_or_else(|| format!("profiles/{file}"));
-    let body = read(&shown, &text, errors);
+    let body = read(schemas.template(), (&shown, &text), errors);
     Ok(Written { own_file, text, body })
 }
 
@@ -93,8 +99,7 @@ fn nearest_names(name: &str, known: &[String]) -> String {
     }
 }
 
-fn read(shown: &str, written: &str, errors: &mut Findings) -> Option<Group> {
-    let schema = schema::schema();
+fn read(schema: &Value, (shown, written): (&str, &str), errors: &mut Findings) -> Option<Group> {
     let mut spans = SourceMap::default();
     let layer = spans.add_layer(shown, Some(written));
     let mut found = Findings::default();

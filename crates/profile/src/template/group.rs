@@ -20,6 +20,6 @@ pub(super) fn texts(table: &Group, key: &str) -> Vec<String> {
 pub(super) fn in_order(profile: &Map<String, Value>, table: &str, spans: &SourceMap) -> Vec<String> {
     let names = profile.get(table).and_then(Value::as_object);
     let mut names: Vec<String> = names.into_iter().flat_map(Map::keys).cloned().collect();
-    names.sort_by_key(|name| spans.rank(&child(table, name)));
+    names.sort_by_cached_key(|name| spans.rank(&child(table, name)));
     names
 }

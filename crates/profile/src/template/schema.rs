@@ -1,7 +1,5 @@
 //! Schema of a template file: groups with the keys of signals, outputs, sets and checks of a profile.
 
-use std::sync::LazyLock;
-
 use serde_json::{Map, Value, json};
 
 /// Keys of a signal that only a profile can set.
@@ -14,15 +12,8 @@ const OF_OUTPUT: [&str; 9] =
 /// Keys of a device that a template sets for a CANopen node.
 pub(super) const NODE: [&str; 3] = ["heartbeat", "setup", "emergency"];
 
-static SCHEMA: LazyLock<Value> = LazyLock::new(made);
-
-/// JSON Schema of a device template, draft 2020-12.
-pub fn schema() -> &'static Value {
-    &SCHEMA
-}
-
-fn made() -> Value {
-    let profile = crate::schema();
+/// Generates the JSON Schema of a device template, draft 2020-12, from that of a profile.
+pub(crate) fn of_template(profile: &Value) -> Value {
     let keys = |table: &str, without: &[&str]| {
         let known = profile.pointer(&format!("/$defs/{table}/properties")).and_then(Value::as_object);
         let known = known.into_iter().flatten().filter(|(key, _)| !without.contains(&key.as_str()));

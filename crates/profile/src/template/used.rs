@@ -1,7 +1,7 @@
 //! Template of a device, and the signals and outputs that use it.
 
-use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use crate::document::{Section, entries};
 use crate::sha256;
@@ -20,7 +20,7 @@ pub struct Template {
     /// Path of the user's own file. `None` for a shipped template.
     pub own_file: Option<String>,
     /// Text of the template.
-    pub text: Cow<'static, str>,
+    pub text: Arc<str>,
     /// Notes for the user.
     pub notes: Vec<String>,
     /// Facts that were not verified with the manual or on the device.

@@ -8,7 +8,7 @@ use isotherm_profile::{Errors, OpcUaServer, Profile, ProfileError};
 /// # Errors
 /// All mistakes with their keys, in the order of the file.
 pub fn check(profile: &Profile) -> Result<(), Errors> {
-    let lines = profile.buses.iter().filter_map(|bus| bus.opcua.as_ref());
+    let lines = profile.buses.iter().filter_map(|bus| bus.opcua.as_deref());
     let of_server = profile.opcua_server.iter().flat_map(wrong_server);
     let mut wrong: Vec<ProfileError> = lines.flat_map(wrong).chain(of_server).collect();
     wrong.sort_by_key(|error| (error.line, error.column));

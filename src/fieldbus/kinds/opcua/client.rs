@@ -105,7 +105,7 @@ struct ServerState {
 impl OpcUaDial {
     /// Returns a dial for the server of this bus; `None` for any other kind of line.
     pub(super) fn new(bus: &Bus) -> Option<OpcUaDial> {
-        let line = bus.opcua.as_ref()?;
+        let line = bus.opcua.as_deref()?;
         let address = host_of_url(&bus.address).to_owned();
         let (url, timeout) = (bus.address.clone(), bus.timeout);
         let files = Files::read(line).ok();

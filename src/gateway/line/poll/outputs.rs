@@ -1,5 +1,6 @@
 //! Outputs of one line, and the times at which they are due.
 
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 use crate::gateway::output::{LineTurn, Position, Set, Single};
@@ -32,21 +33,19 @@ enum Work {
 
 pub(super) fn jobs(shared: &LineHandle, bus: BusId, start: Moment) -> Vec<OutputTask> {
     let profile = &shared.profile;
-    let here = |device: DeviceId| profile.device(device).bus == bus;
-    let ones = (0..profile.outputs.len())
-        .map(OutputId)
-        .filter(|id| here(profile.output(*id).device) && profile.output(*id).set.is_none())
-        .map(|id| {
-            let position = profile.output(id).writes.position();
-            let work = match position {
-                Some(position) => Work::Position(Box::new(Position::new(shared, id, position))),
-                None => Work::Single(Box::new(Single::new(shared, id, start))),
-            };
-            let corrects = position.map(|position| profile.signal(position).device);
-            OutputTask { due: start, waits_since: None, work, corrects }
-        });
-    let sets = (0..profile.sets.len()).map(SetId).filter(|id| here(profile.set(*id).device));
-    let sets = sets.map(|id| {
+    let here = || shared.dependents.outputs_on.of(bus.0).map(OutputId);
+    let ones = here().filter(|id| profile.output(*id).set.is_none()).map(|id| {
+        let position = profile.output(id).writes.position();
+        let work = match position {
+            Some(position) => Work::Position(Box::new(Position::new(shared, id, position))),
+            None => Work::Single(Box::new(Single::new(shared, id, start))),
+        };
+        let corrects = position.map(|position| profile.signal(position).device);
+        OutputTask { due: start, waits_since: None, work, corrects }
+    });
+    // All outputs of a set are on one device.
+    let sets: BTreeSet<SetId> = here().filter_map(|id| profile.output(id).set).collect();
+    let sets = sets.into_iter().map(|id| {
         let set = Box::new(Set::new(shared, id, start));
         OutputTask { due: start, waits_since: None, work: Work::Set(set), corrects: None }
     });

@@ -1,5 +1,6 @@
 //! Reads of one device, one request at a time.
 
+use std::collections::HashSet;
 use std::time::Duration;
 
 use super::Overruns;
@@ -45,7 +46,12 @@ pub(super) struct Poll {
 }
 
 /// Creates the reads of a line. The reads of corrected positions come last, so that the correction follows directly.
-pub(super) fn polls(profile: &Profile, bus: BusId, corrected: &[DeviceId], start: Moment) -> Vec<Poll> {
+pub(super) fn polls(
+    profile: &Profile,
+    bus: BusId,
+    corrected: &HashSet<DeviceId>,
+    start: Moment,
+) -> Vec<Poll> {
     let poll = |(id, device): (DeviceId, &Device)| Poll {
         device: id,
         every: device.every,

@@ -1,7 +1,14 @@
 //! Conversion between indices and names. The compensation identifies signals and axes by their indices in the profile.
 //! The state document contains their names, so that a profile may change between two runs.
 
+use std::collections::HashMap;
+
+use serde::ser::SerializeMap;
+use serde::{Serialize, Serializer};
 use serde_json::{Map, Value};
+
+use isotherm_core::compensation::Remembered;
+use isotherm_core::compensation::reference::Capture;
 
 /// Keys of the lists that have one item for each signal.
 const BY_SIGNAL: [&str; 2] = ["start", "zero"];
@@ -13,15 +20,62 @@ const LEARNED_TERMS: [&str; 3] = [
     "/preference/waiting/to/learned/terms",
 ];
 
+/// State of the compensation with the names of signals and axes. The lists that have one item for each signal are
+/// written without a copy, because a machine may have thousands of signals.
+#[derive(Debug)]
+pub(in crate::gateway) struct NamedMachine<'n> {
+    rest: Value,
+    /// Lists of the keys [`BY_SIGNAL`].
+    references: [Vec<Capture>; 2],
+    signals: Vec<&'n str>,
+}
+
+/// Values of signals, by name.
+struct ByName<'n, T>(&'n [&'n str], &'n [T]);
+
+impl<'n> NamedMachine<'n> {
+    /// Creates the state with these names of the signals, in the order of their indices.
+    pub(in crate::gateway) fn of(
+        mut remembered: Remembered,
+        signals: Vec<&'n str>,
+    ) -> serde_json::Result<NamedMachine<'n>> {
+        let references = remembered.machine.take_references();
+        let mut rest = serde_json::to_value(&remembered)?;
+        by_name(&mut rest, &signals);
+        Ok(NamedMachine { rest, references, signals })
+    }
+}
+
+impl Serialize for NamedMachine<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut fields = serializer.serialize_map(None)?;
+        let rest = self.rest.as_object().into_iter().flatten();
+        for (key, value) in rest.filter(|(key, _)| !BY_SIGNAL.contains(&key.as_str())) {
+            fields.serialize_entry(key, value)?;
+        }
+        for (key, references) in BY_SIGNAL.iter().zip(&self.references) {
+            fields.serialize_entry(key, &ByName(&self.signals, references))?;
+        }
+        fields.end()
+    }
+}
+
+impl<T: Serialize> Serialize for ByName<'_, T> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(self.0.iter().zip(self.1))
+    }
+}
+
 /// Replaces the indices of signals by their names, and the list of axes by a map with their names.
-pub(in crate::gateway) fn by_name(machine: &mut Value, signals: &[String]) {
+pub(in crate::gateway) fn by_name(machine: &mut Value, signals: &[impl AsRef<str>]) {
     for key in BY_SIGNAL {
         let values = machine[key].as_array_mut().map(std::mem::take).unwrap_or_default();
-        machine[key] = signals.iter().cloned().zip(values).collect::<Map<_, _>>().into();
+        let names = signals.iter().map(|name| name.as_ref().to_owned());
+        machine[key] = names.zip(values).collect::<Map<_, _>>().into();
     }
     let axes = machine["axes"].as_array_mut().map(std::mem::take).unwrap_or_default();
     let name =
-        |place: &Value| signals.get(usize::try_from(place.as_u64()?).ok()?).map(|name| name.as_str().into());
+        |place: &Value| signals.get(usize::try_from(place.as_u64()?).ok()?).map(|name| name.as_ref().into());
     let named = axes.into_iter().filter_map(|mut axis| {
         replace_signals(&mut axis, name);
         let Value::String(name) = axis.as_object_mut()?.remove("axis")? else { return None };
@@ -39,7 +93,8 @@ pub(in crate::gateway) fn by_place(machine: &mut Value, signals: &[&str]) {
         let value = |name: &&str| values.get(*name).unwrap_or(&nothing).clone();
         machine[key] = signals.iter().map(value).collect();
     }
-    let place = |name: &Value| signals.iter().position(|signal| name == signal).map(Value::from);
+    let places: HashMap<&str, usize> = signals.iter().copied().zip(0..).collect();
+    let place = |name: &Value| places.get(name.as_str()?).copied().map(Value::from);
     let mut axes = machine["axes"].as_object_mut().map(std::mem::take).unwrap_or_default();
     for (name, axis) in &mut axes {
         replace_signals(axis, place);

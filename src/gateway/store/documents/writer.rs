@@ -197,7 +197,9 @@ impl Shared {
 impl Saving {
     fn save(&mut self, version: u64, (outputs, state): (BTreeMap<String, Entry>, Option<Box<Memory>>)) {
         outputs.iter().for_each(|(name, entry)| self.file.set_output(name, entry));
-        if let Some(Ok(state)) = state.map(|state| state.saved()) {
+        if let Some(mut state) = state
+            && let Ok(state) = state.saved()
+        {
             self.file.set_state(&state);
         }
         let saved = self.file.save();

@@ -28,16 +28,15 @@ fn gateway(profile: &Profile, remembered: Remembered) -> Compensation {
 
 /// Rest of a state without signs and values. The signals have the places of this profile.
 fn rest(profile: &Profile) -> UnchangedParts {
-    UnchangedParts {
-        signs: BTreeMap::new(),
-        places: Arc::new(Places::of(profile)),
-        values: BTreeMap::new(),
-        limits: BTreeMap::new(),
-    }
+    UnchangedParts { signs: BTreeMap::new(), places: Arc::new(Places::of(profile)), values: BTreeMap::new() }
+}
+
+fn memory(profile: &Profile, at: Moment, remembered: Remembered) -> Memory {
+    Memory::new(Arc::new(profile.clone()), at, remembered, BTreeMap::new(), rest(profile))
 }
 
 /// State as the next start finds it.
-fn saved(memory: Memory) -> Value {
+fn saved(mut memory: Memory) -> Value {
     let text = serde_json::to_string(&memory.saved().unwrap()).unwrap();
     serde_json::from_str(&text).unwrap()
 }
@@ -70,7 +69,7 @@ fn an_hour_off_differs_from_an_uninterrupted_run_by_no_more_than_a_count() {
     let mut before = gateway(&profile, Remembered::default());
     let last = *run(&mut before, 0..1810, Some(Micron::ZERO)).last().unwrap();
     let stopped = Moment::from_nanos(1_800_000_000_000);
-    let saved = saved(Memory::new(&profile, stopped, before.remembered(), BTreeMap::new(), rest(&profile)));
+    let saved = saved(memory(&profile, stopped, before.remembered()));
     let restored = Memory::recall(Some(saved), &profile).unwrap();
     assert_eq!(restored.remembered, before.remembered());
 
@@ -91,7 +90,7 @@ fn a_lag_is_found_again_by_its_signals_name_when_the_list_has_changed() {
     let mut before = gateway(&profile, Remembered::default());
     run(&mut before, 0..1810, None);
     let stopped = Moment::from_nanos(1_800_000_000_000);
-    let saved = saved(Memory::new(&profile, stopped, before.remembered(), BTreeMap::new(), rest(&profile)));
+    let saved = saved(memory(&profile, stopped, before.remembered()));
     let mut changed = profile.clone();
     changed.signals.swap(0, 1);
     for axis in &mut changed.axes {
@@ -110,9 +109,7 @@ fn references_are_kept_by_name_and_one_of_a_signal_that_is_gone_is_dropped_with_
     let profile = lagging();
     let mut before = gateway(&profile, Remembered::default());
     run(&mut before, 0..1810, None);
-    let memory =
-        Memory::new(&profile, Moment::default(), before.remembered(), BTreeMap::new(), rest(&profile));
-    let saved = saved(memory);
+    let saved = saved(memory(&profile, Moment::default(), before.remembered()));
     let names = [&profile.signals[0].name, &profile.signals[1].name];
     assert!(
         names.iter().all(|name| saved["machine"]["start"][name.as_str()]["value"].is_number()),
@@ -140,9 +137,7 @@ fn what_was_captured_from_a_signal_that_lies_elsewhere_is_forgotten_with_its_lag
     let profile = lagging();
     let mut before = gateway(&profile, Remembered::default());
     run(&mut before, 0..1810, None);
-    let memory =
-        Memory::new(&profile, Moment::default(), before.remembered(), BTreeMap::new(), rest(&profile));
-    let saved = saved(memory);
+    let saved = saved(memory(&profile, Moment::default(), before.remembered()));
     type Change = fn(&mut isotherm_profile::Signal);
     let changes: [Change; 3] = [
         |signal| signal.encoding.scale = isotherm_core::codec::Scale::of(0.2),
@@ -192,7 +187,8 @@ fn last_good_values_age_over_a_stop_and_go_with_the_place_of_their_signal() {
     let values = board.last_good(at(130));
     assert_eq!(values[&name], LastGood { value: 21.5, age: Duration::from_secs(30), exponent: None });
     let rest = UnchangedParts { values: values.clone(), ..rest(&profile) };
-    let memory = Memory::new(&profile, at(130), Remembered::default(), BTreeMap::new(), rest);
+    let memory =
+        Memory::new(Arc::new(profile.clone()), at(130), Remembered::default(), BTreeMap::new(), rest);
     let state = saved(memory);
     assert_eq!(Memory::recall(Some(state.clone()), &profile).unwrap().values, values);
     let mut moved = profile;
@@ -202,11 +198,11 @@ fn last_good_values_age_over_a_stop_and_go_with_the_place_of_their_signal() {
         "another worth of a count"
     );
     moved.signals[0].encoding.scale = isotherm_core::codec::Scale::ONE;
-    moved.signals[0].scale_from = Some(isotherm_core::codec::ScaleFrom {
+    moved.signals[0].scale_from = Some(Box::new(isotherm_core::codec::ScaleFrom {
         address: "holding:12".parse().unwrap(),
         encoding: moved.signals[0].encoding.clone(),
         meaning: isotherm_core::codec::ScaleMeaning::Decimals,
-    });
+    }));
     assert!(Memory::recall(Some(state), &moved).unwrap().values.is_empty(), "a scale in another register");
 }
 
@@ -218,9 +214,8 @@ fn default_limits_are_saved_and_a_state_of_a_version_without_them_has_none() {
     // The sample gives all its signals the same register. This one can be recognised under another name.
     profile.signals[0].encoding.offset = 1.5;
     let known = default_limits::of(&profile);
-    let rest = UnchangedParts { limits: known.clone(), ..rest(&profile) };
     let at = Moment::from_nanos(1_000_000_000);
-    let mut state = saved(Memory::new(&profile, at, Remembered::default(), BTreeMap::new(), rest));
+    let mut state = saved(memory(&profile, at, Remembered::default()));
     assert_eq!(Memory::recall(Some(state.clone()), &profile).unwrap().limits, known);
     let mut renamed = profile.clone();
     renamed.signals[0].name = "another_name".to_owned();

@@ -35,6 +35,11 @@ fn release(profile: &Profile) -> Release {
     Release { output, place, bounds, from_um: 20.0, operator: None, held_um: 20.0, stage: Stage::Asked, by }
 }
 
+/// Checks that a former register can be released with this profile.
+fn obstacle(profile: &Profile, former: &FormerPlace, kept: &[Entry]) -> Result<(), Explained> {
+    why_not(profile, former, kept, &WrittenPlaces::of(profile))
+}
+
 /// Bench profile with another register for its output.
 fn moved() -> Profile {
     profile(&BENCH.replace("holding:104", "holding:106"))
@@ -73,7 +78,7 @@ fn a_register_whose_device_the_profile_does_not_have_is_not_released() {
         profile(&BENCH.replacen("bus = \"control\"\nunit = 1", "bus = \"control\"\nunit = 2", 1));
     for mut changed in [elsewhere, other_unit] {
         let before = changed.clone();
-        let why = why_not(&changed, &former(&bench), &[]).unwrap_err();
+        let why = obstacle(&changed, &former(&bench), &[]).unwrap_err();
         let words = ["no longer has the device of this register, unit 1 at 127.0.0.1:1505", "restart --keep"];
         assert!(words.iter().all(|word| why.to_string().contains(word)), "{why}");
         assert_eq!(extend(&mut changed, &[release(&bench)]), []);
@@ -93,10 +98,10 @@ fn a_register_that_the_profile_writes_to_under_another_name_of_its_line_is_not_r
     let (name, bus) = ("again".to_owned(), BusId(changed.buses.len() - 1));
     changed.devices.push(Device { name, bus, ..changed.devices[device].clone() });
     let id = DeviceId(changed.devices.len() - 1);
-    assert!(why_not(&changed, &former(&bench), &[]).is_ok());
+    assert!(obstacle(&changed, &former(&bench), &[]).is_ok());
     let place = changed.outputs.iter().position(|output| output.name == "cnc_z").unwrap();
     (changed.outputs[place].device, changed.outputs[place].address) = (id, cnc(&bench).address.clone());
-    let why = why_not(&changed, &former(&bench), &[]).unwrap_err();
+    let why = obstacle(&changed, &former(&bench), &[]).unwrap_err();
     assert!(why.to_string().contains("the profile writes to this register"), "{why}");
 }
 
@@ -184,7 +189,7 @@ fn each_type_and_order_is_found_again_by_its_words() {
 
 /// Reason why this former place cannot be released in a profile. Empty if it can.
 fn why(profile: &Profile, former: &FormerPlace, kept: &[Entry]) -> String {
-    why_not(profile, former, kept).err().map_or(String::new(), |why| why.to_string())
+    obstacle(profile, former, kept).err().map_or(String::new(), |why| why.to_string())
 }
 
 #[test]

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::SyncSender;
 
-use super::Job;
+use super::{Job, QueuedJob};
 use crate::gateway::store::disk::{append as append_to, make_directory};
 use crate::observe::events::file::{self, End, LARGEST};
 use crate::observe::events::{Entry, Event, Journal};
@@ -25,12 +25,12 @@ impl EventsWake {
     /// in the queue, so that no other is needed.
     pub(super) fn begin(
         journal: Arc<Journal>,
-        queue: SyncSender<Job>,
+        queue: SyncSender<QueuedJob>,
         is_woken: Arc<AtomicBool>,
     ) -> EventsWake {
         journal.keep(move || {
             // If the queue is full, the thread has other jobs, and checks for events after each.
-            if !is_woken.swap(true, Ordering::Relaxed) && queue.try_send(Job::Events).is_err() {
+            if !is_woken.swap(true, Ordering::Relaxed) && queue.try_send(Box::new(Job::Events)).is_err() {
                 is_woken.store(false, Ordering::Relaxed);
             }
         });

@@ -10,7 +10,7 @@ use std::time::Duration;
 use jiff::civil::Date;
 
 use super::stamps::{Stamped, Stamps};
-use super::{Job, OUTPUT_QUEUE, retention};
+use super::{Job, OUTPUT_QUEUE, QueuedJob, retention};
 use crate::gateway::store::log::outputs::{
     ControllerSnapshot, ControllerState, OutputRecorder, ResumeState, Turn,
 };
@@ -83,7 +83,7 @@ struct RowSequence {
 /// Producer of the rows of the output log. Without a queue, nothing is saved.
 #[derive(Debug, Default)]
 pub(in crate::gateway) struct OutputsLog {
-    queue: Option<SyncSender<Job>>,
+    queue: Option<SyncSender<QueuedJob>>,
     recorder: OutputRecorder,
     stamps: Stamps,
     tears: Arc<RowLosses>,
@@ -129,7 +129,7 @@ struct LastTurn {
 }
 
 impl OutputsLog {
-    pub(super) fn new(profile: &Profile, queue: SyncSender<Job>, stamps: Stamps) -> OutputsLog {
+    pub(super) fn new(profile: &Profile, queue: SyncSender<QueuedJob>, stamps: Stamps) -> OutputsLog {
         let outputs = profile.outputs.iter().map(|output| output.name.clone());
         let sets = profile.sets.iter().map(|set| set.label());
         let names = outputs.chain(sets).chain(["heartbeat".to_owned()]);
@@ -140,7 +140,7 @@ impl OutputsLog {
     pub(super) fn of(
         names: impl IntoIterator<Item = String>,
         counts: (usize, usize),
-        queue: SyncSender<Job>,
+        queue: SyncSender<QueuedJob>,
     ) -> OutputsLog {
         let lines = names.into_iter().map(|name| Line { name, ..Line::default() }).collect();
         OutputsLog { queue: Some(queue), counts, lines, ..OutputsLog::default() }
@@ -326,7 +326,7 @@ impl OutputsLog {
         let at = self.latest;
         let Some(queue) = &self.queue else { return false };
         if self.tears.waiting.fetch_add(1, Ordering::Relaxed) < OUTPUT_QUEUE {
-            match queue.try_send(Job::OutputRow { at, stamped, row, tear }) {
+            match queue.try_send(Box::new(Job::OutputRow { at, stamped, row, tear })) {
                 Ok(()) => return true,
                 Err(TrySendError::Full(_)) => {}
                 Err(TrySendError::Disconnected(_)) => {

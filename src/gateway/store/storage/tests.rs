@@ -104,7 +104,7 @@ mod outputs {
     /// Gateway with one output, whose disk works on command.
     struct Bench {
         storage: Storage,
-        jobs: Receiver<Job>,
+        jobs: Receiver<QueuedJob>,
         thread: StorageThread,
         settings: Settings,
         controller: Controller,
@@ -206,7 +206,7 @@ mod outputs {
         /// Lets the disk store everything that waits.
         fn keep(&mut self) {
             while let Ok(job) = self.jobs.try_recv() {
-                self.thread.take(job);
+                self.thread.take(*job);
             }
         }
     }

@@ -12,11 +12,11 @@ use std::time::Duration;
 
 use jiff::civil::Date;
 
-use super::Job;
 use super::events::EventsFile;
 use super::outputs::RowLosses;
 use super::retention::{day, expired};
 use super::stamps::Stamped;
+use super::{Job, QueuedJob};
 use crate::fieldbus::explain::explain_system;
 use crate::gateway::store::disk::{append, make_directory};
 use crate::gateway::store::documents::{DiskCause, is_news};
@@ -130,14 +130,14 @@ impl StorageThread {
         }
     }
 
-    pub(super) fn work(&mut self, jobs: &Receiver<Job>) {
+    pub(super) fn work(&mut self, jobs: &Receiver<QueuedJob>) {
         while let Ok(job) = jobs.recv() {
-            self.take(job);
+            self.take(*job);
             let Ok(next) = jobs.try_recv() else { continue };
-            self.take(next);
+            self.take(*next);
             // Otherwise each further row would wake this thread, at the expense of the line that sends it.
             std::thread::sleep(COLLECTED_FOR);
-            jobs.try_iter().for_each(|job| self.take(job));
+            jobs.try_iter().for_each(|job| self.take(*job));
         }
         let _ = self.events.write_all();
     }

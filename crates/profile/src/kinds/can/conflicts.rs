@@ -1,7 +1,10 @@
 //! Conflicts on one CAN line: node numbers, identifiers, writers.
 
+use std::collections::HashMap;
+
 use crate::DeviceId;
 use crate::tables::Check;
+use crate::tables::signal::Signal;
 use isotherm_core::codec::{Address, CanId, Entry, Object};
 
 /// CANopen node on a line.
@@ -14,20 +17,25 @@ struct Node {
 
 /// Checks all lines for conflicts.
 pub(super) fn check(check: &Check<'_>) {
+    let devices = check.devices.by_owner(|device| Some(device.bus.0));
+    let bus_of = |signal: &Signal| Some(check.devices.get(signal.device.0)?.bus.0);
+    let in_frames = |signal: &Signal| matches!(signal.address, Address::Frame(_));
+    let signals = check.signals.by_owner(|signal| bus_of(signal).filter(|_| in_frames(signal)));
     for bus in 0..check.buses.resolved.len() {
-        let nodes = nodes(check, bus);
+        let nodes = nodes(check, devices.of(bus));
+        let signals: Vec<&Signal> = signals.of(bus).filter_map(|signal| check.signals.get(signal)).collect();
         sync_identifier(check, bus, &nodes);
-        read_identifiers(check, bus, &nodes);
-        written_identifiers(check, bus, &nodes);
+        read_identifiers(check, (bus, &nodes), &signals);
+        written_identifiers(check, (bus, &nodes), &signals);
     }
     objects_written(check);
 }
 
-/// Returns the nodes of a line, and reports duplicate numbers.
-fn nodes(check: &Check<'_>, bus: usize) -> Vec<Node> {
+/// Returns the nodes among the devices of a line, and reports duplicate numbers.
+fn nodes(check: &Check<'_>, devices: impl Iterator<Item = usize>) -> Vec<Node> {
     let mut nodes: Vec<Node> = Vec::new();
-    for (index, device) in check.devices.resolved.iter().enumerate() {
-        let Some(device) = device.as_ref().filter(|device| device.bus.0 == bus) else { continue };
+    for index in devices {
+        let Some(device) = check.devices.get(index) else { continue };
         let Some(number) = device.can.as_ref().and_then(|can| can.node) else { continue };
         if let Some(first) = nodes.iter().find(|known| known.number == number) {
             let key = |device: &str| check.at("device").key(device).key("node");
@@ -52,11 +60,11 @@ fn sync_identifier(check: &Check<'_>, bus: usize, nodes: &[Node]) {
     }
 }
 
-fn read_identifiers(check: &Check<'_>, bus: usize, nodes: &[Node]) {
-    for signal in check.signals.valid() {
+fn read_identifiers(check: &Check<'_>, (bus, nodes): (usize, &[Node]), signals: &[&Signal]) {
+    for signal in signals {
         let Address::Frame(field) = &signal.address else { continue };
-        let device = check.devices.get(signal.device.0).filter(|device| device.bus.0 == bus);
-        let Some(device) = device.filter(|_| field.frames.is_exact()) else { continue };
+        let device = check.devices.get(signal.device.0).filter(|_| field.frames.is_exact());
+        let Some(device) = device else { continue };
         let at = check.at("signal").key(&signal.name);
         let (at, is_pdo) = match (at.has("pdo"), at.has("frame")) {
             (true, _) => (at.key("pdo").key("cob_id"), true),
@@ -72,7 +80,7 @@ fn read_identifiers(check: &Check<'_>, bus: usize, nodes: &[Node]) {
     }
 }
 
-fn written_identifiers(check: &Check<'_>, bus: usize, nodes: &[Node]) {
+fn written_identifiers(check: &Check<'_>, (bus, nodes): (usize, &[Node]), signals: &[&Signal]) {
     let here = |device: usize| check.devices.get(device).is_some_and(|device| device.bus.0 == bus);
     let written = check.written_frames.borrow();
     let written: Vec<_> = written.iter().filter(|one| here(one.device)).collect();
@@ -94,7 +102,7 @@ fn written_identifiers(check: &Check<'_>, bus: usize, nodes: &[Node]) {
                         correct the identifier";
             at.invalid(message, help);
         }
-        for signal in check.signals.valid().filter(|signal| here(signal.device.0)) {
+        for signal in signals {
             if matches!(&signal.address, Address::Frame(field) if field.frames.takes(id)) {
                 let message =
                     format!("signal `{}` is read from {id}, which this output would send", signal.name);
@@ -107,17 +115,16 @@ fn written_identifiers(check: &Check<'_>, bus: usize, nodes: &[Node]) {
 /// Reports CANopen objects with two writers, and a position plus Cz that would be written to the object from which the
 /// position is read.
 fn objects_written(check: &Check<'_>) {
-    let mut known: Vec<((DeviceId, Entry), &str)> = Vec::new();
+    let mut known: HashMap<(DeviceId, Entry), &str> = HashMap::new();
     let sdo = |output: &str| check.at("output").key(output).key("sdo");
     for output in check.outputs.valid() {
         let Address::Object(Object { entry, .. }) = output.address else { continue };
-        let own = (output.device, entry);
         let at = sdo(&output.name);
-        if let Some((_, first)) = known.iter().find(|(other, _)| *other == own) {
+        let first = *known.entry((output.device, entry)).or_insert(&output.name);
+        if first != output.name {
             let message = format!("output `{first}` at {} writes the same object", sdo(first).line());
             at.invalid(message, "an object must have one writer: give each output its own object");
         }
-        known.push((own, &output.name));
         let can = check.devices.get(output.device.0).and_then(|device| device.can.as_ref());
         if can.is_some_and(|can| can.setup.iter().any(|setup| setup.object.entry == entry)) {
             let message = "`setup` of the device writes this object before each start";

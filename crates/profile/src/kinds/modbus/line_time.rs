@@ -22,16 +22,18 @@ const FULL: f64 = 0.8;
 
 /// Reports serial lines whose polls take longer than their periods. Warns about lines that are almost full.
 pub(super) fn check(check: &Check<'_>) {
+    let devices = check.devices.by_owner(|device| Some(device.bus.0));
+    let signals = check.signals.by_owner(|signal| Some(signal.device.0));
     for (place, bus) in check.buses.resolved.iter().enumerate() {
         let Some(bus) = bus else { continue };
         let Some(serial) = bus.transport.serial() else { continue };
-        let load = |(index, device): (usize, &Option<Device>)| {
-            let device = device.as_ref().filter(|device| device.bus.0 == place)?;
+        let load = |id: usize| {
+            let device = check.devices.get(id)?;
             let signals: Vec<&Signal> =
-                check.signals.valid().filter(|signal| signal.device.0 == index).collect();
+                signals.of(id).filter_map(|signal| check.signals.get(signal)).collect();
             Some(least_time(serial, device, &signals) / device.every.as_secs_f64())
         };
-        let load: f64 = check.devices.resolved.iter().enumerate().filter_map(load).sum();
+        let load: f64 = devices.of(place).filter_map(load).sum();
         let message = format!(
             "polling needs at least {:.0} % of the line's time at {}, without the answer times of the devices",
             100.0 * load,

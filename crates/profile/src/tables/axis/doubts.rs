@@ -14,7 +14,7 @@ const LARGE_LIMIT: f64 = 500.0;
 const WORKSHOP: f64 = 20.0;
 
 pub(in crate::tables) fn warn(check: &Check<'_>, profile: &Profile) {
-    let all_over = UniformTemperature::at(WORKSHOP, &profile.signals);
+    let mut all_over = UniformTemperature::at(WORKSHOP, &profile.signals);
     let mut from_start = Vec::new();
     for axis in &profile.axes {
         let (settings, at) = (&axis.settings, check.at("axis").key(&axis.settings.name));

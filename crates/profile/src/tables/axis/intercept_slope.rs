@@ -11,8 +11,10 @@ use isotherm_core::quantity::Millimetre;
 /// Stores the reference position P0, and the largest distance from it within the travel, at each axis whose outputs
 /// write K0, tanβ and P0.
 pub(in crate::tables) fn resolve(check: &mut Check<'_>) {
+    let outputs = check.outputs.by_owner(|output| Some(output.axis.0));
     let line = |(place, axis): (usize, &Option<Axis>)| {
-        let of_axis: Vec<&Output> = check.outputs.valid().filter(|output| output.axis.0 == place).collect();
+        let of_axis: Vec<&Output> =
+            outputs.of(place).filter_map(|output| check.outputs.get(output)).collect();
         let is_apart = of_axis.iter().any(|output| output.writes.is_apart());
         axis.as_ref().filter(|_| is_apart).and_then(|axis| of_control(check, axis, &of_axis))
     };

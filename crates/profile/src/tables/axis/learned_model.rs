@@ -16,6 +16,9 @@ use isotherm_core::reading::SignalId;
 /// Adds the model whose gains are learned to each axis that learns. The signals must be resolved.
 pub(in crate::tables) fn add_slots(check: &mut Check<'_>) {
     let is_learning = |axis: &&Axis| axis.learning.is_some();
+    if !check.axes.valid().any(|axis| is_learning(&axis)) {
+        return;
+    }
     for axis in check.axes.valid().filter(is_learning) {
         let of_axis = check.at("axis").key(&axis.settings.name);
         let at = of_axis.key("probe").key("learn");

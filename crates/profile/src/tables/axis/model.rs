@@ -65,7 +65,7 @@ pub(super) fn preview(
     signals: &[Signal],
     place: usize,
     model: &Model,
-    all_over: &[UniformTemperature],
+    all_over: &mut [UniformTemperature],
 ) -> Section {
     let kind = KINDS.into_iter().find_map(|kind| (kind.preview)(signals, &model.kind));
     let Computation { formula, effects } = kind.unwrap_or_default();

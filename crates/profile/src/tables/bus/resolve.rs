@@ -1,5 +1,6 @@
 //! Checks of a line, and of all lines together.
 
+use std::collections::HashMap;
 use std::time::Duration;
 
 use super::periods::{Due, TIMEOUT};
@@ -45,8 +46,8 @@ impl RawBus {
             name: name.to_owned(),
             transport,
             address: address?,
-            tls,
-            opcua,
+            tls: tls.map(Box::new),
+            opcua: opcua.map(Box::new),
             timeout,
             late,
             pipeline,
@@ -120,14 +121,14 @@ pub(in crate::tables) fn one_owner_each(check: &Check<'_>) {
         let of = bus.transport.bus_type();
         check.kinds.iter().find_map(|kind| kind.line_type(of)?.exclusive)
     };
-    let lines: Vec<(&Bus, &str)> =
-        check.buses.valid().filter_map(|bus| exclusive(bus).map(|key| (bus, key))).collect();
-    for (place, (bus, key)) in lines.iter().enumerate() {
-        if let Some((first, _)) = lines[..place].iter().find(|(first, _)| first.address == bus.address) {
+    let mut owners: HashMap<&str, &str> = HashMap::new();
+    for (bus, key) in check.buses.valid().filter_map(|bus| exclusive(bus).map(|key| (bus, key))) {
+        let first = *owners.entry(&bus.address).or_insert(&bus.name);
+        if first != bus.name {
             let at = check.at("bus").key(&bus.name);
             // A line with frames or text has a port, or the address of a serial server.
-            let key = if at.key("address").is_written() { "address" } else { *key };
-            let message = format!("the bus `{}` has this {key} already", first.name);
+            let key = if at.key("address").is_written() { "address" } else { key };
+            let message = format!("the bus `{first}` has this {key} already");
             let help = "put all devices of one line on one bus; each has its own `every`";
             at.key(key).invalid(message, help);
         }

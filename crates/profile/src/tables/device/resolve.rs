@@ -45,7 +45,7 @@ impl RawDevice {
         let verify = self.verify.iter().flatten().enumerate();
         let verify = verify.filter_map(|(place, raw)| (kind.verify)(raw, &list.item(place), functions));
         let verify = verify.collect();
-        let template = check.templates.get(name).cloned();
+        let template = check.templates.get(name).cloned().map(Box::new);
         let (bus, unit) = (BusId(bus?), unit?);
         let label = label::resolve(&at.key("label"), self.label.as_ref());
         Some(Device {

@@ -1,7 +1,10 @@
 //! Checks of the sets.
 
+use std::collections::HashSet;
+
 use super::{OutputSet, RawSet, waits, words};
 use crate::kinds::opcua::nodes::Place;
+use crate::members::Members;
 use crate::tables::output::Output;
 use crate::tables::output::share::Share;
 use crate::tables::register::holding;
@@ -20,10 +23,11 @@ impl OutputSet {
 /// Resolves the named output sets, and one set for each output with its own handshake. Stores the set at each output.
 pub(in crate::tables) fn resolve(check: &mut Check<'_>) {
     let members = members(check);
+    let mut in_sets: HashSet<usize> = HashSet::new();
     let mut sets: Vec<Option<OutputSet>> = Vec::new();
     for (place, name) in check.sets.names.iter().enumerate() {
-        let of_set: Vec<usize> =
-            members.iter().filter(|(_, set)| *set == place).map(|(output, _)| *output).collect();
+        let of_set: Vec<usize> = members.of(place).collect();
+        in_sets.extend(&of_set);
         let is_whole = of_set.iter().all(|output| check.outputs.get(*output).is_some());
         let raw = check.raw.set.get(name);
         let set = raw.and_then(|raw| raw.resolve(check, &check.at("set").key(name), name, &of_set));
@@ -32,7 +36,7 @@ pub(in crate::tables) fn resolve(check: &mut Check<'_>) {
     for (place, name) in check.outputs.names.iter().enumerate() {
         let Some(raw) = check.raw.output.get(name).and_then(|raw| raw.handshake.as_ref()) else { continue };
         let at = check.at("output").key(name);
-        if members.iter().any(|(output, _)| *output == place) {
+        if in_sets.contains(&place) {
             let help = "write `handshake` at the set: one strobe announces the whole set";
             at.key("handshake").wrong_key("the output is in a set, and a set is written as a whole", help);
             continue;
@@ -69,8 +73,8 @@ pub(in crate::tables) fn resolve(check: &mut Check<'_>) {
     check.sets.resolved = sets;
 }
 
-/// Returns pairs of an output's index and its set's index.
-fn members(check: &Check<'_>) -> Vec<(usize, usize)> {
+/// Returns the outputs of each set.
+fn members(check: &Check<'_>) -> Members {
     let mut members = Vec::new();
     for (place, name) in check.outputs.names.iter().enumerate() {
         let Some(set) = check.raw.output.get(name).and_then(|raw| raw.set.as_ref()) else { continue };
@@ -79,9 +83,9 @@ fn members(check: &Check<'_>) -> Vec<(usize, usize)> {
         if let Some(output) = check.outputs.get(place) {
             can_be_exchanged(check, &at, "set", output);
         }
-        members.extend(found.map(|set| (place, set)));
+        members.extend(found.map(|set| (set, place)));
     }
-    members
+    members.into_iter().collect()
 }
 
 /// Reports an output that cannot be in a set or have a handshake. Such outputs are corrected positions, outputs that

@@ -1,5 +1,7 @@
 //! Checks of handshakes: their timeouts, and the bits with which the control acknowledges.
 
+use std::collections::HashMap;
+
 use super::OutputSet;
 use crate::duration::shown;
 use crate::tables::Check;
@@ -36,13 +38,11 @@ pub(super) fn has_time(check: &Check<'_>, set: &OutputSet) {
 
 /// Reports an acknowledge bit that two handshakes use, because it would be ambiguous which of them it acknowledges.
 pub(super) fn acknowledges_apart(check: &Check<'_>, sets: &[Option<OutputSet>]) {
-    let answers = |set: &OutputSet| {
-        set.handshake.as_ref().map(|handshake| (set.device, handshake.acknowledge.to_string()))
-    };
-    for (place, set) in sets.iter().enumerate() {
-        let Some(set) = set else { continue };
-        let is_same = |other: &&OutputSet| answers(other).is_some() && answers(other) == answers(set);
-        if let Some(other) = sets.iter().take(place).flatten().find(is_same) {
+    let mut users = HashMap::new();
+    for set in sets.iter().flatten() {
+        let Some(handshake) = &set.handshake else { continue };
+        let other = *users.entry((set.device, handshake.acknowledge.to_string())).or_insert(set);
+        if !std::ptr::eq(other, set) {
             let message = format!("{} uses the same acknowledge signal", other.label());
             let help = "use another acknowledge signal for each, or put the outputs into one set";
             set.at(check).key("handshake").key("acknowledge").invalid(message, help);

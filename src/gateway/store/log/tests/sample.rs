@@ -132,5 +132,6 @@ pub(crate) fn profile() -> Profile {
         notify: Vec::new(),
         history: History { directory: None, keep: Duration::from_secs(86_400), max_size: u64::MAX },
         overridden: Vec::new(),
+        members: isotherm_profile::ProfileMembers::default(),
     }
 }

@@ -17,7 +17,7 @@ use isotherm_profile::OutputId;
 /// Readout and heartbeat, whose rows are in memory.
 struct Bench {
     log: OutputsLog,
-    jobs: Receiver<Job>,
+    jobs: Receiver<QueuedJob>,
     position: PositionController,
     heartbeat: HeartbeatController,
     decision: Option<PositionDecision>,
@@ -100,8 +100,10 @@ impl Bench {
         self.log.count_for_the_last_time(self.now);
         let mut text = HEADER.to_owned();
         for job in self.jobs.try_iter() {
-            let Job::OutputRow { row, .. } = job else { panic!("{job:?}") };
-            text += std::str::from_utf8(&row).unwrap();
+            match *job {
+                Job::OutputRow { row, .. } => text += std::str::from_utf8(&row).unwrap(),
+                job => panic!("{job:?}"),
+            }
         }
         text
     }
@@ -159,7 +161,7 @@ fn a_turn_that_began_before_midnight_begins_the_controller_again_in_the_new_file
     let days: Vec<_> = bench
         .jobs
         .try_iter()
-        .map(|job| match job {
+        .map(|job| match *job {
             Job::OutputRow { at, .. } => retention::day(at),
             job => panic!("{job:?}"),
         })

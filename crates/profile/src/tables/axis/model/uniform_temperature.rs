@@ -65,27 +65,29 @@ impl UniformTemperature {
 
     /// Returns the model's value at the position where its absolute value is largest. `None` if the model has no value
     /// at one of the positions.
-    pub(crate) fn asked(&self, model: &Model) -> Option<UniformValue> {
+    pub(crate) fn asked(&mut self, model: &Model) -> Option<UniformValue> {
         let places = KINDS.into_iter().find_map(|kind| (kind.places)(&model.kind));
         let Some((signal, mut places)) = places else {
-            return Some(UniformValue { cz: self.cz(model, &self.readings)?, position: None });
+            return Some(UniformValue { cz: self.cz(model)?, position: None });
         };
+        let own = *self.readings.get(signal.0)?;
         if places.is_empty() {
-            places.push(self.readings.get(signal.0)?.usable()?);
+            places.push(own.usable()?);
         }
-        let mut readings = self.readings.clone();
-        let mut found: Vec<UniformValue> = Vec::new();
-        for place in places {
-            *readings.get_mut(signal.0)? = Reading::good(place, Moment::default());
-            found.push(UniformValue { cz: self.cz(model, &readings)?, position: Some((signal, place)) });
-        }
+        let value_at = |place| {
+            self.readings[signal.0] = Reading::good(place, Moment::default());
+            Some(UniformValue { cz: self.cz(model)?, position: Some((signal, place)) })
+        };
+        let found: Option<Vec<UniformValue>> = places.into_iter().map(value_at).collect();
+        self.readings[signal.0] = own;
+        let found = found?;
         let is_everywhere = found.iter().all(|other| (other.cz - found[0].cz).abs() < f64::EPSILON);
         let most = found.into_iter().max_by(|one, other| one.cz.abs().total_cmp(&other.cz.abs()))?;
         Some(UniformValue { position: most.position.filter(|_| !is_everywhere), ..most })
     }
 
-    fn cz(&self, model: &Model, readings: &[Reading]) -> Option<f64> {
-        let (begin, machine) = (Moment::default(), &self.machine);
+    fn cz(&self, model: &Model) -> Option<f64> {
+        let (begin, machine, readings) = (Moment::default(), &self.machine, &self.readings);
         let follows = |input| {
             let mut lag = Lag::default();
             for now in [begin, begin.after(SETTLED)] {
@@ -117,9 +119,9 @@ pub(super) fn preview(
     section: &mut Section,
     signals: &[Signal],
     model: &Model,
-    shown: &[UniformTemperature],
+    shown: &mut [UniformTemperature],
 ) {
-    let asked: Vec<Option<UniformValue>> = shown.iter().map(|all_over| all_over.asked(model)).collect();
+    let asked: Vec<Option<UniformValue>> = shown.iter_mut().map(|all_over| all_over.asked(model)).collect();
     let temperatures: Vec<String> = shown.iter().map(|all_over| figure(all_over.celsius)).collect();
     let figures = asked
         .iter()
