@@ -457,7 +457,7 @@ impl Latest {
     /// Returns the condition under which the signal is bad; `None` if it has none.
     fn fault_condition(&self, id: SignalId) -> Option<&Condition> {
         let has_condition = self.rules[id.0].has_fault_condition;
-        has_condition.then(|| self.profile.signal(id).fault_when.as_ref()).flatten()
+        has_condition.then(|| self.profile.signal(id).fault_when.as_deref()).flatten()
     }
 }
 
