@@ -107,8 +107,8 @@ pub async fn serve(
     let attendance = ServiceTimes::default();
     let readers = Arc::new(Semaphore::new(history::AT_ONCE));
     let events = Arc::new(Semaphore::new(1));
-    let login = Arc::default();
-    let room = HttpState { source, access, live, attendance: attendance.clone(), readers, events, login };
+    let texts = Arc::default();
+    let room = HttpState { source, access, live, attendance: attendance.clone(), readers, events, texts };
     let router = router(room.clone(), limits.body, proxies);
     let serving = door.serve(router, stopped);
     // A client that never completes its request must not delay the stop of the gateway.
@@ -187,11 +187,11 @@ async fn front(
     RawQuery(query): RawQuery,
     headers: HeaderMap,
 ) -> Response {
-    let status = room.source.status();
-    let words = words(status.language, &headers);
+    let texts = room.texts();
+    let words = words(texts.language, &headers);
     let shell = match query.and_then(|query| parameter(&query, "view")).as_deref() {
-        Some("wall") => page::wall(words, &status),
-        _ => page::front(words, &status, may(&room, &pass), pass.is_visit()),
+        Some("wall") => page::wall(words, texts),
+        _ => page::front(words, texts, may(&room, &pass), pass.is_visit()),
     };
     compression::page(&headers, shell.into_string()).await
 }
