@@ -38,6 +38,7 @@ pub use admission::Admission;
 pub use tokens::{TokenFile, new_token};
 
 use std::io;
+use std::num::NonZero;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -216,9 +217,19 @@ async fn status(State(room): State<HttpState>) -> Json<Status> {
     Json(room.source.status())
 }
 
-async fn stream(State(room): State<HttpState>, Extension(pass): Extension<Grant>) -> Response {
+async fn stream(
+    State(room): State<HttpState>,
+    Extension(pass): Extension<Grant>,
+    RawQuery(query): RawQuery,
+) -> Response {
+    let page = query.and_then(|query| parameter(&query, "page"));
+    let page = match page.map(|page| page.parse::<NonZero<usize>>()) {
+        None => None,
+        Some(Ok(number)) => Some(number.get()),
+        Some(Err(_)) => return (StatusCode::BAD_REQUEST, "page: write a number from 1\n").into_response(),
+    };
     let access = Arc::clone(&room.access);
-    match room.live.stream(move || access.is_still(&pass)) {
+    match room.live.stream(move || access.is_still(&pass), page) {
         // A proxy that collects an answer before it passes it on would show an old page.
         Some(stream) => ([(UNBUFFERED, "no")], stream).into_response(),
         None => {

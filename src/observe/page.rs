@@ -288,6 +288,9 @@ fn main(words: &Words, may: PageAction, is_signed_in: bool) -> Markup {
                 ol tabindex="0" aria-labelledby="alarms-title" {}
             }
             section #axes .axes aria-label=(words.get("axes_title")) {}
+            nav #pages .pages aria-labelledby="pages-title" hidden {
+                span #pages-title .quiet { (words.get("pages")) }
+            }
             (commands(words, may, is_signed_in))
             section #past .list .past aria-labelledby="past-title" {
                 div .head {
