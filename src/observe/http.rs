@@ -61,7 +61,7 @@ use self::state::HttpState;
 use self::tokens::Role;
 use super::page::PageAction;
 use super::requester::{Requester, ServiceTimes};
-use super::status::{Command, GatewayApi, Status};
+use super::status::{Command, GatewayApi};
 use super::{page, prometheus};
 use isotherm_profile::IpNetwork;
 
@@ -213,8 +213,14 @@ async fn file(Path(name): Path<String>, headers: HeaderMap) -> Response {
     }
 }
 
-async fn status(State(room): State<HttpState>) -> Json<Status> {
-    Json(room.source.status())
+/// Makes a response on a separate thread. The state of a large machine takes long, and no bus line may wait.
+async fn off_the_lines(make: impl FnOnce() -> Response + Send + 'static) -> Response {
+    let made = tokio::task::spawn_blocking(make).await;
+    made.unwrap_or_else(|_| StatusCode::INTERNAL_SERVER_ERROR.into_response())
+}
+
+async fn status(State(room): State<HttpState>) -> Response {
+    off_the_lines(move || Json(room.source.status()).into_response()).await
 }
 
 async fn stream(
@@ -245,12 +251,18 @@ fn take(room: &HttpState, command: Command, query: Option<&str>, requester: &Arc
 }
 
 async fn scrape(State(room): State<HttpState>) -> Response {
-    let text = prometheus::exposition(&room.source.status(), &room.access.refused.read());
-    ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
+    off_the_lines(move || {
+        let text = prometheus::exposition(&room.source.status(), &room.access.refused.read());
+        ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
+    })
+    .await
 }
 
 async fn ready(State(room): State<HttpState>) -> Response {
-    let missing = room.source.status().missing();
-    let code = if missing.is_empty() { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
-    (code, Json(missing)).into_response()
+    off_the_lines(move || {
+        let missing = room.source.status().missing();
+        let code = if missing.is_empty() { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
+        (code, Json(missing)).into_response()
+    })
+    .await
 }
