@@ -13,3 +13,4 @@ mod page;
 mod prometheus;
 pub mod requester;
 pub mod status;
+mod status_pages;

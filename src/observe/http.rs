@@ -38,6 +38,7 @@ pub use admission::Admission;
 pub use tokens::{TokenFile, new_token};
 
 use std::io;
+use std::num::NonZero;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -60,7 +61,7 @@ use self::state::HttpState;
 use self::tokens::Role;
 use super::page::PageAction;
 use super::requester::{Requester, ServiceTimes};
-use super::status::{Command, GatewayApi, Status};
+use super::status::{Command, GatewayApi};
 use super::{page, prometheus};
 use isotherm_profile::IpNetwork;
 
@@ -107,8 +108,8 @@ pub async fn serve(
     let attendance = ServiceTimes::default();
     let readers = Arc::new(Semaphore::new(history::AT_ONCE));
     let events = Arc::new(Semaphore::new(1));
-    let login = Arc::default();
-    let room = HttpState { source, access, live, attendance: attendance.clone(), readers, events, login };
+    let texts = Arc::default();
+    let room = HttpState { source, access, live, attendance: attendance.clone(), readers, events, texts };
     let router = router(room.clone(), limits.body, proxies);
     let serving = door.serve(router, stopped);
     // A client that never completes its request must not delay the stop of the gateway.
@@ -187,11 +188,11 @@ async fn front(
     RawQuery(query): RawQuery,
     headers: HeaderMap,
 ) -> Response {
-    let status = room.source.status();
-    let words = words(status.language, &headers);
+    let texts = room.texts();
+    let words = words(texts.language, &headers);
     let shell = match query.and_then(|query| parameter(&query, "view")).as_deref() {
-        Some("wall") => page::wall(words, &status),
-        _ => page::front(words, &status, may(&room, &pass), pass.is_visit()),
+        Some("wall") => page::wall(words, texts),
+        _ => page::front(words, texts, may(&room, &pass), pass.is_visit()),
     };
     compression::page(&headers, shell.into_string()).await
 }
@@ -212,13 +213,29 @@ async fn file(Path(name): Path<String>, headers: HeaderMap) -> Response {
     }
 }
 
-async fn status(State(room): State<HttpState>) -> Json<Status> {
-    Json(room.source.status())
+/// Makes a response on a separate thread. The state of a large machine takes long, and no bus line may wait.
+async fn off_the_lines(make: impl FnOnce() -> Response + Send + 'static) -> Response {
+    let made = tokio::task::spawn_blocking(make).await;
+    made.unwrap_or_else(|_| StatusCode::INTERNAL_SERVER_ERROR.into_response())
 }
 
-async fn stream(State(room): State<HttpState>, Extension(pass): Extension<Grant>) -> Response {
+async fn status(State(room): State<HttpState>) -> Response {
+    off_the_lines(move || Json(room.source.status()).into_response()).await
+}
+
+async fn stream(
+    State(room): State<HttpState>,
+    Extension(pass): Extension<Grant>,
+    RawQuery(query): RawQuery,
+) -> Response {
+    let page = query.and_then(|query| parameter(&query, "page"));
+    let page = match page.map(|page| page.parse::<NonZero<usize>>()) {
+        None => None,
+        Some(Ok(number)) => Some(number.get()),
+        Some(Err(_)) => return (StatusCode::BAD_REQUEST, "page: write a number from 1\n").into_response(),
+    };
     let access = Arc::clone(&room.access);
-    match room.live.stream(move || access.is_still(&pass)) {
+    match room.live.stream(move || access.is_still(&pass), page) {
         // A proxy that collects an answer before it passes it on would show an old page.
         Some(stream) => ([(UNBUFFERED, "no")], stream).into_response(),
         None => {
@@ -234,12 +251,18 @@ fn take(room: &HttpState, command: Command, query: Option<&str>, requester: &Arc
 }
 
 async fn scrape(State(room): State<HttpState>) -> Response {
-    let text = prometheus::exposition(&room.source.status(), &room.access.refused.read());
-    ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
+    off_the_lines(move || {
+        let text = prometheus::exposition(&room.source.status(), &room.access.refused.read());
+        ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
+    })
+    .await
 }
 
 async fn ready(State(room): State<HttpState>) -> Response {
-    let missing = room.source.status().missing();
-    let code = if missing.is_empty() { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
-    (code, Json(missing)).into_response()
+    off_the_lines(move || {
+        let missing = room.source.status().missing();
+        let code = if missing.is_empty() { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
+        (code, Json(missing)).into_response()
+    })
+    .await
 }

@@ -9,6 +9,7 @@ mod words;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::status::Status;
+use isotherm_profile::Language;
 pub(super) use login::{LoginPlace, login};
 pub(super) use words::Words;
 
@@ -110,6 +111,27 @@ pub(super) fn file(name: &str) -> Option<(&'static str, &'static str, &'static s
     FILES.into_iter().find(|(known, ..)| *known == name)
 }
 
+/// Texts of the machine that stay the same while the gateway runs.
+pub(super) struct MachineTexts {
+    pub(super) language: Option<Language>,
+    machine: String,
+    label: String,
+    description: String,
+    version: &'static str,
+}
+
+impl MachineTexts {
+    pub(super) fn of(status: Status) -> MachineTexts {
+        let Status { language, machine, label, description, version, .. } = status;
+        MachineTexts { language, machine, label, description, version }
+    }
+
+    /// Returns the displayed name of the machine, or its name if it has none.
+    pub(super) fn title(&self) -> &str {
+        if self.label.is_empty() { &self.machine } else { &self.label }
+    }
+}
+
 /// Actions that the web page offers to its user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum PageAction {
@@ -126,7 +148,7 @@ const TOKEN_LINES: &str = "isotherm token --out /etc/isotherm/operator.token\n\
                            token_file = \"/etc/isotherm/operator.token\"   # below [web]";
 
 /// Makes the front page. Its buttons are disabled if commands would be refused.
-pub(super) fn front(words: &Words, status: &Status, may: PageAction, is_signed_in: bool) -> Markup {
+pub(super) fn front(words: &Words, texts: &MachineTexts, may: PageAction, is_signed_in: bool) -> Markup {
     let files = html! {
         link rel="stylesheet" href="page/page.css";
         link rel="stylesheet" href="page/axis.css";
@@ -138,17 +160,17 @@ pub(super) fn front(words: &Words, status: &Status, may: PageAction, is_signed_i
     };
     document(
         words,
-        status,
+        texts,
         &files,
         &html! {
             body {
                 a .skip href="#axes" { (words.get("skip_to_axes")) }
                 p #lost .lost role="alert" hidden {}
-                (head(words, status))
+                (head(words, texts))
                 (main(words, may, is_signed_in))
                 footer {
                     p {
-                        "isotherm " (status.version) " · "
+                        "isotherm " (texts.version) " · "
                         a href="api/status" { (words.get("status_as_json")) } " · "
                         a href="metrics" { (words.get("metrics")) } " · "
                         a href="?view=wall" { (words.get("wall_view")) }
@@ -162,7 +184,7 @@ pub(super) fn front(words: &Words, status: &Status, may: PageAction, is_signed_i
 }
 
 /// Makes the wall view: a page that is readable from three metres, and has no buttons.
-pub(super) fn wall(words: &Words, status: &Status) -> Markup {
+pub(super) fn wall(words: &Words, texts: &MachineTexts) -> Markup {
     let files = html! {
         link rel="stylesheet" href="page/wall.css";
         (preloaded(WALL_MODULES.iter()))
@@ -170,12 +192,12 @@ pub(super) fn wall(words: &Words, status: &Status) -> Markup {
     };
     document(
         words,
-        status,
+        texts,
         &files,
         &html! {
             body data-tone="off" {
                 header {
-                    h1 { (title(status)) }
+                    h1 { (texts.title()) }
                     p #time {}
                 }
                 section .says-all aria-label=(words.get("state")) {
@@ -207,12 +229,12 @@ fn preloaded<'a>(modules: impl Iterator<Item = &'a &'a str>) -> Markup {
     html! { @for module in modules { link rel="modulepreload" href=(format!("page/{module}")); } }
 }
 
-fn document(words: &Words, status: &Status, files: &Markup, body: &Markup) -> Markup {
+fn document(words: &Words, texts: &MachineTexts, files: &Markup, body: &Markup) -> Markup {
     html! {
         (DOCTYPE)
         html lang=(words.language) {
             head {
-                (heading(title(status), ""))
+                (heading(texts.title(), ""))
                 // This file is part of the program, and contains no `<`.
                 script type="application/json" id="words" { (PreEscaped(words.json)) }
                 (files)
@@ -222,18 +244,13 @@ fn document(words: &Words, status: &Status, files: &Markup, body: &Markup) -> Ma
     }
 }
 
-/// Returns the displayed name of the machine, or its name if it has none.
-pub(super) fn title(status: &Status) -> &str {
-    if status.label.is_empty() { &status.machine } else { &status.label }
-}
-
-fn head(words: &Words, status: &Status) -> Markup {
+fn head(words: &Words, texts: &MachineTexts) -> Markup {
     html! {
         header {
             div .who {
-                h1 { (title(status)) }
-                @if !status.label.is_empty() { p .quiet { (status.machine) } }
-                p .quiet { (status.description) }
+                h1 { (texts.title()) }
+                @if !texts.label.is_empty() { p .quiet { (texts.machine) } }
+                p .quiet { (texts.description) }
             }
             dl .times {
                 div { dt { (words.get("machine_time")) } dd { span #machine-time { "–" } " " small #utc {} } }
@@ -271,6 +288,9 @@ fn main(words: &Words, may: PageAction, is_signed_in: bool) -> Markup {
                 ol tabindex="0" aria-labelledby="alarms-title" {}
             }
             section #axes .axes aria-label=(words.get("axes_title")) {}
+            nav #pages .pages aria-labelledby="pages-title" hidden {
+                span #pages-title .quiet { (words.get("pages")) }
+            }
             (commands(words, may, is_signed_in))
             section #past .list .past aria-labelledby="past-title" {
                 div .head {

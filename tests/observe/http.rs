@@ -89,6 +89,7 @@ async fn the_page_speaks_the_profiles_language_else_the_browsers() {
         let wall = door.send("GET", "/?view=wall", &[("Accept-Language", accepted)], "").await;
         assert!(wall.body.contains(words[0]), "{}", wall.body);
     }
+    let door = Door::open(None).await;
     door.change(|status| status.language = Some(isotherm_profile::Language::Zh));
     let page = door.send("GET", "/", &[("Accept-Language", "de")], "").await;
     assert!(page.body.contains("<html lang=\"zh\">"), "{}", page.body);

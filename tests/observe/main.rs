@@ -13,5 +13,6 @@ mod notify;
 #[cfg(feature = "opcua")]
 mod opcua_server;
 mod page;
+mod pages;
 mod prometheus;
 mod shell;

@@ -2,7 +2,7 @@
 //! held only while the copy is made.
 
 use std::borrow::Cow;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::time::Duration;
 
 use crate::gateway::state::arming::Arming;
@@ -146,13 +146,15 @@ pub(super) fn status(shared: &Shared) -> Status {
         mqtt: shared.broker.as_ref().map(|figures| figures.read()),
         lock_held: picture.lock_times.read(),
     };
-    let ended = ended(&status);
-    status.alarms.retain(|alarm| !ended.contains(&alarm.id));
+    if !status.alarms.is_empty() {
+        let ended = ended(&status);
+        status.alarms.retain(|alarm| !ended.contains(&alarm.id));
+    }
     status
 }
 
 /// Returns the names of the active alarms that have ended without an event: the status shows that their cause is over.
-fn ended(status: &Status) -> Vec<String> {
+fn ended(status: &Status) -> HashSet<String> {
     let calm = status.axes.iter().filter(|axis| !axis.warned);
     let good = status.signals.iter().filter(|signal| signal.quality == "good");
     let verified = status.outputs.iter().filter(|output| output.state == "verified");

@@ -1,16 +1,21 @@
-//! Live stream of the status, once a second. The status is serialised once for all open web pages.
+//! Live stream of the status, once a second. The status is made and serialised once for all streams of the whole status.
+//! A stream may have a [page](StatusPage) of it instead.
+//!
+//! Both are done on separate threads, because they take long for a large machine, and no bus line may wait.
 
 use std::convert::Infallible;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use axum::response::sse::{Event, Sse};
 use tokio::sync::{Semaphore, watch};
+use tokio::task::spawn_blocking;
 use tokio::time::MissedTickBehavior;
 use tokio_stream::wrappers::WatchStream;
 use tokio_stream::{Stream, StreamExt};
 
-use crate::observe::status::GatewayApi;
+use crate::observe::status::{GatewayApi, Status};
+use crate::observe::status_pages::StatusPage;
 
 const PERIOD: Duration = Duration::from_secs(1);
 /// Time after which a browser connects again to an ended stream.
@@ -22,31 +27,43 @@ pub(super) struct Live {
     source: Arc<dyn GatewayApi>,
     /// Receiver that is cloned for each stream. It is one of the sender's receivers itself, so their number is one more
     /// than that of the streams.
-    latest: Arc<watch::Receiver<Arc<str>>>,
+    latest: Arc<watch::Receiver<Option<Arc<Latest>>>>,
     places: Arc<Semaphore>,
+}
+
+/// Status of one second, for all streams.
+struct Latest {
+    status: Status,
+    whole: OnceLock<Arc<str>>,
 }
 
 impl Live {
     /// Starts the task that sends the status each second, to at most `streams` streams. Task and streams end when the
     /// sender of `stopped` is dropped.
     pub(super) fn start(source: Arc<dyn GatewayApi>, streams: usize, stopped: watch::Receiver<()>) -> Live {
-        let (sender, latest) = watch::channel(Arc::from(""));
+        let (sender, latest) = watch::channel(None);
         tokio::spawn(tick(Arc::clone(&source), sender, stopped));
         Live { source, latest: Arc::new(latest), places: Arc::new(Semaphore::new(streams)) }
     }
 
-    /// Returns a stream of the status: the present one, then one each second, as long as `may` returns `true`. A slow
-    /// client misses some, and receives the newest. Returns `None` if the limit of streams is reached.
+    /// Returns a stream of the status, or of a page of it: the present one, then one each second, as long as `may`
+    /// returns `true`. A slow client misses some, and receives the newest. Returns `None` if the limit of streams is
+    /// reached.
     pub(super) fn stream<May: Fn() -> bool + Send + 'static>(
         &self,
         may: May,
+        page: Option<usize>,
     ) -> Option<Sse<impl Stream<Item = Result<Event, Infallible>> + use<May>>> {
         let place = self.places.clone().try_acquire_owned().ok()?;
-        let first = event(&to_json(self.source.as_ref())).retry(RETRY);
         let mut latest = self.latest.as_ref().clone();
         latest.mark_unchanged();
-        let rest = WatchStream::from_changes(latest).take_while(move |_| may()).map(|text| event(&text));
-        Some(Sse::new(tokio_stream::once(first).chain(rest).map(move |event| {
+        let present = tokio_stream::once(Arc::clone(&self.source)).then(move |source| present(source, page));
+        let present = present.filter_map(|text| Some(event(&text?).retry(RETRY)));
+        let rest = WatchStream::from_changes(latest)
+            .take_while(move |_| may())
+            .then(move |latest| text(latest, page))
+            .filter_map(|text| Some(event(&text?)));
+        Some(Sse::new(present.chain(rest).map(move |event| {
             // The permit is released when the stream is dropped.
             let _taken = &place;
             Ok(event)
@@ -54,9 +71,23 @@ impl Live {
     }
 }
 
+impl Latest {
+    fn of(source: &dyn GatewayApi) -> Latest {
+        Latest { status: source.status(), whole: OnceLock::new() }
+    }
+
+    /// Returns the whole status, or a page of it, as JSON.
+    fn text(&self, page: Option<usize>) -> Arc<str> {
+        match page {
+            None => Arc::clone(self.whole.get_or_init(|| to_json(&self.status))),
+            Some(number) => to_json(&StatusPage::of(&self.status, number)),
+        }
+    }
+}
+
 async fn tick(
     source: Arc<dyn GatewayApi>,
-    sender: watch::Sender<Arc<str>>,
+    sender: watch::Sender<Option<Arc<Latest>>>,
     mut stopped: watch::Receiver<()>,
 ) {
     let mut ticks = tokio::time::interval(PERIOD);
@@ -66,18 +97,30 @@ async fn tick(
             _ = ticks.tick() => {}
             _ = stopped.changed() => {
                 // The last status shows that the gateway stops.
-                sender.send_replace(to_json(source.as_ref()));
+                sender.send_replace(Some(Arc::new(Latest::of(source.as_ref()))));
                 return;
             }
         }
         if sender.receiver_count() > 1 {
-            sender.send_replace(to_json(source.as_ref()));
+            let source = Arc::clone(&source);
+            if let Ok(latest) = spawn_blocking(move || Latest::of(source.as_ref())).await {
+                sender.send_replace(Some(Arc::new(latest)));
+            }
         }
     }
 }
 
-fn to_json(source: &dyn GatewayApi) -> Arc<str> {
-    serde_json::to_string(&source.status()).unwrap_or_default().into()
+async fn present(source: Arc<dyn GatewayApi>, page: Option<usize>) -> Option<Arc<str>> {
+    spawn_blocking(move || Latest::of(source.as_ref()).text(page)).await.ok()
+}
+
+async fn text(latest: Option<Arc<Latest>>, page: Option<usize>) -> Option<Arc<str>> {
+    let latest = latest?;
+    spawn_blocking(move || latest.text(page)).await.ok()
+}
+
+fn to_json(status: &impl serde::Serialize) -> Arc<str> {
+    serde_json::to_string(status).unwrap_or_default().into()
 }
 
 fn event(text: &str) -> Event {

@@ -12,7 +12,7 @@ use super::peer::Peer;
 use super::refusal::Refusal;
 use super::reply::CommandReply;
 use super::request::{parameter, top, words};
-use super::state::{HttpState, LoginTexts};
+use super::state::HttpState;
 use super::tokens::Role;
 use crate::observe::page::{self, LoginPlace};
 
@@ -31,20 +31,16 @@ fn accepts_html(headers: &HeaderMap) -> bool {
 }
 
 /// Makes the sign-in page in a language of the profile or of the browser, with the view to show afterwards and the key of
-/// an error message. `top` is the relative address of the web page. Language and name of the machine are read only once,
-/// so that clients without access cause little work.
+/// an error message. `top` is the relative address of the web page.
 fn sign_in_page(
     room: &HttpState,
     headers: &HeaderMap,
     top: &str,
     (view, trouble): (Option<&str>, Option<&'static str>),
 ) -> Html<String> {
-    let shown = room.login.get_or_init(|| {
-        let status = room.source.status();
-        LoginTexts { language: status.language, machine: page::title(&status).to_owned() }
-    });
-    let place = LoginPlace { machine: &shown.machine, top };
-    Html(page::login(words(shown.language, headers), place, view, trouble).into_string())
+    let texts = room.texts();
+    let place = LoginPlace { machine: texts.title(), top };
+    Html(page::login(words(texts.language, headers), place, view, trouble).into_string())
 }
 
 fn is_for_the_wall(query: Option<&str>) -> bool {

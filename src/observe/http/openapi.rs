@@ -136,7 +136,12 @@ fn operation(route: Route, method: &str, types: &mut SchemaGenerator) -> Option<
         Route::Live => {
             let stream = text("Events `status`. The data of each is the state as JSON.", "text/event-stream");
             let full = text("Too many clients watch the gateway.", PLAIN);
-            read("State once a second, as server-sent events", Vec::new(), vec![(200, stream), (503, full)])
+            let wrong = text("The parameter is not valid.", PLAIN);
+            let about = "Page of the state: fifty devices with their buses, signals, outputs and axes. By default, the \
+                         whole state.";
+            let page = query("page", about, &json!({ "type": "integer", "minimum": 1 }));
+            let answers = vec![(200, stream), (400, wrong), (503, full)];
+            read("State once a second, as server-sent events", vec![page], answers)
         }
         Route::Events => read(
             "Events, oldest first",

@@ -3,12 +3,12 @@
 use std::sync::{Arc, OnceLock};
 
 use axum::http::HeaderMap;
-use isotherm_profile::Language;
 use tokio::sync::Semaphore;
 
 use super::access::Access;
 use super::live::Live;
 use super::peer::Peer;
+use crate::observe::page::MachineTexts;
 use crate::observe::requester::{Requester, ServiceTimes};
 use crate::observe::status::GatewayApi;
 
@@ -22,18 +22,17 @@ pub(super) struct HttpState {
     pub(super) readers: Arc<Semaphore>,
     /// Permit for a request that reads the events.
     pub(super) events: Arc<Semaphore>,
-    /// Texts of the sign-in page. They are read for the first answer to a client that may not read the status.
-    pub(super) login: Arc<OnceLock<LoginTexts>>,
-}
-
-/// Texts of the profile that the sign-in page needs.
-pub(super) struct LoginTexts {
-    pub(super) language: Option<Language>,
-    /// Displayed name of the machine.
-    pub(super) machine: String,
+    /// Texts of the web page. They are read for the first page.
+    pub(super) texts: Arc<OnceLock<MachineTexts>>,
 }
 
 impl HttpState {
+    /// Returns the texts of the web page. A status is made only for the first call, because that of a large machine takes
+    /// long, and a client without access must cause little work.
+    pub(super) fn texts(&self) -> &MachineTexts {
+        self.texts.get_or_init(|| MachineTexts::of(self.source.status()))
+    }
+
     pub(super) fn requester(&self, peer: &Peer, headers: &HeaderMap) -> Arc<Requester> {
         Arc::new(peer.requester(headers).until(self.attendance.until()))
     }

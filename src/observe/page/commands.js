@@ -1,6 +1,6 @@
 // The commands for all axes or for one: the present state, and what each command will do.
 
-import { element, labelled, say, signed } from "./text.js";
+import { element, labelled, listed, say, signed } from "./text.js";
 import { t } from "./words.js";
 
 const section = document.querySelector(".buttons");
@@ -11,11 +11,14 @@ const choice = by("question-axis");
 
 export const mayCommand = section.dataset.may === "true";
 
+// The axes of the page, and those of the machine: all, or some of each kind.
 let axes = [];
+let every = [];
+let whole;
 let isDryRun = false;
 
-const names = (some) => some.map(labelled).join(", ");
-const values = (some) => some.map((axis) => `${axis.name} ${signed(axis.verified_um, 1)} µm`).join(", ");
+const names = (some) => listed(some, whole);
+const values = (some) => listed(some, whole, (axis) => `${axis.name} ${signed(axis.verified_um, 1)} µm`);
 
 // What a command finds at these axes, and what it will do there.
 function effect(command, some) {
@@ -37,20 +40,21 @@ function effect(command, some) {
 
 // The state of the outputs, as the commands find it.
 function outputs() {
-  const armed = axes.filter((axis) => axis.armed);
+  const armed = every.filter((axis) => axis.armed);
   // A machine without axes has nothing armed.
   if (armed.length === 0) return t("output_not_armed");
-  if (armed.length === axes.length) return t("output_armed");
-  return t("output_partly", { armed: names(armed), off: names(axes.filter((axis) => !axis.armed)) });
+  if (armed.length === every.length) return t("output_armed");
+  return t("output_partly", { armed: names(armed), off: names(every.filter((axis) => !axis.armed)) });
 }
 
 export function showCommands(status) {
-  axes = status.axes.filter((axis) => !axis.release);
+  [axes, every] = [status, status.whole ?? status].map((part) => part.axes.filter((axis) => !axis.release));
+  ({ whole } = status);
   isDryRun = status.dry_run;
   say(by("outputs-now"), outputs());
-  for (const { dataset: { command } } of buttons) say(by(`does-${command}`), effect(command, axes));
+  for (const { dataset: { command } } of buttons) say(by(`does-${command}`), effect(command, every));
   // One axis alone is no choice.
-  by("question-which").hidden = axes.length < 2;
+  by("question-which").hidden = every.length < 2;
   if (choice.options.length !== axes.length + 1) {
     choice.replaceChildren(element("option", { value: "" }, t("every_axis")),
       ...axes.map((axis) => element("option", { value: axis.name }, labelled(axis))));
@@ -62,7 +66,7 @@ export function enableCommands(may) {
   buttons.forEach((button) => (button.disabled = !may));
 }
 
-const chosen = () => axes.filter((axis) => choice.value === "" || axis.name === choice.value);
+const chosen = () => (choice.value === "" ? every : axes.filter((axis) => axis.name === choice.value));
 
 function showEffect() {
   say(by("question-effect"), effect(dialog.dataset.command, chosen()));

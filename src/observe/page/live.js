@@ -18,6 +18,9 @@ document.documentElement.style.setProperty("--old", JSON.stringify(t("old")));
 document.documentElement.style.setProperty("--last-known", JSON.stringify(t("last_known")));
 const opened = new Date();
 
+// A machine with many devices has pages. The address of this page has the number of its own.
+export const page = Math.max(1, parseInt(new URLSearchParams(location.search).get("page"), 10) || 1);
+
 let stream = null;
 let tried = 0;
 let lastHeard = null;
@@ -64,7 +67,7 @@ export function follow(show, setLost) {
   const connect = () => {
     stream?.close();
     tried = Date.now();
-    stream = new EventSource("api/live");
+    stream = new EventSource(`api/live?page=${page}`);
     stream.addEventListener("status", (event) => {
       last = JSON.parse(event.data);
       drawn ??= shape(last);

@@ -9,7 +9,7 @@ import { lookAt, showPast } from "./past.js";
 import { keep } from "./recent.js";
 import { SIGNS, overall } from "./states.js";
 import { drawAgain, drawSignals, showOverridden, showTables } from "./tables.js";
-import { bothTimes, clock, say, span } from "./text.js";
+import { bothTimes, clock, element, say, span } from "./text.js";
 import { known, t } from "./words.js";
 
 // What the gateway has not begun by then is never done: it sees that nobody waits any more.
@@ -40,6 +40,7 @@ function show(status) {
   const hints = new Set();
   showAlarms(by("alarms"), status, acts, mayCommand, hints);
   showAxes(by("axes"), status, send, hints);
+  showPages(status);
   showCommands(status);
   showPast(status);
   showTables(status);
@@ -47,6 +48,16 @@ function show(status) {
   showOverridden(status);
   showEvents(by("events"), status.events, now, hints);
   enable(mayCommand && !status.stopping);
+}
+
+// The links to the pages of a machine with many devices.
+function showPages({ page: { number, of } }) {
+  const pages = by("pages");
+  pages.hidden = of === 1;
+  if (pages.hidden || pages.querySelector("a")) return;
+  for (let page = 1; page <= of; page += 1) {
+    pages.append(" ", element("a", { href: `?page=${page}`, ariaCurrent: page === number ? "page" : null }, page));
+  }
 }
 
 function enable(may) {

@@ -1,7 +1,7 @@
 // A sign, a tone, a word and a sentence for every state. The sign and the text carry the meaning, the tone repeats it.
 
 import { worse } from "./measured.js";
-import { clock, day, fixed, labelled, level, say, signed, span } from "./text.js";
+import { clock, day, fixed, level, listed, say, signed, span } from "./text.js";
 import { known, t } from "./words.js";
 
 export const SIGNS = { good: "●", warn: "▲", bad: "■", off: "○" };
@@ -106,9 +106,10 @@ export function byUrgency(alarms) {
 const WORST = ["unreachable", "zeroed", "ramping", "holding", "sign-check", "degraded", "waiting"];
 
 // The one word for the machine, and the sentence below it.
-export function overall(status) {
+export function overall(page) {
+  const status = { ...page, ...page.whole };
   const inState = (state) => status.axes.filter((axis) => stateOf(axis) === state);
-  const names = (axes) => t(axes.length === 1 ? "axis" : "axes", { names: axes.map(labelled).join(", ") });
+  const names = (axes) => t(axes.length === 1 ? "axis" : "axes", { names: listed(axes, status.whole) });
   const worst = WORST.find((state) => inState(state).length);
   const [off, unmodelled] = [inState("off"), inState("unmodelled")];
   const why = (state) => {
@@ -136,11 +137,11 @@ export function overall(status) {
 }
 
 function needs(status) {
-  const lost = status.devices.filter((device) => device.state !== "ok").length;
-  const bad = status.signals.filter((signal) => signal.quality !== "good").length;
-  const limited = status.axes.filter(isAtLimit).map(labelled);
+  const lost = status.lost ?? status.devices.filter((device) => device.state !== "ok").length;
+  const bad = status.bad ?? status.signals.filter((signal) => signal.quality !== "good").length;
+  const limited = status.axes.filter(isAtLimit);
   const lacks = [
-    limited.length ? t("axes_at_limit", { names: limited.join(", ") }) : "",
+    limited.length ? t("axes_at_limit", { names: listed(limited, status.whole) }) : "",
     lost ? t("lacks_devices", { count: lost }) : "",
     bad ? t("lacks_signals", { count: bad }) : "",
   ];

@@ -109,6 +109,16 @@ export function element(name, properties = {}, ...children) {
 export const labelled = ({ name, label }) => (label ? `${label} (${name})` : name);
 export const titled = (title, { label }) => (label ? `${title} · ${label}` : title);
 
+// A machine with pages of devices sends some of its axes with each page. Fewer of them are named, so that it is seen
+// where there are more.
+const MOST_NAMES = 4;
+
+// The texts of some axes. `whole` has the facts about all pages, if there is more than one.
+export function listed(axes, whole, text = labelled) {
+  const texts = axes.map(text);
+  return whole && texts.length > MOST_NAMES ? [...texts.slice(0, MOST_NAMES), "…"].join(", ") : texts.join(", ");
+}
+
 // What to do about a fault, on a line of its own.
 export class Hint {
   constructor() {

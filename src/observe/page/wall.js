@@ -2,7 +2,7 @@
 
 import { Bar } from "./bar.js";
 import { Course } from "./course.js";
-import { follow } from "./live.js";
+import { follow, page } from "./live.js";
 import { residualText, withinToday } from "./measured.js";
 import { keep } from "./recent.js";
 import { SIGNS, axisState, byUrgency, cardTone, cause, expected, overall, target, verified } from "./states.js";
@@ -16,7 +16,9 @@ const MOST_PANELS = 4;
 const LONG = 5;
 const axes = new Map();
 
-if (location.search !== "?view=wall") history.replaceState(null, "", "?view=wall");
+// Nothing else stays in the address.
+const address = page === 1 ? "?view=wall" : `?view=wall&page=${page}`;
+if (location.search !== address) history.replaceState(null, "", address);
 
 // The parts of an axis, which panel and row show in their own order.
 function parts(axis) {

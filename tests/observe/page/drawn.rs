@@ -9,6 +9,7 @@ use isotherm_core::display::Display;
 
 use super::{OPEN, look};
 use crate::http::OPERATOR;
+use crate::pages::with_120_devices;
 use crate::support::fake::Door;
 
 const NO_SCROLLING: &str = "eval:document.documentElement.scrollHeight <= innerHeight && document.documentElement.scrollWidth <= document.documentElement.clientWidth";
@@ -139,6 +140,20 @@ fn a_wall_shows_eight_axes_as_a_table_and_the_page_as_rows() {
         NOTHING_CUT,
     ];
     looked_at_with(|status| with_axes(status, &names), &[("/?view=wall", &wall), ("", &page)]);
+}
+
+#[test]
+fn a_machine_with_many_devices_has_pages_with_the_state_of_the_whole() {
+    let rows = "eval:document.querySelectorAll('#devices tbody tr').length === 20 && document.querySelectorAll('.axis').length === 20";
+    let links = "eval:document.querySelectorAll('#pages a').length === 3 && \
+                 document.querySelector('#pages a[aria-current=page]').textContent === '3'";
+    let whole = "eval:document.querySelector('#does-disarm').textContent.includes('z3') && \
+                 document.querySelector('#does-disarm').textContent.includes('…')";
+    let page = ["Axis z119", "Pages of 50 devices:", rows, links, whole, "size:390x844", NOTHING_CUT];
+    let second = "eval:document.querySelectorAll('#axes tbody tr').length === 50 && location.search === '?view=wall&page=2'";
+    let none = "eval:document.querySelector('#pages').hidden";
+    looked_at_with(with_120_devices, &[("/?page=3", &page), ("/?view=wall&page=2", &["Axis z50", second])]);
+    looked_at_with(|_| {}, &[("", &["Axis z", none])]);
 }
 
 #[test]

@@ -1,0 +1,141 @@
+//! Pages of a status: parts of its lists, for the web page of a machine with many devices.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+
+use serde::Serialize;
+
+use super::events::{Alarm, Entry};
+use super::status::{
+    ArmingStatus, AxisStatus, BrokerStatus, BusStatus, DeviceStatus, FormerRegisterStatus, OutputStatus,
+    SignalStatus, Status,
+};
+use isotherm_profile::Overridden;
+
+/// Number of devices on a page.
+const DEVICES: usize = 50;
+/// Maximum number of axes in the same state that are on every page. The web page names one less.
+const MOST_OF_A_KIND: usize = 5;
+
+/// Page of a status: some devices with their buses, signals, outputs and axes, and facts about the whole machine. All
+/// other fields are those of [`Status`].
+#[derive(Debug, Serialize)]
+pub(super) struct StatusPage<'s> {
+    machine: &'s str,
+    label: &'s str,
+    description: &'s str,
+    version: &'s str,
+    now: &'s str,
+    zone: &'s str,
+    clock: &'s str,
+    uptime_s: f64,
+    machine_on_s: Option<f64>,
+    overridden: &'s [Overridden],
+    profile_changed: &'s [String],
+    dry_run: bool,
+    stopping: bool,
+    ready: bool,
+    axes: Vec<&'s AxisStatus>,
+    signals: Vec<&'s SignalStatus>,
+    buses: Vec<&'s BusStatus>,
+    devices: &'s [DeviceStatus],
+    outputs: Vec<&'s OutputStatus>,
+    left: &'s [FormerRegisterStatus],
+    log_dropped: u64,
+    alarms: &'s [Alarm],
+    events: &'s [Entry],
+    event_counts: &'s BTreeMap<&'static str, u64>,
+    mqtt: Option<&'s BrokerStatus>,
+    page: PageNumber,
+    /// Facts about all pages; `None` if this is the only one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    whole: Option<WholeMachine<'s>>,
+}
+
+/// Number of a page, counted from 1, and number of all pages.
+#[derive(Debug, Serialize)]
+struct PageNumber {
+    number: usize,
+    of: usize,
+}
+
+/// Facts about all devices of the machine.
+#[derive(Debug, Serialize)]
+struct WholeMachine<'s> {
+    /// Some axes of each kind of state.
+    axes: Vec<&'s AxisStatus>,
+    /// First output to which another program has written; empty if there is none.
+    outputs: Vec<&'s OutputStatus>,
+    /// Number of devices that are not `ok`.
+    lost: usize,
+    /// Number of signals that are not `good`.
+    bad: usize,
+}
+
+impl StatusPage<'_> {
+    /// Returns a page of the status. A number beyond the last page is that page. A machine with few devices has one
+    /// page.
+    pub(super) fn of(status: &Status, number: usize) -> StatusPage<'_> {
+        let of = status.devices.len().div_ceil(DEVICES).max(1);
+        let number = number.clamp(1, of);
+        let first = (number - 1) * DEVICES;
+        let devices = &status.devices[first..status.devices.len().min(first + DEVICES)];
+        let names: HashSet<&str> = devices.iter().map(|device| device.name.as_str()).collect();
+        let lines: HashSet<&str> = devices.iter().map(|device| device.bus.as_str()).collect();
+        let is_here = |device: &str| names.contains(device);
+        let outputs: Vec<&OutputStatus> =
+            status.outputs.iter().filter(|output| of == 1 || is_here(&output.device)).collect();
+        let driven: HashSet<&str> = outputs.iter().map(|output| output.axis.as_str()).collect();
+        // An axis without an output is on the first page.
+        let has_output: HashSet<&str> = status.outputs.iter().map(|output| output.axis.as_str()).collect();
+        let is_first = |axis: &str| number == 1 && !has_output.contains(axis);
+        let axes = status.axes.iter().filter(|axis| driven.contains(&*axis.name) || is_first(&axis.name));
+        StatusPage {
+            machine: &status.machine,
+            label: &status.label,
+            description: &status.description,
+            version: status.version,
+            now: &status.now,
+            zone: &status.zone,
+            clock: status.clock,
+            uptime_s: status.uptime_s,
+            machine_on_s: status.machine_on_s,
+            overridden: &status.overridden,
+            profile_changed: &status.profile_changed,
+            dry_run: status.dry_run,
+            stopping: status.stopping,
+            ready: status.ready,
+            axes: axes.collect(),
+            signals: status.signals.iter().filter(|signal| of == 1 || is_here(&signal.device)).collect(),
+            buses: status.buses.iter().filter(|bus| of == 1 || lines.contains(&*bus.name)).collect(),
+            devices,
+            outputs,
+            left: &status.left,
+            log_dropped: status.log_dropped,
+            alarms: &status.alarms,
+            events: &status.events,
+            event_counts: &status.event_counts,
+            mqtt: status.mqtt.as_ref(),
+            page: PageNumber { number, of },
+            whole: (of > 1).then(|| WholeMachine::of(status)),
+        }
+    }
+}
+
+impl WholeMachine<'_> {
+    fn of(status: &Status) -> WholeMachine<'_> {
+        let mut found: HashMap<_, usize> = HashMap::new();
+        let is_among_the_first = |axis: &&AxisStatus| {
+            let ArmingStatus { armed, release, .. } = axis.arming;
+            let kind = (axis.display(), axis.acted.contains(&"limit"), armed, release, axis.has_model);
+            let count = found.entry(kind).or_default();
+            *count += 1;
+            *count <= MOST_OF_A_KIND
+        };
+        WholeMachine {
+            axes: status.axes.iter().filter(is_among_the_first).collect(),
+            outputs: status.outputs.iter().find(|output| output.state == "foreign").into_iter().collect(),
+            lost: status.devices.iter().filter(|device| device.state != "ok").count(),
+            bad: status.signals.iter().filter(|signal| signal.quality != "good").count(),
+        }
+    }
+}
