@@ -23,16 +23,16 @@ use isotherm::clock::Clock;
 
 #[path = "devices/mod.rs"]
 mod devices;
+#[path = "fleet_profile/mod.rs"]
+mod fleet_profile;
 #[path = "process/mod.rs"]
 mod process;
 #[path = "program/mod.rs"]
 mod program;
-#[path = "workload/mod.rs"]
-mod workload;
 
 use devices::{Devices, server};
+use fleet_profile::{REGISTERS, Work, tcp};
 use program::Running;
-use workload::{REGISTERS, Work, tcp};
 
 /// Time before the measurement. It excludes connections, the first decisions, and the first saves of the state.
 const WARM_UP: Duration = Duration::from_secs(15);

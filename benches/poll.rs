@@ -33,10 +33,10 @@ use tokio::time::{Interval, interval, sleep};
 use tokio_modbus::client::{Context, Reader, Writer, tcp};
 use tokio_modbus::slave::Slave;
 
-#[path = "workload/mod.rs"]
-mod workload;
+#[path = "fleet_profile/mod.rs"]
+mod fleet_profile;
 
-use workload::{REGISTERS, Work};
+use fleet_profile::{REGISTERS, Work};
 
 const REQUEST: usize = 12;
 /// Length of the answer to a read of eight registers.
@@ -189,7 +189,7 @@ fn busy() -> f64 {
 
 /// Runs the gateway until the measurement ends, and returns its result.
 async fn run_gateway(load: &Load, reads: &Arc<AtomicU64>, measured: impl Future<Output = f64>) -> f64 {
-    let line = |line| workload::tcp(line, "502");
+    let line = |line| fleet_profile::tcp(line, "502");
     let loaded =
         isotherm_profile::parse(Path::new("poll.toml"), &load.work.profile(&REGISTERS, line), &[], &[]);
     let profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;

@@ -24,16 +24,16 @@ use serde_json::Value;
 
 #[path = "devices/mod.rs"]
 mod devices;
+#[path = "fleet_profile/mod.rs"]
+mod fleet_profile;
 #[path = "process/mod.rs"]
 mod process;
 #[path = "program/mod.rs"]
 mod program;
-#[path = "workload/mod.rs"]
-mod workload;
 
 use devices::{Counts, Devices, server};
+use fleet_profile::{REGISTERS, Work};
 use program::{PROGRAM, Running, Written};
-use workload::{REGISTERS, Work};
 
 const FEW: u16 = 500;
 const MANY: u16 = 5_000;
@@ -208,7 +208,7 @@ fn turn(work: &Work, signals: &[u16], span: Duration) -> Turn {
 
 /// Profile of these devices. A profile may have 4 MB, so it has no blanks around its equals signs.
 fn profile(work: &Work, signals: &[u16], port: &str) -> String {
-    work.profile(signals, |device| workload::tcp(device, port)).replace(" = ", "=")
+    work.profile(signals, |device| fleet_profile::tcp(device, port)).replace(" = ", "=")
 }
 
 /// Measures the time in seconds that `check` takes for the profile of these devices.

@@ -6,7 +6,7 @@ use std::time::Duration;
 use isotherm::clock::Clock;
 
 use super::devices::{Counts, Devices};
-use super::workload::Work;
+use super::fleet_profile::Work;
 use super::{contender, median};
 
 /// Time before the measurement. It excludes connections, the first decisions, and the memory for reading the profile.

@@ -6,7 +6,7 @@ use std::time::Duration;
 use isotherm::clock::Clock;
 use isotherm::gateway::{Gateway, Options, Pace};
 
-use super::workload::{REGISTERS, Work, tcp};
+use super::fleet_profile::{REGISTERS, Work, tcp};
 
 /// Runs the gateway without pauses, with a step of the axis in each loop, and up to `pipeline` requests under way.
 pub(super) fn closed_loop(port: &str, pipeline: u8) {

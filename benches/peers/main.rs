@@ -24,16 +24,16 @@ mod bare;
 #[path = "../devices/mod.rs"]
 mod devices;
 mod fleet;
+#[path = "../fleet_profile/mod.rs"]
+mod fleet_profile;
 mod gateway;
 #[path = "../process/mod.rs"]
 mod process;
 mod rtu;
-#[path = "../workload/mod.rs"]
-mod workload;
 
 use devices::{Devices, server};
+use fleet_profile::Work;
 use process::Process;
-use workload::Work;
 
 /// Turns of the contenders of the closed loop over TCP. They are many and short, because the speed of a computer
 /// changes within seconds.

@@ -7,16 +7,31 @@ use std::time::Duration;
 use serde_json::Value;
 
 use super::rig::Machine;
+use crate::support::starved::Starved;
 use crate::support::tell;
 
 /// Lateness in milliseconds that counts as late, as in the tests of attacks.
 const LATE_MS: f64 = 50.0;
+/// Wait of a thread of the gateway for a processor after which late polls show nothing.
+const STARVED: Duration = Duration::from_millis(25);
 
 /// Memory of the gateway in MB.
 fn memory(machine: &Machine) -> f64 {
     let text = std::fs::read_to_string(format!("/proc/{}/status", machine.running.id())).unwrap();
     let line = text.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
     line.split_whitespace().nth(1).unwrap().parse::<f64>().unwrap() / 1024.0
+}
+
+/// Checks that at most 2 % of the polls since `before` were late, or that the computer was too busy for them.
+#[track_caller]
+fn polls_are_punctual(machine: &Machine, before: (u64, u64), starved: &Starved) {
+    let (late, all) = machine.late(LATE_MS);
+    let (late, polls, waited) = (late - before.0, all - before.1, starved.longest());
+    assert!(polls > 100, "{polls} polls");
+    if late > polls / 50 && waited >= STARVED {
+        return tell(&format!("OPC UA server: void, the computer was too busy: a thread waited {waited:?}"));
+    }
+    assert!(late <= polls / 50, "{late} of {polls} polls were late, a thread waited {waited:?}");
 }
 
 #[test]
@@ -37,7 +52,7 @@ fn ten_clients_are_served_alike() {
 fn a_client_that_reads_nothing_any_more_costs_no_memory_and_delays_no_other_and_no_poll() {
     let machine = Machine::open();
     let mut deaf = machine.watched_by(&["deaf", "30"]);
-    let (late, all) = machine.late(LATE_MS);
+    let (late, starved) = (machine.late(LATE_MS), Starved::of(machine.running.id()));
     let before = memory(&machine);
     let mut watcher = machine.watched_by(&["watch", "8", "signal.bed7.value"]);
     let counts: Value = serde_json::from_str(&watcher.receives("signal.bed7")).unwrap();
@@ -45,14 +60,13 @@ fn a_client_that_reads_nothing_any_more_costs_no_memory_and_delays_no_other_and_
     deaf.receives("deaf");
     let after = memory(&machine);
     assert!(after < before + 20.0, "{before} MB, then {after} MB");
-    let (late_now, all_now) = machine.late(LATE_MS);
-    let polls = all_now - all;
-    assert!(polls > 100 && late_now - late <= polls / 50, "{} of {polls} polls were late", late_now - late);
+    polls_are_punctual(&machine, late, &starved);
 }
 
 #[test]
 fn what_is_no_opc_ua_and_who_says_nothing_is_disconnected_and_harms_nobody() {
     let machine = Machine::open();
+    let starved = Starved::of(machine.running.id());
     let address = machine.asks(&["endpoints"])[0][2].as_str().unwrap().to_owned();
     let address = address.trim_start_matches("opc.tcp://").trim_end_matches('/').to_owned();
     let connect = || {
@@ -78,6 +92,5 @@ fn what_is_no_opc_ua_and_who_says_nothing_is_disconnected_and_harms_nobody() {
     }
     let read = machine.asks(&["read", "axis.z.state"]);
     assert_eq!(read["axis.z.state"]["value"], "active", "{read}");
-    let (late, all) = machine.late(LATE_MS);
-    assert!(late <= all / 50, "{late} of {all} polls were late");
+    polls_are_punctual(&machine, (0, 0), &starved);
 }
