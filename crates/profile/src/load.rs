@@ -489,7 +489,7 @@ impl Loader<'_> {
             // Consumed, so that a large machine is not in memory twice.
             match RawProfile::deserialize(merged) {
                 Ok(raw) => {
-                    let checked = raw.check(&self.spans, path, files, &templates, &KINDS);
+                    let checked = raw.check(&self.spans, path, (files, schema), &templates, &KINDS);
                     self.errors.append(checked.errors);
                     (profile, warnings) = (checked.profile, checked.warnings);
                 }

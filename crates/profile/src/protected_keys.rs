@@ -96,8 +96,7 @@ fn marked(root: &Value, schema: &Value, value: &Value) -> Option<Value> {
 }
 
 /// Returns the path of every key that `allow_override` may name. `names` contains the names of the tables of each kind.
-pub(crate) fn guarded_keys(names: &[(&str, &[String])]) -> Vec<String> {
-    let root = crate::schema();
+pub(crate) fn guarded_keys(root: &Value, names: &[(&str, &[String])]) -> Vec<String> {
     let mut found = Vec::new();
     for (kind, names) in names {
         let Some((schema, has_names)) = table_of(root, kind) else { continue };

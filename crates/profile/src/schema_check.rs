@@ -14,6 +14,11 @@ use crate::tables::signal::unit::{Scaling, Unit};
 
 /// Largest number of entries in a list. The limit bounds the duration of a step, which computes every term of a model.
 const MOST_ITEMS: usize = 10_000;
+/// Largest number of commas in a file. The TOML reader needs eighty times the length of a list of short values in memory.
+const MOST_COMMAS: usize = 500_000;
+/// Size in bytes of the largest file of which all syntax errors are reported. The TOML reader needs three hundred times
+/// the length of a file that consists of such errors in memory.
+const MOST_SEARCHED: usize = 1_000_000;
 
 /// Check of one layer of the profile against the JSON schema.
 pub(crate) struct SchemaCheck<'a> {
@@ -45,7 +50,19 @@ impl SchemaCheck<'_> {
     /// Parses a TOML file, and reports mistakes. Returns the valid part of its table, and whether the whole file is
     /// valid.
     pub(crate) fn parsed<'t>(&mut self, text: &'t str) -> (DeTable<'t>, bool) {
-        let (table, problems) = DeTable::parse_recoverable(text);
+        if let Some((at, _)) = text.match_indices(',').nth(MOST_COMMAS) {
+            let help = format!("a list may have {MOST_ITEMS} entries");
+            self.error(at, "", format!("the file has more than {MOST_COMMAS} commas"), Some(help));
+            return (DeTable::new(), false);
+        }
+        let (table, problems) = match DeTable::parse(text) {
+            Ok(table) => (table.into_inner(), Vec::new()),
+            Err(first) if text.len() > MOST_SEARCHED => (DeTable::new(), vec![first]),
+            Err(_) => {
+                let (table, problems) = DeTable::parse_recoverable(text);
+                (table.into_inner(), problems)
+            }
+        };
         for SyntaxError { at, message, help } in independent(text, &problems) {
             if self.errors.is_full() {
                 self.errors.count();
@@ -53,7 +70,7 @@ impl SchemaCheck<'_> {
             }
             self.error(at, "", message, decimal_comma(text, at).or(help.map(str::to_owned)));
         }
-        (table.into_inner(), problems.is_empty())
+        (table, problems.is_empty())
     }
 
     /// Returns the valid part of a table. The table is consumed, so that a large machine is not in memory twice.

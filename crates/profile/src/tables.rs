@@ -8,6 +8,8 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use serde_json::Value;
+
 use crate::Profile;
 use crate::error::Findings;
 use crate::files::Files;
@@ -70,12 +72,13 @@ impl RawProfile {
         &self,
         spans: &SourceMap,
         path: PathBuf,
-        files: &Files<'_>,
+        (files, schema): (&Files<'_>, &Value),
         templates: &Templates,
         kinds: &'static [&'static BusKind],
     ) -> Checked {
         let mut check = Check {
             raw: self,
+            schema,
             report: Report::new(spans, files, Names::of("signal", &self.signal, spans)),
             templates,
             kinds,
@@ -173,7 +176,7 @@ impl Check<'_> {
 
     /// Lists the keys that a layer may only set with permission.
     fn guarded_keys(&self) -> Vec<String> {
-        guarded_keys(&[
+        let names: [(&str, &[String]); 7] = [
             ("axis", &self.axes.names),
             ("output", &self.outputs.names),
             ("set", &self.sets.names),
@@ -181,7 +184,8 @@ impl Check<'_> {
             ("bus", &self.buses.names),
             ("device", &self.devices.names),
             ("signal", &self.signals.names),
-        ])
+        ];
+        guarded_keys(self.schema, &names)
     }
 
     fn check_names(&self) {

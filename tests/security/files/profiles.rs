@@ -40,6 +40,23 @@ fn as_many_unknown_keys_as_a_profile_can_hold_are_counted_and_fifty_told() {
 }
 
 #[test]
+fn a_profile_of_syntax_errors_or_of_one_list_needs_no_more_memory_than_other_files() {
+    let home = Home::new();
+    let errors = |line: &str| line.repeat(2_000_000 / line.len());
+    let list = |entry: &str| format!("terms = [{}]\n", entry.repeat(4_000_000));
+    for (name, text, words) in [
+        ("equals.toml", errors("=\n"), "equals.toml:22:"),
+        ("words.toml", errors("x\n"), "words.toml:22:"),
+        ("open.toml", errors("[\n"), "open.toml:22:"),
+        ("list.toml", list("1,"), "more than 500000 commas"),
+        ("wrong_list.toml", list("=,"), "more than 500000 commas"),
+    ] {
+        let path = home.write(name, format!("{MACHINE}{text}"));
+        isotherm(&["check"], &path).is_refused(size(&path), &[name, words]);
+    }
+}
+
+#[test]
 fn a_million_terms_and_unknown_signals_by_the_thousand_are_refused() {
     let home = Home::new();
     let linear = format!("{MACHINE}kind = \"linear\"\nterms = [\n");

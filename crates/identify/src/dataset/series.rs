@@ -204,6 +204,8 @@ impl FromIterator<f64> for Series {
     fn from_iter<I: IntoIterator<Item = f64>>(numbers: I) -> Series {
         let mut series = Series::default();
         series.extend(numbers);
+        // A log may have thousands of short runs, whose numbers are all in `rest`.
+        series.rest.shrink_to_fit();
         series
     }
 }
@@ -301,6 +303,14 @@ mod tests {
         let series: Series = numbers(|row| f64::from(2000 + row * 7 % 997) / 100.0).into();
         assert_eq!(series.blocks.len(), 2);
         assert!(words(&series) <= 2 * (10 * ROWS / 64 + 2), "{} words", words(&series));
+    }
+
+    #[test]
+    fn a_short_series_takes_eight_bytes_for_each_number() {
+        for rows in [1, 600, 1100] {
+            let series: Series = numbers(f64::from).into_iter().take(rows).collect();
+            assert_eq!(series.rest.capacity(), rows % ROWS);
+        }
     }
 
     #[test]

@@ -3,6 +3,8 @@
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 
+use serde_json::Value;
+
 use super::axis::Axis;
 use super::bus::periods::Periods;
 use super::bus::{Bus, RawBus};
@@ -29,6 +31,8 @@ pub(crate) struct Tables<T> {
 /// State of a check in progress.
 pub(crate) struct Check<'a> {
     pub(crate) raw: &'a RawProfile,
+    /// JSON schema of a profile.
+    pub(super) schema: &'a Value,
     pub(crate) report: Report<'a>,
     pub(super) templates: &'a Templates,
     /// All kinds of buses. A line whose type has an error counts as one of the first kind.
