@@ -76,6 +76,25 @@ async fn the_wall_has_no_buttons_and_says_no_more_than_is_read_from_three_metres
 }
 
 #[tokio::test]
+async fn signing_in_leads_to_the_page_of_devices_that_was_requested() {
+    let door = Door::open(Some(OPERATOR)).await;
+    let looks = [("Accept", "text/html")];
+    let refused = door.send("GET", "/?page=2&view=wall", &looks, "").await;
+    for field in ["name=\"view\" value=\"wall\"", "name=\"page\" value=\"2\""] {
+        assert!(refused.body.contains(field), "{field} in {}", refused.body);
+    }
+    for (form, address) in [
+        ("view=wall&page=2&", "./?view=wall&page=2"),
+        ("page=3&", "./?page=3"),
+        ("page=%2F%2Felsewhere.example&", "./"),
+        ("page=0&", "./"),
+    ] {
+        let entered = door.send("POST", "/login", &looks, &format!("{form}token={VIEWER}")).await;
+        assert_eq!((entered.code, entered.header("location")), (303, address), "{form}");
+    }
+}
+
+#[tokio::test]
 async fn the_page_speaks_the_profiles_language_else_the_browsers() {
     let door = Door::open(None).await;
     for (accepted, words) in [

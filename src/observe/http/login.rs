@@ -2,6 +2,8 @@
 //!
 //! `POST /login` with the token in its body begins a session, `POST /api/logout` ends it.
 
+use std::num::NonZero;
+
 use axum::body::Bytes;
 use axum::extract::rejection::BytesRejection;
 use axum::extract::{ConnectInfo, RawQuery, Request, State};
@@ -18,6 +20,9 @@ use crate::observe::page::{self, LoginPlace};
 
 const WALL: &str = "wall";
 
+/// Name and value of a parameter.
+type Parameter = (&'static str, String);
+
 /// Returns whether the request comes from a browser that will show the answer as a page.
 pub(super) fn is_asked_by_a_person(request: &Request) -> bool {
     request.method() == Method::GET && accepts_html(request.headers())
@@ -30,21 +35,25 @@ fn accepts_html(headers: &HeaderMap) -> bool {
         .is_some_and(|kinds| kinds.contains("text/html"))
 }
 
-/// Makes the sign-in page in a language of the profile or of the browser, with the view to show afterwards and the key of
-/// an error message. `top` is the relative address of the web page.
+/// Makes the sign-in page in a language of the profile or of the browser, with the parameters of the address to show
+/// afterwards and the key of an error message. `top` is the relative address of the web page.
 fn sign_in_page(
     room: &HttpState,
     headers: &HeaderMap,
     top: &str,
-    (view, trouble): (Option<&str>, Option<&'static str>),
+    (parameters, trouble): (&[Parameter], Option<&'static str>),
 ) -> Html<String> {
     let texts = room.texts();
     let place = LoginPlace { machine: texts.title(), top };
-    Html(page::login(words(texts.language, headers), place, view, trouble).into_string())
+    Html(page::login(words(texts.language, headers), place, parameters, trouble).into_string())
 }
 
-fn is_for_the_wall(query: Option<&str>) -> bool {
-    query.and_then(|query| parameter(query, "view")).as_deref() == Some(WALL)
+/// Returns the parameters of the address to show after signing in, which a query or a form contains.
+fn shown_afterwards(given: &str) -> Vec<Parameter> {
+    let view = parameter(given, "view").filter(|view| view == WALL);
+    let page = parameter(given, "page").and_then(|page| page.parse::<NonZero<usize>>().ok());
+    let view = view.map(|view| ("view", view));
+    view.into_iter().chain(page.map(|page| ("page", page.to_string()))).collect()
 }
 
 /// Makes the sign-in page, as the answer to a refused request for this address.
@@ -52,7 +61,7 @@ pub(super) fn page(room: &HttpState, headers: &HeaderMap, uri: &Uri, refusal: &R
     page_at(room, headers, (uri.path(), uri.query()), refusal)
 }
 
-/// Makes the sign-in page for this path, with a view that the query or the form names.
+/// Makes the sign-in page for this path, with the parameters of a query or a form.
 fn page_at(
     room: &HttpState,
     headers: &HeaderMap,
@@ -64,8 +73,8 @@ fn page_at(
         Refusal::TooManyWrong(_) => Some("sign_in_wait"),
         _ => None,
     };
-    let view = is_for_the_wall(query).then_some(WALL);
-    refusal.as_answer(sign_in_page(room, headers, &top(path), (view, trouble)))
+    let parameters = shown_afterwards(query.unwrap_or_default());
+    refusal.as_answer(sign_in_page(room, headers, &top(path), (&parameters, trouble)))
 }
 
 pub(super) async fn show(
@@ -76,8 +85,8 @@ pub(super) async fn show(
     if !room.access.has_tokens() {
         return Redirect::to("./").into_response();
     }
-    let view = is_for_the_wall(query.as_deref()).then_some(WALL);
-    sign_in_page(&room, &headers, "", (view, None)).into_response()
+    let parameters = shown_afterwards(&query.unwrap_or_default());
+    sign_in_page(&room, &headers, "", (&parameters, None)).into_response()
 }
 
 pub(super) async fn begin(
@@ -116,8 +125,10 @@ pub(super) async fn begin(
         return (StatusCode::SERVICE_UNAVAILABLE, text).into_response();
     };
     // Relative addresses, because the page may be below a path of a proxy.
-    let to = if is_for_the_wall(Some(&form)) { "./?view=wall" } else { "./" };
-    ([(header::SET_COOKIE, cookie)], Redirect::to(to)).into_response()
+    let parameters = shown_afterwards(&form).into_iter().map(|(name, value)| format!("{name}={value}"));
+    let query = parameters.collect::<Vec<_>>().join("&");
+    let to = if query.is_empty() { "./".to_owned() } else { format!("./?{query}") };
+    ([(header::SET_COOKIE, cookie)], Redirect::to(&to)).into_response()
 }
 
 pub(super) async fn end(

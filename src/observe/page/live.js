@@ -18,8 +18,11 @@ document.documentElement.style.setProperty("--old", JSON.stringify(t("old")));
 document.documentElement.style.setProperty("--last-known", JSON.stringify(t("last_known")));
 const opened = new Date();
 
+// The gateway accepts this number of a page on every computer, and shows its last page.
+const LAST_PAGE = 1000000;
 // A machine with many devices has pages. The address of this page has the number of its own.
-export const page = Math.max(1, parseInt(new URLSearchParams(location.search).get("page"), 10) || 1);
+const asked = parseInt(new URLSearchParams(location.search).get("page"), 10) || 1;
+export const page = Math.min(LAST_PAGE, Math.max(1, asked));
 
 let stream = null;
 let tried = 0;
@@ -39,8 +42,8 @@ function mark(alarms) {
 
 // What the page has drawn belongs to one gateway with one profile. After a restart with another program or other axes,
 // figures of the former ones would stay as if they were live.
-const shape = ({ version, machine, axes, signals, outputs, devices, buses }) =>
-  JSON.stringify([version, machine, ...[axes, signals, outputs, devices, buses].map((all) => all.map(({ name, label }) => [name, label]))]);
+const shape = ({ version, machine, page: own, axes, signals, outputs, devices, buses }) =>
+  JSON.stringify([version, machine, own?.of, ...[axes, signals, outputs, devices, buses].map((all) => all.map(({ name, label }) => [name, label]))]);
 
 // A stream does not say why it ended. Whoever is no longer signed in gets the page to do so.
 async function signInAgain() {

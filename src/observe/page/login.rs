@@ -13,11 +13,12 @@ pub(in crate::observe) struct LoginPlace<'a> {
     pub(in crate::observe) top: &'a str,
 }
 
-/// Makes a sign-in page. `view` is the page to show after signing in, and `trouble` the key of an error message.
+/// Makes a sign-in page. `parameters` belong to the address to show after signing in, and `trouble` is the key of an
+/// error message.
 pub(in crate::observe) fn login(
     words: &Words,
     LoginPlace { machine, top }: LoginPlace<'_>,
-    view: Option<&str>,
+    parameters: &[(&'static str, String)],
     trouble: Option<&'static str>,
 ) -> Markup {
     html! {
@@ -36,7 +37,7 @@ pub(in crate::observe) fn login(
                     form method="post" action={ (top) "login" } {
                         // User name under which a password manager stores the token.
                         input type="hidden" name="username" value="isotherm" autocomplete="username";
-                        @if let Some(view) = view { input type="hidden" name="view" value=(view); }
+                        @for (name, value) in parameters { input type="hidden" name=(name) value=(value); }
                         label { (words.get("token")) " " input type="password" name="token" required autofocus autocomplete="current-password"; }
                         button type="submit" { (words.get("sign_in")) }
                     }

@@ -39,6 +39,29 @@ fn looked_at_with(change: impl FnOnce(&mut Status), views: &[(&str, &[&str])]) -
     })
 }
 
+/// Looks at a view, changes the status after the browser has drawn the word `drawn`, and waits for the words `new`.
+async fn looked_at_while(
+    door: &Door,
+    view: &'static str,
+    drawn: &str,
+    change: impl FnOnce(&mut Status),
+    new: &[&str],
+) {
+    // The page tells this test that it has drawn the first status.
+    let tells = "eval:(fetch('/api/acknowledge?alarm=signal%20t1', \
+                 { method: 'POST', headers: { 'isotherm-way': 'page' } }), true)";
+    let words = [&[drawn, "size:1280x900", tells, "size:1280x800"][..], new].concat();
+    let words: Vec<String> = words.into_iter().map(str::to_owned).collect();
+    let (address, before) = (format!("http://{}", door.address), door.askers().len());
+    let look = move || look(&address, view, &words.iter().map(String::as_str).collect::<Vec<_>>());
+    let look = tokio::task::spawn_blocking(look);
+    while door.askers().len() == before && !look.is_finished() {
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+    door.change(change);
+    look.await.unwrap();
+}
+
 /// Gives the machine axes with these names, in each state in turn.
 fn with_axes(status: &mut Status, names: &[&str]) {
     let states = [Display::Active, Display::Degraded, Display::Holding, Display::Ramping];
@@ -152,7 +175,12 @@ fn a_machine_with_many_devices_has_pages_with_the_state_of_the_whole() {
     let page = ["Axis z119", "Pages of 50 devices:", rows, links, whole, "size:390x844", NOTHING_CUT];
     let second = "eval:document.querySelectorAll('#axes tbody tr').length === 50 && location.search === '?view=wall&page=2'";
     let none = "eval:document.querySelector('#pages').hidden";
-    looked_at_with(with_120_devices, &[("/?page=3", &page), ("/?view=wall&page=2", &["Axis z50", second])]);
+    let views: [(&str, &[&str]); 3] = [
+        ("/?page=3", &page),
+        ("/?view=wall&page=2", &["Axis z50", second]),
+        ("/?page=99999999999999999999999", &["Axis z119", rows]),
+    ];
+    looked_at_with(with_120_devices, &views);
     looked_at_with(|_| {}, &[("", &["Axis z", none])]);
 }
 
@@ -314,24 +342,28 @@ fn a_gateway_that_returns_with_other_axes_is_drawn_anew() {
         for view in ["", "/?view=wall"] {
             let [from, to] = if view.is_empty() { ["z", "y"] } else { ["y", "x"] };
             let drawn = format!("Axis {from}");
-            // The page tells this test that it has drawn the first axes.
-            let tells = "eval:(fetch('/api/acknowledge?alarm=signal%20t1', \
-                         { method: 'POST', headers: { 'isotherm-way': 'page' } }), true)";
             let gone = format!(
                 "eval:![...document.querySelectorAll('h2')].some((head) => head.innerText === '{drawn}')"
             );
-            let new = format!("Axis {to}");
-            let words =
-                [drawn.as_str(), "size:1280x900", tells, "size:1280x800", &new, &gone].map(str::to_owned);
-            let (address, before) = (format!("http://{}", door.address), door.askers().len());
-            let look = move || look(&address, view, &words.each_ref().map(String::as_str));
-            let look = tokio::task::spawn_blocking(look);
-            while door.askers().len() == before && !look.is_finished() {
-                tokio::time::sleep(Duration::from_millis(50)).await;
-            }
-            door.change(|status| status.axes[0].name = to.into());
-            look.await.unwrap();
+            let rename = |status: &mut Status| status.axes[0].name = to.into();
+            looked_at_while(&door, view, &drawn, rename, &[&format!("Axis {to}"), &gone]).await;
         }
+    });
+}
+
+#[test]
+fn a_gateway_that_returns_with_more_devices_has_the_links_of_all_its_pages() {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let door = Door::open(None).await;
+        door.change(with_120_devices);
+        let add = |status: &mut Status| {
+            let mut added = status.devices[..40].to_vec();
+            added.iter_mut().for_each(|device| device.name += "_added");
+            status.devices.extend(added);
+        };
+        let links = "eval:document.querySelectorAll('#pages a').length === 4";
+        looked_at_while(&door, "", "Pages of 50 devices:", add, &[links]).await;
     });
 }
 
