@@ -286,6 +286,7 @@ fn main(words: &Words, may: PageAction, is_signed_in: bool) -> Markup {
                     p .quiet { (words.get("alarms_stand")) }
                 }
                 ol tabindex="0" aria-labelledby="alarms-title" {}
+                p #alarms-more .quiet hidden {}
             }
             section #axes .axes aria-label=(words.get("axes_title")) {}
             nav #pages .pages aria-labelledby="pages-title" hidden {

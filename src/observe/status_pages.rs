@@ -1,5 +1,6 @@
 //! Pages of a status: parts of its lists, for the web page of a machine with many devices.
 
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 use serde::Serialize;
@@ -15,6 +16,8 @@ use isotherm_profile::Overridden;
 const DEVICES: usize = 50;
 /// Maximum number of axes in the same state that are on every page. The web page names one less.
 const MOST_OF_A_KIND: usize = 5;
+/// Maximum number of alarms on a page. If a switch fails, each device of a large machine has some.
+const ALARMS: usize = 100;
 
 /// Page of a status: some devices with their buses, signals, outputs and axes, and facts about the whole machine. All
 /// other fields are those of [`Status`].
@@ -41,7 +44,7 @@ pub(super) struct StatusPage<'s> {
     outputs: Vec<&'s OutputStatus>,
     left: &'s [FormerRegisterStatus],
     log_dropped: u64,
-    alarms: &'s [Alarm],
+    alarms: Vec<&'s Alarm>,
     events: &'s [Entry],
     event_counts: &'s BTreeMap<&'static str, u64>,
     mqtt: Option<&'s BrokerStatus>,
@@ -69,6 +72,10 @@ struct WholeMachine<'s> {
     lost: usize,
     /// Number of signals that are not `good`.
     bad: usize,
+    /// Number of all alarms. The page has the most urgent ones.
+    alarm_count: usize,
+    /// Page with the subject of an alarm, by the alarm's `id`. Alarms that belong to this page, or to none, are left out.
+    alarm_pages: BTreeMap<&'s str, usize>,
 }
 
 impl StatusPage<'_> {
@@ -89,6 +96,9 @@ impl StatusPage<'_> {
         let has_output: HashSet<&str> = status.outputs.iter().map(|output| output.axis.as_str()).collect();
         let is_first = |axis: &str| number == 1 && !has_output.contains(axis);
         let axes = status.axes.iter().filter(|axis| driven.contains(&*axis.name) || is_first(&axis.name));
+        let alarms: Vec<&Alarm> =
+            if of == 1 { status.alarms.iter().collect() } else { most_urgent(&status.alarms) };
+        let whole = (of > 1).then(|| WholeMachine::of(status, number, &alarms));
         StatusPage {
             machine: &status.machine,
             label: &status.label,
@@ -111,18 +121,63 @@ impl StatusPage<'_> {
             outputs,
             left: &status.left,
             log_dropped: status.log_dropped,
-            alarms: &status.alarms,
+            alarms,
             events: &status.events,
             event_counts: &status.event_counts,
             mqtt: status.mqtt.as_ref(),
             page: PageNumber { number, of },
-            whole: (of > 1).then(|| WholeMachine::of(status)),
+            whole,
         }
     }
 }
 
-impl WholeMachine<'_> {
-    fn of(status: &Status) -> WholeMachine<'_> {
+/// Returns the most urgent alarms in this order: errors first, then those without an acknowledgement, then the newest.
+fn most_urgent(alarms: &[Alarm]) -> Vec<&Alarm> {
+    let mut alarms: Vec<&Alarm> = alarms.iter().collect();
+    // The status has the newest alarms first, and this sort keeps the order of equals.
+    alarms.sort_by_key(|alarm| (Reverse(alarm.level), alarm.acknowledged.is_some()));
+    alarms.truncate(ALARMS);
+    alarms
+}
+
+/// Returns the pages of alarms whose subject is on another page than this one, by their `id`.
+fn pages_elsewhere<'s>(status: &'s Status, number: usize, alarms: &[&'s Alarm]) -> BTreeMap<&'s str, usize> {
+    if alarms.is_empty() {
+        return BTreeMap::new();
+    }
+    let pages = pages_by_name(status);
+    let elsewhere = |alarm: &&'s Alarm| {
+        // The subject ends with a name, as in `arming of axis z`.
+        let name = alarm.id.rsplit(' ').next()?;
+        let page = *pages.get(name)?;
+        (page != number).then_some((alarm.id.as_str(), page))
+    };
+    alarms.iter().filter_map(elsewhere).collect()
+}
+
+/// Returns the first page of each device, bus, signal, output and axis, by its name.
+fn pages_by_name(status: &Status) -> HashMap<&str, usize> {
+    let devices = status.devices.iter().enumerate();
+    let devices: HashMap<&str, usize> =
+        devices.map(|(place, device)| (device.name.as_str(), place / DEVICES + 1)).collect();
+    let buses = status.devices.iter().map(|device| (&device.bus, &device.name));
+    let signals = status.signals.iter().map(|signal| (&signal.name, &signal.device));
+    let outputs = status.outputs.iter().map(|output| (&output.name, &output.device));
+    let driven = status.outputs.iter().map(|output| (&output.axis, &output.device));
+    let mut pages = devices.clone();
+    for (name, device) in buses.chain(signals).chain(outputs).chain(driven) {
+        if let Some(page) = devices.get(device.as_str()) {
+            pages.entry(name).or_insert(*page);
+        }
+    }
+    for axis in &status.axes {
+        pages.entry(&axis.name).or_insert(1);
+    }
+    pages
+}
+
+impl<'s> WholeMachine<'s> {
+    fn of(status: &'s Status, number: usize, alarms: &[&'s Alarm]) -> WholeMachine<'s> {
         let mut found: HashMap<_, usize> = HashMap::new();
         let is_among_the_first = |axis: &&AxisStatus| {
             let ArmingStatus { armed, release, .. } = axis.arming;
@@ -136,6 +191,8 @@ impl WholeMachine<'_> {
             outputs: status.outputs.iter().find(|output| output.state == "foreign").into_iter().collect(),
             lost: status.devices.iter().filter(|device| device.state != "ok").count(),
             bad: status.signals.iter().filter(|signal| signal.quality != "good").count(),
+            alarm_count: status.alarms.len(),
+            alarm_pages: pages_elsewhere(status, number, alarms),
         }
     }
 }

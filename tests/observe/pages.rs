@@ -1,5 +1,6 @@
 //! Pages of the state of a machine with many devices.
 
+use isotherm::observe::events::{Acknowledgement, Alarm, Level};
 use isotherm::observe::status::Status;
 use serde_json::{Value, json};
 
@@ -16,6 +17,19 @@ fn copies<T: Clone>(of: &T, count: usize, rename: impl Fn(&mut T, usize)) -> Vec
     let mut copies = vec![of.clone(); count];
     copies.iter_mut().enumerate().for_each(|(number, copy)| rename(copy, number));
     copies
+}
+
+pub(crate) fn alarm(id: &str, level: Level, since: &str) -> Alarm {
+    Alarm {
+        id: id.into(),
+        kind: "signal-bad".into(),
+        level,
+        since: since.into(),
+        text: format!("{id}: open circuit: look at the sensor"),
+        cause: None,
+        hint: Some("look at the sensor".into()),
+        acknowledged: None,
+    }
 }
 
 /// Gives the machine 120 devices on 60 buses. Each has one signal, and one axis with its output.
@@ -88,6 +102,38 @@ async fn every_page_has_the_axes_that_speak_for_the_machine() {
         (&json!("z110"), &json!("z70"))
     );
     assert_eq!(page["whole"]["outputs"][0]["name"], "z115_offset");
+}
+
+#[tokio::test]
+async fn a_page_has_the_most_urgent_alarms_and_the_pages_of_their_subjects() {
+    let door = Door::open(None).await;
+    let since = "2026-07-02T11:55:00Z";
+    door.change(|status| {
+        with_120_devices(status);
+        let devices = (0..120).map(|number| format!("device rtd{number}"));
+        status.alarms = devices.map(|id| alarm(&id, Level::Warning, since)).collect();
+        let seen = Acknowledgement { at: since.to_owned(), by: "an operator".to_owned() };
+        status.alarms[0].acknowledged = Some(seen);
+        for id in ["arming of axis z110", "sensor of axis z0: t105", "bus cell59", "broker plant"] {
+            status.alarms.push(alarm(id, Level::Error, since));
+        }
+    });
+    let page = first(&door, "/api/live?page=2").await;
+    let ids: Vec<&str> =
+        page["alarms"].as_array().unwrap().iter().map(|alarm| alarm["id"].as_str().unwrap()).collect();
+    assert_eq!((ids.len(), &page["whole"]["alarm_count"]), (100, &json!(124)));
+    assert_eq!((ids[0], ids[4], ids[99]), ("arming of axis z110", "device rtd1", "device rtd96"));
+    let pages = &page["whole"]["alarm_pages"];
+    for (id, number) in [
+        ("arming of axis z110", Some(3)),
+        ("sensor of axis z0: t105", Some(3)),
+        ("bus cell59", Some(3)),
+        ("broker plant", None),
+        ("device rtd1", Some(1)),
+        ("device rtd60", None),
+    ] {
+        assert_eq!(pages.get(id), number.map(|number| json!(number)).as_ref(), "{id}");
+    }
 }
 
 #[tokio::test]

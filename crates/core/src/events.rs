@@ -31,8 +31,8 @@ const RENEW: &str =
 /// Hint for messages that were not delivered.
 const SEE_EVENTS: &str = "`isotherm events` shows what happened";
 
-/// Severity of an event.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// Severity of an event, in ascending order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Level {
     /// Information.

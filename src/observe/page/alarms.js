@@ -1,7 +1,7 @@
 // The faults that have not ended, and whether a person has seen them.
 
 import { TONES } from "./events.js";
-import { badge, byUrgency } from "./states.js";
+import { alarmCount, badge, byUrgency } from "./states.js";
 import { Hint, clock, day, element, say, withoutHint } from "./text.js";
 import { english, known, t } from "./words.js";
 
@@ -16,6 +16,8 @@ class Row {
     this.seen = element("small");
     this.link = element("a", { href: "#past", className: "moment" }, t("in_chart"));
     this.link.addEventListener("click", (event) => {
+      // The chart is on another page.
+      if (this.link.search) return;
       event.preventDefault();
       acts.lookAt(alarm);
     });
@@ -25,13 +27,15 @@ class Row {
       element("span", { className: "what" }, this.text, this.hint.root, this.seen), this.button);
   }
 
-  show({ level, since, text, hint, acknowledged }, now, may, hints) {
-    const [at, today] = [new Date(since), day(now)];
+  show({ id, level, since, text, hint, acknowledged }, { now, whole }, may, hints) {
+    const [at, today] = [new Date(since), day(new Date(now))];
     const tone = TONES[level] ?? "off";
     if (this.root.dataset.level !== tone) this.root.dataset.level = tone;
     badge(this.level, tone, known("level", level));
     say(this.since, day(at) === today ? clock(at) : `${day(at).slice(5)} ${clock(at)}`);
     say(this.text, withoutHint(text, hint));
+    const elsewhere = whole?.alarm_pages[id];
+    this.link.setAttribute("href", elsewhere ? `?${new URLSearchParams({ page: elsewhere, alarm: id })}` : "#past");
     this.link.ariaLabel = `${t("in_chart")}: ${this.text.textContent}`;
     this.hint.showOnce(hint, hints);
     say(this.seen, acknowledged ? t("acknowledged", { by: acknowledged.by, time: clock(new Date(acknowledged.at)) }) : "");
@@ -58,8 +62,12 @@ export function showAlarms(section, status, acts, may, hints) {
     const row = rows.get(key(alarm));
     // A row in its place is not moved: that would take the focus from its button.
     if (list.children[place] !== row.root) list.insertBefore(row.root, list.children[place] ?? null);
-    row.show(alarm, new Date(status.now), may, hints);
+    row.show(alarm, status, may, hints);
   });
+  const left = alarmCount(status) - alarms.length;
+  const more = section.querySelector("#alarms-more");
+  more.hidden = left === 0;
+  say(more, t("alarms_more", { count: left }));
 }
 
 export function enableAlarms(may) {

@@ -1,6 +1,6 @@
 // Follows the gateway's live stream, and says when it no longer does.
 
-import { SIGNS } from "./states.js";
+import { SIGNS, alarmCount } from "./states.js";
 import { clock, offset, showIn } from "./text.js";
 import { t } from "./words.js";
 
@@ -57,7 +57,7 @@ export function follow(show, setLost) {
   const change = (now) => {
     lost = now;
     document.body.classList.toggle("stale", now);
-    mark(last?.alarms.length ?? 0);
+    mark(last ? alarmCount(last) : 0);
     if (!now) return setLost(null);
     const since = lastHeard ?? opened;
     const time = `${clock(since)} ${offset(since)}`;
@@ -78,7 +78,7 @@ export function follow(show, setLost) {
       lastHeard = new Date();
       showIn(last.zone);
       if (lost) change(false);
-      mark(last.alarms.length);
+      mark(alarmCount(last));
       show(last);
       // The bench of the page measures until here.
       if (performance.getEntriesByName("figures").length === 0) performance.mark("figures");

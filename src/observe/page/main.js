@@ -4,10 +4,10 @@ import { enableAlarms, showAlarms } from "./alarms.js";
 import { enableAxes, showAxes } from "./axis.js";
 import { enableCommands, listen, mayCommand, showCommands } from "./commands.js";
 import { addFilters, showEvents, showOlder } from "./events.js";
-import { follow } from "./live.js";
+import { follow, page } from "./live.js";
 import { lookAt, showPast } from "./past.js";
 import { keep } from "./recent.js";
-import { SIGNS, overall } from "./states.js";
+import { SIGNS, alarmCount, overall } from "./states.js";
 import { drawAgain, drawSignals, showOverridden, showTables } from "./tables.js";
 import { bothTimes, clock, element, say, span } from "./text.js";
 import { known, t } from "./words.js";
@@ -26,8 +26,8 @@ function show(status) {
   say(by("overall").querySelector(".sign"), SIGNS[tone]);
   say(by("word"), word);
   say(by("sentence"), sentence);
-  const { length } = status.alarms;
-  say(by("alarm-count"), length ? t("alarms_count", { count: length }) : t("alarms_none"));
+  const count = alarmCount(status);
+  say(by("alarm-count"), count ? t("alarms_count", { count }) : t("alarms_none"));
   const now = new Date(status.now);
   const [here, utc] = bothTimes(now);
   say(by("machine-time"), here);
@@ -43,6 +43,7 @@ function show(status) {
   showPages(status);
   showCommands(status);
   showPast(status);
+  lookAtSelected(status);
   showTables(status);
   drawSignals(status);
   showOverridden(status);
@@ -55,9 +56,18 @@ function showPages({ page: { number, of } }) {
   const pages = by("pages");
   pages.hidden = of === 1;
   if (pages.hidden || pages.querySelector("a")) return;
-  for (let page = 1; page <= of; page += 1) {
-    pages.append(" ", element("a", { href: `?page=${page}`, ariaCurrent: page === number ? "page" : null }, page));
+  for (let link = 1; link <= of; link += 1) {
+    pages.append(" ", element("a", { href: `?page=${link}`, ariaCurrent: link === number ? "page" : null }, link));
   }
+}
+
+// The address names an alarm that was selected on another page. Its chart is shown once.
+function lookAtSelected({ alarms }) {
+  const selected = new URLSearchParams(location.search).get("alarm");
+  if (selected === null) return;
+  history.replaceState(null, "", `?page=${page}`);
+  const alarm = alarms.find(({ id }) => id === selected);
+  if (alarm) lookAt(alarm);
 }
 
 function enable(may) {

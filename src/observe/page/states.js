@@ -94,6 +94,9 @@ export function badge(node, tone, word) {
   say(node, `${SIGNS[tone]} ${word}`);
 }
 
+// The number of all alarms. A machine with pages of devices sends only the most urgent ones.
+export const alarmCount = ({ alarms, whole }) => whole?.alarm_count ?? alarms.length;
+
 const URGENCY = ["error", "warning", "info"];
 
 // Alarms with the most urgent ones first: errors, those that nobody has seen, then the newest.

@@ -5,7 +5,7 @@ import { Course } from "./course.js";
 import { follow, page } from "./live.js";
 import { residualText, withinToday } from "./measured.js";
 import { keep } from "./recent.js";
-import { SIGNS, axisState, byUrgency, cardTone, cause, expected, overall, target, verified } from "./states.js";
+import { SIGNS, alarmCount, axisState, byUrgency, cardTone, cause, expected, overall, target, verified } from "./states.js";
 import { bothTimes, brief, element, say, signed, titled, withoutHint } from "./text.js";
 import { english, t } from "./words.js";
 
@@ -95,11 +95,12 @@ function show(axis, status, isRow) {
 }
 
 // The most urgent alarm and the number of them: a wall has no room for all.
-function alarms({ alarms: all }) {
-  by("alarms").hidden = all.length === 0;
-  if (all.length === 0) return;
-  say(by("alarm-count"), t("alarms_count", { count: all.length }));
-  const [{ text, hint }] = byUrgency(all);
+function alarms(status) {
+  const count = alarmCount(status);
+  by("alarms").hidden = count === 0;
+  if (count === 0) return;
+  say(by("alarm-count"), t("alarms_count", { count }));
+  const [{ text, hint }] = byUrgency(status.alarms);
   say(by("alarm-text"), withoutHint(text, hint));
 }
 

@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use isotherm::observe::events::{Acknowledgement, Alarm, Entry, Level};
+use isotherm::observe::events::{Acknowledgement, Entry, Level};
 use isotherm::observe::status::{DialDirection, Status};
 use isotherm_core::display::Display;
 
 use super::{OPEN, look};
 use crate::http::OPERATOR;
-use crate::pages::with_120_devices;
+use crate::pages::{alarm, with_120_devices};
 use crate::support::fake::Door;
 
 const NO_SCROLLING: &str = "eval:document.documentElement.scrollHeight <= innerHeight && document.documentElement.scrollWidth <= document.documentElement.clientWidth";
@@ -78,19 +78,6 @@ fn with_axes(status: &mut Status, names: &[&str]) {
             axis
         })
         .collect();
-}
-
-fn alarm(id: &str, level: Level, since: &str) -> Alarm {
-    Alarm {
-        id: id.into(),
-        kind: "signal-bad".into(),
-        level,
-        since: since.into(),
-        text: format!("{id}: open circuit: look at the sensor"),
-        cause: None,
-        hint: Some("look at the sensor".into()),
-        acknowledged: None,
-    }
 }
 
 #[test]
@@ -172,7 +159,10 @@ fn a_machine_with_many_devices_has_pages_with_the_state_of_the_whole() {
                  document.querySelector('#pages a[aria-current=page]').textContent === '3'";
     let whole = "eval:document.querySelector('#does-disarm').textContent.includes('z3') && \
                  document.querySelector('#does-disarm').textContent.includes('…')";
-    let page = ["Axis z119", "Pages of 50 devices:", rows, links, whole, "size:390x844", NOTHING_CUT];
+    // The answer to a command names each axis.
+    let answer = "eval:((answer) => { answer.textContent = 'z, '.repeat(20000); answer.classList.add('fresh'); \
+                  return answer.getBoundingClientRect().height < innerHeight / 2; })(document.querySelector('#answer'))";
+    let page = ["Axis z119", "Pages of 50 devices:", rows, links, whole, "size:390x844", NOTHING_CUT, answer];
     let second = "eval:document.querySelectorAll('#axes tbody tr').length === 50 && location.search === '?view=wall&page=2'";
     let none = "eval:document.querySelector('#pages').hidden";
     let views: [(&str, &[&str]); 3] = [
@@ -182,6 +172,22 @@ fn a_machine_with_many_devices_has_pages_with_the_state_of_the_whole() {
     ];
     looked_at_with(with_120_devices, &views);
     looked_at_with(|_| {}, &[("", &["Axis z", none])]);
+}
+
+#[test]
+fn an_alarm_of_another_page_leads_to_its_chart_there() {
+    let raise = |status: &mut Status| {
+        with_120_devices(status);
+        let signals = (0..120).map(|number| format!("signal t{number}"));
+        status.alarms = signals.map(|id| alarm(&id, Level::Warning, "2026-07-02T11:50:00Z")).collect();
+        status.alarms.push(alarm("axis z105", Level::Error, "2026-07-02T11:55:00Z"));
+    };
+    let count =
+        "eval:document.querySelectorAll('#alarms li').length === 100 && document.title.startsWith('(121) ')";
+    let click = "eval:(document.querySelector('#alarms .moment').click(), true)";
+    let there = "eval:location.search === '?page=3' && document.activeElement.id === 'chart-z105'";
+    let page = ["Active alarms: 121", "21 more alarms", count, click, "size:1280x900", there];
+    looked_at_with(raise, &[("", &page), ("/?view=wall", &["Active alarms: 121", "axis z105"])]);
 }
 
 #[test]
