@@ -306,6 +306,11 @@ fn the_verb_learns_from_the_logs_of_the_state_directory_and_keeps_the_runs_when_
         said.contains("proposed: the candidate would have left") && said.contains("touches: 6"),
         "{said}"
     );
+    assert!(said.contains("; --write MODEL.toml writes it"), "{said}");
+    let daily = text(POOR).replacen("q = 400.0", "q = 400.0\nlearn = \"daily\"", 1);
+    std::fs::write(home.path().join("bench.toml"), &daily).unwrap();
+    let (said, is_good) = learn(home.path(), &[]);
+    assert!(is_good && said.contains("; `isotherm adopt` adopts it"), "{said}");
     for entry in std::fs::read_dir(&state).unwrap() {
         let path = entry.unwrap().path();
         if path.extension().is_some_and(|ending| ending == "csv") {
