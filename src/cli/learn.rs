@@ -245,6 +245,10 @@ fn of_axis(
         runs: candidate.as_ref().map_or(0, |candidate| candidate.from_runs),
         gain: learning.judgement().gain().map(GainShown::from),
         proposed: learning.judgement().is_better(),
+        is_learning: profile
+            .axes
+            .iter()
+            .any(|own| own.settings.name == axis && own.settings.learned.is_some()),
         remarks,
         block: candidate.map(|candidate| learning.block(&candidate, in_use.as_ref())),
     })

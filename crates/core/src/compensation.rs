@@ -231,6 +231,14 @@ impl Compensation {
         self.axes.get_mut(axis).ok_or(Unfit::NoSlot)?.prefer(change)
     }
 
+    /// Withdraws the change of the preferred model that waits, because an operator does not want it. The preference of
+    /// the axis names its model as taken back. The axis is stepped at once.
+    pub fn withdraw(&mut self, axis: usize) {
+        if let Some(axis) = self.axes.get_mut(axis) {
+            axis.withdraw();
+        }
+    }
+
     /// Checks whether this axis would correct its models with a measured error now. The axis does not change.
     ///
     /// # Errors

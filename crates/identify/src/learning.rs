@@ -283,6 +283,9 @@ impl Learning {
                 Ok(found) => {
                     taken.touches = Some(found.accepted());
                     taken.doubted = found.rejected.len();
+                    if taken.doubted > 0 && found.accepted() == 0 {
+                        return TakenRun { skipped: Some(all_wrong(taken.doubted)), ..taken };
+                    }
                     left = found.left;
                     found.reject(&mut single, choice);
                 }
@@ -406,6 +409,14 @@ impl Learning {
         let more = if run.is_touched() { String::new() } else { format!("@{name}") };
         format!("{}@{begins}{more}.products.json", self.axis)
     }
+}
+
+/// Returns why a run without an accepted touch is not used.
+fn all_wrong(touches: usize) -> String {
+    format!(
+        "its touches ({touches}) were all left out as wrong: another part was measured, or the model is wrong by more \
+         than max_error"
+    )
 }
 
 /// Returns the time of the datum of a run; its first row if it was measured row by row.

@@ -18,6 +18,9 @@ pub(super) struct AxisResult {
     pub(super) gain: Option<GainShown>,
     /// Whether the candidate is better than the model in use.
     pub(super) proposed: bool,
+    /// Whether the axis learns (`learn` in its probe), so that a gateway may adopt the candidate.
+    #[serde(skip)]
+    pub(super) is_learning: bool,
     /// Remarks, for example about files that cannot be used.
     pub(super) remarks: Vec<String>,
     /// Candidate as a block for the profile; `None` without a run.

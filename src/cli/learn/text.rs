@@ -21,10 +21,13 @@ pub(super) fn render(result: &AxisResult) -> std::io::Result<()> {
     };
     let basis = format!("{}, touches: {}", counted(gain.days, "day"), gain.touches);
     let (left, before) = (gain.candidate_um, gain.in_use_um);
+    let next = match result.is_learning {
+        true => "`isotherm adopt` adopts it",
+        false => "--write MODEL.toml writes it",
+    };
     match result.proposed {
         true => say!(
-            "  proposed: the candidate would have left {left:.1} instead of {before:.1} µm RMS ({basis}); \
-             --write MODEL.toml writes it"
+            "  proposed: the candidate would have left {left:.1} instead of {before:.1} µm RMS ({basis}); {next}"
         ),
         false => say!(
             "  the model in use stays: it left {before:.1} µm RMS, the candidate would have left {left:.1} µm ({basis})"

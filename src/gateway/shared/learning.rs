@@ -60,7 +60,8 @@ impl GatewayState {
         let profile = self.given.profile.clone();
         let preference = self.compensation.preference(axis).ok_or_else(|| not_learning(&profile, axis))?;
         if preference.waiting().is_some() {
-            self.prefer(axis, None)?;
+            self.compensation.withdraw(axis);
+            self.requested(axis, None);
             return Ok(format!("{}: keeps its model", profile.axes[axis].settings.name));
         }
         let change = back((&profile, axis), preference)?;
@@ -82,10 +83,15 @@ impl GatewayState {
     fn prefer(&mut self, axis: usize, change: Option<Change>) -> Result<(), Explained> {
         let rejected = |unfit: Unfit| Explained::new(unfit.to_string(), LEARN_AGAIN);
         self.compensation.prefer(axis, change.clone()).map_err(rejected)?;
-        self.storage.preferred(axis, change.as_ref());
+        self.requested(axis, change.as_ref());
+        Ok(())
+    }
+
+    /// Records in the log that a change of the preferred model was requested, or that none waits any more.
+    fn requested(&mut self, axis: usize, change: Option<&Change>) {
+        self.storage.preferred(axis, change);
         self.storage.remember_soon();
         self.next_due = self.compensation.next_due();
-        Ok(())
     }
 
     /// Reports each axis whose preferred model has changed in this step. Returns whether there is one.

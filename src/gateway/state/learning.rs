@@ -101,12 +101,10 @@ impl AxisLearning {
         (is_news.then_some(gain), consequence)
     }
 
-    /// Returns the policy for the candidate. A person adopts a model to which the axis does not return by itself,
-    /// because a person has left it.
+    /// Returns the policy for the candidate. Only an operator adopts a model that an operator has taken back.
     pub(in crate::gateway) fn policy(&self, policy: Policy, preference: &Preference) -> Policy {
-        let left = preference.before().and_then(Preferred::name);
         match &self.offer {
-            Some(offer) if left == Some(offer.name.as_str()) => Policy::Propose,
+            Some(offer) if preference.is_taken_back(&offer.name) => Policy::Propose,
             _ => policy,
         }
     }

@@ -35,6 +35,7 @@ export class Learned {
     say(this.candidate, candidate?.better && auto ? `${judged} ${t("adopts_itself")}` : judged);
     this.adopt.hidden = !candidate?.better || waiting !== null;
     this.back.hidden = before === null && waiting === null;
+    say(this.back, t(waiting === null ? "adopt_back" : "adoption_withdraw"));
   }
 
   enable(may) {

@@ -175,13 +175,21 @@ fn a_change_that_waits_is_withdrawn_by_the_way_back() {
     let directory = tempfile::tempdir().unwrap();
     let text = learning("adopt = \"auto\"").replacen("[axis.z]", "[axis.z]\ndatum = \"zero\"", 1);
     write(directory.path(), &offer("learned-2026-01-05-3fa2", 6.9));
-    let trace = block_on(async {
+    let (first, second) = block_on(async {
         let mut world = World::new(&text, "").await;
-        let trial = world.gateway().options(in_directory(directory.path()));
-        trial.command(3 * MINUTE, Command::AdoptBack).command(6 * MINUTE, Command::Zero).run(9 * MINUTE).await
+        let first = world.gateway().options(in_directory(directory.path()));
+        let first = first.command(3 * MINUTE, Command::AdoptBack).command(6 * MINUTE, Command::Zero);
+        let first = first.run(9 * MINUTE).await;
+        // The gateway takes the same candidate again.
+        let second = world.gateway().options(in_directory(directory.path()));
+        (first, second.command(3 * MINUTE, Command::Zero).run(6 * MINUTE).await)
     });
-    assert_eq!(trace.reported("model-adopted"), 0, "{}", trace.lines());
-    assert_eq!(learned(trace.samples.last().unwrap()).waiting, None);
+    for trace in [&first, &second] {
+        assert_eq!(trace.reported("model-adopted"), 0, "{}", trace.lines());
+        let last = learned(trace.samples.last().unwrap());
+        assert_eq!((last.waiting.as_deref(), last.auto), (None, false));
+        assert!(last.candidate.as_ref().is_some_and(|candidate| candidate.better), "a person may adopt it");
+    }
 }
 
 #[test]

@@ -261,6 +261,16 @@ fn what_nobody_measures_is_not_measured_and_commands_say_what_they_will_do() {
 }
 
 #[test]
+fn the_way_back_of_a_change_that_waits_is_named_as_a_withdrawal() {
+    let waits = |status: &mut Status| {
+        status.axes[0].learned.as_mut().unwrap().waiting = Some("learned-2026-07-01-3fa2".into());
+    };
+    let no_return = "eval:!document.body.innerText.includes('Return to the model before')";
+    looked_at_with(waits, &[("", &["Withdraw this change", no_return])]);
+    looked_at_with(|_| (), &[("", &["Return to the model before"])]);
+}
+
+#[test]
 fn a_wrong_sign_stays_in_sight_and_the_answer_to_a_command_is_seen_from_everywhere() {
     let checked = |status: &mut Status| {
         status.axes[0].sign_checked = Some(("2026-07-02T11:00:00Z".into(), DialDirection::Minus));

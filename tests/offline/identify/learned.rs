@@ -244,6 +244,20 @@ fn a_chip_under_the_probe_is_not_learned_from() {
 }
 
 #[test]
+fn a_day_on_which_another_part_was_probed_is_named_and_not_learned_from() {
+    let (profile, days) = (profile(TRUE), machine_days(2, 109));
+    let mut learning = nothing();
+    take(&mut learning, &profile, &[log(0, &days[0], None)], after(0));
+    let mut other = days[1].clone();
+    other.error[31..].iter_mut().for_each(|error| *error += 300.0);
+    let taken = take(&mut learning, &profile, &[log(1, &other, None)], after(1));
+    assert_eq!((taken[0].touches, taken[0].doubted, taken[0].judged), (Some(0), 6, None), "{taken:?}");
+    let why = taken[0].skipped.as_deref().unwrap_or_default();
+    assert!(why.starts_with("its touches (6) were all left out as wrong"), "{taken:?}");
+    assert_eq!(learning.runs(), 1);
+}
+
+#[test]
 fn another_model_in_use_begins_the_judgement_again_and_a_faulty_day_is_left_out() {
     let days = machine_days(5, 97);
     let logs: Vec<String> = (0..).zip(&days).map(|(number, day)| log(number, day, None)).collect();
@@ -292,6 +306,11 @@ fn the_verb_learns_from_the_logs_of_the_state_directory_and_keeps_the_runs_when_
         said.contains("proposed: the candidate would have left") && said.contains("touches: 6"),
         "{said}"
     );
+    assert!(said.contains("; --write MODEL.toml writes it"), "{said}");
+    let daily = text(POOR).replacen("q = 400.0", "q = 400.0\nlearn = \"daily\"", 1);
+    std::fs::write(home.path().join("bench.toml"), &daily).unwrap();
+    let (said, is_good) = learn(home.path(), &[]);
+    assert!(is_good && said.contains("; `isotherm adopt` adopts it"), "{said}");
     for entry in std::fs::read_dir(&state).unwrap() {
         let path = entry.unwrap().path();
         if path.extension().is_some_and(|ending| ending == "csv") {

@@ -122,6 +122,9 @@ pub struct Preference {
     before: Option<Preferred>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     waiting: Option<Change>,
+    /// Name of the learned model whose adoption an operator withdrew last.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    withdrawn: Option<String>,
 }
 
 impl Preferred {
@@ -163,6 +166,12 @@ impl Preference {
         self.waiting.as_ref()
     }
 
+    /// Returns whether an operator has left this learned model, or has withdrawn its adoption.
+    pub fn is_taken_back(&self, name: &str) -> bool {
+        let left = self.before().and_then(Preferred::name);
+        [left, self.withdrawn.as_deref()].contains(&Some(name))
+    }
+
     /// Returns the fingerprint of the profile's models to which the preference belongs.
     pub fn own(&self) -> &str {
         &self.own
@@ -172,14 +181,20 @@ impl Preference {
         matches!(self.preferred, Preferred::Learned(_))
     }
 
-    /// Returns whether the preference must be saved: a learned model is preferred, or waits, or can be returned to.
+    /// Returns whether the preference must be saved: a learned model is preferred, or waits, or was left or withdrawn.
     pub(super) fn is_worth_saving(&self) -> bool {
-        self.is_learned() || self.before.is_some() || self.waiting.is_some()
+        self.is_learned() || self.before.is_some() || self.waiting.is_some() || self.withdrawn.is_some()
     }
 
     /// Replaces the change that waits.
     pub(super) fn set_waiting(&mut self, change: Option<Change>) {
         self.waiting = change;
+    }
+
+    /// Discards the change that waits, and records the learned model to which it would have led.
+    pub(super) fn withdraw(&mut self) {
+        let name = self.waiting.take().and_then(|change| change.to.name().map(str::to_owned));
+        self.withdrawn = name.or(self.withdrawn.take());
     }
 
     /// Takes the change that may take effect in this step.

@@ -63,6 +63,12 @@ impl Axis {
         Ok(())
     }
 
+    /// Withdraws the change of the preferred model that waits, because an operator does not want it.
+    pub(in crate::compensation) fn withdraw(&mut self) {
+        self.preference.withdraw();
+        self.due = None;
+    }
+
     /// Restores the preferred model of an earlier run. The models of the profile are preferred if they have changed.
     pub(super) fn recall_preference(&mut self, kept: Option<&Preference>) {
         let Some(slot) = &self.settings.learned else { return };

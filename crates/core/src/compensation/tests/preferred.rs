@@ -121,7 +121,25 @@ fn an_adoption_beyond_the_limit_of_the_probe_waits_for_the_datum() {
     assert_eq!((decision.model, decision.cz, rig.preferred()), (Some(0), before.cz, None));
     assert!(rig.compensation.preference(0).unwrap().waiting().is_some());
     rig.prefer(None).unwrap();
-    assert_eq!(rig.compensation.preference(0).unwrap().waiting(), None, "withdrawn");
+    let preference = rig.compensation.preference(0).unwrap();
+    assert_eq!(
+        (preference.waiting(), preference.is_taken_back("far")),
+        (None, false),
+        "replaced by no change"
+    );
+}
+
+#[test]
+fn a_model_whose_adoption_was_withdrawn_is_taken_back_over_a_restart() {
+    let mut rig = warm(learning_axis());
+    rig.prefer(change(learned("far", [30.0, 0.0, 0.0]), When::Now)).unwrap();
+    rig.compensation.withdraw(0);
+    rig.restart(learning_axis());
+    // A withdrawal without a change that waits changes nothing.
+    rig.compensation.withdraw(0);
+    let preference = rig.compensation.preference(0).unwrap();
+    assert_eq!((preference.waiting(), preference.before()), (None, None));
+    assert!(preference.is_taken_back("far") && !preference.is_taken_back("near"));
 }
 
 #[test]
