@@ -61,7 +61,7 @@ fn the_memory_limit_of_the_unit_is_above_what_a_gateway_may_need() {
     let limit = values("MemoryMax");
     let [limit] = limit.as_slice() else { panic!("{limit:?}") };
     let limit: u64 = limit.strip_suffix('G').unwrap().parse().unwrap();
-    assert!(1024 * limit > 2 * MEASURED + 2 * 256 + 240, "{limit}");
+    assert!(1024 * limit > 2 * MEASURED + 2 * 256 + 420, "{limit}");
 }
 
 #[test]
