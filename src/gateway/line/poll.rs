@@ -420,17 +420,15 @@ impl LineTask {
             let what = || format!("a poll of {}", self.shared.profile.device(device).name);
             self.shared.overrun(self.bus, overruns, late, what);
         }
-        let is_connected = match &self.can {
-            Some(can) => can.link.fault().is_none(),
-            None => self.line.is_connected(),
-        };
+        // The listener records whether a CAN interface is up.
+        let is_connected = self.can.is_none().then(|| self.line.is_connected());
         let mut core = self.shared.core();
         if self.steps_axes {
             self.step_due = self.step_due.max(core.next_due);
         }
         let count = &mut core.device_health.buses[self.bus.0];
         count.cycles += 1;
-        count.connected = is_connected;
+        count.connected = is_connected.unwrap_or(count.connected);
         let late_ms = late.as_secs_f64() * 1000.0;
         let bucket = JITTER_MS.iter().position(|bound| late_ms <= *bound).unwrap_or(JITTER_MS.len());
         count.jitter[bucket] += 1;

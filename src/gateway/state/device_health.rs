@@ -235,7 +235,10 @@ impl DeviceHealth {
             _ => true,
         };
         let lost = count.lost.take_if(|_| has_returned).filter(|lost| lost.reported.is_some());
-        self.link_is_up(self.profile.device(id).bus, events);
+        let bus = self.profile.device(id).bus;
+        if self.requests_show_link(bus) {
+            self.link_is_up(bus, events);
+        }
         let device = self.profile.device(id);
         events.extend(lost.map(|lost| Event::DeviceBack {
             device: device.name.clone(),
@@ -259,9 +262,7 @@ impl DeviceHealth {
             let refusal = self.explained(id, refused);
             self.devices[id.0].misses(refusal);
             let bus = self.profile.device(id).bus;
-            // The listener reports whether a CAN interface is up. A request that failed before that is not reported
-            // again.
-            if !(self.profile.bus(bus).transport.is_can() && self.buses[bus.0].connected) {
+            if self.requests_show_link(bus) {
                 self.link_is_down(bus, attempts.into(), refused, events);
             }
             return;
@@ -285,6 +286,12 @@ impl DeviceHealth {
         if !is_down && lost.has_news() {
             events.push(lost.report(self.profile.device(id)));
         }
+    }
+
+    /// Returns whether the result of a request shows the state of the connection of this line. Of a CAN interface only
+    /// its listener reports the state: an answer or a failed request can be older than a change of that state.
+    fn requests_show_link(&self, bus: BusId) -> bool {
+        !self.profile.bus(bus).transport.is_can()
     }
 
     /// Records that a line has a connection or an interface again, and reports it.

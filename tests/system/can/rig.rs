@@ -63,7 +63,13 @@ impl Interface {
     }
 
     pub(crate) fn down(&self) {
-        shell(&format!("ip link set dev {} down", self.0));
+        self.goes_down_after("true");
+    }
+
+    /// Runs a command, and takes the interface down directly after it.
+    pub(crate) fn goes_down_after(&self, command: &str) {
+        let command = command.replace("INTERFACE", &self.0);
+        shell(&format!("{command}; ip link set dev {} down", self.0));
     }
 
     /// Sends a frame in the notation of cansend.

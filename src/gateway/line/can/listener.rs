@@ -149,10 +149,15 @@ impl CanListener {
         let gap = self.stall_detector.sample(clock.now()).filter(|_| !clock.is_virtual());
         if let Some(since) = gap {
             // The frames in the socket arrived while the task did not run. Their age is unknown.
-            self.discard();
+            let fault = self.discard();
             self.shared.stalled_at(since);
+            if let Some(fault) = fault.filter(|_| self.is_up) {
+                self.lose_interface(fault);
+            }
         }
-        self.receive();
+        if self.is_up {
+            self.receive();
+        }
         let now = self.shared.clock.now();
         if self.is_up {
             let set_up = std::mem::take(&mut self.can.handed().set_up);
@@ -178,16 +183,31 @@ impl CanListener {
                     self.report_health(changes);
                 }
                 Ok(None) => return,
-                Err(DOWN) if !self.can.link.is_down() => {}
+                Err(fault) if self.is_outdated(fault) => {}
                 Err(fault) => return self.lose_interface(fault),
             }
         }
     }
 
-    fn discard(&mut self) {
-        while let Some((socket, _)) = &self.socket
-            && matches!(socket.receive_now(), Ok(Some(_)))
-        {}
+    /// Discards all received frames. Returns the fault that the socket reported in between, if it still applies.
+    fn discard(&self) -> Option<Fault> {
+        let (socket, _) = self.socket.as_ref()?;
+        let mut fault = None;
+        loop {
+            match socket.receive_now() {
+                Ok(Some(_)) => {}
+                // The socket reports an interface that is down a single time.
+                Err(DOWN) if fault.is_none() => fault = Some(DOWN),
+                Ok(None) => break,
+                Err(other) => return Some(other),
+            }
+        }
+        fault.filter(|fault| !self.is_outdated(*fault))
+    }
+
+    /// Returns whether a socket reports a fault that is over: the interface is up again.
+    fn is_outdated(&self, fault: Fault) -> bool {
+        fault == DOWN && !self.can.link.is_down()
     }
 
     fn take(&mut self, frame: &Frame) {
@@ -249,11 +269,13 @@ impl CanListener {
         self.shared.wake_line(self.bus);
     }
 
-    /// Handles a failed call to the socket: the interface is down or was removed.
+    /// Handles a failed call to the socket: the interface is down or was removed. The socket may still hold frames from
+    /// before. They are discarded, because a later read would take them for signs of life.
     fn lose_interface(&mut self, fault: Fault) {
         self.can.link.failed(fault);
         self.is_up = false;
         self.unsent.clear();
+        let _ = self.discard();
         self.is_without(fault);
     }
 
