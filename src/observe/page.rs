@@ -348,7 +348,7 @@ fn commands(words: &Words, may: PageAction, is_signed_in: bool) -> Markup {
                 PageAction::SignIn => { p { (words.get("commands_want_operator")) " " a href="login" { (words.get("sign_in")) } } }
                 PageAction::MakeToken => {
                     p { (words.get("commands_want_token")) }
-                    pre tabindex="0" { code { (TOKEN_LINES) } }
+                    pre { code { (TOKEN_LINES) } }
                 }
             }
             p #answer role="status" {}

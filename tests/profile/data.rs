@@ -361,6 +361,10 @@ fn an_envelope_belongs_to_any_model_and_says_what_happens_outside() {
     let reported = reported(&loaded);
     let words = "identified on bed 20 … 30 °C, (wheelhead − its value at machine start) 0 … 9 °C, within 3.0";
     assert!(reported.contains(words) && reported.contains("Cz is reduced"), "{reported}");
+    let exact =
+        e(&ENVELOPE.replace("\"min\": 20, \"max\": 30", "\"min\": 20.123456789, \"max\": 30.98765432"))
+            .unwrap();
+    assert!(self::reported(&exact).contains("bed 20.123 … 30.988 °C"), "{}", self::reported(&exact));
     for (from, to, words) in [
         ("[[4, 1], [1, 4]]", "[[4, 4], [4, 4]]", "not positive definite: wheelhead"),
         ("[[4, 1], [1, 4]]", "[[4]]", "1 rows of 1 columns; 2 inputs need as many rows and columns"),
@@ -450,14 +454,15 @@ fn stand_ins_say_who_is_watched_and_for_whom_others_stand_in() {
         of(&loaded).watched().map(|(_, replaces)| replaces).collect::<Vec<_>>(),
         [Replaces::FrozenOrLost, Replaces::Nothing]
     );
-    let words = "2 sensors are checked for frozen readings; other sensors replace bed; not wheelhead";
+    let words = "2 sensors are checked for frozen readings; if frozen or lost, other sensors replace bed; no other sensors \
+                 replace wheelhead";
     assert!(reported(&loaded).contains(words), "{}", reported(&loaded));
     let one = watched(&STAND_INS.replace(", { \"signal\": \"scale_z\", \"lag_s\": 0, \"gain\": 0.001 }", ""));
     let one = of(&one);
     assert!(one.watched().all(|(_, replaces)| replaces == Replaces::Nothing), "one other is too few");
     let unfit = watched(&STAND_INS.replace("\"stands_in\": true", "\"stands_in\": false"));
     assert_eq!(of(&unfit).watched().next().unwrap().1, Replaces::Frozen);
-    let words = "only while frozen, not if lost: bed";
+    let words = "only if frozen, not if lost, other sensors replace bed";
     assert!(reported(&unfit).contains(words), "{}", reported(&unfit));
     assert_eq!(of(&loaded), of(&watched(STAND_INS)), "the same file is the same");
     let other = of(&watched(&STAND_INS.replace("0.31", "0.32")));

@@ -106,6 +106,28 @@ fn a_good_profile_is_explained_in_words_and_figures() {
     assert_eq!(document["writes"][1]["register"]["modicon"], "40105");
 }
 
+/// Numbers of an identified model have up to seventeen digits in the profile.
+#[test]
+fn numbers_of_a_model_have_as_many_digits_as_matter() {
+    let terms = "{ signal = \"bed\", gain = 2.123456789, reference = 20.123456789 },\n\
+                 { signal = \"bed\", gain = 0.00123456789, reference = 20.123456789, lag = \"1h\" },";
+    let text = GRINDER.replacen("{ signal = \"bed\", gain = 2.4, reference = 20.0 },", terms, 1).replacen(
+        "kind = \"linear\"\n",
+        "kind = \"linear\"\noffset = -7.98765432109\nexpected = { since_datum = [0.91234567891, 4.41234567891] }\n",
+        1,
+    );
+    let reported = isotherm_profile::preview::Preview::of(&parse(&text).unwrap().profile).to_string();
+    for words in [
+        "Cz = 2.123·(bed − 20.123) + 0.001235·(bed − 20.123) lagged by 1h",
+        "− 7.988 µm",
+        "Cz changes by +2.123 µm",
+        "Cz changes by +0.001235 µm",
+        "expected within ±√(0.9123·h + 4.412) µm",
+    ] {
+        assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
+    }
+}
+
 #[test]
 fn an_operators_register_is_explained_as_his() {
     let machine = with("share = \"whole\"", "share = \"ledger\"").unwrap().profile;

@@ -70,6 +70,11 @@ impl<T: PartialEq> Cause<T> {
         Cause { reported, other: None }
     }
 
+    /// Returns the cause that was reported last.
+    pub fn reported(&self) -> &T {
+        &self.reported
+    }
+
     /// Records the cause that was found now. Returns true if the cause must be reported: it differs from the reported
     /// one and was found `often` times in a row. Alternating causes are never reported.
     pub fn is_now(&mut self, cause: T, often: u32) -> bool {

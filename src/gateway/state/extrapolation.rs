@@ -14,7 +14,7 @@ const MEASURE: &str =
 
 /// Returns a text about an extrapolation: the input that is outside, by how much, and what the axis does.
 fn message(profile: &Profile, found: &Extrapolation) -> String {
-    let farthest = farthest(profile, found, |by, unit| format!("{by:.2} {unit} "));
+    let farthest = farthest(profile, found, |by, unit| format!("is {by:.2} {unit} "));
     let Some((distance, reach)) = found.distance else {
         return format!(
             "extrapolating: {farthest} of the guideway; Cz is the value at the end of the guideway"
@@ -34,18 +34,39 @@ fn message(profile: &Profile, found: &Extrapolation) -> String {
 
 /// Returns cause and hint without the figures, which change all the time.
 pub(super) fn cause(profile: &Profile, found: &Extrapolation) -> Explained {
-    let farthest = farthest(profile, found, |_, _| String::new());
+    let farthest = farthest(profile, found, |_, _| "is ".to_owned());
     Explained::new(format!("extrapolating: {farthest}"), MEASURE)
 }
 
-/// Returns a text about the input that is farthest outside. `by` formats the distance and its unit.
+/// Returns the text of the alarm: how extrapolation began, what the axis does, and what ends the alarm. An alarm may
+/// last for days, so the text has no figures that change.
+fn alarm(profile: &Profile, found: &Extrapolation) -> String {
+    let farthest = farthest(profile, found, |_, _| "was ".to_owned());
+    let is_guideway = found.distance.is_none();
+    let does = match found.outside {
+        _ if is_guideway => "Cz is the value at the end of the guideway",
+        Outside::Warn => "Cz still follows the model",
+        Outside::Hold => "Cz does not change",
+        Outside::Shrink => "Cz is smaller than the value of the model",
+        Outside::Agree => "Cz follows the model as far as its two halves agree",
+    };
+    let share = -100.0 * CLEARLY_INSIDE;
+    let ends = if is_guideway {
+        format!("the position is inside the guideway by {share:.0} % of its length")
+    } else {
+        format!("every input is inside its range by {share:.0} % of the range, and their combination as well")
+    };
+    format!("extrapolating, which began because {farthest}; {does}; the alarm ends when {ends}")
+}
+
+/// Returns a text about the input that is farthest outside. `by` formats the verb, the distance and its unit.
 fn farthest(profile: &Profile, found: &Extrapolation, by: impl Fn(f64, Unit) -> String) -> String {
     let Some(beyond) = found.farthest else {
         return "the model was not identified with this combination of inputs".to_owned();
     };
     let signal = profile.signal(beyond.signal);
     let side = if beyond.by < 0.0 { "below its smallest" } else { "above its largest" };
-    format!("{} is {}{side} value", signal.name, by(beyond.by.abs(), signal.unit))
+    format!("{} {}{side} value", signal.name, by(beyond.by.abs(), signal.unit))
 }
 
 /// Returns the event for a change: one when extrapolation begins, and one when it is over. Extrapolation is over when
@@ -61,7 +82,7 @@ pub(super) fn event(
     match &decision.extrapolating {
         Some(found) if !*reported => {
             *reported = true;
-            let how = Explained::new(message(profile, found), MEASURE);
+            let how = Explained::new(alarm(profile, found), MEASURE);
             Some(Event::Extrapolating { axis: axis(), how })
         }
         None if *reported
@@ -181,5 +202,45 @@ mod tests {
             assert_eq!(message(&profile, &found), expected);
             assert_eq!(status(&profile, &found).text, expected);
         }
+    }
+
+    #[test]
+    fn the_alarm_has_no_figures_that_change_and_says_what_ends_it() {
+        let profile = sample::profile();
+        let found = |by, outside, distance, gain| Extrapolation {
+            distance,
+            farthest: Some(Beyond { signal: SignalId(0), by }),
+            outside,
+            gain,
+            apart: Micron::new(by),
+        };
+        for (outside, does) in [
+            (Outside::Warn, "Cz still follows the model"),
+            (Outside::Hold, "Cz does not change"),
+            (Outside::Shrink, "Cz is smaller than the value of the model"),
+            (Outside::Agree, "Cz follows the model as far as its two halves agree"),
+        ] {
+            let first = alarm(&profile, &found(0.1, outside, Some((3.1, 3.0)), 1.0));
+            assert_eq!(
+                first,
+                format!(
+                    "extrapolating, which began because bed was above its largest value; {does}; the alarm ends \
+                     when every input is inside its range by 5 % of the range, and their combination as well"
+                )
+            );
+            let later = alarm(&profile, &found(9.7, outside, Some((12.0, 3.0)), 0.2));
+            assert_eq!(first, later);
+        }
+        assert_eq!(
+            alarm(&profile, &found(35.0, Outside::Warn, None, 1.0)),
+            "extrapolating, which began because bed was above its largest value; Cz is the value at the end of the \
+             guideway; the alarm ends when the position is inside the guideway by 5 % of its length"
+        );
+        let combination =
+            Extrapolation { farthest: None, ..found(0.0, Outside::Hold, Some((3.1, 3.0)), 1.0) };
+        let text = alarm(&profile, &combination);
+        let began =
+            "began because the model was not identified with this combination of inputs; Cz does not change";
+        assert!(text.contains(began), "{text}");
     }
 }

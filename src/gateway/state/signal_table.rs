@@ -362,8 +362,13 @@ impl SignalTable {
         self.latest.assess(id, now).usable()
     }
 
-    /// Returns the changes of quality since the last call.
-    pub(in crate::gateway) fn changes(&mut self, now: Moment) -> Vec<QualityChange> {
+    /// Returns the changes of quality since the last call. `is_lost` returns whether the device of a signal was reported
+    /// as lost.
+    pub(in crate::gateway) fn changes(
+        &mut self,
+        now: Moment,
+        is_lost: impl Fn(SignalId) -> bool,
+    ) -> Vec<QualityChange> {
         let mut changes = Vec::new();
         for (place, reading) in self.seen.iter().enumerate() {
             if let Some(counter) = &mut self.counters[place] {
@@ -376,8 +381,12 @@ impl SignalTable {
                 changes
                     .extend(change.map(|(from, to)| QualityChange::ScaleChanged(SignalId(place), from, to)));
             }
-            let is_of_the_device =
-                |reason| matches!(reason, Reason::LinkDown | Reason::Timeout | Reason::BadReply);
+            let is_of_the_device = |reason| match reason {
+                Reason::LinkDown | Reason::Timeout | Reason::BadReply => true,
+                // A Modbus gateway reports that the device behind it did not answer.
+                Reason::Exception(10 | 11) => is_lost(SignalId(place)),
+                _ => false,
+            };
             match (reading.quality, &mut self.bad[place]) {
                 (Quality::Good, bad) => {
                     let ended = bad.take().filter(|bad| bad.is_reported);
@@ -385,9 +394,11 @@ impl SignalTable {
                 }
                 (Quality::Bad(Reason::NeverRead), _) => {}
                 (Quality::Bad(reason), Some(bad)) => {
-                    if bad.cause.is_now(reason, CHANGED_AFTER_STEPS)
-                        && (bad.is_reported || !is_of_the_device(reason))
-                    {
+                    let is_news = bad.cause.is_now(reason, CHANGED_AFTER_STEPS);
+                    // The device answers its gateway again, but this signal is still bad.
+                    let is_own = !is_of_the_device(reason);
+                    let is_left = is_own && !bad.is_reported && *bad.cause.reported() == reason;
+                    if is_left || (is_news && (is_own || bad.is_reported)) {
                         bad.is_reported = true;
                         changes.push(QualityChange::Lost(SignalId(place), reason));
                     }

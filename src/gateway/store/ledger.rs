@@ -70,7 +70,8 @@ impl Ledger {
     }
 
     /// Opens the register ledger of a machine, and the writer of its document. A dry run does not change the entries on
-    /// disk. `remembers` returns whether an earlier run verified an offset in an output.
+    /// disk. If it is the first run, it saves that no write may still arrive at a register. `remembers` returns whether
+    /// an earlier run verified an offset in an output.
     pub(in crate::gateway) fn open(
         profile: &Arc<Profile>,
         run: LedgerRun,
@@ -82,7 +83,11 @@ impl Ledger {
         let content = opened.ok().flatten().unwrap_or_default();
         let found = found(profile, content.outputs.clone(), is_readable, remembers);
         let ours = || Content { outputs: found.clone(), ..Content::default() }.not_in_order();
-        let entries = if run.dry_run && is_readable { content.outputs } else { ours().outputs };
+        let entries = match (run.dry_run && is_readable, is_first) {
+            (true, true) => unwritten_entries(profile),
+            (true, false) => content.outputs,
+            (false, _) => ours().outputs,
+        };
         entries.iter().for_each(|(name, entry)| file.set_output(name, entry));
         // A document that is not accepted does not prove that a run ended in order. It is kept under another name
         // before it is replaced. A start does not wait for that.
@@ -102,7 +107,7 @@ impl Ledger {
     /// Returns the entry of an output that was on disk at the start. `None` if nothing is known about its register.
     pub(in crate::gateway) fn at_start(&self, output: &Output) -> Option<output::SavedOutput> {
         if self.is_first && !is_shared(output) {
-            return Some(output::SavedOutput { in_order: true, ..output::SavedOutput::default() });
+            return Some(unwritten());
         }
         let counted = self.clock.shift().reversed();
         self.found.get(&output.name).map(|entry| entry.kept.shifted(counted))
@@ -147,6 +152,19 @@ impl Ledger {
             writer.finish(span).await;
         }
     }
+}
+
+/// Returns the state of an output to which no run has written.
+fn unwritten() -> output::SavedOutput {
+    output::SavedOutput { in_order: true, ..output::SavedOutput::default() }
+}
+
+/// Returns entries for a machine to which no run has written. A shared register has none, because nothing is known of
+/// its operator offset.
+fn unwritten_entries(profile: &Profile) -> Entries {
+    let outputs = profile.outputs.iter().filter(|output| !is_shared(output));
+    let entry = |output: &Output| Entry::new(places::of_output(profile, output), unwritten());
+    outputs.map(|output| (output.name.clone(), entry(output))).collect()
 }
 
 /// Returns the saved entries for the outputs of this profile. For a shared register whose gateway share (part that the

@@ -162,6 +162,17 @@ fn a_device_that_answers_exceptions_makes_its_signals_bad_by_that_name() {
     assert_eq!(trace.reported("device-lost") + trace.reported("link-down"), 0, "{}", trace.lines());
 }
 
+/// A Modbus gateway answers with exception 10 or 11 for a device that does not answer it.
+#[test]
+fn a_device_that_its_gateway_misses_is_reported_once_and_not_for_each_signal() {
+    for code in [10, 11] {
+        let trace = thermocouples(&format!("kind = \"exception\"\ncode = {code}\nfor_time = \"60s\""));
+        others_went_on(&trace);
+        one_line_each_way(&trace, "device-lost", "device-back");
+        assert_eq!(trace.qualities("bed", 55, 300), ["good", "exception", "good"], "{}", trace.lines());
+    }
+}
+
 fn is_never_believed(kind: &str, quality: &[&str]) {
     was_never_believed(&thermocouples(&format!("kind = \"{kind}\"\nfor_time = \"60s\"")), quality);
 }

@@ -327,7 +327,7 @@ fn a_spoilt_ledger_is_a_question_and_a_person_answers_it() {
 }
 
 #[test]
-fn a_dry_run_keeps_nothing_of_an_output() {
+fn a_dry_run_keeps_nothing_of_a_shared_register() {
     let directory = tempfile::tempdir().unwrap();
     let trace = block_on(async {
         let mut world = World::new(&joint(), &at_start()).await;
@@ -338,7 +338,54 @@ fn a_dry_run_keeps_nothing_of_an_output() {
     law::holds(&trace);
     assert_eq!(trace.states(), ["waiting", "active"], "{}", trace.lines());
     let kept = fs::read_to_string(directory.path().join("bench.state.json")).unwrap();
-    assert!(kept.contains("\"outputs\": {\n}"), "{kept}");
+    let (_, outputs) = kept.split_once("\"outputs\": {\n").unwrap();
+    assert!(outputs.starts_with("\"readout_z\": ") && !outputs.contains("\"cnc_z\": "), "{kept}");
+}
+
+/// A run of the bench: whether it is a dry run, and whether it is killed.
+#[derive(Clone, Copy)]
+struct Start {
+    is_dry: bool,
+    is_killed: bool,
+}
+
+/// Returns how many outputs wait for late writes at the start of the last of these runs.
+fn waiting_at_the_last_start(starts: &[Start]) -> usize {
+    let directory = tempfile::tempdir().unwrap();
+    let traces = block_on(async {
+        let mut world = World::new(BENCH, "").await;
+        let mut traces = Vec::new();
+        for start in starts {
+            let state = Some(directory.path().to_owned());
+            let trial = world
+                .gateway()
+                .options(|options| (options.directory, options.dry_run) = (state, start.is_dry));
+            traces.push(if start.is_killed {
+                trial.killed_after(MINUTE).await
+            } else {
+                trial.run(MINUTE).await
+            });
+        }
+        traces
+    });
+    let last = traces.last().unwrap();
+    law::holds(last);
+    last.reported("waits-after-start")
+}
+
+#[test]
+fn the_first_run_after_a_dry_run_waits_for_no_late_write() {
+    let dry = Start { is_dry: true, is_killed: false };
+    let real = Start { is_dry: false, is_killed: false };
+    let killed = |start: Start| Start { is_killed: true, ..start };
+    assert_eq!(waiting_at_the_last_start(&[dry, real]), 0);
+    assert_eq!(waiting_at_the_last_start(&[killed(dry), dry, real]), 0, "a dry run writes nothing");
+    assert_eq!(waiting_at_the_last_start(&[dry, real, dry, real]), 0);
+    assert!(
+        waiting_at_the_last_start(&[killed(real), dry, real]) > 0,
+        "a dry run does not hide a killed run"
+    );
+    assert!(waiting_at_the_last_start(&[dry, killed(real), real]) > 0);
 }
 
 /// Disk that keeps nothing under a second name before its sender is dropped.

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use isotherm::observe::events::{Acknowledgement, Entry, Level};
+use isotherm::observe::http::Admission;
 use isotherm::observe::status::{DialDirection, Status};
 use isotherm_core::display::Display;
 
@@ -16,6 +17,11 @@ const NO_SCROLLING: &str = "eval:document.documentElement.scrollHeight <= innerH
 /// Nothing reaches over the right edge of the window. (`innerWidth` of a phone grows with what does.)
 const NOTHING_CUT: &str = "eval:[...document.querySelectorAll('body *')].every((node) => !node.checkVisibility() || \
                            node.getBoundingClientRect().right <= document.documentElement.clientWidth + 1)";
+/// No element is wider than its box, so nothing is cut in it and nothing scrolls sideways. Four kinds are exempt. A
+/// limit bar clips the mark at its end, and a phone hides the head of a table. SVG and uPlot clip what they draw.
+const NOTHING_WIDER: &str = "eval:[...document.querySelectorAll('body *')].every((node) => !node.checkVisibility() || \
+                             node.matches('.track, thead, thead *, svg, svg *, .uplot, .uplot *') || \
+                             node.scrollWidth <= node.clientWidth + 1)";
 
 /// Each word of a state fits on a phone as the word of the machine.
 const WORDS_FIT: &str = "eval:Object.entries(JSON.parse(document.querySelector('#words').textContent)).filter(([key]) => key.startsWith('state.'))\
@@ -148,6 +154,7 @@ fn a_wall_shows_eight_axes_as_a_table_and_the_page_as_rows() {
         apart,
         "size:390x844",
         NOTHING_CUT,
+        NOTHING_WIDER,
     ];
     looked_at_with(|status| with_axes(status, &names), &[("/?view=wall", &wall), ("", &page)]);
 }
@@ -162,7 +169,8 @@ fn a_machine_with_many_devices_has_pages_with_the_state_of_the_whole() {
     // The answer to a command names each axis.
     let answer = "eval:((answer) => { answer.textContent = 'z, '.repeat(20000); answer.classList.add('fresh'); \
                   return answer.getBoundingClientRect().height < innerHeight / 2; })(document.querySelector('#answer'))";
-    let page = ["Axis z119", "Pages of 50 devices:", rows, links, whole, "size:390x844", NOTHING_CUT, answer];
+    let narrow = ["size:390x844", NOTHING_CUT, NOTHING_WIDER];
+    let page = [&["Axis z119", "Pages of 50 devices:", rows, links, whole][..], &narrow, &[answer]].concat();
     let second = "eval:document.querySelectorAll('#axes tbody tr').length === 50 && location.search === '?view=wall&page=2'";
     let none = "eval:document.querySelector('#pages').hidden";
     let views: [(&str, &[&str]); 3] = [
@@ -207,9 +215,43 @@ fn every_state_is_whole_in_four_languages_at_three_sizes() {
         let sizes =
             ["size:390x844", NOTHING_CUT, "size:1280x900", NOTHING_CUT, "size:1920x1080", NOTHING_CUT];
         let words = [&[language, &all][..], &sizes].concat();
-        let opened = [&words[..], &[OPEN, "size:390x844", NOTHING_CUT, WORDS_FIT]].concat();
+        let opened = [&words[..], &[OPEN, "size:390x844", NOTHING_CUT, NOTHING_WIDER, WORDS_FIT]].concat();
         looked_at_with(every, &[("", &opened), ("/?view=wall", &words)]);
     }
+}
+
+#[test]
+fn a_cause_is_whole_on_its_card_at_each_size_and_has_five_words_on_the_wall() {
+    let cause = "the output cnc_z is not verified: the control answers, but its register holds 12.3 µm, and the last write was 11.8 µm";
+    let whole = format!(
+        "eval:[...document.querySelectorAll('.axis .why')].every((node) => node.innerText.endsWith('{cause}'))"
+    );
+    let sizes = ["size:390x844", &whole, NOTHING_WIDER, "size:1280x900", &whole];
+    let words = [&[cause][..], &sizes].concat();
+    for names in [&["z"][..], &["x1", "x2", "y", "z", "w", "b", "u", "v"]] {
+        let long = |status: &mut Status| {
+            with_axes(status, names);
+            status
+                .axes
+                .iter_mut()
+                .for_each(|axis| (axis.why, axis.warned, axis.acted) = (cause.into(), false, Vec::new()));
+        };
+        looked_at_with(long, &[("", &words), ("/?view=wall", &["the output cnc_z is not …"])]);
+    }
+}
+
+/// The page of a gateway without a token has the lines that make one.
+#[test]
+fn the_lines_that_make_a_token_are_whole_on_a_phone() {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let tokens = tempfile::tempdir().unwrap();
+        let door = Door::open_at("127.0.0.1:0", Admission::default(), tokens).await;
+        let address = format!("http://{}", door.address);
+        let lines = ["Axis z", "isotherm token --out", "# below [web]"];
+        let words = [&lines[..], &["size:390x844", OPEN, NOTHING_CUT, NOTHING_WIDER]].concat();
+        tokio::task::spawn_blocking(move || look(&address, "", &words)).await.unwrap();
+    });
 }
 
 #[test]

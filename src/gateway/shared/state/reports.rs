@@ -9,6 +9,7 @@ use crate::gateway::state::signal_table::QualityChange;
 use crate::observe::events::Event;
 use isotherm_core::compensation::Snapshot;
 use isotherm_core::quantity::Moment;
+use isotherm_core::reading::SignalId;
 use isotherm_profile::Profile;
 
 impl GatewayState {
@@ -55,7 +56,9 @@ impl GatewayState {
     }
 
     pub(super) fn report_signals(&mut self, profile: &Profile, now: Moment) {
-        for change in self.board.changes(now) {
+        let GatewayState { board, device_health, .. } = &mut *self;
+        let is_lost = |id: SignalId| device_health.devices[profile.signal(id).device.0].is_reported_lost();
+        for change in board.changes(now, is_lost) {
             match change {
                 QualityChange::Lost(id, reason) => {
                     let reason = self.device_health.why(id, reason);
@@ -109,7 +112,7 @@ mod tests {
     use crate::gateway::state::test_profiles::bench;
     use crate::gateway::store::storage::Storage;
     use isotherm_core::compensation::Remembered;
-    use isotherm_core::reading::{Reason, SignalId};
+    use isotherm_core::reading::Reason;
 
     /// Period of the device `module`, and one signal of it.
     const SIGNAL: &str = r#"

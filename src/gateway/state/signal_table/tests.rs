@@ -125,16 +125,16 @@ fn a_change_is_reported_once_each_way_with_its_reason() {
     board.store(BED, Err(Reason::Sentinel), at(1), 0);
     for now in [at(1), at(2)] {
         board.check(now);
-        let reported = board.changes(now);
+        let reported = board.changes(now, |_| false);
         let expected: &[QualityChange] =
             if now == at(1) { &[QualityChange::Lost(BED, Reason::Sentinel)] } else { &[] };
         assert_eq!(reported, expected);
     }
     board.store(BED, Ok(20.5), at(3), 0);
     board.check(at(3));
-    assert_eq!(board.changes(at(3)), [QualityChange::Back(BED, at(1))]);
+    assert_eq!(board.changes(at(3), |_| false), [QualityChange::Back(BED, at(1))]);
     board.check(at(4));
-    assert_eq!(board.changes(at(4)), []);
+    assert_eq!(board.changes(at(4), |_| false), []);
 }
 
 /// A new reason is reported if it is found twice in a row, but not if it comes and goes.
@@ -146,7 +146,7 @@ fn another_reason_is_reported_once_it_lasts_and_the_end_comes_with_the_first_beg
         board.store(BED, found, at(second), 0);
         board.store(OPEN, Ok(0.0), at(second), 0);
         board.check(at(second));
-        board.changes(at(second))
+        board.changes(at(second), |_| false)
     };
     assert_eq!(look(1, Err(Reason::OpenCircuit)), [QualityChange::Lost(BED, Reason::OpenCircuit)]);
     assert_eq!(look(2, Err(Reason::LinkDown)), []);
@@ -155,6 +155,39 @@ fn another_reason_is_reported_once_it_lasts_and_the_end_comes_with_the_first_beg
     assert_eq!(look(5, Err(Reason::LinkDown)), [QualityChange::Lost(BED, Reason::LinkDown)]);
     assert_eq!(look(6, Err(Reason::LinkDown)), []);
     assert_eq!(look(7, Ok(20.5)), [QualityChange::Back(BED, at(1))]);
+}
+
+/// A Modbus gateway answers for a device that does not. The loss of this device is reported once, not for each signal.
+#[test]
+fn a_signal_of_a_lost_device_behind_a_gateway_is_reported_only_if_it_outlasts_the_loss() {
+    let profile = profile();
+    for code in [10, 11] {
+        let mut board = board(&profile);
+        let mut look = |second: u64, found: Result<f64, Reason>, is_lost: bool| {
+            board.store(BED, found, at(second), 0);
+            board.store(OPEN, Ok(0.0), at(second), 0);
+            board.check(at(second));
+            board.changes(at(second), |_| is_lost)
+        };
+        let missing = || Err(Reason::Exception(code));
+        assert_eq!(look(1, missing(), true), []);
+        assert_eq!(look(2, missing(), true), []);
+        assert_eq!(look(3, Ok(20.0), true), [], "the return of the device is reported instead");
+        assert_eq!(look(4, missing(), true), []);
+        assert_eq!(look(5, missing(), false), [QualityChange::Lost(BED, Reason::Exception(code))]);
+        assert_eq!(look(6, missing(), false), []);
+        assert_eq!(look(7, Ok(20.0), false), [QualityChange::Back(BED, at(4))]);
+        assert_eq!(
+            look(8, missing(), false),
+            [QualityChange::Lost(BED, Reason::Exception(code))],
+            "other registers of the device are read"
+        );
+        assert_eq!(look(9, Ok(20.0), false), [QualityChange::Back(BED, at(8))]);
+        assert_eq!(
+            look(10, Err(Reason::Exception(4)), true),
+            [QualityChange::Lost(BED, Reason::Exception(4))]
+        );
+    }
 }
 
 /// The loss of a device or a line is reported separately. A signal that is still bad after its device has returned is
@@ -167,7 +200,7 @@ fn a_reason_after_a_silent_device_is_reported_and_so_is_its_end() {
         board.store(BED, found, at(second), 0);
         board.store(OPEN, Ok(0.0), at(second), 0);
         board.check(at(second));
-        board.changes(at(second))
+        board.changes(at(second), |_| false)
     };
     assert_eq!(look(1, Err(Reason::Timeout)), []);
     assert_eq!(look(2, Ok(20.0)), []);
@@ -325,7 +358,7 @@ fn a_value_of_another_answer_waits_for_the_read_of_its_scale() {
     board.store_scale(BED, Ok(-1), 0);
     assert_eq!(value(&board, 2), Some(20.1));
     board.check(at(2));
-    assert!(board.changes(at(2)).contains(&QualityChange::ScaleChanged(BED, 0, -1)));
+    assert!(board.changes(at(2), |_| false).contains(&QualityChange::ScaleChanged(BED, 0, -1)));
     // A break of the continuity of the device, or a pause, discards the value that waits.
     board.store_scaled(BED, raw(2020), at(3), 0, ScalePlace::OtherAnswer);
     board.store_scale(BED, Ok(-1), 1);
@@ -416,7 +449,7 @@ fn a_scale_that_changed_while_the_gateway_was_stopped_is_reported_and_its_value_
     assert_eq!(run(&mut board, 2, -2, 200), Quality::Bad(Reason::ScaleChanged));
     assert_eq!(run(&mut board, 3, -2, 200), Quality::Bad(Reason::ScaleChanged), "2 °C");
     board.check(at(3));
-    assert!(board.changes(at(3)).contains(&QualityChange::ScaleChanged(BED, -1, -2)));
+    assert!(board.changes(at(3), |_| false).contains(&QualityChange::ScaleChanged(BED, -1, -2)));
     assert_eq!(run(&mut board, 4, -2, 2000), Quality::Good);
     // With the same scale, the first value is used.
     let mut board = SignalTable::new(&profile);

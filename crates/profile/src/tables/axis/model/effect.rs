@@ -75,9 +75,14 @@ pub(super) fn lagged(input: &Input) -> String {
     input.time_constant().map_or_else(String::new, |lag| format!(" lagged by {}", shown(lag)))
 }
 
-/// Formats a number without the last digits, which result from binary fractions.
+/// Formats a number of a model with at most three decimals, or with four significant digits if it is below 1. A person
+/// needs no more: a thousandth is a nanometre of Cz, or a micrometre of a position.
 pub(super) fn figure(number: f64) -> String {
-    document::figure(number, 9)
+    if number.abs() >= 1.0 {
+        return document::figure(number, 3);
+    }
+    let rounded = format!("{number:.3e}").parse().unwrap_or(number);
+    document::figure(rounded, 12)
 }
 
 /// Formats µm with their sign, and with at most three decimals.

@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use super::effect::figure;
 use crate::tables::{KeyContext, optional};
 use isotherm_core::compensation::model::{Expected, Growth};
 
@@ -41,7 +42,10 @@ fn growth(at: &KeyContext<'_>, [per_hour, at_once]: [f64; 2]) -> Option<Growth> 
 /// Describes the expected error: `expected within ±√(0.9·h + 1.1) µm after h hours since the datum, ±√(0.8·h + 0.2) µm
 /// since a probing (1 σ)`.
 pub(super) fn preview(expected: &Expected) -> String {
-    let root = |growth: &Growth| format!("±√({}·h + {}) µm", growth.per_hour(), growth.at_once());
+    let root = |growth: &Growth| {
+        let [per_hour, at_once] = [growth.per_hour(), growth.at_once()].map(figure);
+        format!("±√({per_hour}·h + {at_once}) µm")
+    };
     let touch = expected.since_touch.as_ref();
     let touch = touch.map_or(String::new(), |growth| format!(", {} since a probing", root(growth)));
     format!("expected within {} after h hours since the datum{touch} (1 σ)", root(&expected.since_datum))

@@ -11,9 +11,9 @@
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use super::effect::figure;
 use super::file::{bytes, read, taken};
 use super::seals::RawSeals;
+use crate::document::figure;
 use crate::duration::shown;
 use crate::tables::KeyContext;
 use isotherm_core::compensation::model::{Model, Term};
@@ -78,7 +78,7 @@ impl HalfTerm {
     fn of(&self, term: &Term, name: &str) -> Result<f64, String> {
         let lag = term.input.time_constant().unwrap_or_default();
         if self.signal != name || (self.lag_s - lag.as_secs_f64()).abs() > 1e-3 {
-            let (signal, lag_s) = (&self.signal, figure(self.lag_s));
+            let (signal, lag_s) = (&self.signal, figure(self.lag_s, 9));
             return Err(format!(
                 "{name} with a lag of {}, but the file has {signal} with a lag of {lag_s} s",
                 shown(lag)
@@ -86,7 +86,7 @@ impl HalfTerm {
         }
         let (mean, gain) = (f64::midpoint(self.ridge, self.net), term.gain.get());
         if (mean - gain).abs() > NEAR * self.ridge.abs().max(self.net.abs()) {
-            let (gain, mean) = (figure(gain), figure(mean));
+            let (gain, mean) = (figure(gain, 9), figure(mean, 9));
             return Err(format!("{name} with a gain of {gain}, but the mean of the halves is {mean}"));
         }
         let apart = self.ridge - self.net;

@@ -133,10 +133,12 @@ fn preview(signals: &[Signal], kind: &Kind) -> Option<Computation> {
     let position = &signals[matrix.position().0].name;
     let (first, last) = (matrix.ends().0.get(), matrix.ends().1.get());
     let formula = format!(
-        "Cz = P·ΔT µm at {position}, P of {} from {first} to {last} mm (beyond an end, the value at this \
+        "Cz = P·ΔT µm at {position}, P of {} from {} to {} mm (beyond an end, the value at this \
          end), over \
          {}",
         matrix.source(),
+        figure(first),
+        figure(last),
         rises(signals, matrix.blocks())
     );
     let at = f64::midpoint(first, last);

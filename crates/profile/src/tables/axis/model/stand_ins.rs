@@ -20,6 +20,7 @@ use super::seals::RawSeals;
 use crate::error::allowed;
 use crate::tables::KeyContext;
 use crate::tables::signal::Signal;
+use crate::wording::counted;
 use isotherm_core::compensation::model::StandIns;
 use isotherm_core::compensation::model::stand_ins::{Described, Replaces};
 use isotherm_core::reading::SignalId;
@@ -145,11 +146,13 @@ fn fingerprint(bytes: &[u8]) -> u64 {
 
 /// Describes which sensors are monitored for frozen readings, and which of them other sensors can replace.
 pub(super) fn preview(signals: &[Signal], stand_ins: &StandIns) -> String {
-    let mut text = format!("{} sensors are checked for frozen readings", stand_ins.watched().count());
+    let count = stand_ins.watched().count();
+    let are = if count == 1 { "is" } else { "are" };
+    let mut text = format!("{} {are} checked for frozen readings", counted(count, "sensor"));
     let groups = [
-        (Replaces::FrozenOrLost, "other sensors replace"),
-        (Replaces::Frozen, "replaced only while frozen, not if lost:"),
-        (Replaces::Nothing, "not"),
+        (Replaces::FrozenOrLost, "if frozen or lost, other sensors replace"),
+        (Replaces::Frozen, "only if frozen, not if lost, other sensors replace"),
+        (Replaces::Nothing, "no other sensors replace"),
     ];
     for (wanted, words) in groups {
         let found = stand_ins.watched().filter(|(_, replaces)| *replaces == wanted);
