@@ -7,7 +7,7 @@ import { residual, residualText, withinText } from "./measured.js";
 import { Probe } from "./probe.js";
 import { Sign } from "./sign.js";
 import { axisState, badge, cardTone, cause, expected, standsIn, target, verified } from "./states.js";
-import { Hint, element, level, say, signed, span, titled } from "./text.js";
+import { Hint, brief, element, level, say, signed, span, titled } from "./text.js";
 import { english, known, t } from "./words.js";
 
 const STAGES = ["limit", "deadband", "step", "rate", "round"];
@@ -67,9 +67,10 @@ class Card {
     const why = cause(axis, status);
     // The gateway's own sentences are English.
     const isOwn = !standsIn(axis, status) && Boolean(axis.cause || axis.extrapolating);
-    this.why.lang = isOwn ? "en" : document.documentElement.lang;
+    const language = isOwn ? "en" : document.documentElement.lang;
+    this.why.lang = language;
     say(this.does, why ? `${sentence}:` : sentence);
-    say(this.why, why);
+    say(this.why, brief(why));
     this.hint.showOnce(axis.hint, hints);
     this.waiting.hidden = axis.waiting === null;
     if (axis.waiting) say(this.asked, t("asked", { by: axis.waiting.asked, span: span(axis.waiting.expires_s) }));
@@ -91,13 +92,15 @@ class Card {
     if (this.isRow && axis.sign && !this.isChecked) this.expert.root.open = true;
     this.isChecked = Boolean(axis.sign);
     this.learned.show(axis.learned);
-    this.expert.show(axis, status);
+    this.expert.show(axis, status, why ? `${sentence}: ${why}` : "", language);
   }
 }
 
-// What is only needed to find out why a value is as it is: guard, levels and probings.
+// What is only needed to find out why a value is as it is: cause, guard, levels and probings.
 class Expert {
   constructor() {
+    this.cause = english(element("dd"));
+    this.causeRow = row(t("cause"), this.cause, { className: "all" });
     this.model = element("dd");
     this.armed = element("dd");
     this.levels = element("dd");
@@ -106,14 +109,17 @@ class Expert {
     this.stages = STAGES.map((stage) => element("li", { title: known("guard_does", stage) }, known("guard", stage)));
     this.probe = new Probe();
     this.root = element("details", { className: "expert" }, element("summary", {}, t("details")),
-      element("dl", { className: "facts" }, row(t("model"), this.model), row(t("raw"), this.exact),
+      element("dl", { className: "facts" }, this.causeRow, row(t("model"), this.model), row(t("raw"), this.exact),
         row(t("writing"), this.armed), this.levelsRow),
       element("p", { className: "label" }, t("guard"), " ", element("span", { className: "quiet" }, t("guard_legend"))),
       element("ol", { className: "chain", ariaLabel: t("guard_stages") }, ...this.stages),
       this.probe.root);
   }
 
-  show(axis, status) {
+  show(axis, status, why, language) {
+    this.causeRow.hidden = why === "";
+    this.cause.lang = language;
+    say(this.cause, why);
     const levels = [
       axis.warn_um === null ? "" : t("warns_beyond", { um: level(axis.warn_um) }),
       axis.error_um === null ? "" : t("off_beyond", { um: level(axis.error_um) }),

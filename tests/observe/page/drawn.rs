@@ -220,26 +220,6 @@ fn every_state_is_whole_in_four_languages_at_three_sizes() {
     }
 }
 
-#[test]
-fn a_cause_is_whole_on_its_card_at_each_size_and_has_five_words_on_the_wall() {
-    let cause = "the output cnc_z is not verified: the control answers, but its register holds 12.3 µm, and the last write was 11.8 µm";
-    let whole = format!(
-        "eval:[...document.querySelectorAll('.axis .why')].every((node) => node.innerText.endsWith('{cause}'))"
-    );
-    let sizes = ["size:390x844", &whole, NOTHING_WIDER, "size:1280x900", &whole];
-    let words = [&[cause][..], &sizes].concat();
-    for names in [&["z"][..], &["x1", "x2", "y", "z", "w", "b", "u", "v"]] {
-        let long = |status: &mut Status| {
-            with_axes(status, names);
-            status
-                .axes
-                .iter_mut()
-                .for_each(|axis| (axis.why, axis.warned, axis.acted) = (cause.into(), false, Vec::new()));
-        };
-        looked_at_with(long, &[("", &words), ("/?view=wall", &["the output cnc_z is not …"])]);
-    }
-}
-
 /// The page of a gateway without a token has the lines that make one.
 #[test]
 fn the_lines_that_make_a_token_are_whole_on_a_phone() {
