@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex};
 
 use serde_json::Value;
 
-use super::device::server::{Question, serve};
+use super::device::server::{Question, hang_up, serve};
 use super::process::{Running, file, free_port, isotherm, until};
 
 /// Number of signals.
@@ -27,14 +27,23 @@ pub(crate) fn python(script: &str) -> Command {
     command
 }
 
+/// Behaviour of the device.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Behaviour {
+    Answers,
+    /// Reads of temperatures are answered with an exception.
+    Refuses,
+    /// Each request ends the connection.
+    IsGone,
+}
+
 /// A gateway in a separate process, with its simulated machine and its OPC UA server.
 pub(crate) struct Machine {
     pub(crate) running: Running,
     profile: PathBuf,
     home: tempfile::TempDir,
     port: u16,
-    /// If not zero, the device answers reads of temperatures with an exception.
-    is_mute: Arc<AtomicU16>,
+    behaviour: Arc<Mutex<Behaviour>>,
 }
 
 /// Makes the machine's profile, with these lines of `[opcua_server]`.
@@ -93,13 +102,17 @@ every = "100ms"
 impl Machine {
     /// Starts a machine with these lines of `[opcua_server]`, and with files next to its profile.
     pub(crate) fn with(server: &str, files: impl FnOnce(&Path)) -> Machine {
-        let (offset, reads, is_mute) =
-            (Arc::new(Mutex::new(0_u16)), Arc::new(AtomicU16::new(0)), Arc::new(AtomicU16::new(0)));
-        let mute = is_mute.clone();
+        let (offset, reads) = (Arc::new(Mutex::new(0_u16)), Arc::new(AtomicU16::new(0)));
+        let behaviour = Arc::new(Mutex::new(Behaviour::Answers));
+        let behaves = behaviour.clone();
         let address = serve(move |question: &Question, stream| {
             let temperatures = question.is_read() && question.from() < OFFSET;
-            if temperatures && mute.load(Ordering::Relaxed) > 0 {
-                return stream.write_all(&question.answer(&question.denied(4)));
+            match *behaves.lock().unwrap() {
+                Behaviour::Refuses if temperatures => {
+                    return stream.write_all(&question.answer(&question.denied(4)));
+                }
+                Behaviour::IsGone => return hang_up(),
+                _ => {}
             }
             let round = if temperatures { reads.fetch_add(1, Ordering::Relaxed) } else { 0 };
             let mut bank: Vec<u16> = (0..=OFFSET).map(|place| 100 + (round + place) % 50).collect();
@@ -118,7 +131,7 @@ impl Machine {
         let profile = file(home.path(), "machine.toml", &profile(&address.to_string(), port, server));
         let mut running = Running::start(isotherm(home.path()).arg("run").arg(&profile));
         running.receives("OPC UA clients are served at opc.tcp://127.0.0.1:");
-        let machine = Machine { running, profile, home, port, is_mute };
+        let machine = Machine { running, profile, home, port, behaviour };
         machine.is_active();
         machine
     }
@@ -130,11 +143,11 @@ impl Machine {
 
     /// Kills the gateway, and starts it again with its state on disk.
     pub(crate) fn dies_and_begins(self) -> Machine {
-        let Machine { running, profile, home, port, is_mute } = self;
+        let Machine { running, profile, home, port, behaviour } = self;
         running.killed();
         let mut running = Running::start(isotherm(home.path()).arg("run").arg(&profile));
         running.receives("OPC UA clients are served at opc.tcp://127.0.0.1:");
-        let machine = Machine { running, profile, home, port, is_mute };
+        let machine = Machine { running, profile, home, port, behaviour };
         machine.is_active();
         machine
     }
@@ -144,9 +157,9 @@ impl Machine {
         self.home.path()
     }
 
-    /// Sets whether the device returns temperatures.
-    pub(crate) fn answers(&self, answers: bool) {
-        self.is_mute.store(u16::from(!answers), Ordering::Relaxed);
+    /// Sets the behaviour of the device.
+    pub(crate) fn device(&self, behaviour: Behaviour) {
+        *self.behaviour.lock().unwrap() = behaviour;
     }
 
     /// Returns the command of a client. Its files are next to the profile.
