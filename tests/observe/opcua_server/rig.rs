@@ -1,4 +1,5 @@
-//! A machine with temperatures that change with every read, its gateway with an OPC UA server, and clients in Python.
+//! A machine with temperatures that change with every read, its gateway with an OPC UA server, and clients in Python and
+//! JavaScript.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -16,14 +17,31 @@ pub(crate) const SIGNALS: usize = 100;
 /// Offset register.
 const OFFSET: u16 = 200;
 
+fn tools() -> PathBuf {
+    Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap().join("tools")
+}
+
+fn path_of(script: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/interop").join(script)
+}
+
 /// Returns a command that runs a script in Python with asyncua.
 pub(crate) fn python(script: &str) -> Command {
-    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap();
-    let python = target.join("tools/venv/bin/python");
+    let python = tools().join("venv/bin/python");
     let lacks = "asyncua is not installed: `tests/run opcua` does it";
     assert!(python.exists(), "{}: {lacks}", python.display());
     let mut command = Command::new(python);
-    command.arg("-u").arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/interop").join(script));
+    command.arg("-u").arg(path_of(script));
+    command
+}
+
+/// Returns a command that runs the client of node-opcua.
+pub(crate) fn node_opcua() -> Command {
+    let modules = tools().join("node/node_modules");
+    let lacks = "node-opcua-client is not installed: `tests/run opcua` does it";
+    assert!(modules.join("node-opcua-client").exists(), "{}: {lacks}", modules.display());
+    let mut command = Command::new("node");
+    command.arg(path_of("opcua_client.cjs")).arg(modules);
     command
 }
 
@@ -162,26 +180,35 @@ impl Machine {
         *self.behaviour.lock().unwrap() = behaviour;
     }
 
-    /// Returns the command of a client. Its files are next to the profile.
-    fn client(&self, arguments: &[&str]) -> Command {
-        let mut command = python("opcua_client.py");
-        command.arg(format!("opc.tcp://127.0.0.1:{}", self.port)).args(arguments);
-        command.current_dir(self.home.path());
-        command
+    /// Lets this program be a client, with its files next to the profile.
+    fn client(&self, mut program: Command, arguments: &[&str]) -> Command {
+        program.arg(format!("opc.tcp://127.0.0.1:{}", self.port)).args(arguments);
+        program.current_dir(self.home.path());
+        program
     }
 
-    /// Runs a client to its end, and returns what it printed last.
+    /// Runs a client with asyncua to its end, and returns what it printed last.
     pub(crate) fn asks(&self, arguments: &[&str]) -> Value {
-        let done = self.client(arguments).stderr(Stdio::piped()).output().unwrap();
+        self.asks_client(python("opcua_client.py"), arguments)
+    }
+
+    /// Runs this client to its end, and returns what it printed last.
+    pub(crate) fn asks_client(&self, program: Command, arguments: &[&str]) -> Value {
+        let done = self.client(program, arguments).stderr(Stdio::piped()).output().unwrap();
         let said = String::from_utf8_lossy(&done.stdout).into_owned();
         let last = said.lines().last().unwrap_or_default();
         serde_json::from_str(last)
             .unwrap_or_else(|_| panic!("{arguments:?}: {said}{}", String::from_utf8_lossy(&done.stderr)))
     }
 
-    /// Starts a client, and waits until it is ready.
+    /// Starts a client with asyncua, and waits until it is ready.
     pub(crate) fn watched_by(&self, arguments: &[&str]) -> Running {
-        let mut running = Running::start(&mut self.client(arguments));
+        self.watched_by_client(python("opcua_client.py"), arguments)
+    }
+
+    /// Starts this client, and waits until it is ready.
+    pub(crate) fn watched_by_client(&self, program: Command, arguments: &[&str]) -> Running {
+        let mut running = Running::start(&mut self.client(program, arguments));
         running.receives("ready");
         running
     }
