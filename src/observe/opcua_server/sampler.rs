@@ -199,7 +199,7 @@ impl Sampler {
         let (mut item, mut changed) = (Item::default(), Vec::new());
         for (place, variable) in variables.iter().enumerate() {
             let (value, quality, age) = match &variable.source {
-                Source::Fixed(text) => (Value::Text(text.clone()), None, None),
+                Source::Nameplate(text) => (Value::Text(text.clone()), None, None),
                 Source::Machine(name) => (value(variable.kind, lists.machine.get(*name)), None, None),
                 Source::Total(of) => (Value::Count(count(&records[of.place()])), None, None),
                 Source::Column(of, name) => (column(&records[of.place()], name), None, None),

@@ -14,6 +14,8 @@ fn axes_signals_outputs_alarms_and_events_are_browsed_and_read_with_unit_quality
     for (id, name) in [
         ("machine", "press"),
         ("Identification", "Identification"),
+        ("gateway", "Gateway"),
+        ("gateway.Identification", "Identification"),
         ("axis.z", "z"),
         ("axis.z.cz_um", "cz_um"),
         ("axis.z.probe.correction_um", "correction_um"),
@@ -34,7 +36,7 @@ fn axes_signals_outputs_alarms_and_events_are_browsed_and_read_with_unit_quality
         "output.cnc_z.value",
         "axis.z.warn_um",
         "axis.z.armed",
-        "machine.SoftwareRevision",
+        "gateway.SoftwareRevision",
         "events.text",
     ]);
     for (id, value, status, unit) in [
@@ -45,7 +47,7 @@ fn axes_signals_outputs_alarms_and_events_are_browsed_and_read_with_unit_quality
         ("output.cnc_z.value", json!(10.0), "Good", json!("µm")),
         ("axis.z.warn_um", Value::Null, "GoodNoData", json!("µm")),
         ("axis.z.armed", json!(true), "Good", Value::Null),
-        ("machine.SoftwareRevision", json!(env!("CARGO_PKG_VERSION")), "Good", Value::Null),
+        ("gateway.SoftwareRevision", json!(env!("CARGO_PKG_VERSION")), "Good", Value::Null),
     ] {
         let found = &read[id];
         assert_eq!((&found["value"], &found["unit"]), (&value, &unit), "{id}: {found}");
