@@ -8,8 +8,8 @@
 //   call AXIS ERROR    calls the method `measured`, and prints its outputs
 //   watch SECONDS ID…  subscribes, prints `ready`, then number of changes, statuses and last source time of each node
 //
-// A refusal is {"error": NAME OF THE STATUS}. Options and identifiers are those of opcua_client.py, but a policy is named
-// as in the specification. node-opcua needs a certificate in any case.
+// A refusal is {"error": NAME OF THE STATUS}. Options and identifiers are those of opcua_client.py, but a policy has its
+// name in the specification. node-opcua needs a certificate in any case.
 
 const fs = require("node:fs");
 const path = require("node:path");

@@ -1,5 +1,5 @@
-//! A machine with temperatures that change with every read, its gateway with an OPC UA server, and clients in Python and
-//! JavaScript.
+//! A machine with temperatures that change with every read, its gateway with an OPC UA server, and clients in Python
+//! and JavaScript.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
