@@ -7,6 +7,7 @@
 //   write ID NUMBER    tries to write, and prints the status
 //   call AXIS ERROR    calls the method `measured`, and prints its outputs
 //   watch SECONDS ID…  subscribes, prints `ready`, then number of changes, statuses and last source time of each node
+//   many NUMBER SECONDS ID  the same with so many clients; prints the number of changes of each
 //
 // A refusal is {"error": NAME OF THE STATUS}. Options and identifiers are those of opcua_client.py, but a policy has its
 // name in the specification. node-opcua needs a certificate in any case.
@@ -120,9 +121,13 @@ async function watch(session, seconds, names, node) {
     return changes;
 }
 
-async function one(session) {
+async function naming(session) {
     const index = (await session.readNamespaceArray()).indexOf(NAMESPACE);
-    const node = (name) => `ns=${index};s=${name}`;
+    return (name) => `ns=${index};s=${name}`;
+}
+
+async function one(session) {
+    const node = await naming(session);
     switch (does) {
         case "browse":
             return browsed(session, node("Machines"), {});
@@ -155,19 +160,29 @@ async function one(session) {
     }
 }
 
-async function main() {
+async function connected(does) {
     const made = await client();
     try {
         await made.connect(url);
         const session = await made.createSession(identity());
         try {
-            return await one(session);
+            return await does(session);
         } finally {
             await session.close();
         }
     } finally {
         await made.disconnect();
     }
+}
+
+async function many(number, seconds, name) {
+    const watched = async (session) => watch(session, seconds, [name], await naming(session));
+    const clients = Array.from({ length: number }, () => connected(watched));
+    return { counts: (await Promise.all(clients)).map((changes) => changes[name].count) };
+}
+
+function main() {
+    return does === "many" ? many(Number(more[0]), Number(more[1]), more[2]) : connected(one);
 }
 
 function refusal(error) {

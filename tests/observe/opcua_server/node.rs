@@ -9,10 +9,11 @@ use super::process::until;
 use super::rig::{Behaviour, Machine, node_opcua};
 use super::secured::{SECURED, certificates, with};
 
-const USER: [&str; 2] = ["--user", "mes:hot-and-cold"];
+pub(crate) const USER: [&str; 2] = ["--user", "mes:hot-and-cold"];
 const PROBE: [&str; 2] = ["--user-cert", "user"];
 
-fn machine() -> Machine {
+/// Starts a machine whose clients need a certificate, and may do without a user.
+pub(crate) fn machine() -> Machine {
     Machine::with(&format!("anonymous = true\n{SECURED}"), certificates)
 }
 
