@@ -9,8 +9,8 @@
 //   watch SECONDS ID…  subscribes, prints `ready`, then number of changes, statuses and last source time of each node
 //   many NUMBER SECONDS ID  the same with so many clients; prints the number of changes of each
 //
-// A refusal is {"error": NAME OF THE STATUS}. Options and identifiers are those of opcua_client.py, but a policy has its
-// name in the specification. node-opcua needs a certificate in any case.
+// A refusal is {"error": NAME OF THE STATUS}. Options and identifiers are those of opcua_client.py, but a policy has
+// its name in the specification. node-opcua needs a certificate in any case.
 
 const fs = require("node:fs");
 const path = require("node:path");
