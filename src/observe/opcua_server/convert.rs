@@ -58,6 +58,8 @@ fn variant(value: &Value) -> Variant {
 fn status(quality: Quality) -> StatusCode {
     match quality {
         Quality::Good => StatusCode::Good,
+        Quality::LastUsable => StatusCode::UncertainLastUsableValue,
+        Quality::LastUsableNoAnswer => StatusCode::UncertainNoCommunicationLastUsableValue,
         Quality::NoData => StatusCode::GoodNoData,
         Quality::Waiting => StatusCode::BadWaitingForInitialData,
         Quality::NoCommunication => StatusCode::BadNoCommunication,

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use ::opcua::nodes::{EventNotifier, MethodBuilder, ObjectBuilder, VariableBuilder};
+use ::opcua::nodes::{EventNotifier, MethodBuilder, ObjectBuilder, ReferenceDirection, VariableBuilder};
 use ::opcua::server::address_space::{AddressSpace, add_namespaces};
 use ::opcua::server::diagnostics::NamespaceMetadata;
 use ::opcua::server::node_manager::memory::{
@@ -11,15 +11,15 @@ use ::opcua::server::node_manager::memory::{
 use ::opcua::server::node_manager::{MethodCall, RequestContext, ServerContext, WriteNode};
 use ::opcua::sync::RwLock;
 use ::opcua::types::{
-    Argument, DataTypeId, ExtensionObject, LocalizedText, NodeId, ObjectTypeId, QualifiedName, StatusCode,
-    UAString, VariableTypeId,
+    Argument, DataTypeId, ExtensionObject, LocalizedText, NodeId, ObjectTypeId, QualifiedName,
+    ReferenceTypeId, StatusCode, UAString, VariableTypeId,
 };
 use async_trait::async_trait;
 
 use super::catalogue::Kind;
 use super::convert::data_type;
 use super::measured::Measured;
-use super::tree::{Object, Role, Tree, Variable, axis_id};
+use super::tree::{Object, Role, Source, Tree, Variable, axis_id};
 use super::units::engineering_unit;
 
 /// Namespace of all nodes of the gateway. It is the same for every machine, so that a client needs it only once.
@@ -128,10 +128,13 @@ fn insert_object(space: &mut AddressSpace, index: u16, object: &Object) {
     let builder = match (&object.parent, object.role) {
         (None, _) => builder.organized_by(NodeId::objects_folder_id()),
         (Some(parent), Role::Folder) => builder.organized_by(node(index, parent)),
+        (Some(parent), Role::AddIn) => {
+            builder.reference(node(index, parent), ReferenceTypeId::HasAddIn, ReferenceDirection::Inverse)
+        }
         (Some(parent), _) => builder.component_of(node(index, parent)),
     };
     let builder = match object.role {
-        Role::Folder => builder.is_folder(),
+        Role::Folder | Role::AddIn => builder.is_folder(),
         Role::Object => builder.has_type_definition(ObjectTypeId::BaseObjectType),
         Role::EventSource => builder
             .has_type_definition(ObjectTypeId::BaseObjectType)
@@ -143,20 +146,21 @@ fn insert_object(space: &mut AddressSpace, index: u16, object: &Object) {
 fn insert_variable(space: &mut AddressSpace, index: u16, variable: &Variable) {
     let id = node(index, &variable.id);
     let name = QualifiedName::new(index, variable.name);
-    let unit = engineering_unit(&variable.unit);
-    let definition = match unit {
-        Some(_) => VariableTypeId::AnalogUnitType,
-        None => VariableTypeId::BaseDataVariableType,
-    };
+    let (parent, unit) = (node(index, &variable.parent), engineering_unit(&variable.unit));
     let rank = if variable.kind == Kind::Texts { 1 } else { -1 };
-    VariableBuilder::new(&id, name, LocalizedText::from(variable.name))
+    let builder = VariableBuilder::new(&id, name, LocalizedText::from(variable.name))
         // The table of the manual escapes this character.
         .description(LocalizedText::from(variable.about.replace("\\|", "|")))
-        .component_of(node(index, &variable.parent))
-        .has_type_definition(definition)
         .data_type(data_type(variable.kind))
-        .value_rank(rank)
-        .insert(space);
+        .value_rank(rank);
+    let builder = match (&variable.source, &unit) {
+        (Source::Nameplate(_), _) => {
+            builder.property_of(parent).has_type_definition(VariableTypeId::PropertyType)
+        }
+        (_, Some(_)) => builder.component_of(parent).has_type_definition(VariableTypeId::AnalogUnitType),
+        (_, None) => builder.component_of(parent).has_type_definition(VariableTypeId::BaseDataVariableType),
+    };
+    builder.insert(space);
     if let Some(unit) = unit {
         let property = node(index, &format!("{}.EngineeringUnits", variable.id));
         VariableBuilder::new(&property, "EngineeringUnits", "EngineeringUnits")

@@ -13,6 +13,8 @@ use isotherm_core::quantity::{Moment, time};
 
 /// Maximum number of entries in an array of records. The newest ones are shown.
 const MOST_RECORDS: usize = 50;
+/// Kinds of outputs whose register value is Cz.
+const CZ_OUTPUTS: [&str; 2] = ["offset", "intercept"];
 
 /// Value of a variable.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,9 +33,13 @@ pub(super) enum Value {
 pub(super) enum Quality {
     /// The value may be used.
     Good,
+    /// The value was valid when it was read last. Its register is not read now, or the last write to it failed.
+    LastUsable,
+    /// The value was valid when it was read last. The device does not answer.
+    LastUsableNoAnswer,
     /// The status has no value for this field now, which is no fault.
     NoData,
-    /// The signal has not been read yet.
+    /// The signal or the register has not been read yet.
     Waiting,
     /// The device does not answer, or its last value is too old.
     NoCommunication,
@@ -100,6 +106,19 @@ impl Quality {
             _ => Quality::DeviceFailure,
         }
     }
+
+    /// Returns the quality of a register value, by the state of its output and of the device.
+    fn of_register(value: Option<f64>, output: &str, device: &str) -> Quality {
+        match (value, output, device) {
+            (Some(_), _, "lost") => Quality::LastUsableNoAnswer,
+            (Some(_), _, "not-as-expected") | (Some(_), "unverified" | "interlocked", _) => {
+                Quality::LastUsable
+            }
+            (Some(_), ..) => Quality::Good,
+            (None, output, "ok") if output != "unknown" => Quality::NoData,
+            (None, ..) => Quality::Waiting,
+        }
+    }
 }
 
 impl Lists {
@@ -127,6 +146,43 @@ impl Lists {
             Records::Events => self.events.iter().rev().take(MOST_RECORDS).map(json).collect(),
         }
     }
+
+    /// Returns the quality of a field, and its age in seconds. `None` for a field that the gateway does not measure.
+    fn quality_and_age(
+        &self,
+        (list, place, path): (List, usize, &[&str]),
+        (item, value): (&Json, &Value),
+    ) -> (Option<Quality>, Option<f64>) {
+        let age = |name: &str| item.get(name).and_then(Json::as_f64);
+        let of_output = || self.outputs.get(place).map(|output| self.quality_of_output(output));
+        match (list, path) {
+            (List::Signals, ["value"]) => {
+                let code = item.get("quality").and_then(Json::as_str);
+                (code.map(Quality::of_code), age("age_s"))
+            }
+            (List::Axes, ["verified_um"]) => (self.quality_of_verified(place), age("verified_age_s")),
+            (List::Outputs, ["value"]) => (of_output(), age("age_s")),
+            (List::Outputs, ["applied"] | ["shares", _]) if *value != Value::Null => {
+                (of_output(), age("age_s"))
+            }
+            _ => (None, None),
+        }
+    }
+
+    fn quality_of_output(&self, output: &OutputStatus) -> Quality {
+        let device = self.devices.iter().find(|device| device.name == output.device);
+        Quality::of_register(output.value, output.state, device.map_or("ok", |device| device.state))
+    }
+
+    /// Returns the quality of the verified Cz of an axis. It is that of the output from which the Cz was read: the
+    /// first one with a value. `None` if no output of the axis contains Cz.
+    fn quality_of_verified(&self, place: usize) -> Option<Quality> {
+        let axis = self.axes.get(place)?;
+        let is_cz = |output: &&OutputStatus| output.axis == axis.name && CZ_OUTPUTS.contains(&output.writes);
+        let is_known = |output: &&OutputStatus| is_cz(output) && output.value.is_some();
+        let known = self.outputs.iter().find(is_known);
+        known.or_else(|| self.outputs.iter().find(is_cz)).map(|output| self.quality_of_output(output))
+    }
 }
 
 /// Converts a part of the status. Numbers and texts always have a JSON form.
@@ -143,7 +199,7 @@ impl Sampler {
         let (mut item, mut changed) = (Item::default(), Vec::new());
         for (place, variable) in variables.iter().enumerate() {
             let (value, quality, age) = match &variable.source {
-                Source::Fixed(text) => (Value::Text(text.clone()), None, None),
+                Source::Nameplate(text) => (Value::Text(text.clone()), None, None),
                 Source::Machine(name) => (value(variable.kind, lists.machine.get(*name)), None, None),
                 Source::Total(of) => (Value::Count(count(&records[of.place()])), None, None),
                 Source::Column(of, name) => (column(&records[of.place()], name), None, None),
@@ -152,8 +208,10 @@ impl Sampler {
                         item = Item { of: Some((*list, *of)), json: lists.item(*list, *of) };
                     }
                     let found = path.iter().try_fold(&item.json, |json, name| json.get(*name));
-                    let (quality, age) = quality_and_age(*list, path, &item.json);
-                    (value(variable.kind, found), quality, age)
+                    let value = value(variable.kind, found);
+                    let field = (*list, *of, path.as_slice());
+                    let (quality, age) = lists.quality_and_age(field, (&item.json, &value));
+                    (value, quality, age)
                 }
             };
             let empty = if value == Value::Null { Quality::NoData } else { Quality::Good };
@@ -186,20 +244,6 @@ impl Records {
             Records::Alarms => 0,
             Records::Events => 1,
         }
-    }
-}
-
-/// Returns the quality of a field, and its age in seconds. `None` for a field that the gateway does not measure.
-fn quality_and_age(list: List, path: &[&str], item: &Json) -> (Option<Quality>, Option<f64>) {
-    let age = |name: &str| item.get(name).and_then(Json::as_f64);
-    match (list, path) {
-        (List::Signals, ["value"]) => {
-            let code = item.get("quality").and_then(Json::as_str);
-            (code.map(Quality::of_code), age("age_s"))
-        }
-        (List::Axes, ["verified_um"]) => (None, age("verified_age_s")),
-        (List::Outputs, ["value" | "applied"] | ["shares", _]) => (None, age("age_s")),
-        _ => (None, None),
     }
 }
 

@@ -2,8 +2,8 @@
 //! names of the profile.
 //!
 //! An identifier is made of names only: `axis.z.cz_um`, `signal.bed.value`. It stays the same after a restart, and after
-//! a change of the profile that does not rename anything. The names of the folders are those of OPC 40001-1 (machinery)
-//! and OPC 40501-1 (machine tools).
+//! a change of the profile that does not rename anything. The names of the folders and of the nameplates are those of
+//! OPC 40001-1 (machinery) and OPC 40501-1 (machine tools).
 
 use super::catalogue::{self, Field, Kind};
 use crate::observe::status::Status;
@@ -12,6 +12,8 @@ use crate::observe::status::Status;
 const MACHINES: &str = "Machines";
 /// Identifier of the object of the machine, which is the source of its events.
 pub(super) const MACHINE: &str = "machine";
+/// Identifier of the object of the gateway, which is a component of the machine.
+const GATEWAY: &str = "gateway";
 const IDENTIFICATION: &str = "Identification";
 const COMPONENTS: &str = "Components";
 const MONITORING: &str = "Monitoring";
@@ -36,8 +38,8 @@ pub(super) enum Records {
 /// Origin of the value of a variable.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Source {
-    /// Text that never changes.
-    Fixed(String),
+    /// Property of a nameplate, which never changes.
+    Nameplate(String),
     /// Field of the status itself.
     Machine(&'static str),
     /// Field of an item: list, place in the list, and the names that lead to the field.
@@ -53,6 +55,8 @@ pub(super) enum Source {
 pub(super) enum Role {
     /// Folder, which only contains other nodes.
     Folder,
+    /// Folder that OPC 40001-1 adds to a machine or to a component.
+    AddIn,
     /// Object with variables.
     Object,
     /// Object that reports events.
@@ -107,10 +111,13 @@ impl Tree {
         tree.folder(None, MACHINES);
         let names = (status.machine.as_str(), status.label.as_str());
         tree.object(Some(MACHINES), MACHINE, names, Role::EventSource);
-        for folder in [IDENTIFICATION, COMPONENTS, MONITORING, NOTIFICATION] {
+        for add_in in [IDENTIFICATION, COMPONENTS] {
+            tree.object(Some(MACHINE), add_in, (add_in, ""), Role::AddIn);
+        }
+        for folder in [MONITORING, NOTIFICATION] {
             tree.folder(Some(MACHINE), folder);
         }
-        tree.identification(status);
+        tree.nameplates(status);
         for field in catalogue::fields(catalogue::MACHINE) {
             let id = format!("{MACHINE}.{}", field.name);
             tree.variable(id, MONITORING, field, String::new(), Source::Machine(field.name));
@@ -155,18 +162,29 @@ impl Tree {
         self.variables.push(Variable { id, parent: parent.to_owned(), name, kind, unit, about, source });
     }
 
-    /// Adds the values by which OPC 40001-1 identifies a component.
-    fn identification(&mut self, status: &Status) {
+    /// Adds what OPC 40001-1 calls the nameplate of the machine, and that of the gateway, which is a component of it.
+    fn nameplates(&mut self, status: &Status) {
         let named = if status.label.is_empty() { &status.machine } else { &status.label };
-        for (name, text, about) in [
-            ("ComponentName", named.as_str(), "Displayed name of the machine."),
-            ("Model", "isotherm", "Program that serves these nodes."),
-            ("SoftwareRevision", status.version, "Version of the program."),
-        ] {
-            let field = Field { name, kind: Kind::Text, unit: "", about };
-            let source = Source::Fixed(text.to_owned());
-            self.variable(format!("{MACHINE}.{name}"), IDENTIFICATION, field, String::new(), source);
-        }
+        self.property((MACHINE, IDENTIFICATION), "ComponentName", named, "Displayed name of the machine.");
+        self.object(Some(COMPONENTS), GATEWAY, ("Gateway", ""), Role::Object);
+        let add_in = format!("{GATEWAY}.{IDENTIFICATION}");
+        self.object(Some(GATEWAY), &add_in, (IDENTIFICATION, ""), Role::AddIn);
+        let gateway = (GATEWAY, add_in.as_str());
+        self.property(gateway, "Model", "isotherm", "Program that serves these nodes.");
+        self.property(gateway, "SoftwareRevision", status.version, "Version of the program.");
+    }
+
+    /// Adds a property to the nameplate `add_in` of an object.
+    fn property(
+        &mut self,
+        (object, add_in): (&str, &str),
+        name: &'static str,
+        text: &str,
+        about: &'static str,
+    ) {
+        let field = Field { name, kind: Kind::Text, unit: "", about };
+        let source = Source::Nameplate(text.to_owned());
+        self.variable(format!("{object}.{name}"), add_in, field, String::new(), source);
     }
 
     /// Adds a folder with one object for each item of a list. An item has a name, a label, and a unit.

@@ -2,8 +2,8 @@
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU16, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU16, AtomicUsize, Ordering};
 
 use serde_json::Value;
 
@@ -15,13 +15,54 @@ pub(crate) const SIGNALS: usize = 100;
 /// Offset register.
 const OFFSET: u16 = 200;
 
+/// Registers of the device, and its behaviour.
+#[derive(Debug)]
+pub(crate) struct Device {
+    /// Whether reads of temperatures are answered with an exception.
+    is_mute: AtomicBool,
+    /// Temperature `bed0`, which the axis follows, in tenths of a degree. The others change with every read.
+    bed0: AtomicU16,
+    reads: AtomicU16,
+    offset: AtomicU16,
+    /// Number of writes of the offset.
+    writes: AtomicUsize,
+}
+
 /// A gateway in a separate process, with its simulated machine.
 pub(crate) struct Machine {
     pub(crate) running: Running,
     pub(crate) profile: PathBuf,
     home: tempfile::TempDir,
-    /// If not zero, the device does not return temperatures.
-    is_mute: Arc<AtomicU16>,
+    device: Arc<Device>,
+}
+
+impl Device {
+    fn new() -> Device {
+        Device {
+            is_mute: AtomicBool::new(false),
+            bed0: AtomicU16::new(100),
+            reads: AtomicU16::new(0),
+            offset: AtomicU16::new(0),
+            writes: AtomicUsize::new(0),
+        }
+    }
+
+    fn answer(&self, question: &Question) -> Vec<u8> {
+        if !question.is_read() {
+            self.offset.store(question.words()[0], Ordering::Relaxed);
+            self.writes.fetch_add(1, Ordering::Relaxed);
+            return question.done();
+        }
+        let temperatures = question.from() < OFFSET;
+        if temperatures && self.is_mute.load(Ordering::Relaxed) {
+            return question.denied(4);
+        }
+        let round = if temperatures { self.reads.fetch_add(1, Ordering::Relaxed) } else { 0 };
+        let mut bank: Vec<u16> = (0..=OFFSET).map(|place| 100 + (round + place) % 50).collect();
+        bank[0] = self.bed0.load(Ordering::Relaxed);
+        bank[usize::from(OFFSET)] = self.offset.load(Ordering::Relaxed);
+        question.read(&bank)
+    }
 }
 
 /// Makes the machine's profile, with this `[mqtt]`.
@@ -82,52 +123,53 @@ impl Machine {
 
     /// Starts a machine with this `[mqtt]`, and with files next to its profile.
     pub(crate) fn beside(mqtt: &str, files: impl FnOnce(&Path)) -> Machine {
-        let (profile, home, is_mute) = Machine::prepared(mqtt, files);
+        let (profile, home, device) = Machine::prepared(mqtt, files);
         let running = Running::start(isotherm(home.path()).arg("run").arg(&profile));
-        Machine { running, profile, home, is_mute }
+        Machine { running, profile, home, device }
     }
 
     /// Makes the profile and the device, before the gateway runs.
     pub(crate) fn prepared(
         mqtt: &str,
         files: impl FnOnce(&Path),
-    ) -> (PathBuf, tempfile::TempDir, Arc<AtomicU16>) {
-        let (offset, reads, is_mute) =
-            (Arc::new(Mutex::new(0_u16)), AtomicU16::new(0), Arc::new(AtomicU16::new(0)));
-        let (reads, mute) = (Arc::new(reads), is_mute.clone());
+    ) -> (PathBuf, tempfile::TempDir, Arc<Device>) {
+        let device = Arc::new(Device::new());
+        let answers = device.clone();
         let address = serve(move |question: &Question, stream| {
-            let temperatures = question.is_read() && question.from() < OFFSET;
-            if temperatures && mute.load(Ordering::Relaxed) > 0 {
-                return stream.write_all(&question.answer(&question.denied(4)));
-            }
-            let round = if temperatures { reads.fetch_add(1, Ordering::Relaxed) } else { 0 };
-            let mut bank: Vec<u16> = (0..=OFFSET).map(|place| 100 + (round + place) % 50).collect();
-            let mut offset = offset.lock().unwrap();
-            bank[0] = 100;
-            bank[usize::from(OFFSET)] = *offset;
-            if question.is_read() {
-                return stream.write_all(&question.answer(&question.read(&bank)));
-            }
-            *offset = question.words()[0];
-            stream.write_all(&question.answer(&question.done()))
+            stream.write_all(&question.answer(&answers.answer(question)))
         });
         let home = tempfile::tempdir().unwrap();
         files(home.path());
         let profile = file(home.path(), "machine.toml", &profile(&address.to_string(), mqtt));
-        (profile, home, is_mute)
+        (profile, home, device)
     }
 
     /// Kills the gateway, and starts it again with its state on disk.
     pub(crate) fn dies_and_begins(self) -> Machine {
-        let Machine { running, profile, home, is_mute } = self;
+        let Machine { running, profile, home, device } = self;
         running.killed();
         let running = Running::start(isotherm(home.path()).arg("run").arg(&profile));
-        Machine { running, profile, home, is_mute }
+        Machine { running, profile, home, device }
     }
 
     /// Sets whether the device returns temperatures.
     pub(crate) fn answers(&self, answers: bool) {
-        self.is_mute.store(u16::from(!answers), Ordering::Relaxed);
+        self.device.is_mute.store(!answers, Ordering::Relaxed);
+    }
+
+    /// Sets the temperature that the axis follows, in degrees, and waits until the offset has followed.
+    pub(crate) fn follows(&self, degrees: u16) {
+        self.device.bed0.store(10 * degrees, Ordering::Relaxed);
+        until("the offset has followed", || {
+            let found = self.status()["axes"]["z"]["verified_um"].clone();
+            let is_there = found.as_f64().is_some_and(|um| (um - f64::from(degrees)).abs() < 0.01);
+            if is_there { Ok(()) } else { Err(found.to_string()) }
+        });
+    }
+
+    /// Number of writes of the offset that the device has received.
+    pub(crate) fn writes(&self) -> usize {
+        self.device.writes.load(Ordering::Relaxed)
     }
 
     /// Runs `isotherm VERB` for this machine, and returns its output.

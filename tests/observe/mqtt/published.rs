@@ -107,7 +107,7 @@ fn what_another_profile_has_no_more_the_broker_forgets() {
 #[test]
 fn check_says_what_is_published_and_online_whether_the_broker_is_there() {
     let mut broker = Broker::open();
-    let (profile, home, _mute) = Machine::prepared(&mqtt(&broker), |_| ());
+    let (profile, home, _device) = Machine::prepared(&mqtt(&broker), |_| ());
     let check = |more: &[&str]| {
         let done = isotherm(home.path()).arg("check").arg(&profile).args(more).output().unwrap();
         let said = [done.stdout, done.stderr].map(|said| String::from_utf8(said).unwrap()).concat();

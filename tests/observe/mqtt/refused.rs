@@ -23,7 +23,7 @@ fn sparkplug(port: u16) -> String {
 
 /// Result of `isotherm check --online` with this `[mqtt]`.
 fn check(mqtt: &str) -> (bool, String) {
-    let (profile, home, _mute) = Machine::prepared(mqtt, |_| ());
+    let (profile, home, _device) = Machine::prepared(mqtt, |_| ());
     let done = isotherm(home.path()).arg("check").arg(&profile).arg("--online").output().unwrap();
     let said = [done.stdout, done.stderr].map(|said| String::from_utf8(said).unwrap()).concat();
     (done.status.success(), said)

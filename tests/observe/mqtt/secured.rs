@@ -65,7 +65,7 @@ fn a_password_inside_tls_lets_in_and_what_is_wrong_is_said_in_words() {
 
     let other = Authority::named("somebody else");
     let online = |broker: &Broker, tls: &str, authority: &str, password: &str| {
-        let (profile, home, _mute) =
+        let (profile, home, _device) =
             Machine::prepared(&mqtt(broker, tls), |home| files(home, authority, password, &own));
         let done = isotherm(home.path()).arg("check").arg(&profile).arg("--online").output().unwrap();
         let said = [done.stdout, done.stderr].map(|said| String::from_utf8(said).unwrap()).concat();
@@ -103,7 +103,7 @@ fn a_password_inside_tls_lets_in_and_what_is_wrong_is_said_in_words() {
 fn a_broker_without_tls_at_the_port_of_mqtts_is_known_for_what_it_is() {
     let (broker, authority) = (Broker::open(), Authority::new());
     let own = authority.signs("gw7", YEARS);
-    let (profile, home, _mute) = Machine::prepared(&mqtt(&broker, "ca = \"ca.pem\""), |home| {
+    let (profile, home, _device) = Machine::prepared(&mqtt(&broker, "ca = \"ca.pem\""), |home| {
         files(home, &authority.cert, "open sesame", &own);
     });
     let done = isotherm(home.path()).arg("check").arg(&profile).arg("--online").output().unwrap();

@@ -154,9 +154,14 @@ fn a_node_with_a_primary_host_lives_while_the_host_is_online_and_the_machine_alw
     assert_eq!(host.receives("NDEATH")["of_birth"], true);
     until("it waits for the host again", || waits(&machine));
     machine.is_active();
-    let polls = machine.late(0.0).1;
-    std::thread::sleep(Duration::from_secs(3));
+    // Each write moves the axis by 1 µm at most.
+    let (polls, writes) = (machine.late(0.0).1, machine.writes());
+    machine.follows(25);
+    machine.follows(10);
+    let written = machine.writes() - writes;
+    assert!(written >= 30, "{written} writes while the host is offline");
     assert!(machine.late(0.0).1 > polls, "the devices are polled meanwhile");
+    waits(&machine).unwrap();
     let waiting = machine.status()["mqtt"]["queued"].as_u64().unwrap();
     assert!(waiting > 4, "{waiting} records wait");
     host.finds_nothing_wrong();

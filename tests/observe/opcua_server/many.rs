@@ -6,7 +6,9 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use super::rig::Machine;
+use super::node;
+use super::rig::{Machine, SIGNALS, node_opcua};
+use super::secured::with;
 use crate::support::starved::Starved;
 use crate::support::tell;
 
@@ -61,6 +63,25 @@ fn a_client_that_reads_nothing_any_more_costs_no_memory_and_delays_no_other_and_
     let after = memory(&machine);
     assert!(after < before + 20.0, "{before} MB, then {after} MB");
     polls_are_punctual(&machine, late, &starved);
+}
+
+#[test]
+fn ten_clients_of_node_opcua_are_served_alike_while_another_reads_nothing_any_more() {
+    let machine = node::machine();
+    let before = memory(&machine);
+    let signals: Vec<String> = (0..SIGNALS).map(|place| format!("signal.bed{place}.value")).collect();
+    let mut does = vec!["watch", "600"];
+    does.extend(signals.iter().map(String::as_str));
+    let deaf = machine.watched_by_client(node_opcua(), &with(&node::USER, &does));
+    deaf.stands_still();
+    let ten = with(&node::USER, &["many", "10", "8", "signal.bed7.value"]);
+    let said = machine.watched_by_client(node_opcua(), &ten).receives("\"counts\"");
+    let counts: Value = serde_json::from_str(&said).unwrap();
+    let counts = counts["counts"].as_array().unwrap();
+    assert_eq!(counts.len(), 10, "{said}");
+    assert!(counts.iter().all(|count| count.as_u64().is_some_and(|count| count >= 20)), "{said}");
+    let after = memory(&machine);
+    assert!(after < before + 50.0, "{before} MB, then {after} MB");
 }
 
 #[test]

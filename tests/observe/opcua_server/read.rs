@@ -5,7 +5,7 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use super::process::until;
-use super::rig::{Machine, SIGNALS};
+use super::rig::{Behaviour, Machine, SIGNALS};
 
 #[test]
 fn axes_signals_outputs_alarms_and_events_are_browsed_and_read_with_unit_quality_and_time() {
@@ -14,6 +14,8 @@ fn axes_signals_outputs_alarms_and_events_are_browsed_and_read_with_unit_quality
     for (id, name) in [
         ("machine", "press"),
         ("Identification", "Identification"),
+        ("gateway", "Gateway"),
+        ("gateway.Identification", "Identification"),
         ("axis.z", "z"),
         ("axis.z.cz_um", "cz_um"),
         ("axis.z.probe.correction_um", "correction_um"),
@@ -34,7 +36,7 @@ fn axes_signals_outputs_alarms_and_events_are_browsed_and_read_with_unit_quality
         "output.cnc_z.value",
         "axis.z.warn_um",
         "axis.z.armed",
-        "machine.SoftwareRevision",
+        "gateway.SoftwareRevision",
         "events.text",
     ]);
     for (id, value, status, unit) in [
@@ -45,7 +47,7 @@ fn axes_signals_outputs_alarms_and_events_are_browsed_and_read_with_unit_quality
         ("output.cnc_z.value", json!(10.0), "Good", json!("µm")),
         ("axis.z.warn_um", Value::Null, "GoodNoData", json!("µm")),
         ("axis.z.armed", json!(true), "Good", Value::Null),
-        ("machine.SoftwareRevision", json!(env!("CARGO_PKG_VERSION")), "Good", Value::Null),
+        ("gateway.SoftwareRevision", json!(env!("CARGO_PKG_VERSION")), "Good", Value::Null),
     ] {
         let found = &read[id];
         assert_eq!((&found["value"], &found["unit"]), (&value, &unit), "{id}: {found}");
@@ -63,7 +65,7 @@ fn axes_signals_outputs_alarms_and_events_are_browsed_and_read_with_unit_quality
 fn a_signal_without_a_value_is_bad_with_its_reason_and_an_alarm_and_an_event_say_so() {
     let machine = Machine::open();
     let mut listener = machine.watched_by(&["events", "20"]);
-    machine.answers(false);
+    machine.device(Behaviour::Refuses);
     until("the signal is bad", || {
         let read = machine.asks(&["read", "signal.bed3.value", "signal.bed3.quality", "alarms.count"]);
         let status = read["signal.bed3.value"]["status"].as_str().unwrap_or_default().to_owned();
@@ -77,6 +79,24 @@ fn a_signal_without_a_value_is_bad_with_its_reason_and_an_alarm_and_an_event_say
     let found = events.iter().find(|(text, ..)| text.contains("signal bed"));
     let (_, severity, source) = found.unwrap_or_else(|| panic!("{said}"));
     assert!(*severity >= 500 && source == "press", "{said}");
+}
+
+#[test]
+fn a_register_that_can_no_longer_be_read_keeps_its_value_with_an_uncertain_status() {
+    let machine = Machine::open();
+    let ids = ["output.cnc_z.value", "axis.z.verified_um"];
+    let have = |status: &str| {
+        until(status, || {
+            let read = machine.asks(&[&["read"][..], &ids].concat());
+            let has = |id: &&str| read[*id]["status"] == status && read[*id]["value"] == 10.0;
+            if ids.iter().all(has) { Ok(()) } else { Err(read.to_string()) }
+        });
+    };
+    have("Good");
+    machine.device(Behaviour::IsGone);
+    have("UncertainNoCommunicationLastUsableValue");
+    machine.device(Behaviour::Answers);
+    have("Good");
 }
 
 #[test]

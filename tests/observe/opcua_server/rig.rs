@@ -1,4 +1,5 @@
-//! A machine with temperatures that change with every read, its gateway with an OPC UA server, and clients in Python.
+//! A machine with temperatures that change with every read, its gateway with an OPC UA server, and clients in Python
+//! and JavaScript.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -8,7 +9,7 @@ use std::sync::{Arc, Mutex};
 
 use serde_json::Value;
 
-use super::device::server::{Question, serve};
+use super::device::server::{Question, hang_up, serve};
 use super::process::{Running, file, free_port, isotherm, until};
 
 /// Number of signals.
@@ -16,15 +17,42 @@ pub(crate) const SIGNALS: usize = 100;
 /// Offset register.
 const OFFSET: u16 = 200;
 
+fn tools() -> PathBuf {
+    Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap().join("tools")
+}
+
+fn path_of(script: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/interop").join(script)
+}
+
 /// Returns a command that runs a script in Python with asyncua.
 pub(crate) fn python(script: &str) -> Command {
-    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap();
-    let python = target.join("tools/venv/bin/python");
+    let python = tools().join("venv/bin/python");
     let lacks = "asyncua is not installed: `tests/run opcua` does it";
     assert!(python.exists(), "{}: {lacks}", python.display());
     let mut command = Command::new(python);
-    command.arg("-u").arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/interop").join(script));
+    command.arg("-u").arg(path_of(script));
     command
+}
+
+/// Returns a command that runs the client of node-opcua.
+pub(crate) fn node_opcua() -> Command {
+    let modules = tools().join("node/node_modules");
+    let lacks = "node-opcua-client is not installed: `tests/run opcua` does it";
+    assert!(modules.join("node-opcua-client").exists(), "{}: {lacks}", modules.display());
+    let mut command = Command::new("node");
+    command.arg(path_of("opcua_client.cjs")).arg(modules);
+    command
+}
+
+/// Behaviour of the device.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Behaviour {
+    Answers,
+    /// Reads of temperatures are answered with an exception.
+    Refuses,
+    /// Each request ends the connection.
+    IsGone,
 }
 
 /// A gateway in a separate process, with its simulated machine and its OPC UA server.
@@ -33,8 +61,7 @@ pub(crate) struct Machine {
     profile: PathBuf,
     home: tempfile::TempDir,
     port: u16,
-    /// If not zero, the device answers reads of temperatures with an exception.
-    is_mute: Arc<AtomicU16>,
+    behaviour: Arc<Mutex<Behaviour>>,
 }
 
 /// Makes the machine's profile, with these lines of `[opcua_server]`.
@@ -93,13 +120,17 @@ every = "100ms"
 impl Machine {
     /// Starts a machine with these lines of `[opcua_server]`, and with files next to its profile.
     pub(crate) fn with(server: &str, files: impl FnOnce(&Path)) -> Machine {
-        let (offset, reads, is_mute) =
-            (Arc::new(Mutex::new(0_u16)), Arc::new(AtomicU16::new(0)), Arc::new(AtomicU16::new(0)));
-        let mute = is_mute.clone();
+        let (offset, reads) = (Arc::new(Mutex::new(0_u16)), Arc::new(AtomicU16::new(0)));
+        let behaviour = Arc::new(Mutex::new(Behaviour::Answers));
+        let behaves = behaviour.clone();
         let address = serve(move |question: &Question, stream| {
             let temperatures = question.is_read() && question.from() < OFFSET;
-            if temperatures && mute.load(Ordering::Relaxed) > 0 {
-                return stream.write_all(&question.answer(&question.denied(4)));
+            match *behaves.lock().unwrap() {
+                Behaviour::Refuses if temperatures => {
+                    return stream.write_all(&question.answer(&question.denied(4)));
+                }
+                Behaviour::IsGone => return hang_up(),
+                _ => {}
             }
             let round = if temperatures { reads.fetch_add(1, Ordering::Relaxed) } else { 0 };
             let mut bank: Vec<u16> = (0..=OFFSET).map(|place| 100 + (round + place) % 50).collect();
@@ -118,7 +149,7 @@ impl Machine {
         let profile = file(home.path(), "machine.toml", &profile(&address.to_string(), port, server));
         let mut running = Running::start(isotherm(home.path()).arg("run").arg(&profile));
         running.receives("OPC UA clients are served at opc.tcp://127.0.0.1:");
-        let machine = Machine { running, profile, home, port, is_mute };
+        let machine = Machine { running, profile, home, port, behaviour };
         machine.is_active();
         machine
     }
@@ -130,11 +161,11 @@ impl Machine {
 
     /// Kills the gateway, and starts it again with its state on disk.
     pub(crate) fn dies_and_begins(self) -> Machine {
-        let Machine { running, profile, home, port, is_mute } = self;
+        let Machine { running, profile, home, port, behaviour } = self;
         running.killed();
         let mut running = Running::start(isotherm(home.path()).arg("run").arg(&profile));
         running.receives("OPC UA clients are served at opc.tcp://127.0.0.1:");
-        let machine = Machine { running, profile, home, port, is_mute };
+        let machine = Machine { running, profile, home, port, behaviour };
         machine.is_active();
         machine
     }
@@ -144,31 +175,40 @@ impl Machine {
         self.home.path()
     }
 
-    /// Sets whether the device returns temperatures.
-    pub(crate) fn answers(&self, answers: bool) {
-        self.is_mute.store(u16::from(!answers), Ordering::Relaxed);
+    /// Sets the behaviour of the device.
+    pub(crate) fn device(&self, behaviour: Behaviour) {
+        *self.behaviour.lock().unwrap() = behaviour;
     }
 
-    /// Returns the command of a client. Its files are next to the profile.
-    fn client(&self, arguments: &[&str]) -> Command {
-        let mut command = python("opcua_client.py");
-        command.arg(format!("opc.tcp://127.0.0.1:{}", self.port)).args(arguments);
-        command.current_dir(self.home.path());
-        command
+    /// Lets this program be a client, with its files next to the profile.
+    fn client(&self, mut program: Command, arguments: &[&str]) -> Command {
+        program.arg(format!("opc.tcp://127.0.0.1:{}", self.port)).args(arguments);
+        program.current_dir(self.home.path());
+        program
     }
 
-    /// Runs a client to its end, and returns what it printed last.
+    /// Runs a client with asyncua to its end, and returns what it printed last.
     pub(crate) fn asks(&self, arguments: &[&str]) -> Value {
-        let done = self.client(arguments).stderr(Stdio::piped()).output().unwrap();
+        self.asks_client(python("opcua_client.py"), arguments)
+    }
+
+    /// Runs this client to its end, and returns what it printed last.
+    pub(crate) fn asks_client(&self, program: Command, arguments: &[&str]) -> Value {
+        let done = self.client(program, arguments).stderr(Stdio::piped()).output().unwrap();
         let said = String::from_utf8_lossy(&done.stdout).into_owned();
         let last = said.lines().last().unwrap_or_default();
         serde_json::from_str(last)
             .unwrap_or_else(|_| panic!("{arguments:?}: {said}{}", String::from_utf8_lossy(&done.stderr)))
     }
 
-    /// Starts a client, and waits until it is ready.
+    /// Starts a client with asyncua, and waits until it is ready.
     pub(crate) fn watched_by(&self, arguments: &[&str]) -> Running {
-        let mut running = Running::start(&mut self.client(arguments));
+        self.watched_by_client(python("opcua_client.py"), arguments)
+    }
+
+    /// Starts this client, and waits until it is ready.
+    pub(crate) fn watched_by_client(&self, program: Command, arguments: &[&str]) -> Running {
+        let mut running = Running::start(&mut self.client(program, arguments));
         running.receives("ready");
         running
     }

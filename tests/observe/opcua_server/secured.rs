@@ -8,12 +8,12 @@ use serde_json::json;
 use super::process::{Running, file, isotherm, nowhere, until};
 use super::rig::{Machine, profile, python};
 
-const SECURED: &str = "security = \"sign-and-encrypt\"\ncert = \"server.der\"\nkey = \"server.pem\"\n\
+pub(crate) const SECURED: &str = "security = \"sign-and-encrypt\"\ncert = \"server.der\"\nkey = \"server.pem\"\n\
     trusted = \"clients\"\nusers = [{ name = \"mes\", password_file = \"mes.password\" }, \
     { name = \"probe\", cert = \"user.der\", commands = [\"measured\"] }]";
 
 /// Makes certificates, and trusts the clients `own` and `old`. The certificate of `old` has expired.
-fn certificates(home: &Path) {
+pub(crate) fn certificates(home: &Path) {
     assert!(python("opcua_certificates.py").arg(home).status().unwrap().success());
     std::fs::create_dir(home.join("clients")).unwrap();
     for trusted in ["own.der", "old.der"] {
@@ -26,7 +26,8 @@ fn certificates(home: &Path) {
 const OWN: [&str; 4] = ["--cert", "own", "--server-cert", "server.der"];
 const READ: [&str; 2] = ["read", "axis.z.state"];
 
-fn with<'a>(options: &[&'a str], does: &[&'a str]) -> Vec<&'a str> {
+/// Returns the arguments of the trusted client.
+pub(crate) fn with<'a>(options: &[&'a str], does: &[&'a str]) -> Vec<&'a str> {
     [&OWN[..], options, does].concat()
 }
 

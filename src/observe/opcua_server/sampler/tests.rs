@@ -51,7 +51,8 @@ fn a_variable_has_the_value_the_quality_and_the_time_of_its_field() {
         ("axis.z.probe.last.error_um", Value::Null, Quality::NoData, now),
         ("output.cnc_z.shares.share", Value::Number(10.5), Quality::Good, at("2026-07-02T11:59:58Z")),
         ("machine.log_dropped", Value::Count(3), Quality::Good, now),
-        ("machine.Model", text("isotherm"), Quality::Good, now),
+        ("machine.ComponentName", text("研削盤"), Quality::Good, now),
+        ("gateway.Model", text("isotherm"), Quality::Good, now),
         ("alarms.count", Value::Count(1), Quality::Good, now),
         ("alarms.cause", texts(&["open circuit"]), Quality::Good, now),
         ("alarms.hint", texts(&[""]), Quality::Good, now),
@@ -108,4 +109,76 @@ fn every_reason_for_a_bad_reading_has_a_quality() {
     ] {
         assert_eq!(Quality::of_code(code), quality, "{code}");
     }
+}
+
+#[test]
+fn a_value_that_can_no_longer_be_verified_is_the_last_usable_one() {
+    use Quality::{Good, LastUsable, LastUsableNoAnswer};
+    for (device, state, quality) in [
+        ("ok", "verified", Good),
+        ("ok", "off", Good),
+        ("ok", "foreign", Good),
+        ("ok", "unverified", LastUsable),
+        ("ok", "interlocked", LastUsable),
+        ("not-as-expected", "verified", LastUsable),
+        ("lost", "verified", LastUsableNoAnswer),
+        ("lost", "off", LastUsableNoAnswer),
+    ] {
+        let mut machine = Machine::new();
+        let mut later = status();
+        later.devices[0].state = device;
+        later.outputs[0].device = "module".to_owned();
+        later.outputs[0].state = state;
+        machine.refresh(later);
+        for (id, value) in
+            [("output.cnc_z.value", 12.5), ("output.cnc_z.shares.share", 10.5), ("axis.z.verified_um", 12.5)]
+        {
+            let found = machine.sample(id);
+            let sample = Sample { value: Value::Number(value), quality, at: at("2026-07-02T11:59:58Z") };
+            assert_eq!(*found, sample, "{id}, device {device}, output {state}");
+        }
+        // The target is the gateway's own, and a value that is not there has no quality of its register.
+        assert_eq!(machine.sample("axis.z.cz_um").quality, Good, "device {device}, output {state}");
+        assert_eq!(machine.sample("output.cnc_z.applied").quality, Quality::NoData, "device {device}");
+    }
+}
+
+#[test]
+fn a_register_that_was_never_read_waits_for_its_first_value() {
+    for (device, state, quality) in [
+        ("never-answered", "off", Quality::Waiting),
+        ("never-answered", "unknown", Quality::Waiting),
+        ("ok", "unknown", Quality::Waiting),
+        ("ok", "off", Quality::NoData),
+    ] {
+        let mut machine = Machine::new();
+        let mut later = status();
+        later.devices[0].state = device;
+        let output = &mut later.outputs[0];
+        (output.device, output.state) = ("module".to_owned(), state);
+        (output.value, output.age_s) = (None, None);
+        (later.axes[0].verified_um, later.axes[0].verified_age_s) = (None, None);
+        machine.refresh(later);
+        for id in ["output.cnc_z.value", "axis.z.verified_um"] {
+            let found = machine.sample(id);
+            assert_eq!((&found.value, found.quality), (&Value::Null, quality), "{id}: {device}, {state}");
+        }
+    }
+}
+
+#[test]
+fn the_quality_of_an_axis_is_that_of_the_output_from_which_its_value_was_read() {
+    let mut machine = Machine::new();
+    let mut later = status();
+    // Neither the output of another axis nor a slope contains this value.
+    for (axis, writes) in [("x", "offset"), ("z", "slope")] {
+        let mut other = later.outputs[0].clone();
+        (other.axis, other.writes, other.state) = (axis.to_owned(), writes, "unverified");
+        later.outputs.insert(0, other);
+    }
+    machine.refresh(later.clone());
+    assert_eq!(machine.sample("axis.z.verified_um").quality, Quality::Good);
+    later.outputs.clear();
+    machine.refresh(later);
+    assert_eq!(machine.sample("axis.z.verified_um").quality, Quality::Good);
 }

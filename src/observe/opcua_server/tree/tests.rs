@@ -30,7 +30,8 @@ fn the_nodes_of_axes_signals_outputs_alarms_and_events_have_the_names_of_the_api
     let tree = Tree::of(&status());
     for (id, kind, unit) in [
         ("machine.ready", Kind::Flag, ""),
-        ("machine.SoftwareRevision", Kind::Text, ""),
+        ("machine.ComponentName", Kind::Text, ""),
+        ("gateway.SoftwareRevision", Kind::Text, ""),
         ("axis.z.cz_um", Kind::Number, "µm"),
         ("axis.z.verified_um", Kind::Number, "µm"),
         ("axis.z.acted", Kind::Texts, ""),
@@ -55,6 +56,12 @@ fn the_nodes_of_axes_signals_outputs_alarms_and_events_have_the_names_of_the_api
     let machine = tree.objects.iter().find(|object| object.id == MACHINE).unwrap();
     assert_eq!((machine.name.as_str(), machine.label.as_str()), ("press", "研削盤"));
     assert_eq!(machine.role, Role::EventSource);
+    for (id, parent) in
+        [("Identification", "machine"), ("Components", "machine"), ("gateway.Identification", "gateway")]
+    {
+        let add_in = tree.objects.iter().find(|object| object.id == id).unwrap();
+        assert_eq!((add_in.role, add_in.parent.as_deref()), (Role::AddIn, Some(parent)), "{id}");
+    }
 }
 
 #[test]
