@@ -41,6 +41,8 @@ const TURNS: usize = 40;
 /// Turns of the contenders over RTU. Their speed depends mostly on the silence between two frames.
 const RTU_TURNS: usize = 10;
 const TURN: Duration = Duration::from_millis(500);
+/// Time between the first write of a contender and its measurement.
+const WARM_UP: Duration = Duration::from_millis(250);
 const STARTS: usize = 15;
 const MOST_TO_START_MS: f64 = 15.0;
 
@@ -169,7 +171,11 @@ fn take_turns(
         for (one, turns) in contenders.iter().zip(&mut turns) {
             let mut devices = Devices::start(device);
             let process = contender(one.program, one.mode, &devices.port, &[]);
-            std::thread::sleep(Duration::from_millis(250));
+            // The gateway waits on a new serial connection until no answer to an earlier program can arrive.
+            while devices.counts().writes == 0 {
+                std::thread::sleep(WARM_UP / 10);
+            }
+            std::thread::sleep(WARM_UP);
             let (begun, busy, before) = (Clock::wall().now(), process.busy(), devices.counts());
             std::thread::sleep(span);
             let passed = Clock::wall().now().since(begun).as_secs_f64();
