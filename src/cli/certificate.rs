@@ -9,6 +9,7 @@ use anyhow::Context;
 use tokio::sync::watch;
 use tokio_rustls::rustls::ServerConfig;
 
+use crate::clock::Ticks;
 use crate::fieldbus::tls;
 use crate::observe::http::TlsReceiver;
 use isotherm_profile::{WebTls, safe_file};
@@ -48,8 +49,9 @@ impl Certificate {
     /// old certificate.
     pub(super) async fn keep(mut self) {
         let mut last = self.read;
+        let mut ticks = Ticks::every(LOOK_EVERY);
         loop {
-            tokio::time::sleep(LOOK_EVERY).await;
+            ticks.next().await;
             let files = self.files.clone();
             // A file may be on a network that is gone. Only this thread then waits for it.
             let Ok(found) = tokio::task::spawn_blocking(move || stamp(&files)).await else { return };

@@ -14,12 +14,14 @@ use std::time::Duration;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serde::Serialize;
 
-use crate::clock::BootClock;
+use crate::clock::{BootClock, Ticks};
 
 /// Time for which a requester waits for an answer.
 pub const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
-/// Interval at which [`ServiceTimes`] records that the sockets are served: half of the shortest gap.
-const LOOK_EVERY: Duration = Duration::from_millis(500);
+/// Interval at which [`ServiceTimes`] records that the sockets are served.
+const LOOK_EVERY: Duration = Duration::from_secs(1);
+/// Length up to which [`ServiceTimes`] records no gap, in milliseconds.
+const SHORTEST_GAP: u64 = 1500;
 
 /// Channel over which a command was received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -141,7 +143,7 @@ pub struct ServiceTimes(Arc<SampleTimes>);
 struct SampleTimes {
     /// Last time at which the sockets were served, in milliseconds since the start of the computer.
     last: AtomicU64,
-    /// Start and end (`after`) of the last gap of more than a second in which the sockets were not served.
+    /// Start and end (`after`) of the last gap of more than [`SHORTEST_GAP`] in which the sockets were not served.
     before: AtomicU64,
     after: AtomicU64,
 }
@@ -153,15 +155,16 @@ fn now() -> u64 {
 impl ServiceTimes {
     /// Records that the sockets are served, in an endless loop.
     pub async fn keep(&self) {
+        let mut ticks = Ticks::every(LOOK_EVERY);
         loop {
             self.record(now());
-            tokio::time::sleep(LOOK_EVERY).await;
+            ticks.next().await;
         }
     }
 
     fn record(&self, now: u64) {
         let last = self.0.last.swap(now, Ordering::Relaxed);
-        if last > 0 && now.saturating_sub(last) > 1000 {
+        if last > 0 && now.saturating_sub(last) > SHORTEST_GAP {
             self.0.before.store(last, Ordering::Relaxed);
             self.0.after.store(now, Ordering::Relaxed);
         }
@@ -236,5 +239,10 @@ mod tests {
         attendance.record(108_250);
         attendance.record(109_000);
         assert_eq!(attendance.longest_wait(109_100), Duration::from_millis(100));
+        attendance.record(110_500);
+        assert_eq!(attendance.longest_wait(110_600), Duration::from_millis(100));
+        // One millisecond more is a gap.
+        attendance.record(112_001);
+        assert_eq!(attendance.longest_wait(112_101), Duration::from_millis(1601));
     }
 }

@@ -43,6 +43,7 @@ use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::net::{UnixListener, UnixStream};
 use tokio::sync::Semaphore;
 
+use crate::clock::Ticks;
 use crate::fieldbus::explain::system;
 use crate::fieldbus::trace::{Exchange, ExchangeReceiver};
 use crate::gateway::lifecycle::successor::Successor;
@@ -174,11 +175,12 @@ pub async fn serve(
     let desk = ControlContext { source, wire_log, successor, attendance: attendance.clone(), stays };
     let places = Arc::new(Semaphore::new(most));
     let silent = SilentConnections::of(most);
+    let mut deleted = Ticks::every(DELETED);
     let accepting = async {
         loop {
             let accepted = tokio::select! {
                 accepted = listener.accept() => accepted,
-                () = tokio::time::sleep(DELETED) => {
+                () = deleted.next() => {
                     listener = made_again(listener);
                     continue;
                 }

@@ -34,7 +34,7 @@ use super::routes;
 use super::sessions::{SessionKey, Sessions};
 use super::state::HttpState;
 use super::tokens::{Change, Role, Tokens, random};
-use crate::clock::BootClock;
+use crate::clock::{BootClock, Ticks};
 use crate::observe::events::{Event, PageToken};
 use crate::observe::requester::{Channel, Requester};
 use crate::observe::status::Command;
@@ -156,11 +156,10 @@ impl Access {
 
     /// Reads changed token files and reports wrong tokens, in an endless loop.
     pub(super) async fn keep(room: HttpState) {
+        let mut ticks = Ticks::every(LOOK_EVERY);
         loop {
-            tokio::time::sleep(LOOK_EVERY).await;
-            let looked = room.clone();
-            let look = tokio::task::spawn_blocking(move || looked.access.tokens.check());
-            for (role, change) in look.await.unwrap_or_default() {
+            ticks.next().await;
+            for (role, change) in changed_tokens(&room).await {
                 let role = role.name();
                 room.source.report(&Event::Token(match change {
                     Change::Another => PageToken::Changed { role },
@@ -356,6 +355,15 @@ impl Access {
         let pairs = lines.flat_map(|line| line.split(';')).filter_map(|pair| pair.trim().split_once('='));
         pairs.filter(|(known, _)| *known == name).filter_map(|(_, value)| SessionKey::parse(value)).collect()
     }
+}
+
+/// Reads changed token files on a separate thread, and returns the changes.
+async fn changed_tokens(room: &HttpState) -> Vec<(Role, Change)> {
+    if !room.access.tokens.any() {
+        return Vec::new();
+    }
+    let room = room.clone();
+    tokio::task::spawn_blocking(move || room.access.tokens.check()).await.unwrap_or_default()
 }
 
 fn tell(room: &HttpState, TokenReport { count, last, closed }: &TokenReport) {

@@ -10,10 +10,10 @@ use std::time::Duration;
 use axum::response::sse::{Event, Sse};
 use tokio::sync::{Semaphore, watch};
 use tokio::task::spawn_blocking;
-use tokio::time::MissedTickBehavior;
 use tokio_stream::wrappers::WatchStream;
 use tokio_stream::{Stream, StreamExt};
 
+use crate::clock::Ticks;
 use crate::observe::status::{GatewayApi, Status};
 use crate::observe::status_pages::StatusPage;
 
@@ -90,11 +90,10 @@ async fn tick(
     sender: watch::Sender<Option<Arc<Latest>>>,
     mut stopped: watch::Receiver<()>,
 ) {
-    let mut ticks = tokio::time::interval(PERIOD);
-    ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
+    let mut ticks = Ticks::every(PERIOD);
     loop {
         tokio::select! {
-            _ = ticks.tick() => {}
+            () = ticks.next() => {}
             _ = stopped.changed() => {
                 // The last status shows that the gateway stops.
                 sender.send_replace(Some(Arc::new(Latest::of(source.as_ref()))));
