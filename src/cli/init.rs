@@ -44,7 +44,8 @@ pub(super) struct Arguments {
     /// The machine's name, in file names and on the gateway's web page
     #[arg(long, value_name = "NAME")]
     machine: Option<String>,
-    /// Address of the temperature module: 192.168.0.10:502, or a serial port: /dev/ttyUSB0
+    /// Address of the temperature module: 192.168.0.10:502, or a serial port: /dev/ttyUSB0. For Modbus ASCII:
+    /// modbus-ascii:///dev/ttyUSB0, modbus-ascii+tcp://192.168.0.10:4001
     #[arg(long, value_name = "ADDRESS|PORT")]
     bus: Option<String>,
     /// Baud rate of the module's serial line
@@ -53,6 +54,9 @@ pub(super) struct Arguments {
     /// Parity of the module's serial line: none, even, odd
     #[arg(long, value_name = "PARITY")]
     parity: Option<String>,
+    /// Data bits of the module's line with Modbus ASCII: 7, 8
+    #[arg(long, value_name = "BITS")]
+    data_bits: Option<String>,
     /// The module's device template, or `none` to write its registers in the profile
     #[arg(long, value_name = "TEMPLATE")]
     module: Option<String>,
@@ -119,6 +123,9 @@ pub(super) struct Arguments {
     /// Parity of the control's serial line: none, even, odd
     #[arg(long, value_name = "PARITY")]
     control_parity: Option<String>,
+    /// Data bits of the control's line with Modbus ASCII: 7, 8
+    #[arg(long, value_name = "BITS")]
+    control_data_bits: Option<String>,
     /// Bit of the control that is 1 while the machine is on: a channel of its template, discrete:0, holding:16.3, or none
     #[arg(long, value_name = "BIT")]
     machine_on: Option<String>,

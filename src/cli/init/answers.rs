@@ -4,9 +4,10 @@ use std::net::Ipv4Addr;
 
 use super::serial_settings::SerialSettings;
 use super::value_form::ValueForm;
+use crate::discovery::bus::LineAddress;
 use crate::discovery::{Register, Table};
 use isotherm_profile::template::Outline;
-use isotherm_profile::{Flag, allowed};
+use isotherm_profile::{Flag, Transport, allowed};
 
 /// Values from which the first profile is written.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,18 +32,23 @@ pub(super) struct Answers {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Line {
     Tcp(String),
+    /// Frames of Modbus ASCII through a serial server.
+    AsciiOverTcp(String),
     Serial(String, SerialSettings),
 }
 
 impl Line {
     pub(super) fn parse(text: &str) -> Result<Line, String> {
         if text.starts_with('/') {
-            return Ok(Line::Serial(text.to_owned(), SerialSettings::default()));
+            return Ok(Line::Serial(text.to_owned(), SerialSettings::RTU));
+        }
+        if text.starts_with("modbus-ascii") && text.contains("://") {
+            return Line::parse_modbus_ascii(text);
         }
         let example = "write 192.168.0.10:502, or /dev/ttyUSB0";
         if text.contains("//") {
-            return Err("write an address without a prefix such as tcp://. Examples: 192.168.0.10:502, or \
-                        /dev/ttyUSB0"
+            return Err("write an address without a prefix such as tcp://. Examples: 192.168.0.10:502, \
+                        /dev/ttyUSB0, or modbus-ascii:///dev/ttyUSB0 for Modbus ASCII"
                 .to_owned());
         }
         if text.starts_with("can") || text.starts_with("vcan") {
@@ -80,14 +86,28 @@ impl Line {
         }
     }
 
+    /// Parses the address of a line with frames of Modbus ASCII.
+    fn parse_modbus_ascii(text: &str) -> Result<Line, String> {
+        if let Some((port, _)) = text.split_once('?') {
+            return Err(format!("write {port}: baud rate, parity and data bits are asked"));
+        }
+        let LineAddress { transport, address } = text.parse()?;
+        Ok(match transport {
+            Transport::ModbusAsciiOverTcp => Line::AsciiOverTcp(address),
+            _ => Line::Serial(address, SerialSettings::ASCII),
+        })
+    }
+
+    /// Address of a line on the network, or path of a serial port.
+    fn place(&self) -> &str {
+        match self {
+            Line::Tcp(place) | Line::AsciiOverTcp(place) | Line::Serial(place, _) => place,
+        }
+    }
+
     /// Returns whether both are one line: they have the same address, or the same port.
     pub(super) fn is_same(&self, other: &Line) -> bool {
-        match (self, other) {
-            (Line::Tcp(own), Line::Tcp(other)) | (Line::Serial(own, _), Line::Serial(other, _)) => {
-                own == other
-            }
-            _ => false,
-        }
+        self.place() == other.place()
     }
 }
 
@@ -265,10 +285,15 @@ pub(super) fn signals(text: &str, most: usize) -> Result<Vec<String>, String> {
 pub(super) fn unit(text: &str, line: &Line) -> Result<u8, String> {
     let allowed = match line {
         Line::Tcp(_) => 0..=255,
-        Line::Serial(..) => 1..=247,
+        Line::AsciiOverTcp(_) | Line::Serial(..) => 1..=247,
     };
     let unit = text.parse::<u8>().ok().filter(|unit| allowed.contains(unit));
     unit.ok_or_else(|| format!("write a unit from {} to {}", allowed.start(), allowed.end()))
+}
+
+pub(super) fn data_bits(text: &str) -> Result<u8, String> {
+    let bits = text.parse().ok().filter(|bits| (7..=8).contains(bits));
+    bits.ok_or_else(|| "write 7 or 8".to_owned())
 }
 
 pub(super) fn limit(text: &str) -> Result<f64, String> {

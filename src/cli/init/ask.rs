@@ -5,7 +5,7 @@ use super::answers::{
     self, Answers, ControlTemplate, Destination, Line, MachineOn, Module, ModuleTemplate, Target,
 };
 use super::questions::{Question, Questions, yes_or_no};
-use super::serial_settings::{FindSettings, SerialSettings, extent};
+use super::serial_settings::{FindSettings, Frames, SerialSettings, extent};
 use super::value_form::{self, ValueForm};
 use crate::discovery::bus::{Parity, baud};
 use isotherm_profile::duration_text;
@@ -34,7 +34,8 @@ pub(super) fn ask(
     let line = asking.text(
         ("bus", "Address or serial port of the temperature module", Some("192.168.0.10:502")),
         "On a network: address and port, such as 192.168.0.10:502. On a serial line: a port such as /dev/ttyUSB0; a name \
-         below /dev/serial/by-id stays the same after a restart.",
+         below /dev/serial/by-id stays the same after a restart. For Modbus ASCII: modbus-ascii:///dev/ttyUSB0, or \
+         modbus-ascii+tcp://192.168.0.10:4001 through a serial server.",
         arguments.bus.as_deref(),
         Line::parse,
     )?;
@@ -46,8 +47,9 @@ pub(super) fn ask(
         &line,
     )?;
     let sends_text = outline.as_ref().is_some_and(|outline| outline.sends_text);
-    let given = (arguments.baud.as_deref(), arguments.parity.as_deref());
-    let line = asking.settled(line, (unit, sends_text), ("baud", "parity"), given)?;
+    let given = [&arguments.baud, &arguments.parity, &arguments.data_bits];
+    let options = ["baud", "parity", "data-bits"];
+    let line = asking.settled(line, (unit, sends_text), options, given.map(Option::as_deref))?;
     let module = asking.channels(outline, variant, base)?;
     let most = module.template().map_or(MOST_SIGNALS, |template| template.outline.temperatures.len());
     let signals = asking.text(
@@ -388,8 +390,10 @@ impl Asking<'_, '_> {
             }
             return Ok((None, unit));
         };
-        let given = (self.arguments.control_baud.as_deref(), self.arguments.control_parity.as_deref());
-        let line = self.settled(line, (unit, false), ("control-baud", "control-parity"), given)?;
+        let Arguments { control_baud, control_parity, control_data_bits, .. } = self.arguments;
+        let given = [control_baud, control_parity, control_data_bits].map(Option::as_deref);
+        let options = ["control-baud", "control-parity", "control-data-bits"];
+        let line = self.settled(line, (unit, false), options, given)?;
         Ok((Some(line), unit))
     }
 
@@ -408,39 +412,55 @@ impl Asking<'_, '_> {
         )
     }
 
-    /// Returns the line with baud rate and parity. A serial line without options is tried after a yes, or asked. The
-    /// settings of a line with text are only asked.
+    /// Returns the line with the settings of its port. `options` and `given` are those of baud rate, parity and data bits.
+    /// A serial line without options is tried after a yes, or asked. The settings of a line with text are only asked.
     fn settled(
         &mut self,
         line: Line,
         (unit, sends_text): (u8, bool),
-        (baud_option, parity_option): (&'static str, &'static str),
-        (baud_given, parity_given): (Option<&str>, Option<&str>),
+        options: [&'static str; 3],
+        given: [Option<&str>; 3],
     ) -> anyhow::Result<Line> {
         let (port, mut usual) = match line {
             Line::Serial(port, usual) => (port, usual),
-            tcp @ Line::Tcp(_) => return Ok(tcp),
+            tcp @ (Line::Tcp(_) | Line::AsciiOverTcp(_)) => return Ok(tcp),
         };
-        if baud_given.is_none() && parity_given.is_none() && !sends_text {
-            usual = self.tried(&port, unit)?.unwrap_or(usual);
+        if given.iter().all(Option::is_none) && !sends_text {
+            usual = self.tried(&port, usual, unit)?.unwrap_or(usual);
         }
         let baud = self.text(
-            (baud_option, &format!("Baud rate of {port}"), Some(&usual.baud.to_string())),
+            (options[0], &format!("Baud rate of {port}"), Some(&usual.baud.to_string())),
             "The setting of the devices on this line; their manual or their switches show it.",
-            baud_given,
+            given[0],
             baud,
         )?;
         let parity = self.text(
-            (parity_option, &format!("Parity of {port}"), Some(usual.parity.word())),
+            (options[1], &format!("Parity of {port}"), Some(usual.parity.word())),
             "none, even or odd: the setting of the devices on this line.",
-            parity_given,
+            given[1],
             str::parse::<Parity>,
         )?;
-        Ok(Line::Serial(port, SerialSettings { baud, parity }))
+        let frames = match usual.frames {
+            Frames::Rtu => Frames::Rtu,
+            Frames::Ascii { data_bits } => Frames::Ascii {
+                data_bits: self.text(
+                    (options[2], &format!("Data bits of {port}"), Some(&data_bits.to_string())),
+                    "7 or 8: the setting of the devices on this line.",
+                    given[2],
+                    answers::data_bits,
+                )?,
+            },
+        };
+        Ok(Line::Serial(port, SerialSettings { baud, parity, frames }))
     }
 
     /// Tries the settings of a port after a yes. Returns those with which the unit answers.
-    fn tried(&mut self, port: &str, unit: u8) -> anyhow::Result<Option<SerialSettings>> {
+    fn tried(
+        &mut self,
+        port: &str,
+        usual: SerialSettings,
+        unit: u8,
+    ) -> anyhow::Result<Option<SerialSettings>> {
         let (count, longest) = extent();
         let agreed = self.questions.agrees(
             &format!("Find baud rate and parity of {port} by trying? Only reads, at most {}", duration_text(longest)),
@@ -452,13 +472,20 @@ impl Asking<'_, '_> {
         if !agreed {
             return Ok(None);
         }
-        let found = (self.find)(port, unit);
+        let found = (self.find)(port, usual, unit);
         self.questions.show(&match &found {
-            Ok(Some(SerialSettings { baud, parity })) => {
+            Ok(Some(SerialSettings { baud, parity, .. })) => {
                 format!("  unit {unit} answers at {baud} baud, parity {}", parity.word())
             }
             Ok(None) => {
-                format!("  unit {unit} answers with no setting: check its number, power and wires A and B")
+                let other = match usual.frames {
+                    Frames::Rtu => format!("Modbus ASCII, as modbus-ascii://{port}"),
+                    Frames::Ascii { .. } => format!("Modbus RTU, as {port}"),
+                };
+                format!(
+                    "  unit {unit} answers with no setting: check its number, power and wires A and B, or begin again \
+                     with {other}"
+                )
             }
             Err(why) => format!("  {why}"),
         })?;

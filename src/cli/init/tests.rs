@@ -1,7 +1,7 @@
 use std::path::Path;
 
 use super::answers::{ControlTemplate, Line, MachineOn, Module, ModuleTemplate, Target};
-use super::serial_settings::SerialSettings;
+use super::serial_settings::{Frames, SerialSettings};
 use super::*;
 use crate::discovery::bus::Parity;
 use isotherm_profile::template::Outline;
@@ -11,20 +11,25 @@ use isotherm_profile::{Writes, preview};
 /// and scale; then mostly Enter.
 const USUAL: &str = "\n\n\n\n\n\n\n\n\n\n40105\ni32\nmsw-first\n0.1\n\n2\n\n";
 
-const FOUND: SerialSettings = SerialSettings { baud: 19_200, parity: Parity::Even };
+const FOUND: SerialSettings = SerialSettings { baud: 19_200, parity: Parity::Even, frames: Frames::Rtu };
 
 fn known() -> Vec<Outline> {
     outlines(Path::new("/nowhere"))
 }
 
-/// Asks with these options. A unit on a port that begins with `/dev/tty` answers with [`FOUND`].
+/// Asks with these options. A unit on a port that begins with `/dev/tty` answers with [`FOUND`]. With frames of Modbus
+/// ASCII it has eight data bits.
 fn answered_with(options: &[&str], lines: &str) -> (anyhow::Result<Answers>, String, String) {
     let words = ["init"].into_iter().chain(options.iter().copied());
     let arguments = <Parser as clap::Parser>::parse_from(words).arguments;
     let (mut input, mut shown) = (lines.as_bytes(), Vec::<u8>::new());
     let mut questions = Questions::new(&mut input, &mut shown, arguments.yes);
-    let find = |port: &str, _: u8| -> Result<Option<SerialSettings>, String> {
-        Ok(port.starts_with("/dev/tty").then_some(FOUND))
+    let find = |port: &str, usual: SerialSettings, _: u8| -> Result<Option<SerialSettings>, String> {
+        let frames = match usual.frames {
+            Frames::Rtu => Frames::Rtu,
+            Frames::Ascii { .. } => Frames::Ascii { data_bits: 8 },
+        };
+        Ok(port.starts_with("/dev/tty").then_some(SerialSettings { frames, ..FOUND }))
     };
     let answers = ask::ask(&arguments, &known(), &find, &mut questions);
     let command = questions.command("first.toml");
@@ -269,10 +274,62 @@ fn the_settings_of_a_line_are_tried_only_after_a_yes() {
     );
     let options = ["--yes", "--bus", "/dev/ttyUSB0", "--output", "linuxcnc-eoffset", "--control-unit", "2"];
     let answers = answered_with(&options, "").0.unwrap();
-    assert_eq!(answers.line, Line::Serial("/dev/ttyUSB0".to_owned(), SerialSettings::default()));
+    assert_eq!(answers.line, Line::Serial("/dev/ttyUSB0".to_owned(), SerialSettings::RTU));
     let options = ["--bus", "/dev/nothing", "--module", "none", "--unit", "4"];
     let (_, shown, _) = answered_with(&options, "\nyes\n\n");
     assert!(shown.contains("unit 4 answers with no setting"), "{shown}");
+    assert!(shown.contains("begin again with Modbus ASCII, as modbus-ascii:///dev/nothing"), "{shown}");
+}
+
+/// Modbus ASCII on a port of this computer, with settings that are found or asked, and through a serial server.
+#[test]
+fn a_line_with_modbus_ascii_is_offered_on_a_port_and_through_a_serial_server() {
+    let ascii =
+        |baud, parity, data_bits| SerialSettings { baud, parity, frames: Frames::Ascii { data_bits } };
+    let port = "modbus-ascii:///dev/ttyUSB0";
+    let on_port = |lines: &str| {
+        let options = ["--bus", port, "--module", "none", "--unit", "3"];
+        let rest = USUAL.strip_prefix("\n\n\n\n").unwrap();
+        let (answers, shown, command) = answered_with(&options, &format!("\n{lines}{rest}"));
+        let answers = answers.unwrap_or_else(|error| panic!("{error}\n{shown}"));
+        (answers, shown, command)
+    };
+    let (answers, shown, command) = on_port("yes\n\n\n\n");
+    assert_eq!(
+        answers.line,
+        Line::Serial("/dev/ttyUSB0".to_owned(), ascii(19_200, Parity::Even, 8)),
+        "found: {shown}"
+    );
+    assert!(command.contains("--bus=modbus-ascii:///dev/ttyUSB0") && command.contains("--data-bits=8"));
+    assert!(text::profile(&answers).contains("type    = \"modbus-ascii\""));
+    assert_eq!(
+        taken(&answers).buses[0].transport.port_settings().as_deref(),
+        Some("19200 baud 8E1"),
+        "{shown}"
+    );
+    let (answers, shown, _) = on_port("no\n\n\n9\n\n");
+    assert!(shown.contains("write 7 or 8"), "{shown}");
+    assert_eq!(answers.line, Line::Serial("/dev/ttyUSB0".to_owned(), SerialSettings::ASCII));
+    assert_eq!(taken(&answers).buses[0].transport.port_settings().as_deref(), Some("9600 baud 7E1"));
+
+    let usual = ["--yes", "--output", "linuxcnc-eoffset", "--control-unit", "2"];
+    let server = ["--bus", "modbus-ascii+tcp://192.168.0.10:4001"];
+    let answers = answered_with(&[&usual[..], &server].concat(), "").0.unwrap();
+    assert_eq!(answers.line, Line::AsciiOverTcp("192.168.0.10:4001".to_owned()));
+    let transport = taken(&answers).buses[0].transport;
+    assert_eq!(transport, isotherm_profile::Transport::ModbusAsciiOverTcp);
+    assert!(answers::unit("255", &answers.line).is_err(), "a serial line is behind the server");
+    let control = ["--control", port, "--control-data-bits", "8"];
+    let answers = answered_with(&[&usual[..], &control].concat(), "").0.unwrap();
+    assert_eq!(answers.control, Some(Line::Serial("/dev/ttyUSB0".to_owned(), ascii(9600, Parity::Even, 8))));
+    assert_eq!(taken(&answers).buses.len(), 2);
+    for (written, why) in [
+        ("modbus-ascii:///dev/ttyUSB0?baud=19200", "write modbus-ascii:///dev/ttyUSB0: baud rate"),
+        ("modbus-ascii+tcp://192.168.0.10", "write modbus-ascii+tcp://192.168.0.10:4001"),
+    ] {
+        let refused = Line::parse(written).unwrap_err();
+        assert!(refused.contains(why), "{written}: {refused}");
+    }
 }
 
 #[test]
@@ -305,7 +362,7 @@ fn a_module_that_sends_text_is_on_a_line_of_its_own() {
     );
     let answers = answers.unwrap_or_else(|error| panic!("{error}\n{shown}"));
     assert!(shown.contains("the control needs another line"), "{shown}");
-    assert_eq!(answers.control, Some(Line::Serial("/dev/ttyUSB1".to_owned(), SerialSettings::default())));
+    assert_eq!(answers.control, Some(Line::Serial("/dev/ttyUSB1".to_owned(), SerialSettings::RTU)));
     let variant = answers.module.template().and_then(|template| template.variant.as_deref());
     assert_eq!(variant, Some("checksum-off"));
     let profile = taken(&answers);
