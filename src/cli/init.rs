@@ -69,7 +69,7 @@ pub(super) struct Arguments {
     /// The unit number of the module
     #[arg(long, value_name = "N")]
     unit: Option<String>,
-    /// Register of the first temperature of a module without a template: input:0 or 30001
+    /// Register of the first temperature of a module without a template: input:0, 30001, or a part: input:0.4-15
     #[arg(long, value_name = "REGISTER")]
     register: Option<String>,
     /// Type of the temperatures: i16, u16, i32, u32, f32
@@ -78,7 +78,7 @@ pub(super) struct Arguments {
     /// Word order of the temperatures: msw-first, lsw-first
     #[arg(long, value_name = "ORDER")]
     word_order: Option<String>,
-    /// Degrees Celsius per count of the temperatures
+    /// Degrees Celsius per count of the temperatures, or the register of the module with the power of ten: holding:12
     #[arg(long, value_name = "DEGREES", allow_hyphen_values = true)]
     scale: Option<String>,
     /// Names of the measured temperatures, in the order of the module's channels

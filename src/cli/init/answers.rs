@@ -7,7 +7,7 @@ use super::value_form::ValueForm;
 use crate::discovery::bus::LineAddress;
 use crate::discovery::{Register, Table};
 use isotherm_profile::template::Outline;
-use isotherm_profile::{Flag, Transport, allowed};
+use isotherm_profile::{Bits, Cell, Flag, Transport, allowed};
 
 /// Values from which the first profile is written.
 #[derive(Clone, Debug, PartialEq)]
@@ -116,7 +116,7 @@ impl Line {
 pub(super) enum Module {
     Template(Box<ModuleTemplate>),
     /// Module without a template: the register of the first temperature, and the form of each.
-    SpelledOut(Register, ValueForm),
+    SpelledOut(Cell, ValueForm),
 }
 
 /// Template of the module, with the answers that it needs.
@@ -184,6 +184,11 @@ pub(super) fn destination(text: &str, known: &[Outline]) -> Result<Destination, 
     }
     let looks_like_a_register = text.contains(':') || text.bytes().all(|byte| byte.is_ascii_digit());
     if looks_like_a_register {
+        if text.contains('.') {
+            return Err(format!(
+                "{text} is a part of a register, which cannot be written: write a whole register such as holding:104"
+            ));
+        }
         let register: Register = text.parse()?;
         return match register {
             Register { table: Table::Holding, offset } => Ok(Destination::Register(offset)),
@@ -196,14 +201,15 @@ pub(super) fn destination(text: &str, known: &[Outline]) -> Result<Destination, 
     Err(format!("{}; or write a register such as holding:104, which is 40105", allowed(text, names)))
 }
 
-/// Parses the register of the first temperature, in either notation.
-pub(super) fn first_register(text: &str) -> Result<Register, String> {
-    let register: Register = text.parse()?;
-    match register.table {
-        Table::Input | Table::Holding => Ok(register),
-        Table::Coil | Table::Discrete => {
-            Err(format!("{text} is one bit: write an input or holding register, such as input:0"))
-        }
+/// Parses the register of the first temperature, in either notation, or a part of it.
+pub(super) fn first_register(text: &str) -> Result<Cell, String> {
+    let cell: Cell = text.parse()?;
+    match cell.bits {
+        Bits::All | Bits::Range(..) if !cell.address.table.is_bits() => Ok(cell),
+        _ => Err(format!(
+            "{text} is one bit: write an input or holding register, such as input:0, or a part of it, such as \
+             input:0.4-15"
+        )),
     }
 }
 

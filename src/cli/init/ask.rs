@@ -8,8 +8,9 @@ use super::questions::{Question, Questions, yes_or_no};
 use super::serial_settings::{FindSettings, Frames, SerialSettings, extent};
 use super::value_form::{self, ValueForm};
 use crate::discovery::bus::{Parity, baud};
-use isotherm_profile::duration_text;
+use crate::discovery::{DataType, Register, Table};
 use isotherm_profile::template::{Outline, OutlineTarget};
+use isotherm_profile::{Bits, Cell, duration_text};
 
 /// Most temperatures of a module without a template.
 const MOST_SIGNALS: usize = 32;
@@ -181,21 +182,20 @@ impl Asking<'_, '_> {
         let Some(outline) = outline else {
             let register = self.text(
                 ("register", "Register of the first temperature", Some("input:0")),
-                "Zero-based as input:0 or holding:0, or one-based as 30001 or 40001. The others follow it.",
+                "Zero-based as input:0 or holding:0, or one-based as 30001 or 40001. holding:12.4-7 is a part of a \
+                 register, bits 4 to 7. The others follow it.",
                 self.arguments.register.as_deref(),
                 answers::first_register,
             )?;
-            let usual =
-                ValueForm { data_type: crate::discovery::DataType::I16, word_order: None, scale: 0.1 };
             let unknown = OutlineTarget {
                 name: String::new(),
-                data_type: Some(usual.data_type.name().to_owned()),
+                data_type: Some(DataType::I16.name().to_owned()),
                 word_order: None,
-                scale: Some(usual.scale),
+                scale: Some(0.1),
             };
             let given = [&self.arguments.data_type, &self.arguments.word_order, &self.arguments.scale];
             let given = given.map(|given| given.as_deref());
-            let form = self.form(&OF_TEMPERATURE, (&unknown, Some(register.offset)), given)?;
+            let form = self.form(&OF_TEMPERATURE, (&unknown, Some(register)), given)?;
             return Ok(Module::SpelledOut(register, form));
         };
         let mut keys = Vec::new();
@@ -229,13 +229,14 @@ impl Asking<'_, '_> {
     fn form(
         &mut self,
         questions: &FormQuestions,
-        (known, first): (&OutlineTarget, Option<u16>),
+        (known, first): (&OutlineTarget, Option<Cell>),
         [data_type, word_order, scale]: [Option<&str>; 3],
     ) -> anyhow::Result<ValueForm> {
-        let FormQuestions { options, texts, scale_help } = questions;
+        let FormQuestions { options, texts, scale_help, parse_scale } = questions;
         let data_type = self.text(
             (options[0], texts[0], known.data_type.as_deref()),
-            "i16, u16, i32, u32 or f32: the manual of the device, or the PLC programmer, knows it.",
+            "i16, u16, i32, u32 or f32: the manual of the device, or the PLC programmer, knows it. i16 and i32 have a \
+             sign, also for a part of a register.",
             data_type,
             |text| value_form::data_type(text, first),
         )?;
@@ -249,9 +250,11 @@ impl Asking<'_, '_> {
             false => None,
         };
         let usual = known.scale.map(|scale| scale.to_string());
-        let scale =
-            self.text((options[2], texts[2], usual.as_deref()), scale_help, scale, value_form::scale)?;
-        Ok(ValueForm { data_type, word_order, scale })
+        let (scale, scale_from) =
+            self.text((options[2], texts[2], usual.as_deref()), scale_help, scale, |text| {
+                parse_scale(text, first)
+            })?;
+        Ok(ValueForm { data_type, word_order, scale, scale_from })
     }
 
     /// Asks whether the position of an axis is a diameter, if the axis has a name that lathes use for it.
@@ -301,7 +304,9 @@ impl Asking<'_, '_> {
         ];
         let outline = match destination {
             Destination::Register(register) => {
-                let form = self.form(&OF_OFFSET, (&NOTHING_KNOWN, Some(register)), given)?;
+                let address = Register { table: Table::Holding, offset: register };
+                let first = Some(Cell { address, bits: Bits::All });
+                let form = self.form(&OF_OFFSET, (&NOTHING_KNOWN, first), given)?;
                 return Ok((Target::Register(register, form), Vec::new()));
             }
             Destination::Template(outline) => outline,
@@ -498,12 +503,18 @@ struct FormQuestions {
     options: [&'static str; 3],
     texts: [&'static str; 3],
     scale_help: &'static str,
+    /// Parses the answer for the scale of a value with this first register: the scale, or the register that contains it.
+    parse_scale: ParseScale,
 }
+
+type ParseScale = fn(&str, Option<Cell>) -> Result<(f64, Option<Cell>), String>;
 
 const OF_TEMPERATURE: FormQuestions = FormQuestions {
     options: ["type", "word-order", "scale"],
     texts: ["Type of the temperatures", "Word order of the temperatures", "Degrees Celsius per count"],
-    scale_help: "0.1 if the register shows 215 at 21.5 °C.",
+    scale_help: "0.1 if the register shows 215 at 21.5 °C. If the device has the power of ten in a register, as \
+                 SunSpec devices do, write that register: holding:12.",
+    parse_scale: value_form::scale_or_register,
 };
 
 const OF_OFFSET: FormQuestions = FormQuestions {
@@ -514,6 +525,7 @@ const OF_OFFSET: FormQuestions = FormQuestions {
         "Micrometres per count of the offset, negative if the control subtracts it",
     ],
     scale_help: "0.1 if the control adds 1 µm for the value 10. A wrong scale moves the axis too far.",
+    parse_scale: |text, _| Ok((value_form::scale(text)?, None)),
 };
 
 /// Target of which nothing is known, so that every question must be answered.

@@ -239,6 +239,57 @@ fn the_words_of_a_plc_are_understood_in_the_hint() {
 }
 
 #[test]
+fn a_temperature_may_be_a_part_of_a_register() {
+    let registers = |options: &[&str]| {
+        let usual = ["--yes", "--output", "linuxcnc-eoffset", "--control-unit", "2"];
+        let (answers, ..) = answered_with(&[&usual, options].concat(), "");
+        let answers = answers.map_err(|why| why.to_string())?;
+        let signals = taken(&answers).signals;
+        let register = |signal: &isotherm_profile::Signal| signal.address.register().unwrap().to_string();
+        let found: Vec<(String, &str)> = signals
+            .iter()
+            .take(2)
+            .map(|signal| (register(signal), signal.encoding.data_type.name()))
+            .collect();
+        Ok::<_, String>(format!("{found:?} {}", text::profile(&answers)))
+    };
+    let found = registers(&["--register", "holding:12.4-15"]).unwrap();
+    assert!(found.starts_with("[(\"holding:12\", \"i16\"), (\"holding:13\", \"i16\")]"), "{found}");
+    assert!(found.contains("register = \"holding:12.4-15\""), "{found}");
+    assert!(found.contains("register = \"holding:13.4-15\"") && found.contains("\"40014.4-15\""), "{found}");
+    assert!(!found.contains("bad "), "the values of a broken wire are those of a whole register: {found}");
+    let wide = ["--register", "input:2.4-23", "--type", "u32", "--word-order", "msw-first"];
+    let found = registers(&wide).unwrap();
+    assert!(found.contains("\"input:2.4-23\"") && found.contains("\"input:4.4-23\""), "{found}");
+    for (options, why) in [
+        (&["--register", "input:2.4-23"][..], "bit 23 is beyond one register"),
+        (&["--register", "input:2.4-15", "--type", "f32"][..], "f32 is not possible for a part"),
+        (&["--register", "input:2.4"][..], "or a part of it, such as input:0.4-15"),
+        (&["--register", "input:2.7-4"][..], "smaller bit first"),
+    ] {
+        let refused = registers(options).unwrap_err();
+        assert!(refused.contains(why), "{options:?}: {refused}");
+    }
+    let refused = answered_with(&["--yes", "--output", "holding:104.4-7"], "").0.unwrap_err().to_string();
+    assert!(refused.contains("a part of a register, which cannot be written"), "{refused}");
+}
+
+#[test]
+fn the_scale_of_the_temperatures_may_be_in_another_register() {
+    let lines = USUAL.replacen("\n\n\n\n\n40105", "\nholding:12.3\nholding:12\n\n\n\n40105", 1);
+    let (answers, shown) = answered(&lines);
+    let answers = answers.unwrap_or_else(|error| panic!("{error}\n{shown}"));
+    assert!(shown.contains("holding:12.3 is one bit, which cannot hold a scale"), "{shown}");
+    let profile = taken(&answers);
+    for signal in profile.signals.iter().filter(|signal| signal.name != "machine_on") {
+        let from = signal.scale_from.as_ref().unwrap();
+        assert_eq!((from.address.to_string().as_str(), signal.rate_limit()), ("holding:12", Some(5.0)));
+    }
+    let refused = value_form::scale_or_register("holding:0", answers::first_register("holding:0").ok());
+    assert!(refused.unwrap_err().contains("the register of the value itself"));
+}
+
+#[test]
 fn the_last_register_takes_a_value_of_one_register() {
     let to_the_last = |data_type: &str| {
         let words = ["--yes", "--output", "holding:65535", "--output-type", data_type];

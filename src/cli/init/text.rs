@@ -5,6 +5,7 @@ use std::fmt::Write;
 use super::answers::{Answers, Line, MachineOn, Module, Target};
 use super::serial_settings::{Frames, SerialSettings};
 use crate::discovery::Register;
+use isotherm_profile::{Bits, Cell};
 
 /// Returns the text of a profile with comments, which `check` accepts.
 pub(super) fn profile(answers: &Answers) -> String {
@@ -132,19 +133,29 @@ fn module(text: &mut String, answers: &Answers) -> std::fmt::Result {
             }
             Module::SpelledOut(first, form) => {
                 let width = usize::from(form.data_type.registers());
-                let offset = u16::try_from(usize::from(first.offset) + place * width).unwrap_or(u16::MAX);
-                let register = Register { offset, ..*first };
+                let offset = usize::from(first.address.offset) + place * width;
+                let offset = u16::try_from(offset).unwrap_or(u16::MAX);
+                let cell = Cell { address: Register { offset, ..first.address }, bits: first.bits };
                 writeln!(
                     text,
-                    "register = \"{register}\"                # zero-based; \"{}\" means the same\ntype     = \"{}\"",
-                    register.modicon(),
+                    "register = \"{cell}\"                # zero-based; \"{}\" means the same\ntype     = \"{}\"",
+                    cell.modicon(),
                     form.data_type.name()
                 )?;
                 if let Some(order) = form.word_order {
                     writeln!(text, "word_order = \"{order}\"")?;
                 }
-                writeln!(text, "scale    = {:?}                      # °C per count", form.scale)?;
-                if form.data_type == crate::discovery::DataType::I16 {
+                match form.scale_from {
+                    None => {
+                        writeln!(text, "scale    = {:?}                      # °C per count", form.scale)?
+                    }
+                    Some(from) => writeln!(
+                        text,
+                        "scale_from = \"{from}\"             # the power of ten of the scale: -1 means a tenth\n\
+                         max_rate = 5.0                      # °C per second: plausible after a change of the scale"
+                    )?,
+                }
+                if form.data_type == crate::discovery::DataType::I16 && first.bits == Bits::All {
                     writeln!(text, "bad      = [-32768, 32767]           # values that mean a broken wire")?;
                 }
             }
