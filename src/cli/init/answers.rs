@@ -91,10 +91,10 @@ impl Line {
         if let Some((port, _)) = text.split_once('?') {
             return Err(format!("write {port}: baud rate, parity and data bits are asked"));
         }
-        let LineAddress { transport, address } = text.parse()?;
-        Ok(match transport {
-            Transport::ModbusAsciiOverTcp => Line::AsciiOverTcp(address),
-            _ => Line::Serial(address, SerialSettings::ASCII),
+        let line: LineAddress = text.parse()?;
+        Ok(match line.transport {
+            Transport::ModbusAsciiOverTcp => Line::AsciiOverTcp(line.address),
+            _ => Line::Serial(line.address, SerialSettings::ASCII),
         })
     }
 
