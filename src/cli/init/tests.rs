@@ -3,7 +3,9 @@ use std::path::Path;
 use super::answers::{ControlTemplate, Line, MachineOn, Module, ModuleTemplate, Target};
 use super::serial_settings::{Frames, SerialSettings};
 use super::*;
+use crate::clock::Clock;
 use crate::discovery::bus::Parity;
+use crate::virtual_machine::{Ports, Setup, UnknownUnit, VirtualMachine};
 use isotherm_profile::template::Outline;
 use isotherm_profile::{Writes, preview};
 
@@ -381,6 +383,32 @@ fn a_line_with_modbus_ascii_is_offered_on_a_port_and_through_a_serial_server() {
         let refused = Line::parse(written).unwrap_err();
         assert!(refused.contains(why), "{written}: {refused}");
     }
+}
+
+/// A pseudo-terminal has no baud rate and no parity. A busy computer may delay the answer to the first setting.
+#[test]
+fn the_settings_of_a_port_with_modbus_ascii_are_found_by_its_frames() {
+    let text = "[machine]\nname = \"found\"\n[bus.line]\ntype = \"modbus-ascii\"\nport = \"/dev/isotherm-none\"\n\
+                baud = 9600\n[device.module]\nbus = \"line\"\nunit = 3\n[signal.bed]\ndevice = \"module\"\n\
+                register = \"input:0\"\ntype = \"i16\"\n";
+    let profile = isotherm_profile::parse(Path::new("found.toml"), text, &[], &[]);
+    let profile = profile.unwrap_or_else(|errors| panic!("{errors}")).profile;
+    let (tell, told) = std::sync::mpsc::channel();
+    let (end, ended) = tokio::sync::oneshot::channel::<()>();
+    let devices = std::thread::spawn(move || {
+        crate::cli::runtime::start().unwrap().block_on(async {
+            let setup = Setup { ports: Ports::Free, unknown_unit: UnknownUnit::Silence, ..Setup::default() };
+            let machine = VirtualMachine::start(&profile, setup, &Clock::wall()).await.unwrap();
+            tell.send(machine.serving(profile).buses[0].address.clone()).unwrap();
+            ended.await.unwrap();
+            machine.stop().await.unwrap();
+        });
+    });
+    let found = serial_settings::find(&told.recv().unwrap(), SerialSettings::ASCII, 3).unwrap();
+    let frames = found.map(|settings| settings.frames);
+    assert!(matches!(frames, Some(Frames::Ascii { .. })), "{found:?}");
+    end.send(()).unwrap();
+    devices.join().unwrap();
 }
 
 #[test]
